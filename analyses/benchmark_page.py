@@ -88,7 +88,7 @@ def history_page(rows: Sequence[Mapping[str, str]]) -> str:
     """The rows of the table that remembers."""
     lines = [
         "",
-        "# Remembered",
+        "## Earlier runs",
         "",
         "`benchmark_history.csv` gets a row of ratios with every run of `python "
         "analyses/benchmark.py`; here are the last.",
@@ -114,6 +114,8 @@ def report(results: Sequence[Result], seed: int) -> str:
         f"| {' | '.join(_HEADER)} |",
         "|---" * len(_HEADER) + "|",
         *(_sampler_row(result, results[0]) for result in results),
+        "",
+        "![Effective samples per evaluation and per second](../../figures/benchmark.png)",
         "",
         "How each was run:",
         "",

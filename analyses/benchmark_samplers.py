@@ -19,7 +19,7 @@ from emcee.autocorr import integrated_time
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.marginal_posterior import LogDensity, log_posterior_of
-from bayes_inertia.inference.moves import IndependenceMove
+from bayes_inertia.inference.proposal import IndependenceMove
 from bayes_inertia.inference.sampler import sample
 from bayes_inertia.inference.settings import Settings
 

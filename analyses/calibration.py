@@ -45,7 +45,6 @@ from calibration_page import picture, report
 from calibration_statistics import LEVELS, RANKED, RANKS
 
 ROOT = Path(__file__).parents[1]
-SHARD = 20  # campaigns a file
 SETTINGS = Settings(ensembles=2, walkers=64, steps=24, max_steps=24, threads=1)
 SHRUNK = 0.8  # sd of a deliberate error, over the right one
 
@@ -147,7 +146,7 @@ def work_of(study: Study, campaigns: int, seed: int) -> Work:
     """The campaigns of a study as tasks."""
     ids = tuple(str(i) for i in range(math.ceil(campaigns * study.share)))
     options = {"study": repr(study), "settings": repr(SETTINGS), "ranked": RANKED}
-    return Work("fits", RankedFit(study, seed), ids, seed, options, shard_size=SHARD)
+    return Work("fits", RankedFit(study, seed), ids, seed, options)
 
 
 def run(

@@ -30,7 +30,7 @@ from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.inference import optimizer
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.studies.calibration_cases import CalibrationCase, cases_named
+from bayes_inertia.studies.calibration import CalibrationCase, cases_named
 from bayes_inertia.studies.engine import Execution
 from bayes_inertia.studies.work import Row, Work
 from bayes_inertia.version import __version__
@@ -108,7 +108,7 @@ def page(results: dict[str, dict]) -> str:
         ]
         for name, of_plan in results.items()
     ]
-    lines = ["# Is there a fault of two per cent in the sds?", ""]
+    lines = ["# Are the sds wrong by two per cent?", ""]
     lines += [f"Version {__version__}; `python analyses/calibration_settled.py`.", ""]
     lines += [*(__doc__ or "").split("\n\n")[2].splitlines(), ""]
     lines += [*table_lines(head, rows), ""]
@@ -127,7 +127,7 @@ def main() -> None:
     for case in (case for case in cases() if options.only in (None, case.name)):
         ids = tuple(str(i) for i in range(options.campaigns))
         told = {"case": repr(case)}
-        work = Work("campaigns", DistanceOfTruth(case), ids, SEED, told, shard_size=100)
+        work = Work("campaigns", DistanceOfTruth(case), ids, SEED, told)
         execution = Execution(
             jobs=options.jobs, progress=lambda *told: print(*told, flush=True), notice=print
         )

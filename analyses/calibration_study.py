@@ -55,7 +55,7 @@ def wrong_pipelines(work: Path, fits: int) -> dict[str, Any]:
 def page(right: Mapping[str, Any], wrong: Mapping[str, Mapping[str, Any]]) -> str:
     """Counts, coverage and verdicts."""
     lines = [
-        "# Is the truth where the posterior says?",
+        "# Calibration by the command",
         "",
         "Made by `python analyses/calibration_study.py`, which runs `bayes-inertia study "
         "calibration`: J, K, bias and effects drawn from the prior, slews flown in",

@@ -313,7 +313,7 @@ def _overview(found: list[dict]) -> str:
 
 
 _INTRODUCTION = (
-    "# Ferguson's paper, run again",
+    "# Ferguson's paper, redone",
     "",
     "P. A. Ferguson, *On-Orbit Spacecraft Inertia and Rate Sensor Scale Factor Estimation "
     "for Microsatellites* (MOST), reported four",

@@ -24,7 +24,7 @@ RESULTS = Path(__file__).parent / "results"
 ROWS, PAGE = RESULTS / "conventions_study.json", RESULTS / "conventions_study.md"
 # Telemetry of others, and how the names of its campaigns begin.
 _OTHERS = {"thrown bodies": "real", "the other simulator": "Basilisk"}
-_DIRTY = "dirty, "
+DIRTY = "dirty, "
 
 
 def page(rows: Sequence[Row]) -> str:
@@ -36,13 +36,13 @@ def page(rows: Sequence[Row]) -> str:
         Of all parts of the study.
     """
     spoilt = [row for row in rows if row["part"] == "wrong"]
-    dirty = [row for row in spoilt if row["campaign"].startswith(_DIRTY)]
-    wrong = [row for row in spoilt if not row["campaign"].startswith(_DIRTY)]
+    dirty = [row for row in spoilt if row["campaign"].startswith(DIRTY)]
+    wrong = [row for row in spoilt if not row["campaign"].startswith(DIRTY)]
     right = [row for row in rows if row["part"] == "right"]
     timed = [row for row in rows if row["part"] == "time"]
     seconds = sum(row["seconds"] for row in rows if row["part"] == "cost")
     parts = [
-        "# Conventions: named where wrong, silent where right",
+        "# Wrong conventions",
         "`python analyses/conventions_study.py` measures and `analyses/conventions_page.py` writes "
         "this page. A wrong convention counts as "
         "named if the first change that `doctor` proposes mends it, key and value. Which campaigns "
@@ -80,7 +80,7 @@ def _beside_dirt(dirty: Sequence[Row]) -> str:
         return "Not measured."
     lines = []
     for campaign in dict.fromkeys(row["campaign"] for row in dirty):
-        lines.append([campaign.removeprefix(_DIRTY), *_counts(dirty, campaign)])
+        lines.append([campaign.removeprefix(DIRTY), *_counts(dirty, campaign)])
     lines.append(["**all**", *_counts(dirty, "")])
     header = ["dirt", "named", "not accused, of those that the data cannot show"]
     text = "Spacecraft drawn at random; `conventions_dirt.py` says what each dirt is."
@@ -100,7 +100,7 @@ def _counts(dirty: Sequence[Row], campaign: str) -> list[str]:
 
 def _versions(spoilt: Sequence[Row], right: Sequence[Row], timed: Sequence[Row]) -> str:
     """With which version of the package each part was measured."""
-    dirty = [row for row in spoilt if row["campaign"].startswith(_DIRTY)]
+    dirty = [row for row in spoilt if row["campaign"].startswith(DIRTY)]
     groups = {
         "wrong conventions": [row for row in spoilt if row not in dirty],
         "beside dirt": dirty,

@@ -59,6 +59,8 @@ def _gain_lines(gains: dict) -> list[str]:
         f"Other seeds of the search for the cross terms: gain {seeds}. Smaller is better; "
         "each number is an sd as `criterion` defines it.",
         "",
+        "![Gains of designed plans](../../figures/design_gains.png)",
+        "",
     ]
 
 
@@ -78,6 +80,8 @@ def _achieved_lines(achieved: dict) -> list[str]:
         "",
         f"Worst cross term, achieved: {paper:.3g} kg m² with slews like the paper's, "
         f"{designed:.3g} designed: **{paper / designed:.2f}** times smaller.",
+        "",
+        "![Predicted over achieved sds](../../figures/design_ratio.png)",
         "",
     ]
 

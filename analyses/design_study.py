@@ -38,8 +38,7 @@ from design_page import gains_picture, page, ratio_picture
 from design_separation import PAIRS, told_apart
 from matplotlib.figure import Figure
 
-from bayes_inertia.design.design_setup import set_up_design
-from bayes_inertia.design.designer import design_plan
+from bayes_inertia.design.designer import design_plan, set_up_design
 from bayes_inertia.design.expected_accuracy import estimate_at_truth, expected_sd
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.margins import flown_margins
@@ -53,9 +52,7 @@ from bayes_inertia.flight.plan import Plan, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
-from bayes_inertia.flight.spacecraft import (
-    Controller,
-)
+from bayes_inertia.flight.spacecraft import Controller
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
@@ -68,7 +65,7 @@ from bayes_inertia.studies.work import Work
 
 PARTS = ("gains", "flown", "achieved", "separate", "times")
 RANDOM_PLANS = 10_000
-SHARD = 25  # campaigns a file
+SHARD = 25  # campaigns whose seeds belong together
 
 
 def gains() -> dict:
@@ -161,7 +158,7 @@ def achieved(campaigns: int, jobs: int) -> dict[str, AchievedErrors]:
     ids = tuple(str(i) for i in range(SHARD * math.ceil(campaigns / SHARD)))
     results = {}
     for name, plan in plans().items():
-        work = Work("campaigns", Refit(plan), ids, options={"plan": repr(plan)}, shard_size=SHARD)
+        work = Work("campaigns", Refit(plan), ids, options={"plan": repr(plan)})
         folder = ROOT / "run_design" / name.replace(" ", "_")
         execution = Execution(jobs=jobs, progress=_show, notice=_tell)
         results[name] = achieved_errors(execution.run(work, folder))

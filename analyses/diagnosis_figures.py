@@ -1,10 +1,9 @@
-"""Confusion matrix, power curves and promised figures of the diagnosis, from the rows that
+"""Confusion matrix and promised figures of the diagnosis, from the rows that
 `diagnosis_study.py` has written.
 
     python analyses/diagnosis_figures.py
 
-writes `analyses/results/diagnosis.md`, `figures/diagnosis_confusion.png` and
-`figures/diagnosis_power.png`.
+writes `analyses/results/diagnosis.md` and `figures/diagnosis_confusion.png`.
 """
 
 from __future__ import annotations
@@ -23,13 +22,14 @@ from bayes_inertia.report.pictures import style
 
 FIGURES = Path(__file__).parents[1] / "figures"
 PROMISED = 0.99
-LOWER = (0.9, 0.5)
+LOWER = (0.9,)
 # Kinds with several effects: in words, and what is wanted of them [%].
 _TOGETHER = {"pair": ("two", 90), "triple": ("three", 75)}
 # Distance of a truth from its prior at which the verdict must speak of it [prior sd]: what
 # a diagnosis takes for the prior follows the rates of its campaign.
 _CLEARLY_BEYOND = 6.0
-ENDS = ("truth in the set", "nothing", "unknown")
+_OTHER = "other name"  # of an effect without a fixed shape
+ENDS = ("one of several", "nothing found", "unknown")
 WHERE = {True: "with tachometers", False: "without tachometers"}
 
 
@@ -246,11 +246,13 @@ def outside_lines(rows: pd.DataFrame, where: str) -> list[str]:
 def confusion(rows: pd.DataFrame) -> Figure:
     """Share of campaigns by hidden effect (row) and by what was named (column)."""
     single = rows[(rows["kind"] == "single") & (rows["power"] == PROMISED)]
-    columns = [*NAMES, *ENDS]
+    columns = [*NAMES, _OTHER, *ENDS]
     table = np.zeros((len(NAMES), len(columns)))
     counts = single["label"].value_counts()
     for _, row in single.iterrows():
-        table[NAMES.index(row["label"]), columns.index(outcome(row))] += 1.0 / counts[row["label"]]
+        end = outcome(row)
+        column = columns.index(end if end in columns else _OTHER)
+        table[NAMES.index(row["label"]), column] += 1.0 / counts[row["label"]]
     figure = Figure(figsize=(style.WIDTH, 7.6))
     axes = figure.add_axes((0.2, 0.06, 0.76, 0.66))
     axes.imshow(table, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
@@ -277,107 +279,15 @@ def confusion(rows: pd.DataFrame) -> Figure:
     return figure
 
 
-@style.styled
-def power(rows: pd.DataFrame) -> Figure:
-    """Found (named, or in the set) against the power of the ideal test, by effect and in all."""
-    single = judged(rows[rows["kind"] == "single"])
-    figure = Figure(figsize=(style.WIDTH, 4.4))
-    axes = figure.add_axes((0.08, 0.13, 0.46, 0.75))
-    grid = np.linspace(0.0, 1.0, 3)
-    axes.plot(grid, grid, color=style.MUTED, lw=0.8, ls=(0, (4, 3)), label="ideal test")
-    for k, (tachometers, group) in enumerate(single.groupby("tachometers", sort=False)):
-        found = group.groupby("power")["right"].agg(["sum", "count"])
-        middle = found["sum"] / found["count"]
-        ends_of = [
-            stats.binomtest(int(h), int(n)).proportion_ci(0.95)
-            for h, n in zip(found["sum"], found["count"], strict=True)
-        ]
-        error = np.abs(
-            np.array([[m - e.low, e.high - m] for m, e in zip(middle, ends_of, strict=True)]).T
-        )
-        label = f"{'with' if tachometers else 'without'} tachometers ({len(group)} campaigns)"
-        axes.errorbar(
-            found.index,
-            middle,
-            error,
-            color=style.color(k),
-            marker=style.MARKERS[k],
-            ls=style.DASHES[k],
-            capsize=3,
-            label=label,
-        )
-    axes.set(
-        xlabel="power of the ideal test that knows where to look",
-        ylabel="share of campaigns",
-        xlim=(0, 1.03),
-        ylim=(0, 1.03),
-    )
-    axes.set_title("Truth named or in the reported set, with 95 % intervals")
-    axes.legend(loc="upper left")
-    _by_effect(figure.add_axes((0.74, 0.13, 0.24, 0.75)), single)
-    return figure
-
-
-def _by_effect(axes, single: pd.DataFrame) -> None:
-    """Share found of every effect at each power of the ideal test, which a dashed line of the same
-    colour shows.
-    """
-    shares = single.groupby(["label", "power"])["right"].mean().unstack().reindex(NAMES).iloc[::-1]
-    for k, power in enumerate(shares.columns):
-        axes.axvline(power, color=style.color(k), lw=0.8, ls=(0, (4, 3)))
-        axes.plot(
-            shares[power],
-            range(len(shares)),
-            color=style.color(k),
-            marker=style.MARKERS[k],
-            ls="none",
-            ms=5,
-            label=f"{power:g}",
-            clip_on=False,
-        )
-    axes.set_yticks(range(len(shares)), [n.replace("_", " ") for n in shares.index])
-    axes.set(
-        xlim=(0, 1),
-        ylim=(-0.7, len(shares) - 0.3),
-        xlabel="share found, with and without tachometers",
-    )
-    axes.set_title("By effect; dashed: the ideal test")
-    axes.legend(loc="upper left", title="ideal power")
-
-
-# The rows of this version stand apart: the others were flown before effects without a fixed shape
-# competed.
-_NEW = "version_0.4"
-
-
 def main() -> None:
-    """Draw both figures, write both pages."""
+    """Draw the figure, write the page."""
     rows = read()
     confusion(rows).savefig(FIGURES / "diagnosis_confusion.png", dpi=130)
-    power(rows).savefig(FIGURES / "diagnosis_power.png", dpi=130)
-    pictures = [
-        "",
-        "![Confusion matrix](../../figures/diagnosis_confusion.png)",
-        "",
-        "![Power](../../figures/diagnosis_power.png)",
-    ]
-    of_old = (
-        "All rows are of 0.3, before effects without a fixed shape competed; fewer, of 0.4: "
-        "diagnosis_0.4.md. What has no shape: naming.md."
-    )
-    write_page(FOLDER / "diagnosis.md", rows, of_old, pictures)
-    new = read(FOLDER / _NEW)
-    of_new = (
-        "All rows are of 0.4: those of one effect at ideal power 0.99 from number 15 on with and "
-        "from number 8 on without tachometers are of its last states, the others of earlier ones. "
-        "Some are few: read the intervals. "
-        "What has no shape: naming.md."
-    )
-    write_page(FOLDER / "diagnosis_0.4.md", new, of_new, [])
+    write_page(FOLDER / "diagnosis.md", rows)
 
 
-def write_page(path: Path, rows: pd.DataFrame, which: str, pictures: list[str]) -> None:
-    """Write a page of rows, which says of which version they are."""
+def write_page(path: Path, rows: pd.DataFrame) -> None:
+    """Write the page of all rows."""
     lines = [
         "# How well the diagnosis names hidden effects",
         "",
@@ -385,13 +295,17 @@ def write_page(path: Path, rows: pd.DataFrame, which: str, pictures: list[str]) 
         "the amplitude is that at which an ideal test of the",
         "true effect alone, at the level of one candidate's share of the false alarms, would find "
         "it with the stated probability.",
-        f"Made by `analyses/diagnosis_study.py` and `analyses/diagnosis_figures.py`. {which}",
+        "Made by `analyses/diagnosis_study.py` and `analyses/diagnosis_figures.py`. All rows are "
+        "of version 0.4: those of one effect at ideal power 0.99 from number 15 on with and from "
+        "number 8 on without tachometers are of its last states, the others of earlier ones.",
+        "Some are few: read the intervals. Effects without a fixed shape: [naming.md](naming.md).",
         "The ideal test knows a flexible mode's frequency; the diagnosis has to find it. "
         "Where nothing is found a hidden effect is still there, and moves",
         "J and K: every diagnosis says by how much at most (`could_hide`).",
         "",
         *promised(rows),
-        *pictures,
+        "",
+        "![What is named, against what was hidden](../../figures/diagnosis_confusion.png)",
     ]
     write_atomically(path, "\n".join(lines) + "\n")
 

@@ -33,7 +33,7 @@ def wrong(row: dict) -> bool:
 
 def write_page(parts: dict[str, list[dict]], path: Path) -> Path:
     """All parts that have rows."""
-    lines = ["# Dirt in telemetry", "", *_INTRODUCTION]
+    lines = ["# Faults in telemetry", "", *_INTRODUCTION]
     for name, title in _TITLES.items():
         if rows := parts.get(name):
             earlier = {row["case"]: row for row in parts.get(f"{name}.before", ())}

@@ -6,9 +6,7 @@ import os
 import resource
 import shutil
 import time
-from collections.abc import Callable
-from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -21,8 +19,9 @@ from bayes_inertia.app.fit_many_folder import fit_many
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.studies.engine import run_work
-from bayes_inertia.studies.pools import Pool, open_pool
+from bayes_inertia.studies.row_file import NAME
 from bayes_inertia.studies.work import Work
+from bayes_inertia.studies.workers import open_workers
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 # Calls that a driver keeps submitted to 256 workers.
@@ -46,8 +45,8 @@ class Cost:
         On the clock [s].
     memory : int
         By how much this process grew [bytes].
-    files, size : int
-        Written, and their bytes.
+    size : int
+        Of the file of rows [bytes].
     """
 
     what: str
@@ -55,7 +54,6 @@ class Cost:
     driver: float
     wall: float
     memory: int
-    files: int = 0
     size: int = 0
 
 
@@ -103,87 +101,43 @@ class DiagnosisCosts:
     memory: int
 
 
-class WideWindow:
-    """A pool that takes as many calls at once as one of 256 workers would.
-
-    Parameters
-    ----------
-    pool : Pool
-        Where the calls run.
-    """
-
-    def __init__(self, pool: Pool) -> None:
-        self._pool = pool
-
-    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future:
-        """As the pool's."""
-        return self._pool.submit(function, *arguments)
-
-    def window(self) -> int:
-        """That of 256 workers."""
-        return _CALLS_OF_256
-
-    def worker_died(self, error: BaseException) -> bool:
-        """As the pool's."""
-        return self._pool.worker_died(error)
-
-    def check(self) -> None:
-        """As the pool's."""
-        self._pool.check()
-
-
 def cost_of(
     what: str, work: Work, engine: str, folder: Path | None = None, *, wide: bool = False
 ) -> Cost:
     """Do a work and say what it took; the pool is open and warm when the clock starts."""
-    with open_pool(engine, 1 if engine == "process" else 2) as pool:
-        run_work(Work("warm up", nothing, tuple(map(str, range(_WARM_UP)))), pool)
+    with open_workers(engine, 1 if engine == "process" else 2) as workers:
+        run_work(Work("warm up", nothing, tuple(map(str, range(_WARM_UP)))), workers)
+        if wide:
+            workers = replace(workers, room=lambda: _CALLS_OF_256)
         memory, before, began = _memory(), time.process_time(), time.monotonic()
-        result = run_work(work, WideWindow(pool) if wide else pool, folder)
+        result = run_work(work, workers, folder)
         driver, wall = time.process_time() - before, time.monotonic() - began
         grown = _memory() - memory
     if len(result.rows) < len(work.ids):
         raise SystemExit(f"{what}: {len(result.failures)} tasks failed: {result.failures[0]}")
-    paths = [] if folder is None else list(folder.glob("*.parquet"))
-    size = sum(path.stat().st_size for path in paths)
-    cost = Cost(what, len(work.ids), driver, wall, grown, len(paths), size)
+    size = 0 if folder is None else (folder / NAME).stat().st_size
+    cost = Cost(what, len(work.ids), driver, wall, grown, size)
     print(cost, flush=True)
     return cost
 
 
-def costs_of_tasks(many: int, few: int) -> list[Cost]:
-    """Empty tasks through every engine, a hundred at once and one by one."""
-
-    def empty(count: int, batch: int) -> Work:
-        ids = tuple(map(str, range(count)))
-        return Work("tasks", nothing, ids, shard_size=1000, batch_size=batch)
-
-    return [
-        *(cost_of(f"{e}, by the hundred", empty(many, 100), e) for e in _ENGINES),
-        *(cost_of(f"{e}, one by one", empty(few, 1), e) for e in _ENGINES),
-        cost_of("dask, one by one, 512 at once", empty(few, 1), "dask", wide=True),
-    ]
-
-
-_ENGINES = ("process", "joblib", "dask")
+def costs_of_tasks(count: int) -> list[Cost]:
+    """Empty tasks through every engine."""
+    work = Work("tasks", nothing, tuple(map(str, range(count))))
+    costs = [cost_of(engine, work, engine) for engine in ("process", "joblib", "dask")]
+    return [*costs, cost_of("dask, 512 at once", work, "dask", wide=True)]
 
 
 def costs_of_rows(row: dict[str, Any], count: int, folder: Path) -> list[Cost]:
-    """Rows of fits: in memory, into shards, and read again."""
+    """Rows of fits: in memory, onto the disk, and read again."""
     shutil.rmtree(folder, ignore_errors=True)
-    task = RowLikeAFit(row)
-
-    def work(ids: tuple[str, ...]) -> Work:
-        return Work("rows", task, ids, seed=1, batch_size=25)
-
-    numbered = tuple(map(str, range(count)))
     # As `fit-many` names its tasks.
-    named = tuple(f"spacecraft_{i:05d}@{'ab' * 32}" for i in range(count))
+    ids = tuple(f"spacecraft_{i:05d}@{'ab' * 32}" for i in range(count))
+    work = Work("rows", RowLikeAFit(row), ids, seed=1)
     return [
-        cost_of("in memory", work(numbered), "process"),
-        cost_of("into shards of 25", work(numbered), "process", folder / "numbered"),
-        cost_of("into shards by name", work(named), "process", folder / "named"),
-        cost_of("the last again: only read", work(named), "process", folder / "named"),
+        cost_of("in memory", work, "process"),
+        cost_of("onto the disk", work, "process", folder),
+        cost_of("again: only read", work, "process", folder),
     ]
 
 

@@ -19,11 +19,11 @@ from pathlib import Path
 
 import psutil
 
-from bayes_inertia.studies.calibration_cases import cases_named
+from bayes_inertia.studies.calibration import cases_named
 from bayes_inertia.studies.engine import Execution
+from bayes_inertia.studies.row_file import NAME, RowFile
 from bayes_inertia.studies.simulated_fits import simulated_fits
-from bayes_inertia.studies.store import Store
-from bayes_inertia.studies.work import Work
+from bayes_inertia.studies.work import Work, WorkResult
 
 KILLS = 3
 # Between the death of a worker and that of its driver [s].
@@ -69,7 +69,7 @@ class KilledStudy:
     same_rows : bool
         Whether all rows are those of the serial run, bit for bit.
     same_files : bool
-        Whether all shards are the same bytes.
+        Whether both files of rows are the same bytes.
     serial_seconds : float
         Processor time of a fit in the serial run [s].
     wall_serial, wall_last : float
@@ -134,13 +134,13 @@ def study_of_kills(script: Path, fits: int, work: Path) -> KilledStudy:
     began = time.monotonic()
     subprocess.run(driver, check=True, stdout=subprocess.DEVNULL)
     wall_last = time.monotonic() - began
-    results = [Store(work_of(fits), folder).result() for folder in (killed, serial)]
+    results = [_rows(work_of(fits), folder) for folder in (killed, serial)]
     return KilledStudy(
         fits,
         kills,
         len(results[0].failures),
         len(results[0].rows) == fits and repr(results[0].rows) == repr(results[1].rows),
-        _contents(killed) == _contents(serial),
+        (killed / NAME).read_bytes() == (serial / NAME).read_bytes(),
         seconds / fits,
         wall_serial,
         wall_last,
@@ -170,7 +170,7 @@ def _killed_once(
     driver.wait()
     driver.stdout.close()
     _, orphans = psutil.wait_procs(family, timeout=_PATIENCE)
-    rows = len(Store(work, folder).result().rows)
+    rows = len(_rows(work, folder).rows)
     return Kill(done, seconds, rows, len(orphans))
 
 
@@ -185,5 +185,5 @@ def _children_seconds() -> float:
     return ended.ru_utime + ended.ru_stime
 
 
-def _contents(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in sorted(folder.glob("*.parquet"))}
+def _rows(work: Work, folder: Path) -> WorkResult:
+    return RowFile(folder, work.digest).settle(work.ids)

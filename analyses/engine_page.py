@@ -12,9 +12,6 @@ from page_table import table_lines
 
 FLEET = 10_000
 WORKERS = (1, 16, 256)
-# How often unfinished shards are written [s], and how many shards named campaigns have.
-_SAVE_EVERY = 5.0
-_NAMED_SHARDS = 256
 # More calls than this are kept submitted where there are more workers than this.
 _MANY_WORKERS = 100
 
@@ -32,8 +29,8 @@ class FleetWeek:
         measured.
     driver : float
         Share of its core that driver and scheduler are busy while fits run.
-    shards : float
-        Share of its core that the driver writes shards, those that are not finished included.
+    rows : float
+        Share of its core that the driver writes rows.
     read : float
         Telemetry that workers read [bytes/s].
     memory : float
@@ -44,7 +41,7 @@ class FleetWeek:
     fits: float
     diagnoses: float
     driver: float
-    shards: float
+    rows: float
     read: float
     memory: float
 
@@ -54,22 +51,19 @@ def fleet_weeks(
 ) -> list[FleetWeek]:
     """The fleet with each number of workers."""
     by = {cost.what: cost for cost in costs}
-    call, wide = (_each(by[f"dask, one by one{x}"]) for x in ("", ", 512 at once"))
-    written, kept = by["into shards of 25"], by["in memory"]
-    shard = max(written.driver - kept.driver, 0.0) / written.files
+    call, wide = _each(by["dask"]), _each(by["dask, 512 at once"])
+    row = max(_each(by["onto the disk"]) - _each(by["in memory"]), 0.0)
     diagnosis = float("nan") if diagnoses is None else diagnoses.diagnosis
     weeks = []
     for workers in WORKERS:
         rate = workers / fits.fit
-        rows = rate * _SAVE_EVERY
-        touched = _NAMED_SHARDS * (1.0 - (1.0 - 1.0 / _NAMED_SHARDS) ** rows)
         weeks.append(
             FleetWeek(
                 workers,
                 FLEET / rate / 3600.0,
                 FLEET * diagnosis / workers / 3600.0,
                 rate * (wide if workers > _MANY_WORKERS else call),
-                shard * touched / _SAVE_EVERY,
+                rate * row,
                 rate * fits.campaign,
                 workers * fits.memory,
             )
@@ -90,9 +84,9 @@ def page(
     diagnoses: DiagnosisCosts | None,
 ) -> str:
     """All that was measured; the fleet needs the costs of rows and of fits."""
-    fleet = fits is not None and any(cost.files for cost in costs)
+    fleet = fits is not None and any(cost.size for cost in costs)
     lines = [
-        "# The engine of studies under fire, and what it costs",
+        "# Many fits: what they cost, and what a kill does to them",
         "",
         "Made by `python analyses/engine_study.py` on two cores shared with ten processes "
         "and more: processor times and ratios hold elsewhere, times on the clock do not.",
@@ -200,7 +194,6 @@ def _of_costs(costs: Sequence[Cost]) -> list[str]:
         "driver [ms each]",
         "on the clock [s]",
         "driver grew [bytes each]",
-        "files",
         "bytes a row",
     )
     rows = [
@@ -210,8 +203,7 @@ def _of_costs(costs: Sequence[Cost]) -> list[str]:
             f"{1e3 * _each(cost):.3g}",
             f"{cost.wall:.1f}",
             f"{max(cost.memory, 0) / cost.count:,.0f}",
-            f"{cost.files or ''}",
-            f"{cost.size / cost.count:.0f}" if cost.files else "",
+            f"{cost.size / cost.count:.0f}" if cost.size else "",
         )
         for cost in costs
     ]
@@ -220,7 +212,7 @@ def _of_costs(costs: Sequence[Cost]) -> list[str]:
 
 def _of_fleet(costs: Sequence[Cost], fits: FitCosts, diagnoses: DiagnosisCosts | None) -> list[str]:
     by = {cost.what: cost for cost in costs}
-    row = by.get("into shards by name", by["into shards of 25"])
+    row = by["onto the disk"]
     kept = by["in memory"]
     rows_size = FLEET * row.size / row.count
     lines = [
@@ -239,7 +231,7 @@ def _of_fleet(costs: Sequence[Cost], fits: FitCosts, diagnoses: DiagnosisCosts |
         "",
         *_weeks(fleet_weeks(costs, fits, diagnoses)),
     ]
-    call = _each(by["dask, one by one, 512 at once"])
+    call = _each(by["dask, 512 at once"])
     return [
         *lines,
         "",
@@ -248,7 +240,7 @@ def _of_fleet(costs: Sequence[Cost], fits: FitCosts, diagnoses: DiagnosisCosts |
         f"- **The scheduler** and the driver take {1e3 * call:.1f} ms a call with 512 calls "
         f"submitted: {fits.fit / call:,.0f} workers would keep them busy with fits.",
         f"- **The file system**: rows of the whole fleet are {rows_size / 1e6:.0f} MB "
-        f"in {row.files} shards, which only the driver writes; before the first fit it reads "
+        "in one file, which only the driver writes; before the first fit it reads "
         f"all {FLEET * fits.campaign / 1e9:.1f} GB of telemetry once for the digests "
         f"({FLEET * fits.digest / 60.0:.1f} minutes of processor time), and all "
         "workers wait for that.",
@@ -266,7 +258,7 @@ def _weeks(weeks: Sequence[FleetWeek]) -> list[str]:
         "all fitted [h]",
         "all diagnosed [h]",
         "driver and scheduler busy",
-        "writing shards",
+        "writing rows",
         "telemetry read [MB/s]",
         "memory of workers [GB]",
     )
@@ -276,7 +268,7 @@ def _weeks(weeks: Sequence[FleetWeek]) -> list[str]:
             f"{w.fits:.2g}",
             _hours(w.diagnoses),
             f"{100 * w.driver:.2g} %",
-            f"{100 * w.shards:.2g} %",
+            f"{100 * w.rows:.2g} %",
             f"{w.read / 1e6:.2g}",
             f"{w.memory / 1e9:.3g}",
         )

@@ -5,7 +5,7 @@
 `kills`: a study of fits on a local dask cluster of two workers. Three times a worker and then the
 driver are killed (SIGKILL) at random moments; the same command goes on. Its rows are compared bit
 for bit with those of an undisturbed serial run. `throughput`: two workers against one. `tasks`,
-`rows`: 100,000 empty tasks and 10,000 rows of fits. `fits`, `diagnoses`: of the example campaign;
+`rows`: 2,000 empty tasks and 10,000 rows of fits. `fits`, `diagnoses`: of the example campaign;
 `rows` needs a row of `fits`. Writes analyses/results/engine.json, and engine.md, which needs
 `tasks` and `kills` and leaves out what else was not measured. Needs the extra `cluster`; a quarter
 of an hour of processor time.
@@ -52,7 +52,7 @@ def measured(part: str, options: argparse.Namespace) -> Any:
     parts: dict[str, Callable[[], Any]] = {
         "fits": lambda: asdict(costs_of_fits(work)),
         "diagnoses": lambda: asdict(costs_of_diagnoses()),
-        "tasks": lambda: [asdict(c) for c in costs_of_tasks(options.tasks, options.tasks // 50)],
+        "tasks": lambda: [asdict(c) for c in costs_of_tasks(options.tasks)],
         "rows": lambda: [
             asdict(c) for c in costs_of_rows(stored()["fits"]["row"], options.rows, work / "rows")
         ],
@@ -81,7 +81,7 @@ def main() -> None:
     parser.add_argument("--work", type=Path, help="folder for the studies")
     parser.add_argument("--parts", nargs="*", choices=PARTS, default=PARTS)
     parser.add_argument("--fits", type=int, default=300)
-    parser.add_argument("--tasks", type=int, default=100_000)
+    parser.add_argument("--tasks", type=int, default=2_000)
     parser.add_argument("--rows", type=int, default=10_000)
     parser.add_argument("--busy", type=int, default=40)
     parser.add_argument("--drive", nargs=3, metavar=("ENGINE", "FITS", "FOLDER"))

@@ -16,8 +16,8 @@ from pathlib import Path
 from engine_tasks import busy
 
 from bayes_inertia.studies.engine import run_work
-from bayes_inertia.studies.pools import open_pool
 from bayes_inertia.studies.work import Work
+from bayes_inertia.studies.workers import open_workers
 
 # Runs of each kind, in turns.
 TRIES = 3
@@ -62,12 +62,12 @@ def throughput(engine: str, jobs: int, tasks: int) -> Throughput:
     def work(name: str, count: int) -> Work:
         return Work(name, busy, tuple(map(str, range(count))))
 
-    with open_pool(engine, jobs) as pool:
+    with open_workers(engine, jobs) as workers:
         seen: Counter = Counter()
         while len(seen) < jobs:
-            seen.update(row["process"] for row in run_work(work("warm", 4 * jobs), pool).rows)
+            seen.update(row["process"] for row in run_work(work("warm", 4 * jobs), workers).rows)
         before, began = _accounts(seen), time.monotonic()
-        run_work(work("tasks", tasks), pool)
+        run_work(work("tasks", tasks), workers)
         wall, after = time.monotonic() - began, _accounts(seen)
     spent = [_busiest(before[process], after[process]) for process in seen]
     ran, waited = (sum(parts) for parts in zip(*spent, strict=True))

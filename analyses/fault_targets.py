@@ -10,12 +10,13 @@ import contextlib
 import io
 import json
 import os
+import pickle
 import subprocess
-import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 from fault_formats import WRITERS, csv_bytes
@@ -32,10 +33,10 @@ from fault_mutations import (
 
 import bayes_inertia
 from bayes_inertia.app.cli import main
-from bayes_inertia.campaign import array_child, isolated_arrays
 from bayes_inertia.campaign.reader import read_unmasked
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.sealing import SEAL_KEY
+from bayes_inertia.tables import isolated
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 SLEWS, ROWS = 2, 100
@@ -259,29 +260,29 @@ class ForkedChildren:
         with tempfile.TemporaryFile() as said:
             child = os.fork()
             if child == 0:
-                _end_as_child(words, said.fileno())
+                _end_as_child(words, said)
             status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
             said.seek(0)
             return subprocess.CompletedProcess(command, status, said.read(), b"")
 
 
-def _end_as_child(words: list[str], output: int) -> None:
-    sys.stdout = os.fdopen(os.dup(output), "w", encoding="utf-8")
+def _end_as_child(words: list[str], output: IO[bytes]) -> None:
     code = 1
     with contextlib.suppress(BaseException):
-        code = array_child.main(*words)
-    sys.stdout.flush()
+        pickle.dump(isolated.answer(*words), output)
+        output.flush()
+        code = 0
     os._exit(code)
 
 
 @contextlib.contextmanager
 def forked_children() -> Iterator[None]:
     """Read arrays in forks: their libraries are loaded once for all cases."""
-    for kind in array_child.LIBRARIES:
-        array_child.load_libraries(kind)
-    before = isolated_arrays.subprocess
-    isolated_arrays.subprocess = ForkedChildren()
+    for kind in ("hdf5", "netcdf", "mat", "check", "check_tree"):
+        isolated.load_libraries(kind)
+    before = isolated.subprocess
+    isolated.subprocess = ForkedChildren()
     try:
         yield
     finally:
-        isolated_arrays.subprocess = before
+        isolated.subprocess = before

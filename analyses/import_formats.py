@@ -209,7 +209,7 @@ def page(campaign: Campaign, rows: list[Comparison], shifts: Mapping[str, float]
         Markdown.
     """
     lines = [
-        "# Raw logs in every format, and back",
+        "# Raw logs in 17 formats",
         "",
         f"Campaign: {campaign.name}.",
         "Made by `python analyses/import_formats.py CAMPAIGN --fit`. Each row is one log of all",

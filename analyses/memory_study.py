@@ -158,7 +158,7 @@ def page(results: dict) -> str:
     """What was measured, as a page."""
     options = " ".join(f"--{kind} {done['count']}" for kind, done in results.items())
     command = f"`python analyses/memory_study.py {options}`"
-    lines = ["# Memory", "", f"Version {__version__}; {command}.", ""]
+    lines = ["# Memory of one process", "", f"Version {__version__}; {command}.", ""]
     for kind in ("fits", "diagnoses"):
         if kind not in results:
             continue

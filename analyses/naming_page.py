@@ -18,39 +18,15 @@ from bayes_inertia.files import write_atomically
 _ABOUT = """Made by `python analyses/naming_study.py`. Campaigns are of another simulator
 (`independent.py`); those beside wandering noise and outliers are of the package's own. Each has
 its own J, K, bias, slews, wheel momenta and noise. Random effects are as large as an ideal test
-finds in 99 % of such campaigns (`random_power.py`), or so many times as large. The ideal test knows
-the effect, its size and its correlation time. Intervals are binomial, 95 % (Clopper and Pearson).
+finds in 99 % (or 90 %) of such campaigns (`random_power.py`), or so many times as large. The ideal
+test knows the effect, its size and its correlation time. Random processes are drawn every 0.05 s.
+Intervals are binomial, 95 % (Clopper and Pearson). Words: the
+[glossary](../../docs/glossary.md#studies).
 
-Random effects of the size that an ideal test finds in 90 % were flown with this version's last
-code: campaigns from number 20 on. Nothing had been made with them. Older code named 36 of 42 in
-other campaigns with tachometers and 28 of 30 without, a wrong name without the truth in 2 and 1.
-
-Clean campaigns from number 60 on were flown with the first simulated p-values, which were too small
-without tachometers. Nothing was named there all the same.
-
-Random processes are drawn every 0.05 s.
-
-What was flown when. Effects at 3, 10 and 30 times the size, with processes of the rates filtered
-whole: without the filter 24 of 28 were named at 10 and 30 times the size. The filter was made with
-several of those campaigns; those of 3 times were new to it. Then campaigns from outside the
-library. Then random effects of the size that an ideal test finds, clean campaigns and those with
-stated noise, after two further changes: a random walk is weighed as one process over the campaign,
-and what has no fixed shape needs no significance of its own where a step of the search shows that
-something is missing. Both were made with the first random walks and star trackers of these rows:
-four walks in eight were called `rate_bias_drift` before. Random effects of the size that an ideal
-test finds were flown once more, the first 41 campaigns and 17 new ones, after a third change: one
-prior decides what a further effect must bring. It was made with one star tracker of these rows,
-which had been taken for two effects of a fixed shape. Sets of several effects came after these
-rows. Then campaigns 10 and 11 of each random effect at 3 and 10 times the size were
-flown, which nothing had been made with. Older code had named 136 of 140 with tachometers, 56 of 60
-without, a wrong name without the truth in 1 and 3.
-
-Last of all campaigns were flown that no code had seen: random effects of the size that an ideal
-test finds in 99 % from number 20 on, stated noise from number 40 on with and from number 50 on
-without tachometers. After the first of these, random effects with tachometers, refits that leave
-effects out changed once more. Stated noise without tachometers before number 50 is of older code.
-
-Not flown again since: effects of a fixed shape beside wandering noise and outliers."""
+The code was mended with some of these campaigns: random effects at 99 % below number 20, effects at
+10 and 30 times the size below number 10. Those after were new to it. Of older code are effects
+beside wandering noise, stated noise without tachometers below number 50, and clean campaigns from
+number 60 on."""
 
 
 def write_page(folder: Path) -> None:
@@ -68,7 +44,7 @@ def write_page(folder: Path) -> None:
     ]
     # Those drawn from the prior judge probabilities: `reliability.py`.
     rows = [row for row in rows if row["kind"] != "prior"]
-    lines = ["# What has no fixed shape: how often it is named", "", _ABOUT, ""]
+    lines = ["# Random effects, and disturbances outside the library", "", _ABOUT, ""]
     for tachometers, title in ((True, "With tachometers"), (False, "Without tachometers")):
         some = [row for row in rows if row["tachometers"] is tachometers]
         hidden = [row for row in some if row["kind"] not in ("clean", "stated")]

@@ -101,7 +101,7 @@ def _losses(axes, causes: dict) -> None:
 def page(results: dict) -> str:
     """The answer, with numbers."""
     lines = [
-        "# Why are the cross terms poorly observable?",
+        "# Why products of inertia are hard",
         "",
         "`python analyses/observability_study.py` · MOST-like spacecraft, five slews of 30 to 60 "
         "deg, three wheels with tachometers, rate sensor 2e-5 rad/s",

@@ -232,7 +232,7 @@ def page(rows: list[dict]) -> str:
     """The table of all rows as a page."""
     fastest = min(row["seconds"] for row in rows)
     lines = [
-        "# Which least-squares solver: ours or optimistix",
+        "# Least-squares solvers: this package's and optimistix's",
         "",
         "`python analyses/optimizer_benchmark.py`. Starts are 30 % wrong in J and in K. A start",
         f"succeeds where the objective ends within {CLOSE} of the best one known. Evaluations are",

@@ -102,7 +102,7 @@ def write_page(rows_file: Path) -> None:
     """
     rows = [json.loads(line) for line in rows_file.read_text().splitlines()]
     lines = [
-        "# The same telemetry in the hands of what else there is",
+        "# Least squares, a Kalman filter and this package on the same telemetry",
         "",
         "Made by `python analyses/peers.py`. Five slews of another simulator at 2 Hz, with",
         "tachometers and star tracker; J and K differ from the stated ones by their prior sds.",

@@ -50,7 +50,7 @@ def clean_campaign(index: int, tachometers: bool) -> dict:
 def page(rows: list[dict]) -> str:
     """The rows in words and one table."""
     lines = [
-        "# Evidence for random effects where there is none",
+        "# P-values of random effects where there is none",
         "",
         "Made by `python analyses/random_null.py`. Clean campaigns of another spacecraft each; the "
         "largest Bayes factor B of all effects without a fixed shape. Its p-value is simulated for "

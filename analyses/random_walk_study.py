@@ -95,7 +95,7 @@ def write_page(rows_file: Path) -> None:
     """
     rows = [json.loads(line) for line in rows_file.read_text().splitlines()]
     lines = [
-        "# Is the posterior of J and K calibrated when the rate bias walks?",
+        "# A gyro whose bias walks",
         "",
         "Made by `python analyses/random_walk_study.py`. Five slews of another simulator at 2 Hz",
         "whose gyro has Farrenkopf's rate random walk; noise of one reading 2e-5 rad/s. Fits at",

@@ -35,6 +35,20 @@ def write_page(rows: Path) -> None:
     write_atomically(rows.with_name("remainder.md"), "\n".join(_lines(content)) + "\n")
 
 
+def coverage_of(rows: Sequence[dict]) -> dict[bool, dict[str, float]]:
+    """Share of the 90 % intervals that hold where something is missing, {tachometers: {method}}."""
+    hidden = [_with_average(row) for row in rows if row["kind"] != "clean"]
+    return {
+        half: {
+            method: float(
+                _inside([r for r in hidden if r["tachometers"] is half], method, e).mean()
+            )
+            for method, e, _ in _METHODS
+        }
+        for half in (True, False)
+    }
+
+
 def _with_average(row: dict) -> dict:
     """The row with what `diagnose` quotes after `unknown`: a mixture of two fits."""
     errors = np.array([row["errors"][name] for name in ("usual", "remainder")])
@@ -55,7 +69,7 @@ def _lines(rows: Sequence[dict]) -> list[str]:
     hidden = [row for row in rows if row["kind"] != "clean"]
     seconds = np.array([row["seconds"] for row in rows])
     return [
-        "# Do J and K stay right when something without a name is missing?",
+        "# J and K when something without a name is missing",
         "",
         "Made by `python analyses/remainder_study.py`. Five slews of another simulator with a",
         "disturbance from outside the library, fitted at the optimum (Laplace approximation).",

@@ -87,8 +87,8 @@ def _by_batch(work: Path, partition: str, command: list[str]) -> None:
 
 
 def _digest(folder: Path) -> str:
-    """Of a study's result and shards."""
-    files = [folder / "study.json", *sorted((folder / "shards").glob("*.parquet"))]
+    """Of a study's result and rows."""
+    files = [folder / "study.json", folder / "rows.jsonl"]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 

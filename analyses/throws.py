@@ -75,7 +75,7 @@ def fit_configuration(folder: Path) -> dict:
 def report(rows: list[dict]) -> str:
     """The table, in Markdown."""
     lines = [
-        "# Thrown bodies: joint fits of real telemetry",
+        "# Bodies thrown by hand: one fit of all throws",
         "",
         "Principal moments in 10⁻⁶ kg m². The error is against a truth that is itself known to "
         "about 1 %; sigmas count the robust sd alone.",

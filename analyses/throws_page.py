@@ -32,7 +32,7 @@ _INTRODUCTION = (
 def report(rows: list[dict]) -> str:
     """The tables, in Markdown."""
     lines = [
-        "# What disturbs the thrown bodies?",
+        "# Bodies thrown by hand: what disturbs them",
         "",
         *command_lines(rows),
         "## Each effect of the library, judged on throws held out",

@@ -57,6 +57,7 @@ _PUBLIC = {
     "Normal": "physics.parameters",
     "Parameter": "physics.parameters",
     "ParameterSpace": "physics.parameters",
+    "RateRandomWalk": "physics.effects",
     "STOCHASTIC": "physics.effects",
     "SlewContext": "physics.effect",
     "State": "physics.effect",
@@ -64,6 +65,8 @@ _PUBLIC = {
     "Trajectory": "physics.effect",
     "check_effect": "physics.check_effect",
     "scalar": "physics.parameters",
+    "to_body": "maths.quaternion",
+    "to_inertial": "maths.quaternion",
     "vector": "physics.parameters",
     # Flights: plans and simulated campaigns.
     "Controller": "flight.spacecraft",
@@ -92,7 +95,10 @@ _PUBLIC = {
     "estimate": "inference.optimizer",
     "fit": "app.fit_campaign",
     # Many fits.
+    "Execution": "studies.engine",
+    "Task": "studies.work",
     "TaskFailure": "studies.work",
+    "Work": "studies.work",
     "WorkResult": "studies.work",
     "fit_many": "app.fit_many_folder",
     # What a campaign tells.
@@ -118,7 +124,7 @@ _PUBLIC = {
     "NamelessShape": "diagnosis.result",
     "QuotedParameters": "diagnosis.quoted_parameters",
     "Rules": "diagnosis.rules",
-    "Spectrum": "diagnosis.spectrum",
+    "Spectrum": "diagnosis.unexplained",
     "Step": "diagnosis.result",
     "Undetected": "diagnosis.blind_spots",
     "UnexplainedSignal": "diagnosis.unexplained",

@@ -22,11 +22,6 @@ def remove_leftovers(path: Path) -> None:
 
     Not to be called while another process may write the file.
 
-    Parameters
-    ----------
-    path : Path
-        The file that was being written.
-
     Examples
     --------
     >>> remove_leftovers(Path("no/such/folder/a.h5"))
@@ -41,23 +36,8 @@ def write_atomically(path: str | Path, content: bytes | str | Callable[[Path], o
     The content goes to a temporary file beside it, to the disk, and then takes the file's name;
     `pathlib` alone would leave half a file after a kill.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file; its folder must exist.
-    content : bytes or str or callable
-        The content (text is stored as UTF-8), or a function that writes the file whose path it is
-        given: a temporary one with the same suffix, as netCDF and Parquet writers need.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    OutputError
-        If the system refuses. What the function raises otherwise passes through.
+    `content`: the content (text is stored as UTF-8), or a function that writes the file whose path
+    it is given: a temporary one with the same suffix, as netCDF and Parquet writers need.
 
     Examples
     --------
@@ -102,24 +82,9 @@ def _to_disk(path: Path) -> None:
 def write_new_files(folder: str | Path, content: Mapping[str, bytes], *, holds: str) -> Path:
     """Write files to a folder, of which none may replace another content.
 
-    Parameters
-    ----------
-    folder : str or Path
-        Where to; made if absent. Identical files may be there already.
-    content : mapping of str to bytes
-        What each file holds, by name, in the order in which they are written.
-    holds : str
-        What the folder holds, as messages call it, such as "campaign".
-
-    Returns
-    -------
-    Path
-        The folder.
-
-    Raises
-    ------
-    OutputError
-        If a file of another content is in the way, or the system refuses.
+    `folder`: where to; made if absent. Identical files may be there already. `content`: what each
+    file holds, by name, in the order in which they are written. `holds`: what the folder holds, as
+    messages call it, such as "campaign".
 
     Examples
     --------
@@ -160,16 +125,6 @@ def check_folder(folder: str | Path) -> None:
 
     To be called before hours of computing, not after them.
 
-    Parameters
-    ----------
-    folder : str or Path
-        The folder.
-
-    Raises
-    ------
-    OutputError
-        If it is a file, or may not be written.
-
     Examples
     --------
     >>> check_folder(".")
@@ -191,21 +146,6 @@ def check_folder(folder: str | Path) -> None:
 
 def make_folder(folder: str | Path) -> Path:
     """Make a folder, with all above it, if it is absent.
-
-    Parameters
-    ----------
-    folder : str or Path
-        The folder.
-
-    Returns
-    -------
-    Path
-        The folder.
-
-    Raises
-    ------
-    OutputError
-        If the system refuses.
 
     Examples
     --------
@@ -230,20 +170,7 @@ def make_folder(folder: str | Path) -> Path:
 def description_path(campaign: str | Path) -> Path:
     """The description of a campaign: the file itself, or `campaign.toml` in the folder.
 
-    Parameters
-    ----------
-    campaign : str or Path
-        A campaign folder, or the path of a description.
-
-    Returns
-    -------
-    Path
-        The description.
-
-    Raises
-    ------
-    CampaignError
-        If there is none.
+    `campaign`: A campaign folder, or the path of a description.
 
     Examples
     --------
@@ -270,24 +197,7 @@ def description_path(campaign: str | Path) -> Path:
 def table_path(folder: Path, file: str, where: str) -> Path:
     """The table of a slew, refused if it lies (or links) outside the campaign's folder.
 
-    Parameters
-    ----------
-    folder : Path
-        The campaign's folder.
-    file : str
-        The table, relative to the folder.
-    where : str
-        The file and key that name it, for messages.
-
-    Returns
-    -------
-    Path
-        The table.
-
-    Raises
-    ------
-    CampaignError
-        If it is missing, no file, or outside.
+    `where`: the file and key that name it, for messages.
     """
     advice = "put the table in the campaign folder and name it relative to that folder"
     shown = reprlib.repr(file)
@@ -327,23 +237,7 @@ def table_path(folder: Path, file: str, where: str) -> Path:
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a file of a campaign.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    bytes
-        Its content.
-
-    Raises
-    ------
-    CampaignError
-        If the system refuses.
-    """
+    """The content of a file of a campaign."""
     try:
         return path.read_bytes()
     except OSError as error:
@@ -356,23 +250,6 @@ def read_bytes(path: Path) -> bytes:
 
 def text_of(data: bytes, label: str) -> str:
     """Bytes as UTF-8 text, without a byte-order mark.
-
-    Parameters
-    ----------
-    data : bytes
-        The content of a file.
-    label : str
-        The file, as messages name it.
-
-    Returns
-    -------
-    str
-        The text.
-
-    Raises
-    ------
-    CampaignError
-        If they are no UTF-8 text; the error names the line.
 
     Examples
     --------

@@ -20,16 +20,6 @@ def working_in(folder: Path) -> Iterator[None]:
 
     The system lifts the lock when the process ends, however it ends: nobody has to delete a file.
 
-    Parameters
-    ----------
-    folder : Path
-        Made if absent.
-
-    Raises
-    ------
-    OutputError
-        If another process works there, or the folder cannot be written.
-
     Examples
     --------
     >>> from tempfile import TemporaryDirectory

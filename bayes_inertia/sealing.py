@@ -1,9 +1,9 @@
 """Seals: what a run wrote is told from what was damaged or changed since.
 
-A sealed file states the SHA-256 of its content: a JSON document under the key `content_sha256`,
-any other file in its last bytes, which the libraries of HDF5 and netCDF skip. Whoever reads it
-checks the seal before a library takes the content apart, which for a damaged HDF5 file may end the
-process. Files of earlier versions have no seal.
+A sealed file states the SHA-256 of its content: a JSON document, or each line of many, under
+`content_sha256`, any other file in its last bytes, which the libraries of HDF5 and netCDF skip.
+Whoever reads it checks the seal before a library takes the content apart, which for a damaged HDF5
+file may end the process. Files of earlier versions have no seal.
 """
 
 from __future__ import annotations
@@ -27,23 +27,6 @@ _BLOCK = 2**20  # [bytes] read at once
 def write_sealed(path: Path, content: bytes | memoryview) -> Path:
     """Write a file with the digest of its content behind it, atomically.
 
-    Parameters
-    ----------
-    path : Path
-        Replaced if it exists.
-    content : bytes or memoryview
-        Without a seal; not copied.
-
-    Returns
-    -------
-    Path
-        Of the file.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-
     Examples
     --------
     >>> from tempfile import TemporaryDirectory
@@ -64,22 +47,7 @@ def write_sealed(path: Path, content: bytes | memoryview) -> Path:
 def is_sealed(path: Path, advice: str) -> bool:
     """Whether a file carries the seal of its content.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    advice : str
-        What to do about a damaged one.
-
-    Returns
-    -------
-    bool
-        False for a file without a seal: of an earlier version, or cut off.
-
-    Raises
-    ------
-    CampaignError
-        If it cannot be read, or its content is not the one that was sealed.
+    Returns: false for a file without a seal: of an earlier version, or cut off.
     """
     try:
         size = path.stat().st_size
@@ -112,16 +80,6 @@ def _digest(path: Path, size: int) -> str:
 def sealed(content: Mapping[str, Any]) -> dict[str, Any]:
     """A JSON document with its digest.
 
-    Parameters
-    ----------
-    content : dict
-        What `json.dumps` accepts.
-
-    Returns
-    -------
-    dict
-        The same with the key `content_sha256` last.
-
     Examples
     --------
     >>> sealed({"seed": 1})["content_sha256"][:8]
@@ -140,23 +98,6 @@ def _json_digest(content: Mapping[str, Any]) -> str:
 
 def read_sealed_json(path: Path, advice: str) -> dict[str, Any]:
     """A JSON document that this package wrote.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    advice : str
-        What to do about a damaged one.
-
-    Returns
-    -------
-    dict
-        Its content, seal included where it has one.
-
-    Raises
-    ------
-    CampaignError
-        If it cannot be read, is no JSON document, or was changed since it was written.
 
     Examples
     --------
@@ -187,20 +128,6 @@ def blaming(path: Path, *, intact: bool, advice: str) -> Iterator[None]:
 
     A file whose seal holds is what this package wrote: then an exception is a fault of the program
     and passes through.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    intact : bool
-        Whether its seal holds.
-    advice : str
-        What to do about a damaged one.
-
-    Raises
-    ------
-    CampaignError
-        In place of what the damage caused.
 
     Examples
     --------

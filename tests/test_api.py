@@ -26,13 +26,14 @@ PUBLIC = set(
     DroppedPart ImportedCampaign NoiseFit RestNoise SlewCut SlewWindow import_logs
     ConventionChange ConventionsCheck check_conventions
     ChannelNoise CheckedEffect Drive Effect LIBRARY LogNormal Model NoiseModel Normal
-    Parameter ParameterSpace
-    STOCHASTIC SlewContext State StochasticEffect Trajectory check_effect scalar vector
+    Parameter ParameterSpace RateRandomWalk
+    STOCHASTIC SlewContext State StochasticEffect Trajectory check_effect scalar to_body
+    to_inertial vector
     Controller Flight Mission Orbit Plan PlannedSlew Spacecraft fly most_like_prior
     most_like_spacecraft paper_like_plan read_plan simulate write_plan
     ChannelTest Colour ColourOfAxis DirtTreatment Estimate FitContext Posterior Settings
     estimate fit
-    TaskFailure WorkResult fit_many
+    Execution Task TaskFailure Work WorkResult fit_many
     Degeneracy Direction InformationArrival Observability ParameterObservability observe
     AlternativeEffect AlternativeParameters BeyondPrior BinnedResiduals Candidate DiagnosedFit
     Diagnosis Disagreement FreeSignal Hypothesis Investigation Match NamelessShape QuotedParameters
@@ -168,6 +169,8 @@ def methods_of(owner: type) -> Iterator[tuple[str, Any]]:
 def constructed_by_hand(owner: type) -> bool:
     """Whether a class says itself with which parameters it is made."""
     own = vars(owner)
+    if getattr(owner, "_is_protocol", False):
+        return False
     return dataclasses.is_dataclass(owner) or "__init__" in own or hasattr(owner, "_fields")
 
 

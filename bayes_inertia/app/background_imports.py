@@ -13,16 +13,8 @@ def import_in_background(names: Sequence[str]) -> Thread:
 
     Compiled code and the compiler need no interpreter lock, so this costs hardly any time.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of the modules, top-level ones or with their packages. One that is not installed is left
-        out.
-
-    Returns
-    -------
-    Thread
-        It ends with the process at the latest.
+    `names`: of the modules, top-level ones or with their packages. One that is not installed is
+    left out.
 
     Examples
     --------

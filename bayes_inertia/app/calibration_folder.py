@@ -14,9 +14,16 @@ from bayes_inertia.errors import SettingsError
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.report.pictures.calibration import RankCurves, draw_calibration
 from bayes_inertia.report.pictures.figure_file import write_png
-from bayes_inertia.studies.calibration import QUANTITIES, RANKED, Pipeline, calibration_work
-from bayes_inertia.studies.calibration_cases import cases_named
-from bayes_inertia.studies.calibration_result import Calibration, CaseCalibration, calibration_of
+from bayes_inertia.studies.calibration import (
+    QUANTITIES,
+    RANKED,
+    Calibration,
+    CaseCalibration,
+    Pipeline,
+    calibration_of,
+    calibration_work,
+    cases_named,
+)
 from bayes_inertia.studies.engine import Execution
 from bayes_inertia.studies.rank_statistics import ecdf_band
 
@@ -34,34 +41,10 @@ def run_calibration(
 ) -> Calibration:
     """Fly, fit and rank campaigns from the prior, and write calibration.json and calibration.png.
 
-    Parameters
-    ----------
-    folder : Path
-        Where to write. Rows that are there already are kept; more fits may be asked for later.
-    fits : int
-        How many in all; the cases share them evenly.
-    cases : sequence of str
-        Names of cases; none for all.
-    seed : int
-        Fixes everything.
-    pipeline : {"right", "small_sd", "no_scale_factors", "flipped_sign"}
-        The package's, or one that is wrong on purpose.
-    execution : Execution or None
-        Where campaigns are fitted, and who is told; None: in this process.
-
-    Returns
-    -------
-    Calibration
-        Ranks by case.
-
-    Raises
-    ------
-    SettingsError
-        If a case is unknown, or there is less than one fit a case.
-    OutputError
-        If the folder holds something else.
-    StudyError
-        If all fits of a case failed, or the workers are lost.
+    `folder`: where to write. Rows that are there already are kept; more fits may be asked for
+    later. `fits`: how many in all; the cases share them evenly. `pipeline`: the package's, or one
+    that is wrong on purpose. `execution`: where campaigns are fitted, and who is told; None: in
+    this process.
     """
     chosen = cases_named(cases)
     if fits < len(chosen):
@@ -74,7 +57,7 @@ def run_calibration(
     options = {"seed": seed, "pipeline": pipeline}
     owner = ResultFolder(folder, "calibration", "calibration_of.json", FORMAT, "", options)
     owner.claim()
-    result = (execution or Execution()).run(work, folder / "shards")
+    result = (execution or Execution()).run(work, folder)
     calibration = calibration_of(chosen, result)
     write_png(calibration_picture(calibration), folder / "calibration.png")
     content = {"format": FORMAT, **options, **calibration_json(calibration)}
@@ -83,18 +66,7 @@ def run_calibration(
 
 
 def calibration_picture(calibration: Calibration):
-    """ECDFs of all ranks with the band that holds them all in 99 % of right studies.
-
-    Parameters
-    ----------
-    calibration : Calibration
-        The study.
-
-    Returns
-    -------
-    Figure
-        A row a case.
-    """
+    """ECDFs of all ranks with the band that holds them all in 99 % of right studies."""
     level = 1.0 - calibration.limit
     curves = [
         RankCurves(
@@ -111,15 +83,7 @@ def calibration_picture(calibration: Calibration):
 def calibration_json(calibration: Calibration) -> dict[str, Any]:
     """A calibration as calibration.json holds it.
 
-    Parameters
-    ----------
-    calibration : Calibration
-        The study.
-
-    Returns
-    -------
-    dict
-        Verdict, and for every case and quantity p-value, z and coverage.
+    Returns: verdict, and for every case and quantity p-value, z and coverage.
     """
     return {
         "verdict": "rejected" if calibration.rejected else "not rejected",

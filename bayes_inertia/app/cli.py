@@ -2,6 +2,8 @@
 
 Exit codes: 0 done; 2 bad input, or the machine failed (disk, memory); 3 finished, but the result
 must not be trusted as it is; 130 after SIGINT, 143 after SIGTERM.
+
+What the machine did to a command, in one message: memory, disk, processes.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ import atexit
 import gc
 import sys
 from collections.abc import Callable
+from concurrent.futures import BrokenExecutor
 from typing import Annotated
 
 import typer
@@ -32,7 +35,6 @@ from bayes_inertia.app.commands.resume import resume_command
 from bayes_inertia.app.commands.simulate import simulate_command
 from bayes_inertia.app.commands.study import study_command
 from bayes_inertia.app.compiled_code import compiled_code_kept
-from bayes_inertia.app.failures import failure_message
 from bayes_inertia.app.interruption import ending_soon_on_signals, how_to_go_on
 from bayes_inertia.app.terminal import quietly, safe_message, usable_streams
 from bayes_inertia.errors import BayesInertiaError
@@ -59,13 +61,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
 
 
 def command_line() -> typer.Typer:
-    """The command with all its subcommands.
-
-    Returns
-    -------
-    typer.Typer
-        To be called with the arguments.
-    """
+    """The command with all its subcommands."""
     app = typer.Typer(
         name="bayes-inertia",
         help="Inertia tensor and rate-sensor scale factors of a spacecraft from slew telemetry, "
@@ -119,10 +115,7 @@ def _options(
 def main(arguments: list[str] | None = None) -> None:
     """Run the command and exit with its code.
 
-    Parameters
-    ----------
-    arguments : list of str or None
-        What follows the command's name; None for those of the process.
+    `arguments`: what follows the command's name; None for those of the process.
     """
     words = sys.argv[1:] if arguments is None else arguments
     # The interpreter would look at every object once more before it ends, for most of a second.
@@ -165,3 +158,51 @@ def _exit_code(words: list[str]) -> int:
             raise
         typer.echo(f"error: {safe_message(message)}; {how_to_go_on(words)}", err=True)
     return 2
+
+
+_ALLOCATION_FAILED = ("RESOURCE_EXHAUSTED", "Out of memory", "Unable to allocate", "bad_alloc")
+
+
+def failure_message(error: Exception) -> str | None:
+    """What an exception says that the machine caused and not the program.
+
+    Returns: what is wrong and what to do; None if the program is at fault.
+
+    Examples
+    --------
+    >>> failure_message(MemoryError())
+    'out of memory; close other programs, or use a machine with more'
+    >>> failure_message(OSError(28, "No space left on device", "/run/a.nc"))
+    '/run/a.nc: No space left on device; check that the disk has space and may be written'
+    >>> failure_message(KeyError("x"))
+    """
+    text = f"{type(error).__name__} {error}"
+    if isinstance(error, MemoryError) or any(part in text for part in _ALLOCATION_FAILED):
+        return "out of memory; close other programs, or use a machine with more"
+    if isinstance(error, BrokenExecutor):
+        return (
+            "a worker process was ended from outside, perhaps for want of memory; "
+            "start again with fewer --jobs"
+        )
+    if isinstance(error, OSError) and error.errno is not None:
+        place = f"{error.filename}: " if error.filename else ""
+        return f"{place}{error.strerror}; check that the disk has space and may be written"
+    if isinstance(error, OSError | RuntimeError) and (reason := disk_failure(error)):
+        return f"a file cannot be written ({reason}); check that the disk has space"
+    return None
+
+
+def disk_failure(error: Exception) -> str:
+    """The reason that the HDF5 library gives in the middle of its words.
+
+    Returns: such as "No space left on device"; empty if the disk is not at fault.
+
+    Examples
+    --------
+    >>> disk_failure(RuntimeError("write failed: errno = 28, error message = 'No space', buf = 0"))
+    'No space'
+    """
+    text = str(error)
+    if "errno = " not in text or "error message = '" not in text:
+        return ""
+    return text.partition("error message = '")[2].partition("'")[0]

@@ -7,15 +7,17 @@ from pathlib import Path
 
 from bayes_inertia.app.named_plans import plan_sha256, plans_named, prior_mission
 from bayes_inertia.app.plan_json import contender_json
-from bayes_inertia.app.result_folder import ResultFolder
+from bayes_inertia.app.result_folder import ResultFolder, write_page
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.design.comparison import Contender
 from bayes_inertia.report.pictures.design import draw_comparison
 from bayes_inertia.report.pictures.figure_file import write_png
+from bayes_inertia.report.plan_sections import comparison_sections
 from bayes_inertia.studies.engine import Execution
 from bayes_inertia.studies.plan_comparison import compare_plans
 
 FORMAT = "bayes-inertia-compare/1"
+FILE, PICTURE, PAGE = "compare.json", "compare.png", "compare.html"
 
 
 def run_compare(
@@ -27,36 +29,10 @@ def run_compare(
     seed: int = 0,
     execution: Execution | None = None,
 ) -> tuple[Contender, ...]:
-    """Compare plans and write compare.json and compare.png.
+    """Compare plans and write compare.json, compare.png and compare.html.
 
-    Parameters
-    ----------
-    campaign : Path
-        Folder of the campaign whose spacecraft flies.
-    plans : sequence of str
-        Plan files, or the word `paper` for five slews like the paper's.
-    folder : Path
-        Where to write.
-    simulated : int
-        Campaigns to fly and fit for each plan.
-    seed : int
-        Of those.
-    execution : Execution or None
-        Where campaigns are fitted, and who is told; None: in this process.
-
-    Returns
-    -------
-    tuple of Contender
-        One a plan.
-
-    Raises
-    ------
-    CampaignError
-        If campaign or a plan is no good.
-    OutputError
-        If the folder holds something else.
-    StudyError
-        If a simulated campaign could not be fitted, or the workers are lost.
+    `plans`: plan files, or the word `paper` for five slews like the paper's. `execution`: where
+    campaigns are fitted, and who is told; None: in this process.
     """
     flown, digest = read_campaign(campaign), campaign_sha256(campaign)
     named = plans_named(plans, flown)
@@ -65,9 +41,7 @@ def run_compare(
         "simulated": simulated,
         "seed": seed,
     }
-    owner = ResultFolder(
-        folder, "comparison", "compare.json", FORMAT, digest, options, ("compare.png",)
-    )
+    owner = ResultFolder(folder, "comparison", FILE, FORMAT, digest, options, (PICTURE, PAGE))
     owner.holds_this_work()
     contenders = compare_plans(
         named,
@@ -77,13 +51,10 @@ def run_compare(
         folder=folder / "fits",
         **vars(execution or Execution()),
     )
-    owner.claim(
-        {
-            "campaign": flown.name,
-            "simulated": simulated,
-            "seed": seed,
-            "plans": {c.name: contender_json(c) for c in contenders},
-        }
-    )
-    write_png(draw_comparison(contenders), folder / "compare.png")
+    rows = {c.name: contender_json(c) for c in contenders}
+    stated = {"campaign": flown.name, "simulated": simulated, "seed": seed}
+    owner.claim(stated | {"plans": rows})
+    write_png(draw_comparison(contenders), folder / PICTURE)
+    title, sections = f"Plans after {flown.name}", comparison_sections(contenders)
+    write_page(folder / PAGE, title, flown.mission, campaign, sections, digest)
     return contenders

@@ -16,23 +16,7 @@ _NEW_RUN = "start a new run in another folder"
 
 
 def finished_posterior(folder: Path) -> Posterior:
-    """The posterior of a finished run.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the run.
-
-    Returns
-    -------
-    Posterior
-        As it was written.
-
-    Raises
-    ------
-    CampaignError
-        If there is no run, or it is not finished, or its files are damaged.
-    """
+    """The posterior of a finished run."""
     stored = folder / "posterior.nc"
     if not stored.is_file():
         if (folder / "run.json").is_file():
@@ -52,20 +36,7 @@ def finished_posterior(folder: Path) -> Posterior:
 def compare_two_runs(first: Path, second: Path) -> RunComparison:
     """Read two runs and compare them.
 
-    Parameters
-    ----------
-    first, second : Path
-        Folders of finished runs.
-
-    Returns
-    -------
-    RunComparison
-        Differences are those of the second from the first.
-
-    Raises
-    ------
-    CampaignError
-        If one of them is no finished run, or both are the same.
+    Returns: differences are those of the second from the first.
     """
     if first.resolve() == second.resolve():
         raise CampaignError(

@@ -89,11 +89,6 @@ def cache_folder() -> Path | None:
     Code of another processor may use instructions that this one lacks: on a cluster with one home
     each kind of machine has its own. JAX compresses entries in ways that differ between versions
     of Python, and cannot read one in the other.
-
-    Returns
-    -------
-    Path or None
-        None where BAYES_INERTIA_CACHE is "off".
     """
     wanted = os.environ.get(VARIABLE, "")
     if wanted.lower() in _OFF:
@@ -113,10 +108,7 @@ def compiled_code_kept(wanted: bool = True) -> Iterator[None]:
     To be entered before JAX is imported; a process that has done so keeps its own configuration.
     Where the folder fails, work goes on without, and one sentence says so.
 
-    Parameters
-    ----------
-    wanted : bool
-        Whether to; False keeps nothing, whatever the environment says.
+    `wanted`: whether to; False keeps nothing, whatever the environment says.
     """
     if not wanted:
         os.environ["JAX_ENABLE_COMPILATION_CACHE"] = "false"
@@ -172,15 +164,7 @@ def _delete(files: Iterable[Path]) -> None:
 def size_of(folder: Path) -> int:
     """How much a folder holds.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the cache; need not exist.
-
-    Returns
-    -------
-    int
-        [bytes]
+    Returns [bytes].
     """
     return sum(entry.stat().st_size for entry in folder.glob("*-cache"))
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 from bayes_inertia.app.design_request import DesignRequest
 from bayes_inertia.app.named_plans import prior_mission
 from bayes_inertia.app.plan_json import design_json, slew_rows
-from bayes_inertia.app.result_folder import ResultFolder
+from bayes_inertia.app.result_folder import ResultFolder, write_page
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.design.after_campaign import plan_after
@@ -17,14 +18,17 @@ from bayes_inertia.design.designer import Design, design_plan
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.follow_on import following_plan
+from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_file import write_plan
 from bayes_inertia.inference.cleaning import clean_fit
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.named_effects import pinned_names
+from bayes_inertia.progress import Progress, silent
 from bayes_inertia.report.pictures.design import draw_comparison
 from bayes_inertia.report.pictures.figure_file import write_png
+from bayes_inertia.report.plan_sections import design_sections
 from bayes_inertia.studies.plan_comparison import compare_plans
 
 FORMAT = "bayes-inertia-design/1"
@@ -35,44 +39,25 @@ WHEELS_AT_REST = (
 _MARGINS_SHOWN = 6
 
 
-def run_design(campaign: Path, folder: Path, request: DesignRequest) -> Design:
-    """Design a campaign that follows another one, and write design.json, plan.toml and design.png.
+def run_design(
+    campaign: Path, folder: Path, request: DesignRequest, progress: Progress = silent
+) -> Design:
+    """Design a campaign that follows another one; write design.json, plan.toml, .png and .html.
 
     It begins where the campaign ended, with its telemetry period and, unless one is given, its
     largest rate. The wheel momentum at the start is that of the tachometers; without them that of
     the fit (`after`), or zero where nothing was fitted, which the results then say.
-
-    Parameters
-    ----------
-    campaign : Path
-        Folder of the campaign that was flown.
-    folder : Path
-        Where to write.
-    request : DesignRequest
-        Goal, limits, seed.
-
-    Returns
-    -------
-    Design
-        The plan and what to expect of it.
-
-    Raises
-    ------
-    CampaignError, EffectError
-        If campaign or request is no good. Nothing is written then.
-    DesignError
-        If no plan keeps the limits. Nothing is written then.
-    OutputError
-        If the folder holds something else.
     """
     flown, digest = read_campaign(campaign), campaign_sha256(campaign)
     parse_goal(request.goal)
     names = pinned_names(request.effects)
     request = replace(request, effects=names)
-    results = ("plan.toml", "design.png")
+    results = ("plan.toml", "design.png", "design.html")
     owner = ResultFolder(folder, "design", "design.json", FORMAT, digest, asdict(request), results)
     owner.holds_this_work()
     limits = request.limits(flown)
+    if request.after:
+        progress("fitting the campaign", 0, 0)
     after = _cleaned(flown, request.seed) if request.after else None
     mission = prior_mission(flown)
     design = design_plan(
@@ -84,22 +69,33 @@ def run_design(campaign: Path, folder: Path, request: DesignRequest) -> Design:
         seed=request.seed,
         after=after,
         effects=names,
+        progress=progress,
     )
-    contenders = compare_plans([design.plan, design.reference], mission, limits=design.limits)
-    start = {
-        "after": request.after,
-        "start_wheel_momentum_Nms": list(design.plan.wheel_momentum) or [0.0] * len(flown.wheels),
-        "start_wheel_momentum_from": _momentum_source(flown, request),
-    }
-    owner.claim(design_json(design, contenders, flown) | start)
+    contenders = compare_plans(
+        [design.plan, design.reference], mission, limits=design.limits, progress=progress
+    )
+    content = design_json(design, contenders, flown) | _start(design.plan, flown, request)
+    owner.claim(content)
     _write_flyable_plan(design, folder / "plan.toml")
     write_png(draw_comparison(contenders), folder / "design.png")
+    sections = design_sections(content, contenders, design.units)
+    title = f"Next slews after {flown.name}"
+    write_page(folder / "design.html", title, flown.mission, campaign, sections, digest)
     return design
 
 
 def _cleaned(flown: Campaign, seed: int) -> Estimate:
     """The fit of a campaign, dirt kept away as `fit` does."""
     return clean_fit(estimate(Model(flown), seed=seed), seed=seed).estimate
+
+
+def _start(plan: Plan, flown: Campaign, request: DesignRequest) -> dict[str, Any]:
+    """Where the plan begins, as it stands in design.json."""
+    return {
+        "after": request.after,
+        "start_wheel_momentum_Nms": list(plan.wheel_momentum) or [0.0] * len(flown.wheels),
+        "start_wheel_momentum_from": _momentum_source(flown, request),
+    }
 
 
 def _momentum_source(campaign: Campaign, request: DesignRequest) -> str:

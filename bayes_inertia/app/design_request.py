@@ -59,21 +59,6 @@ class DesignRequest:
     def limits(self, campaign: Campaign) -> Limits:
         """The limits that are asked for; the largest rate is the campaign's own where none is
         given.
-
-        Parameters
-        ----------
-        campaign : Campaign
-            That the design follows.
-
-        Returns
-        -------
-        Limits
-            In radians.
-
-        Raises
-        ------
-        CampaignError
-            If the attitude to end in or a keep-out cone cannot be read.
         """
         usual = Limits()
         own_rate = campaign.largest_rate() / (1.0 - usual.rate_reserve)
@@ -108,21 +93,8 @@ def _quaternion(text: str | None) -> tuple[float, float, float, float] | None:
 def keep_outs(texts: Sequence[str]) -> tuple[KeepOut, ...]:
     """Keep-out cones from texts or files.
 
-    Parameters
-    ----------
-    texts : sequence of str
-        Each `name,x,y,z,half_angle_deg` (inertial direction), or a TOML file with [[keep_out]]
-        tables of the keys name, direction_N, half_angle_deg.
-
-    Returns
-    -------
-    tuple of KeepOut
-        The cones.
-
-    Raises
-    ------
-    CampaignError
-        Naming what cannot be read.
+    `texts`: each `name,x,y,z,half_angle_deg` (inertial direction), or a TOML file with [[keep_out]]
+    tables of the keys name, direction_N, half_angle_deg.
 
     Examples
     --------

@@ -22,13 +22,13 @@ from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.inference.sampler import Progress
 from bayes_inertia.inference.settings import STOCHASTIC_SETTINGS, Settings
 from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
+from bayes_inertia.progress import Progress
 
 # Enough for limits of 95 %: samples of an effect with states of its own take minutes.
 DIAGNOSED_SETTINGS = Settings(walkers=32, target_ess=2_000.0)
@@ -119,7 +119,7 @@ def diagnose_and_fit(
     as_stated : bool
         Take the telemetry as it is: leave no outlier out, and take the noise for white.
     progress : callable or None
-        Called with (what, done, of).
+        Called with (stage, done, of); `of` is 0 where a stage is not counted.
 
     Returns
     -------
@@ -142,8 +142,6 @@ def diagnose_and_fit(
     settings = settings or DIAGNOSED_SETTINGS
     if seed is not None:
         settings = replace(settings, seed=seed)
-    if progress:
-        progress("diagnosing", 0, 1)
     investigation = investigate(
         campaign,
         drive=drive,
@@ -151,6 +149,7 @@ def diagnose_and_fit(
         library=library,
         rules=rules,
         as_stated=as_stated,
+        progress=progress,
     )
     posterior = fit_after_diagnosis(
         campaign,
@@ -165,18 +164,7 @@ def diagnose_and_fit(
 
 
 def next_fit(investigation: Investigation) -> NextFit:
-    """What an investigation wants fitted in full.
-
-    Parameters
-    ----------
-    investigation : Investigation
-        The diagnosis and its alternatives.
-
-    Returns
-    -------
-    NextFit
-        The same that `diagnosis_json.next_fit_from` reads from its JSON.
-    """
+    """What an investigation wants fitted in full."""
     diagnosis = investigation.diagnosis
     return NextFit(
         diagnosis.verdict,
@@ -190,17 +178,9 @@ def next_fit(investigation: Investigation) -> NextFit:
 def fitted_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
     """The effects that a full fit after a diagnosis holds, with the settings they were found with.
 
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-        With its steps and its final model.
-
-    Returns
-    -------
-    tuple of Effect
-        Those added, in their order. Where no candidate explains the data, those of fixed shape
-        among them; where names only imitate what is there, a torque and a rate error of free
-        shape instead.
+    Returns: those added, in their order. Where no candidate explains the data, those of fixed shape
+    among them; where names only imitate what is there, a torque and a rate error of free shape
+    instead.
     """
     if diagnosis.why_unknown == "imitation":
         return REMAINDERS
@@ -226,29 +206,10 @@ def fit_after_diagnosis(
     are fitted along or averaged over: the uncertainties of J and K then hold what they may have
     done.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What was flown, with the noise as stated.
-    choice : NextFit
-        What the diagnosis wants fitted.
-    drive : {"commanded", "measured"} or None
-        What drives the model; None for the campaign's best.
-    settings : Settings
-        Of the sampler; its seed fixes everything.
-    chains : Path or None
-        Folder in which the chains are kept while they grow.
-    campaign_sha256 : str or None
-        Digest of the campaign's files, kept with the result.
-    as_stated : bool
-        Take telemetry and noise as they are stated.
-    progress : callable or None
-        Called with (what, done, of).
-
-    Returns
-    -------
-    Posterior
-        With a group `averaged` more where there is something to average over.
+    `drive`: what drives the model; None for the campaign's best. `chains`: folder in which the
+    chains are kept while they grow. `campaign_sha256`: digest of the campaign's files, kept with
+    the result. `progress`: called with (stage, done, of); `of` is 0 where a stage is not counted.
+    Returns: with a group `averaged` more where there is something to average over.
     """
     context, treatment = FitContext(campaign_sha256, verdict=choice.verdict), choice.treatment
     if choice.verdict == "unknown":

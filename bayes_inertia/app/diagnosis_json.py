@@ -31,18 +31,7 @@ FORMAT = "bayes-inertia-diagnosis/1"
 
 
 def to_json(investigation: Investigation) -> dict[str, Any]:
-    """The content of diagnosis.json; no NaN and no infinity in it.
-
-    Parameters
-    ----------
-    investigation : Investigation
-        The diagnosis and what follows from it.
-
-    Returns
-    -------
-    dict
-        Of strings, numbers, lists and None.
-    """
+    """The content of diagnosis.json; no NaN and no infinity in it."""
     diagnosis, before = investigation.diagnosis, investigation.disagreement_before
     after, unknown = investigation.disagreement_after, investigation.unexplained
     content = {
@@ -95,18 +84,7 @@ def _search(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def fitted_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """The effects to fit in full after a diagnosis, with the settings that they were found with.
-
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-        With its steps.
-
-    Returns
-    -------
-    list of dict
-        {effect, settings} of each.
-    """
+    """The effects to fit in full after a diagnosis, with the settings that they were found with."""
     return [{"effect": e.name, "settings": _settings(e)} for e in fitted_effects(diagnosis)]
 
 
@@ -123,17 +101,8 @@ def _settings(effect: Effect) -> dict[str, Any]:
 def next_fit_from(content: Mapping[str, Any], library: Sequence[Effect] = LIBRARY) -> NextFit:
     """What a diagnosis.json wants fitted in full.
 
-    Parameters
-    ----------
-    content : dict
-        Of diagnosis.json.
-    library : sequence of Effect
-        Where the names of effects are looked up, beside those without a fixed shape.
-
-    Returns
-    -------
-    NextFit
-        Bit for bit the one of the diagnosis that was written.
+    `library`: where the names of effects are looked up, beside those without a fixed shape.
+    Returns: bit for bit the one of the diagnosis that was written.
 
     Examples
     --------

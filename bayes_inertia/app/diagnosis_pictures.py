@@ -15,16 +15,8 @@ from bayes_inertia.diagnosis.residual_scan import Disagreement
 def pictures_json(investigation: Investigation) -> dict[str, Any]:
     """The part `pictures` of diagnosis.json.
 
-    Parameters
-    ----------
-    investigation : Investigation
-        The diagnosis and what follows from it.
-
-    Returns
-    -------
-    dict
-        `before` and `after` (residual maps), `torque` and `other` (signals); None where there is
-        none.
+    Returns `before` and `after` (residual maps), `torque` and `other` (signals); None where there
+    is none.
     """
     before, after = investigation.disagreement_before, investigation.disagreement_after
     unknown = investigation.unexplained

@@ -21,15 +21,8 @@ _QUANTILE_95 = 1.959964  # half the width of a central 95 % interval [sd]
 def candidate_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """Every candidate of the library: those that were scored, best evidence first, then the others.
 
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-        With its candidates, what was skipped, and the noise.
-
-    Returns
-    -------
-    list of dict
-        {effect, dof, score, p_value, log_bayes_factor, parameters, reason} of each.
+    `diagnosis`: with its candidates, what was skipped, and the noise. Returns: {effect, dof, score,
+    p_value, log_bayes_factor, parameters, reason} of each.
     """
     added = {step.added for step in diagnosis.steps}
     rows = [_scored(c, diagnosis.final, c.effect in added) for c in diagnosis.candidates]
@@ -77,17 +70,7 @@ def _noise_text(louder: dict[str, float]) -> str:
 def parameter_rows(estimate: Estimate, effect: str) -> dict[str, dict[str, Any]] | None:
     """The parameters of an effect as fitted.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The fit.
-    effect : str
-        Name of the effect.
-
-    Returns
-    -------
-    dict or None
-        {parameter: {mean, sd, q025, q975, unit}}; None if the effect is not fitted.
+    Returns: {parameter: {mean, sd, q025, q975, unit}}; None if the effect is not fitted.
     """
     space = estimate.model.space
     part = space.slice_of(effect)
@@ -112,18 +95,7 @@ def parameter_rows(estimate: Estimate, effect: str) -> dict[str, dict[str, Any]]
 
 
 def step_row(step: Step) -> dict[str, Any]:
-    """One effect added: what it changed, and what would explain the data as well.
-
-    Parameters
-    ----------
-    step : Step
-        The fits before and after.
-
-    Returns
-    -------
-    dict
-        An entry of `steps` in diagnosis.json.
-    """
+    """One effect added: what it changed, and what would explain the data as well."""
     return {
         "added": step.added,
         "log_bayes_factor": step.log_bayes_factor,
@@ -147,15 +119,7 @@ def step_row(step: Step) -> dict[str, Any]:
 def shift_rows(before: Estimate, after: Estimate) -> dict[str, dict[str, Any]]:
     """How far J and K move from one fit to another.
 
-    Parameters
-    ----------
-    before, after : Estimate
-        The fits.
-
-    Returns
-    -------
-    dict
-        {name: {before, sd_before, after, sd_after, shift, unit}} of the nine.
+    Returns: {name: {before, sd_before, after, sd_after, shift, unit}} of the nine.
     """
     space = before.model.space
     return {
@@ -172,20 +136,7 @@ def shift_rows(before: Estimate, after: Estimate) -> dict[str, dict[str, Any]]:
 
 
 def alike_pairs(diagnosis: Diagnosis, limit: float) -> list[tuple[tuple[str, str], float]]:
-    """Pairs of candidates that this campaign hardly tells apart, most alike first.
-
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-        With its canonical correlations.
-    limit : float
-        Canonical correlation from which a pair is listed.
-
-    Returns
-    -------
-    list of ((str, str), float)
-        The pairs and their correlations.
-    """
+    """Pairs of candidates that this campaign hardly tells apart, most alike first."""
     return sorted(
         ((pair, r) for pair, r in diagnosis.correlations.items() if r > limit),
         key=lambda item: -item[1],

@@ -24,17 +24,9 @@ FORMAT = "bayes-inertia-effects/1"
 def effects_json(effects: Sequence[Effect], campaign: Campaign) -> dict[str, Any]:
     """What `effects --json` prints.
 
-    Parameters
-    ----------
-    effects : sequence of Effect
-        To be listed.
-    campaign : Campaign
-        Whose wheels, and whose motion as the scale of default priors, they are listed for.
-
-    Returns
-    -------
-    dict
-        Name, kind, needs, hooks and parameters of each; names of what installed packages offer.
+    `campaign`: whose wheels, and whose motion as the scale of default priors, they are listed for.
+    Returns: name, kind, needs, hooks and parameters of each; names of what installed packages
+    offer.
     """
     return json_ready(
         {
@@ -49,15 +41,7 @@ def effects_json(effects: Sequence[Effect], campaign: Campaign) -> dict[str, Any
 def effect_lines(row: Mapping[str, Any]) -> list[str]:
     """An effect in words.
 
-    Parameters
-    ----------
-    row : mapping
-        Of `effects_json`.
-
-    Returns
-    -------
-    list of str
-        Its kind and hooks, then a line a parameter.
+    Returns: its kind and hooks, then a line a parameter.
     """
     kind = {
         "library": "tried by a diagnosis",

@@ -11,7 +11,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.design.correction_slew import correction_with_update
+from bayes_inertia.design.correction_slew import UpdateForecast, correction_with_update
 from bayes_inertia.design.goals import CORRECTED_TURN_DEG
 from bayes_inertia.files import write_new_files
 from bayes_inertia.flight.spacecraft import spin_tensor, without_spin
@@ -19,6 +19,7 @@ from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.effects import InertiaChange
 from bayes_inertia.physics.parameters import N_BASE
+from bayes_inertia.progress import Progress, silent
 from bayes_inertia.report.criteria import criteria_of
 from bayes_inertia.report.export.content import (
     ExportedCorrection,
@@ -38,25 +39,13 @@ _CORRECTION_SAYS = (
 )
 
 
-def exported_result(run: Path, *, with_correction: bool) -> ExportedResult:
+def exported_result(
+    run: Path, *, with_correction: bool, progress: Progress = silent
+) -> ExportedResult:
     """Read a finished run.
 
-    Parameters
-    ----------
-    run : Path
-        Folder of the run.
-    with_correction : bool
-        Whether to forecast the correction slew, which takes seconds.
-
-    Returns
-    -------
-    ExportedResult
-        With a warning's reasons where the result is not trusted.
-
-    Raises
-    ------
-    CampaignError
-        If the folder holds no finished run, or a file of it is damaged.
+    `with_correction`: whether to forecast the correction slew, which takes seconds. Returns: with a
+    warning's reasons where the result is not trusted.
     """
     stored = run / "posterior.nc"
     posterior = Posterior.load(stored)
@@ -64,7 +53,9 @@ def exported_result(run: Path, *, with_correction: bool) -> ExportedResult:
     with blaming(stored, intact=is_sealed(stored, _DAMAGED), advice=_DAMAGED):
         summary = posterior.summary()
         parameters = _parameters(posterior, summary)
-        correction = _correction(campaign, posterior, parameters) if with_correction else None
+        if with_correction:
+            progress("forecasting a correction slew", 0, 0)
+        correction = _exported_correction(posterior, campaign) if with_correction else None
         locked = bool(summary.get("includes_wheel_spin", campaign.inertia.includes_wheel_spin))
         means = jnp.array([p.new for p in parameters[:6]])
         J = without_spin(np.array(inertia_tensor.tensor(means)), locked, campaign.wheels)
@@ -86,27 +77,30 @@ def exported_result(run: Path, *, with_correction: bool) -> ExportedResult:
 def write_export(result: ExportedResult, form: ExportFormat, path: Path) -> Path:
     """Write a result in one format.
 
-    Parameters
-    ----------
-    result : ExportedResult
-        Of `exported_result`.
-    form : ExportFormat
-        The format.
-    path : Path
-        Of the file; its folder is made if absent.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    OutputError
-        If another content is in the way, or the file cannot be written.
+    `path`: of the file; its folder is made if absent.
     """
     write_new_files(path.parent, {path.name: form.text(result).encode()}, holds="file")
     return path
+
+
+def forecast_of(posterior: Posterior, campaign: Campaign) -> UpdateForecast | None:
+    """The error of the next slew with the old and with the new J and K on board, in seconds."""
+    samples = posterior.averaged_samples[:, :N_BASE]
+    draws = samples[np.linspace(0, len(samples) - 1, _FORECAST_DRAWS).astype(int)]
+    rows: Any = posterior.summary()["parameters"]
+    prior_mean: Any = posterior.tree["estimate"]["prior_mean"]
+    old = np.asarray(prior_mean)[:N_BASE]
+    new = np.array([row["mean"] for row in rows.values()][:N_BASE])
+    return correction_with_update(campaign, draws, old, new)
+
+
+def _exported_correction(posterior: Posterior, campaign: Campaign) -> ExportedCorrection | None:
+    forecast = forecast_of(posterior, campaign)
+    if forecast is None:
+        return None
+    return ExportedCorrection(
+        forecast.axis, forecast.before[1:], forecast.after[1:], _CORRECTION_SAYS
+    )
 
 
 def _quoted_covariance(posterior: Posterior, parameters: Sequence[ExportedParameter]) -> np.ndarray:
@@ -139,18 +133,6 @@ def _parameters(posterior: Posterior, summary: dict[str, Any]) -> tuple[Exported
             )
         )
     return tuple(exported)
-
-
-def _correction(
-    campaign: Campaign, posterior: Posterior, parameters: tuple[ExportedParameter, ...]
-) -> ExportedCorrection | None:
-    samples = posterior.averaged_samples[:, :N_BASE]
-    draws = samples[np.linspace(0, len(samples) - 1, _FORECAST_DRAWS).astype(int)]
-    old, new = (np.array([getattr(p, key) for p in parameters[:N_BASE]]) for key in ("old", "new"))
-    forecast = correction_with_update(campaign, draws, old, new)
-    if forecast is None:
-        return None
-    return ExportedCorrection(forecast.axis, forecast.before, forecast.after, _CORRECTION_SAYS)
 
 
 def _notes(summary: dict[str, Any]) -> tuple[str, ...]:

@@ -16,10 +16,11 @@ from bayes_inertia.diagnosis.undetected_averaging import all_alternatives, undet
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import clean_fit
 from bayes_inertia.inference.fit_context import FitContext
+from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.modelled_outliers import with_modelled_outliers
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.posterior_groups import build_posterior
-from bayes_inertia.inference.sampler import Progress, sample
+from bayes_inertia.inference.sampler import sample
 from bayes_inertia.inference.settings import Settings, usual_settings
 from bayes_inertia.inference.treatment import DirtTreatment
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
@@ -27,6 +28,7 @@ from bayes_inertia.physics.channel_noise import NoiseModel
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_input import Drive
+from bayes_inertia.progress import Progress, silent
 
 
 @on_one_blas_thread
@@ -69,7 +71,7 @@ def fit(
     noise : NoiseModel or None
         The noise of each channel; None for Gaussian noise of the stated sigma.
     progress : callable or None
-        Called with (what, done, of).
+        Called with (stage, done, of); `of` is 0 where a stage is not counted.
 
     Returns
     -------
@@ -97,25 +99,37 @@ def fit(
     settings = settings or usual_settings(effects)
     if seed is not None:
         settings = replace(settings, seed=seed)
-    if progress:
-        progress("optimizing", 0, 1)
+    say = progress or silent
+    say("fitting", 0, 0)
     model = Model(campaign, tuple(effects), drive, noise or NoiseModel())
     # A flexible mode explains nothing near its null value: it begins at the ringing that is there.
     estimate = restarted_with_mode(optimizer.estimate(model, seed=settings.seed))
     if not as_stated:
-        clean = clean_fit(estimate, seed=settings.seed)
-        if clean.estimate is not estimate:
-            estimate = restarted_with_mode(clean.estimate)
-            context = _with_noise_of(context or FitContext(), clean.treatment)
+        say("looking for outliers, measuring the noise", 0, 0)
+        estimate, context = _cleaned(estimate, context, settings.seed)
     if not model.noise.is_stated:
         estimate = with_modelled_outliers(estimate)
     samples = sample(estimate, settings, folder=chains, progress=progress)
+    say("predicting the telemetry", 0, 0)
     posterior = build_posterior(estimate, samples, context or FitContext(), settings.seed)
     if posterior.trusted:
+        say("bounding what could hide", 0, 0)
         # An effect too weak to be found may act: J and K, and the sd to quote, count it.
         alternatives = all_alternatives(alternatives, undetected_alternatives(estimate))
     posterior = averaged_posterior(posterior, alternatives, settings.seed)
     return _with_seconds(posterior, perf_counter() - began)
+
+
+def _cleaned(
+    estimate: Estimate, context: FitContext | None, seed: int
+) -> tuple[Estimate, FitContext | None]:
+    """The fit without outliers, and the context with the noise that was measured."""
+    clean = clean_fit(estimate, seed=seed)
+    if clean.estimate is estimate:
+        return estimate, context
+    return restarted_with_mode(clean.estimate), _with_noise_of(
+        context or FitContext(), clean.treatment
+    )
 
 
 def _with_noise_of(context: FitContext, treatment: DirtTreatment) -> FitContext:

@@ -22,9 +22,10 @@ from bayes_inertia.inference.settings import Settings, usual_settings
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.slew_input import Drive
-from bayes_inertia.studies.engine import Execution, Notice, Progress
-from bayes_inertia.studies.pools import Engine
+from bayes_inertia.progress import Progress
+from bayes_inertia.studies.engine import Execution, Notice
 from bayes_inertia.studies.work import Row, TaskFailure, Work, WorkResult
+from bayes_inertia.studies.workers import Engine
 
 FORMAT = "bayes-inertia-fit-many/1"
 # What a row says of each parameter, beside its mean.
@@ -174,7 +175,7 @@ def fit_many(
     owner = ResultFolder(out, "fit of many", "fits_of.json", FORMAT, "", options)
     owner.claim()
     execution = Execution(engine, jobs, scheduler, progress, notice)
-    result = execution.run(work, out / "shards")
+    result = execution.run(work, out)
     if result.rows:
         _write_table(result, out / "fits.parquet")
     write_json(out / "fit_many.json", fits_json(result))
@@ -184,15 +185,7 @@ def fit_many(
 def fits_json(result: WorkResult) -> dict[str, Any]:
     """What `fit-many --json` prints.
 
-    Parameters
-    ----------
-    result : WorkResult
-        Of `fit_many`.
-
-    Returns
-    -------
-    dict
-        A row a campaign, and the failures with their reasons.
+    Returns: A row a campaign, and the failures with their reasons.
     """
     rows = [{k: v for k, v in row.items() if k != "task" and v is not None} for row in result.rows]
     failures = [
@@ -202,18 +195,7 @@ def fits_json(result: WorkResult) -> dict[str, Any]:
 
 
 def campaign_of(failure: TaskFailure) -> str:
-    """The campaign that could not be fitted.
-
-    Parameters
-    ----------
-    failure : TaskFailure
-        Of `fit_many`.
-
-    Returns
-    -------
-    str
-        Its folder, below the folder of all.
-    """
+    """The campaign that could not be fitted."""
     return failure.task.rpartition(_AT)[0]
 
 

@@ -8,30 +8,27 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from bayes_inertia.app.compiled_code import size_of
-from bayes_inertia.app.terminal import plain_console
+from bayes_inertia.app.terminal import headed, plain_console
+from bayes_inertia.progress import Progress, silent
 
 FORMAT = "bayes-inertia-installation/1"
 _PACKAGES = ("bayes-inertia", "numpy", "scipy", "jax", "emcee", "arviz", "xarray", "matplotlib")
+_STOCHASTIC = "effects_without_fixed_shape"
 # Relative change of the energy of a free tumble over 100 s that the integrator may make.
 _ENERGY_DRIFT_ALLOWED = 1e-9
 
 
-def installation_json() -> dict[str, Any]:
-    """Versions, the device that computes, a self-test, and the library of effects.
-
-    Returns
-    -------
-    dict
-        What `doctor --json` prints.
-    """
+def installation_json(progress: Progress = silent) -> dict[str, Any]:
+    """Versions, the device that computes, a self-test, and the library of effects."""
+    progress("loading JAX", 0, 0)
     import jax
     import jax.numpy as jnp
 
     from bayes_inertia.physics.effects import LIBRARY, STOCHASTIC
 
+    progress("self-test: a free tumble", 0, 0)
     drift = _energy_drift()
     return {
         "format": FORMAT,
@@ -42,34 +39,25 @@ def installation_json() -> dict[str, Any]:
         "self_test_passed": drift < _ENERGY_DRIFT_ALLOWED,
         "compiled_code": _compiled_code(),
         "effects": [effect.name for effect in LIBRARY],
-        "effects_without_fixed_shape": [effect.name for effect in STOCHASTIC],
+        _STOCHASTIC: [effect.name for effect in STOCHASTIC],
     }
 
 
 def show_installation(content: Mapping[str, Any]) -> None:
-    """Print what this installation consists of, and whether it works.
-
-    Parameters
-    ----------
-    content : mapping
-        Of `installation_json`.
-    """
-    console = plain_console()
-    table = Table("package", "version")
-    for name, version in content["versions"].items():
-        table.add_row(name, version)
-    console.print(table)
-    devices = ", ".join(content["devices"])
-    console.print(f"computing on: {devices}; 64-bit: {content['double_precision']}")
-    passed = "passed" if content["self_test_passed"] else "FAILED"
-    console.print(
-        f"self-test: energy of a free tumble is constant to {content['energy_drift']:.1e} "
-        f"({passed})"
-    )
-    console.print(f"compiled code: {content['compiled_code']}")
-    console.print(f"effects: {', '.join(content['effects'])}")
-    further = ", ".join(content["effects_without_fixed_shape"])
-    console.print(f"without a fixed shape: {further}")
+    """Print what this installation consists of, and whether it works."""
+    console, passed = plain_console(), content["self_test_passed"]
+    drift = f"energy of a free tumble constant to {content['energy_drift']:.1g}"
+    says = "self-test passed" if passed else "self-test FAILED: do not use this installation"
+    console.print(headed(says, f" ({drift})", style="bold green" if passed else "bold red"))
+    bits = "64-bit" if content["double_precision"] else "32-bit: do not use it"
+    for what, value in (
+        ("packages", ", ".join(f"{name} {of}" for name, of in content["versions"].items())),
+        ("computing on", f"{', '.join(content['devices'])}, {bits}"),
+        ("compiled code", content["compiled_code"]),
+        ("effects", ", ".join(content["effects"])),
+        ("effects without a fixed shape", ", ".join(content[_STOCHASTIC])),
+    ):
+        console.print(f"{what}: {value}")
 
 
 def _compiled_code() -> str:

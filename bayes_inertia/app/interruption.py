@@ -30,15 +30,8 @@ _SHOW_CURSOR = "\x1b[?25h"
 def how_to_go_on(arguments: Sequence[str]) -> str:
     """What to do after a command was interrupted.
 
-    Parameters
-    ----------
-    arguments : sequence of str
-        The words of the command, without the program's name.
-
-    Returns
-    -------
-    str
-        What is kept, and the command that goes on.
+    `arguments`: the words of the command, without the program's name. Returns: what is kept, and
+    the command that goes on.
 
     Examples
     --------
@@ -118,13 +111,7 @@ class Interruption:
         os._exit(self.exit_code)
 
     def came(self, number: int, _: FrameType | None) -> None:
-        """Raise `KeyboardInterrupt` in the main thread, as the handler of a signal.
-
-        Parameters
-        ----------
-        number : int
-            The signal.
-        """
+        """Raise `KeyboardInterrupt` in the main thread, as the handler of a signal."""
         self._number = signal.Signals(number)
         self.signalled = True
         raise KeyboardInterrupt
@@ -132,10 +119,7 @@ class Interruption:
     def watch(self, wakeups: socket.socket) -> None:
         """Wait for a signal, and end the process where the main thread does not.
 
-        Parameters
-        ----------
-        wakeups : socket
-            On which the system writes the number of each signal.
+        `wakeups`: on which the system writes the number of each signal.
         """
         with wakeups:
             first = _next_signal(wakeups)
@@ -177,16 +161,6 @@ def ending_soon_on_signals(advice: Callable[[], str]) -> Iterator[Interruption]:
     """Let SIGINT and SIGTERM end what runs in the context within seconds.
 
     A signal that the process was started to ignore stays ignored.
-
-    Parameters
-    ----------
-    advice : callable
-        Gives what to do next, for the message.
-
-    Yields
-    ------
-    Interruption
-        For who catches `KeyboardInterrupt`.
     """
     interruption = Interruption(advice)
     if current_thread() is not main_thread():

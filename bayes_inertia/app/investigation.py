@@ -30,6 +30,7 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
+from bayes_inertia.progress import Progress, silent
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,7 @@ def investigate(
     library: Sequence[Effect] = LIBRARY,
     rules: Rules | None = None,
     as_stated: bool = False,
+    progress: Progress | None = None,
 ) -> Investigation:
     """Diagnose a campaign and ask everything of the answer.
 
@@ -96,6 +98,8 @@ def investigate(
         Thresholds of the search; None for the usual ones.
     as_stated : bool
         Take the telemetry as it is: leave no outlier out, and take the noise for white.
+    progress : callable or None
+        Called with (stage, done, of); `of` is 0 where a stage is not counted.
 
     Returns
     -------
@@ -115,13 +119,20 @@ def investigate(
         investigation.diagnosis.verdict, [u.effect for u in investigation.blind_spots]
     """
     diagnosis = diagnose(
-        campaign, library=library, drive=drive, rules=rules, seed=seed, as_stated=as_stated
+        campaign,
+        library=library,
+        drive=drive,
+        rules=rules,
+        seed=seed,
+        as_stated=as_stated,
+        progress=progress,
     )
     base, final = diagnosis.base, diagnosis.final
     unknown = diagnosis.verdict == "unknown"
     changed = diagnosis.steps or any(factor > 1.0 for factor in diagnosis.noise.values())
     # A signal without a fixed shape cannot be foretold for another slew.
     corrected = diagnosis.steps and not unknown and not diagnosis.steps[-1].stochastic
+    (progress or silent)("bounding what could hide, forecasting the next slews", 0, 0)
     with ThreadPoolExecutor(1) as pool:
         # Mostly compiling, which leaves the interpreter to what follows.
         alternatives = pool.submit(alternatives_of, diagnosis)
@@ -143,20 +154,8 @@ def separating_slews(
 ) -> tuple[Separation, ...]:
     """For every ambiguous set the slew that best tells its first two apart, where there is one.
 
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-        With its ambiguous sets.
-    library : sequence of Effect
-        Where effects are looked up that the final model does not hold.
-    seed : int
-        Of the searches.
-
-    Returns
-    -------
-    tuple of Separation
-        None for a set without a feasible slew, or of effects that have states of their own or no
-        fixed shape.
+    `library`: where effects are looked up that the final model does not hold. Returns: none for a
+    set without a feasible slew, or of effects that have states of their own or no fixed shape.
     """
     instances = {e.name: e for e in (*library, *diagnosis.final.model.effects)}
     slews = []

@@ -22,22 +22,7 @@ PAPER = "paper"
 def plans_named(texts: Sequence[str], campaign: Campaign) -> dict[str, Plan]:
     """Plans from files, or `paper`: five slews like the paper's, from where the campaign ended.
 
-    Parameters
-    ----------
-    texts : sequence of str
-        Files, or the word `paper`.
-    campaign : Campaign
-        That the plans follow.
-
-    Returns
-    -------
-    dict
-        {name: Plan}; plans of one name are told apart by their files.
-
-    Raises
-    ------
-    CampaignError
-        If a plan cannot be read, or is given twice.
+    Returns: {name: Plan}; plans of one name are told apart by their files.
     """
     base = following_plan(campaign)
     # The paper's slews from where the campaign ended, so that all plans start alike.
@@ -54,33 +39,14 @@ def plans_named(texts: Sequence[str], campaign: Campaign) -> dict[str, Plan]:
 
 
 def plan_sha256(plan: Plan) -> str:
-    """Digest of a plan: two plans of one digest are flown alike.
-
-    Parameters
-    ----------
-    plan : Plan
-        The plan.
-
-    Returns
-    -------
-    str
-        64 hexadecimal digits.
-    """
+    """Digest of a plan: two plans of one digest are flown alike."""
     return hashlib.sha256(repr(plan).encode()).hexdigest()
 
 
 def prior_mission(campaign: Campaign) -> Mission:
     """The mission that a campaign's hardware and prior describe.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        With its hardware and pre-flight inertia.
-
-    Returns
-    -------
-    Mission
-        Its spacecraft has J and K at the mean of their prior.
+    Returns: its spacecraft has J and K at the mean of their prior.
     """
     theta = np.concatenate([campaign.inertia.elements, campaign.rate_sensor.scale_factor])
     return Mission(spacecraft_at(campaign, theta), campaign.inertia)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bayes_inertia.app.result_folder import ResultFolder
+from bayes_inertia.app.result_folder import ResultFolder, write_page
 from bayes_inertia.app.run_folder import FORMAT as RUN_FORMAT
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.inference import optimizer
@@ -24,11 +24,13 @@ from bayes_inertia.observability.result import Observability
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.slew_input import Drive
+from bayes_inertia.progress import Progress, silent
+from bayes_inertia.report.observability_sections import observability_sections
 from bayes_inertia.report.pictures.figure_file import write_png
 from bayes_inertia.report.pictures.observability import draw_observability
 from bayes_inertia.sealing import blaming, is_sealed
 
-FILE, PICTURE = "observability.json", "observability.png"
+FILE, PICTURE, PAGE = "observability.json", "observability.png", "observability.html"
 
 
 @dataclass(frozen=True)
@@ -55,54 +57,38 @@ def run_observe(
     drive: Drive | None = None,
     seed: int = 0,
     both_drives: bool = True,
+    progress: Progress = silent,
 ) -> ObservedCampaign:
-    """Estimate, ask what is observable, and write observability.json and observability.png.
+    """Estimate, ask what is observable, and write observability.json, .png and .html.
 
-    Parameters
-    ----------
-    campaign : Path
-        The campaign's folder.
-    folder : Path
-        Where to write. A posterior.nc of the same data, effects and drive there is compared.
-    effects : sequence of str
-        Names of effects to fit along.
-    drive : {"commanded", "measured"} or None
-        What drives the model; None for the campaign's best.
-    seed : int
-        Of the optimizer's starts.
-    both_drives : bool
-        Whether to estimate in the other drive too, where the campaign allows it: what are the
-        commands worth?
-
-    Returns
-    -------
-    ObservedCampaign
-        What was found.
-
-    Raises
-    ------
-    CampaignError, EffectError
-        If the input is no good. Nothing is written then.
-    OutputError
-        If the folder holds results of another campaign.
+    `folder`: where to write. A posterior.nc of the same data, effects and drive there is compared.
+    `drive`: what drives the model; None for the campaign's best. `both_drives`: whether to estimate
+    in the other drive too, where the campaign allows it: what are the commands worth?
     """
     flown, names = read_campaign(campaign), pinned_names(effects)
     instances = effects_named(names)
     digest = campaign_sha256(campaign)
     options = {"effects": names, "drive": drive, "seed": seed, "both_drives": both_drives}
-    owner = ResultFolder(folder, "result", FILE, FORMAT, digest, options, (PICTURE,))
+    owner = ResultFolder(folder, "result", FILE, FORMAT, digest, options, (PICTURE, PAGE))
     owner.holds_this_work()
     if (folder / "run.json").exists():
         ResultFolder(folder, "run", "run.json", RUN_FORMAT, digest, flat=True).holds_this_work()
+    progress("fitting", 0, 0)
     estimate = optimizer.estimate(Model(flown, instances, drive), seed=seed)
     # As `fit` does: one outlier would make a slew count for little.
     estimate = clean_fit(estimate, seed=seed).estimate
+    progress("fitting in the other drive", 0, 0)
     other_drive = _in_other_drive(estimate, seed) if both_drives else None
+    progress("asking each slew what it tells", 0, 0)
     observability = observe(estimate, other_drive)
     comparison = _comparison(observability, folder, digest)
     rows = None if comparison is None else comparison_json(comparison)
     owner.claim(observability_json(observability) | {"seed": seed, "posterior": rows})
+    progress("drawing", 0, 0)
     write_png(draw_observability(observability), folder / PICTURE)
+    sections = observability_sections(observability, comparison)
+    title = f"Observability of {flown.name}"
+    write_page(folder / PAGE, title, flown.mission, campaign, sections, digest)
     return ObservedCampaign(observability, comparison)
 
 

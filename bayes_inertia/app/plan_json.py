@@ -17,18 +17,7 @@ _MARGIN_KEYS = ("limit", "where", "used", "allowed", "unit", "left", "kept", "sa
 
 
 def slew_rows(plan: Plan) -> list[dict[str, Any]]:
-    """The slews of a plan in degrees and seconds.
-
-    Parameters
-    ----------
-    plan : Plan
-        The plan.
-
-    Returns
-    -------
-    list of dict
-        {axis_B, angle_deg, rate_deg_s, acceleration_deg_s2, start_s, duration_s} of each.
-    """
+    """The slews of a plan in degrees and seconds."""
     return [
         {
             "axis_B": list(slew.axis_B),
@@ -43,18 +32,7 @@ def slew_rows(plan: Plan) -> list[dict[str, Any]]:
 
 
 def contender_json(contender: Contender) -> dict[str, Any]:
-    """A plan in a comparison: expected and achieved sds, costs, margins, slews.
-
-    Parameters
-    ----------
-    contender : Contender
-        The plan.
-
-    Returns
-    -------
-    dict
-        An entry of `plans` in compare.json.
-    """
+    """A plan in a comparison: expected and achieved sds, costs, margins, slews."""
     content = {
         "expected_sd": dict(zip(BASE_NAMES, contender.expected.tolist(), strict=True)),
         "total_time_s": contender.total_time,
@@ -81,22 +59,7 @@ def contender_json(contender: Contender) -> dict[str, Any]:
 def design_json(
     design: Design, contenders: Sequence[Contender], campaign: Campaign
 ) -> dict[str, Any]:
-    """A design: what it is expected to give, beside slews like the paper's.
-
-    Parameters
-    ----------
-    design : Design
-        The design.
-    contenders : (Contender, Contender)
-        The designed plan and the reference.
-    campaign : Campaign
-        That it follows.
-
-    Returns
-    -------
-    dict
-        The content of design.json.
-    """
+    """A design: what it is expected to give, beside slews like the paper's."""
     designed, reference = contenders
     return {
         "campaign": campaign.name,
@@ -108,6 +71,7 @@ def design_json(
         "random_plans": design.random_plans,
         "expected_sd": design.sd,
         "reference_sd": design.reference_sd,
+        "sd_before": design.sd_before,
         "plan": contender_json(designed),
         "reference": contender_json(reference),
         "margins": [_margin_row(m) for m in design.margins],

@@ -29,25 +29,6 @@ def promise_of_plan(run: Path, plan: Path, summary: dict[str, Any]) -> PlanPromi
 
     Promised is what `design` wrote into the design.json beside the plan. For any other plan it is
     forecast now, as `compare` does, for the hardware and prior of the run's campaign.
-
-    Parameters
-    ----------
-    run : Path
-        Folder of the finished run.
-    plan : Path
-        File of the plan that was flown.
-    summary : dict
-        The content of the run's summary.json.
-
-    Returns
-    -------
-    PlanPromise
-        Of J and K.
-
-    Raises
-    ------
-    CampaignError
-        If the plan cannot be read, the run keeps no campaign, or its slews are others.
     """
     promised, campaign = read_plan(plan), _campaign_of(run)
     difference = other_slews(promised, campaign)

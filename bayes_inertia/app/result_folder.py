@@ -9,40 +9,49 @@ and nothing is overwritten.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import check_folder, make_folder, write_atomically
 from bayes_inertia.folder_lock import LOCK_FILE
 from bayes_inertia.sealing import read_sealed_json, sealed
+from bayes_inertia.version import __version__
+
+if TYPE_CHECKING:
+    from bayes_inertia.report.section import Section
 
 _ADVICE = "choose another folder; nothing was overwritten"
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> Path:
-    """Write a JSON document of results, atomically.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    content : dict
-        What `json.dumps` accepts, without NaN.
-
-    Returns
-    -------
-    Path
-        Of the file.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+    """Write a JSON document of results, atomically."""
     return write_atomically(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def origin(campaign: Path) -> dict[str, str]:
+    """When a result is made, and of which folder: what its page says of its origin."""
+    place = campaign.resolve()
+    name = place.parent.name if place.is_file() else place.name
+    return {"date": datetime.now(UTC).date().isoformat(), "data": name}
+
+
+def write_page(
+    path: Path,
+    title: str,
+    mission: Sequence[tuple[str, str]],
+    campaign: Path,
+    sections: Sequence[Section],
+    sha256: str,
+) -> Path:
+    """Write the page of a result, with its origin in the head."""
+    from bayes_inertia.report.page import page_facts, render_page
+
+    facts = page_facts(dict(mission), sha256=sha256, version=__version__, origin=origin(campaign))
+    return write_atomically(path, render_page(title, sections, facts))
 
 
 @dataclass(frozen=True)
@@ -96,16 +105,7 @@ class ResultFolder:
     def holds_this_work(self) -> bool:
         """Whether the folder holds this very work; False if it is free. Writes nothing.
 
-        Returns
-        -------
-        bool
-            True: the work goes on, or is done again, there.
-
-        Raises
-        ------
-        OutputError
-            If the folder cannot be written, holds other work (the error says what differs), or
-            holds files that the work would overwrite.
+        Returns: true: the work goes on, or is done again, there.
         """
         check_folder(self.path)
         if not (self.path / self.claim_file).exists():
@@ -129,16 +129,8 @@ class ResultFolder:
     def claim(self, content: Mapping[str, Any] | None = None) -> None:
         """Make the folder if need be, and say in it whose it is.
 
-        Parameters
-        ----------
-        content : dict or None
-            What else the claim's file holds, such as the results of a command that writes them
-            there.
-
-        Raises
-        ------
-        OutputError
-            As `holds_this_work`.
+        `content`: what else the claim's file holds, such as the results of a command that writes
+        them there.
         """
         self.holds_this_work()
         make_folder(self.path)

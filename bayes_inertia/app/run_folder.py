@@ -18,7 +18,7 @@ from bayes_inertia.app.diagnosed_fit import fit_after_diagnosis
 from bayes_inertia.app.diagnosis_json import next_fit_from, to_json
 from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.app.investigation import investigate
-from bayes_inertia.app.result_folder import ResultFolder, write_json
+from bayes_inertia.app.result_folder import ResultFolder, origin, write_json
 from bayes_inertia.app.run_report import run_summary, write_run_report
 from bayes_inertia.app.stored_diagnosis import DIAGNOSIS_FILE, blaming_diagnosis, read_diagnosis
 from bayes_inertia.campaign.campaign import Campaign
@@ -28,7 +28,6 @@ from bayes_inertia.files import write_atomically
 from bayes_inertia.folder_lock import working_in
 from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.inference.sampler import Progress
 from bayes_inertia.inference.settings import Settings, usual_settings
 from bayes_inertia.physics.channel_noise import NoiseModel, noise_model_from_json
 from bayes_inertia.physics.effect import Effect
@@ -36,6 +35,7 @@ from bayes_inertia.physics.effects import LIBRARY
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.slew_input import Drive
+from bayes_inertia.progress import Progress, silent
 from bayes_inertia.sealing import read_sealed_json, sealed
 from bayes_inertia.version import __version__
 
@@ -79,18 +79,7 @@ class Run:
     noise: NoiseModel = field(default_factory=NoiseModel)
 
     def owner(self, folder: Path) -> ResultFolder:
-        """The claim of this run on a folder.
-
-        Parameters
-        ----------
-        folder : Path
-            The folder.
-
-        Returns
-        -------
-        ResultFolder
-            Whose claim is run.json.
-        """
+        """The claim of this run on a folder."""
         options = asdict(self)
         digest = options.pop("campaign_sha256")
         return ResultFolder(
@@ -111,23 +100,7 @@ class Run:
 
 
 def read_run(folder: Path) -> Run:
-    """The run that a folder holds.
-
-    Parameters
-    ----------
-    folder : Path
-        That `fit -o` or `diagnose -o` wrote.
-
-    Returns
-    -------
-    Run
-        What is fitted there.
-
-    Raises
-    ------
-    CampaignError
-        If the folder holds no run.
-    """
+    """The run that a folder holds."""
     path = folder / "run.json"
     if not path.is_file():
         raise CampaignError(
@@ -175,38 +148,12 @@ def start(
 ) -> Run:
     """Begin a run in a folder, or find the same run there (then it goes on).
 
-    Parameters
-    ----------
-    campaign : Path
-        The campaign's folder.
-    folder : Path
-        Of the run; made if absent.
-    effects : sequence of str
-        Names of effects to fit along, see `effects_named`; of a run of the kind "diagnose", of
-        candidates beyond the library.
-    drive : {"commanded", "measured"} or None
-        What drives the model; None for the campaign's best.
-    settings : Settings or None
-        Of the sampler, seed included; None for the usual ones.
-    kind : {"fit", "diagnose"}
-        Whether to fit what is given, or what a diagnosis names.
-    as_stated : bool
-        Take telemetry and noise as they are stated: no dirt is looked for in residuals.
-    noise : NoiseModel or None
-        The noise of each channel; None for Gaussian noise of the stated sigma.
-
-    Returns
-    -------
-    Run
-        What `finish` will fit.
-
-    Raises
-    ------
-    CampaignError, EffectError
-        If the campaign, an effect's name, or an effect or drive with this campaign is no good.
-        Nothing is written then.
-    OutputError
-        If the folder holds another run, or files that a run would overwrite.
+    `effects`: names of effects to fit along, see `effects_named`; of a run of the kind "diagnose",
+    of candidates beyond the library. `drive`: what drives the model; None for the campaign's best.
+    `settings`: of the sampler, seed included; None for the usual ones. `kind`: whether to fit what
+    is given, or what a diagnosis names. `as_stated`: take telemetry and noise as they are stated:
+    no dirt is looked for in residuals. `noise`: the noise of each channel; None for Gaussian noise
+    of the stated sigma.
     """
     names, noise = pinned_names(effects), noise or NoiseModel()
     settings = settings or usual_settings(effects_named(names))
@@ -219,33 +166,14 @@ def start(
             # The copy is part of the claim and goes on with what a kill left of the same copy:
             # where run.json is, it is complete.
             copy_campaign(campaign, folder / "campaign")
-            owner.claim({"version": __version__})
+            owner.claim({"version": __version__, **origin(campaign)})
     return run
 
 
 def finish(folder: Path, *, report: bool = True, progress: Progress | None = None) -> Posterior:
     """Bring a run to its end: optimize, sample (going on where its chains end), write all results.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the run.
-    report : bool
-        Whether to write report.html.
-    progress : callable or None
-        Called with (what, done, of).
-
-    Returns
-    -------
-    Posterior
-        Also written as posterior.nc and summary.json.
-
-    Raises
-    ------
-    CampaignError
-        If the folder holds no run, or its copy of the campaign was changed.
-    OutputError
-        If another process works in the folder, or it cannot be written.
+    `progress`: called with (stage, done, of); `of` is 0 where a stage is not counted.
     """
     run = read_run(folder)
     with working_in(folder):
@@ -264,8 +192,7 @@ def _finish(folder: Path, run: Run, report: bool, progress: Progress | None) -> 
     posterior.save(folder / "posterior.nc")
     write_json(folder / "summary.json", run_summary(posterior, folder))
     if report:
-        if progress:
-            progress("writing the report", 0, 1)
+        (progress or silent)("writing the report", 0, 0)
         write_run_report(posterior, folder, intact=True)
     return posterior
 
@@ -308,14 +235,13 @@ def _diagnosed(
     stored = read_diagnosis(folder)
     if stored is not None:
         return stored
-    if progress:
-        progress("diagnosing", 0, 1)
     investigation = investigate(
         campaign,
         drive=run.drive,
         seed=run.settings.seed,
         library=_candidates(folder, run),
         as_stated=run.as_stated,
+        progress=progress,
     )
     content = sealed(to_json(investigation))
     text = json.dumps(content, indent=None, separators=(", ", ": "), allow_nan=False)
@@ -324,24 +250,7 @@ def _diagnosed(
 
 
 def effects_of_run(folder: Path, run: Run) -> tuple[Effect, ...]:
-    """The effects that a run names.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the run.
-    run : Run
-        What `read_run` read there.
-
-    Returns
-    -------
-    tuple of Effect
-
-    Raises
-    ------
-    EffectError
-        If one of them is nowhere; the message names the run's file.
-    """
+    """The effects that a run names."""
     try:
         return effects_named(run.effects)
     except EffectError as error:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from bayes_inertia.app.stored_diagnosis import blaming_diagnosis, read_diagnosis
+from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.plan_promise import PlanPromise
 from bayes_inertia.report.verdict_sentence import with_verdict_sentence
-from bayes_inertia.sealing import SEAL_KEY, blaming
+from bayes_inertia.sealing import SEAL_KEY, blaming, read_sealed_json
 
 _NEW_RUN = "start a new run in another folder"
 
@@ -18,22 +20,7 @@ _NEW_RUN = "start a new run in another folder"
 def run_summary(posterior: Posterior, folder: Path) -> dict[str, Any]:
     """The content of a run's summary.json.
 
-    Parameters
-    ----------
-    posterior : Posterior
-        Of the run.
-    folder : Path
-        Of the run; its diagnosis has a say in the verdict.
-
-    Returns
-    -------
-    dict
-        `Posterior.summary` with the verdict in one sentence.
-
-    Raises
-    ------
-    CampaignError
-        If the diagnosis cannot be read.
+    `folder`: of the run; its diagnosis has a say in the verdict.
     """
     content = read_diagnosis(folder)
     if content is None:
@@ -47,26 +34,8 @@ def run_page(
 ) -> str:
     """The report of a run: of its fit, and of its diagnosis if it has one.
 
-    Parameters
-    ----------
-    posterior : Posterior
-        Of the run.
-    folder : Path
-        Of the run.
-    intact : bool
-        Whether the posterior is known to be what was written.
-    promise : PlanPromise or None
-        What the plan promised whose flight was fitted, for a section of its own.
-
-    Returns
-    -------
-    str
-        An HTML page.
-
-    Raises
-    ------
-    CampaignError
-        If the diagnosis, or a posterior that may be damaged, cannot be shown.
+    `intact`: whether the posterior is known to be what was written. `promise`: what the plan
+    promised whose flight was fitted, for a section of its own.
     """
     # Plots take half a second to load: not before sampling.
     from bayes_inertia.report.fit_sections import standard_sections
@@ -76,11 +45,32 @@ def run_page(
     content = read_diagnosis(folder)
     sealed_diagnosis = content is None or SEAL_KEY in content
     with blaming(folder, intact=intact and sealed_diagnosis, advice=_NEW_RUN):
-        sections = standard_sections(posterior, content)
+        sections = standard_sections(posterior, content, _forecast(posterior, folder))
         if promise is not None:
-            # Behind verdict and parameters.
-            sections.insert(2, plan_promise_section(promise))
-        return render(posterior, sections)
+            # Behind result, reasons and parameters.
+            sections.insert(3, plan_promise_section(promise))
+        return render(posterior, sections, _origin(folder))
+
+
+def _origin(folder: Path) -> dict[str, str]:
+    """Date and data of the run, as far as it states them."""
+    path = folder / "run.json"
+    claim = read_sealed_json(path, _NEW_RUN) if path.is_file() else {}
+    return {key: str(claim[key]) for key in ("date", "data") if key in claim}
+
+
+def _forecast(posterior: Posterior, folder: Path) -> dict[str, Any] | None:
+    """The error of the next slew, of a result that may be used and whose campaign is at hand."""
+    from bayes_inertia.app.export_run import forecast_of
+    from bayes_inertia.design.goals import CORRECTED_TURN_DEG
+
+    copy = folder / "campaign"
+    if not posterior.trusted or not copy.is_dir():
+        return None
+    if campaign_sha256(copy) != posterior.attributes.get("campaign_sha256"):
+        return None
+    forecast = forecast_of(posterior, read_campaign(copy))
+    return None if forecast is None else asdict(forecast) | {"angle_deg": CORRECTED_TURN_DEG}
 
 
 def write_run_report(
@@ -88,28 +78,8 @@ def write_run_report(
 ) -> Path:
     """Write report.html in a run folder.
 
-    Parameters
-    ----------
-    posterior : Posterior
-        Of the run.
-    folder : Path
-        Of the run.
-    intact : bool
-        Whether the posterior is known to be what was written.
-    promise : PlanPromise or None
-        What the plan promised whose flight was fitted, for a section of its own.
-
-    Returns
-    -------
-    Path
-        Of the page.
-
-    Raises
-    ------
-    CampaignError
-        If the diagnosis, or a posterior that may be damaged, cannot be shown.
-    OutputError
-        If it cannot be written.
+    `intact`: whether the posterior is known to be what was written. `promise`: what the plan
+    promised whose flight was fitted, for a section of its own.
     """
     page = run_page(posterior, folder, intact=intact, promise=promise)
     return write_atomically(folder / "report.html", page)

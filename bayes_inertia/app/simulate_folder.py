@@ -50,35 +50,10 @@ def run_simulate(
 ) -> SimulatedFlight:
     """Fly a plan and write the campaign folder, with its truth beside it.
 
-    Parameters
-    ----------
-    folder : Path
-        Where to write.
-    plan : str or None
-        File of the plan, or `paper`; None for five slews like the paper's.
-    campaign : Path or None
-        Folder of the campaign whose spacecraft flies: its wheels and sensors, their noise, J and K
-        at the mean of its prior. None for the MOST-like spacecraft.
-    hidden : sequence of str
-        Effects that act, see `with_hidden_effects`.
-    draw : bool
-        Whether J and K are drawn from the campaign's prior instead.
-    seed : int
-        Of noise, bias and everything drawn.
-
-    Returns
-    -------
-    SimulatedFlight
-        What was flown.
-
-    Raises
-    ------
-    CampaignError
-        If campaign or plan is no good, or J is to be drawn without a campaign.
-    EffectError
-        If an effect or parameter is unknown, or a wrong number of values is given.
-    OutputError
-        If another campaign is in the folder.
+    `plan`: file of the plan, or `paper`; None for five slews like the paper's. `campaign`: folder
+    of the campaign whose spacecraft flies: its wheels and sensors, their noise, J and K at the mean
+    of its prior. None for the MOST-like spacecraft. `draw`: whether J and K are drawn from the
+    campaign's prior instead.
     """
     if campaign is None:
         if draw:

@@ -16,41 +16,12 @@ _ADVICE = "delete it and run `bayes-inertia resume`"
 
 
 def blaming_diagnosis(folder: Path, content: Mapping[str, Any]) -> AbstractContextManager[None]:
-    """Take any exception for damage of a run's diagnosis.json, where that has no seal.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the run.
-    content : dict
-        From `read_diagnosis`.
-
-    Returns
-    -------
-    context manager
-        See `blaming`.
-    """
+    """Take any exception for damage of a run's diagnosis.json, where that has no seal."""
     return blaming(folder / DIAGNOSIS_FILE, intact=SEAL_KEY in content, advice=_ADVICE)
 
 
 def read_diagnosis(folder: Path) -> dict[str, Any] | None:
-    """The content of a run's diagnosis.json.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the run.
-
-    Returns
-    -------
-    dict or None
-        None if the run has no diagnosis.
-
-    Raises
-    ------
-    CampaignError
-        If the file cannot be read.
-    """
+    """The content of a run's diagnosis.json."""
     path = folder / DIAGNOSIS_FILE
     if not path.is_file():
         return None

@@ -3,7 +3,7 @@
 The plan is flown again and again with noise, each time with another J, K and bias from the
 campaign's prior. Each campaign is fitted as real data would be. If the stated sds are right,
 errors over sds are standard normal, and intervals hold the truth as often as they say. Rows are
-kept in shards: a killed study goes on where it was.
+kept: a killed study goes on where it was.
 """
 
 from __future__ import annotations
@@ -59,18 +59,7 @@ class Study:
         return self.achieved.errors / self.achieved.stated
 
     def coverage(self, level: float) -> list[tuple[float, float, float]]:
-        """For each parameter: how often the central interval of this level held the truth.
-
-        Parameters
-        ----------
-        level : float
-            Between 0 and 1.
-
-        Returns
-        -------
-        list of (float, float, float)
-            The share, and its 95 % interval.
-        """
+        """For each parameter: how often the central interval of this level held the truth."""
         held = np.abs(self.z) < stats.norm.ppf(0.5 + 0.5 * level)
         counted = [coverage_from(int(h.sum()), len(h), level) for h in held.T]
         return [(coverage.share, coverage.low, coverage.high) for coverage in counted]
@@ -97,34 +86,9 @@ def run_study(
 ) -> Study:
     """Simulate and fit campaigns of one plan, and write study.json and study.png.
 
-    Parameters
-    ----------
-    campaign : Path
-        Folder of the campaign whose hardware and prior are taken.
-    folder : Path
-        Where to write. Rows that are there already, in `shards`, are kept.
-    plan : str
-        File of the plan, or `paper`.
-    campaigns : int
-        How many, at least 2.
-    seed : int
-        Fixes everything.
-    execution : Execution or None
-        Where campaigns are fitted, and who is told; None: in this process.
-
-    Returns
-    -------
-    Study
-        Errors and stated sds of all.
-
-    Raises
-    ------
-    CampaignError
-        If campaign or plan is no good.
-    OutputError
-        If the folder holds something else.
-    StudyError
-        If fewer than two campaigns could be fitted, or the workers are lost.
+    `campaign`: folder of the campaign whose hardware and prior are taken. `folder`: where to write.
+    Rows that are there already are kept. `execution`: where campaigns are fitted, and who is told;
+    None: in this process.
     """
     given, digest = read_campaign(campaign), campaign_sha256(campaign)
     (chosen,) = plans_named([plan], given).values()
@@ -141,7 +105,7 @@ def run_study(
     work = simulated_fits(
         chosen, mission, campaigns, seed, options={**options, "campaign_sha256": digest}
     )
-    result = (execution or Execution()).run(work, folder / "shards")
+    result = (execution or Execution()).run(work, folder)
     study = Study(chosen, achieved_errors(result, least=2), result.failures)
     write_png(draw_coverage(BASE_NAMES, study.achieved, study.z), folder / "study.png")
     content = {"format": FORMAT, "campaign_sha256": digest, **options, **_content(study)}

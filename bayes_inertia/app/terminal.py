@@ -6,41 +6,59 @@ nothing here is markup: style is given beside a text, never inside it.
 
 from __future__ import annotations
 
+import codecs
 import errno
 import io
 import json
+import math
 import os
+import re
+import statistics
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import webbrowser
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from datetime import timedelta
 from pathlib import Path
+from time import monotonic
 from typing import Any, TextIO
 
 import typer
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.padding import Padding
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    SpinnerColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import Progress as Live
+from rich.progress import ProgressColumn, SpinnerColumn, Task
 from rich.table import Table
 from rich.text import Text
 
+from bayes_inertia.progress import Progress, silent
+
 # Whether the command at hand prints nothing but errors and what was asked for as JSON.
 _QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
-# Up to so many columns, tables are made as narrow as they can be.
+# Ratio of sds of two plans from which a parameter is said to get worse.
+WORSE = 1.1
+_SMALLEST_PLAIN = 1e-3  # smaller sizes are written with a power of ten
+# In fewer columns, tables are made as narrow as they can be.
 _NARROW = 100
 # What writing fails with where the reader went away: a pipe, one on Windows, a terminal.
 _NOBODY_READS = (errno.EPIPE, errno.EINVAL, errno.EIO)
+# Time [s] over which the speed of a stage is averaged: one fit of many may last minutes.
+_SPEED_PERIOD = 3600.0
 # Characters of a message, and how many of them are its end, which says what to do.
 _LONGEST, _END = 4000, 1000
+
+
+# How letters are written that an encoding lacks, by the name of this way among Python's.
+_PLAIN_LETTERS = "bayes-inertia-plain-letters"
+_RAISED = re.compile("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+")
+_PLAIN = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−–×“”", '-0123456789--x""') | {
+    ord("±"): "+-",
+    ord("χ"): "chi",
+    ord("°"): " deg",
+    ord("→"): "->",
+}
 
 
 class _Stream(io.FileIO):
@@ -71,6 +89,7 @@ def usable_streams() -> Iterator[None]:
     ...     print("5 slews")
     5 slews
     """
+    codecs.register_error(_PLAIN_LETTERS, in_plain_letters)
     # A file that is opened later must not get the number of a closed stream, and what C libraries
     # write there.
     while (free := os.open(os.devnull, os.O_RDWR)) <= 2:
@@ -96,37 +115,37 @@ def _usable(stream: TextIO | None) -> TextIO:
     if type(raw) is io.FileIO:
         stream.flush()
         pipe = io.BufferedWriter(_Stream(raw.fileno(), "w", closefd=False))
-        return io.TextIOWrapper(pipe, stream.encoding, "replace", line_buffering=True)
+        return io.TextIOWrapper(pipe, stream.encoding, _PLAIN_LETTERS, line_buffering=True)
     # A console of Windows, or what a notebook or a test captures.
     if isinstance(stream, io.TextIOWrapper):
-        stream.reconfigure(errors="replace")
+        stream.reconfigure(errors=_PLAIN_LETTERS)
     return stream
 
 
-def plain_console(*, stderr: bool = False) -> Console:
-    """A console that prints every text as it is: brackets and colons mean nothing to it.
+def in_plain_letters(error: UnicodeError) -> tuple[str, int]:
+    """What is written where an encoding lacks letters: a minus stays one, others become "?".
 
-    Parameters
-    ----------
-    stderr : bool
-        Whether to print on stderr instead of stdout.
-
-    Returns
-    -------
-    Console
-        The console.
+    Examples
+    --------
+    >>> codecs.register_error("plain", in_plain_letters)
+    >>> "−0.26 ± 0.04 × 10⁻⁴ kg m², 5 µ".encode("ascii", "plain")
+    b'-0.26 +- 0.04 x 10^-4 kg m^2, 5 ?'
     """
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    lacked = error.object[error.start : error.end]
+    text = _RAISED.sub(lambda raised: f"^{raised[0]}", lacked).translate(_PLAIN)
+    return text.encode("ascii", "replace").decode("ascii"), error.end
+
+
+def plain_console(*, stderr: bool = False) -> Console:
+    """A console that prints every text as it is: brackets and colons mean nothing to it."""
     return Console(stderr=stderr, markup=False, emoji=False, highlight=False, quiet=_QUIET.get())
 
 
 @contextmanager
 def quietly(quiet: bool) -> Iterator[None]:
     """Print no tables, sentences and progress while the context lasts.
-
-    Parameters
-    ----------
-    quiet : bool
-        False: nothing changes.
 
     Examples
     --------
@@ -143,11 +162,6 @@ def quietly(quiet: bool) -> Iterator[None]:
 def print_json(content: Mapping[str, Any]) -> None:
     """Print one JSON document on stdout, quiet or not.
 
-    Parameters
-    ----------
-    content : dict
-        With the key `format`, which names the schema and its version.
-
     Examples
     --------
     >>> print_json({"format": "bayes-inertia-note/1"})
@@ -159,28 +173,12 @@ def print_json(content: Mapping[str, Any]) -> None:
 
 
 def print_json_file(path: Path) -> None:
-    """Print a JSON document that a command wrote, as it stands in its file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    """
+    """Print a JSON document that a command wrote, as it stands in its file."""
     print_json(json.loads(path.read_text(encoding="utf-8")))
 
 
 def safe_message(text: str) -> str:
     """A message of bearable length without control characters, whatever a file wrote into it.
-
-    Parameters
-    ----------
-    text : str
-        The message.
-
-    Returns
-    -------
-    str
-        Its lines, and its middle left out where it is long.
 
     Examples
     --------
@@ -196,20 +194,6 @@ def safe_message(text: str) -> str:
 def headed(head: str, rest: str = "", *, style: str = "bold") -> Text:
     """A line whose first words stand out.
 
-    Parameters
-    ----------
-    head : str
-        The first words.
-    rest : str
-        What follows them.
-    style : str
-        Style of the first words, in Rich's terms.
-
-    Returns
-    -------
-    Text
-        The line.
-
     Examples
     --------
     >>> str(headed("MOST [/run 3]", ": 5 slews"))
@@ -221,92 +205,114 @@ def headed(head: str, rest: str = "", *, style: str = "bold") -> Text:
 def narrow_table(
     console: Console, first: str, *headings: str, wrapping: Sequence[str] = ()
 ) -> Table:
-    """A table that fits 80 columns: the first column gives way, numbers never do.
-
-    Parameters
-    ----------
-    console : Console
-        Where it will be printed.
-    first : str
-        Heading of the names, which are folded where they are long.
-    *headings : str
-        Of the other columns; on a narrow console a heading is broken between its words.
-    wrapping : sequence of str
-        Those of them whose cells may be broken too.
-
-    Returns
-    -------
-    Table
-        Without rows.
-    """
-    table = Table(box=SIMPLE, pad_edge=False, collapse_padding=True)
+    """A table that fits 80 columns: the first column gives way, numbers never do."""
+    table = Table(box=SIMPLE, show_edge=False, pad_edge=False, collapse_padding=True)
     table.add_column(first, overflow="fold")
     for heading in headings:
         if heading in wrapping:
             longest = max(map(len, heading.split()))
             table.add_column(heading, overflow="fold", min_width=longest)
         else:
-            shown = heading.replace(" ", "\n", 1) if console.width <= _NARROW else heading
+            shown = heading.replace(" ", "\n", 1) if console.width < _NARROW else heading
             table.add_column(shown, no_wrap=True)
     return table
 
 
-def indented(line: str) -> Padding:
-    """A line two columns to the right, on all the rows that it takes.
+def quantity(value: float, unit: str) -> str:
+    """A size, such as an sd, to two digits with its unit; angles in arc seconds.
 
-    Parameters
-    ----------
-    line : str
-        The text.
-
-    Returns
-    -------
-    Padding
-        To be printed.
+    Examples
+    --------
+    >>> quantity(2.9e-4, "rad"), quantity(0.0312, "kg m^2"), quantity(3.6e-5, "")
+    ('60 arcsec', '0.031 kg m²', '3.6 × 10⁻⁵')
     """
+    from bayes_inertia.report.formatting import arcsec_text, number, unit_text
+
+    if unit == "rad":
+        return f"{arcsec_text(value)} arcsec"
+    power = math.floor(math.log10(value)) if 0.0 < value < _SMALLEST_PLAIN else 0
+    factor = f" × {unit_text('', power).removeprefix('× ')}" if power else ""
+    return f"{number(value, value, power)}{factor} {unit_text(unit) if unit else ''}".rstrip()
+
+
+def unit_powers(sds: Iterable[tuple[str, float]]) -> dict[str, int]:
+    """By unit, the power of ten, a multiple of three, in which all (unit, sd) of it read best.
+
+    Examples
+    --------
+    >>> unit_powers([("kg m^2", 2e-4), ("kg m^2", 9e-5), ("rad", 0.1)])
+    {'kg m^2': -3, 'rad': 0}
+    """
+    sizes: dict[str, list[float]] = {}
+    for unit, sd in sds:
+        sizes.setdefault(unit, []).append(math.log10(sd))
+    return {unit: 3 * round(statistics.median(logs) / 3.0) for unit, logs in sizes.items()}
+
+
+def indented(line: str) -> Padding:
+    """A line two columns to the right, on all the rows that it takes."""
     return Padding(Text(line), (0, 0, 0, 2), expand=False)
 
 
 def say(sentence: str) -> None:
-    """Print a sentence on stderr, whether it is a terminal or not.
+    """Print a sentence on stderr, whether it is a terminal or not."""
+    if not _QUIET.get():
+        # By way of sys.stderr, which Rich redirects: so it stands above a progress bar.
+        print(sentence, file=sys.stderr, flush=True)
 
-    Parameters
-    ----------
-    sentence : str
-        What should be known.
-    """
-    plain_console(stderr=True).print(sentence, soft_wrap=True)
+
+def open_in_browser(page: Path, wanted: bool) -> None:
+    """Open a page in the user's browser if that is wanted; without either nothing happens."""
+    if not (wanted and page.is_file()):
+        return
+    with suppress(webbrowser.Error, OSError):
+        browser = webbrowser.get()
+        # One without windows would take the terminal, unless the user chose it.
+        if type(browser) is not webbrowser.GenericBrowser or "BROWSER" in os.environ:
+            browser.open(page.resolve().as_uri())
+
+
+class _Stage(ProgressColumn):
+    """The time since the command began, the stage, how far it is, and what is left of it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._began = monotonic()
+
+    def render(self, task: Task) -> Text:
+        """`0:01:40  sampling, steps 10/128, 0:00:09 left`."""
+        text = f"{_duration(monotonic() - self._began)}  {task.description}"
+        if task.total:
+            text += f" {task.completed:.0f}/{task.total:.0f}"
+        if task.total and task.time_remaining is not None:
+            text += f", {_duration(task.time_remaining)} left"
+        return Text(text, overflow="ellipsis")
+
+
+def _duration(seconds: float) -> str:
+    """Hours, minutes and seconds."""
+    return str(timedelta(seconds=int(seconds)))
 
 
 @contextmanager
-def progress_bar() -> Iterator[Callable[[str, int, int], None] | None]:
-    """A callback that draws progress on stderr while the context lasts.
-
-    Yields
-    ------
-    callable or None
-        To be called with (what, done, of). None if stderr is not a terminal, or in quiet.
-    """
+def progress_bar() -> Iterator[Progress]:
+    """A callback that shows the stage of a command on stderr while the context lasts."""
     console = plain_console(stderr=True)
     if not console.is_terminal or console.quiet:
-        yield None
+        yield silent
         return
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
+    spinner = SpinnerColumn("line" if console.options.ascii_only else "dots")
+    live = Live(
+        spinner, _Stage(), console=console, transient=True, speed_estimate_period=_SPEED_PERIOD
     )
-    with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("starting", total=None)
+    with live:
+        live.add_task("starting", total=None)
 
-        def update(what: str, done: int, of: int) -> None:
-            if what != progress.tasks[0].description:
-                # The time that is left counts from the beginning of this step.
-                progress.reset(task, description=what, total=of)
-            progress.update(task, completed=done, total=of)
+        def update(stage: str, done: int, of: int) -> None:
+            if stage != live.tasks[0].description:
+                # Anew, so that the time that is left counts from the beginning of this stage.
+                live.remove_task(live.tasks[0].id)
+                live.add_task(stage, total=of or None)
+            live.update(live.tasks[0].id, completed=done)
 
         yield update

@@ -38,18 +38,10 @@ def reduced(campaign: Campaign, block: int | None = None) -> Campaign:
     Star-tracker fixes and changes of the commands keep their rows. All slews have one block length,
     because the sensor has one noise.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        Telemetry whose noise is white, at equal steps but for gaps.
-    block : int, optional
-        Readings a block; by default as many as the bandwidth of the motion allows.
-
-    Returns
-    -------
-    Campaign
-        The means at the mean times of their blocks, with sigma / sqrt(block) of rate sensor and
-        tachometers; the campaign itself if blocks of two are too long.
+    `campaign`: telemetry whose noise is white, at equal steps but for gaps. `block`: readings a
+    block; by default as many as the bandwidth of the motion allows. Returns: the means at the mean
+    times of their blocks, with sigma / sqrt(block) of rate sensor and tachometers; the campaign
+    itself if blocks of two are too long.
 
     Examples
     --------
@@ -87,17 +79,9 @@ def without_surplus_rows(campaign: Campaign) -> Campaign:
 
     What searches among many hypotheses then costs as the motion does, not as the sampling.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What was flown.
-
-    Returns
-    -------
-    Campaign
-        The very object where slews have few rows or torque commands (whose changes a late reading
-        shows within a block), its noise is stated to be correlated, or its rates are rounded
-        coarsely.
+    Returns: the very object where slews have few rows or torque commands (whose changes a late
+    reading shows within a block), its noise is stated to be correlated, or its rates are rounded
+    coarsely.
 
     Examples
     --------
@@ -112,15 +96,7 @@ def without_surplus_rows(campaign: Campaign) -> Campaign:
 def readings_a_mean(campaign: Campaign) -> int:
     """How many readings a diagnosis averages.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What was flown.
-
-    Returns
-    -------
-    int
-        1 where readings stay as they are, see `without_surplus_rows`.
+    Returns: 1 where readings stay as they are, see `without_surplus_rows`.
     """
     rates = [np.asarray(slew.rate) for slew in campaign.slews if slew.rate is not None]
     commanded = any(slew.wheel_torque is not None for slew in campaign.slews)
@@ -145,16 +121,6 @@ def longest_block(campaign: Campaign) -> int:
 
     Rates of a free body change at frequencies up to |w| + |h| / J, in rad/s: its own rate, and that
     of its nutation about the momentum of its wheels.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        What was flown.
-
-    Returns
-    -------
-    int
-        At least 1, for which nothing is averaged.
 
     Examples
     --------

@@ -41,6 +41,9 @@ class Campaign:
         At least one, all with rates.
     dirt : sequence of Dirt, optional
         Faults of the telemetry that the reader treated, in the order of the slews.
+    mission : sequence of (str, str), optional
+        What reports are filed under: `name`, `spacecraft`, `operator` and `document`, as far as
+        they are known.
 
     Raises
     ------
@@ -62,11 +65,13 @@ class Campaign:
     star_tracker: StarTracker | None
     slews: tuple[Slew, ...]
     dirt: tuple[Dirt, ...] = ()
+    mission: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "wheels", tuple(self.wheels))
         object.__setattr__(self, "dirt", tuple(self.dirt))
         object.__setattr__(self, "slews", tuple(self.slews))
+        object.__setattr__(self, "mission", tuple(self.mission))
         advice = "list at least one [[slews]] table"
         require(len(self.slews) > 0, "slews", "the campaign has no slew", advice)
         _require_different("wheels", [wheel.name for wheel in self.wheels])

@@ -20,9 +20,9 @@ from bayes_inertia.campaign.schema import (
 )
 from bayes_inertia.campaign.slew import bad_quaternion
 from bayes_inertia.campaign.streams import Stream
-from bayes_inertia.campaign.table import Table
 from bayes_inertia.campaign.units import to_si
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.tables.number_table import Table
 
 # Entry of [columns] -> field of `Slew`.
 _CHANNELS = {
@@ -43,26 +43,10 @@ def stream_from_table(
 
     A star tracker or an environment whose columns are all empty is left out.
 
-    Parameters
-    ----------
-    table : Table
-        The telemetry, in the file's own units and in the order of time.
-    columns : ColumnsPart
-        What each column means.
-    stream : Stream
-        Which entries of `columns` to take from the table, and their clock.
-    spin_inertias : (wheels,) array
-        Spin inertia of each wheel [kg m^2], to turn wheel speed into momentum.
-
-    Returns
-    -------
-    dict of str to array
-        Channels (rows, width), named as `Slew` names them, and their true "time" (rows,) [s].
-
-    Raises
-    ------
-    CampaignError
-        If a cell is empty that must not be, or a quaternion is bad; the error names the line.
+    `table`: the telemetry, in the file's own units and in the order of time. `stream`: which
+    entries of `columns` to take from the table, and their clock. `spin_inertias` (wheels,): spin
+    inertia of each wheel [kg m^2], to turn wheel speed into momentum. Returns: channels (rows,
+    width), named as `Slew` names them, and their true "time" (rows,) [s].
     """
     time = to_si(table.columns[stream.time.names[0]], "time", stream.time.unit)
     # Adding nothing would make a zero of -0.0.

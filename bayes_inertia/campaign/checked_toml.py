@@ -21,26 +21,8 @@ from bayes_inertia.errors import CampaignError
 def parse_toml[Form: BaseModel](text: str, label: str, form: type[Form]) -> Form:
     """The content of a TOML file, every key checked.
 
-    Parameters
-    ----------
-    text : str
-        The content of the file.
-    label : str
-        The file, as messages name it.
-    form : type of pydantic model
-        The form of the file. A table that has one of several forms is a union of them, told apart
-        by one key (a pydantic discriminator).
-
-    Returns
-    -------
-    pydantic model
-        What the file says, an instance of `form`.
-
-    Raises
-    ------
-    CampaignError
-        If it is no TOML (naming the line), or a key is unknown, missing, or of a wrong type or
-        value (naming the key).
+    `form`: the form of the file. A table that has one of several forms is a union of them, told
+    apart by one key (a pydantic discriminator).
 
     Examples
     --------
@@ -55,23 +37,6 @@ def parse_toml[Form: BaseModel](text: str, label: str, form: type[Form]) -> Form
 
 def toml_document(text: str, label: str) -> dict[str, Any]:
     """The content of a TOML file, its keys not yet checked.
-
-    Parameters
-    ----------
-    text : str
-        The content of the file.
-    label : str
-        The file, as messages name it.
-
-    Returns
-    -------
-    dict
-        The content.
-
-    Raises
-    ------
-    CampaignError
-        If it is no TOML; the error names the line.
 
     Examples
     --------
@@ -88,25 +53,6 @@ def checked_document[Form: BaseModel](
     document: dict[str, Any], label: str, form: type[Form]
 ) -> Form:
     """The content of a TOML file in its form.
-
-    Parameters
-    ----------
-    document : dict
-        The content.
-    label : str
-        The file, as messages name it.
-    form : type of pydantic model
-        As for `parse_toml`.
-
-    Returns
-    -------
-    pydantic model
-        The content as an instance of `form`.
-
-    Raises
-    ------
-    CampaignError
-        If a key is unknown, missing, or of a wrong type or value; the error names it.
 
     Examples
     --------
@@ -278,16 +224,6 @@ class _Wording:
 
 def table_label(table: Any) -> str:
     """What messages call a table that is one of several: its name, or what it holds.
-
-    Parameters
-    ----------
-    table : Any
-        A value of a document.
-
-    Returns
-    -------
-    str
-        The label; empty if the table has none.
 
     Examples
     --------

@@ -14,22 +14,6 @@ from bayes_inertia.maths.values import Vector
 def require(condition: bool, key: str, what: str, advice: str) -> None:
     """Raise an error that names a key of the campaign, unless a condition holds.
 
-    Parameters
-    ----------
-    condition : bool
-        What must hold.
-    key : str
-        The key of `campaign.toml`, such as "inertia.tensor".
-    what : str
-        What is wrong if it does not.
-    advice : str
-        What to do about it.
-
-    Raises
-    ------
-    CampaignError
-        If the condition does not hold.
-
     Examples
     --------
     >>> require(1.0 > 0.0, "rate_sensor.sigma", "is not positive", "give a positive number")
@@ -41,22 +25,7 @@ def require(condition: bool, key: str, what: str, advice: str) -> None:
 def unit_vector(value: Any, key: str) -> Vector:
     """Three numbers of length 1, as plain floats.
 
-    Parameters
-    ----------
-    value : (3,) array_like
-        A vector whose length is 1 to within a percent.
-    key : str
-        The key that errors name.
-
-    Returns
-    -------
-    tuple of float
-        The vector, its length made exactly 1.
-
-    Raises
-    ------
-    CampaignError
-        If `value` is no vector of three finite numbers, or its length is not 1.
+    `value` (3,): A vector whose length is 1 to within a percent.
 
     Examples
     --------
@@ -80,16 +49,8 @@ def unit_vector(value: Any, key: str) -> Vector:
 def unit_length(vectors: np.ndarray) -> np.ndarray:
     """Vectors divided by their length.
 
-    Parameters
-    ----------
-    vectors : (..., n) array
-        Vectors or quaternions, none of length zero.
-
-    Returns
-    -------
-    (..., n) array
-        The same directions. A vector whose length is 1 to rounding stays as it is, so that
-        reading what was written changes no digit.
+    `vectors` (..., n). Returns (..., n): the same directions. A vector whose length is 1 to
+    rounding stays as it is, so that reading what was written changes no digit.
 
     Examples
     --------
@@ -103,22 +64,7 @@ def unit_length(vectors: np.ndarray) -> np.ndarray:
 def triple(value: Any, key: str) -> Vector:
     """One number for each of three axes, as plain floats.
 
-    Parameters
-    ----------
-    value : float or (3,) array_like
-        One number for all axes, or one for each.
-    key : str
-        The key that errors name.
-
-    Returns
-    -------
-    tuple of float
-        Three numbers.
-
-    Raises
-    ------
-    CampaignError
-        If a number is not finite.
+    `value` (3,): one number for all axes, or one for each.
 
     Examples
     --------
@@ -134,20 +80,6 @@ def triple(value: Any, key: str) -> Vector:
 
 def require_positive(value: Any, key: str, *, optional: bool = False) -> None:
     """Raise an error unless numbers are finite and positive.
-
-    Parameters
-    ----------
-    value : float or array_like or None
-        The numbers.
-    key : str
-        The key that the error names.
-    optional : bool, optional
-        Whether None is accepted.
-
-    Raises
-    ------
-    CampaignError
-        If a number is not positive or not finite.
 
     Examples
     --------

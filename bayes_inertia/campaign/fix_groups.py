@@ -14,15 +14,7 @@ _OF_SLEW, _SPACINGS = 0.1, 5.0
 def fix_groups(slew: Slew) -> np.ndarray:
     """The group of every star-tracker fix.
 
-    Parameters
-    ----------
-    slew : Slew
-        Its fixes are grouped.
-
-    Returns
-    -------
-    (fixes,) array of int
-        Numbers of groups from 0, in the order of time; empty without fixes.
+    Returns (fixes,): numbers of groups from 0, in the order of time; empty without fixes.
 
     Examples
     --------

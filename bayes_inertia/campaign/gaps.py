@@ -24,17 +24,8 @@ Channels = dict[str, np.ndarray]
 def missing_rows(time: np.ndarray) -> tuple[np.ndarray, float]:
     """Where a regular stream lacks rows.
 
-    Parameters
-    ----------
-    time : (n,) array
-        Times of its readings [s], strictly increasing.
-
-    Returns
-    -------
-    before : (m,) array of int
-        The rows before the gaps; none if the stream is not regular, as a log of changes is.
-    step : float
-        The median step [s]; 0 with fewer than two rows.
+    `time` (n,) [s]. Returns `before` (m,): the rows before the gaps; none if the stream is not
+    regular, as a log of changes is; `step`: the median step [s]; 0 with fewer than two rows.
 
     Examples
     --------
@@ -53,15 +44,7 @@ def missing_rows(time: np.ndarray) -> tuple[np.ndarray, float]:
 def is_regular(time: np.ndarray) -> bool:
     """Whether rows come at one step, but for jitter and gaps.
 
-    Parameters
-    ----------
-    time : (n,) array
-        Times [s], strictly increasing.
-
-    Returns
-    -------
-    bool
-        False with fewer than six rows.
+    `time` (n,) [s].
 
     Examples
     --------
@@ -78,18 +61,7 @@ def is_regular(time: np.ndarray) -> bool:
 def unbroken_rows(time: np.ndarray, steps: int, step: float) -> np.ndarray:
     """Rows that so many regular steps follow.
 
-    Parameters
-    ----------
-    time : (n,) array
-        Times [s], strictly increasing.
-    steps : int
-        How many.
-    step : float
-        The regular step [s].
-
-    Returns
-    -------
-    (m,) array of int
+    `time` (n,) [s]; `step` [s]. Returns (m,).
 
     Examples
     --------
@@ -105,19 +77,8 @@ def unbroken_rows(time: np.ndarray, steps: int, step: float) -> np.ndarray:
 def with_rows_at(channels: Channels, times: np.ndarray, step: float) -> Channels:
     """Copies of channels that have a row at each of some times.
 
-    Parameters
-    ----------
-    channels : dict of str to array
-        Channels (n, width) and "time" (n,) [s].
-    times : (m,) array
-        Increasing times [s].
-    step : float
-        The regular step [s]; a row within `SAME_ROW` of it is the row of a time.
-
-    Returns
-    -------
-    dict of str to array
-        With new rows, NaN but for their time.
+    `channels` [s]; `times` (m,) [s]. `step`: the regular step [s]; a row within `SAME_ROW` of it is
+    the row of a time.
 
     Examples
     --------
@@ -143,15 +104,7 @@ def gap_records(slew: Slew) -> list[Dirt]:
 
     They cost information and nothing else: the motion is integrated across them.
 
-    Parameters
-    ----------
-    slew : Slew
-        The telemetry.
-
-    Returns
-    -------
-    list of Dirt
-        At most one a channel; its rows are those before the gaps.
+    Returns: at most one a channel; its rows are those before the gaps.
 
     Examples
     --------
@@ -177,17 +130,7 @@ def gap_records(slew: Slew) -> list[Dirt]:
 def gap_note(count: int, longest: float) -> str:
     """How many gaps there are, and how long they are.
 
-    Parameters
-    ----------
-    count : int
-        How many.
-    longest : float
-        Length of the longest [s].
-
-    Returns
-    -------
-    str
-        Such as "3 gaps, the longest of 2.5 s".
+    `longest` [s]. Returns: such as "3 gaps, the longest of 2.5 s".
 
     Examples
     --------
@@ -202,18 +145,9 @@ def without_intervals(
 ) -> list[Channels]:
     """Channels cut where nothing may lead across.
 
-    Parameters
-    ----------
-    channels : dict of str to array
-        Channels (n, width) and "time" (n,) [s].
-    intervals : sequence of (float, float)
-        From the last time before to the first time after each cut [s]; rows between are left out.
-        Infinite where rows before the first time or after the last are left out.
-
-    Returns
-    -------
-    list of dict of str to array
-        The parts, in order; those with hardly any rate are left out.
+    `channels` [s]. `intervals`: from the last time before to the first time after each cut [s];
+    rows between are left out. Infinite where rows before the first time or after the last are left
+    out. Returns: the parts, in order; those with hardly any rate are left out.
 
     Examples
     --------

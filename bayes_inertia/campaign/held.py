@@ -72,19 +72,11 @@ def held_readings(
 ) -> list[HeldReadings | None]:
     """Repeated readings of a channel whose sensor was polled faster than it measures.
 
-    Parameters
-    ----------
-    series : sequence of (time, readings)
-        Times (n,) and readings (n, k), NaN where there is none; of each slew, in any unit.
-    by_axis : bool, optional
-        Whether axes may be held each by itself; if not, only whole rows are.
-
-    Returns
-    -------
-    list of HeldReadings or None
-        For each slew; None where readings are not held. The first of equal readings counts as
-        read. In runs that are much longer than usual there is one in each usual length: whether
-        they are stuck is for `stuck_readings` to tell.
+    `series`: times (n,) and readings (n, k), NaN where there is none; of each slew, in any unit.
+    `by_axis`: whether axes may be held each by itself; if not, only whole rows are. Returns: for
+    each slew; None where readings are not held. The first of equal readings counts as read. In runs
+    that are much longer than usual there is one in each usual length: whether they are stuck is for
+    `stuck_readings` to tell.
 
     Examples
     --------
@@ -132,17 +124,7 @@ def counted_once(
 ) -> list[list[StreamRows]]:
     """All streams with empty cells where a reading only repeats the one before.
 
-    Parameters
-    ----------
-    slews : sequence of sequence of StreamRows
-        The streams of each slew.
-    columns : ColumnsPart
-        What they hold.
-
-    Returns
-    -------
-    list of list of StreamRows
-        The same with a record of kind "duplicate" where readings are held.
+    Returns: the same with a record of kind "duplicate" where readings are held.
     """
     result = [list(streams) for streams in slews]
     for key, channel in _CHANNELS.items():

@@ -22,15 +22,7 @@ _TIMES_THE_LIMIT = 100.0  # of a wheel
 def impossible_rates(rate: np.ndarray) -> np.ndarray:
     """Which readings of a rate sensor no spacecraft can cause.
 
-    Parameters
-    ----------
-    rate : (n, 3) array
-        Readings [rad/s]; NaN where there is none.
-
-    Returns
-    -------
-    (n, 3) array of bool
-        True where they are faster than 1000 rad/s.
+    `rate` (n, 3) [rad/s]. Returns (n, 3).
 
     Examples
     --------
@@ -43,17 +35,8 @@ def impossible_rates(rate: np.ndarray) -> np.ndarray:
 def impossible_momentum(momentum: np.ndarray, wheels: Sequence[Wheel]) -> np.ndarray:
     """Which readings of the tachometers no wheel can cause.
 
-    Parameters
-    ----------
-    momentum : (n, wheels) array
-        Readings [N m s]; NaN where there is none.
-    wheels : sequence of Wheel
-        The wheels, with their limits where they are known.
-
-    Returns
-    -------
-    (n, wheels) array of bool
-        True beyond a hundred times the wheel's limit.
+    `momentum` (n, wheels): readings [N m s]; NaN where there is none. `wheels`: the wheels, with
+    their limits where they are known. Returns (n, wheels).
 
     Examples
     --------
@@ -73,19 +56,10 @@ def without_impossible_torques(
 ) -> tuple[dict[str, np.ndarray], list[tuple[Dirt, np.ndarray]]]:
     """Channels without commands that no wheel can follow: what was commanded then is unknown.
 
-    Parameters
-    ----------
-    channels : dict of str to array
-        Channels (n, width) by the name of `Slew`, with "time".
-    wheels : sequence of Wheel
-        The wheels, with their limits where they are known.
-
-    Returns
-    -------
-    channels : dict of str to array
-        The same with NaN for these commands.
-    dirt : list of (Dirt, array)
-        A record without slew and rows, and the times [s] that it concerns; empty if there is none.
+    `channels`: channels (n, width) by the name of `Slew`, with "time". `wheels`: the wheels, with
+    their limits where they are known. Returns `channels`: the same with NaN for these commands;
+    `dirt`: A record without slew and rows, and the times [s] that it concerns; empty if there is
+    none.
 
     Examples
     --------

@@ -23,16 +23,6 @@ def with_dirt_masked(campaign: Campaign) -> Campaign:
     become NaN; gaps, saturated readings and quantisation are recorded. A campaign without such
     faults stays as it is, to the last digit.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        As it was read.
-
-    Returns
-    -------
-    Campaign
-        The same with records added to `dirt`.
-
     Examples
     --------
     >>> from bayes_inertia.campaign.inertia_prior import InertiaPrior

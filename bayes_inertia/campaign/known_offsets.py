@@ -32,45 +32,31 @@ def known_offset(
 ) -> tuple[float, str, int] | None:
     """The known offset that puts readings beside slews which they all miss.
 
-    Parameters
-    ----------
-    times : (n,) array
-        Times of the readings [s].
-    spans : sequence of (float, float)
-        Start and end of each slew [s].
-
-    Returns
-    -------
-    seconds : float
-        What is to be added to the times.
-    why : str
-        What differs by it.
-    inside : int
-        How many readings then lie in a slew.
+    `times` (n,) [s]; `spans` [s]. Returns `seconds`: what is to be added to the times; `inside`:
+    how many readings then lie in a slew.
 
     Examples
     --------
     >>> known_offset(np.array([3605.0, 3690.0]), [(0.0, 99.0)])
     (-3600.0, '1 h, as of a time zone', 2)
     """
+    best, most = None, _MOST * len(times)
     for size, why in likely_offsets():
+        # Several scales may do, of which the best is meant; zones come after them.
+        if best is not None and size not in KNOWN_OFFSETS:
+            break
         for seconds in (-size, size):
             moved = times + seconds
-            inside = sum(((moved >= start) & (moved <= end)).sum() for start, end in spans)
-            if inside > _MOST * len(times):
-                return seconds, why, int(inside)
-    return None
+            inside = sum(int(((moved >= a) & (moved <= b)).sum()) for a, b in spans)
+            if inside > most:
+                best, most = (seconds, why, inside), inside
+    return best
 
 
 def likely_offsets() -> Iterator[tuple[float, str]]:
     """What clocks differ by: scales, time zones, and both.
 
-    Yields
-    ------
-    seconds : float
-        An offset, the most common first [s].
-    why : str
-        What differs by it.
+    Returns `seconds`: an offset, the most common first [s].
 
     Examples
     --------

@@ -34,15 +34,7 @@ class _Limits:
 def with_known_momentum(campaign: Campaign) -> Campaign:
     """The campaign with slews cut where the momentum that drives the model is unknown.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        As it was read.
-
-    Returns
-    -------
-    Campaign
-        The same if commands drive it, or if straight lines bridge all gaps of the tachometers.
+    Returns: the same if commands drive it, or if straight lines bridge all gaps of the tachometers.
     """
     if campaign.has_commands or not campaign.wheels or not campaign.has_tachometers:
         return campaign

@@ -16,15 +16,8 @@ _FEWEST_VALUES = 3  # different ones
 def quantisation_step(values: np.ndarray) -> float | None:
     """The step of which all differences between readings are whole multiples.
 
-    Parameters
-    ----------
-    values : (n,) array
-        Readings of one axis; NaN where there is none.
-
-    Returns
-    -------
-    float or None
-        In the readings' unit; None if there is no such step, or too few different values.
+    `values` (n,): readings of one axis; NaN where there is none. Returns: in the readings' unit;
+    None if there is no such step, or too few different values.
 
     Examples
     --------
@@ -44,16 +37,6 @@ def quantisation_step(values: np.ndarray) -> float | None:
 
 def quantisation_sigma(step: float) -> float:
     """Standard deviation of the error of rounding to a step.
-
-    Parameters
-    ----------
-    step : float
-        The step.
-
-    Returns
-    -------
-    float
-        step / sqrt(12), in its unit.
 
     Examples
     --------

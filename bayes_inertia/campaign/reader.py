@@ -14,7 +14,6 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.channels import stream_from_table
 from bayes_inertia.campaign.commands import with_known_torques
-from bayes_inertia.campaign.csv_table import read_table
 from bayes_inertia.campaign.description import parse_description
 from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
@@ -29,7 +28,6 @@ from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import located, parts_of
 from bayes_inertia.campaign.stream_clocks import StreamRows, on_their_clocks
 from bayes_inertia.campaign.streams import Stream, streams_of, union
-from bayes_inertia.campaign.table import Table
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import (
     description_path,
@@ -39,6 +37,7 @@ from bayes_inertia.files import (
     text_of,
     write_atomically,
 )
+from bayes_inertia.tables.number_table import Table, read_table
 
 # Errors below these shares of the noise of one reading are not told by all readings together.
 _OF_RATE_NOISE, _OF_ATTITUDE_NOISE = 0.02, 0.1
@@ -77,22 +76,8 @@ def read_campaign(path: str | Path) -> Campaign:
 def read_unmasked(path: str | Path, *, keep_commands: bool = False) -> Campaign:
     """The campaign in a folder with every reading as it was written, believable or not.
 
-    Parameters
-    ----------
-    path : str or Path
-        As for `read_campaign`.
-    keep_commands : bool, optional
-        Whether commands with gaps are kept although tachometers make them unnecessary.
-
-    Returns
-    -------
-    Campaign
-        The campaign before impossible and stuck readings are masked.
-
-    Raises
-    ------
-    CampaignError
-        As `read_campaign`.
+    `keep_commands`: whether commands with gaps are kept although tachometers make them unnecessary.
+    Returns: the campaign before impossible and stuck readings are masked.
     """
     description = description_path(path)
     parsed = parse_description(text_of(read_bytes(description), str(description)), str(description))
@@ -112,8 +97,10 @@ def read_unmasked(path: str | Path, *, keep_commands: bool = False) -> Campaign:
             raise error.inside(str(description)) from None
         slews += parts
         dirt += located(records + unknown, parts)
+    stated = {} if parsed.mission is None else parsed.mission.model_dump(exclude_none=True)
+    hardware |= {"slews": tuple(slews), "dirt": tuple(dirt), "mission": tuple(stated.items())}
     try:
-        return Campaign(name=parsed.name, slews=tuple(slews), dirt=tuple(dirt), **hardware)
+        return Campaign(name=parsed.name, **hardware)
     except CampaignError as error:
         raise error.inside(str(description)) from None
 
@@ -123,21 +110,6 @@ def campaign_sha256(path: str | Path) -> str:
 
     It changes with any byte of those files, and with nothing else: not with the folder's place,
     not with other files in it.
-
-    Parameters
-    ----------
-    path : str or Path
-        As for `read_campaign`.
-
-    Returns
-    -------
-    str
-        SHA-256 as 64 hexadecimal digits.
-
-    Raises
-    ------
-    CampaignError
-        If the description is invalid or a table is missing.
     """
     digest = hashlib.sha256()
     for name, data in _files(path):
@@ -150,24 +122,7 @@ def campaign_sha256(path: str | Path) -> str:
 def copy_campaign(path: str | Path, folder: str | Path) -> Path:
     """Copy a campaign's description and the tables it names, byte for byte.
 
-    Parameters
-    ----------
-    path : str or Path
-        As for `read_campaign`.
-    folder : str or Path
-        Where to; made if absent. Identical files may be there already.
-
-    Returns
-    -------
-    Path
-        The folder.
-
-    Raises
-    ------
-    CampaignError
-        If the description is invalid or a table is missing.
-    OutputError
-        If the folder cannot be written, or holds a file of another content.
+    `folder`: where to; made if absent. Identical files may be there already.
     """
     folder = Path(folder)
     wanted = {folder / name: data for name, data in _files(path)}

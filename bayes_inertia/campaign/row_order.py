@@ -15,8 +15,8 @@ import numpy as np
 
 from bayes_inertia.campaign.dirt import Dirt, DirtKind, Treatment
 from bayes_inertia.campaign.stamps import regular_stamps
-from bayes_inertia.campaign.table import Table
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.tables.number_table import Table
 
 # More wrong stamps than this share of all rows are no single glitches.
 _GLITCHES = 0.02
@@ -41,17 +41,8 @@ def set_back_row(stamps: np.ndarray, contents: np.ndarray) -> int | None:
     Rows that only came late fill a hole among the others, or were sent again with the same content.
     A few rows (three) out of order are no clock that was set back.
 
-    Parameters
-    ----------
-    stamps : (n,) array
-        Times in the order of the rows.
-    contents : (n, width) array
-        What the rows hold; NaN for nothing.
-
-    Returns
-    -------
-    int or None
-        The row, counted from 0; None where no clock was set back.
+    `stamps` (n,); `contents` (n, width). Returns: the row, counted from 0; None where no clock was
+    set back.
 
     Examples
     --------
@@ -112,27 +103,8 @@ def _explained(
 def ordered_rows(table: Table, time: str, names: Sequence[str]) -> tuple[Table, list[Dirt]]:
     """The rows of a table in the order of their strictly increasing times.
 
-    Parameters
-    ----------
-    table : Table
-        The telemetry.
-    time : str
-        The column of times.
-    names : sequence of str
-        The columns whose content counts.
-
-    Returns
-    -------
-    table : Table
-        The same table if its times increase strictly; else its rows in order.
-    dirt : list of Dirt
-        What was done; `rows` counts the rows of the table that is returned, `slew` is empty.
-
-    Raises
-    ------
-    CampaignError
-        If a time is empty or too coarse, is given twice with different content, or the clock jumps
-        back or far away; the error names the line.
+    Returns `table`: the same table if its times increase strictly; else its rows in order; `dirt`:
+    what was done; `rows` counts the rows of the table that is returned, `slew` is empty.
 
     Examples
     --------

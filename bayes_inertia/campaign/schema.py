@@ -46,6 +46,15 @@ class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
 
 
+class MissionPart(_Part):
+    """`[mission]`: what reports are filed under; nothing is computed from it."""
+
+    name: str | None = None
+    spacecraft: str | None = None
+    operator: str | None = None
+    document: str | None = None
+
+
 class InertiaPart(_Part):
     """`[inertia]`: what was known before flight."""
 
@@ -253,3 +262,4 @@ class CampaignPart(_Part):
     )
     wheels: list[WheelPart] = Field(default=[])
     star_tracker: StarTrackerPart | None = None
+    mission: MissionPart | None = None

@@ -35,20 +35,11 @@ def with_short_gaps_filled(
 ) -> tuple[Channels, list[tuple[Dirt, np.ndarray]]]:
     """Channels with rows for the commands that were lost, where a smooth curve is as good.
 
-    Parameters
-    ----------
-    channels : dict of str to array
-        Channels (n, width) by the name of `Slew`, with "wheel_torque" and "time"; NaN where no
-        command was recorded.
-    negligible : float
-        Error of the wheels' momentum that does not matter [N m s].
-
-    Returns
-    -------
-    channels : dict of str to array
-        The same where nothing is filled; else with new rows, NaN but for their time and commands.
-    dirt : list of (Dirt, array)
-        A record without slew and rows, and the times [s] before and after the gaps.
+    `channels`: channels (n, width) by the name of `Slew`, with "wheel_torque" and "time"; NaN where
+    no command was recorded. `negligible`: error of the wheels' momentum that does not matter [N m
+    s]. Returns `channels`: the same where nothing is filled; else with new rows, NaN but for their
+    time and commands; `dirt`: A record without slew and rows, and the times [s] before and after
+    the gaps.
 
     Examples
     --------

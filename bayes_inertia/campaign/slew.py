@@ -187,15 +187,8 @@ class Slew:
 def bad_quaternion(attitude: np.ndarray) -> tuple[int, str] | None:
     """The first row that is neither empty nor a unit quaternion.
 
-    Parameters
-    ----------
-    attitude : (n, 4) array
-        Quaternions; four NaN in a row that is empty.
-
-    Returns
-    -------
-    tuple of int and str, or None
-        The row and what is wrong with it; None if all rows are good.
+    `attitude` (n, 4): quaternions; four NaN in a row that is empty. Returns: the row and what is
+    wrong with it; None if all rows are good.
 
     Examples
     --------

@@ -16,22 +16,8 @@ from bayes_inertia.errors import CampaignError
 def parts_of(slew: Slew, pieces: Sequence[dict[str, np.ndarray]]) -> list[Slew]:
     """A slew for each piece of its channels.
 
-    Parameters
-    ----------
-    slew : Slew
-        The whole.
-    pieces : sequence of dict of str to array
-        Channels (rows, width) and "time" (rows,) [s] of each piece.
-
-    Returns
-    -------
-    list of Slew
-        A single piece keeps the name; axis and angle of the rotation are those of a whole slew.
-
-    Raises
-    ------
-    CampaignError
-        If there is no piece.
+    `pieces`: channels (rows, width) and "time" (rows,) [s] of each piece. Returns: A single piece
+    keeps the name; axis and angle of the rotation are those of a whole slew.
 
     Examples
     --------
@@ -61,17 +47,9 @@ def parts_of(slew: Slew, pieces: Sequence[dict[str, np.ndarray]]) -> list[Slew]:
 def located(records: Sequence[tuple[Dirt, np.ndarray]], slews: Sequence[Slew]) -> list[Dirt]:
     """Records with the names and rows of the slews that hold the times they concern.
 
-    Parameters
-    ----------
-    records : sequence of (Dirt, array)
-        Records and the times [s] that each concerns; none if it concerns all rows.
-    slews : sequence of Slew
-        The parts of one slew; a time between two of them belongs to the nearer one.
-
-    Returns
-    -------
-    list of Dirt
-        One for each record and each slew that it concerns.
+    `records`: records and the times [s] that each concerns; none if it concerns all rows. `slews`:
+    the parts of one slew; a time between two of them belongs to the nearer one. Returns: one for
+    each record and each slew that it concerns.
 
     Examples
     --------

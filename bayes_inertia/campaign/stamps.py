@@ -27,19 +27,9 @@ _FEWEST_ROWS = 20
 def regular_stamps(time: np.ndarray, unit: str = "s") -> tuple[np.ndarray, Dirt | None]:
     """Times of the regular clock that rounded stamps show; else the stamps.
 
-    Parameters
-    ----------
-    time : (n,) array
-        Stamps, in the unit they were written in, strictly increasing.
-    unit : str, optional
-        That unit, for the note.
-
-    Returns
-    -------
-    time : (n,) array
-        The clock's times if its steps are lost in rounding, else the stamps.
-    dirt : Dirt or None
-        What was done, without slew; None if stamps are even, or come from several clocks.
+    `time` (n,): stamps, in the unit they were written in, strictly increasing. Returns `time` (n,):
+    the clock's times if its steps are lost in rounding, else the stamps; `dirt`: what was done,
+    without slew; None if stamps are even, or come from several clocks.
 
     Examples
     --------

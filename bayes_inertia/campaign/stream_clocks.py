@@ -11,9 +11,9 @@ from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.schema import ColumnsPart
 from bayes_inertia.campaign.stamps import regular_stamps
 from bayes_inertia.campaign.streams import Stream
-from bayes_inertia.campaign.table import Table
 from bayes_inertia.campaign.uneven_stamps import StampSlope, regular_clock, slope_of_readings
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.tables.number_table import Table
 
 _READINGS = ("rate", "wheel_momentum", "wheel_speed")
 
@@ -44,17 +44,7 @@ class StreamRows:
     def at(self, times: np.ndarray, dirt: Dirt | None) -> StreamRows:
         """The same rows at other times.
 
-        Parameters
-        ----------
-        times : (rows,) array
-            In the unit of the stamps.
-        dirt : Dirt or None
-            What is to be recorded.
-
-        Returns
-        -------
-        StreamRows
-            The rows.
+        `times` (rows,).
         """
         columns = {**self.table.columns, self.stream.time.names[0]: times}
         records = self.dirt if dirt is None else (*self.dirt, dirt)
@@ -70,22 +60,7 @@ def on_their_clocks(
     jitter become those of a regular clock where `regular = true` says so, or where the readings of
     all slews show that sampling does not jitter; else they are kept.
 
-    Parameters
-    ----------
-    slews : sequence of sequence of StreamRows
-        The streams of each slew.
-    columns : ColumnsPart
-        What they hold.
-
-    Returns
-    -------
-    list of list of StreamRows
-        The same with their times, and with a record of what was done.
-
-    Raises
-    ------
-    CampaignError
-        If a clock is called regular, and no regular clock explains its stamps.
+    Returns: the same with their times, and with a record of what was done.
     """
     placed = [[_rounded(rows) for rows in streams] for streams in slews]
     uneven: dict[tuple, list[tuple[int, int]]] = {}

@@ -42,17 +42,7 @@ class Stream:
 def streams_of(slew: SlewPart, columns: ColumnsPart) -> list[Stream]:
     """The streams of a slew, in the order of `[columns]`.
 
-    Parameters
-    ----------
-    slew : SlewPart
-        One of `[[slews]]`.
-    columns : ColumnsPart
-        What its tables hold.
-
-    Returns
-    -------
-    list of Stream
-        One if all entries share a table and a clock.
+    `slew` [slews]. Returns: one if all entries share a table and a clock.
     """
     keys: dict[tuple[str, str, str, bool, float], tuple[TimeColumn, list[str]]] = {}
     for key, entry in columns.given().items():
@@ -73,23 +63,9 @@ def union(streams: Sequence[dict[str, np.ndarray]], label: str) -> dict[str, np.
 
     Times closer than a nanosecond, or than the rounding of large times, are one time.
 
-    Parameters
-    ----------
-    streams : sequence of dict of str to array
-        Channels (rows, width) by the name of `Slew`, each with its own "time" (rows,) [s].
-    label : str
-        The slew, as messages name it.
-
-    Returns
-    -------
-    dict of str to array
-        Channels (n, width) with NaN where a stream has no reading, and "time" (n,) [s]; a single
-        stream as it is.
-
-    Raises
-    ------
-    CampaignError
-        If two rows of one stream are closer than times can be told apart.
+    `streams`: channels (rows, width) by the name of `Slew`, each with its own "time" (rows,) [s].
+    Returns: channels (n, width) with NaN where a stream has no reading, and "time" (n,) [s]; a
+    single stream as it is.
 
     Examples
     --------

@@ -25,17 +25,9 @@ _LEAST_NOISE = 0.2
 def stuck_readings(readings: np.ndarray, sigma: Sequence[float | None]) -> np.ndarray:
     """Which readings repeat those before them for too long, in one axis or in all.
 
-    Parameters
-    ----------
-    readings : (n, k) array
-        Readings of k axes in the order of time; NaN where there is none.
-    sigma : sequence of float or None
-        Stated noise of each axis; None leaves the axis out.
-
-    Returns
-    -------
-    (n, k) array of bool
-        True in stuck runs, from their first reading on.
+    `readings` (n, k): readings of k axes in the order of time; NaN where there is none. `sigma`:
+    stated noise of each axis; None leaves the axis out. Returns (n, k): true in stuck runs, from
+    their first reading on.
 
     Examples
     --------
@@ -63,15 +55,8 @@ def stuck_readings(readings: np.ndarray, sigma: Sequence[float | None]) -> np.nd
 def stuck_fixes(attitude: np.ndarray) -> np.ndarray:
     """Which star-tracker fixes repeat those before them to the last digit.
 
-    Parameters
-    ----------
-    attitude : (n, 4) array
-        Quaternions; four NaN where there is no fix.
-
-    Returns
-    -------
-    (n,) array of bool
-        True in runs of three and more, if enough other fixes are all different.
+    `attitude` (n, 4). Returns (n,): true in runs of three and more, if enough other fixes are all
+    different.
 
     Examples
     --------
@@ -90,15 +75,7 @@ def stuck_fixes(attitude: np.ndarray) -> np.ndarray:
 def resolution(values: np.ndarray) -> float:
     """The smallest step between different values; 0 if there are no two.
 
-    Parameters
-    ----------
-    values : (n,) array
-        Readings, all numbers.
-
-    Returns
-    -------
-    float
-        In their unit; rounding of the last binary digits is no step.
+    `values` (n,). Returns: in their unit; rounding of the last binary digits is no step.
 
     Examples
     --------

@@ -56,15 +56,7 @@ class StampSlope:
 def row_numbers(time: np.ndarray) -> np.ndarray:
     """Numbers of rows on a regular clock, as far as single steps tell.
 
-    Parameters
-    ----------
-    time : (n,) array
-        Stamps, strictly increasing.
-
-    Returns
-    -------
-    (n,) array
-        Whole numbers from 0; lost rows are counted.
+    `time` (n,). Returns (n,).
 
     Examples
     --------
@@ -80,19 +72,8 @@ def row_numbers(time: np.ndarray) -> np.ndarray:
 def clock_through(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """The regular clock that lies nearest to stamps.
 
-    Parameters
-    ----------
-    time : (n,) array
-        Stamps, strictly increasing.
-
-    Returns
-    -------
-    fitted : (n,) array
-        Times of the clock, counted from the first stamp.
-    rows : (n,) array
-        Numbers of the rows on it; they do not increase everywhere where no clock fits.
-    step : float
-        Of the clock.
+    `time` (n,). Returns `fitted` (n,): times of the clock, counted from the first stamp; `rows`
+    (n,): numbers of the rows on it; they do not increase everywhere where no clock fits.
 
     Examples
     --------
@@ -111,17 +92,8 @@ def clock_through(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
 def regular_clock(time: np.ndarray) -> tuple[np.ndarray | None, str]:
     """Times of the regular clock about which stamps jitter.
 
-    Parameters
-    ----------
-    time : (n,) array
-        Stamps, strictly increasing.
-
-    Returns
-    -------
-    time : (n,) array or None
-        Times of the clock; None where no regular clock explains the stamps.
-    problem : str
-        Why there is none; "" where there is one.
+    `time` (n,). Returns `time` (n,): times of the clock; None where no regular clock explains the
+    stamps; `problem`: why there is none; "" where there is one.
 
     Examples
     --------
@@ -148,16 +120,8 @@ def slope_of_readings(
 ) -> StampSlope:
     """Whether readings move with the jitter of their stamps.
 
-    Parameters
-    ----------
-    slews : sequence of (stamps, clock, readings)
-        For each slew the stamps (n,), the times of the regular clock (n,), and readings (n, width)
-        of any unit, NaN where there is none.
-
-    Returns
-    -------
-    StampSlope
-        The slope over all columns of all slews.
+    `slews`: for each slew the stamps (n,), the times of the regular clock (n,), and readings (n,
+    width) of any unit, NaN where there is none.
 
     Examples
     --------

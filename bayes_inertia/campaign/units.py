@@ -31,19 +31,7 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 def to_si(values: np.ndarray, quantity: str, unit: str) -> np.ndarray:
     """Convert values of a quantity to SI units and radians.
 
-    Parameters
-    ----------
-    values : array
-        In `unit`, of any shape.
-    quantity : str
-        A key of `UNITS`, such as "rate".
-    unit : str
-        One of its units.
-
-    Returns
-    -------
-    array
-        The same in SI units; infinite where that overflows.
+    Returns: the same in SI units; infinite where that overflows.
 
     Examples
     --------

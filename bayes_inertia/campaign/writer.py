@@ -176,6 +176,8 @@ def _toml(campaign: Campaign, columns: dict[str, list[str]], files: list[str]) -
 
     document = tomlkit.document()
     document["format"], document["name"] = FORMAT, campaign.name
+    if campaign.mission:
+        document["mission"] = _table(**dict(campaign.mission))
     tracker = campaign.star_tracker
     document["inertia"] = _table(**vars(campaign.inertia))
     if campaign.wheels:
@@ -207,17 +209,7 @@ def _table(**entries: Any) -> Any:
 
 
 def array_of_tables(parts: Iterable[Any]) -> Any:
-    """An array of tables of TOML.
-
-    Parameters
-    ----------
-    parts : iterable of tomlkit.items.Table
-        The tables.
-
-    Returns
-    -------
-    tomlkit.items.AoT
-    """
+    """An array of tables of TOML."""
     import tomlkit
 
     listed = tomlkit.aot()

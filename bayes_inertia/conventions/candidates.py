@@ -38,17 +38,7 @@ _ALL_ORDERS_UP_TO = 4
 def mistakes(campaign: Campaign, columns: Columns) -> list[Mistake]:
     """All single mistakes that are tried for a campaign.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        The campaign as it states itself.
-    columns : mapping
-        Its `[columns]`.
-
-    Returns
-    -------
-    list of Mistake
-        The most common first.
+    `columns` [columns].
     """
     every = [
         *_unit_mistakes(columns),
@@ -66,16 +56,6 @@ def mistakes(campaign: Campaign, columns: Columns) -> list[Mistake]:
 
 def listed(values: np.ndarray) -> list:
     """An array as campaign.toml writes it.
-
-    Parameters
-    ----------
-    values : array
-        Numbers.
-
-    Returns
-    -------
-    list
-        Plain numbers, without negative zeros.
 
     Examples
     --------
@@ -227,19 +207,7 @@ def _axes_in_words(turned: np.ndarray) -> str:
 def axes_mistake(axes: np.ndarray, mended: np.ndarray, rarity: int, words: str) -> Mistake:
     """The mistake that the rate sensor's axes are others than stated.
 
-    Parameters
-    ----------
-    axes, mended : (3, 3) array
-        The axes as stated, and as they should be.
-    rarity : int
-        How seldom this is mistaken.
-    words : str
-        What went wrong.
-
-    Returns
-    -------
-    Mistake
-        In the key `rate_sensor.axes`.
+    `axes` and `mended` (3, 3).
     """
     change = KeyChange("rate_sensor.axes", listed(axes), listed(mended))
     back = np.linalg.inv(mended) @ axes

@@ -1,9 +1,17 @@
-"""The whole check: a campaign as stated, what its data say of it, and which change mends it."""
+"""The whole check: a campaign as stated, what its data say of it, and which change mends it.
+
+Keys that were written in the same wrong unit as a mended one: noises, and the prior's products.
+
+No law shows them. A stated noise that agrees with the noise of the readings while both are read in
+the wrong unit was written in that unit too, and must be mended with it.
+
+What a campaign states about its columns, as plain values under the keys of campaign.toml.
+"""
 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -15,26 +23,23 @@ from bayes_inertia.campaign.description import parse_description
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.reader import read_unmasked
 from bayes_inertia.campaign.schema import CampaignPart
+from bayes_inertia.campaign.units import UNITS
 from bayes_inertia.conventions import limits, wording
 from bayes_inertia.conventions.candidates import mistakes
-from bayes_inertia.conventions.clocks import (
-    Clocks,
-    Columns,
-    streams_apart,
-)
+from bayes_inertia.conventions.clocks import Clocks, Columns, streams_apart
 from bayes_inertia.conventions.columns import copied_commands, faulty_columns
-from bayes_inertia.conventions.companions import with_companions
 from bayes_inertia.conventions.dirt_at_rest import dirt_of
 from bayes_inertia.conventions.doubts import Factors, broken_limits, doubtful_places, factors
+from bayes_inertia.conventions.hypothesis import KeyChange, Mistake
 from bayes_inertia.conventions.invisible import invisible
 from bayes_inertia.conventions.laws import DRIVE
 from bayes_inertia.conventions.linear_fit import worst
 from bayes_inertia.conventions.misfits import Misfits
+from bayes_inertia.conventions.noise_seen import noise_ratios
 from bayes_inertia.conventions.reading import Reading, stated_reading
 from bayes_inertia.conventions.remedies import what_mends
 from bayes_inertia.conventions.sampled_slews import sampled
 from bayes_inertia.conventions.search import Remedy, judged, misfit_of
-from bayes_inertia.conventions.stated import stated_columns
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import description_path, read_bytes, text_of
 from bayes_inertia.maths.values import json_ready
@@ -216,23 +221,7 @@ def _all_readings(campaign: Campaign, channel: str) -> np.ndarray:
 
 
 def refuse_impossible(campaign: Campaign | str | Path) -> ConventionsCheck:
-    """Raise an error if data are impossible under the stated conventions; quick where they are not.
-
-    Parameters
-    ----------
-    campaign : Campaign, str or Path
-        A campaign, or its folder.
-
-    Returns
-    -------
-    ConventionsCheck
-        That is consistent or doubtful.
-
-    Raises
-    ------
-    CampaignError
-        That says which change of convention makes the data consistent.
-    """
+    """Raise an error if data are impossible as stated; quick where they are not."""
     check = check_conventions(campaign, quick=True)
     if check.verdict == "wrong":
         where = "" if isinstance(campaign, Campaign) else str(description_path(campaign))
@@ -360,3 +349,98 @@ def _changes(mending: Sequence[Remedy]) -> tuple[ConventionChange, ...]:
         for number, remedy in enumerate(mending, 1)
         for change in remedy.mistake.changes
     )
+
+
+def with_companions(mistake: Mistake, campaign: Campaign, written: Mapping[str, Any]) -> Mistake:
+    """A mistake together with the keys that share its unit.
+
+    `written`: content of campaign.toml; empty for a campaign that was built in memory. Returns:
+    with more changes, where noises or products are in the same wrong unit.
+    """
+    more = [
+        change for mended in mistake.changes for change in _companions(mended, campaign, written)
+    ]
+    if not more:
+        return mistake
+    names = ", ".join(dict.fromkeys(change.key for change in more))
+    words = f"{mistake.words}, and so is {names}"
+    changes = (*mistake.changes, *more)
+    return replace(mistake, changes=changes, words=words, companions=len(more))
+
+
+def _companions(
+    mended: KeyChange, campaign: Campaign, written: Mapping[str, Any]
+) -> Iterator[KeyChange]:
+    if mended.key == "columns.rate.unit" and _in_one_unit(campaign, "rate"):
+        factor = UNITS["rate"][mended.mended] / UNITS["rate"][mended.stated]
+        sigma = written.get("rate_sensor", {}).get("sigma", list(campaign.rate_sensor.sigma))
+        yield KeyChange("rate_sensor.sigma", sigma, _times(sigma, factor))
+    if mended.key == "columns.wheel_momentum.unit" and _in_one_unit(campaign, "momentum"):
+        units = UNITS["wheel_momentum"]
+        factor = units[mended.mended] / units[mended.stated]
+        for wheel in campaign.wheels:
+            sigma = wheel.momentum_sigma
+            if sigma is not None:
+                key = f"wheels.{wheel.name}.momentum_sigma"
+                yield KeyChange(key, sigma, _times(sigma, factor))
+    if mended.key == "inertia.tensor":
+        factor = float(np.trace(mended.mended) / np.trace(mended.stated))
+        products = campaign.inertia.product_sigma
+        # No product of inertia is larger than the moments: this sd is in the tensor's own unit.
+        if factor < 0.1 and products > np.trace(mended.mended):
+            yield KeyChange("inertia.product_sigma", products, _times(products, factor))
+
+
+def _in_one_unit(campaign: Campaign, channel: str) -> bool:
+    """Whether the noise of a channel agrees with what is stated, as both are read now."""
+    ratio = noise_ratios(campaign, channel)
+    known = ratio[np.isfinite(ratio) & (ratio > 0.0)]
+    if not len(known):
+        return False
+    return bool(np.all(np.abs(np.log(known)) < np.log(limits.ONE_UNIT)))
+
+
+def _times(value: Any, factor: float) -> Any:
+    """Numbers times a factor, with six digits."""
+    if isinstance(value, list):
+        return [_times(item, factor) for item in value]
+    return float(f"{value * factor:.6g}")
+
+
+# A campaign built in memory is in SI units and has the package's senses.
+_IN_MEMORY: dict[str, dict[str, Any]] = {
+    "time": {"names": ["time"], "unit": "s"},
+    "rate": {"names": ["rate_x", "rate_y", "rate_z"], "unit": "rad/s"},
+    "wheel_torque": {"unit": "N m", "acts_on": "wheel"},
+    "wheel_momentum": {"unit": "N m s", "relative_to": "body"},
+    "attitude": {
+        "names": ["q1", "q2", "q3", "q4"],
+        "scalar": "last",
+        "maps": "inertial_to_body",
+    },
+}
+
+
+def stated_columns(
+    campaign: Campaign, description: CampaignPart | None = None
+) -> dict[str, Mapping[str, Any]]:
+    """The entries of `[columns]`.
+
+    `description`: its campaign.toml; None for a campaign that was built in memory, which is in SI
+    units.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> stated_columns(small_campaign())["rate"]["unit"]
+    'rad/s'
+    """
+    if description is not None:
+        given = description.columns.given()
+        return {key: entry.model_dump() for key, entry in given.items()}
+    columns: dict[str, Mapping[str, Any]] = {key: _IN_MEMORY[key] for key in ("time", "rate")}
+    for key in ("wheel_torque", "wheel_momentum", "attitude"):
+        if any(getattr(slew, key) is not None for slew in campaign.slews):
+            names = [f"{key}.{wheel.name}" for wheel in campaign.wheels]
+            columns[key] = {"names": names, **_IN_MEMORY[key]}
+    return columns

@@ -1,9 +1,16 @@
-"""Which stream's clock is wrong, from the lateness that each law tells."""
+"""Which stream's clock is wrong, from the lateness that each law tells.
+
+Clocks of streams against each other: by how much is one late, and is that still physical?
+
+A sensor's exposure, processing and transport make it late by a fraction of a second: the library
+has effects for that (`star_tracker_time_offset`, `rate_sensor_delay`, `wheel_command_lag`), and a
+lateness of that size is no wrong convention. A lateness far beyond it is a wrong clock.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,18 +20,11 @@ from bayes_inertia.campaign.known_offsets import KNOWN_OFFSETS, likely_offsets
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.conventions import limits
 from bayes_inertia.conventions.hypothesis import KeyChange, Mistake
-from bayes_inertia.conventions.lateness import (
-    Lateness,
-    channels_of,
-    gross_lateness,
-    lateness,
-    with_known_offset,
-)
-from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE
-from bayes_inertia.conventions.linear_fit import worst
+from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE, LawData
+from bayes_inertia.conventions.linear_fit import LinearFit, fitted, worst
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.reading import Reading
-from bayes_inertia.conventions.sampled_slews import sampled
+from bayes_inertia.conventions.sampled_slews import SampledSlews, sampled
 from bayes_inertia.conventions.search import Remedy
 
 Columns = Mapping[str, Mapping[str, Any]]
@@ -43,6 +43,8 @@ _CHANNEL = {
 }
 # This share of the readings must lie beside the rates with an offset that is proposed.
 _MOST = 0.8
+# And this share of the motion must be left to be judged: streams overlap less once they are moved.
+_MOTION_LEFT = 0.5
 _EFFECT = {
     CLOSURE: "star_tracker_time_offset or rate_sensor_delay",
     CONSERVATION: "rate_sensor_delay",
@@ -69,19 +71,7 @@ class Clocks:
 def clocks(misfits: Misfits, reading: Reading, columns: Columns) -> Clocks:
     """Look for streams that are late against each other.
 
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry.
-    reading : Reading
-        Conventions as stated.
-    columns : mapping
-        The campaign's `[columns]`.
-
-    Returns
-    -------
-    Clocks
-        What is wrong, and what is physical.
+    `columns` [columns].
     """
     told = {
         law: late
@@ -108,22 +98,7 @@ def clocks(misfits: Misfits, reading: Reading, columns: Columns) -> Clocks:
 
 
 def shifted_misfit(misfits: Misfits, reading: Reading, remedy: Remedy) -> float:
-    """The worst misfit of all laws with a proposal's offsets.
-
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry.
-    reading : Reading
-        Conventions as stated.
-    remedy : Remedy
-        A proposal of `clocks`.
-
-    Returns
-    -------
-    float
-        In standard deviations.
-    """
+    """The worst misfit of all laws with a proposal's offsets."""
     shifts = {}
     for change in remedy.mistake.changes:
         entry = change.key.split(".")[1]
@@ -136,23 +111,12 @@ def shifted_misfit(misfits: Misfits, reading: Reading, remedy: Remedy) -> float:
 def known_offsets(misfits: Misfits, reading: Reading, columns: Columns) -> tuple[Remedy, ...]:
     """Clocks that are off by what clocks of different kinds differ by, tried by name.
 
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry.
-    reading : Reading
-        Conventions as stated, which the data break.
-    columns : mapping
-        The campaign's `[columns]`.
-
-    Returns
-    -------
-    tuple of Remedy
-        Those that make all laws hold, the most common offset first.
+    `columns` [columns]. Returns: those that make all laws hold, the most common offset first.
     """
     campaign, laws = misfits.campaign, misfits.of(reading)
     before = worst(laws)
     fixes = sum(min(int(slew.fixes.sum()), limits.FIXES_PER_SLEW) for slew in campaign.slews)
+    turned = _turned(misfits.slews)
     entries = [entry for entry in _CHANNEL if entry in columns]
     wheels = [entry for entry in entries if entry.startswith("wheel")]
     longest = max(slew.duration for slew in campaign.slews)
@@ -162,33 +126,42 @@ def known_offsets(misfits: Misfits, reading: Reading, columns: Columns) -> tuple
             for seconds in (-offset, offset) if offset < longest else ():
                 shifts = {_CHANNEL[entry][0]: seconds for entry in streams}
                 slews = sampled(campaign, shifts)
-                if slews is None or slews.fixes.sum() < _MOST * fixes:
+                least = _MOST * fixes if streams == ["attitude"] else 0.0
+                if slews is None or slews.fixes.sum() < least:
+                    continue
+                if _turned(slews) < _MOTION_LEFT * turned:
                     continue
                 fits = Misfits(campaign, slews).of(reading)
                 after = worst(fits)
-                if set(fits) == set(laws) and after < min(
-                    limits.ORDINARY, before / limits.IMPROVEMENT
-                ):
+                mends = after < min(limits.ORDINARY, before / limits.IMPROVEMENT)
+                if mends and _still_tested(laws, fits, streams):
                     mistake = _mistake(columns, dict.fromkeys(streams, seconds))
                     found.append(Remedy(mistake, before, after))
     best = min((remedy.after for remedy in found), default=0.0)
     return tuple(r for r in found if r.after <= limits.EQUAL_FACTOR * best + limits.EQUAL_MISFIT)
 
 
+def _still_tested(
+    laws: Mapping[str, LinearFit], fits: Mapping[str, LinearFit], streams: Sequence[str]
+) -> bool:
+    """Whether moved streams leave all laws to be tested, or but closure, which told nothing new."""
+    if set(laws) <= set(fits):
+        return True
+    # Where no fix is left beside the rates, another law must have told of the clock.
+    others = max((fit.worst for law, fit in laws.items() if law != CLOSURE), default=0.0)
+    held = streams == ["rate"] or laws[CLOSURE].worst < limits.ORDINARY
+    return set(laws) - set(fits) == {CLOSURE} and others > limits.IMPOSSIBLE and held
+
+
+def _turned(slews: SampledSlews) -> float:
+    """What the rates of all slews add up to [rad]."""
+    return float(np.linalg.norm(slews.turn[:, -1], axis=-1).sum())
+
+
 def streams_apart(campaign: Campaign, columns: Columns) -> tuple[str, ...]:
     """Streams all of whose readings lie before or after the rates, and the offset that is known.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        As it was read.
-    columns : mapping
-        Its `[columns]`.
-
-    Returns
-    -------
-    tuple of str
-        One a stream, without full stop.
+    `columns` [columns].
     """
     said = []
     for entry, (channel, _) in _CHANNEL.items():
@@ -221,21 +194,8 @@ def apart_in_words(
 ) -> str:
     """That a stream lies outside every slew, and with which known offset it would not.
 
-    Parameters
-    ----------
-    entry : str
-        Of `[columns]`, such as "attitude".
-    count : int
-        How many readings it has.
-    pairs : sequence of (array, array)
-        Times of its readings and of the rates [s], slew by slew.
-    stated : float, optional
-        The offset that is stated [s].
-
-    Returns
-    -------
-    str
-        Without full stop.
+    `entry` [columns]; `stated` [s]. `pairs`: times of its readings and of the rates [s], slew by
+    slew.
 
     Examples
     --------
@@ -299,15 +259,7 @@ def _one(first: float, second: float) -> bool:
 def fixes_in_motion(misfits: Misfits) -> bool:
     """Whether some star-tracker fixes are taken while the body turns.
 
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry.
-
-    Returns
-    -------
-    bool
-        True if there are at least two in a slew with a fifth of its largest rate.
+    Returns: true if there are at least two in a slew with a fifth of its largest rate.
     """
     slews = misfits.slews
     speed = np.sqrt((slews.rate**2).sum(axis=-1))
@@ -341,3 +293,150 @@ _NAMES = {
     "wheel_momentum": "the wheel momentum",
     "wheel_speed": "the wheel speed",
 }
+
+
+# A lateness beyond this [s] is no delay of a sensor, but perhaps a known offset.
+_NO_DELAY = 5.0
+# A known offset that leaves at most this much more is meant: fixes at rest tell a range.
+_AS_GOOD = 1.1
+_ROUNDS = 6
+# A shift that changes by less than this share of itself has converged.
+_CONVERGED = 0.02
+# Sd of the prior of a lateness [s]: it only keeps the fit finite.
+_WIDE_SECONDS = 1e3
+
+
+@dataclass(frozen=True)
+class Lateness:
+    """By how much a stream is late, as one law tells it.
+
+    Parameters
+    ----------
+    law : str
+        Which law.
+    seconds : float
+        What must be added to the time stamps of the law's second stream [s]; negative where it is
+        late.
+    before, after : float
+        Residual of the law without and with it [sd of the sensors' stated noise].
+    moments : int
+        How many moments were compared.
+    """
+
+    law: str
+    seconds: float
+    before: float
+    after: float
+    moments: int
+
+    @property
+    def explains(self) -> bool:
+        """Whether the lateness is what breaks the law, rather than one of many things.
+
+        Nearly nothing but the stated noise is left, or a third of what was there at most; and chi^2
+        falls by far more than chance lets it.
+        """
+        excess_before, excess_after = (max(x**2 - 1.0, 0.0) for x in (self.before, self.after))
+        fall = (self.before**2 - self.after**2) * self.moments
+        share = limits.IMPROVEMENT**2
+        most = excess_after * share < excess_before or self.after**2 * share < self.before**2
+        return most and fall > limits.LATE_CHI2
+
+
+def lateness(misfits: Misfits, reading: Reading, law: str) -> Lateness | None:
+    """The shift of a stream that makes one law hold best.
+
+    Closure shifts the star tracker, conservation the wheels, the drive the torque commands.
+
+    Returns: none if the law cannot be tested, or no shift is better than none.
+    """
+    channels = channels_of(misfits, law)
+    data = misfits.law(law, reading)
+    if data is None or not data.early.any():
+        return None
+    first = data
+    before, step = _shift(first)
+    if before < limits.NOTABLE:
+        return None
+    shift, after = 0.0, before
+    best = (0.0, before)
+    for _ in range(_ROUNDS):
+        shift += step
+        if abs(shift) > 0.3 * float(misfits.motion(reading).duration.min()):
+            break
+        slews = sampled(misfits.campaign, dict.fromkeys(channels, shift))
+        data = None if slews is None else Misfits(misfits.campaign, slews).law(law, reading)
+        if data is None:
+            break
+        after, step = _shift(data)
+        if after < best[1]:
+            best = (shift, after)
+        if abs(step) < _CONVERGED * abs(shift):
+            break
+    if not best[0]:
+        return None
+    # From shares of the motion to the noise that the campaign states.
+    noises = np.sqrt(np.mean(first.sigma**2)) * limits.SHARP / max(first.noise, 1e-30)
+    scale = float(noises) if first.noise > 0.0 else 1.0
+    moments = int(first.mask.sum())
+    return Lateness(law, best[0], before * scale, best[1] * scale, moments)
+
+
+def with_known_offset(misfits: Misfits, reading: Reading, late: Lateness) -> Lateness:
+    """The offset that clocks are known for, where it explains a law as well as a lateness does.
+
+    `late`: as the law tells it; fixes at rest tell only a range.
+    """
+    if abs(late.seconds) <= _NO_DELAY:
+        return late
+    best = _left(misfits, reading, late.law, late.seconds)
+    for offset in KNOWN_OFFSETS:
+        seconds = float(np.copysign(offset, late.seconds))
+        left = _left(misfits, reading, late.law, seconds)
+        if left < _AS_GOOD * best:
+            return replace(late, seconds=seconds, after=late.after * left / best)
+    return late
+
+
+def _left(misfits: Misfits, reading: Reading, law: str, seconds: float) -> float:
+    """Residual of a law whose second stream is moved."""
+    slews = sampled(misfits.campaign, dict.fromkeys(channels_of(misfits, law), seconds))
+    data = None if slews is None else Misfits(misfits.campaign, slews).law(law, reading)
+    return np.inf if data is None else _shift(data)[0]
+
+
+def channels_of(misfits: Misfits, law: str) -> tuple[str, ...]:
+    """The channels that a law holds against its first stream."""
+    if law == CLOSURE:
+        return ("attitude",)
+    if law == DRIVE:
+        return ("wheel_torque",)
+    return ("wheel_momentum",) if misfits.slews.momentum is not None else ("wheel_torque",)
+
+
+def _shift(data: LawData) -> tuple[float, float]:
+    """Residual of the law, and the shift that would lower it, to first order."""
+    sharp = replace(data, sigma=data.sigma * limits.SHARP)
+    left = sharp.fit()
+    regressors = np.concatenate([sharp.regressors, _WIDE_SECONDS * data.early[..., None]], axis=-1)
+    fit = fitted(data.data, regressors, data.free, sharp.sigma, data.mask)
+    rms = float(np.sqrt(np.mean(left.misfit**2)))
+    return rms, float(fit.values[-1] * _WIDE_SECONDS)
+
+
+def gross_lateness(campaign: Campaign, lag: bool) -> float:
+    """The lateness beyond which a clock is wrong [s].
+
+    `campaign`: its slews' duration is what the library measures lateness in. `lag`: whether wheels
+    follow their commands late, which they do more than sensors.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> gross_lateness(small_campaign(), True) > gross_lateness(small_campaign(), False)
+    True
+    """
+    sd = (limits.LAG_SHARE if lag else limits.LATE_SHARE) * campaign.scale_of_motion()[1]
+    if lag:
+        return limits.LATE_SDS * sd
+    return min(limits.LATE_SDS * sd, max(limits.LONGEST_LATENESS, limits.LEAST_LATE_SDS * sd))

@@ -37,17 +37,8 @@ _TURNED = 0.02
 def faulty_columns(campaign: Campaign, columns: Columns) -> tuple[str, ...]:
     """Columns that are dead, or one for two.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        As it was read, nothing masked.
-    columns : mapping
-        Its `[columns]`.
-
-    Returns
-    -------
-    tuple of str
-        One sentence each, without full stop, with axis or wheel and the column's name.
+    `columns` [columns]. Returns: one sentence each, without full stop, with axis or wheel and the
+    column's name.
     """
     rates, tachometers, commands = _streams(campaign, columns)
     return (
@@ -62,17 +53,7 @@ def faulty_columns(campaign: Campaign, columns: Columns) -> tuple[str, ...]:
 def copied_commands(campaign: Campaign, columns: Columns) -> tuple[str, ...]:
     """Commands that are one for two wheels, which is wrong only where tachometers contradict them.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        As it was read.
-    columns : mapping
-        Its `[columns]`.
-
-    Returns
-    -------
-    tuple of str
-        One sentence each, without full stop.
+    `columns` [columns].
     """
     return tuple(_copies(_streams(campaign, columns)[2], 1e-9))
 
@@ -203,19 +184,7 @@ def _copies(stream: _Stream, share: float | None = None) -> Iterator[str]:
 def without_sign(misfits: Misfits, reading: Reading, before: float) -> Remedy | None:
     """Tachometers or commands whose sign was lost, where signs make all laws hold.
 
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry and its laws.
-    reading : Reading
-        Conventions as stated.
-    before : float
-        Their worst misfit [sd].
-
-    Returns
-    -------
-    Remedy or None
-        Without a change of campaign.toml: it cannot bring the signs back.
+    `before` [sd]. Returns: without a change of campaign.toml: it cannot bring the signs back.
     """
     slews = misfits.slews
     for field, what, told in (

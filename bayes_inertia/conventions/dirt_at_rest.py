@@ -27,19 +27,8 @@ _AT_REST = 0.03
 def dirt_of(misfits: Misfits, stated: Reading, reading: Reading) -> tuple[dict[str, Any], ...]:
     """Everything that was found: by the reader, in the noise, and in the rests.
 
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry.
-    stated : Reading
-        Conventions as stated.
-    reading : Reading
-        Conventions that agree with it, perhaps with another rate bias.
-
-    Returns
-    -------
-    tuple of dict
-        As `Dirt.json` writes them; a stale bias has the kind "stale_bias".
+    `reading`: conventions that agree with it, perhaps with another rate bias. Returns: as
+    `Dirt.json` writes them; a stale bias has the kind "stale_bias".
     """
     by_reader = [dirt.json() for dirt in misfits.campaign.dirt]
     levels = [dirt.json() for c in CHANNELS if (dirt := _level(misfits.campaign, c)) is not None]

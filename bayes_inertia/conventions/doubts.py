@@ -28,6 +28,8 @@ LAWS_IN_WORDS: Mapping[str, str] = {
 _RARITY = 3
 # A wheel that moves less than this share of the one that moves most tells no factor.
 _IDLE = 0.1
+# The farthest that units lie apart.
+_LARGEST_FACTOR = 1e10
 # Factors closer than this share are one, or the whole number that is meant; 60 / (2 pi) is not 10.
 _ONE_FACTOR = 0.03
 
@@ -35,18 +37,8 @@ _ONE_FACTOR = 0.03
 def doubtful_places(misfits: Misfits, reading: Reading) -> tuple[str, ...]:
     """Which laws fail, and where.
 
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry and its laws.
-    reading : Reading
-        Conventions as stated, perhaps with another rate bias.
-
-    Returns
-    -------
-    tuple of str
-        One a law that fails, such as "the commanded torque against the tachometers: wheel_y of
-        slew 2 is off by 4.3 sd".
+    Returns: one a law that fails, such as "the commanded torque against the tachometers: wheel_y of
+    slew 2 is off by 4.3 sd".
     """
     fits = misfits.of(reading)
     return tuple(
@@ -106,10 +98,7 @@ class Factors:
     def words(self) -> tuple[str, ...]:
         """One sentence for all wheels with one factor.
 
-        Returns
-        -------
-        tuple of str
-            Without full stop; empty if no factor is far from 1.
+        Returns: without full stop; empty if no factor is far from 1.
         """
         groups: dict[float, list[str]] = {}
         for name, value in zip(self.names, self.values, strict=True):
@@ -138,17 +127,8 @@ class Factors:
     def mistake(self, campaign: Campaign, columns: Columns) -> Mistake | None:
         """Spin inertias that are wrong by the factors.
 
-        Parameters
-        ----------
-        campaign : Campaign
-            The campaign as it states itself.
-        columns : mapping
-            Its `[columns]`.
-
-        Returns
-        -------
-        Mistake or None
-            None where spin inertia does not turn speeds into momentum, or a factor is negative.
+        `columns` [columns]. Returns: none where spin inertia does not turn speeds into momentum, or
+        a factor is negative.
         """
         if "wheel_speed" not in columns or np.all(self.values == 1.0) or np.any(self.values < 0.0):
             return None
@@ -186,17 +166,7 @@ def _digits(value: float) -> float:
 def factors(misfits: Misfits, reading: Reading) -> Factors | None:
     """By which factor commands and tachometers of each wheel differ.
 
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry and its laws.
-    reading : Reading
-        Conventions as stated.
-
-    Returns
-    -------
-    Factors or None
-        None where a wheel has no commands or no tachometer, or no factor is far from 1.
+    Returns: none where a wheel has no commands or no tachometer, or no factor is far from 1.
     """
     slews = misfits.slews
     if slews.momentum is None or slews.impulse is None:
@@ -207,7 +177,10 @@ def factors(misfits: Misfits, reading: Reading) -> Factors | None:
     sense = np.sign((seen * asked).sum((0, 1)))
     busy = np.maximum(both[0] / max(both[0].max(), 1e-300), both[1] / max(both[1].max(), 1e-300))
     with np.errstate(divide="ignore", invalid="ignore"):
-        rough = np.where((busy > _IDLE) & (sense * both[1] != 0.0), sense * both[0] / both[1], 1.0)
+        rough = np.where(busy > _IDLE, sense * both[0] / both[1], 1.0)
+    # Where one of the two stands still but for the last digits there is no factor.
+    size = np.abs(rough)
+    rough = np.where((size > 1.0 / _LARGEST_FACTOR) & (size < _LARGEST_FACTOR), rough, 1.0)
     scaled = replace(reading, torque=np.diag(rough) @ reading.torque)
     fit = misfits.fit(DRIVE, scaled)
     assert fit is not None
@@ -247,17 +220,7 @@ def _side(misfits: Misfits, reading: Reading, values: np.ndarray) -> bool | None
 def broken_limits(campaign: Campaign, holds: Mapping[str, bool]) -> tuple[str, ...]:
     """Limits of the hardware that readings are far beyond.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        As it was read, nothing masked.
-    holds : mapping of str to bool
-        Whether a law holds as stated; those that do show that the units are right.
-
-    Returns
-    -------
-    tuple of str
-        One a key, without full stop.
+    `holds`: whether a law holds as stated; those that do show that the units are right.
     """
     said = []
     for key, channel, unit, proof in _LIMITS:

@@ -53,18 +53,7 @@ class Mistake:
 
 
 def both(first: Mistake, second: Mistake) -> Mistake:
-    """Two mistakes at once.
-
-    Parameters
-    ----------
-    first, second : Mistake
-        Mistakes in different keys.
-
-    Returns
-    -------
-    Mistake
-        Both.
-    """
+    """Two mistakes at once."""
     return Mistake(
         changes=first.changes + second.changes,
         rarity=first.rarity + second.rarity,

@@ -47,19 +47,7 @@ _AS_CONTENT = ": the data would be as content if "
 def invisible(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> tuple[str, ...]:
     """What cannot be shown, in plain words.
 
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry and its laws.
-    stated : Reading
-        Conventions as stated, which agree with the data.
-    singles : sequence of Mistake
-        Mistakes; those that would leave the data as consistent are named.
-
-    Returns
-    -------
-    tuple of str
-        One sentence each.
+    `singles`: mistakes; those that would leave the data as consistent are named.
     """
     laws = misfits.of(stated)
     said = [*_by_nature(misfits), *_without_telemetry(misfits, set(laws))]
@@ -74,16 +62,8 @@ def invisible(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> 
 def invisible_in_brief(cannot_show: Sequence[str]) -> list[str]:
     """The same in a few lines: equal keys together, with how many other values they could have.
 
-    Parameters
-    ----------
-    cannot_show : sequence of str
-        As `invisible` says it.
-
-    Returns
-    -------
-    list of str
-        One line each for what is missing, one for keys whose other values would do as well, and one
-        for what no campaign shows.
+    Returns: one line each for what is missing, one for keys whose other values would do as well,
+    and one for what no campaign shows.
 
     Examples
     --------

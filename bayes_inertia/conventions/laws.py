@@ -92,13 +92,7 @@ class LawData:
     bias_from: int = -1
 
     def fit(self) -> LinearFit:
-        """The fit of all that is uncertain.
-
-        Returns
-        -------
-        LinearFit
-            Misfits in standard deviations.
-        """
+        """The fit of all that is uncertain."""
         fit = fitted(self.data, self.regressors, self.free, self.sigma, self.mask)
         if not self.factors:
             return fit
@@ -106,18 +100,7 @@ class LawData:
 
 
 def closure(told: Told) -> LawData | None:
-    """Integrated rates against the star tracker.
-
-    Parameters
-    ----------
-    told : Told
-        The telemetry under a reading.
-
-    Returns
-    -------
-    LawData or None
-        None if no slew has two fixes.
-    """
+    """Integrated rates against the star tracker."""
     fixes = told.slews.fixes
     some = fixes.sum(axis=1) >= 2
     if not some.any():
@@ -183,15 +166,7 @@ def _sigma(size: np.ndarray, noise: float, *more: np.ndarray) -> np.ndarray:
 def conservation(told: Told) -> LawData | None:
     """Total momentum in axes that do not turn.
 
-    Parameters
-    ----------
-    told : Told
-        The telemetry under a reading.
-
-    Returns
-    -------
-    LawData or None
-        None if there are wheels of which neither momentum nor commands are known.
+    Returns: none if there are wheels of which neither momentum nor commands are known.
     """
     slews, moving = told.slews, told.motion
     to_start, valid = moving.to_start, slews.valid
@@ -267,16 +242,8 @@ def _crossed(angles: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 def wheel_momentum_B(told: Told) -> np.ndarray | None:
     """The wheels' momentum relative to the body, along body axes.
 
-    Parameters
-    ----------
-    told : Told
-        The telemetry under a reading.
-
-    Returns
-    -------
-    (S, N, 3) array or None
-        From tachometers, else from commands up to a constant in each slew [N m s]; None without
-        either. Zero for a body without wheels.
+    Returns (S, N, 3): from tachometers, else from commands up to a constant in each slew [N m s];
+    None without either. Zero for a body without wheels.
     """
     slews, reading = told.slews, told.reading
     if not reading.axes_B.shape[1]:
@@ -298,15 +265,7 @@ def _momentum_noise(told: Told) -> float:
 def drive(told: Told) -> LawData | None:
     """Commanded torque against the tachometers.
 
-    Parameters
-    ----------
-    told : Told
-        The telemetry under a reading.
-
-    Returns
-    -------
-    LawData or None
-        None without commands or tachometers. Each wheel of each slew counts as a slew.
+    Returns: none without commands or tachometers. Each wheel of each slew counts as a slew.
     """
     slews, reading = told.slews, told.reading
     if slews.momentum is None or slews.impulse is None:

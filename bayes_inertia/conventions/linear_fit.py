@@ -41,17 +41,7 @@ class LinearFit:
         A tensor a thousand times too small is as far from its prior as one a thousand times too
         large. A factor that is not positive counts as one of a thousandth.
 
-        Parameters
-        ----------
-        which : slice
-            The parameters; 1 - sd times value is the factor that the data would have.
-        sds : array
-            Their standard deviations.
-
-        Returns
-        -------
-        LinearFit
-            With another departure.
+        `which`: the parameters; 1 - sd times value is the factor that the data would have.
         """
         values = np.array(self.values)
         values[which] = np.log(np.maximum(1.0 - sds * values[which], 1e-3)) / sds
@@ -69,18 +59,7 @@ class LinearFit:
 
 
 def worst(fits: dict[str, LinearFit]) -> float:
-    """The worst misfit of all laws.
-
-    Parameters
-    ----------
-    fits : dict of str to LinearFit
-        By law.
-
-    Returns
-    -------
-    float
-        In standard deviations; 0 without any law.
-    """
+    """The worst misfit of all laws."""
     return max((fit.worst for fit in fits.values()), default=0.0)
 
 
@@ -93,23 +72,9 @@ def fitted(
 ) -> LinearFit:
     """Fit data = regressors x + free c + error, with x from N(0, 1) and c free in every slew.
 
-    Parameters
-    ----------
-    data : (S, N, D) array
-        D components at N moments of S slews.
-    regressors : (S, N, D, P) array
-        What a prior standard deviation of each parameter does to them.
-    free : (S, N, D, Q) array
-        What is free in every slew.
-    sigma : (S,) array
-        Standard deviation of the norm of a moment's error.
-    mask : (S, N) array of bool
-        Which moments count.
-
-    Returns
-    -------
-    LinearFit
-        After one round in which outlying moments lose weight.
+    `data` (S, N, D); `free` (S, N, D, Q); `mask` (S, N). `regressors` (S, N, D, P): what a prior
+    standard deviation of each parameter does to them. `sigma` (S,): standard deviation of the norm
+    of a moment's error. Returns: after one round in which outlying moments lose weight.
     """
     count = np.maximum(mask.sum(axis=1, keepdims=True), 1)
     weight = mask / np.sqrt(count)

@@ -37,15 +37,7 @@ class Misfits:
     def of(self, reading: Reading) -> dict[str, LinearFit]:
         """The fit of every law that the telemetry can be held against.
 
-        Parameters
-        ----------
-        reading : Reading
-            Conventions, stated or supposed.
-
-        Returns
-        -------
-        dict of str to LinearFit
-            By the name of the law; a law without telemetry is absent.
+        Returns: by the name of the law; a law without telemetry is absent.
         """
         fits = {law: self.fit(law, reading) for law in LAWS}
         return {law: fit for law, fit in fits.items() if fit is not None}
@@ -53,17 +45,7 @@ class Misfits:
     def mends(self, reading: Reading, limit: float) -> bool:
         """Whether a reading brings every law below a limit; the cheap laws are asked first.
 
-        Parameters
-        ----------
-        reading : Reading
-            Conventions supposed.
-        limit : float
-            Largest misfit allowed [sd].
-
-        Returns
-        -------
-        bool
-            True if all laws hold.
+        `limit` [sd].
         """
         return all(
             fit is None or fit.worst < limit
@@ -71,18 +53,7 @@ class Misfits:
         )
 
     def motion(self, reading: Reading) -> Motion:
-        """The motion that the rates tell.
-
-        Parameters
-        ----------
-        reading : Reading
-            Conventions of rate and time.
-
-        Returns
-        -------
-        Motion
-            Of all slews.
-        """
+        """The motion that the rates tell."""
         key = ("motion", reading.rate.tobytes(), reading.time, reading.bias_B.tobytes())
         if key not in self.kept:
             self.kept[key] = motion_of(self.slews, reading)
@@ -91,55 +62,19 @@ class Misfits:
     def law(self, law: str, reading: Reading, bias_sd: np.ndarray | None = None) -> LawData | None:
         """One law as a linear problem.
 
-        Parameters
-        ----------
-        law : str
-            Its name.
-        reading : Reading
-            Conventions, stated or supposed.
-        bias_sd : (3,) array, optional
-            Sd of the rate bias [rad/s] where it is supposed to be stale.
-
-        Returns
-        -------
-        LawData or None
-            None if the telemetry says nothing about it.
+        `bias_sd` (3,): sd of the rate bias [rad/s] where it is supposed to be stale.
         """
         return LAWS[law](replace(self.told(reading), bias_sd=bias_sd))
 
     def told(self, reading: Reading) -> Told:
-        """What the telemetry tells under a reading.
-
-        Parameters
-        ----------
-        reading : Reading
-            Conventions, stated or supposed.
-
-        Returns
-        -------
-        Told
-            For the laws.
-        """
+        """What the telemetry tells under a reading."""
         if "noise" not in self.kept:
             self.kept["noise"] = {c: believed_noise(self.campaign, c) for c in CHANNELS}
         noise = self.kept["noise"]
         return Told(self.campaign, self.slews, reading, self.motion(reading), noise)
 
     def fit(self, law: str, reading: Reading) -> LinearFit | None:
-        """The fit of one law; the same reading of the same channels is fitted once.
-
-        Parameters
-        ----------
-        law : str
-            Its name.
-        reading : Reading
-            Conventions, stated or supposed.
-
-        Returns
-        -------
-        LinearFit or None
-            None if the telemetry says nothing about it.
-        """
+        """The fit of one law; the same reading of the same channels is fitted once."""
         arrays = (getattr(reading, part).tobytes() for part in self.parts_of(law))
         key = (law, reading.time, *arrays)
         if key not in self.kept:
@@ -148,18 +83,7 @@ class Misfits:
         return self.kept[key]
 
     def parts_of(self, law: str) -> tuple[str, ...]:
-        """Which fields of a reading, besides time, a law depends on.
-
-        Parameters
-        ----------
-        law : str
-            Its name.
-
-        Returns
-        -------
-        tuple of str
-            Names of arrays.
-        """
+        """Which fields of a reading, besides time, a law depends on."""
         parts: dict[str, tuple[str, ...]] = {
             CLOSURE: ("rate", "bias_B", "attitude"),
             CONSERVATION: ("rate", "bias_B", "axes_B", "inertia", self.wheel_channel),

@@ -41,20 +41,7 @@ class Motion:
 
 
 def motion_of(slews: SampledSlews, reading: Reading) -> Motion:
-    """The motion that the rates of a reading tell.
-
-    Parameters
-    ----------
-    slews : SampledSlews
-        The telemetry.
-    reading : Reading
-        Conventions of rate and time.
-
-    Returns
-    -------
-    Motion
-        Of all slews.
-    """
+    """The motion that the rates of a reading tell."""
     shift = reading.bias_B
     steps = reading.time * np.diff(slews.time, axis=1)[..., None]
     turns = reading.time * np.diff(slews.turn, axis=1) @ reading.rate.T - shift * steps

@@ -22,15 +22,7 @@ _FEW_ROWS = 30
 def smooth_noise(values: np.ndarray) -> float:
     """Noise of readings (n,), from their second differences, which hardly see smooth motion.
 
-    Parameters
-    ----------
-    values : (n,) array
-        Readings at even steps; NaN where there is none.
-
-    Returns
-    -------
-    float
-        Standard deviation; NaN with few readings.
+    `values` (n,): readings at even steps; NaN where there is none.
 
     Examples
     --------
@@ -47,17 +39,7 @@ def smooth_noise(values: np.ndarray) -> float:
 def noise_ratios(campaign: Campaign, channel: str) -> np.ndarray:
     """Noise in smooth rows over the stated noise, median over the slews.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What was flown.
-    channel : str
-        "rate" or "momentum".
-
-    Returns
-    -------
-    array
-        One number an axis or wheel; empty or NaN where nothing is known.
+    Returns: one number an axis or wheel; empty or NaN where nothing is known.
     """
     stated = _stated(campaign, channel)
     channels = [getattr(slew, CHANNELS[channel]) for slew in campaign.slews]
@@ -76,17 +58,7 @@ def believed_noise(campaign: Campaign, channel: str) -> np.ndarray:
     So a reading in a smaller unit has less noise too, and cannot drown in a noise that was stated
     in a larger one.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What was flown.
-    channel : str
-        "rate" or "momentum".
-
-    Returns
-    -------
-    array
-        Sd of each axis or wheel, 0 where nothing is stated.
+    Returns: sd of each axis or wheel, 0 where nothing is stated.
     """
     stated = np.nan_to_num(_stated(campaign, channel))
     ratio = noise_ratios(campaign, channel)

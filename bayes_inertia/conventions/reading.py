@@ -48,15 +48,8 @@ class Reading:
 def stated_reading(campaign: Campaign) -> Reading:
     """The reading that a campaign's own description states.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        The campaign, in SI units and with the package's senses.
-
-    Returns
-    -------
-    Reading
-        The scale factors and axes of its hardware; no other change.
+    `campaign`: the campaign, in SI units and with the package's senses. Returns: the scale factors
+    and axes of its hardware; no other change.
     """
     sensor, axes_B = campaign.rate_sensor, campaign.wheel_axes_B
     same = np.eye(len(campaign.wheels))

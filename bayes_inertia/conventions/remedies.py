@@ -27,25 +27,8 @@ def what_mends(
 ) -> tuple[tuple[Remedy, ...], Clocks]:
     """All that makes the data consistent, the best first, and what is said of the clocks.
 
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry and its laws.
-    judgement : Judgement
-        The keys that mend it.
-    singles : sequence of Mistake
-        The single mistakes that were tried.
-    columns : mapping
-        The campaign's `[columns]`.
-    differ : Factors or None
-        By what commands and tachometers differ.
-
-    Returns
-    -------
-    remedies : tuple of Remedy
-        Empty where nothing mends it.
-    clocks : Clocks
-        What the laws say of the streams' clocks.
+    `columns` [columns]. Returns `remedies`: empty where nothing mends it; `clocks`: what the laws
+    say of the streams' clocks.
     """
     mending, clock = judgement.remedies, Clocks()
     if not mending:

@@ -14,16 +14,6 @@ from bayes_inertia.maths.quaternion_product import product_components
 def composed(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Hamilton product p * q of quaternions (..., 4).
 
-    Parameters
-    ----------
-    p, q : (..., 4) array
-        Quaternions, scalar last.
-
-    Returns
-    -------
-    (..., 4) array
-        The product.
-
     Examples
     --------
     >>> composed(np.array([0., 0., 0., 1.]), np.array([1., 0., 0., 0.])).tolist()
@@ -34,16 +24,6 @@ def composed(p: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 def turned_back(q: np.ndarray) -> np.ndarray:
     """The inverse of unit quaternions (..., 4).
-
-    Parameters
-    ----------
-    q : (..., 4) array
-        Unit quaternions.
-
-    Returns
-    -------
-    (..., 4) array
-        The inverse rotations.
 
     Examples
     --------
@@ -56,15 +36,7 @@ def turned_back(q: np.ndarray) -> np.ndarray:
 def of_angle(vector: np.ndarray) -> np.ndarray:
     """Unit quaternions (..., 4) of rotation vectors (..., 3) [rad].
 
-    Parameters
-    ----------
-    vector : (..., 3) array
-        Axis times angle [rad].
-
-    Returns
-    -------
-    (..., 4) array
-        Unit quaternions.
+    `vector` (..., 3) [rad].
 
     Examples
     --------
@@ -78,16 +50,6 @@ def of_angle(vector: np.ndarray) -> np.ndarray:
 
 def angle_of(q: np.ndarray) -> np.ndarray:
     """Rotation vectors (..., 3) [rad], at most pi long, of unit quaternions (..., 4).
-
-    Parameters
-    ----------
-    q : (..., 4) array
-        Unit quaternions; q and -q are one rotation.
-
-    Returns
-    -------
-    (..., 3) array
-        Axis times angle [rad].
 
     Examples
     --------
@@ -103,15 +65,7 @@ def angle_of(q: np.ndarray) -> np.ndarray:
 def matrix_to_start(q: np.ndarray) -> np.ndarray:
     """C(q)^T (..., 3, 3): from body axes to the axes that q starts from.
 
-    Parameters
-    ----------
-    q : (..., 4) array
-        Unit quaternions.
-
-    Returns
-    -------
-    (..., 3, 3) array
-        Rotation matrices.
+    `q` (..., 4).
 
     Examples
     --------
@@ -133,15 +87,7 @@ def accumulated(steps: np.ndarray) -> np.ndarray:
     The products double their length in each round, so that a slew of n steps takes log2(n) rounds
     of array operations.
 
-    Parameters
-    ----------
-    steps : (..., n, 4) array
-        Unit quaternions.
-
-    Returns
-    -------
-    (..., n, 4) array
-        Running products.
+    `steps` (..., n, 4). Returns (..., n, 4).
 
     Examples
     --------

@@ -68,17 +68,8 @@ class SampledSlews:
 def sampled(campaign: Campaign, shifts: Mapping[str, float] | None = None) -> SampledSlews | None:
     """The slews of a campaign at some sixty moments each.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What was flown.
-    shifts : mapping of str to float, optional
-        What to add to the time stamps of a channel of `Slew` [s], such as "attitude".
-
-    Returns
-    -------
-    SampledSlews or None
-        None if no slew has enough readings of the rate.
+    `shifts`: what to add to the time stamps of a channel of `Slew` [s], such as "attitude".
+    Returns: none if no slew has enough readings of the rate.
 
     Examples
     --------

@@ -1,20 +1,34 @@
-"""Which mistake, undone, makes the data consistent: single ones first, then pairs."""
+"""Which mistake, undone, makes the data consistent: single ones first, then pairs.
+
+A rate sensor along axes that are no permutation of the stated ones: its frame is estimated.
+
+From fixes: where the true rate is R times the stated one with a constant rotation R, the rotation
+between two fixes is exactly R times the rotation that the stated rates integrate to, so that R is a
+problem of Wahba's. Without fixes R follows from conservation of momentum: its free matrix of
+inertia, F = J R, has R as its rotational part.
+
+A stated rate bias that is stale: the bias that telemetry itself tells, under any conventions.
+
+The bias is linear in every law (`laws`), but a stale one turns the integrated rate by more than a
+linear law bears. So it is estimated, taken off the readings, and estimated again (Gauss-Newton),
+first from closure, then, with what closure leaves of its sd, from conservation of momentum.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bayes_inertia.conventions import limits
+from bayes_inertia.conventions.candidates import axes_mistake
 from bayes_inertia.conventions.hypothesis import Mistake, both
-from bayes_inertia.conventions.laws import CLOSURE
+from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE, wheel_momentum_B
 from bayes_inertia.conventions.linear_fit import LinearFit, worst
 from bayes_inertia.conventions.misfits import Misfits
-from bayes_inertia.conventions.mounting import turned_beside_bias, turned_sensor
 from bayes_inertia.conventions.reading import Reading
-from bayes_inertia.conventions.stale_bias import beside_stale_bias, with_own_bias
+from bayes_inertia.conventions.rotations import angle_of, composed, turned_back
 
 # Two mistakes that are together rarer than this are not tried.
 _RAREST_PAIR = 4
@@ -53,37 +67,14 @@ class Judgement:
     reading: Reading
 
     def mended(self, stated: Reading) -> Reading:
-        """The conventions that agree best with the data.
-
-        Parameters
-        ----------
-        stated : Reading
-            Conventions as stated.
-
-        Returns
-        -------
-        Reading
-            With the first remedy, if there is one.
-        """
+        """The conventions that agree best with the data."""
         return self.remedies[0].mistake.mend(stated) if self.remedies else self.reading
 
 
 def judged(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> Judgement:
     """What makes inconsistent data consistent: nothing, a stale bias, mistakes, or both.
 
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry and its laws.
-    stated : Reading
-        Conventions as stated.
-    singles : sequence of Mistake
-        The mistakes to try.
-
-    Returns
-    -------
-    Judgement
-        Pairs only where no single mistake explains the data.
+    Returns: pairs only where no single mistake explains the data.
     """
     before = worst(misfits.of(stated))
     if before <= limits.SUSPICIOUS:
@@ -228,16 +219,188 @@ def _scales(mistake: Mistake) -> bool:
 
 
 def misfit_of(fits: dict[str, LinearFit]) -> dict[str, float]:
-    """The misfit of each law [sd].
-
-    Parameters
-    ----------
-    fits : dict of str to LinearFit
-        By law.
-
-    Returns
-    -------
-    dict of str to float
-        By law.
-    """
+    """The misfit of each law [sd]."""
     return {law: float(np.round(fit.worst, 3)) for law, fit in fits.items()}
+
+
+# Two directions of rotation are told apart if the smaller holds this share of the larger's.
+_SECOND_DIRECTION = 0.15
+# Decimals of axes as they are proposed: a hundredth of a degree is better than they are known.
+_DECIMALS = 4
+# A rotation this close to a signed permutation [rad] is one, and a misaligned sensor.
+_MISALIGNED = 0.15
+_ROUNDS = 6
+_RARITY = 5
+
+
+def turned_sensor(misfits: Misfits, reading: Reading) -> list[Mistake]:
+    """The rotation of the rate sensor's frame that the data themselves propose.
+
+    Returns: one from the fixes, one from the wheels' momentum, as far as the telemetry tells.
+    """
+    axes = misfits.campaign.rate_sensor.axes
+    words = "the rates are along other axes"
+    rotations = [_from_fixes(misfits, reading), _from_momentum(misfits, reading)]
+    return [
+        axes_mistake(axes, np.round(axes @ rotation.T, _DECIMALS), _RARITY, words)
+        for rotation in rotations
+        if rotation is not None and not _whole(rotation) and not _whole(axes @ rotation.T)
+    ]
+
+
+def turned_beside_bias(misfits: Misfits, reading: Reading) -> list[Mistake]:
+    """The rotation that the data propose where the rate bias is stale as well.
+
+    Rotation and bias are estimated by turns.
+    """
+    best: list[Mistake] = []
+    for _ in range(_ROUNDS):
+        proposed = turned_sensor(misfits, reading)
+        if not proposed:
+            break
+        mended = [with_own_bias(misfits, mistake.mend(reading)) for mistake in proposed]
+        k = int(np.argmin([worst(misfits.of(m)) for m in mended]))
+        best = [proposed[k]]
+        back = reading.rate @ np.linalg.inv(mended[k].rate)
+        reading = replace(reading, bias_B=back @ mended[k].bias_B)
+    return best
+
+
+def _whole(rotation: np.ndarray) -> bool:
+    """Whether a rotation is a signed permutation but for a misalignment; those are tried anyway."""
+    return bool(np.abs(rotation - np.round(rotation)).max() < _MISALIGNED)
+
+
+def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
+    """The rotation nearest to a matrix.
+
+    `matrix` (3, 3). Returns (3, 3).
+
+    Examples
+    --------
+    >>> nearest_rotation(np.diag([2.0, 3.0, 0.5])).round(6).tolist()
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    """
+    left, _, right = np.linalg.svd(matrix)
+    return left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+
+
+def _from_fixes(misfits: Misfits, reading: Reading) -> np.ndarray | None:
+    fixes = misfits.slews.fixes
+    some = np.flatnonzero(fixes.sum(axis=1) >= 2)
+    path = misfits.motion(reading).path
+    seen, told = [], []
+    for slew in some:
+        rows = np.flatnonzero(fixes[slew])
+        attitude = misfits.slews.attitude[slew, rows] @ reading.attitude.T
+        seen.append(angle_of(composed(turned_back(attitude[:1]), attitude[1:])) / len(rows) ** 0.5)
+        part = path[slew, rows]
+        told.append(angle_of(composed(turned_back(part[:1]), part[1:])) / len(rows) ** 0.5)
+    if not len(some):
+        return None
+    products = np.concatenate(seen).T @ np.concatenate(told)
+    sizes = np.linalg.svd(products, compute_uv=False)
+    if sizes[1] <= _SECOND_DIRECTION**2 * sizes[0]:
+        return None
+    return nearest_rotation(products)
+
+
+def _from_momentum(misfits: Misfits, reading: Reading) -> np.ndarray | None:
+    """R by turns: estimate F = J R with the path of the last R, and take the rotation in F."""
+    slews = misfits.slews
+    stored = wheel_momentum_B(misfits.told(reading))
+    if stored is None or not reading.axes_B.shape[1]:
+        return None
+    rotation = np.eye(3)
+    for _ in range(_ROUNDS):
+        turned = replace(reading, rate=rotation @ reading.rate)
+        moving = misfits.motion(turned)
+        rate = np.einsum("snij,snj->sni", moving.to_start, moving.rate_B)
+        columns = np.einsum("snia,snb->sniab", moving.to_start, moving.rate_B)
+        columns = columns.reshape(*rate.shape, 9)
+        target = -np.einsum("snij,snj->sni", moving.to_start, stored)
+        weight = slews.valid[..., None]
+        columns = _without_mean(columns, weight[..., None]).reshape(-1, 9)
+        target = _without_mean(target, weight).reshape(-1)
+        normal = columns.T @ columns
+        if not normal.any():
+            return None
+        ridge = 1e-6 * np.trace(normal) / 9.0 * np.eye(9)
+        prior = reading.inertia.ravel()
+        free = prior + np.linalg.solve(normal + ridge, columns.T @ (target - columns @ prior))
+        rotation = nearest_rotation(np.linalg.solve(reading.inertia, free.reshape(3, 3))) @ rotation
+    return rotation
+
+
+def _without_mean(rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Rows (S, N, ...) less their mean in each slew, zero where they do not count."""
+    mean = (rows * weight).sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)
+    return (rows - mean) * weight
+
+
+_STALE_BIAS_ROUNDS = 4
+# A step shorter than this share of the bias's sd has converged.
+_CONVERGED = 0.05
+# Bias along body axes and its sd [rad/s].
+_Told = tuple[np.ndarray, np.ndarray]
+
+
+def with_own_bias(misfits: Misfits, reading: Reading) -> Reading:
+    """A reading with the constant rate bias that the telemetry tells under it.
+
+    Returns: with another bias; the reading itself where no bias makes it agree with the data.
+    """
+    drive = misfits.fit(DRIVE, reading)
+    if drive is not None and drive.worst > limits.ORDINARY:
+        return reading
+    rate_B = misfits.motion(reading).rate_B[misfits.slews.valid]
+    rms = float(np.sqrt(np.mean(np.sum(rate_B**2, axis=-1))))
+    told: _Told = (reading.bias_B, np.full(3, limits.STALE_SHARE * rms))
+    for law in (CLOSURE, CONSERVATION):
+        more = _kept(misfits, law, reading, told)
+        if more is None:
+            return reading
+        told = more
+    off = np.sqrt(((told[0] - reading.bias_B) ** 2).sum())
+    return replace(reading, bias_B=told[0]) if off < limits.STALEST_SHARE * rms else reading
+
+
+def _kept(misfits: Misfits, law: str, reading: Reading, before: _Told) -> _Told | None:
+    """What a law tells, remembered by all that it depends on."""
+    used = (getattr(reading, name) for name in misfits.parts_of(law))
+    key = ("bias", law, reading.time, *(x.tobytes() for x in (*used, *before)))
+    if key not in misfits.kept:
+        misfits.kept[key] = _told_by(misfits, law, reading, before)
+    return misfits.kept[key]
+
+
+def _told_by(misfits: Misfits, law: str, reading: Reading, before: _Told) -> _Told | None:
+    """Bias and sd as a law tells them; None if it is broken whatever the bias is."""
+    bias_B, sd = before
+    last = 2.0 * limits.HOPELESS
+    for _ in range(_STALE_BIAS_ROUNDS):
+        data = misfits.law(law, replace(reading, bias_B=bias_B), sd)
+        if data is None:
+            return before
+        fit = data.fit()
+        misfit = float(fit.misfit.max(initial=0.0))
+        if misfit > max(limits.ORDINARY, 0.5 * last):
+            return None
+        which = slice(data.bias_from, data.bias_from + 3)
+        step = sd * fit.values[which]
+        bias_B, last = bias_B + step, misfit
+        if np.abs(step).max() < _CONVERGED * sd.max():
+            break
+    return bias_B, sd * fit.sds[which]
+
+
+def beside_stale_bias(misfits: Misfits, mistake: Mistake) -> Mistake:
+    """A mistake in a campaign whose stated rate bias is stale as well.
+
+    Returns: with the same changes; the bias stands in the reading that it mends to.
+    """
+    return replace(
+        mistake,
+        mend=lambda reading: with_own_bias(misfits, mistake.mend(reading)),
+        words=f"{mistake.words}, and the stated rate bias is stale",
+    )

@@ -22,25 +22,7 @@ def verdict_in_words(
 ) -> str:
     """The verdict in a few short sentences.
 
-    Parameters
-    ----------
-    misfits : mapping of str to float
-        By law [sd].
-    remedies : sequence of Remedy
-        The best first.
-    verdict : str
-        "consistent", "doubtful" or "wrong".
-    edits : sequence of str
-        The lines that the proposal changes.
-    doubts : sequence of str, optional
-        What is doubtful, and where.
-    stale : bool, optional
-        Whether the misfits are those of another rate bias than the stated one.
-
-    Returns
-    -------
-    str
-        Words.
+    `misfits` [sd]. `stale`: whether the misfits are those of another rate bias than the stated one.
     """
     places = [f"  - {doubt}" for doubt in doubts]
     if not misfits and not doubts:
@@ -117,17 +99,7 @@ def _change_in_words(mistake: Mistake) -> list[str]:
 def edited_lines(text: str, mistake: Mistake) -> list[str]:
     """The lines of campaign.toml that a mistake's mending changes.
 
-    Parameters
-    ----------
-    text : str
-        Content of campaign.toml; may be empty.
-    mistake : Mistake
-        What to mend.
-
-    Returns
-    -------
-    list of str
-        Such as 'line 46: a = 1 -> a = 2'; empty without text.
+    Returns: such as 'line 46: a = 1 -> a = 2'; empty without text.
     """
     if not text:
         return []

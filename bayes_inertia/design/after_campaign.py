@@ -24,15 +24,7 @@ from bayes_inertia.maths.physical_draws import draw_physical
 def plan_after(estimate: Estimate) -> Plan:
     """A plan of one slew, yet to be chosen, that begins where the fitted campaign ended.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The fit of that campaign. It tells the wheel momentum where no tachometer does.
-
-    Returns
-    -------
-    Plan
-        See `following_plan`.
+    `estimate`: the fit of that campaign. It tells the wheel momentum where no tachometer does.
     """
     return following_plan(estimate.model.campaign, final_wheel_momentum(estimate))
 
@@ -43,16 +35,8 @@ def final_wheel_momentum(estimate: Estimate) -> np.ndarray:
     The fit holds the momentum at the first row of each slew. The torque commands since then change
     it: H' = u, with the body at rest at both ends of the slew (Ferguson's equation 6).
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The fit of the campaign.
-
-    Returns
-    -------
-    (wheels,) array
-        Momentum relative to the body [N m s]. With the measured drive, which needs tachometers,
-        that of the last slew's first row.
+    Returns (wheels,): momentum relative to the body [N m s]. With the measured drive, which needs
+    tachometers, that of the last slew's first row.
     """
     model = estimate.model
     slew, wheels = model.campaign.slews[-1], len(model.campaign.wheels)
@@ -67,17 +51,7 @@ def final_wheel_momentum(estimate: Estimate) -> np.ndarray:
 def forecast_after(forecast: Forecast, estimate: Estimate) -> Forecast:
     """A forecast with what a campaign told in place of the prior of J, K and bias.
 
-    Parameters
-    ----------
-    forecast : Forecast
-        Of slews to come.
-    estimate : Estimate
-        The fit of the campaign that was flown before.
-
-    Returns
-    -------
-    Forecast
-        The same, with another prior.
+    `estimate`: the fit of the campaign that was flown before.
     """
     known = np.concatenate([np.arange(9), len(estimate.free) + np.arange(N_BIAS)])
     place = np.concatenate([np.arange(9), len(forecast.layout.names) + np.arange(N_BIAS)])
@@ -89,24 +63,7 @@ def forecast_after(forecast: Forecast, estimate: Estimate) -> Forecast:
 def missions_after(estimate: Estimate, n: int, seed: int) -> list[Mission]:
     """Missions to expect after a campaign.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The fit of the campaign.
-    n : int
-        How many missions.
-    seed : int
-        Of the draws.
-
-    Returns
-    -------
-    list of Mission
-        The first has J and K as estimated, the others as drawn from the Laplace approximation.
-
-    Raises
-    ------
-    CampaignError
-        If hardly any tensor within the estimate's uncertainty is one of a body.
+    Returns: the first has J and K as estimated, the others as drawn from the Laplace approximation.
     """
     rng, campaign = np.random.default_rng([seed, 5]), estimate.model.campaign
     mean, covariance = estimate.theta[:9], estimate.covariance[:9, :9]
@@ -121,24 +78,8 @@ def missions_after(estimate: Estimate, n: int, seed: int) -> list[Mission]:
 def draw_bodies(campaign: Campaign, draw: Callable[[int], np.ndarray], n: int) -> np.ndarray:
     """Draws around an estimate, every J one that a body can have.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        It tells whether the draws hold J or J_locked.
-    draw : callable
-        Takes a number k and returns k draws (k, d); J's six elements [kg m^2] come first.
-    n : int
-        How many draws.
-
-    Returns
-    -------
-    (n, d) array
-        The draws.
-
-    Raises
-    ------
-    CampaignError
-        If hardly any tensor within the estimate's uncertainty is one of a body.
+    `campaign`: it tells whether the draws hold J or J_locked. `draw`: takes a number k and returns
+    k draws (k, d); J's six elements [kg m^2] come first. Returns (n, d).
     """
     spin = None
     if campaign.inertia.includes_wheel_spin:

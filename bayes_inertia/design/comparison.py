@@ -12,6 +12,8 @@ from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.maths.values import array_dataclass
 
+# What the names of such plans say.
+_REFERENCE = "slews like the paper's"
 # Flights that expected sds are averaged over.
 _EXPECTED_FLIGHTS = 24
 
@@ -53,6 +55,11 @@ class Contender:
     margins: tuple[Margin, ...]
 
     @property
+    def is_reference(self) -> bool:
+        """Whether it is of slews like the paper's, which other plans are measured by."""
+        return _REFERENCE in self.name
+
+    @property
     def worst_cross_term(self) -> float:
         """Largest expected sd of a product of inertia [kg m^2]."""
         return float(self.expected[3:6].max())
@@ -69,25 +76,8 @@ def assess_plan(
 ) -> Contender:
     """What to expect of a plan, and what is left of every limit.
 
-    Parameters
-    ----------
-    name : str
-        The plan's name in the comparison.
-    plan : Plan
-        What would be flown.
-    mission : Mission
-        At the mean of its prior.
-    limits : Limits
-        That the plan should keep.
-    seed : int, optional
-        Of the flights that expected sds are averaged over.
-    achieved : AchievedErrors or None, optional
-        What fits to simulated campaigns of the plan achieved.
-
-    Returns
-    -------
-    Contender
-        The plan, assessed.
+    `seed`: of the flights that expected sds are averaged over. `achieved`: what fits to simulated
+    campaigns of the plan achieved.
     """
     margins = planned_margins(plan, mission.spacecraft, limits)
     peaks = {

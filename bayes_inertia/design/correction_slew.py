@@ -63,21 +63,21 @@ class CorrectionForecast:
 class UpdateForecast:
     """Correction slew after a slew of 60 degrees about the worst body axis, without effects.
 
-    All angles are (median, 95 % quantile) over draws from the fit [rad].
+    All angles are (5 % quantile, median, 95 % quantile) over draws from the fit [rad].
 
     Parameters
     ----------
     axis : str
         "x", "y" or "z": the axis with the largest correction before.
-    before : (float, float)
+    before : (float, float, float)
         Flown with the old J and K.
-    after : (float, float)
+    after : (float, float, float)
         Flown with the new ones.
     """
 
     axis: str
-    before: tuple[float, float]
-    after: tuple[float, float]
+    before: tuple[float, float, float]
+    after: tuple[float, float, float]
 
 
 @array_dataclass
@@ -98,27 +98,8 @@ def correction_forecast(
     what remains in `updated` is what only a change of the on-board software, or a repair, would
     take away. Noise is left out.
 
-    Parameters
-    ----------
-    base : Estimate
-        The fit without the effects found.
-    final : Estimate
-        The fit with them.
-    seed : int, optional
-        Of the draws.
-    draws : int, optional
-        How many.
-
-    Returns
-    -------
-    CorrectionForecast or None
-        None without star tracker or wheels about three axes, or where a predicted slew does not
-        end.
-
-    Raises
-    ------
-    CampaignError
-        If hardly any tensor within an estimate's uncertainty is one of a body.
+    Returns: none without star tracker or wheels about three axes, or where a predicted slew does
+    not end.
     """
     campaign = final.model.campaign
     if not _can_slew(campaign):
@@ -132,7 +113,7 @@ def correction_forecast(
     forecasts = []
     for axis in np.eye(3):
         one = replace(plan, slews=(PlannedSlew(tuple(axis), _SLEW_ANGLE),))
-        forecasts.append([_quantiles(case, one, mission) for case in cases])
+        forecasts.append([_quantiles(case, one, mission)[1:] for case in cases])
     if not np.isfinite(forecasts).all():
         return None
     worst = int(np.argmax([f[1][0] for f in forecasts]))
@@ -146,20 +127,9 @@ def correction_with_update(
 
     Every draw is the truth once. Effects and noise are left out.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What was flown.
-    draws : (n, 9) array
-        Draws of J's elements [kg m^2] and K from a posterior, as the campaign's prior names them.
-    old, new : (9,) array
-        J and K that the controller knows before and after.
-
-    Returns
-    -------
-    UpdateForecast or None
-        None without star tracker or wheels about three axes, or where a predicted slew does not
-        end.
+    `old` and `new` (9,). `draws` (n, 9): draws of J's elements [kg m^2] and K from a posterior, as
+    the campaign's prior names them. Returns: none without star tracker or wheels about three axes,
+    or where a predicted slew does not end.
     """
     if not _can_slew(campaign):
         return None
@@ -171,7 +141,7 @@ def correction_with_update(
         forecasts.append([_quantiles(_Case(draws, {}, craft), one, mission) for craft in crafts])
     if not np.isfinite(forecasts).all():
         return None
-    worst = int(np.argmax([before[0] for before, _ in forecasts]))
+    worst = int(np.argmax([before[1] for before, _ in forecasts]))
     return UpdateForecast("xyz"[worst], *forecasts[worst])
 
 
@@ -233,15 +203,15 @@ def _inertia_afterwards(
     return inertia_B
 
 
-def _quantiles(case: _Case, plan: Plan, mission: Mission) -> tuple[float, float]:
-    """Median and 95 % quantile of the correction slew [rad] in one case."""
+def _quantiles(case: _Case, plan: Plan, mission: Mission) -> tuple[float, float, float]:
+    """Quantiles 5 %, 50 % and 95 % of the correction slew [rad] in one case."""
     forget_surplus(PROGRAMS, most=_MOST_PROGRAMS)
     controller = Controller(case.believed.inertia_B, case.believed.scale_factor)
     angles = predict_correction_slew(
         case.thetas[:, :9], plan, mission, controller, values=case.values
     )
-    median, high = np.quantile(angles, [0.5, 0.95]).tolist()
-    return median, high
+    low, median, high = np.quantile(angles, [0.05, 0.5, 0.95]).tolist()
+    return low, median, high
 
 
 def _draws(estimate: Estimate, rng: np.random.Generator, n: int) -> np.ndarray:

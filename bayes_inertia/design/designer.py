@@ -3,6 +3,10 @@
 A thousand random plans are scored with the smooth information forecast. The best are improved with
 exact derivatives of goal and limits, averaged over draws of J and K from what is known. The winner
 is flown: margins of every limit come from closed-loop flights with noise, each with its own truth.
+
+What a design searches for: the problem, its limits, the plan to compare with, the truths.
+
+The best of the plans found, in digits that an operator can read.
 """
 
 from __future__ import annotations
@@ -11,23 +15,34 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from bayes_inertia.design.after_campaign import plan_after
-from bayes_inertia.design.design_setup import DesignSetup, set_up_design
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.design.after_campaign import forecast_after, missions_after, plan_after
+from bayes_inertia.design.expected_accuracy import likely_missions
+from bayes_inertia.design.feasibility import require_feasible
+from bayes_inertia.design.feasible_region import FeasibleRegion, region_within
 from bayes_inertia.design.goals import Goal, parse_goal
-from bayes_inertia.design.limits import Limits
+from bayes_inertia.design.information_forecast import prepare_forecast
+from bayes_inertia.design.limits import Limits, hardware_limits
 from bayes_inertia.design.margins import Margin, broken_limits, flown_margins, planned_margins
-from bayes_inertia.design.operator_plan import best_plan
-from bayes_inertia.design.plan_arrays import slew_arrays
+from bayes_inertia.design.plan_arrays import planned_slews, slew_arrays
+from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.design.plan_search import improved_plans, random_plans
 from bayes_inertia.errors import DesignError
 from bayes_inertia.flight.follow_on import spacecraft_at
 from bayes_inertia.flight.mission import Mission
-from bayes_inertia.flight.plan import Plan, paper_like_plan
+from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
+from bayes_inertia.flight.planned_telemetry import planned_campaign
+from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.named_effects import effects_named
+from bayes_inertia.physics.parameters import ParameterSpace
+from bayes_inertia.progress import Progress, silent
 
 # A limit that a plan comes this close to, of what its reserve leaves, is active.
 _ACTIVE_SLACK = 0.01
@@ -63,6 +78,10 @@ class Design:
         see `expected_sd`.
     reference_sd : dict of str to float
         The same for `reference`.
+    sd_before : dict of str to float
+        {parameter: sd} before the plan is flown: of the prior, or of the campaign that counts.
+    units : dict of str to str
+        {parameter: unit of its sds}.
     margins : tuple of Margin
         What the planned motion leaves of every limit.
     flown : tuple of Margin
@@ -86,6 +105,8 @@ class Design:
     random_plans: int
     sd: dict[str, float]
     reference_sd: dict[str, float]
+    sd_before: dict[str, float]
+    units: dict[str, str]
     margins: tuple[Margin, ...]
     flown: tuple[Margin, ...]
     active: tuple[str, ...]
@@ -116,6 +137,7 @@ def design_plan(
     draws: int = 3,
     after: Estimate | None = None,
     effects: Sequence[str] = (),
+    progress: Progress | None = None,
 ) -> Design:
     """Design a campaign.
 
@@ -145,6 +167,8 @@ def design_plan(
         from it.
     effects : sequence of str, optional
         Names of effects that are fitted along, see `effects_named`; at their null in the forecast.
+    progress : callable or None, optional
+        Called with (stage, done, of); `of` is 0 where a stage is not counted.
 
     Returns
     -------
@@ -169,6 +193,8 @@ def design_plan(
     began, parsed_goal = time.perf_counter(), parse_goal(goal)
     limits = limits or Limits(rate=math.radians(1.0) / (1.0 - Limits().rate_reserve))
     base = base or paper_like_plan()
+    say = progress or silent
+    say("preparing the forecast", 0, 0)
     base = replace(base, start_attitude=limits.start_attitude or base.start_attitude)
     setup = set_up_design(
         mission,
@@ -181,11 +207,12 @@ def design_plan(
         after=after,
         effects=effects,
     )
+    say(f"scoring {candidates} random plans", 0, 0)
     x, log_values, least_slacks = random_plans(setup.problem, n_slews, candidates, seed)
-    improved, history = improved_plans(setup.problem, x, log_values, least_slacks, starts)
+    improved, history = improved_plans(setup.problem, x, log_values, least_slacks, starts, say)
     base = replace(base, name=f"{n_slews} slew{'s' if n_slews > 1 else ''} for {parsed_goal}")
-    craft = setup.missions[0].spacecraft
-    plan = best_plan(setup.problem, improved, base, craft, setup.limits)
+    plan = best_plan(setup.problem, improved, base, setup.missions[0].spacecraft, setup.limits)
+    say("flying the plan in closed loop", 0, 0)
     design = _judged(plan, setup, seed, log_values[least_slacks >= 0.0], history)
     return replace(design, seconds=time.perf_counter() - began)
 
@@ -262,7 +289,7 @@ def _judged(
     problem, limits = setup.problem, setup.limits
     flights = [fly(plan, mission, seed + i) for i, mission in enumerate(setup.missions)]
     x, x_reference = (problem.variables(slew_arrays(p)) for p in (plan, setup.reference))
-    slacks = problem.least_slacks(x)
+    slacks, layout = problem.least_slacks(x), problem.forecast.layout
     return Design(
         plan=plan,
         goal=problem.goal,
@@ -275,6 +302,8 @@ def _judged(
         random_plans=len(feasible),
         sd=problem.parameter_sd(x),
         reference_sd=problem.parameter_sd(x_reference),
+        sd_before=problem.sd_before(),
+        units=dict(zip(layout.names, layout.units, strict=True)),
         margins=planned_margins(plan, setup.missions[0].spacecraft, limits),
         flown=_tightest([flown_margins(flight, limits) for flight in flights]),
         active=tuple(name for name, slack in slacks.items() if slack < _ACTIVE_SLACK),
@@ -286,3 +315,182 @@ def _judged(
 def _tightest(margins: Sequence[tuple[Margin, ...]]) -> tuple[Margin, ...]:
     """The smallest margin of each limit over several flights."""
     return tuple(min(same, key=lambda m: m.left) for same in zip(*margins, strict=True))
+
+
+# The paper's angular acceleration [rad/s^2].
+_PAPER_ACCELERATION = math.radians(0.05)
+# By what factor, and how often at most, angles are reduced until a plan fits its time.
+_REDUCTION, _MOST_REDUCTIONS = 0.93, 60
+# Smallest angle [rad] of a slew like the paper's.
+_SMALLEST_ANGLE = 1e-3
+
+
+class DesignSetup(NamedTuple):
+    """What a design searches for.
+
+    Parameters
+    ----------
+    problem : PlanProblem
+        Goal, forecast, truths and region.
+    limits : Limits
+        As asked for, with a total time.
+    reference : Plan
+        Slews like the paper's within the same limits.
+    missions : list of Mission
+        The truths to expect; the first is the mean of what is known.
+    """
+
+    problem: PlanProblem
+    limits: Limits
+    reference: Plan
+    missions: list[Mission]
+
+
+def set_up_design(
+    mission: Mission,
+    goal: Goal,
+    limits: Limits,
+    base: Plan,
+    n_slews: int,
+    *,
+    seed: int,
+    draws: int,
+    after: Estimate | None = None,
+    effects: Sequence[str] = (),
+) -> DesignSetup:
+    """Set up the search for a plan.
+
+    `limits`: what it must respect; without a total time, that of slews like the paper's is taken.
+    `base`: start, telemetry and rests; its slews are not used. `after`: the fit of a campaign flown
+    before; what it tells counts.
+    """
+    spacecraft = mission.spacecraft
+    known = np.array(spacecraft.rate_sensor.scale_factor_sigma) if after is None else after.sd[6:9]
+    region = region_within(
+        limits, hardware_limits(spacecraft), scale_factor_sigma=float(np.max(known))
+    )
+    if limits.total_time is None:
+        like = paper_like_reference(base, region, n_slews, math.inf)
+        limits = replace(limits, total_time=like.starts[-1] + like.durations[-1])
+    total_time = limits.total_time or math.inf
+    region = region._replace(time=total_time)
+    require_feasible(spacecraft, base, region, limits, n_slews)
+    reference = paper_like_reference(base, region, n_slews, total_time)
+    fitted = effects_named(tuple(dict.fromkeys((*goal.effects, *effects))))
+    goal = replace(goal, effects=tuple(e.name for e in fitted[: len(goal.effects)]))
+    forecast = prepare_forecast(reference, mission, fitted)
+    if after is None:
+        missions = likely_missions(reference, mission, draws, seed)
+    else:
+        missions = missions_after(after, draws, seed)
+        forecast = forecast_after(forecast, after)
+    nulls = _nulls(fitted, planned_campaign(reference, mission.without_effects()))
+    thetas = np.array([np.concatenate([truth.theta, nulls]) for truth in missions])
+    end = None if limits.end_attitude is None else np.array(limits.end_attitude)
+    return DesignSetup(
+        PlanProblem(goal, forecast, thetas, region, end), limits, reference, missions
+    )
+
+
+def _nulls(effects: tuple[Effect, ...], campaign: Campaign) -> np.ndarray:
+    """The values (d,) at which effects do nothing."""
+    named = tuple((e.name, p) for e in effects for p in e.parameters(campaign))
+    return ParameterSpace(named).nulls
+
+
+def paper_like_reference(base: Plan, region: FeasibleRegion, n: int, total_time: float) -> Plan:
+    """Slews about the paper's axes at the largest rate, with its gentle ramps.
+
+    `base`: start, telemetry and rests; its slews are not used. `total_time`: what the plan may last
+    [s]; angles are reduced until it fits. Returns: the plan with the largest angles that fit, or
+    with very small ones if none do.
+    """
+    paper = [paper_like_plan().slews[i % 5] for i in range(n)]
+    acceleration = min(_PAPER_ACCELERATION, region.acceleration)
+    share = 1.0
+    for _ in range(_MOST_REDUCTIONS):
+        angles = [max(min(share * s.angle, region.angles[1]), _SMALLEST_ANGLE) for s in paper]
+        slews = tuple(
+            PlannedSlew(slew.axis_B, angle, rate=region.rate, acceleration=acceleration)
+            for slew, angle in zip(paper, angles, strict=True)
+        )
+        plan = replace(base, name=f"{n} slews like the paper's", slews=slews)
+        if plan.starts[-1] + plan.durations[-1] <= total_time + 1e-9:
+            break
+        share *= _REDUCTION
+    return plan
+
+
+# How far rounding to an operator's digits may reach into a reserve [fraction of the limit].
+_ROUNDING_SLACK = 2e-3
+
+
+def best_plan(
+    problem: PlanProblem,
+    candidates: Sequence[np.ndarray],
+    base: Plan,
+    spacecraft: Spacecraft,
+    limits: Limits,
+) -> Plan:
+    """The first of several plans that keeps all limits, in an operator's digits.
+
+    `candidates` (slews, 5). `base`: name, start, telemetry and rests; its slews are not used.
+    Returns: with rounded slews if these keep the limits, else with exact ones.
+    """
+    nearest = (-math.inf, "", base)
+    for x in candidates:
+        exact = planned_slews(problem.slews(x))
+        for slews in (rounded_slews(exact, problem), exact):
+            plan = replace(base, slews=slews)
+            slacks = problem.least_slacks(problem.variables(slew_arrays(plan)))
+            binding = min(slacks, key=slacks.__getitem__)
+            enough = slacks[binding] >= -_ROUNDING_SLACK
+            if enough and not broken_limits(planned_margins(plan, spacecraft, limits)):
+                return plan
+            nearest = max(nearest, (slacks[binding], binding, plan), key=lambda n: n[0])
+    slack, binding, plan = nearest
+    margins = planned_margins(plan, spacecraft, limits)
+    said = [margin.says for margin in margins if _kind_of(margin.limit) == binding]
+    what = "no plan was found that keeps it; the nearest misses it, with its reserve, by"
+    raise DesignError(
+        f"{what} {-100 * slack:.2g} %" + (f" ({said[0]})" if said else ""),
+        where=f"limit {binding}",
+        advice="loosen it, or ask for fewer slews or more time",
+    )
+
+
+def rounded_slews(slews: Sequence[PlannedSlew], problem: PlanProblem) -> tuple[PlannedSlew, ...]:
+    """Slews with axes to 3 digits, angles to 0.1 deg, rates and accelerations rounded down.
+
+    `problem`: where it gives the end attitude, the last slew stays exact.
+    """
+    out = [
+        PlannedSlew(
+            (round(x, 3), round(y, 3), round(z, 3)),
+            max(_rounded_down(slew.angle, 1), math.radians(0.1)),
+            _rounded_down(slew.rate, 3) or slew.rate,
+            _rounded_down(slew.acceleration, 4) or slew.acceleration,
+        )
+        for slew in slews
+        for x, y, z in [slew.axis_B]
+    ]
+    if problem.end_attitude is not None:
+        x = problem.variables(slew_arrays(replace(paper_like_plan(), slews=tuple(out))))
+        out[-1] = planned_slews(problem.slews(x))[-1]
+    return tuple(out)
+
+
+def _rounded_down(value: float, digits: int) -> float:
+    """A value [rad, or with time] rounded down to digits after the point in degrees."""
+    return math.radians(math.floor(math.degrees(value) * 10**digits + 1e-9) / 10**digits)
+
+
+def _kind_of(limit: str) -> str:
+    """A margin's name as `constraint_slacks` calls its kind.
+
+    >>> _kind_of("torque of wheel_x"), _kind_of("keep-out Sun"), _kind_of("rate")
+    ('wheel torque', 'keep-out', 'rate')
+    """
+    first = limit.partition(" of ")[0].partition(" ")[0]
+    kinds = {"torque": "wheel torque", "momentum": "wheel momentum", "keep-out": "keep-out"}
+    return kinds.get(first, limit)

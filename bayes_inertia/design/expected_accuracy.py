@@ -37,28 +37,9 @@ def estimate_at_truth(
 ) -> Estimate:
     """The estimate that a plan would lead to, at the truth.
 
-    Parameters
-    ----------
-    plan : Plan
-        What is flown.
-    mission : Mission
-        Its spacecraft is the truth to expect; what else acts in it is left out.
-    effects : sequence of Effect, optional
-        Fitted along, absent in truth.
-    controller : Controller, optional
-        None for one that knows the truth and flies just what was planned.
-    seed : int, optional
-        Of the noise in the flight; None for none.
-
-    Returns
-    -------
-    Estimate
-        Its `sd` and `covariance` are those to expect.
-
-    Raises
-    ------
-    CampaignError
-        If the plan does not fit the spacecraft.
+    `mission`: its spacecraft is the truth to expect; what else acts in it is left out.
+    `controller`: none for one that knows the truth and flies just what was planned. `seed`: of the
+    noise in the flight; None for none.
     """
     craft = mission.spacecraft
     quiet = replace(craft, bias=craft.rate_sensor.bias, effects=(), values={})
@@ -76,21 +57,7 @@ def expected_sd(plan: Plan, mission: Mission, *, truths: int = 8, seed: int = 0)
     controller that believes the prior. What such a controller gets wrong shakes the spacecraft,
     which tells more than the planned motion alone: a third in slews that tell little.
 
-    Parameters
-    ----------
-    plan : Plan
-        What is flown.
-    mission : Mission
-        Wheels, sensors and prior.
-    truths : int, optional
-        How many flights.
-    seed : int, optional
-        Of truths and noise.
-
-    Returns
-    -------
-    (9,) array
-        Of Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2] and K1 K2 K3.
+    Returns (9,): of Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2] and K1 K2 K3.
 
     Examples
     --------
@@ -111,21 +78,7 @@ def expected_sd(plan: Plan, mission: Mission, *, truths: int = 8, seed: int = 0)
 def likely_missions(plan: Plan, mission: Mission, n: int, seed: int) -> list[Mission]:
     """Missions to expect before flight.
 
-    Parameters
-    ----------
-    plan : Plan
-        What is flown.
-    mission : Mission
-        Wheels, sensors and prior.
-    n : int
-        How many missions.
-    seed : int
-        Of the draws.
-
-    Returns
-    -------
-    list of Mission
-        The first is the mean of the prior, the others have J, K and bias drawn from it.
+    Returns: the first is the mean of the prior, the others have J, K and bias drawn from it.
     """
     template = planned_campaign(plan, mission.without_effects())
     rng = np.random.default_rng([seed, 5])

@@ -24,24 +24,7 @@ def require_feasible(
 ) -> None:
     """Raise for what no plan can keep.
 
-    Parameters
-    ----------
-    spacecraft : Spacecraft
-        J, wheels and sensors.
-    base : Plan
-        Start, telemetry and rests; its slews are not used.
-    region : FeasibleRegion
-        Where plans may lie.
-    limits : Limits
-        What they must respect, with a total time.
-    n_slews : int
-        How many slews a plan has.
-
-    Raises
-    ------
-    DesignError
-        If the wheels do not span three axes, the time is too short, or the start or the end itself
-        breaks a limit.
+    `base`: start, telemetry and rests; its slews are not used.
     """
     require_three_axes(spacecraft.wheel_axes_B, DesignError)
     smallest = PlannedSlew((1.0, 0.0, 0.0), region.angles[0], region.rate, region.acceleration)
@@ -56,15 +39,7 @@ def require_feasible(
 def axes_of_control(wheel_axes_B: AnyArray) -> int:
     """About how many axes wheels turn a spacecraft.
 
-    Parameters
-    ----------
-    wheel_axes_B : (3, wheels) array
-        Unit spin axes in its columns.
-
-    Returns
-    -------
-    int
-        0 to 3.
+    `wheel_axes_B` (3, wheels).
 
     Examples
     --------
@@ -77,17 +52,7 @@ def axes_of_control(wheel_axes_B: AnyArray) -> int:
 def require_three_axes(wheel_axes_B: AnyArray, error: type[BayesInertiaError]) -> None:
     """Raise where the wheels cannot turn the spacecraft about all axes.
 
-    Parameters
-    ----------
-    wheel_axes_B : (3, wheels) array
-        Unit spin axes in its columns.
-    error : type of BayesInertiaError
-        What to raise.
-
-    Raises
-    ------
-    BayesInertiaError
-        Of the type `error`.
+    `wheel_axes_B` (3, wheels).
 
     Examples
     --------

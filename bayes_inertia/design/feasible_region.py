@@ -78,22 +78,9 @@ def region_within(
 ) -> FeasibleRegion:
     """The region that limits leave, with their reserves.
 
-    Parameters
-    ----------
-    limits : Limits
-        What must be respected.
-    hardware : HardwareLimits
-        The limits of wheels and sensors.
-    default_rate : float, optional
-        Largest rate [rad/s] where nothing limits it; None for 1 deg/s.
-    scale_factor_sigma : float, optional
-        Largest sd of a scale factor that the controller does not know. A slew misses its target by
-        that share of its angle.
-
-    Returns
-    -------
-    FeasibleRegion
-        The region.
+    `default_rate`: largest rate [rad/s] where nothing limits it; None for 1 deg/s.
+    `scale_factor_sigma`: largest sd of a scale factor that the controller does not know. A slew
+    misses its target by that share of its angle.
 
     Examples
     --------
@@ -129,18 +116,8 @@ def region_within(
 def slews_from_variables(x: AnyArray, region: FeasibleRegion) -> SlewArrays:
     """Slews from their design variables; JAX can differentiate it.
 
-    Parameters
-    ----------
-    x : (n, 5) array
-        Rotation vectors [rad], fractions of the largest rate, fractions of the largest
-        acceleration.
-    region : FeasibleRegion
-        It holds the largest.
-
-    Returns
-    -------
-    SlewArrays
-        The n slews, with linear ramps.
+    `x` (n, 5): rotation vectors [rad], fractions of the largest rate, fractions of the largest
+    acceleration.
     """
     zero = jnp.zeros(len(x))
     return SlewArrays(
@@ -153,17 +130,7 @@ def time_without_motion(times: PlanTimes, n: int) -> float:
 
     Each may last up to one telemetry period longer than its parts.
 
-    Parameters
-    ----------
-    times : PlanTimes
-        The times that the slews share [s].
-    n : int
-        How many slews.
-
-    Returns
-    -------
-    float
-        The time [s].
+    `times` [s]. Returns [s].
 
     Examples
     --------
@@ -189,25 +156,7 @@ def draw_variables(
     Wheel torques are within their limits by construction, but for the gyroscopic part. Momentum and
     keep-out cones are not.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Where chance comes from.
-    n : int
-        How many plans.
-    slews : int
-        How many slews in each.
-    region : FeasibleRegion
-        Where they may lie.
-    times : PlanTimes
-        The times that the slews share [s].
-    body : RigidBody
-        What moves.
-
-    Returns
-    -------
-    (n, slews, 5) array
-        Design variables, see `slews_from_variables`.
+    `times` [s]. Returns (n, slews, 5).
     """
     axis = rng.normal(size=(n, slews, 3))
     axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
@@ -235,22 +184,8 @@ def constraint_slacks(
 ) -> dict[str, Array]:
     """What is left of every limit, as a fraction of it; negative where violated.
 
-    Parameters
-    ----------
-    motion : PlannedMotion
-        n slews.
-    slews : SlewArrays
-        The same slews.
-    region : FeasibleRegion
-        What is allowed.
-    times : PlanTimes
-        The times that the slews share [s].
-
-    Returns
-    -------
-    dict of str to Array
-        `wheel torque` and `wheel momentum` (n, wheels), `rate`, `angle` and `least angle` (n,),
-        `total time` (), `keep-out` (n + 1, cones). JAX can differentiate all.
+    `times` [s]. Returns `wheel torque` and `wheel momentum` (n, wheels), `rate`, `angle` and `least
+    angle` (n,), `total time` (), `keep-out` (n + 1, cones). JAX can differentiate all.
     """
     used = demands(motion, slews.rotation_B, slews.acceleration, region.boresight_B, region.cones_N)
     missed = jnp.concatenate([jnp.zeros(1), region.pointing_error * used["angle"]])[:, None]
@@ -268,16 +203,6 @@ def constraint_slacks(
 
 def flattened(slacks: dict[str, Array]) -> Array:
     """All constraint slacks in one row.
-
-    Parameters
-    ----------
-    slacks : dict of str to Array
-        See `constraint_slacks`.
-
-    Returns
-    -------
-    (k,) Array
-        Their elements, in the order of the dictionary.
 
     Examples
     --------

@@ -112,30 +112,9 @@ def conditions_of(
 ) -> FlightConditions:
     """The conditions of slews flown with a model's hardware in the commanded drive.
 
-    Parameters
-    ----------
-    model : Model
-        It tells the hardware, and the prior sds of bias and start states.
-    environment : EnvironmentTable
-        Magnetic field and position on the campaign's clock.
-    first : int
-        Index of the first of these slews in the campaign.
-    slew_count : int
-        Slews in that campaign.
-    start_time : float
-        When these slews begin on its clock [s].
-    middle : float
-        The middle of the campaign on that clock [s].
-
-    Returns
-    -------
-    FlightConditions
-        The conditions.
-
-    Raises
-    ------
-    CampaignError
-        If the campaign has no wheels: there is nothing to fly with.
+    `start_time` [s]. `model`: it tells the hardware, and the prior sds of bias and start states.
+    `first`: index of the first of these slews in the campaign. `middle`: the middle of the campaign
+    on that clock [s].
     """
     campaign = model.campaign
     if not campaign.wheels:
@@ -165,17 +144,7 @@ def conditions_of(
 def orbit_environment(orbit: Orbit | None, duration: float) -> EnvironmentTable:
     """The environment along an orbit.
 
-    Parameters
-    ----------
-    orbit : Orbit or None
-        None for no field and no position.
-    duration : float
-        How long the table lasts [s].
-
-    Returns
-    -------
-    EnvironmentTable
-        From 0 to `duration`.
+    `duration` [s].
 
     Examples
     --------
@@ -192,15 +161,7 @@ def orbit_environment(orbit: Orbit | None, duration: float) -> EnvironmentTable:
 def last_environment(campaign: Campaign) -> EnvironmentTable:
     """The environment that a campaign measured last, taken to stay as it was.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What was flown.
-
-    Returns
-    -------
-    EnvironmentTable
-        Two equal rows; zero for what the last slew did not measure.
+    Returns: two equal rows; zero for what the last slew did not measure.
     """
     last = campaign.slews[-1]
     field, position = (
@@ -213,19 +174,7 @@ def last_environment(campaign: Campaign) -> EnvironmentTable:
 def environment_at(environment: EnvironmentTable, moments: Array) -> tuple[Array, Array]:
     """Magnetic field and position at given times.
 
-    Parameters
-    ----------
-    environment : EnvironmentTable
-        What is known.
-    moments : (n,) array
-        Times in the campaign [s].
-
-    Returns
-    -------
-    magnetic_field_N : (n, 3) array
-        Inertial axes [T].
-    position_N : (n, 3) array
-        Inertial axes [m].
+    `moments` (n,) [s]. Returns `magnetic_field_N` (n, 3) [T]; `position_N` (n, 3) [m].
     """
     field, position = (
         jnp.stack([jnp.interp(moments, environment.time, values[:, i]) for i in range(3)], -1)

@@ -91,21 +91,8 @@ class Goal:
 def parse_goal(text: str | Goal) -> Goal:
     """A goal from its text.
 
-    Parameters
-    ----------
-    text : str or Goal
-        `cross_terms`, `inertia`, `scale_factors`, `correction_slew`, or
-        `separate:effect_a,effect_b`. A goal is returned as it is.
-
-    Returns
-    -------
-    Goal
-        What the text names.
-
-    Raises
-    ------
-    CampaignError
-        If the text names no goal.
+    `text`: `cross_terms`, `inertia`, `scale_factors`, `correction_slew`, or
+    `separate:effect_a,effect_b`. A goal is returned as it is.
 
     Examples
     --------
@@ -132,25 +119,9 @@ def criterion(
 ) -> Array:
     """The goal's number for a covariance of the parameters; JAX can differentiate it.
 
-    Parameters
-    ----------
-    goal : Goal
-        What to determine.
-    covariance : (d, d) array
-        Of the parameters, in their units.
-    theta : (d,) array
-        The parameters where the covariance holds.
-    prior_sd : (d,) array
-        Their prior sds.
-    groups : sequence of (int, int), optional
-        Where the parameters of the goal's two effects stand: (first, behind the last) of each.
-    smooth : bool, optional
-        Whether the largest sd is replaced by a norm close to it, which has derivatives everywhere.
-
-    Returns
-    -------
-    () Array
-        In the goal's unit; smaller is better.
+    `covariance` (d, d); `theta` (d,); `prior_sd` (d,). `groups`: where the parameters of the goal's
+    two effects stand: (first, behind the last) of each. `smooth`: whether the largest sd is
+    replaced by a norm close to it, which has derivatives everywhere.
 
     Examples
     --------
@@ -193,11 +164,8 @@ def correction_sensitivity() -> np.ndarray:
     it adds is turned on with the body: the integral of exp(-s [a]x) ds diag(a) over a slew of 60
     degrees about the axis a.
 
-    Returns
-    -------
-    (13, 3, 3) array
-        Rotation vector [rad] for relative errors of (K1, K2, K3), for slews about 13 axes: the body
-        axes and the diagonals between them.
+    Returns (13, 3, 3): rotation vector [rad] for relative errors of (K1, K2, K3), for slews about
+    13 axes: the body axes and the diagonals between them.
 
     Examples
     --------

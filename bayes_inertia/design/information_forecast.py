@@ -62,28 +62,21 @@ class ForecastLayout:
     ----------
     structure : Structure
         Of the model that will be fitted.
-    names : tuple of str
-        Its d parameters.
+    names, units : tuple of str
+        Of its d parameters.
     times : PlanTimes
         The times that the slews share [s].
     """
 
     structure: Structure
     names: tuple[str, ...]
+    units: tuple[str, ...]
     times: PlanTimes
 
     def slice_of(self, effect: str) -> tuple[int, int]:
         """Where an effect's parameters stand.
 
-        Parameters
-        ----------
-        effect : str
-            The effect's name.
-
-        Returns
-        -------
-        (int, int)
-            The first, and behind the last; equal if it has none.
+        Returns: the first, and behind the last; equal if it has none.
         """
         indices = [i for i, name in enumerate(self.names) if name.startswith(f"{effect}.")]
         return (indices[0], indices[-1] + 1) if indices else (0, 0)
@@ -107,15 +100,7 @@ class Forecast:
     def body(self, theta: np.ndarray) -> RigidBody:
         """The body that parameters describe.
 
-        Parameters
-        ----------
-        theta : (d,) array
-            The model's parameters.
-
-        Returns
-        -------
-        RigidBody
-            With J without the wheels' spin.
+        `theta` (d,).
         """
         return rigid_body_at(self.layout.structure, theta, self.arrays.conditions)
 
@@ -123,24 +108,8 @@ class Forecast:
 def prepare_forecast(plan: Plan, mission: Mission, effects: tuple[Effect, ...] = ()) -> Forecast:
     """The forecast for slews at the times and from the start of a plan.
 
-    Parameters
-    ----------
-    plan : Plan
-        Its slews set the scale of default priors of effects, nothing else.
-    mission : Mission
-        Wheels, sensors and prior; what acts in truth is not used.
-    effects : tuple of Effect, optional
-        Fitted along, at their null.
-
-    Returns
-    -------
-    Forecast
-        With the prior of the mission alone.
-
-    Raises
-    ------
-    CampaignError
-        If there are no wheels.
+    `plan`: its slews set the scale of default priors of effects, nothing else. `mission`: wheels,
+    sensors and prior; what acts in truth is not used.
 
     Examples
     --------
@@ -158,7 +127,8 @@ def prepare_forecast(plan: Plan, mission: Mission, effects: tuple[Effect, ...] =
     )
     sd = model.space.sd
     structure = replace(model.structure, refined=False)
-    layout = ForecastLayout(structure, model.space.names, plan_times(plan))
+    space = model.space
+    layout = ForecastLayout(structure, space.names, space.units, plan_times(plan))
     prior = np.diag(np.concatenate([sd**-2.0, np.ones(N_BIAS)]))
     start = plan_start(plan, len(campaign.wheels))
     return Forecast(layout, ForecastArrays(conditions, start, sd, prior))
@@ -167,19 +137,7 @@ def prepare_forecast(plan: Plan, mission: Mission, effects: tuple[Effect, ...] =
 def rigid_body_at(structure: Structure, theta: AnyArray, conditions: FlightConditions) -> RigidBody:
     """The body that parameters describe; JAX can differentiate it.
 
-    Parameters
-    ----------
-    structure : Structure
-        Of the model; it knows whether J includes the wheels' spin.
-    theta : (d,) array
-        The model's parameters.
-    conditions : FlightConditions
-        They hold the wheels.
-
-    Returns
-    -------
-    RigidBody
-        With J without the wheels' spin.
+    `theta` (d,). `structure`: of the model; it knows whether J includes the wheels' spin.
     """
     J = inertia_tensor.tensor(theta[:6])
     wheels = conditions.wheel_axes_B, conditions.spin_inertia

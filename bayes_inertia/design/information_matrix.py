@@ -37,21 +37,7 @@ def expected_covariance(
 ) -> Array:
     """Expected covariance of the parameters after slews; JAX can differentiate it.
 
-    Parameters
-    ----------
-    layout : ForecastLayout
-        What decides the compiled code.
-    arrays : ForecastArrays
-        Conditions, start and prior.
-    theta : (d,) array
-        The parameters, taken to be the truth.
-    slews : SlewArrays
-        n slews, flown one after the other.
-
-    Returns
-    -------
-    (d, d) Array
-        In the parameters' units.
+    `theta` (d,).
     """
     return covariance_after(arrays, information_matrices(layout, arrays, theta, slews))
 
@@ -59,17 +45,7 @@ def expected_covariance(
 def covariance_after(arrays: ForecastArrays, information: Array) -> Array:
     """Covariance of the parameters from the prior and the information of slews.
 
-    Parameters
-    ----------
-    arrays : ForecastArrays
-        They hold the prior.
-    information : (n, d + 3, d + 3) array
-        Of each slew, see `information_matrices`.
-
-    Returns
-    -------
-    (d, d) Array
-        In the parameters' units.
+    `information` (n, d + 3, d + 3).
     """
     d = len(arrays.prior_sd)
     unit = jnp.concatenate([jnp.asarray(arrays.prior_sd), jnp.ones(N_BIAS)])
@@ -85,26 +61,7 @@ def information_matrices(
 ) -> Array:
     """Information of each slew on the parameters and the whitened bias.
 
-    Parameters
-    ----------
-    layout : ForecastLayout
-        What decides the compiled code.
-    arrays : ForecastArrays
-        Conditions and start.
-    theta : (d,) array
-        The parameters, taken to be the truth.
-    slews : SlewArrays
-        n slews, flown one after the other.
-
-    Returns
-    -------
-    (n, d + 3, d + 3) Array
-        Each slew's own start state is integrated out.
-
-    Raises
-    ------
-    EffectError
-        If an effect has states of its own.
+    `theta` (d,).
     """
     body = rigid_body_at(layout.structure, theta, arrays.conditions)
     motion = motion_of_slews(slews, layout.times, body, arrays.start)
@@ -162,18 +119,8 @@ def _information_of_slew(
 def without_start_state(matrix: Array, shared: int) -> Array:
     """What a slew tells about shared unknowns when its start state is not known.
 
-    Parameters
-    ----------
-    matrix : (k, k) array
-        Information on the shared unknowns and the whitened start state, which follows them and has
-        a unit prior.
-    shared : int
-        How many unknowns are shared.
-
-    Returns
-    -------
-    (shared, shared) Array
-        The Schur complement, by a Cholesky factor.
+    `matrix` (k, k): information on the shared unknowns and the whitened start state, which follows
+    them and has a unit prior.
 
     Examples
     --------

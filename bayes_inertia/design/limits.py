@@ -193,16 +193,6 @@ class HardwareLimits(NamedTuple):
 def hardware_limits(spacecraft: Spacecraft) -> HardwareLimits:
     """The limits of a spacecraft's wheels and sensors.
 
-    Parameters
-    ----------
-    spacecraft : Spacecraft
-        Wheels, rate sensor and star tracker.
-
-    Returns
-    -------
-    HardwareLimits
-        Infinite where the spacecraft states none.
-
     Examples
     --------
     >>> from bayes_inertia.flight.spacecraft import most_like_spacecraft

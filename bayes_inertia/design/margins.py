@@ -95,25 +95,11 @@ def demands(
 ) -> dict[str, Array]:
     """What a motion demands of spacecraft and sky; JAX can differentiate it.
 
-    Parameters
-    ----------
-    motion : PlannedMotion
-        n slews.
-    rotation_B : (n, 3) array
-        Rotation vectors of the slews [rad].
-    acceleration : (n,) array
-        Their angular accelerations [rad/s^2].
-    boresight_B : (3,) array
-        The star tracker's boresight.
-    cones_N : (cones, 3) array
-        Unit vectors to the centres of keep-out cones, inertial axes.
-
-    Returns
-    -------
-    dict of str to Array
-        `torque` [N m] and `momentum` [N m s] (n, wheels), `rate` [rad/s], `angle` [rad] and
-        `acceleration` [rad/s^2] (n,), `time` () [s], and `distance` (n + 1, cones) [rad] of the
-        boresight at rest from each cone's centre.
+    `rotation_B` (n, 3) [rad]; `acceleration` (n,) [rad/s^2]; `boresight_B` (3,). `cones_N` (cones,
+    3): unit vectors to the centres of keep-out cones, inertial axes. Returns `torque` [N m] and
+    `momentum` [N m s] (n, wheels), `rate` [rad/s], `angle` [rad] and `acceleration` [rad/s^2] (n,),
+    `time` () [s], and `distance` (n + 1, cones) [rad] of the boresight at rest from each cone's
+    centre.
 
     Examples
     --------
@@ -150,19 +136,7 @@ def planned_margins(plan: Plan, spacecraft: Spacecraft, limits: Limits) -> tuple
 
     The wheels give J a + w x (J w + h).
 
-    Parameters
-    ----------
-    plan : Plan
-        What is to be flown.
-    spacecraft : Spacecraft
-        J, wheels and sensors.
-    limits : Limits
-        What must be respected beside the hardware's own limits.
-
-    Returns
-    -------
-    tuple of Margin
-        One for each limit that there is.
+    `limits`: what must be respected beside the hardware's own limits.
 
     Examples
     --------
@@ -189,18 +163,9 @@ def planned_margins(plan: Plan, spacecraft: Spacecraft, limits: Limits) -> tuple
 def flown_margins(flight: Flight, limits: Limits) -> tuple[Margin, ...]:
     """What a flight left of every limit: peaks over all rows of its truth and its commands.
 
-    Parameters
-    ----------
-    flight : Flight
-        A plan that was flown in the closed loop.
-    limits : Limits
-        What had to be respected beside the hardware's own limits.
-
-    Returns
-    -------
-    tuple of Margin
-        One for each limit that there is. Start and end attitude are those of the plan: what a slew
-        misses is corrected afterwards.
+    `flight`: A plan that was flown in the closed loop. `limits`: what had to be respected beside
+    the hardware's own limits. Returns: one for each limit that there is. Start and end attitude are
+    those of the plan: what a slew misses is corrected afterwards.
     """
     campaign = flight.campaign
     rests = np.stack([*(path.attitude[0] for path in flight.truth), flight.truth[-1].attitude[-1]])
@@ -226,16 +191,6 @@ def flown_margins(flight: Flight, limits: Limits) -> tuple[Margin, ...]:
 
 def broken_limits(margins: Sequence[Margin]) -> tuple[Margin, ...]:
     """The margins of violated limits.
-
-    Parameters
-    ----------
-    margins : sequence of Margin
-        Of one plan or flight, or of several.
-
-    Returns
-    -------
-    tuple of Margin
-        Those that are not kept, worst first.
 
     Examples
     --------

@@ -82,15 +82,7 @@ class PlanStart(NamedTuple):
 def plan_times(plan: Plan) -> PlanTimes:
     """The times that all slews of a plan share.
 
-    Parameters
-    ----------
-    plan : Plan
-        What is to be flown.
-
-    Returns
-    -------
-    PlanTimes
-        Its times [s].
+    Returns [s].
     """
     return PlanTimes(*(getattr(plan, key) for key in PlanTimes._fields))
 
@@ -98,15 +90,7 @@ def plan_times(plan: Plan) -> PlanTimes:
 def slew_arrays(plan: Plan) -> SlewArrays:
     """A plan's slews as arrays.
 
-    Parameters
-    ----------
-    plan : Plan
-        What is to be flown.
-
-    Returns
-    -------
-    SlewArrays
-        Its slews; where one lasts longer than it needs, the rest after it is longer.
+    Returns: its slews; where one lasts longer than it needs, the rest after it is longer.
     """
     rotation = np.array([slew.angle * np.array(slew.axis_B) for slew in plan.slews])
     needed = np.array(
@@ -122,16 +106,6 @@ def slew_arrays(plan: Plan) -> SlewArrays:
 
 def planned_slews(slews: SlewArrays) -> tuple[PlannedSlew, ...]:
     """Arrays as slews that can be flown, with durations no longer than needed.
-
-    Parameters
-    ----------
-    slews : SlewArrays
-        n slews.
-
-    Returns
-    -------
-    tuple of PlannedSlew
-        The n slews.
 
     Examples
     --------
@@ -152,17 +126,7 @@ def planned_slews(slews: SlewArrays) -> tuple[PlannedSlew, ...]:
 def plan_start(plan: Plan, wheels: int) -> PlanStart:
     """Where a plan begins.
 
-    Parameters
-    ----------
-    plan : Plan
-        What is to be flown.
-    wheels : int
-        How many wheels there are; they are at rest where the plan names no momentum.
-
-    Returns
-    -------
-    PlanStart
-        Attitude and wheel momentum.
+    `wheels`: how many wheels there are; they are at rest where the plan names no momentum.
     """
     momentum = np.array(plan.wheel_momentum or np.zeros(wheels))
     return PlanStart(np.array(plan.start_attitude), momentum)

@@ -30,6 +30,7 @@ from bayes_inertia.design.information_matrix import expected_covariance
 from bayes_inertia.design.plan_arrays import SlewArrays
 from bayes_inertia.design.planned_motion import motion_of_slews
 from bayes_inertia.maths import quaternion
+from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.maths.values import AnyArray, array_dataclass
 
 # Plans that one call of compiled code scores.
@@ -70,30 +71,14 @@ class PlanProblem:
     def slews(self, x: AnyArray) -> SlewArrays:
         """The slews of a plan.
 
-        Parameters
-        ----------
-        x : (slews, 5) array
-            Design variables.
-
-        Returns
-        -------
-        SlewArrays
-            The last slew ends in `end_attitude` if there is one.
+        `x` (slews, 5). Returns: the last slew ends in `end_attitude` if there is one.
         """
         return _slews(self.forecast.arrays, self.region, self.end_attitude, x)
 
     def variables(self, slews: SlewArrays) -> np.ndarray:
         """The design variables of slews.
 
-        Parameters
-        ----------
-        slews : SlewArrays
-            The slews of a plan.
-
-        Returns
-        -------
-        (slews, 5) array
-            Design variables.
+        Returns (slews, 5).
         """
         fractions = [
             np.asarray(slews.rate) / self.region.rate,
@@ -104,15 +89,7 @@ class PlanProblem:
     def value(self, x: np.ndarray) -> float:
         """The goal's number for a plan.
 
-        Parameters
-        ----------
-        x : (slews, 5) array
-            Design variables.
-
-        Returns
-        -------
-        float
-            Geometric mean over the truths, in the goal's unit.
+        `x` (slews, 5). Returns: geometric mean over the truths, in the goal's unit.
         """
         logs = [self.score(x[None], k)[0][0] for k in range(len(self.thetas))]
         return float(np.exp(np.mean(logs)))
@@ -120,15 +97,7 @@ class PlanProblem:
     def least_slacks(self, x: np.ndarray) -> dict[str, float]:
         """The least that a plan leaves of each limit, beyond its reserve.
 
-        Parameters
-        ----------
-        x : (slews, 5) array
-            Design variables.
-
-        Returns
-        -------
-        dict of str to float
-            {limit: fraction of it}; see `constraint_slacks`.
+        `x` (slews, 5).
         """
         return {
             name: float(values.min(initial=np.inf))
@@ -138,39 +107,27 @@ class PlanProblem:
     def parameter_sd(self, x: np.ndarray) -> dict[str, float]:
         """Expected sds of all parameters for a plan, at the first truth.
 
-        Parameters
-        ----------
-        x : (slews, 5) array
-            Design variables.
-
-        Returns
-        -------
-        dict of str to float
-            {parameter: sd} in its unit.
+        `x` (slews, 5).
         """
         sd = self.score(x[None])[2][0]
         return dict(zip(self.forecast.layout.names, sd.tolist(), strict=True))
+
+    def sd_before(self) -> dict[str, float]:
+        """Sds of all parameters before the plan is flown, in their units.
+
+        Returns: {parameter: sd}: of the prior, or of the fit of a campaign that counts.
+        """
+        names = self.forecast.layout.names
+        covariance = inverse(np.asarray(self.forecast.arrays.prior))
+        return dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=False))
 
     def score(
         self, x: np.ndarray, truth: int = 0
     ) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]:
         """Goal, limits and sds of many plans at one truth.
 
-        Parameters
-        ----------
-        x : (n, slews, 5) array
-            Design variables of n plans.
-        truth : int, optional
-            Which of the truths.
-
-        Returns
-        -------
-        log_value : (n,) array
-            Logarithm of the goal's number.
-        slacks : dict of str to array
-            {limit: (n, ...)}, see `constraint_slacks`.
-        sd : (n, d) array
-            Expected sds of all parameters.
+        `x` (n, slews, 5). Returns `log_value` (n,): logarithm of the goal's number; `slacks`:
+        {limit: (n, ...)}, see `constraint_slacks`; `sd` (n, d): expected sds of all parameters.
         """
         static = (self.goal, self.forecast.layout, self.groups)
         given = (self.forecast.arrays, self.thetas[truth], self.region, self.end_attitude)
@@ -184,19 +141,8 @@ class PlanProblem:
     def log_value_and_gradient(self, x: np.ndarray, truths: int) -> tuple[float, np.ndarray]:
         """Logarithm of the smooth goal, mean over the first truths, and its exact gradient.
 
-        Parameters
-        ----------
-        x : (slews, 5) array
-            Design variables.
-        truths : int
-            Over how many truths.
-
-        Returns
-        -------
-        log_value : float
-            See `criterion` with `smooth`.
-        gradient : (slews, 5) array
-            Its derivative with respect to the design variables.
+        `x` (slews, 5). Returns `gradient` (slews, 5): its derivative with respect to the design
+        variables.
         """
         static = (self.goal, self.forecast.layout, self.groups)
         results = [
@@ -211,17 +157,8 @@ class PlanProblem:
     def slacks_and_jacobian(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """All constraint slacks at the first truth, and their derivatives.
 
-        Parameters
-        ----------
-        x : (slews, 5) array
-            Design variables.
-
-        Returns
-        -------
-        slacks : (k,) array
-            Fractions of each limit; infinite where there is none.
-        jacobian : (k, slews, 5) array
-            Their derivatives with respect to the design variables.
+        `x` (slews, 5). Returns `slacks` (k,): fractions of each limit; infinite where there is
+        none; `jacobian` (k, slews, 5): their derivatives with respect to the design variables.
         """
         layout, arrays = self.forecast.layout, self.forecast.arrays
         slacks, jacobian = _slacks_and_jacobian(

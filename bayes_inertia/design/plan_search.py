@@ -14,6 +14,7 @@ from bayes_inertia.design.feasible_region import (
     draw_variables,
 )
 from bayes_inertia.design.plan_problem import PlanProblem
+from bayes_inertia.progress import Progress, silent
 
 # Limits are kept this far away [fraction] in the search, so that rounding does not cross them.
 _LIMIT_CLEARANCE = 1e-3
@@ -28,25 +29,8 @@ def random_plans(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Random plans with their scores.
 
-    Parameters
-    ----------
-    problem : PlanProblem
-        What is searched for.
-    slews : int
-        How many slews in each plan.
-    n : int
-        How many plans.
-    seed : int
-        Of the random numbers.
-
-    Returns
-    -------
-    x : (n, slews, 5) array
-        Design variables.
-    log_values : (n,) array
-        Logarithm of the goal's number of each; infinite where it is no number.
-    least_slacks : (n,) array
-        The least that each leaves of any limit.
+    Returns `x` (n, slews, 5); `log_values` (n,): logarithm of the goal's number of each; infinite
+    where it is no number; `least_slacks` (n,): the least that each leaves of any limit.
     """
     rng = np.random.default_rng([seed, 7])
     body = problem.forecast.body(problem.thetas[0])
@@ -60,23 +44,9 @@ def improved_plan(
 ) -> tuple[np.ndarray, tuple[float, ...]]:
     """A plan improved by sequential quadratic programming (Kraft 1988).
 
-    Parameters
-    ----------
-    problem : PlanProblem
-        What is searched for.
-    x : (slews, 5) array
-        Design variables to begin with.
-    steps : int
-        How many steps at most.
-    truths : int
-        Over how many of the first truths the goal is averaged.
-
-    Returns
-    -------
-    x : (slews, 5) array
-        Design variables of the improved plan.
-    history : tuple of float
-        The smooth goal's number at every evaluation.
+    `x` (slews, 5). `truths`: over how many of the first truths the goal is averaged. Returns `x`
+    (slews, 5): design variables of the improved plan; `history`: the smooth goal's number at every
+    evaluation.
     """
     shape, history = x.shape, []
 
@@ -112,31 +82,20 @@ def improved_plans(
     log_values: np.ndarray,
     least_slacks: np.ndarray,
     starts: int,
+    say: Progress = silent,
 ) -> tuple[list[np.ndarray], tuple[tuple[float, ...], ...]]:
     """Plans improved from the best of random ones.
 
-    Parameters
-    ----------
-    problem : PlanProblem
-        What is searched for.
-    x : (n, slews, 5) array
-        Random plans, as from `random_plans`.
-    log_values : (n,) array
-        Logarithm of the goal's number of each.
-    least_slacks : (n,) array
-        The least that each leaves of any limit.
-    starts : int
-        How many of the best are improved.
-
-    Returns
-    -------
-    plans : list of (slews, 5) arrays
-        Best first. The first is the best one, improved once more over all truths.
-    histories : tuple of tuple of float
-        The smooth goal's number during each descent.
+    `x` (n, slews, 5); `log_values` (n,); `least_slacks` (n,). Returns `plans` (slews, 5): best
+    first. The first is the best one, improved once more over all truths; `histories`: the smooth
+    goal's number during each descent.
     """
     order = np.lexsort((log_values, -np.minimum(least_slacks, 0.0)))[:starts]  # feasible ones first
-    descents = [improved_plan(problem, x[k], _DESCENT_STEPS, 1) for k in order]
+    descents: list[tuple[np.ndarray, tuple[float, ...]]] = []
+    for k in order:
+        say("improving the best, plans", len(descents), len(order) + 1)
+        descents.append(improved_plan(problem, x[k], _DESCENT_STEPS, 1))
+    say("improving the best, plans", len(order), len(order) + 1)
     best = [descents[k][0] for k in _ranked(problem, [plan for plan, _ in descents])]
     final = improved_plan(problem, best[0], _DESCENT_STEPS, len(problem.thetas))
     return [final[0], *best], (*(history for _, history in descents), final[1])

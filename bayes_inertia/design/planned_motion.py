@@ -101,19 +101,7 @@ def rigid_body(
 ) -> RigidBody:
     """A rigid body with these wheels, its allocation included.
 
-    Parameters
-    ----------
-    inertia_B : (3, 3) array
-        J, without the wheels' spin inertia [kg m^2].
-    wheel_axes_B : (3, wheels) array
-        Unit spin axes as columns.
-    spin_inertia : (wheels,) array
-        Spin inertia of each wheel [kg m^2].
-
-    Returns
-    -------
-    RigidBody
-        The body.
+    `inertia_B` (3, 3) [kg m^2]; `wheel_axes_B` (3, wheels); `spin_inertia` (wheels,) [kg m^2].
 
     Examples
     --------
@@ -125,18 +113,6 @@ def rigid_body(
 
 def motion_of_plan(plan: Plan, body: RigidBody) -> PlannedMotion:
     """The motion of a plan, compiled.
-
-    Parameters
-    ----------
-    plan : Plan
-        What is to be flown.
-    body : RigidBody
-        What moves.
-
-    Returns
-    -------
-    PlannedMotion
-        The motion of all its slews.
 
     Examples
     --------
@@ -156,21 +132,7 @@ def motion_of_slews(
 ) -> PlannedMotion:
     """The motion of slews flown one after the other; a pure function that JAX can differentiate.
 
-    Parameters
-    ----------
-    slews : SlewArrays
-        n slews.
-    times : PlanTimes
-        The times that they share [s].
-    body : RigidBody
-        What moves.
-    origin : PlanStart
-        Attitude and wheel momentum at the beginning.
-
-    Returns
-    -------
-    PlannedMotion
-        The motion of all n slews.
+    `times` [s].
 
     Examples
     --------

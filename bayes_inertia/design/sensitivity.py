@@ -109,30 +109,7 @@ def telemetry_sensitivity(
 ) -> TelemetrySensitivity:
     """First-order sensitivity of one slew's telemetry; the slew begins at rest.
 
-    Parameters
-    ----------
-    structure : Structure
-        Of the model that will be fitted, with n_local nuisances a slew.
-    theta : (d,) array
-        The model's parameters.
-    context : SlewContext
-        The slew, as its effects may know it.
-    planned : PlannedTrajectory
-        Its motion.
-    sensors : Sensors
-        Axes and bias of the rate sensor.
-    scale : NuisanceScale
-        Prior sds of bias and start state.
-
-    Returns
-    -------
-    TelemetrySensitivity
-        With p = d + 3 + n_local.
-
-    Raises
-    ------
-    EffectError
-        If an effect has states of its own (a flexible mode, slosh), or no fixed shape.
+    `theta` (d,). `structure`: of the model that will be fitted, with n_local nuisances a slew.
     """
     for effect in structure.effects:
         if effect.acts("state_rate"):

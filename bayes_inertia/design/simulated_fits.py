@@ -54,19 +54,7 @@ def fit_simulated_campaign(
 ) -> dict[str, np.ndarray]:
     """Fly a plan once with noise, with a truth drawn from the prior, and fit the campaign in full.
 
-    Parameters
-    ----------
-    plan : Plan
-        What is flown.
-    mission : Mission
-        Wheels, sensors and prior.
-    source : numpy.random.SeedSequence
-        Of truth and noise. Campaigns of two plans from one source have the same truth.
-
-    Returns
-    -------
-    dict of str to array
-        One row of each field of `AchievedErrors`.
+    `source`: of truth and noise. Campaigns of two plans from one source have the same truth.
     """
     flight = draw_flight(planned_campaign(plan, mission), plan, source, vary=False)
     estimate = optimizer.estimate(Model(flight.campaign), starts=1, discount=False)

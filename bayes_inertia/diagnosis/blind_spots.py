@@ -71,15 +71,7 @@ def undetected_effects(diagnosis: Diagnosis) -> tuple[Undetected, ...]:
     What was named is fitted and hides nothing. A flexible mode, whose signal is of second order, is
     left out.
 
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-        What was found.
-
-    Returns
-    -------
-    tuple of Undetected
-        One for each element that was fitted; empty where the verdict is "unknown".
+    Returns: one for each element that was fitted; empty where the verdict is "unknown".
     """
     scored = scored_undetected(diagnosis)
     if scored is None:
@@ -96,17 +88,8 @@ def undetected_effects(diagnosis: Diagnosis) -> tuple[Undetected, ...]:
 def scored_undetected(diagnosis: Diagnosis) -> tuple[LinearisedFit, ScoreTests] | None:
     """Score the candidates that were not named, at the final fit.
 
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-        What was found.
-
-    Returns
-    -------
-    fit : LinearisedFit
-        Of the final fit.
-    tests : ScoreTests
-        Of the candidates; None for both where the verdict is "unknown" or all are fitted.
+    Returns `tests`: of the candidates; None for both where the verdict is "unknown" or all are
+    fitted.
     """
     names = unfitted(diagnosis.final)
     if not names or diagnosis.verdict == "unknown":
@@ -146,17 +129,7 @@ def _shifts(
 def noncentrality_at_even_odds(dof: int, level: float) -> float:
     """Find the non-centrality that a chi^2 test finds every second time.
 
-    Parameters
-    ----------
-    dof : int
-        Degrees of freedom of the test.
-    level : float
-        Its level: the p-value below which it finds something.
-
-    Returns
-    -------
-    float
-        Non-centrality of chi^2.
+    `level`: its level: the p-value below which it finds something.
 
     Examples
     --------
@@ -172,19 +145,9 @@ def largest_shifts(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Largest shifts over amplitudes a with a^T data a + |a|^2 / 4 at most 1.
 
-    Parameters
-    ----------
-    shift_per_amplitude : (p, n) array
-        p linear functions of the amplitudes.
-    data : (n, n) array
-        Normal matrix of the amplitudes, 1 where an effect is found with even odds.
-
-    Returns
-    -------
-    shift : (p,) array
-        The largest value of each function.
-    amplitude : (p, n) array
-        The amplitudes that reach it.
+    `shift_per_amplitude` (p, n). `data` (n, n): normal matrix of the amplitudes, 1 where an effect
+    is found with even odds. Returns `shift` (p,): the largest value of each function; `amplitude`
+    (p, n): the amplitudes that reach it.
 
     Examples
     --------
@@ -200,19 +163,8 @@ def largest_shifts(
 def shift_per_amplitude(fit: LinearisedFit, free: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """How far what is left out moves the fit.
 
-    Parameters
-    ----------
-    fit : LinearisedFit
-        Of J, K and what was fitted along.
-    free : (f,) array of int
-        Indices of the parameters fitted.
-    columns : (slews, numbers, n) array
-        Changes of the whitened residuals by units of what is left out.
-
-    Returns
-    -------
-    (9, n) array
-        Shift of J and K per unit; zero where they are held.
+    `free` (f,). `columns` (slews, numbers, n): changes of the whitened residuals by units of what
+    is left out. Returns (9, n): shift of J and K per unit; zero where they are held.
     """
     out, base = np.zeros((N_BASE, columns.shape[-1])), free < N_BASE
     out[free[base]] = (fit.inverse_root.T @ fit.imitated(columns))[: len(free)][base]

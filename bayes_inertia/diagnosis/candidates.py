@@ -44,22 +44,7 @@ class CandidateEffects:
 def candidate_effects(campaign: Campaign, library: Sequence[Effect]) -> CandidateEffects:
     """Sort a library into what a campaign allows and what it does not.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What was flown. An effect needs its columns in every slew.
-    library : sequence of Effect
-        Candidate effects.
-
-    Returns
-    -------
-    CandidateEffects
-        The usable ones, and why others are skipped.
-
-    Raises
-    ------
-    EffectError
-        If two candidates have one name, or `flexible_mode` is not a FlexibleMode itself.
+    `campaign`: what was flown. An effect needs its columns in every slew.
     """
     _check_names(library)
     missing = {
@@ -112,21 +97,8 @@ def score_candidates(
 ) -> ScoreTests:
     """Score everything that is not fitted yet.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit whose model holds the linear candidates at their null.
-    flexible_mode : FlexibleMode, optional
-        A further candidate, unless the model holds a mode already.
-    fit : LinearisedFit, optional
-        `estimate.linearised()`, if it is known already.
-    response : TorqueResponse, optional
-        `torque_response(estimate)`, likewise.
-
-    Returns
-    -------
-    ScoreTests
-        The score tests of all candidates.
+    `estimate`: A fit whose model holds the linear candidates at their null. `flexible_mode`: A
+    further candidate, unless the model holds a mode already.
     """
     waiting = unfitted(estimate)
     held = any(effect.name == FLEXIBLE_MODE for effect in estimate.model.effects)
@@ -139,18 +111,7 @@ def score_candidates(
 
 
 def ranked_candidates(tests: ScoreTests) -> tuple[Candidate, ...]:
-    """List all candidates, best evidence first.
-
-    Parameters
-    ----------
-    tests : ScoreTests
-        The score tests of all candidates.
-
-    Returns
-    -------
-    tuple of Candidate
-        Scores, p-values and log evidence to first order.
-    """
+    """List all candidates, best evidence first."""
     scores = [float(tests.score(k)) for k in range(len(tests.names))]
     rows = [
         Candidate(

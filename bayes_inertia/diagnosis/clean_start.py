@@ -4,6 +4,11 @@ Outliers are local, and rounding is seen in the readings: both are treated at on
 noise comes from fast differences. Correlated noise can look like a slow missing effect, and the
 other way round: the two compete. Where one effect explains the residuals better than any noise that
 is alike everywhere, physics goes first, and what it leaves is looked at again.
+
+Compile the model with all candidate effects while the plain model is fitted.
+
+The first evaluation of the large model compiles for some seconds. The compiler needs no interpreter
+lock, so that it can work beside the optimizer.
 """
 
 from __future__ import annotations
@@ -15,12 +20,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayes_inertia.diagnosis.candidates import score_candidates
-from bayes_inertia.diagnosis.precompilation import precompile
 from bayes_inertia.diagnosis.stochastic_candidates import (
     SOURCES,
     StochasticCandidate,
     stochastic_candidates,
 )
+from bayes_inertia.diagnosis.torque_response import tangents
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import (
     CleanFit,
@@ -32,9 +37,11 @@ from bayes_inertia.inference.cleaning import (
     without_outliers,
 )
 from bayes_inertia.inference.laplace import Estimate, plain_series
+from bayes_inertia.inference.likelihood import padded_sensitivities, residuals
 from bayes_inertia.inference.noise_colour import Colour, ColourOfAxis, colour_of
 from bayes_inertia.inference.noise_level import noise_factors
-from bayes_inertia.inference.noise_model import log_normalisation
+from bayes_inertia.inference.noise_model import log_normalisation, whitening
+from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.inference.rounding import level_of_rounded, rounding_steps
 from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.physics.forward_model import Model
@@ -94,27 +101,7 @@ def clean_start(
 ) -> CleanStart:
     """Fit the model without effects, dirt kept away.
 
-    Parameters
-    ----------
-    model : Model
-        With all candidate effects.
-    seed : int
-        Of the optimizer's starts.
-    as_stated : bool
-        Only the level of the noise is measured.
-    coloured : bool
-        Whether noise may be correlated in time.
-    stochastic : sequence of StochasticEffect
-        Candidates without a fixed shape: correlated noise must explain more than they do.
-
-    Returns
-    -------
-    CleanStart
-
-    Raises
-    ------
-    EstimateError
-        If the base model cannot be fitted.
+    `stochastic`: candidates without a fixed shape: correlated noise must explain more than they do.
     """
     with ThreadPoolExecutor(1) as pool:
         compiled = pool.submit(precompile, model)
@@ -242,20 +229,9 @@ def measured_again(
 ) -> CleanStart | None:
     """What dirt is once effects are named: they are not in the way any more.
 
-    Parameters
-    ----------
-    start : CleanStart
-        Where the search began.
-    final : Estimate
-        Where it ended: the fit with everything named.
-    weighed : sequence of StochasticCandidate
-        What has no fixed shape, at that fit: correlated noise must explain more than it does.
-
-    Returns
-    -------
-    CleanStart or None
-        Where to search on: at the same effects with other noise or other masks, or without any
-        where the noise has another shape. None where nothing changed.
+    `weighed`: what has no fixed shape, at that fit: correlated noise must explain more than it
+    does. Returns: where to search on: at the same effects with other noise or other masks, or
+    without any where the noise has another shape. None where nothing changed.
     """
     if start.as_stated:
         return None if final is start.estimate else _with_level(start, final)
@@ -326,20 +302,6 @@ def at_measured_level(start: CleanStart, final: Estimate) -> tuple[CleanStart, E
     A strong process beside noise that seemed louder than it is has a wrong size at first: fit and
     level are repeated until they agree. The fit may have stopped early, as one that is compared
     with others; it is brought to its end.
-
-    Parameters
-    ----------
-    start : CleanStart
-        Where the search began.
-    final : Estimate
-        Where it ended.
-
-    Returns
-    -------
-    start : CleanStart
-        With that level.
-    final : Estimate
-        The fit with it.
     """
     at_level = final
     for _ in range(_ROUNDS_OF_LEVEL):
@@ -359,3 +321,16 @@ def _with_level(start: CleanStart, final: Estimate) -> CleanStart | None:
     if noise == start.noise:
         return None
     return replace(start, estimate=optimizer.with_noise(final, noise), noise=noise)
+
+
+def precompile(model: Model) -> None:
+    """Evaluate a model once, all its effects at their null, so that later calls find compiled code.
+
+    Wait for it before the model is used: two threads that call the same new function compile it
+    twice.
+    """
+    theta, local = model.space.nulls, np.zeros((model.n_slews, model.structure.n_local))
+    point, white = Point(theta, np.zeros(N_BIAS), local), whitening(model, theta)
+    padded_sensitivities(model, point, white, np.arange(9))
+    tangents(model.structure, theta, local, model.data)
+    residuals(model.structure, point, model.data, white)

@@ -30,17 +30,8 @@ _OF_WHEELS = ("momentum_output", "delivered_torque")
 def coefficient_columns(response: TorqueResponse, effect: StochasticEffect) -> np.ndarray:
     """Take the derivatives of the whitened residuals towards an effect's coefficients.
 
-    Parameters
-    ----------
-    response : TorqueResponse
-        Of the fit; the effect need not be part of its model.
-    effect : StochasticEffect
-        Its hooks are linear in its coefficients.
-
-    Returns
-    -------
-    (slews, numbers, k) array
-        All channels one after the other; zero where the campaign does not see the effect.
+    `response`: of the fit; the effect need not be part of its model. Returns (slews, numbers, k):
+    all channels one after the other; zero where the campaign does not see the effect.
     """
     model = response.estimate.model
     hooks = tuple(

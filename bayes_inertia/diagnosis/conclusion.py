@@ -64,21 +64,7 @@ def conclude(
 ) -> Diagnosis:
     """Reach the verdict.
 
-    Parameters
-    ----------
-    outcome : Outcome
-        Of the search.
-    noise : dict
-        Factor by which each channel's noise exceeds what is stated.
-    skipped : tuple of (str, str)
-        Candidates that could not be tried, and why.
-    rules : Rules
-        The thresholds.
-
-    Returns
-    -------
-    Diagnosis
-        The answer.
+    `noise`: factor by which each channel's noise exceeds what is stated.
     """
     first, final = outcome.first, outcome.final
     tests, candidates = final_tests(final), _all_candidates(first)
@@ -140,15 +126,7 @@ def without_named_alternatives(steps: Sequence[Step]) -> tuple[Step, ...]:
 
     What is needed beside another effect is no alternative to it.
 
-    Parameters
-    ----------
-    steps : sequence of Step
-        What was added.
-
-    Returns
-    -------
-    tuple of Step
-        The same steps; no alternative is among the effects added.
+    Returns: the same steps; no alternative is among the effects added.
     """
     added = {step.added for step in steps}
     return tuple(
@@ -168,18 +146,7 @@ def _correlations(tests: ScoreTests) -> dict[tuple[str, str], float]:
 
 
 def final_tests(estimate: Estimate) -> dict[str, ChannelTest]:
-    """Test the residuals against the noise as used: stated noise times what was measured of it.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit.
-
-    Returns
-    -------
-    dict
-        {channel: ChannelTest}, and `total`.
-    """
+    """Test the residuals against the noise as used: stated noise times what was measured of it."""
     scale = np.sqrt(estimate.discount)
     tested, info = estimate.tested_residuals, estimate.information
     series = {
@@ -197,34 +164,12 @@ def final_tests(estimate: Estimate) -> dict[str, ChannelTest]:
 
 
 def is_explained(tests: dict[str, ChannelTest], rules: Rules) -> bool:
-    """Test whether nothing is left in the residuals that noise would not leave.
-
-    Parameters
-    ----------
-    tests : dict
-        Tests of the residuals by channel.
-    rules : Rules
-        Its `misfit_p_value` is the limit.
-
-    Returns
-    -------
-    bool
-        Whether no test fails.
-    """
+    """Test whether nothing is left in the residuals that noise would not leave."""
     return min(_p_values(tests), default=1.0) > rules.misfit_p_value
 
 
 def lowest_p_value(tests: dict[str, ChannelTest]) -> float:
     """The lowest p-value of all tests of the residuals, corrected for their number (Sidak).
-
-    Parameters
-    ----------
-    tests : dict
-        Tests of the residuals by channel.
-
-    Returns
-    -------
-    float
 
     Examples
     --------

@@ -15,15 +15,7 @@ def held_out_chi2(estimate: Estimate) -> float | None:
     Each slew is predicted with theta and bias from the others; only its own start state is fitted.
     To first order around the estimate.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The fit of all slews.
-
-    Returns
-    -------
-    float or None
-        1 if the predictions are as good as noise allows; None with fewer than two slews.
+    Returns: 1 if the predictions are as good as noise allows; None with fewer than two slews.
     """
     info = estimate.information
     slews = len(info.chi2)

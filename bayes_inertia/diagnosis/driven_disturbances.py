@@ -36,15 +36,7 @@ _NEGLIGIBLE = 1e-9  # rms of a component, as a share of the largest
 def drivers(response: TorqueResponse) -> dict[str, np.ndarray]:
     """List what a disturbance may be proportional to.
 
-    Parameters
-    ----------
-    response : TorqueResponse
-        Of a fit: its motion drives.
-
-    Returns
-    -------
-    dict
-        {name: (slews, n, k) array} on the integration grid, in SI units.
+    Returns: {name: (slews, n, k) array} on the integration grid, in SI units.
     """
     campaign = response.estimate.model.campaign
     slews = response.estimate.model.data.arrays.slews
@@ -89,18 +81,8 @@ def _slope(rate_B: np.ndarray, time: np.ndarray) -> np.ndarray:
 def driven_evidence(response: TorqueResponse, fit: LinearisedFit) -> dict[tuple[str, str], float]:
     """Weigh each disturbance in proportion to a driver against nothing.
 
-    Parameters
-    ----------
-    response : TorqueResponse
-        `torque_response(estimate)` of a fit.
-    fit : LinearisedFit
-        `estimate.linearised()` of the same.
-
-    Returns
-    -------
-    dict
-        {(source, driver): log evidence}. The source is "body torque" or "rate sensor". The
-        disturbance has any axes.
+    Returns: {(source, driver): log evidence}. The source is "body torque" or "rate sensor". The
+    disturbance has any axes.
     """
     campaign = response.estimate.model.campaign
     torque_size = torque_scale(campaign)

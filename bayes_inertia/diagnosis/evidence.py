@@ -32,17 +32,7 @@ _N_PRIOR_SCALES = 24
 def log_bayes_factor_of(gradient: ArrayLike, powers: ArrayLike) -> float:
     """Compute the log evidence for amplitudes against none, from a linear model of unit noise.
 
-    Parameters
-    ----------
-    gradient : (n,) array
-        Along independent directions, in units of the stated prior sd.
-    powers : (n,) array
-        Information along them, in the same units.
-
-    Returns
-    -------
-    float
-        Log of the Bayes factor.
+    `powers` (n,). `gradient` (n,): along independent directions, in units of the stated prior sd.
 
     Examples
     --------
@@ -63,21 +53,8 @@ def log_bayes_factor_around(
 ) -> float:
     """Compute the log evidence for amplitudes against none, linearised around the best ones.
 
-    Parameters
-    ----------
-    gain : float
-        Log posterior gained by the best amplitudes.
-    information : (n, n) array
-        Of the data there, in units of the prior sd that they were fitted with.
-    amplitude : (n,) array
-        The best ones, in the same units.
-    prior_scale : float, optional
-        How many times the stated prior sd that unit is.
-
-    Returns
-    -------
-    float
-        Log of the Bayes factor.
+    `amplitude` (n,). `information` (n, n): of the data there, in units of the prior sd that they
+    were fitted with. `prior_scale`: how many times the stated prior sd that unit is.
 
     Examples
     --------
@@ -98,18 +75,6 @@ def log_bayes_factor(before: Estimate, after: Estimate, effect: str) -> float:
     """Compute the log evidence for a fit with an effect against the fit without it.
 
     By Laplace's approximation.
-
-    Parameters
-    ----------
-    before, after : Estimate
-        Fits of the same data and noise; the effect's parameters are free in `after` only.
-    effect : str
-        Its name.
-
-    Returns
-    -------
-    float
-        Log of the Bayes factor.
     """
     space = after.model.space
     part = np.arange(space.size)[space.slice_of(effect)]
@@ -136,14 +101,8 @@ def log_evidence_of_fit(estimate: Estimate) -> float:
 
     By Laplace's approximation around the fit itself. Fits whose noise differs can be compared.
 
-    Parameters
-    ----------
-    estimate : Estimate
-
-    Returns
-    -------
-    float
-        Up to a constant that all models of the same readings share; -inf where the fit has no end.
+    Returns: up to a constant that all models of the same readings share; -inf where the fit has no
+    end.
     """
     if not np.isfinite(estimate.objective):
         return -np.inf

@@ -32,17 +32,7 @@ _HIGHER_LEVEL = 1e-3
 
 
 def is_strong(on_knots: SignalEvidence) -> bool:
-    """Whether a first-order process of the rates would be filtered.
-
-    Parameters
-    ----------
-    on_knots : SignalEvidence
-        What it is worth on knots.
-
-    Returns
-    -------
-    bool
-    """
+    """Whether a first-order process of the rates would be filtered."""
     return on_knots.log_bayes_factor >= _STRONG
 
 
@@ -51,18 +41,8 @@ def filtered_effects(
 ) -> tuple[StochasticEffect, ...]:
     """Which effects are to be weighed by filtering.
 
-    Parameters
-    ----------
-    fit : LinearisedFit
-        Without the effects.
-    on_knots : mapping of StochasticEffect to SignalEvidence
-        What all candidates are worth on knots.
-
-    Returns
-    -------
-    tuple of StochasticEffect
-        Strong first-order processes of the rates that are not far behind the best candidate;
-        empty where another one is fitted.
+    Returns: strong first-order processes of the rates that are not far behind the best candidate;
+    empty where another one is fitted.
     """
     most = max((own.log_bayes_factor for own in on_knots.values()), default=0.0)
     if noise_between_knots(fit.model, fit.point.theta):
@@ -104,26 +84,11 @@ def filtered_candidate(
 ) -> tuple[float, tuple[float, ...]]:
     """Weigh a first-order process of the rates.
 
-    Parameters
-    ----------
-    fit : LinearisedFit
-        Without the effect.
-    effect : StochasticEffect
-        Its first parameter is its size.
-    begin : (h,) array
-        Its parameters where the evidence on knots is largest.
-    own : SignalEvidence
-        On knots: over which sizes it was averaged, in medians of the prior.
-    gain : GainOfSizes, optional
-        What sizes, in medians of the prior, gain where the process goes on between slews: the
-        filter begins anew in every slew.
-
-    Returns
-    -------
-    log_bayes_factor : float
-        Log evidence against nothing, averaged over sizes and times as on knots.
-    start : tuple of float
-        Its parameters where the evidence is largest.
+    `begin` (h,): its parameters where the evidence on knots is largest. `own`: on knots: over which
+    sizes it was averaged, in medians of the prior. `gain`: what sizes, in medians of the prior,
+    gain where the process goes on between slews: the filter begins anew in every slew. Returns
+    `log_bayes_factor`: log evidence against nothing, averaged over sizes and times as on knots;
+    `start`: its parameters where the evidence is largest.
     """
     priors = _priors(effect, fit.model.campaign)
     mean = np.array([prior.mean for prior in priors.values()])

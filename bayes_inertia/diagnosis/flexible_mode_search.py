@@ -9,15 +9,21 @@ directions delta delta^T is that of the half sphere of three amplitudes).
 
 A ringing that begins with a slew of length T changes its phase over the slew by 2 pi T df:
 frequencies are tried at half of 1/T, and closer around the best.
+
+What a flexible mode of a given frequency would do to the residuals, without simulating it.
+
+A unit oscillator eta'' + 2 z W eta' + W^2 eta = -w' along each axis is shaken by the body's known
+rate. Its reaction -eta'' acts on the body as a torque.
 """
 
 from __future__ import annotations
+
+from functools import lru_cache
 
 import numpy as np
 from scipy import optimize, stats
 
 from bayes_inertia.diagnosis.evidence import log_bayes_factor_around
-from bayes_inertia.diagnosis.oscillator import PAIRS, oscillator_columns
 from bayes_inertia.diagnosis.score_test import NonlinearCandidate
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.laplace import Estimate
@@ -25,6 +31,69 @@ from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.optimizer import re_estimate, without_effect
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effects import FlexibleMode
+
+# Products of the coupling's components: xx, yy, zz, xy, xz, yz.
+PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+_DAMPING_RATIO = 0.005
+_MAX_FILTERS = 1280  # frequencies of a search times four lengths of slews
+
+
+def oscillator_columns(
+    response: TorqueResponse, frequencies: np.ndarray, scale: float
+) -> np.ndarray:
+    """Compute the changes of the residuals by unit modes.
+
+    `frequencies` (f,) [Hz]. `scale`: size of a unit product of the coupling's components [kg m^2].
+    Returns (slews, numbers, 6 f).
+    """
+    torque_B = np.zeros((*response.rate_B.shape, len(frequencies), len(PAIRS)))
+    for s, (time, rate_B) in enumerate(zip(response.time, response.rate_B, strict=True)):
+        for f, frequency in enumerate(frequencies):
+            reaction = _reaction(time, rate_B, frequency)
+            for k, (i, j) in enumerate(PAIRS):
+                torque_B[s, :, i, f, k] += reaction[:, j]
+                if i != j:
+                    torque_B[s, :, j, f, k] += reaction[:, i]
+    change = response.residual_change(scale * torque_B.reshape(*torque_B.shape[:3], -1))
+    return np.concatenate([np.asarray(c) for c in change], axis=1)
+
+
+def _reaction(time: np.ndarray, rate_B: np.ndarray, frequency: float) -> np.ndarray:
+    """-eta'' (n, 3) of unit oscillators shaken by the body rate (n, 3), undeformed at the start.
+
+    They are run on an even grid.
+    """
+    valid = np.append(np.diff(time) > 0.0, False)
+    last = int(np.flatnonzero(valid)[-1]) + 2
+    t = time[:last]
+    even = np.linspace(t[0], t[-1], len(t))
+    w = np.stack([np.interp(even, t, rate_B[:last, i]) for i in range(3)], -1)
+    step = round(float(even[1] - even[0]), 12)
+    # Slow to import, and a fit without a flexible mode needs none of it.
+    from scipy.signal import lfilter
+
+    shaken = lfilter(*_filter(frequency, step), np.gradient(w, even, axis=0), axis=0)
+    out = np.zeros_like(rate_B)
+    out[:last] = np.stack([np.interp(t, even, shaken[:, i]) for i in range(3)], -1)
+    return out
+
+
+# A bounded memory of a pure function: all slews of one length share a frequency's filter, and every
+# round of a search asks for the same frequencies again.
+@lru_cache(maxsize=_MAX_FILTERS)
+def _filter(frequency: float, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """From w' to -eta'': s^2 / (s^2 + 2 z W s + W^2) as a digital filter.
+
+    It is exact for an input that is linear between samples.
+    """
+    from scipy.signal import cont2discrete
+
+    omega = 2.0 * np.pi * frequency
+    above, below, _ = cont2discrete(
+        ([1.0, 0.0, 0.0], [1.0, 2.0 * _DAMPING_RATIO * omega, omega**2]), step, method="foh"
+    )
+    return np.ravel(above), below
+
 
 _ROW, _COLUMN = np.array(PAIRS).T
 _MAX_FREQUENCIES = 320
@@ -64,17 +133,7 @@ class FlexibleModeCandidate(NonlinearCandidate):
 def theta_with_mode(estimate: Estimate, mode: FlexibleModeCandidate) -> np.ndarray:
     """Put a mode's coupling and frequency into the parameters of a fit.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        Of a model that holds the effect.
-    mode : FlexibleModeCandidate
-        The mode.
-
-    Returns
-    -------
-    (d,) array
-        `estimate.theta` with the mode.
+    Returns (d,).
     """
     space = estimate.model.space
     part, theta = space.slice_of(mode.name), estimate.theta.copy()
@@ -90,15 +149,7 @@ def restarted_with_mode(estimate: Estimate) -> Estimate:
     Zero coupling is a stationary point of the posterior, where an optimizer stays, and far from the
     right frequency there is another.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit.
-
-    Returns
-    -------
-    Estimate
-        The better of the two fits; the given one if its model has no free flexible mode.
+    Returns: the better of the two fits; the given one if its model has no free flexible mode.
     """
     space, effects = estimate.model.space, estimate.model.effects
     mode = next((e for e in effects if isinstance(e, FlexibleMode)), None)
@@ -116,15 +167,8 @@ def restarted_with_mode(estimate: Estimate) -> Estimate:
 def frequencies(response: TorqueResponse) -> np.ndarray:
     """List the frequencies to try.
 
-    Parameters
-    ----------
-    response : TorqueResponse
-        Of the fit.
-
-    Returns
-    -------
-    (n,) array
-        From two periods in a slew to the fastest that the telemetry's sampling shows well [Hz].
+    Returns (n,): from two periods in a slew to the fastest that the telemetry's sampling shows well
+    [Hz].
     """
     duration = float(np.median(response.time[:, -1] - response.time[:, 0]))
     slews = response.estimate.model.campaign.slews
@@ -139,21 +183,8 @@ def best_flexible_mode(
 ) -> FlexibleModeCandidate:
     """Find the flexible mode that would gain most.
 
-    Parameters
-    ----------
-    name : str
-        Of the effect.
-    response : TorqueResponse
-        Of the fit without a mode.
-    fit : LinearisedFit
-        The same fit, ready to project columns off it.
-    scale : float
-        Square of the prior sd of the coupling's components [kg m^2].
-
-    Returns
-    -------
-    FlexibleModeCandidate
-        Its frequency, coupling, score and evidence.
+    `fit`: the same fit, ready to project columns off it. `scale`: square of the prior sd of the
+    coupling's components [kg m^2].
     """
     tried = frequencies(response)
     gains = _gains(response, fit, scale, tried)

@@ -78,17 +78,7 @@ class FreeSignal:
 def infer_signal(fit: LinearisedFit, basis: SignalBasis) -> FreeSignal:
     """Infer the signal over time that explains the residuals best, with its band.
 
-    Parameters
-    ----------
-    fit : LinearisedFit
-        Residuals and columns of the fit.
-    basis : SignalBasis
-        What the signal does to the residuals.
-
-    Returns
-    -------
-    FreeSignal
-        At the length scale and size of the highest marginal likelihood.
+    Returns: at the length scale and size of the highest marginal likelihood.
     """
     evidence, log_size, smooth = _most_likely(_normal_equations(fit, basis), basis)
     means, variances, effective = smooth.solution(log_size)

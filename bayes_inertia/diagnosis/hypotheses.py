@@ -62,22 +62,8 @@ def search_levels(
 ) -> tuple[Level, ...]:
     """What a search weighed at each of its fits.
 
-    Parameters
-    ----------
-    steps : sequence of Step
-        What it added.
-    final : Estimate
-        The fit with all of it.
-    rounds : sequence of ScoredRound
-        The rounds of the search.
-    weighed : sequence of sequences of StochasticCandidate
-        Effects without a fixed shape, and shapes without a name, at the fit before each step and
-        after the last.
-
-    Returns
-    -------
-    tuple of Level
-        One more than steps.
+    `weighed`: effects without a fixed shape, and shapes without a name, at the fit before each step
+    and after the last.
     """
     scored = {id(r.estimate): r.candidates for r in rounds}
     estimates = [*(step.before for step in steps), final]
@@ -98,19 +84,7 @@ def search_levels(
 def with_shapes(
     levels: Sequence[Level], shapes: Sequence[Sequence[NamelessShape]]
 ) -> tuple[Level, ...]:
-    """The levels of a search with all shapes without a name that were weighed.
-
-    Parameters
-    ----------
-    levels : sequence of Level
-        Of the search.
-    shapes : sequence of sequences of NamelessShape
-        At the first of them.
-
-    Returns
-    -------
-    tuple of Level
-    """
+    """The levels of a search with all shapes without a name that were weighed."""
     known = [tuple(shape.log_bayes_factor for shape in at) for at in shapes]
     first = [level._replace(nameless=at) for level, at in zip(levels, known, strict=False)]
     return (*first, *levels[len(first) :])
@@ -125,23 +99,7 @@ def hypotheses(
 ) -> tuple[Hypothesis, ...]:
     """Weigh all that a search has seen.
 
-    Parameters
-    ----------
-    levels : sequence of Level
-        Of the search.
-    steps : sequence of Step
-        What remained of it.
-    p_value : float
-        Of the residuals with all of it.
-    candidates : int
-        How many effects there were to choose from.
-    rules : Rules
-        Its temperature divides log evidences.
-
-    Returns
-    -------
-    tuple of Hypothesis
-        Most probable first; the probabilities add up to one.
+    Returns: most probable first; the probabilities add up to one.
 
     Examples
     --------
@@ -197,15 +155,7 @@ def _sets(levels: Sequence[Level], steps: Sequence[Step]) -> dict[tuple[str, ...
 def log_evidence_of(p_value: float) -> float:
     """Bound the log evidence against a hypothesis by the p-value of a test of it.
 
-    Parameters
-    ----------
-    p_value : float
-        Of a test that needs no alternative.
-
-    Returns
-    -------
-    float
-        -log(-e p log p); 0 for p above 1/e.
+    Returns: -log(-e p log p); 0 for p above 1/e.
 
     Examples
     --------

@@ -88,15 +88,7 @@ def alternative_parameters(diagnosis: Diagnosis) -> tuple[AlternativeParameters,
     One effect is exchanged at a time: that two sets are both led by the wrong one is left out. For
     what has no name stand a torque and a rate error of free shape (`physics.effects.REMAINDERS`).
 
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-        What was found.
-
-    Returns
-    -------
-    tuple of AlternativeParameters
-        One for each alternative; empty where the verdict is not "ambiguous".
+    Returns: one for each alternative; empty where the verdict is not "ambiguous".
     """
     if diagnosis.verdict != "ambiguous":
         return ()
@@ -203,20 +195,9 @@ def averaged_posterior(
     Each draw is kept or gives way to one of an alternative's Gaussian, in proportion to the
     probabilities.
 
-    Parameters
-    ----------
-    posterior : Posterior
-        With the effects named.
-    alternatives : sequence of AlternativeParameters
-        J and K with other effects in their place.
-    seed : int
-        Of the draws.
-
-    Returns
-    -------
-    Posterior
-        With one group `averaged` more, of J, K and principal moments, of which `Posterior.summary`
-        then speaks. The group `posterior` stays that of the effects named.
+    `alternatives`: J and K with other effects in their place. Returns: with one group `averaged`
+    more, of J, K and principal moments, of which `Posterior.summary` then speaks. The group
+    `posterior` stays that of the effects named.
     """
     if not alternatives:
         return posterior

@@ -47,18 +47,7 @@ class Rival(NamedTuple):
 
 
 def nameless_shapes(steps: Sequence[Step]) -> list[list[NamelessShape]]:
-    """All disturbances without a name in what the fit before each step leaves.
-
-    Parameters
-    ----------
-    steps : sequence of Step
-        What was added.
-
-    Returns
-    -------
-    list of list of NamelessShape
-        As many as steps.
-    """
+    """All disturbances without a name in what the fit before each step leaves."""
     return [
         _nameless(step, any(later.stochastic for later in steps[i:]))
         for i, step in enumerate(steps)
@@ -76,20 +65,8 @@ def nameless_rival(
     clearly, the names are not the cause. A claim of several effects at once pays for each further
     one (`prior_of_sets`).
 
-    Parameters
-    ----------
-    steps : sequence of Step
-        What was added.
-    candidates : int
-        How many there were to choose from.
-    shapes : sequence of sequences of NamelessShape
-        From `nameless_shapes`.
-
-    Returns
-    -------
-    Rival
-        The disturbance that comes nearest, with the log evidence by which it beats all effects
-        named, or the last of them, whichever is more, and from which step on; -inf without steps.
+    Returns: the disturbance that comes nearest, with the log evidence by which it beats all effects
+    named, or the last of them, whichever is more, and from which step on; -inf without steps.
     """
     evidence, rival = 0.0, Rival("", -np.inf, 0)
     for i in reversed(range(len(steps))):
@@ -131,17 +108,7 @@ def names_may_imitate(steps: Sequence[Step], rules: Rules) -> bool:
     They stand beside a random effect which a shape without a name explains as well: what is random
     about it may be what they left of one disturbance that none of them is.
 
-    Parameters
-    ----------
-    steps : sequence of Step
-        What was added.
-    rules : Rules
-        Its margin decides what explains as well.
-
-    Returns
-    -------
-    bool
-        False for a random effect alone, and without one.
+    Returns: false for a random effect alone, and without one.
     """
     if len(steps) < 2 or not steps[-1].stochastic:
         return False
@@ -156,19 +123,7 @@ def ambiguous_sets(
     A disturbance without a name that explains the data about as well as what was named from some
     step on may stand in place of each of these names. So may one effect in place of several.
 
-    Parameters
-    ----------
-    steps : sequence of Step
-        What was added.
-    rules : Rules
-        Its margin decides what is told from a disturbance without a name.
-    rival : Rival
-        From `nameless_rival`.
-
-    Returns
-    -------
-    tuple of tuple of str
-        Shapes without a name are called `NAMELESS[source]`.
+    `rules`: its margin decides what is told from a disturbance without a name. Returns [source].
     """
     sets = []
     for i, (step, leads) in enumerate(zip(steps, nameless_leads(steps, rules, rival), strict=True)):
@@ -185,19 +140,7 @@ def nameless_leads(
 ) -> tuple[dict[str, float], ...]:
     """What without a name explains the data about as well as each step's effect, and by how much.
 
-    Parameters
-    ----------
-    steps : sequence of Step
-        What was added.
-    rules : Rules
-        Its margin decides what explains as well.
-    rival : Rival
-        From `nameless_rival`.
-
-    Returns
-    -------
-    tuple of dict
-        One a step: {value of `NAMELESS`: log evidence by which it beats what was named}.
+    Returns: one a step: {value of `NAMELESS`: log evidence by which it beats what was named}.
     """
     found = []
     equal = rival.log_bayes_factor > -rules.log_evidence_margin

@@ -49,23 +49,10 @@ def without_needless_steps(
     A refit stays if it loses less than the steps that it leaves out cost. If one step less is far
     too much already, less than that is not tried. Refits are made two at a time.
 
-    Parameters
-    ----------
-    before : sequence of Step
-        What the search added before.
-    step : Step
-        That adds the effect without a fixed shape.
-    weighed : sequence of sequences of StochasticCandidate
-        At the fit before each step of the search and after the last.
-    members : int
-        How many effects there were to choose from; "no name" is one of them.
-
-    Returns
-    -------
-    kept : int
-        How many of the steps before are needed.
-    step : Step
-        The step after these. The shapes without a name that stand beside it are not changed.
+    `weighed`: at the fit before each step of the search and after the last. `members`: how many
+    effects there were to choose from; "no name" is one of them. Returns `kept`: how many of the
+    steps before are needed; `step`: the step after these. The shapes without a name that stand
+    beside it are not changed.
     """
     if step.alternatives or not before:
         return len(before), step

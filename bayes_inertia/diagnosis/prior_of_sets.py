@@ -16,16 +16,7 @@ _MISSING, _FURTHER = 0.5, 0.1
 def log_prior_of_set(size: int, members: int) -> float:
     """Log probability beforehand of one set of effects.
 
-    Parameters
-    ----------
-    size : int
-        How many effects it holds.
-    members : int
-        How many there are to choose from; "no name" is one of them.
-
-    Returns
-    -------
-    float
+    `members`: how many there are to choose from; "no name" is one of them.
 
     Examples
     --------
@@ -41,19 +32,8 @@ def log_prior_of_set(size: int, members: int) -> float:
 def cost_of_further(size: int, further: int, members: int) -> float:
     """What it costs to claim further effects beside a set.
 
-    Parameters
-    ----------
-    size : int
-        Effects of the set.
-    further : int
-        Effects beside them.
-    members : int
-        How many there are to choose from; "no name" is one of them.
-
-    Returns
-    -------
-    float
-        By how much the log evidence of the larger set must exceed that of the smaller one.
+    `members`: how many there are to choose from; "no name" is one of them. Returns: by how much the
+    log evidence of the larger set must exceed that of the smaller one.
 
     Examples
     --------

@@ -23,16 +23,7 @@ LARGEST_RANDOM_SIZE = 2.0
 def smallest_size(powers: np.ndarray, largest: float) -> float:
     """The size that a campaign can just not see, from which sizes are tried.
 
-    Parameters
-    ----------
-    powers : (n,) array
-        Information along the directions of an effect of size one.
-    largest : float
-        Largest size of the stated prior.
-
-    Returns
-    -------
-    float
+    `powers` (n,): information along the directions of an effect of size one.
 
     Examples
     --------
@@ -46,17 +37,8 @@ def smallest_size(powers: np.ndarray, largest: float) -> float:
 def sizes_with_weights(least: float, largest: float, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Sizes to average evidence over, even in their logarithm.
 
-    Parameters
-    ----------
-    least, largest : float
-        Ends of the stated prior.
-    count : int
-        How many sizes within it.
-
-    Returns
-    -------
-    sizes, weights : (count + 12,) arrays
-        The last twelve are beyond the prior; the weights add up to one.
+    Returns `sizes, weights` (count + 12,): the last twelve are beyond the prior; the weights add up
+    to one.
 
     Examples
     --------

@@ -87,16 +87,8 @@ def quoted_parameters(found: Estimate | Diagnosis) -> QuotedParameters:
 def alternatives_of(diagnosis: Diagnosis) -> tuple[AlternativeParameters, ...]:
     """J and K given what a diagnosis could not rule out.
 
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-        What was found.
-
-    Returns
-    -------
-    tuple of AlternativeParameters
-        One for each other effect of an ambiguous set, or, where no candidate explains the data,
-        one with free shapes; empty where there is nothing to average over.
+    Returns: one for each other effect of an ambiguous set, or, where no candidate explains the
+    data, one with free shapes; empty where there is nothing to average over.
     """
     return alternative_parameters(diagnosis) or remainder_alternatives(diagnosis)
 
@@ -108,18 +100,7 @@ def averaged_parameters(
 ) -> QuotedParameters:
     """Median of a mixture, and the sd that belongs to its 90 % interval.
 
-    Parameters
-    ----------
-    first : AlternativeParameters
-        What has the probability that the alternatives leave.
-    alternatives : tuple of AlternativeParameters
-        What may be true instead.
-    dispersion_factor : float
-        By which slews disagree more than the fit says.
-
-    Returns
-    -------
-    QuotedParameters
+    `dispersion_factor`: by which slews disagree more than the fit says.
 
     Examples
     --------

@@ -19,15 +19,6 @@ from bayes_inertia.physics.stochastic_effect import StochasticEffect
 def instances[E: Effect](effects: Sequence[E]) -> Mapping[str, E]:
     """Effects by their names.
 
-    Parameters
-    ----------
-    effects : sequence of Effect
-        No two of one name.
-
-    Returns
-    -------
-    mapping of Effect
-
     Examples
     --------
     >>> from bayes_inertia.physics.effects import TorqueNoise
@@ -40,19 +31,7 @@ def instances[E: Effect](effects: Sequence[E]) -> Mapping[str, E]:
 def with_stochastic(before: Estimate, effect: StochasticEffect, start: Sequence[float]) -> Estimate:
     """Fit one effect without a fixed shape more; effects that were not fitted are left out.
 
-    Parameters
-    ----------
-    before : Estimate
-        The fit without it.
-    effect : StochasticEffect
-        What to add.
-    start : sequence of float
-        Its parameters to begin from.
-
-    Returns
-    -------
-    Estimate
-        Of a model that holds what is fitted and nothing else.
+    Returns: of a model that holds what is fitted and nothing else.
     """
     old = before.model
     model = Model(old.campaign, (*before.effects_fitted, effect), old.structure.drive)
@@ -73,20 +52,7 @@ def without_effects(
 
     Nothing is compiled anew for it. Campaign and noise stay those of the fit with all effects.
 
-    Parameters
-    ----------
-    fitted : Estimate
-        With all of them.
-    names : collection of str
-        The effects to leave out.
-    before : Estimate
-        A fit without them: where to begin.
-    start : mapping of sequences of float
-        By the names of effects that `before` does not know, their parameters to begin from.
-
-    Returns
-    -------
-    Estimate
+    `start`: by the names of effects that `before` does not know, their parameters to begin from.
     """
     space, theta = fitted.model.space, move_to(before, fitted.model).theta.copy()
     for name, values in start.items():

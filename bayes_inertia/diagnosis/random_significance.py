@@ -60,23 +60,7 @@ def p_values_of_largest(
 ) -> np.ndarray:
     """Probability that the largest of all Bayes factors is so large where nothing is random.
 
-    Parameters
-    ----------
-    fit : LinearisedFit
-        A fit without the signals.
-    signals : sequence of RandomSignal
-        All candidates.
-    log_bayes_factors : (m,) array
-        Log Bayes factors to judge.
-    rng : numpy.random.Generator
-        Source of the campaigns.
-    draws : int, optional
-        How many campaigns are simulated.
-
-    Returns
-    -------
-    (m,) array
-        p-values of the whole family of candidates.
+    `log_bayes_factors` (m,). Returns (m,).
     """
     mixtures = [_mixture(fit, signal) for signal in signals]
     batches = int(np.ceil(draws * fit.residual.size / _AT_ONCE))

@@ -24,6 +24,7 @@ from bayes_inertia.inference.optimizer import move_to, re_estimate
 from bayes_inertia.maths.at_once import at_once
 from bayes_inertia.physics.effects import FlexibleMode
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.progress import Progress, silent
 
 # By how much log evidence to first order may be wrong.
 _FIRST_ORDER_ERROR = 2.0
@@ -80,25 +81,16 @@ class Refit:
     p_value: float
 
 
-def best_step(scored: ScoredRound, dropped: set[str], rules: Rules) -> Step | None:
+def best_step(
+    scored: ScoredRound, dropped: set[str], rules: Rules, say: Progress = silent
+) -> Step | None:
     """Refit the most promising significant candidates and take the one with the best evidence.
 
-    Parameters
-    ----------
-    scored : ScoredRound
-        All candidates, scored.
-    dropped : set of str
-        Effects that were found needless before and are not tried again.
-    rules : Rules
-        The thresholds.
-
-    Returns
-    -------
-    Step or None
-        The effect added, with its alternatives; None if no candidate is needed.
+    `dropped`: effects that were found needless before and are not tried again. Returns: the effect
+    added, with its alternatives; None if no candidate is needed.
     """
     remaining = [c for c in scored.candidates if c.effect not in dropped]
-    refits = _refitted(scored, _promising(remaining, scored.threshold, rules), rules)
+    refits = _refitted(scored, _promising(remaining, scored.threshold, rules), rules, say)
     needed = _by_evidence(
         r for r in refits if r.log_bayes_factor > 0.0 and r.p_value < scored.threshold
     )
@@ -114,7 +106,7 @@ def best_step(scored: ScoredRound, dropped: set[str], rules: Rules) -> Step | No
     others = needed[1:] + [r for r in refits if r.effect not in needed_names]
     refitted = {r.effect for r in refits}
     untried = [c for c in remaining if c.effect not in refitted]
-    others += _refitted(scored, _imitations(scored.tests, best, untried, rules), rules)
+    others += _refitted(scored, _imitations(scored.tests, best, untried, rules), rules, say)
     return Step(
         best.effect,
         scored.estimate,
@@ -125,27 +117,20 @@ def best_step(scored: ScoredRound, dropped: set[str], rules: Rules) -> Step | No
     )
 
 
-def _refitted(scored: ScoredRound, candidates: Sequence[Candidate], rules: Rules) -> list[Refit]:
+def _refitted(
+    scored: ScoredRound, candidates: Sequence[Candidate], rules: Rules, say: Progress
+) -> list[Refit]:
     """Candidates refitted, two at a time: compiled code needs no interpreter lock."""
+    if candidates:
+        say(f"refitting with {', '.join(c.effect for c in candidates)}", 0, 0)
     return at_once([partial(refit, scored, candidate, rules) for candidate in candidates])
 
 
 def refit(scored: ScoredRound, candidate: Candidate, rules: Rules) -> Refit:
     """Fit one candidate more, begun at its first-order amplitude.
 
-    Parameters
-    ----------
-    scored : ScoredRound
-        The fit without it, and the score tests there.
-    candidate : Candidate
-        What to add.
-    rules : Rules
-        How far from its prior an effect may lie before that is widened.
-
-    Returns
-    -------
-    Refit
-        The fit with it and its evidence.
+    `scored`: the fit without it, and the score tests there. `rules`: how far from its prior an
+    effect may lie before that is widened.
     """
     mode = scored.tests.nonlinear.get(candidate.effect)
     if isinstance(mode, FlexibleModeCandidate) and scored.flexible_mode is not None:

@@ -29,17 +29,9 @@ _PROBABILITY = 0.5
 def tried_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
     """The effects of fixed shape that a diagnosis tried before it said "unknown".
 
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-        With its steps and its final model.
-
-    Returns
-    -------
-    tuple of Effect
-        In the order in which they were added, those included whose place one without a fixed shape
-        took; without a flexible mode: its states cost most of a fit, and what it stands for is not
-        known.
+    Returns: in the order in which they were added, those included whose place one without a fixed
+    shape took; without a flexible mode: its states cost most of a fit, and what it stands for is
+    not known.
     """
     tried = (*diagnosis.effects_added, *diagnosis.displaced)
     return tuple(e for e in tried if not isinstance(e, StochasticEffect | FlexibleMode))
@@ -48,16 +40,8 @@ def tried_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
 def remainder_alternatives(diagnosis: Diagnosis) -> tuple[AlternativeParameters, ...]:
     """J and K with a torque and a rate error of free shape beside the effects that were tried.
 
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-        What was found.
-
-    Returns
-    -------
-    tuple of AlternativeParameters
-        One, of probability 0.5; empty unless the verdict is "unknown" because no candidate
-        explains the data.
+    Returns: one, of probability 0.5; empty unless the verdict is "unknown" because no candidate
+    explains the data.
     """
     if diagnosis.verdict != "unknown" or diagnosis.why_unknown != "misfit":
         return ()

@@ -81,17 +81,8 @@ class ScoreTests:
     def visible(self, k: int) -> tuple[np.ndarray, np.ndarray]:
         """Find the directions of a candidate that this campaign can see.
 
-        Parameters
-        ----------
-        k : int
-            Which candidate.
-
-        Returns
-        -------
-        powers : (r,) array
-            Signal-to-noise power of an effect of prior size.
-        directions : (n, r) array
-            Unit vectors in the space of its parameters.
+        Returns `powers` (r,): signal-to-noise power of an effect of prior size; `directions` (n,
+        r): unit vectors in the space of its parameters.
         """
         index = self.indices[k]
         powers, directions = np.linalg.eigh(self.matrix[np.ix_(index, index)])
@@ -99,35 +90,15 @@ class ScoreTests:
         return powers[keep], directions[:, keep]
 
     def dof(self, k: int) -> int:
-        """Count the degrees of freedom of a score.
-
-        Parameters
-        ----------
-        k : int
-            Which candidate.
-
-        Returns
-        -------
-        int
-            Number of its visible directions.
-        """
+        """Count the degrees of freedom of a score."""
         nonlinear = self.nonlinear.get(self.names[k])
         return len(self.visible(k)[0]) if nonlinear is None else nonlinear.dof
 
     def score(self, k: int, gradient: np.ndarray | None = None) -> np.ndarray:
         """Compute the score statistic of a candidate.
 
-        Parameters
-        ----------
-        k : int
-            Which candidate.
-        gradient : (..., c) array, optional
-            Other gradients than that of the data; a nonlinear candidate has one score only.
-
-        Returns
-        -------
-        (...) array
-            chi^2 with `dof(k)` degrees of freedom if the effect is absent.
+        `gradient` (..., c): other gradients than that of the data; a nonlinear candidate has one
+        score only. Returns (...): chi^2 with `dof(k)` degrees of freedom if the effect is absent.
         """
         if self.names[k] in self.nonlinear:
             return np.asarray(self.nonlinear[self.names[k]].score)
@@ -143,18 +114,6 @@ class ScoreTests:
 
         It is 1 if the campaign cannot see the effect, halved if the effect is one-sided, and
         Sidak's if it is the best of many.
-
-        Parameters
-        ----------
-        k : int
-            Which candidate.
-        score : array
-            Scores of it.
-
-        Returns
-        -------
-        array
-            p-values, of the shape of `score`.
         """
         dof = self.dof(k)
         if dof == 0:
@@ -167,18 +126,7 @@ class ScoreTests:
         return -np.expm1(trials * np.log1p(-np.minimum(single, 1.0 - 1e-16)))
 
     def log_bayes_factor(self, k: int) -> float:
-        """Compute the log evidence for a candidate against nothing, to first order.
-
-        Parameters
-        ----------
-        k : int
-            Which candidate.
-
-        Returns
-        -------
-        float
-            As `evidence.log_bayes_factor_of`.
-        """
+        """Compute the log evidence for a candidate against nothing, to first order."""
         if self.names[k] in self.nonlinear:
             return self.nonlinear[self.names[k]].log_bayes_factor
         index = self.indices[k]
@@ -191,15 +139,7 @@ class ScoreTests:
     def amplitude(self, k: int) -> np.ndarray:
         """Compute the best amplitude of a candidate's parameters, to first order.
 
-        Parameters
-        ----------
-        k : int
-            Which candidate.
-
-        Returns
-        -------
-        (n,) array
-            In units of prior sd.
+        Returns (n,).
         """
         index = self.indices[k]
         block = self.matrix[np.ix_(index, index)]
@@ -208,32 +148,13 @@ class ScoreTests:
     def canonical_correlation(self, j: int, k: int) -> float:
         """Compute the largest correlation between what two candidates can do.
 
-        Parameters
-        ----------
-        j, k : int
-            Which candidates.
-
-        Returns
-        -------
-        float
-            1 means that the data cannot tell them apart.
+        Returns: 1 means that the data cannot tell them apart.
         """
         both = np.concatenate([self.indices[j], self.indices[k]])
         return canonical_correlation(self.matrix[np.ix_(both, both)], len(self.indices[j]))
 
     def correlation_between(self, first: str, second: str) -> float:
-        """Compute the canonical correlation of two candidates given by their names.
-
-        Parameters
-        ----------
-        first, second : str
-            Names of effects.
-
-        Returns
-        -------
-        float
-            As `canonical_correlation`.
-        """
+        """Compute the canonical correlation of two candidates given by their names."""
         return self.canonical_correlation(self.names.index(first), self.names.index(second))
 
     def threshold(
@@ -248,21 +169,9 @@ class ScoreTests:
         By simulation of the joint distribution of all scores, so that correlated candidates do
         not cost double.
 
-        Parameters
-        ----------
-        false_alarms : float
-            Probability that the smallest of all p-values falls below it if no effect is present.
-        rng : numpy.random.Generator
-            Source of the draws.
-        draws : int
-            Number of simulated campaigns.
-        further : int
-            Tests beside these whose p-values are bounds: each is counted with its full share.
-
-        Returns
-        -------
-        float
-            The threshold.
+        `false_alarms`: probability that the smallest of all p-values falls below it if no effect is
+        present. `further`: tests beside these whose p-values are bounds: each is counted with its
+        full share.
         """
         root = _root(self.matrix)
         gradients = rng.standard_normal((draws, root.shape[1])) @ root.T
@@ -287,18 +196,7 @@ def _root(matrix: np.ndarray) -> np.ndarray:
 
 
 def unfitted(estimate: Estimate) -> tuple[str, ...]:
-    """List the effects of a model that have parameters and were held at their null.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit with only some parameters free.
-
-    Returns
-    -------
-    tuple of str
-        Names of effects.
-    """
+    """List the effects of a model that have parameters and were held at their null."""
     space = estimate.model.space
     parts = {effect.name: space.slice_of(effect.name) for effect in estimate.model.effects}
     return tuple(
@@ -316,21 +214,8 @@ def score_tests(
 ) -> ScoreTests:
     """Score candidate effects against all that is fitted.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit of a model that holds the effects `names` at their null; only others were free.
-    names : tuple of str
-        Candidates that are linear in their parameters.
-    nonlinear : tuple of NonlinearCandidate
-        Further candidates, given by their columns.
-    fit : LinearisedFit, optional
-        `estimate.linearised()`, if it is known already.
-
-    Returns
-    -------
-    ScoreTests
-        The tests of all candidates.
+    `estimate`: A fit of a model that holds the effects `names` at their null; only others were
+    free.
     """
     fit, space = fit or estimate.linearised(), estimate.model.space
     slices = [space.slice_of(name) for name in names]

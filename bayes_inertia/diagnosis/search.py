@@ -6,6 +6,8 @@ scores. The best few are refitted in full and compared by evidence (`refitting`)
 cannot tell apart is reported as a set. Effects that a later one makes needless are dropped again
 (`pruning`). Effects without a fixed shape compete with what was added (`stochastic_contest`). What
 remains unexplained is called unknown (`conclusion`).
+
+Effects that a later one makes needless: they are dropped from the steps of a search.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy import stats
 
 from bayes_inertia.campaign.block_means import without_surplus_rows
 from bayes_inertia.campaign.campaign import Campaign
@@ -31,11 +34,12 @@ from bayes_inertia.diagnosis.clean_start import (
     measured_again,
 )
 from bayes_inertia.diagnosis.conclusion import Outcome, conclude
+from bayes_inertia.diagnosis.evidence import log_bayes_factor
 from bayes_inertia.diagnosis.hypotheses import search_levels
-from bayes_inertia.diagnosis.pruning import drop_needless
 from bayes_inertia.diagnosis.refitting import ScoredRound, best_step
-from bayes_inertia.diagnosis.result import Diagnosis, Step
+from bayes_inertia.diagnosis.result import AlternativeEffect, Diagnosis, Step
 from bayes_inertia.diagnosis.rules import Rules
+from bayes_inertia.diagnosis.score_test import unfitted
 from bayes_inertia.diagnosis.stochastic_candidates import (
     STOCHASTIC_CANDIDATES,
     p_values_decide,
@@ -45,12 +49,15 @@ from bayes_inertia.diagnosis.stochastic_candidates import (
 from bayes_inertia.diagnosis.stochastic_contest import contest
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.optimizer import without_effect
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
+from bayes_inertia.maths.linear_algebra import VISIBLE
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, FlexibleMode
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
+from bayes_inertia.progress import Progress, silent
 
 _MAX_NOISE_ROUNDS = 3
 # As how many tests all effects without a fixed shape count together: their p-values are of the
@@ -68,6 +75,7 @@ def diagnose(
     rules: Rules | None = None,
     seed: int = 0,
     as_stated: bool = False,
+    progress: Progress | None = None,
 ) -> Diagnosis:
     """Find where model and data disagree, and which effects explain it.
 
@@ -88,6 +96,8 @@ def diagnose(
     as_stated : bool
         Take the telemetry as it is: leave no outlier out, take no block means, and take the noise
         for white.
+    progress : callable or None
+        Called with (stage, done, of); `of` is 0 where a stage is not counted.
 
     Returns
     -------
@@ -111,6 +121,7 @@ def diagnose(
         diagnosis.verdict, diagnosis.named
         # ('named', ('wheel_command_lag',))
     """
+    say = progress or silent
     if not as_stated:
         campaign = without_surplus_rows(campaign)
     own = [e for e in library if isinstance(e, StochasticEffect)]
@@ -118,13 +129,15 @@ def diagnose(
     library = [e for e in library if e not in own]
     rules, effects = rules or Rules(), candidate_effects(campaign, library)
     model = Model(campaign, effects.linear, drive)
+    say("fitting J and K, measuring the noise", 0, 0)
     begin = clean_start(model, seed=seed, as_stated=as_stated, stochastic=stochastic)
-    diagnosis = _diagnosed(begin, effects, stochastic, rules, seed)
+    diagnosis = _diagnosed(begin, effects, stochastic, rules, seed, say)
     if diagnosis.verdict != "unknown" or diagnosis.treatment.colour is None:
         return diagnosis
     # What no effect explains beside correlated noise may be what looks like such noise.
+    say("fitting J and K again, with white noise", 0, 0)
     begin = clean_start(model, seed=seed, coloured=False)
-    return _diagnosed(begin, effects, stochastic, rules, seed)
+    return _diagnosed(begin, effects, stochastic, rules, seed, say)
 
 
 def _diagnosed(
@@ -133,6 +146,7 @@ def _diagnosed(
     stochastic: Sequence[StochasticEffect],
     rules: Rules,
     seed: int,
+    say: Progress,
 ) -> Diagnosis:
     """The verdict of a search from a clean start."""
     rng = np.random.default_rng([seed, 3])
@@ -141,17 +155,19 @@ def _diagnosed(
     for rounds_left in reversed(range(_MAX_NOISE_ROUNDS)):
         if begin.estimate is begin.base:
             rounds, steps = [], []
-        steps, scored, final = _forward_search(
-            begin.estimate, steps, _Candidates(effects.flexible_mode, stochastic), rules, rng
-        )
+        candidates = _Candidates(effects.flexible_mode, stochastic)
+        steps, scored, final = _forward_search(begin.estimate, steps, candidates, rules, rng, say)
         rounds += scored
+        say("measuring the noise again", 0, 0)
         # An effect's own jumps can look like noise: measure the noise again, without them.
         again = measured_again(begin, final, scored[-1].stochastic)
         # Steps and fit are of one noise: without time for another search its shape stays.
         if again is None or (again.estimate is again.base and not rounds_left):
             break
         begin, final = again, again.estimate
+    say(f"trying {len(stochastic)} effects without a fixed shape", 0, 0)
     settled = contest(steps, final, rounds, stochastic, rules)
+    say("weighing all answers", 0, 0)
     levels = search_levels(steps, final, rounds, settled.weighed)
     final = settled.final
     if settled.steps and settled.steps[-1].stochastic:
@@ -174,18 +190,29 @@ def _forward_search(
     candidates: _Candidates,
     rules: Rules,
     rng: np.random.Generator,
+    say: Progress,
 ) -> tuple[list[Step], list[ScoredRound], Estimate]:
     """Add effects until none is significant: the steps, all rounds, and the last fit."""
     rounds: list[ScoredRound] = []
     dropped: set[str] = set()
     while True:
+        say(_scoring(estimate, candidates), 0, 0)
         rounds.append(_score(estimate, candidates, rules, rng))
-        step = best_step(rounds[-1], dropped, rules) if len(steps) < rules.max_effects else None
+        full = len(steps) >= rules.max_effects
+        step = None if full else best_step(rounds[-1], dropped, rules, say)
         if step is None:
             return steps, rounds, estimate
+        say(f"testing what {step.added} makes needless", 0, 0)
         before = {s.added for s in steps}
         steps = drop_needless([*steps, step], candidates.flexible_mode, rules)
         estimate, dropped = steps[-1].after, dropped | (before - {s.added for s in steps})
+
+
+def _scoring(estimate: Estimate, candidates: _Candidates) -> str:
+    """The stage in which all candidates are scored."""
+    held, mode = [e.name for e in estimate.model.effects], candidates.flexible_mode
+    searched = mode is not None and mode.name not in held
+    return f"scoring {len(unfitted(estimate)) + searched + len(candidates.stochastic)} effects"
 
 
 def _score(
@@ -202,3 +229,68 @@ def _score(
     if not significant and p_values_decide(weighed):
         weighed = with_p_values(weighed, effects, fit, response, rng.spawn(1)[0])
     return ScoredRound(estimate, tests, ranked, threshold, mode, weighed)
+
+
+_NEEDLESS_P_VALUE = 0.01  # of the fitted amplitudes, above which an effect is needless
+
+
+def drop_needless(
+    steps: Sequence[Step], flexible_mode: FlexibleMode | None, rules: Rules
+) -> list[Step]:
+    """Drop effects, other than the newest, that the fit can do without.
+
+    `flexible_mode`: the candidate that has a model of its own. Returns: the steps that remain, as
+    if the others had not been taken.
+    """
+    kept = list(steps)
+    i = 0
+    while i < len(kept) - 1:
+        if is_needless(kept[-1].after, kept[i].added):
+            kept = _without_step(kept, i, flexible_mode, rules)
+        else:
+            i += 1
+    return kept
+
+
+def is_needless(estimate: Estimate, effect: str) -> bool:
+    """Test whether the amplitudes fitted for an effect are within their noise (Wald's test).
+
+    Only directions that the campaign can see count.
+    """
+    space = estimate.model.space
+    part = space.slice_of(effect)
+    amplitudes = np.arange(space.size)[part][[not p.logarithmic for p in space.priors[part]]]
+    sd = space.sd[amplitudes]
+    amplitude = (estimate.theta - space.nulls)[amplitudes] / sd
+    covariance = estimate.covariance[np.ix_(amplitudes, amplitudes)] / np.outer(sd, sd)
+    precision = np.linalg.inv(covariance)
+    powers, directions = np.linalg.eigh(precision - np.eye(len(amplitudes)))
+    visible = powers > VISIBLE
+    along = directions[:, visible].T @ precision @ amplitude
+    chi2 = np.sum(along**2 / powers[visible])
+    return bool(stats.chi2.sf(chi2, max(visible.sum(), 1)) > _NEEDLESS_P_VALUE)
+
+
+def _without_step(
+    steps: list[Step], i: int, flexible_mode: FlexibleMode | None, rules: Rules
+) -> list[Step]:
+    """The search as if step i had not been taken.
+
+    Its effect stays beside the next one, if it explains the data about as well and is alike.
+    """
+    dropped, kept, before = steps[i], list(steps[:i]), steps[i].before
+    for step in steps[i + 1 :]:
+        after = without_effect(step.after, dropped.added)
+        evidence = log_bayes_factor(before, after, step.added)
+        kept.append(replace(step, before=before, after=after, log_bayes_factor=evidence))
+        before = after
+    tests, successor = score_candidates(dropped.before, flexible_mode), kept[i]
+    correlation = tests.correlation_between(successor.added, dropped.added)
+    least = successor.log_bayes_factor - rules.log_evidence_margin
+    if correlation > rules.imitation_correlation and dropped.log_bayes_factor > least:
+        beside = AlternativeEffect(
+            dropped.added, dropped.after, dropped.log_bayes_factor, correlation
+        )
+        alternatives = (beside, *successor.alternatives)[: rules.max_alternatives]
+        kept[i] = replace(successor, alternatives=alternatives)
+    return kept

@@ -53,17 +53,7 @@ class SignalBasis:
 def knots(fit: LinearisedFit, components: int) -> np.ndarray:
     """Place knots evenly over each slew, not closer than its rows.
 
-    Parameters
-    ----------
-    fit : LinearisedFit
-        Tells the times of the measurements.
-    components : int
-        Of the signal: more components, fewer knots.
-
-    Returns
-    -------
-    (slews, knots) array
-        Times [s].
+    Returns (slews, knots) [s].
     """
     time = fit.channels["rate"].time
     rows = np.array([np.count_nonzero(np.diff(t) > 0) + 1 for t in time])
@@ -75,17 +65,8 @@ def knots(fit: LinearisedFit, components: int) -> np.ndarray:
 def cardinal_splines(times: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Evaluate the cubic splines that are one at one knot and zero at the others.
 
-    Parameters
-    ----------
-    times : (n,) array
-        Times of evaluation [s]; beyond the knots the value at the last one holds.
-    time : (k,) array
-        Times of the knots [s].
-
-    Returns
-    -------
-    (n, k) array
-        One column a knot.
+    `time` (k,) [s]. `times` (n,): times of evaluation [s]; beyond the knots the value at the last
+    one holds. Returns (n, k).
 
     Examples
     --------
@@ -97,20 +78,7 @@ def cardinal_splines(times: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 
 def body_torque(fit: LinearisedFit, response: TorqueResponse) -> SignalBasis:
-    """Build the basis of an external torque on the body, body axes.
-
-    Parameters
-    ----------
-    fit : LinearisedFit
-        The fit.
-    response : TorqueResponse
-        The same fit's response to torques.
-
-    Returns
-    -------
-    SignalBasis
-        In N m, three components.
-    """
+    """Build the basis of an external torque on the body, body axes."""
     scale = torque_scale(response.estimate.model.campaign)
     time = knots(fit, 3)
 
@@ -125,17 +93,8 @@ def body_torque(fit: LinearisedFit, response: TorqueResponse) -> SignalBasis:
 def wheel_torque(fit: LinearisedFit, response: TorqueResponse) -> SignalBasis | None:
     """Build the basis of a torque between body and wheels beyond the commanded one.
 
-    Parameters
-    ----------
-    fit : LinearisedFit
-        The fit.
-    response : TorqueResponse
-        The same fit's response to torques.
-
-    Returns
-    -------
-    SignalBasis or None
-        In N m, counted on the wheel, one component a wheel; None where wheels are not predicted.
+    Returns: in N m, counted on the wheel, one component a wheel; None where wheels are not
+    predicted.
     """
     campaign, momentum = response.estimate.model.campaign, fit.channels["momentum"]
     if not momentum.valid.any():
@@ -173,20 +132,7 @@ def _integrals_at_rows(response: TorqueResponse, splines: np.ndarray) -> np.ndar
 
 
 def rate_reading(fit: LinearisedFit, response: TorqueResponse) -> SignalBasis:
-    """Build the basis of an error of the rate sensor's readings, sensor axes.
-
-    Parameters
-    ----------
-    fit : LinearisedFit
-        The fit.
-    response : TorqueResponse
-        The same fit's response to torques.
-
-    Returns
-    -------
-    SignalBasis
-        In rad/s, three components.
-    """
+    """Build the basis of an error of the rate sensor's readings, sensor axes."""
     white = np.asarray(response.estimate.white.rate)
     scale = float(np.max(response.estimate.model.campaign.rate_sensor.sigma))
     return _reading(fit, ("rate sensor", "rad/s"), fit.channels["rate"], white, scale)
@@ -195,17 +141,7 @@ def rate_reading(fit: LinearisedFit, response: TorqueResponse) -> SignalBasis:
 def momentum_reading(fit: LinearisedFit, response: TorqueResponse) -> SignalBasis | None:
     """Build the basis of an error of the tachometers' readings.
 
-    Parameters
-    ----------
-    fit : LinearisedFit
-        The fit.
-    response : TorqueResponse
-        The same fit's response to torques.
-
-    Returns
-    -------
-    SignalBasis or None
-        In N m s, one component a wheel; None where wheels are not predicted.
+    Returns: in N m s, one component a wheel; None where wheels are not predicted.
     """
     momentum, white = fit.channels["momentum"], np.asarray(response.estimate.white.momentum)
     if not momentum.valid.any():

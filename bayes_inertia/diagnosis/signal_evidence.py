@@ -52,13 +52,7 @@ class ProjectedSignal:
     matrix: np.ndarray
 
     def repeated(self) -> ProjectedSignal:
-        """The same if the coefficients are one draw for all slews.
-
-        Returns
-        -------
-        ProjectedSignal
-            Of one slew that stands for all.
-        """
+        """The same if the coefficients are one draw for all slews."""
         return ProjectedSignal(
             self.gradient.sum(0, keepdims=True), self.matrix.sum((0, 2))[None, :, None]
         )
@@ -107,15 +101,6 @@ class SignalEvidence:
     def log_density(self, size: float) -> float:
         """Log of the prior density of a size's logarithm.
 
-        Parameters
-        ----------
-        size : float
-            In the same units.
-
-        Returns
-        -------
-        float
-
         Examples
         --------
         >>> evidence = SignalEvidence(9.0, 1.0, 0, (0.1, 10.0))
@@ -133,18 +118,8 @@ def projected_signal(
 ) -> ProjectedSignal:
     """Project everything fitted off a signal.
 
-    Parameters
-    ----------
-    fit : LinearisedFit
-        Of an estimate.
-    columns : (slews, numbers, k) array
-        Changes of its whitened residuals by the coefficients of each slew.
-    imitated : (unknowns, slews k) array, optional
-        Their `imitated_share`, if it is known already.
-
-    Returns
-    -------
-    ProjectedSignal
+    `imitated` (unknowns, slews k). `columns` (slews, numbers, k): changes of its whitened residuals
+    by the coefficients of each slew.
     """
     slews, _, k = columns.shape
     gradient, matrix = np.zeros((slews, k)), np.zeros((slews, k, slews, k))
@@ -160,17 +135,7 @@ def projected_signal(
 def imitated_share(fit: LinearisedFit, columns: np.ndarray) -> np.ndarray:
     """The share of each slew's columns that the fit imitates.
 
-    Parameters
-    ----------
-    fit : LinearisedFit
-        Of an estimate.
-    columns : (slews, numbers, k) array
-        As of `projected_signal`.
-
-    Returns
-    -------
-    (unknowns, slews k) array
-        Its square is what projecting takes away.
+    `columns` (slews, numbers, k). Returns (unknowns, slews k).
     """
     slews, _, k = columns.shape
     coupled = np.zeros((len(fit.inverse_root), slews, k))
@@ -181,17 +146,6 @@ def imitated_share(fit: LinearisedFit, columns: np.ndarray) -> np.ndarray:
 
 def signal_evidence(signal: ProjectedSignal, prior: SignalPrior) -> SignalEvidence:
     """Weigh a random signal against none.
-
-    Parameters
-    ----------
-    signal : ProjectedSignal
-        Its coefficients.
-    prior : SignalPrior
-        What it may be like.
-
-    Returns
-    -------
-    SignalEvidence
 
     Examples
     --------
@@ -221,19 +175,8 @@ def gain_of_one_process(
 ) -> GainOfSizes:
     """Log evidence that a signal of known size gains by going on between slews.
 
-    Parameters
-    ----------
-    signal : ProjectedSignal
-        Its coefficients.
-    joint : (slews k, slews k) array
-        A root of their covariance in all slews.
-    each : (slews, k, k) array
-        Roots of each slew's own, where slews are independent.
-
-    Returns
-    -------
-    GainOfSizes
-        Sizes are in units of both roots.
+    `joint` (slews k, slews k). `each` (slews, k, k): roots of each slew's own, where slews are
+    independent.
 
     Examples
     --------
@@ -268,15 +211,7 @@ class SignalDirections:
     def of_sizes(self, gradient: np.ndarray, sizes: np.ndarray) -> np.ndarray:
         """Log evidence of each size.
 
-        Parameters
-        ----------
-        gradient : (slews, k, ...) array
-            g, of one campaign or of several.
-        sizes : (n,) array
-
-        Returns
-        -------
-        (n, ...) array
+        `gradient` (slews, k, ...); `sizes` (n,). Returns (n, ...).
         """
         back = self.root.T if self.root.ndim == 2 else np.swapaxes(self.root, 1, 2)
         turned = _times(back, gradient)
@@ -290,14 +225,7 @@ class SignalDirections:
     def coefficients(self, normal: np.ndarray) -> np.ndarray:
         """Coefficients T z of a signal of unit size.
 
-        Parameters
-        ----------
-        normal : (slews, k, ...) array
-            z: standard normal numbers.
-
-        Returns
-        -------
-        (slews, k, ...) array
+        `normal` (slews, k, ...). Returns (slews, k, ...).
         """
         return _times(self.root, normal)
 
@@ -313,16 +241,7 @@ def _times(root: np.ndarray, values: np.ndarray) -> np.ndarray:
 def signal_directions(matrix: np.ndarray, root: np.ndarray) -> SignalDirections:
     """Find the independent directions of a signal.
 
-    Parameters
-    ----------
-    matrix : (slews, k, slews, k) array
-        A, of a `ProjectedSignal`.
-    root : (slews, k, k) or (slews k, slews k) array
-        T.
-
-    Returns
-    -------
-    SignalDirections
+    `matrix` (slews, k, slews, k); `root` (slews k, slews k).
     """
     slews, k = matrix.shape[:2]
     if root.ndim == 2:
@@ -338,16 +257,6 @@ def signal_directions(matrix: np.ndarray, root: np.ndarray) -> SignalDirections:
 def tried_sizes(powers: np.ndarray, largest: float) -> tuple[np.ndarray, np.ndarray]:
     """Sizes over which evidence is averaged, from one that the campaign can just not see.
 
-    Parameters
-    ----------
-    powers : (n,) array
-        Of a signal's directions.
-    largest : float
-        The largest size of its prior.
-
-    Returns
-    -------
-    sizes, weights : (m,) arrays
-        Weights add up to one.
+    `powers` (n,). Returns `sizes, weights` (m,).
     """
     return sizes_with_weights(smallest_size(powers, largest), largest, _SIZES)

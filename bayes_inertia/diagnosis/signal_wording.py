@@ -18,15 +18,7 @@ _MAX_QUIET_RMS_RATIO = 0.4  # rms before the wheels act over rms afterwards, bel
 def describe(signal: UnexplainedSignal) -> str:
     """Put a signal into a sentence.
 
-    Parameters
-    ----------
-    signal : UnexplainedSignal
-        What an estimate leaves unexplained.
-
-    Returns
-    -------
-    str
-        Where it comes from, its axis, what it follows and its size; no full stop.
+    Returns: where it comes from, its axis, what it follows and its size; no full stop.
     """
     if signal.source == "nothing smooth":
         removed = f"{100.0 * signal.torque.explained:.0f} %"
@@ -110,17 +102,8 @@ def _driver(signal: UnexplainedSignal) -> str | None:
 def axis_name(axis_B: np.ndarray, *, signed: bool = True) -> str:
     """Put a direction into words.
 
-    Parameters
-    ----------
-    axis_B : (3,) array
-        Unit vector, body frame.
-    signed : bool
-        Whether to tell an axis from its opposite.
-
-    Returns
-    -------
-    str
-        "+x" where it is within 15 degrees of a body axis, its components elsewhere.
+    `axis_B` (3,). Returns: "+x" where it is within 15 degrees of a body axis, its components
+    elsewhere.
 
     Examples
     --------

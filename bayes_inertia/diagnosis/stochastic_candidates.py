@@ -4,17 +4,25 @@ Every candidate is weighed to first order at a fit (`signal_evidence`). Where a 
 pieces can act, two rivals without a name can act as well: a signal that is smooth (a squared-
 exponential kernel, of any length), and one that is the same in every slew. What is random in the
 sense of a candidate is neither.
+
+Roots of the prior covariance of a candidate's coefficients, at one size and one shape.
+
+A fit takes the coefficients of two slews as independent. Some processes go on between slews (a
+random walk); where candidates are weighed, these are one process over the whole campaign.
+
+An error of the tachometers of free shape: no effect of the library has knots there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
-from bayes_inertia.diagnosis.candidate_roots import CandidateRoots, candidate_roots, dense
 from bayes_inertia.diagnosis.coefficient_columns import PROGRAMS, coefficient_columns
 from bayes_inertia.diagnosis.filtered_candidates import (
     filtered_candidate,
@@ -32,15 +40,25 @@ from bayes_inertia.diagnosis.signal_evidence import (
     projected_signal,
     signal_evidence,
 )
-from bayes_inertia.diagnosis.tachometer_shape import TachometerShape
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.coefficients import prior_roots
 from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
+from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import REMAINDERS, STOCHASTIC
+from bayes_inertia.physics.effects.scales import sd_and_time
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.random_basis import (
+    hat_functions,
+    on_axes,
+    on_each_axis,
+    ornstein_uhlenbeck_root,
+    slew_duration,
+    slew_fraction,
+)
+from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.stated_noise import stated_terms
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
@@ -120,23 +138,9 @@ def stochastic_candidates(
 ) -> tuple[StochasticCandidate, ...]:
     """Weigh effects without a fixed shape, and shapes without a name, at a fit.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The fit.
-    effects : sequence of StochasticEffect
-        The first parameter of each scales its signal, the others give it its shape.
-    fit : LinearisedFit, optional
-        `estimate.linearised()`, if it is known already.
-    response : TorqueResponse, optional
-        `torque_response(estimate)`, likewise.
-    nameless : bool, optional
-        Whether shapes without a name are weighed too: they take as long again.
-
-    Returns
-    -------
-    tuple of StochasticCandidate
-        Best evidence first; effects that the campaign cannot have or see are left out.
+    `effects`: the first parameter of each scales its signal, the others give it its shape.
+    `nameless`: whether shapes without a name are weighed too: they take as long again. Returns:
+    best evidence first; effects that the campaign cannot have or see are left out.
     """
     forget_surplus(PROGRAMS)
     fit, response = fit or estimate.linearised(), response or torque_response(estimate)
@@ -172,15 +176,7 @@ def stochastic_candidates(
 def p_values_decide(weighed: Sequence[StochasticCandidate]) -> bool:
     """Whether bounds of the p-values leave open what is significant.
 
-    Parameters
-    ----------
-    weighed : sequence of StochasticCandidate
-        Of one fit.
-
-    Returns
-    -------
-    bool
-        False where the largest evidence is weak, or so clear that its bound is enough.
+    Returns: false where the largest evidence is weak, or so clear that its bound is enough.
 
     Examples
     --------
@@ -201,23 +197,8 @@ def with_p_values(
 ) -> tuple[StochasticCandidate, ...]:
     """Simulate how probable such evidence is where nothing is random.
 
-    Parameters
-    ----------
-    weighed : sequence of StochasticCandidate
-        What `stochastic_candidates` returned at the fit.
-    effects : sequence of StochasticEffect
-        All candidates.
-    fit : LinearisedFit
-        Of the fit.
-    response : TorqueResponse
-        Of the fit.
-    rng : numpy.random.Generator
-        Source of the simulated campaigns.
-
-    Returns
-    -------
-    tuple of StochasticCandidate
-        The same with p-values; in campaigns of very many slews they stay bounds, to save memory.
+    Returns: the same with p-values; in campaigns of very many slews they stay bounds, to save
+    memory.
     """
     kept = usable(effects, fit.model, fit.residual.size)
     counts = [e.coefficient_count(fit.model.campaign) for e in kept]
@@ -242,18 +223,7 @@ def usable(
 ) -> tuple[StochasticEffect, ...]:
     """Those that the campaign can have and that are not fitted or stated already.
 
-    Parameters
-    ----------
-    effects : sequence of StochasticEffect
-        Candidates.
-    model : Model
-        Of the fit. What its campaign states is integrated out at the stated size.
-    numbers : int
-        Residuals of the fit, of all channels.
-
-    Returns
-    -------
-    tuple of StochasticEffect
+    `model`: of the fit. What its campaign states is integrated out at the stated size.
 
     Examples
     --------
@@ -274,14 +244,7 @@ def usable(
 def medians(model: Model) -> np.ndarray:
     """The centre of the prior of all parameters.
 
-    Parameters
-    ----------
-    model : Model
-
-    Returns
-    -------
-    (d,) array
-        Physical units.
+    Returns (d,).
     """
     constants = model.space.constants()
     mean, logarithmic = np.asarray(constants["mean"]), np.asarray(constants["logarithmic"])
@@ -393,3 +356,95 @@ def _smooth(blocks: np.ndarray) -> list[np.ndarray]:
         kernel = np.exp(-0.5 * (apart / length) ** 2) + _JITTER * np.eye(m)
         roots.append(np.broadcast_to(sd * np.linalg.cholesky(kernel), blocks.shape))
     return roots
+
+
+# Of the mean variance, added to it: where a walk is zero its covariance is singular.
+_CANDIDATE_ROOTS_JITTER = 1e-9
+
+
+@array_dataclass
+class CandidateRoots:
+    """Of one effect.
+
+    Parameters
+    ----------
+    blocks : (slews, b, m, m) array
+        Of each slew, where slews are independent: the diagonal blocks.
+    across : (slews m, slews m) array or None
+        Of one block in all slews, where these are one process.
+    """
+
+    blocks: np.ndarray
+    across: np.ndarray | None = None
+
+    @property
+    def each(self) -> np.ndarray:
+        """Of each slew (slews, b m, b m), where slews are independent."""
+        return dense(self.blocks)
+
+    @property
+    def best(self) -> np.ndarray:
+        """Of all slews (slews b m, slews b m) where they are one process, else of each."""
+        if self.across is None:
+            return self.each
+        n, b, m, _ = self.blocks.shape
+        joint = np.zeros((n, b, m, n, b, m))
+        for i in range(b):
+            joint[:, i, :, :, i] = self.across.reshape(n, m, n, m)
+        return joint.reshape(n * b * m, n * b * m)
+
+
+def candidate_roots(
+    effect: StochasticEffect, p: Mapping[str, Array], slews: SlewContext, blocks: np.ndarray
+) -> CandidateRoots:
+    """The roots of an effect.
+
+    `blocks` (slews, b, m, m).
+    """
+    across = effect.covariance_across_slews(p, slews)
+    if across is None:
+        return CandidateRoots(blocks)
+    covariance = np.asarray(across)
+    floor = _CANDIDATE_ROOTS_JITTER * np.trace(covariance) / len(covariance)
+    return CandidateRoots(blocks, np.linalg.cholesky(covariance + floor * np.eye(len(covariance))))
+
+
+def dense(blocks: np.ndarray) -> np.ndarray:
+    """Block-diagonal matrices of their diagonal blocks.
+
+    `blocks` (slews, b, m, m). Returns (slews, b m, b m).
+
+    Examples
+    --------
+    >>> dense(np.ones((1, 2, 1, 1)))[0].tolist()
+    [[1.0, 0.0], [0.0, 1.0]]
+    """
+    slews, b, m, _ = blocks.shape
+    whole = np.zeros((slews, b, m, b, m))
+    for i in range(b):
+        whole[:, i, :, i] = blocks[:, i]
+    return whole.reshape(slews, b * m, b * m)
+
+
+@dataclass(frozen=True)
+class TachometerShape(StochasticEffect):
+    """An error of the tachometers on knots: the shape without a name where no effect has knots."""
+
+    name: ClassVar[str] = "tachometer_shape"
+    knots: int = 17
+
+    def parameters(self, campaign):
+        sigma = [wheel.momentum_sigma for wheel in campaign.wheels if wheel.momentum_sigma]
+        return sd_and_time(campaign, "N m s", max(sigma), None, 1.5) if sigma else ()
+
+    def coefficient_count(self, campaign):
+        return len(campaign.wheels) * self.knots if self.parameters(campaign) else 0
+
+    def coefficient_root(self, p, slew, count):
+        spacing = slew_duration(slew) / (self.knots - 1)
+        root = ornstein_uhlenbeck_root(p["sd"], p["time"], spacing, self.knots)
+        return on_each_axis(root, count // self.knots)
+
+    def momentum_output(self, p, slew, trajectory, momentum):
+        hats = hat_functions(slew_fraction(slew, slew.time), self.knots)
+        return momentum + on_axes(hats, p["coefficients"], momentum.shape[1])

@@ -64,22 +64,7 @@ def contest(
 ) -> Contest:
     """Weigh effects without a fixed shape against the steps of a search, and refit the winner.
 
-    Parameters
-    ----------
-    steps : sequence of Step
-        What the search added.
-    final : Estimate
-        The fit with all of it.
-    rounds : sequence of ScoredRound
-        The rounds of the search; estimates that were scored there are not weighed again.
-    effects : sequence of StochasticEffect
-        The candidates.
-    rules : Rules
-        The thresholds.
-
-    Returns
-    -------
-    Contest
+    `rounds`: the rounds of the search; estimates that were scored there are not weighed again.
     """
     known = {id(r.estimate): r.stochastic for r in rounds}
     levels = [*(step.before for step in steps), final]
@@ -166,17 +151,9 @@ def standing(best: Sequence[StochasticCandidate | None], threshold: float) -> li
     Where the search added a step something is missing for sure, and what could be there instead
     needs no significance of its own. After the last step it does.
 
-    Parameters
-    ----------
-    best : sequence of StochasticCandidate or None
-        At the fit before each step and after the last.
-    threshold : float
-        Of the p-value, for an effect that nothing else speaks for.
-
-    Returns
-    -------
-    list of float
-        Log evidence; -inf where the effect does not count.
+    `best`: at the fit before each step and after the last. `threshold`: of the p-value, for an
+    effect that nothing else speaks for. Returns: log evidence; -inf where the effect does not
+    count.
 
     Examples
     --------
@@ -198,22 +175,11 @@ def best_level(
 ) -> tuple[int, float]:
     """After how many steps one effect without a fixed shape is best added.
 
-    Parameters
-    ----------
-    claims : sequence of float
-        Log evidence of the n steps of a search, each against the fit before it.
-    evidence : sequence of float
-        Log evidence of the best effect without a fixed shape, against the fit before each step
-        and after the last; -inf where none is significant.
-    members : int
-        How many there were to choose from; "no name" is one of them.
-
-    Returns
-    -------
-    level : int
-        Steps that are kept before it.
-    lead : float
-        Log evidence by which this beats the n steps alone.
+    `claims`: log evidence of the n steps of a search, each against the fit before it. `evidence`:
+    log evidence of the best effect without a fixed shape, against the fit before each step and
+    after the last; -inf where none is significant. `members`: how many there were to choose from;
+    "no name" is one of them. Returns `level`: steps that are kept before it; `lead`: log evidence
+    by which this beats the n steps alone.
 
     Examples
     --------
@@ -234,15 +200,7 @@ def best_level(
 def as_candidates(weighed: Sequence[StochasticCandidate]) -> tuple[Candidate, ...]:
     """The rows of effects without a fixed shape among those of the library.
 
-    Parameters
-    ----------
-    weighed : sequence of StochasticCandidate
-        At the fit with nothing added.
-
-    Returns
-    -------
-    tuple of Candidate
-        Their degrees of freedom are the parameters, their score is twice the log evidence.
+    Returns: their degrees of freedom are the parameters, their score is twice the log evidence.
     """
     return tuple(
         Candidate(

@@ -63,15 +63,7 @@ class TorqueResponse:
     def residual_change(self, torque_B: np.ndarray) -> Residuals:
         """Compute the change of the whitened residuals by torques on the body.
 
-        Parameters
-        ----------
-        torque_B : (slews, n, 3, k) array
-            k torque histories [N m].
-
-        Returns
-        -------
-        Residuals
-            By channel, (slews, numbers, k) arrays.
+        `torque_B` (slews, n, 3, k) [N m].
         """
         kick = np.zeros((*torque_B.shape[:2], 6, torque_B.shape[-1]))
         kick[:, :, 3:] = np.einsum("ij,snjk->snik", self.inverse_inertia, torque_B)
@@ -85,15 +77,8 @@ class TorqueResponse:
     def reading_change(self, error: np.ndarray) -> np.ndarray:
         """Compute the size of the change of the whitened residuals by errors of the rate sensor.
 
-        Parameters
-        ----------
-        error : (slews, n, 3, k) array
-            k histories of the readings' error, sensor axes [rad/s].
-
-        Returns
-        -------
-        (slews, numbers, k) array
-            All channels one after the other.
+        `error` (slews, n, 3, k): k histories of the readings' error, sensor axes [rad/s]. Returns
+        (slews, numbers, k).
         """
         telemetry = self.estimate.model.data.arrays.telemetry
         white = np.asarray(self.estimate.white.rate)
@@ -141,18 +126,7 @@ def _filtered(of_rate: Any, memory: Memory | None) -> Any:
 
 
 def torque_response(estimate: Estimate) -> TorqueResponse:
-    """Compute the linear response of all slews to body torques.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        The fit to linearise around.
-
-    Returns
-    -------
-    TorqueResponse
-        Serves all torque histories.
-    """
+    """Compute the linear response of all slews to body torques."""
     model = estimate.model
     time = np.asarray(model.data.arrays.slews.context.time)
     attitude, rate_B, momentum, turn, change = tangents(
@@ -175,27 +149,9 @@ def tangents(
 ) -> tuple[np.ndarray, ...]:
     """Simulate every slew, and how its attitude and rate follow the start state.
 
-    Parameters
-    ----------
-    structure : Structure
-        Of the model.
-    theta : (d,) array
-        Parameters, physical units.
-    local : (slews, n_local) array
-        Whitened nuisances.
-    data : Data
-        Of the model.
-
-    Returns
-    -------
-    attitude : (slews, n, 4) array
-        Body from inertial.
-    rate_B : (slews, n, 3) array
-        [rad/s].
-    wheel_momentum : (slews, n, wheels) array
-        [N m s].
-    turn, change : (slews, n, 3, 6) arrays
-        Change of attitude [rad, body axes] and rate [rad/s] per change of the start state.
+    `theta` (d,); `local` (slews, n_local). Returns `attitude` (slews, n, 4); `rate_B` (slews, n, 3)
+    [rad/s]; `wheel_momentum` (slews, n, wheels) [N m s]; `turn, change` (slews, n, 3, 6): change of
+    attitude [rad, body axes] and rate [rad/s] per change of the start state.
     """
     forget_surplus((_tangents,))
     grid = data.arrays.slews.context.time.shape[1]

@@ -37,18 +37,8 @@ def undetected_alternatives(
     as a gain that all wheels share, is a condition of the result and no part of its uncertainty.
     A flexible mode, whose signal is of second order, is left out.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit whose residuals are explained.
-    library : sequence of Effect
-        What may act although it was not found.
-
-    Returns
-    -------
-    tuple of AlternativeParameters
-        One for each candidate that the campaign can see, in place of nothing (`instead_of` is
-        empty).
+    Returns: one for each candidate that the campaign can see, in place of nothing (`instead_of` is
+    empty).
     """
     held = _with_candidates(estimate, library)
     fit, names, space = held.linearised(), unfitted(held), held.model.space
@@ -100,15 +90,7 @@ def all_alternatives(
 ) -> tuple[AlternativeParameters, ...]:
     """Effects of ambiguous sets and undetected ones, with probabilities that belong together.
 
-    Parameters
-    ----------
-    exchanged, undetected : sequence of AlternativeParameters
-        Each with probabilities beside the effects named alone.
-
-    Returns
-    -------
-    tuple of AlternativeParameters
-        What is missing from 1 in the sum belongs to the effects named.
+    Returns: what is missing from 1 in the sum belongs to the effects named.
 
     Examples
     --------

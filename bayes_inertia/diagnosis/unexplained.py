@@ -4,6 +4,8 @@ The torque is inferred with its band (`free_signal`) from an estimate's residual
 spectrum and what it goes along with are then put into a sentence an engineer can act on
 (`signal_wording`). Where no torque explains the residuals, the same is tried with an error of the
 sensors, so that nobody looks for a torque that is not there.
+
+The spectrum of a signal in all slews together, and whether it has a line.
 """
 
 from __future__ import annotations
@@ -20,7 +22,6 @@ from bayes_inertia.diagnosis.signal_basis import (
     rate_reading,
     wheel_torque,
 )
-from bayes_inertia.diagnosis.spectrum import Spectrum, spectrum_of
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
@@ -114,15 +115,7 @@ def unexplained_signal(estimate: Estimate) -> UnexplainedSignal:
     All that was fitted is integrated out with its priors, so that only what J, K, start states,
     bias and the effects of the model cannot produce is shown. To first order around the estimate.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit.
-
-    Returns
-    -------
-    UnexplainedSignal
-        The torque, or the sensor's error, and what it looks like.
+    Returns: the torque, or the sensor's error, and what it looks like.
     """
     fit, response = estimate.linearised(), torque_response(estimate)
     torque = infer_signal(fit, body_torque(fit, response))
@@ -235,3 +228,68 @@ def _quiet_before(estimate: Estimate, time: np.ndarray, along: np.ndarray) -> fl
         return None
     power_before = np.mean(np.concatenate(before) ** 2)
     return float(np.sqrt(power_before / max(np.mean(np.concatenate(after) ** 2), 1e-300)))
+
+
+# Share of the power near its peak from which a spectrum has a line (white noise: less than a
+# tenth).
+_LINE_SHARE = 0.3
+_PADDING = 4  # times the length of the signal
+# In units of 1 / duration: what is slower is no ringing; half the width of a line.
+_SLOWEST, _HALF_WIDTH = 2.5, 3.0
+
+
+@array_dataclass
+class Spectrum:
+    """Of a signal, all slews together.
+
+    Parameters
+    ----------
+    frequency : (f,) array
+        [Hz].
+    power : (f,) array
+        In squares of the signal's unit.
+    peak : float
+        The strongest frequency [Hz].
+    line : bool
+        Whether most of the power is there.
+    """
+
+    frequency: np.ndarray
+    power: np.ndarray
+    peak: float
+    line: bool
+
+
+def spectrum_of(time: np.ndarray, signal: np.ndarray) -> Spectrum:
+    """Average the periodograms of all slews (Hann window, padded), each with its own spacing.
+
+    `time` (slews, n) [s]; `signal` (slews, n).
+
+    Examples
+    --------
+    >>> time = np.arange(200.0)[None]
+    >>> spectrum = spectrum_of(time, np.sin(2.0 * np.pi * 0.1 * time))
+    >>> round(spectrum.peak, 2), spectrum.line
+    (0.1, True)
+    """
+    n = signal.shape[1]
+    steps = (time[:, -1] - time[:, 0]) / (n - 1)
+    window = np.hanning(n)
+    frequency = np.fft.rfftfreq(_PADDING * n, steps.max())
+    swings = signal - signal.mean(1, keepdims=True)
+    transforms = np.fft.rfft(swings * window, _PADDING * n, axis=1)
+    periodograms = np.abs(transforms) ** 2 / np.sum(window**2)
+    power = np.mean(
+        [
+            np.interp(frequency, np.fft.rfftfreq(_PADDING * n, step), p)
+            for step, p in zip(steps, periodograms, strict=True)
+        ],
+        axis=0,
+    )
+    duration = n * float(np.median(steps))
+    fast = frequency > _SLOWEST / duration
+    peak = float(frequency[fast][np.argmax(power[fast])]) if fast.any() else 0.0
+    near = np.abs(frequency - peak) < _HALF_WIDTH / duration
+    concentrated = power[near].sum() > _LINE_SHARE * power.sum()
+    swinging = float(np.mean(swings**2)) > 0.5 * float(np.mean(signal**2))
+    return Spectrum(frequency, power, peak, bool(fast.any() and concentrated and swinging))

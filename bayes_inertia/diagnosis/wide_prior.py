@@ -52,21 +52,8 @@ class BeyondPrior:
 def within_prior(fitted: Estimate, effect: str, rules: Rules, *, tolerance: float) -> Estimate:
     """Refit an effect with a wider prior, if the one that it has is exceeded.
 
-    Parameters
-    ----------
-    fitted : Estimate
-        With the effect.
-    effect : str
-        Its name.
-    rules : Rules
-        How far a parameter may lie from where it does nothing.
-    tolerance : float
-        Of the objective, as in `re_estimate`.
-
-    Returns
-    -------
-    Estimate
-        The same object where the prior is kept to. Priors are widened by powers of two.
+    `rules`: how far a parameter may lie from where it does nothing. Returns: the same object where
+    the prior is kept to. Priors are widened by powers of two.
     """
     for _ in range(_ROUNDS):
         distance = float(np.abs(_distances(fitted, effect)).max(initial=0.0))
@@ -82,18 +69,7 @@ def beyond_prior(
 ) -> tuple[BeyondPrior, ...]:
     """List the effects that are larger than their priors allow.
 
-    Parameters
-    ----------
-    final : Estimate
-        A fit with them.
-    effects : tuple of str
-        Their names.
-    rules : Rules
-        How far a parameter may lie from where it does nothing.
-
-    Returns
-    -------
-    tuple of BeyondPrior
+    `rules`: how far a parameter may lie from where it does nothing.
     """
     scales = {effect.name: effect.prior_scale for effect in final.model.effects}
     space, rows = final.model.space, []

@@ -88,27 +88,7 @@ def fly_slews(
 ) -> FlownSlew:
     """`fly_slew` for all slews of a campaign; compiled once for each shape and set of effects.
 
-    Parameters
-    ----------
-    slews : SlewInput
-        Integration grids with a leading axis of slews.
-    schedules : SlewSchedule
-        With a leading axis of slews.
-    plant : Plant
-        `plant.start` with a leading axis of slews, the rest shared.
-    law : ControlLaw
-        Shared by all slews.
-    noise : SensorNoise
-        With a leading axis of slews.
-    active : ActiveEffects
-        What else acts, shared by all slews.
-    substeps : int
-        Integration steps a row.
-
-    Returns
-    -------
-    FlownSlew
-        With a leading axis of slews.
+    `plant`: `plant.start` with a leading axis of slews, the rest shared.
     """
     # Axes and not arrays, which is how `vmap` wants them.
     plant_axes = Plant(None, None, None, None, 0)  # type: ignore[arg-type]
@@ -132,28 +112,8 @@ def fly_slew(
 
     Where effects act, only in forward mode.
 
-    Parameters
-    ----------
-    slew : SlewInput
-        Integration grid of n rows with `substeps` points each, and the environment on it. Its
-        torques and momenta are not used.
-    schedule : SlewSchedule
-        What the controller is to fly.
-    plant : Plant
-        The spacecraft as it is.
-    law : ControlLaw
-        What the controller believes, and its gains.
-    noise : SensorNoise
-        Noise of all sensors.
-    active : ActiveEffects
-        What else acts.
-    substeps : int
-        Integration steps a row.
-
-    Returns
-    -------
-    FlownSlew
-        Telemetry, truth and final error.
+    `slew`: integration grid of n rows with `substeps` points each, and the environment on it. Its
+    torques and momenta are not used.
     """
     loop = _Loop(slew, schedule, plant, law, noise, active, substeps)
     n_rows, wheels = len(schedule.time), law.allocation.shape[0]

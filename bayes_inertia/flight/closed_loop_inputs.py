@@ -65,18 +65,7 @@ class ClosedLoopInputs:
     substeps: int
 
     def of_slew(self, i: int) -> ClosedLoopInputs:
-        """The inputs of one slew alone.
-
-        Parameters
-        ----------
-        i : int
-            Which slew, from 0.
-
-        Returns
-        -------
-        ClosedLoopInputs
-            Without the axis of slews.
-        """
+        """The inputs of one slew alone."""
         plant = self.plant._replace(start=_row(self.plant.start, i))
         return replace(
             self,
@@ -97,30 +86,8 @@ def closed_loop_inputs(
 ) -> ClosedLoopInputs:
     """What the closed loop takes in to fly all slews of a plan.
 
-    Parameters
-    ----------
-    plan : Plan
-        What is flown.
-    mission : Mission
-        With what. If its spacecraft states no rate bias, one is drawn from the sensor's prior.
-    controller : Controller, optional
-        None for one that believes the prior.
-    rng : numpy.random.Generator, optional
-        Of bias, rest errors and noise, drawn in this order; None for none of them.
-    name : str, optional
-        Name of the campaign; None for the plan's.
-
-    Returns
-    -------
-    ClosedLoopInputs
-        With slews on a leading axis.
-
-    Raises
-    ------
-    CampaignError
-        If the plan does not fit the spacecraft.
-    EffectError
-        If an effect needs environment columns and the plan has no orbit.
+    `mission`: with what. If its spacecraft states no rate bias, one is drawn from the sensor's
+    prior. `rng`: of bias, rest errors and noise, drawn in this order; None for none of them.
 
     Examples
     --------
@@ -160,16 +127,6 @@ def closed_loop_inputs(
 def stacked_pytrees(parts: Sequence[Any]) -> Any:
     """Pytrees of one structure as one pytree, with a new leading axis.
 
-    Parameters
-    ----------
-    parts : sequence of pytree
-        At least one.
-
-    Returns
-    -------
-    pytree
-        Of numpy arrays.
-
     Examples
     --------
     >>> stacked_pytrees([{"a": 1.0}, {"a": 2.0}])["a"].tolist()
@@ -183,24 +140,7 @@ def _row(tree: Any, i: int) -> Any:
 
 
 def slew_schedule(plan: Plan, i: int, n_rows: int, *, tracked: bool) -> SlewSchedule:
-    """Slew i of a plan as the controller is told to fly it.
-
-    Parameters
-    ----------
-    plan : Plan
-        What is flown.
-    i : int
-        Which slew, from 0.
-    n_rows : int
-        Rows to pad to.
-    tracked : bool
-        Whether there is a star tracker.
-
-    Returns
-    -------
-    SlewSchedule
-        Of `n_rows` rows.
-    """
+    """Slew i of a plan as the controller is told to fly it."""
     slew, time = plan.slews[i], plan.times(i)
     before, after = plan.fixes(i)
     gain, weight = np.zeros(n_rows), np.zeros(n_rows)
@@ -230,26 +170,7 @@ def start_states(
 ) -> Start:
     """Start states of all slews: at the last target, with the campaign's first total momentum.
 
-    Parameters
-    ----------
-    plan : Plan
-        What is flown.
-    spacecraft : Spacecraft
-        Its wheels take up the momentum.
-    controller : Controller
-        Says how still and how well aimed the rest before a slew is.
-    rng : numpy.random.Generator, optional
-        Of residual rate and aim; None for neither.
-
-    Returns
-    -------
-    Start
-        With a leading axis of slews.
-
-    Raises
-    ------
-    CampaignError
-        If the plan does not state one momentum a wheel.
+    `controller`: says how still and how well aimed the rest before a slew is.
     """
     G, attitudes = spacecraft.wheel_axes_B, Rotation.from_quat(plan.attitudes[:-1])
     h = np.array(plan.wheel_momentum or np.zeros(len(spacecraft.wheels)))
@@ -270,17 +191,8 @@ def start_states(
 def rate_bias(spacecraft: Spacecraft, rng: np.random.Generator | None = None) -> Vector:
     """The rate bias of one campaign.
 
-    Parameters
-    ----------
-    spacecraft : Spacecraft
-        Its own bias counts, if it states one.
-    rng : numpy.random.Generator, optional
-        Draws a bias that is not stated; None for the mean of the sensor's prior.
-
-    Returns
-    -------
-    tuple of 3 floats
-        In sensor axes [rad/s].
+    `rng`: draws a bias that is not stated; None for the mean of the sensor's prior. Returns
+    [rad/s].
 
     Examples
     --------
@@ -306,25 +218,7 @@ def sensor_noise(
 ) -> SensorNoise:
     """White noise of all sensors.
 
-    Parameters
-    ----------
-    batch : tuple of int
-        Leading axes.
-    spacecraft : Spacecraft
-        Its sensors say how large the noise is.
-    controller : Controller
-        Says how long readings at rest are averaged for the bias.
-    plan : Plan
-        Says how often there is a reading.
-    n_rows : int
-        Rows of a slew.
-    rng : numpy.random.Generator, optional
-        None for no noise.
-
-    Returns
-    -------
-    SensorNoise
-        With the leading axes of `batch`.
+    `controller`: says how long readings at rest are averaged for the bias.
     """
     sensor, tracker, wheels = spacecraft.rate_sensor, spacecraft.star_tracker, spacecraft.wheels
 
@@ -350,17 +244,7 @@ def sensor_noise(
 def control_law(spacecraft: Spacecraft, controller: Controller) -> ControlLaw:
     """The controller as arrays, for a spacecraft's hardware.
 
-    Parameters
-    ----------
-    spacecraft : Spacecraft
-        Wheels and rate sensor; its true J and K are not used.
-    controller : Controller
-        What it believes, and how firmly it acts.
-
-    Returns
-    -------
-    ControlLaw
-        Gains and limits.
+    `spacecraft`: wheels and rate sensor; its true J and K are not used.
 
     Examples
     --------

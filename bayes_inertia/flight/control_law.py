@@ -128,15 +128,7 @@ class ReferenceMotion(NamedTuple):
 def target_attitude(schedule: SlewSchedule) -> Array:
     """Attitude that the slew is to end in.
 
-    Parameters
-    ----------
-    schedule : SlewSchedule
-        The slew.
-
-    Returns
-    -------
-    (4,) array
-        Quaternion, body from inertial, scalar last.
+    Returns (4,).
 
     Examples
     --------
@@ -153,15 +145,7 @@ def target_attitude(schedule: SlewSchedule) -> Array:
 def reference_motion(schedule: SlewSchedule) -> ReferenceMotion:
     """The planned motion at all rows of a slew.
 
-    Parameters
-    ----------
-    schedule : SlewSchedule
-        The slew, n rows.
-
-    Returns
-    -------
-    ReferenceMotion
-        Every field with a leading axis of n rows.
+    Returns: every field with a leading axis of n rows.
     """
     t = schedule.time - schedule.motion_start
     step = jnp.append(jnp.diff(schedule.time), 0.0)
@@ -193,23 +177,8 @@ def wheel_command(
     Inverse dynamics of the planned motion (paper eq 6), and feedback of what differs from it.
     Saturation scales all wheels together, which keeps the torque's direction.
 
-    Parameters
-    ----------
-    law : ControlLaw
-        What the controller believes, and its gains.
-    reference : ReferenceMotion
-        The planned motion at this row.
-    attitude : (4,) array
-        Attitude that the controller believes.
-    rate_B : (3,) array
-        Rate that it believes [rad/s].
-    momentum : (wheels,) array
-        Wheel momentum relative to the body, as the tachometers show it [N m s].
-
-    Returns
-    -------
-    (wheels,) array
-        Torque on each wheel [N m].
+    `attitude` (4,); `rate_B` (3,) [rad/s]. `momentum` (wheels,): wheel momentum relative to the
+    body, as the tachometers show it [N m s]. Returns (wheels,) [N m].
     """
     error = quaternion.error(reference.attitude, attitude)
     # The planned rate in the axes of the believed attitude.

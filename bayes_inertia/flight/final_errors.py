@@ -46,29 +46,12 @@ def predict_final_errors(
 ) -> np.ndarray:
     """Final attitude error of one slew if each draw were the truth; the controller stays the same.
 
-    Parameters
-    ----------
-    thetas : (n, 9) array
-        Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2] and K of each draw, such as draws of a posterior. J is
-        J_locked where the mission's prior says so.
-    plan : Plan
-        What is flown.
-    mission : Mission
-        Sensors, wheels and effects; its own J and K are not used.
-    controller : Controller
-        The controller in all draws.
-    index : int
-        Which slew of the plan, from 0.
-    seed : int, optional
-        Of noise, bias and rest errors; None for none.
-    values : dict, optional
-        {effect: {parameter: (n, ...)}}, the effects' parameters in each draw; None for the
-        spacecraft's own in all draws.
-
-    Returns
-    -------
-    (n, 3) array
-        Rotation vectors from the target to the final attitude, in body axes [rad].
+    `thetas` (n, 9): Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2] and K of each draw, such as draws of a
+    posterior. J is J_locked where the mission's prior says so. `mission`: sensors, wheels and
+    effects; its own J and K are not used. `seed`: of noise, bias and rest errors; None for none.
+    `values`: {effect: {parameter: (n, ...)}}, the effects' parameters in each draw; None for the
+    spacecraft's own in all draws. Returns (n, 3): rotation vectors from the target to the final
+    attitude, in body axes [rad].
 
     Examples
     --------
@@ -103,23 +86,8 @@ def predict_correction_slew(
 ) -> np.ndarray:
     """Angle of the correction slew needed after one slew if each draw were the truth.
 
-    Parameters
-    ----------
-    thetas : (n, 9) array
-        Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2] and K of each draw.
-    plan : Plan
-        What is flown.
-    mission : Mission
-        Sensors, wheels and effects; its own J and K are not used.
-    controller : Controller
-        The controller in all draws.
-    **options
-        `index`, `seed` and `values`, as in `predict_final_errors`.
-
-    Returns
-    -------
-    (n,) array
-        Angles [rad].
+    `thetas` (n, 9): Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2] and K of each draw. `mission`: sensors, wheels
+    and effects; its own J and K are not used. Returns (n,) [rad].
     """
     return np.linalg.norm(
         predict_final_errors(thetas, plan, mission, controller, **options), axis=-1

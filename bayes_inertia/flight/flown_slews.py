@@ -25,17 +25,7 @@ def other_slews(plan: Plan, campaign: Campaign) -> str:
 
     Compared are the number of slews, the rotation of each from beginning to end, and its peak rate.
 
-    Parameters
-    ----------
-    plan : Plan
-        What should have been flown.
-    campaign : Campaign
-        What was flown.
-
-    Returns
-    -------
-    str
-        The first difference in words; empty where the telemetry may be that of the plan.
+    Returns: the first difference in words; empty where the telemetry may be that of the plan.
 
     Examples
     --------

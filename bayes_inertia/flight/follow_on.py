@@ -14,23 +14,9 @@ from bayes_inertia.flight.spacecraft import Spacecraft, without_spin
 def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
     """The spacecraft that a campaign's parameters describe, with the campaign's hardware.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        Its wheels and sensors are taken over.
-    theta : (d,) array
-        J's six elements [kg m^2] as the campaign's prior names them, then K1, K2, K3; the rest is
-        not used.
-
-    Returns
-    -------
-    Spacecraft
-        Without effects; its bias is drawn from the sensor's prior in every flight.
-
-    Raises
-    ------
-    CampaignError
-        If no body has this J.
+    `theta` (d,): J's six elements [kg m^2] as the campaign's prior names them, then K1, K2, K3; the
+    rest is not used. Returns: without effects; its bias is drawn from the sensor's prior in every
+    flight.
     """
     J = np.array(
         [
@@ -54,19 +40,10 @@ def following_plan(campaign: Campaign, wheel_momentum: np.ndarray | None = None)
 
     It has the campaign's telemetry period and the usual rests.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What was flown.
-    wheel_momentum : (wheels,) array, optional
-        Wheel momentum relative to the body at the campaign's end [N m s]. It is used where no
-        tachometer tells. None: the wheels are then taken to be at rest.
-
-    Returns
-    -------
-    Plan
-        It starts at the last star-tracker fix (no rotation from inertial axes if there is none)
-        and with the last complete tachometer reading of the last slew.
+    `wheel_momentum` (wheels,): wheel momentum relative to the body at the campaign's end [N m s].
+    It is used where no tachometer tells. None: the wheels are then taken to be at rest. Returns: it
+    starts at the last star-tracker fix (no rotation from inertial axes if there is none) and with
+    the last complete tachometer reading of the last slew.
     """
     last = campaign.slews[-1]
     # Without the rounding of times read from a file, so that alike campaigns share compiled code.

@@ -22,27 +22,9 @@ from bayes_inertia.physics.parameters import ParameterSpace
 def with_hidden_effects(mission: Mission, plan: Plan, hidden: Sequence[str], seed: int) -> Mission:
     """A mission in which further effects act.
 
-    Parameters
-    ----------
-    mission : Mission
-        The spacecraft without them.
-    plan : Plan
-        What will be flown; it sets the scale of default priors.
-    hidden : sequence of str
-        Each is `name` (parameters drawn from their priors) or `name.parameter=value[,value...]`
-        (parameters not named are at their null).
-    seed : int
-        Of drawn parameters.
-
-    Returns
-    -------
-    Mission
-        The same prior; its spacecraft has the effects beside its own.
-
-    Raises
-    ------
-    EffectError
-        If an effect or parameter is unknown, or a wrong number of values is given.
+    `plan`: what will be flown; it sets the scale of default priors. `hidden`: each is `name`
+    (parameters drawn from their priors) or `name.parameter=value[,value...]` (parameters not named
+    are at their null). Returns: the same prior; its spacecraft has the effects beside its own.
 
     Examples
     --------
@@ -65,17 +47,7 @@ def with_hidden_effects(mission: Mission, plan: Plan, hidden: Sequence[str], see
 def parameter_space(effect: Effect, template: Campaign) -> ParameterSpace:
     """The parameters of one effect.
 
-    Parameters
-    ----------
-    effect : Effect
-        What acts.
-    template : Campaign
-        Whose hardware and slews set the scale of default priors.
-
-    Returns
-    -------
-    ParameterSpace
-        Of the effect alone.
+    `template`: whose hardware and slews set the scale of default priors.
     """
     return ParameterSpace(tuple((effect.name, p) for p in effect.parameters(template)))
 

@@ -38,22 +38,7 @@ class IntegrationGrid(NamedTuple):
 def integration_grid(campaign: Campaign, effects: Sequence[Effect]) -> IntegrationGrid:
     """The grids that a `Model` of the flown campaign will integrate on.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        The plan as a campaign that has not been flown.
-    effects : sequence of Effect
-        What acts.
-
-    Returns
-    -------
-    IntegrationGrid
-        Padded to whole rows.
-
-    Raises
-    ------
-    EffectError
-        If an effect needs columns that the campaign lacks.
+    `campaign`: the plan as a campaign that has not been flown.
     """
     for effect in effects:
         for column in effect.needs:

@@ -109,11 +109,6 @@ class Mission:
 def most_like_mission() -> Mission:
     """A microsatellite like MOST in Ferguson's simulations (his Table 1), J known to 2 to 4 %.
 
-    Returns
-    -------
-    Mission
-        `most_like_spacecraft` and `most_like_prior`.
-
     Examples
     --------
     >>> most_like_mission().spacecraft.scale_factor

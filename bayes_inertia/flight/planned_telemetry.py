@@ -21,19 +21,8 @@ _ROW_MULTIPLE = 32
 def planned_campaign(plan: Plan, mission: Mission, name: str | None = None) -> Campaign:
     """The plan as a campaign that has not been flown: planned motion, no torques.
 
-    Parameters
-    ----------
-    plan : Plan
-        What is to be flown.
-    mission : Mission
-        Hardware and prior of the campaign.
-    name : str, optional
-        Name of the campaign; None for the plan's.
-
-    Returns
-    -------
-    Campaign
-        One slew for each slew of the plan, with environment columns where the plan has an orbit.
+    Returns: one slew for each slew of the plan, with environment columns where the plan has an
+    orbit.
 
     Examples
     --------

@@ -102,17 +102,8 @@ def simulate(
 def truth_of(flight: Flight, seed: int | None = None) -> dict[str, Any]:
     """What was true in a flight, as plain numbers and lists.
 
-    Parameters
-    ----------
-    flight : Flight
-        What was flown.
-    seed : int, optional
-        To be stated with it.
-
-    Returns
-    -------
-    dict
-        J, K, bias, effects, and each slew's start state and final error, with units in the keys.
+    Returns: J, K, bias, effects, and each slew's start state and final error, with units in the
+    keys.
     """
     craft = flight.spacecraft
     locked = craft.inertia_B + spin_tensor(craft.wheels)
@@ -150,27 +141,8 @@ def draw_spacecraft(
 ) -> Spacecraft:
     """A spacecraft whose J, K and bias are drawn from a campaign's prior; every J is physical.
 
-    Parameters
-    ----------
-    template : Campaign
-        Hardware and prior; its slews set the scale of default priors.
-    rng : numpy.random.Generator
-        Source of the draw.
-    effects : sequence of Effect
-        What else acts.
-    values : dict, optional
-        {effect: {parameter: value}}. The values of effects that it does not name are drawn from
-        their priors.
-
-    Returns
-    -------
-    Spacecraft
-        With a stated bias.
-
-    Raises
-    ------
-    CampaignError
-        If hardly any draw of the inertia prior is physical.
+    `template`: hardware and prior; its slews set the scale of default priors. `values`: {effect:
+    {parameter: value}}. The values of effects that it does not name are drawn from their priors.
     """
     sensor = template.rate_sensor
     J = _drawn_inertia(template, rng)
@@ -213,19 +185,7 @@ def vary_plan(
 
     All slews last equally long, so that studies share compiled code.
 
-    Parameters
-    ----------
-    plan : Plan
-        Its axes, rates and times are kept.
-    rng : numpy.random.Generator
-        Source of the draw.
-    angles : tuple of 2 floats
-        Smallest and largest angle [rad].
-
-    Returns
-    -------
-    Plan
-        Of as many slews.
+    `angles` [rad].
 
     Examples
     --------
@@ -261,34 +221,8 @@ def draw_flight(
 ) -> Flight:
     """One campaign of a calibration study: truth drawn from the template's prior, flown with noise.
 
-    Parameters
-    ----------
-    template : Campaign
-        Hardware and prior; its slews set the scale of default priors.
-    plan : Plan
-        What to fly.
-    seed : int or numpy.random.SeedSequence
-        Equal seeds give equal campaigns.
-    effects : sequence of Effect
-        What else acts.
-    values : dict, optional
-        {effect: {parameter: value}}. The values of effects that it does not name are drawn from
-        their priors.
-    vary : bool
-        Whether the plan is varied first, see `vary_plan`.
-    controller : Controller, optional
-        None for one that believes the prior.
-
-    Returns
-    -------
-    Flight
-        The truth is in `Flight.mission`.
-
-    Raises
-    ------
-    CampaignError
-        If hardly any draw of the inertia prior is physical, or the plan does not fit the
-        spacecraft.
+    `template`: hardware and prior; its slews set the scale of default priors. `values`: {effect:
+    {parameter: value}}. The values of effects that it does not name are drawn from their priors.
     """
     rng = np.random.default_rng(seed)
     mission = Mission(draw_spacecraft(template, rng, effects, values), template.inertia)

@@ -18,16 +18,6 @@ Profile = Literal["trapezoid", "smooth"]
 def ramp_factor(profile: Profile) -> float:
     """Ramp time times acceleration limit over peak rate.
 
-    Parameters
-    ----------
-    profile : {"trapezoid", "smooth"}
-        Ramps of constant acceleration, or versines.
-
-    Returns
-    -------
-    float
-        1, or pi / 2.
-
     Examples
     --------
     >>> ramp_factor("trapezoid")
@@ -43,25 +33,8 @@ def angle_and_rate(
 
     A slew too short for `rate` has a lower peak and no coast.
 
-    Parameters
-    ----------
-    angle : array
-        Angle of the slew [rad].
-    rate : array
-        Largest rate [rad/s].
-    acceleration : array
-        Limit of the angular acceleration [rad/s^2].
-    smooth : array of bool
-        Whether the ramps are versines.
-    t : array
-        Time after the beginning of the motion [s].
-
-    Returns
-    -------
-    angle : array
-        Angle turned [rad].
-    rate : array
-        Rate [rad/s].
+    `angle` [rad]; `rate` [rad/s]; `acceleration` [rad/s^2]; `t` [s]. Returns `angle` [rad]; `rate`
+    [rad/s].
 
     Examples
     --------

@@ -240,15 +240,7 @@ def most_like_prior() -> InertiaPrior:
 def spin_tensor(wheels: Sequence[Wheel]) -> np.ndarray:
     """What J_locked has more than J: the sum of Js g g^T over all wheels.
 
-    Parameters
-    ----------
-    wheels : sequence of Wheel
-        Reaction wheels.
-
-    Returns
-    -------
-    (3, 3) array
-        Tensor [kg m^2].
+    Returns (3, 3) [kg m^2].
 
     Examples
     --------
@@ -266,19 +258,7 @@ def without_spin(
 ) -> np.ndarray:
     """J of everything except the wheels' spin, from J_locked if that is what is given.
 
-    Parameters
-    ----------
-    tensor : (..., 3, 3) array
-        J or J_locked [kg m^2].
-    includes_wheel_spin : bool
-        Whether it is J_locked.
-    wheels : sequence of Wheel
-        Reaction wheels.
-
-    Returns
-    -------
-    (..., 3, 3) array
-        J [kg m^2].
+    `tensor` (..., 3, 3) [kg m^2]. Returns (..., 3, 3) [kg m^2].
 
     Examples
     --------

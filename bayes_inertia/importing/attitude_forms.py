@@ -28,6 +28,10 @@ COLUMNS_OF_FORM = {"quaternion": 4, "euler": 3, "dcm": 9, "mrp": 3}
 _CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 # Largest element of M M^T - 1 of a matrix that counts as a rotation.
 _NOT_ORTHOGONAL = 1e-3
+# A jump between two rows that no body makes, if it comes back to the very same attitude [rad].
+_JUMP = 0.1
+# So many of the attitudes that stand most often are looked at, told apart by such a sum of theirs.
+_MOST_COMMON, _KEY = 4, np.array([1.0, np.pi, np.e, np.sqrt(2.0)])
 # Rows looked at for what rounding does to an attitude.
 _ROWS_OF_ROUNDING = 50
 
@@ -63,17 +67,8 @@ class AttitudeConvention:
 def to_quaternions(values: np.ndarray, convention: AttitudeConvention) -> np.ndarray:
     """Quaternions of attitudes in any form.
 
-    Parameters
-    ----------
-    values : (n, columns) array
-        The columns; NaN throughout a row without a fix. Rows must be good (`bad_attitude`).
-    convention : AttitudeConvention
-        What they are.
-
-    Returns
-    -------
-    (n, 4) array
-        Body from inertial, scalar last; NaN in rows without a fix.
+    `values` (n, columns): the columns; NaN throughout a row without a fix. Rows must be good
+    (`bad_attitude`). Returns (n, 4): body from inertial, scalar last; NaN in rows without a fix.
 
     Examples
     --------
@@ -110,19 +105,8 @@ def without_solution(
 
     That is one number in all columns which no attitude has there, such as 0 0 0 0 or -9999.
 
-    Parameters
-    ----------
-    values : (n, columns) array
-        The columns.
-    convention : AttitudeConvention
-        What they are.
-    marked : (n, columns) array of bool
-        Cells that hold what the mapping calls a mark.
-
-    Returns
-    -------
-    (n,) array of bool
-        Which rows hold no fix.
+    `values` (n, columns). `marked` (n, columns): cells that hold what the mapping calls a mark.
+    Returns (n,).
 
     Examples
     --------
@@ -142,24 +126,46 @@ def without_solution(
     return marked.all(axis=1) | (same & impossible)
 
 
+def standing_mark(quaternions: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Rows whose attitude is a mark of "no solution", such as 0 0 0 1.
+
+    To one and the same attitude, to the last digit, the rows jump again and again and back.
+
+    `quaternions` (n, 4); `time` (n,) [s]. Returns (n,).
+
+    Examples
+    --------
+    >>> rows = np.array([[0.6, 0.0, 0.0, 0.8], [0.0, 0.0, 0.0, 1.0]] * 3)
+    >>> rows[::2, 0] += 1e-6 * np.arange(3)
+    >>> standing_mark(rows, np.arange(6.0)).tolist()
+    [False, True, False, True, False, True]
+    """
+    marks = np.zeros(len(time), dtype=bool)
+    rows = np.flatnonzero(np.isfinite(quaternions).all(axis=1) & np.isfinite(time))
+    q, steps = quaternions[rows], np.diff(time[rows])
+    usual = 1.5 * float(np.median(steps)) if len(steps) else 0.0
+    _, first, counts = np.unique(q @ _KEY, return_index=True, return_counts=True)
+    for row in first[np.argsort(-counts)[:_MOST_COMMON]]:
+        same = (q == q[row]).all(axis=1)
+        # After a pause a body may be anywhere.
+        borders = np.flatnonzero((same[1:] != same[:-1]) & (steps < usual))
+        others = np.where(same[borders, None], q[borders + 1], q[borders])
+        jumps = np.abs(others @ q[row]) < np.cos(0.5 * _JUMP)
+        again = int((same[1:] & ~same[:-1]).sum() + same[0]) > 1
+        # Of two that stand still, the one beside several others is the mark.
+        if again and len(borders) > 1 and jumps.all() and np.any(others != others[0]):
+            marks[rows[same]] = True
+            break
+    return marks
+
+
 def rounding_of_attitudes(
     values: np.ndarray, convention: AttitudeConvention, sigmas: np.ndarray
 ) -> float:
     """Standard deviation of an attitude about any axis from rounding of its columns.
 
-    Parameters
-    ----------
-    values : (n, columns) array
-        The columns; NaN throughout a row without a fix.
-    convention : AttitudeConvention
-        What they are.
-    sigmas : (columns,) array
-        Standard deviation of the rounding of each column.
-
-    Returns
-    -------
-    float
-        [rad]; 0 without a fix.
+    `sigmas` (columns,). `values` (n, columns): the columns; NaN throughout a row without a fix.
+    Returns [rad].
 
     Examples
     --------
@@ -184,17 +190,7 @@ def rounding_of_attitudes(
 def bad_attitude(values: np.ndarray, convention: AttitudeConvention) -> tuple[int, str] | None:
     """The first row that is neither empty nor an attitude.
 
-    Parameters
-    ----------
-    values : (n, columns) array
-        The columns.
-    convention : AttitudeConvention
-        What they are.
-
-    Returns
-    -------
-    tuple of int and str, or None
-        The row and what is wrong with it; None if all rows are good.
+    `values` (n, columns). Returns: the row and what is wrong with it; None if all rows are good.
 
     Examples
     --------
@@ -224,17 +220,8 @@ def bad_attitude(values: np.ndarray, convention: AttitudeConvention) -> tuple[in
 def from_tracker_axes(quaternions: np.ndarray, body_from_tracker: np.ndarray) -> np.ndarray:
     """Attitudes of the body from those of a star tracker: v_B = R v_T.
 
-    Parameters
-    ----------
-    quaternions : (n, 4) array
-        Tracker from inertial, scalar last; NaN in rows without a fix.
-    body_from_tracker : (3, 3) array
-        R.
-
-    Returns
-    -------
-    (n, 4) array
-        Body from inertial, scalar last.
+    `body_from_tracker` (3, 3). `quaternions` (n, 4): tracker from inertial, scalar last; NaN in
+    rows without a fix. Returns (n, 4).
 
     Examples
     --------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -10,20 +9,14 @@ from types import MappingProxyType
 import numpy as np
 
 from bayes_inertia.importing.questions import UNKNOWN
-from bayes_inertia.importing.raw_table import RawColumn, RawTable
-from bayes_inertia.importing.stamp_parts import UNIT_WORDS, unit_in_name, unit_size, words_of
-from bayes_inertia.importing.time_stamps import COUNTED_CLOCKS, FREE_CLOCKS, dates_of
-from bayes_inertia.importing.time_texts import is_date
+from bayes_inertia.tables.raw_table import RawColumn, RawTable
+from bayes_inertia.tables.stamp_parts import UNIT_WORDS, unit_in_name, words_of
+from bayes_inertia.tables.time_columns import stamp_units
+from bayes_inertia.tables.time_stamps import COUNTED_CLOCKS, FREE_CLOCKS, dates_of
 
 _CLOCKS: Mapping[str, str] = MappingProxyType(
     {"gps": "gps", "tai": "tai", "unix": "unix", "posix": "unix", "epoch": "unix"}
 )
-# Units of parts of a stamp, the coarsest first.
-_ORDER = ("week", "year", "month", "doy", "day", "h", "min", "s", "ms", "us", "ns")
-_FINE = frozenset({"fine", "frac", "fraction", "sub", "subsec", "subsecs", "subseconds", "ticks"})
-# Words that say nothing of the clock that a column belongs to.
-_NO_STEM = frozenset({*_FINE, "of", "in", "coarse", "utc", "date", "time", "the"})
-_OF_DAY = re.compile(r"\d{1,2}:\d{2}")
 # Logs of spacecraft are from these years.
 _FIRST, _LAST = np.datetime64("1995-01-01"), np.datetime64("2060-01-01")
 
@@ -47,135 +40,10 @@ class ClockGuess:
     hint: str = ""
 
 
-def stamp_columns(table: RawTable, named: Sequence[str]) -> list[str]:
-    """Columns that make one stamp together.
-
-    Parameters
-    ----------
-    table : RawTable
-        The table.
-    named : sequence of str
-        Columns with a name of a time.
-
-    Returns
-    -------
-    list of str
-        Whole units first; the first of `named` where no others belong to it.
-
-    Examples
-    --------
-    >>> ros = {"sec": RawColumn(np.array([7.0, 7.0])), "nanosec": RawColumn(np.array([0.0, 5e8]))}
-    >>> stamp_columns(RawTable("a.csv", ros), ["sec"])
-    ['sec', 'nanosec']
-    """
-    weeks = [name for name in named if "week" in name.lower()]
-    seconds = [name for name in named if name not in weeks]
-    if weeks and seconds:
-        return _with_finer(table, [weeks[0], seconds[0]])
-    starts = [name for name in table.columns if name in named or _starts_a_stamp(table, name)]
-    chains = [_with_finer(table, [name]) for name in starts]
-    longest = max(chains, key=len, default=[])
-    return longest if len(longest) > 1 else list(named[:1])
-
-
-def _starts_a_stamp(table: RawTable, name: str) -> bool:
-    """Whether a column may hold the whole units of a stamp."""
-    column = table.column(name)
-    if column.is_text:
-        return len(column.values) > 0 and is_date(str(column.values[0]))
-    return unit_in_name(name) in ("week", "year", "day", "s") or bool(
-        {"coarse"} & {*words_of(name)}
-    )
-
-
-def _with_finer(table: RawTable, chain: list[str]) -> list[str]:
-    """The columns of a stamp with those that follow it and count parts of its unit."""
-    for name in list(table.columns)[list(table.columns).index(chain[-1]) + 1 :]:
-        if not _is_part(table, chain, name):
-            break
-        chain = [*chain, name]
-    whole = all(_is_whole(table.column(name)) for name in chain[:-1])
-    date = [u for u in stamp_units(table, chain) if u in ("year", "month", "day", "doy")]
-    dated = date[:1] != ["year"] or date in (["year", "doy"], ["year", "month", "day"])
-    return chain if whole and dated else chain[:1]
-
-
-def _is_part(table: RawTable, chain: Sequence[str], name: str) -> bool:
-    """Whether a column counts parts of the last unit of a stamp."""
-    before, column = table.column(chain[-1]), table.column(name)
-    if column.is_text or before.is_text:
-        texts = [str(c.values[0]).strip() if len(c.values) else "" for c in (before, column)]
-        dated = before.is_text and is_date(texts[0]) and ":" not in texts[0]
-        units = [unit_in_name(name) for name in (chain[0], chain[-1])]
-        dated = dated or (units[0] == "year" and units[1] in ("day", "doy"))
-        return dated and (bool(_OF_DAY.match(texts[1])) or unit_in_name(name) in ("s", "ms"))
-    units = stamp_units(table, [*chain, name])
-    order = [_ORDER.index(unit) if unit in _ORDER else len(_ORDER) for unit in units]
-    if units[-1] == "" or order[-1] <= order[-2] or _stem(name) not in ("", _stem(chain[0])):
-        return False
-    sizes = [unit_size(unit) for unit in units[-2:]]
-    most = np.nanmax(column.values, initial=0.0)
-    return None in sizes or 0.0 <= most * float(sizes[1] or 0) < float(sizes[0] or 0) * 1.001
-
-
-def _is_whole(column: RawColumn) -> bool:
-    return column.is_text or not np.any(np.nan_to_num(column.values) % 1.0)
-
-
-def _stem(name: str) -> str:
-    """The words of a name that are no units."""
-    return " ".join(w for w in words_of(name) if w not in UNIT_WORDS and w not in _NO_STEM)
-
-
-def stamp_units(table: RawTable, names: Sequence[str]) -> list[str]:
-    """What each column of a stamp counts, as a mapping writes it.
-
-    Parameters
-    ----------
-    table : RawTable
-        The table.
-    names : sequence of str
-        The columns, whole units first.
-
-    Returns
-    -------
-    list of str
-        "date" for texts; "" where nothing says it.
-
-    Examples
-    --------
-    >>> cuc = {"coarse": np.array([7.0, 7.0]), "fine": np.array([16384.0, 49152.0])}
-    >>> stamp_units(RawTable("a.csv", {k: RawColumn(v) for k, v in cuc.items()}), list(cuc))
-    ['s', 's/2^16']
-    """
-    units: list[str] = []
-    for name in names:
-        column, words = table.column(name), {*words_of(name)}
-        unit = (
-            "date" if column.is_text else unit_in_name(name) or ("s" if "coarse" in words else "")
-        )
-        if not column.is_text and unit in ("", "s") and words & _FINE:
-            most = np.nanmax(column.values, initial=0.0)
-            bits = next((n for n in (8, 16, 24, 32) if most < 2.0**n), 0)
-            unit = f"s/2^{bits}" if bits and units else ""
-        units.append(unit)
-    return units
-
-
 def guessed_clock(table: RawTable, names: Sequence[str]) -> ClockGuess:
     """The clock of the columns of the time, as far as they show it.
 
-    Parameters
-    ----------
-    table : RawTable
-        The table.
-    names : sequence of str
-        The columns that seem to hold the time.
-
-    Returns
-    -------
-    ClockGuess
-        Its kind; "?" where name, unit and size leave more than one.
+    Returns: its kind; "?" where name, unit and size leave more than one.
 
     Examples
     --------

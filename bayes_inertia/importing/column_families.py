@@ -5,26 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
-from bayes_inertia.importing.clock_guess import stamp_columns
-from bayes_inertia.importing.raw_table import RawColumn, RawTable
-from bayes_inertia.importing.time_texts import is_date
+from bayes_inertia.tables.raw_table import RawColumn, RawTable
+from bayes_inertia.tables.time_columns import split_unit, time_names
 
-# What ends a name, without signs and in small letters -> unit.
-_UNITS: Mapping[str, str] = MappingProxyType(
-    {
-        "radps": "rad/s", "radpers": "rad/s", "rads": "rad/s", "radpersec": "rad/s",
-        "mradps": "mrad/s", "mrads": "mrad/s",
-        "dps": "deg/s", "degps": "deg/s", "degs": "deg/s", "degpers": "deg/s",
-        "degpersec": "deg/s", "degsec": "deg/s", "degh": "deg/h", "dph": "deg/h",
-        "rpm": "rpm",
-        "mnms": "mN m s", "unms": "uN m s", "nms": "N m s",
-        "mnm": "mN m", "unm": "uN m", "nm": "N m",
-        "nt": "nT", "ut": "uT", "km": "km", "m": "m", "t": "T",
-        "deg": "deg", "rad": "rad",
-    }
-)  # fmt: skip
 # Columns of one quantity differ in such a word only.
 _MEMBERS = (
     ("x", "y", "z"),
@@ -48,12 +32,6 @@ _QUATERNIONS: tuple[tuple[tuple[str, ...], str], ...] = (
     (("1", "2", "3", "4"), ""),
     (("00", "01", "02", "03"), ""),
 )
-_TIME = re.compile(
-    r"(t|time|times|utc|tai|gps|epoch|timestamps?|tow|week|met|sclk|unix|posix|mjd|jd|date|datetime|"
-    r"(unix|gps|posix|time)(time|stamp)[a-z]*|sec|s)"
-)
-# Where no column is called a time, one that ends so: RECEIVED_TIMESECONDS, generation_time.
-_LATER_TIME = re.compile(r".*(time|stamp)(seconds|formatted|[_ ]?(utc|tai|gps|[mun]?s))?")
 # Quantities of the same sensors and estimators that are none of a campaign.
 _OTHER = re.compile(r".*(acc|linear|deriv|covar|reset|delta).*")
 _SETPOINT = re.compile(r".*setpoint.*")  # What a controller wants, unless it is a wheel's command.
@@ -106,51 +84,11 @@ class ColumnFamily:
     sequence: str = ""
 
 
-def split_unit(name: str) -> tuple[str, str]:
-    """A column's name without the unit that it ends with, and that unit.
-
-    Parameters
-    ----------
-    name : str
-        The column.
-
-    Returns
-    -------
-    stem, unit : str
-        The unit is "" where the name ends with none.
-
-    Examples
-    --------
-    >>> split_unit("wx_deg_s"), split_unit("rate x [deg/s]"), split_unit("gyro")
-    (('wx', 'deg/s'), ('rate x', 'deg/s'), ('gyro', ''))
-    """
-    bracket = re.fullmatch(r"(.+?)\s*[\[(](.+)[\])]", name)
-    if bracket and not bracket[2].isdigit():
-        return bracket[1], _UNITS.get(re.sub(r"[^a-z]", "", bracket[2].lower()), bracket[2])
-    words = re.split(r"[_\s.]+", name)
-    for count in (3, 2, 1):
-        ending = "".join(words[-count:]).lower().replace("/", "")
-        # In rx_N_m and Bx_N_T the N is the inertial frame.
-        frame = count == 2 and words[-2:-1] == ["N"] and re.match(r"r|pos|b", name.lower())
-        if len(words) > count and ending in _UNITS and not frame:
-            return "_".join(words[:-count]), _UNITS[ending]
-    return name, ""
-
-
 def families(table: RawTable, file: str) -> list[ColumnFamily]:
     """The quantities that a table seems to hold.
 
-    Parameters
-    ----------
-    table : RawTable
-        The table.
-    file : str
-        Name of its file, which may say what the columns do not.
-
-    Returns
-    -------
-    list of ColumnFamily
-        In the order of the columns; none for columns that are not recognised.
+    `file`: name of its file, which may say what the columns do not. Returns: in the order of the
+    columns; none for columns that are not recognised.
 
     Examples
     --------
@@ -170,34 +108,6 @@ def families(table: RawTable, file: str) -> list[ColumnFamily]:
             taken |= set(family.names)
     order = list(table.columns)
     return sorted(result, key=lambda family: order.index(family.names[0]))
-
-
-def time_names(table: RawTable) -> list[str]:
-    """Columns that seem to hold the time.
-
-    Parameters
-    ----------
-    table : RawTable
-        The table.
-
-    Returns
-    -------
-    list of str
-        What the file states, columns with a name of a time, or one of dates; [] if there is none.
-    """
-    if table.time_names:
-        return list(table.time_names)
-    named = [
-        name
-        for name in table.columns
-        if _TIME.fullmatch(re.split(r"[^a-z]+", split_unit(name)[0].lower().strip("_ "))[0])
-    ]
-    named = named or [n for n in table.columns if _LATER_TIME.fullmatch(n.lower().strip("_ "))]
-    return stamp_columns(table, named or [n for n, c in table.columns.items() if _holds_dates(c)])
-
-
-def _holds_dates(column: RawColumn) -> bool:
-    return column.is_text and len(column.values) > 0 and is_date(str(column.values[0]))
 
 
 def _stems(columns: Mapping[str, RawColumn]) -> dict[str, tuple[str, str]]:

@@ -14,9 +14,9 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.file_share import ZERO_OF_FILE, FileShare
-from bayes_inertia.importing.leap_seconds import SECOND
-from bayes_inertia.importing.stamp_parts import unit_size
-from bayes_inertia.importing.time_stamps import FREE_CLOCKS
+from bayes_inertia.tables.leap_seconds import SECOND
+from bayes_inertia.tables.stamp_parts import unit_size
+from bayes_inertia.tables.time_stamps import FREE_CLOCKS
 
 _BITS = (16, 24, 31, 32)
 # Counts of these are scaled to other units by ground software; also the unit of the file itself.
@@ -42,20 +42,7 @@ class _Period:
 def counted_on(shares: Sequence[FileShare]) -> list[FileShare]:
     """Shares whose counters do not begin anew.
 
-    Parameters
-    ----------
-    shares : sequence of FileShare
-        All files of all streams.
-
-    Returns
-    -------
-    list of FileShare
-        The same, with a note where a counter wrapped.
-
-    Raises
-    ------
-    CampaignError
-        If a pause is so long that a counter may have wrapped more than once in it.
+    Returns: the same, with a note where a counter wrapped.
     """
     result = list(shares)
     for group in _groups(shares):

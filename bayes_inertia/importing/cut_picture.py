@@ -19,20 +19,7 @@ _BOTTOM = 0.03
 
 
 def cut_picture(cut: SlewCut, clock: str) -> str:
-    """Draw how a log was cut into slews.
-
-    Parameters
-    ----------
-    cut : SlewCut
-        The cut; with a scan.
-    clock : str
-        What the times count from.
-
-    Returns
-    -------
-    str
-        SVG, the same for the same cut.
-    """
+    """Draw how a log was cut into slews."""
     import matplotlib as mpl
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure

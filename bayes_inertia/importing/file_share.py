@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.importing.time_stamps import TimeStamps
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.tables.raw_table import row_name
+from bayes_inertia.tables.time_stamps import TimeStamps
 
 SHARED_ZERO = "campaign"
 """The `epoch` of clocks that share one unknown zero."""
@@ -51,17 +52,5 @@ class FileShare:
         return self.stamps.ns[~self.stamps.missing] - self.stamps.zero_ns
 
     def place(self, row: int) -> str:
-        """Where a row is, for a message.
-
-        Parameters
-        ----------
-        row : int
-            The row, counted from 0.
-
-        Returns
-        -------
-        str
-            File and line (or row from 1).
-        """
-        line = f"row {row + 1}" if self.lines is None else f"line {int(self.lines[row])}"
-        return f"{self.file}, {line}"
+        """Where a row is, for a message."""
+        return f"{self.file}, {row_name(self.lines, row)}"

@@ -1,4 +1,7 @@
-"""From raw files and a mapping to a campaign folder: the whole way."""
+"""From raw files and a mapping to a campaign folder: the whole way.
+
+High-rate streams of an imported campaign as block means, where the mapping asks for it.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +13,12 @@ from pathlib import Path, PurePath
 
 import numpy as np
 
+from bayes_inertia.campaign.block_means import reduced
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.held import held_readings
 from bayes_inertia.campaign.known_offsets import known_offset
 from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes, text_of, write_new_files
 from bayes_inertia.importing.common_clock import Logs
@@ -27,15 +32,19 @@ from bayes_inertia.importing.imported_folder import (
     zero_of_clock,
 )
 from bayes_inertia.importing.log_reader import read_logs
-from bayes_inertia.importing.logged_stream import LoggedStream
-from bayes_inertia.importing.mapped_lines import RECORD_FILE
+from bayes_inertia.importing.logged_stream import MOST_LEFT_OUT, LoggedStream
+from bayes_inertia.importing.mapped_lines import BESIDE_RATES, OFFSET_OF, RECORD_FILE
 from bayes_inertia.importing.mapping import parse_mapping, streams_that_hold
 from bayes_inertia.importing.mapping_schema import MappingPart
-from bayes_inertia.importing.reduction import reduced_content
 from bayes_inertia.importing.rest_noise import RestNoise, rest_noise
 from bayes_inertia.importing.slew_cutting import SlewCut, cut_into_slews
 from bayes_inertia.importing.slew_tables import slew_tables
+from bayes_inertia.progress import Progress, silent
 
+# A known offset that puts this share of the readings into slews is meant.
+_MEANT = 0.998
+# What units of time lie apart; spans are so alike, and steps of such streams so different.
+_UNITS_APART, _ALIKE, _OTHER_STEPS = (60.0, 3.6e3, 1e3, 6e4, 1e6, 3.6e6, 1e9), 0.03, 10.0
 _MEASURED = ("rate", "attitude", "wheel_momentum", "wheel_speed")
 
 
@@ -68,7 +77,11 @@ class ImportedCampaign:
 
 
 def import_logs(
-    files: Sequence[str | Path], mapping: str | Path, folder: str | Path
+    files: Sequence[str | Path],
+    mapping: str | Path,
+    folder: str | Path,
+    *,
+    progress: Progress | None = None,
 ) -> ImportedCampaign:
     """Write a campaign folder from raw logs.
 
@@ -80,6 +93,8 @@ def import_logs(
         The `mapping.toml` that says what they hold.
     folder : str or Path
         Where the campaign goes; made if absent. Nothing in it is overwritten.
+    progress : callable or None, optional
+        Called with (stage, done, of); `of` is 0 where a stage is not counted.
 
     Returns
     -------
@@ -101,15 +116,21 @@ def import_logs(
         imported = import_logs(["tm.csv"], "mapping.toml", "my_campaign")
         imported.campaign.name, len(imported.campaign.slews)
     """
+    say = progress or silent
     label, data = str(mapping), read_bytes(Path(mapping))
     parsed = parse_mapping(text_of(data, label), label)
-    written = read_logs(files, parsed, label)
+    written = read_logs(files, parsed, label, say)
+    say("cutting the log into slews", 0, 0)
     logs = replace(written, streams={key: _once(s) for key, s in written.streams.items()})
+    _refuse_other_unit_of_time(logs, label)
     cut = cut_into_slews(logs, parsed, label)
     for stream in written.streams.values():
         _refuse_outside(stream, cut, parsed, label)
+    logs = replace(logs, streams=_saying_beside(logs, cut))
+    say("measuring the noise at rest", 0, 0)
     noises = rest_noise(logs, cut.scan, parsed)
     _require_noises(parsed, noises, label)
+    say("writing the campaign, and reading it back", 0, 0)
     # Tables keep the rows of the logs: reading them back counts each reading once, and says so.
     slews = [slew_tables(window, written.streams) for window in cut.windows]
     paths = sorted({Path(file) for file in files})
@@ -136,6 +157,28 @@ def _once(stream: LoggedStream) -> LoggedStream:
         return stream
     values = np.where(held.repeats, np.nan, stream.values)
     return replace(stream, values=values).rows(np.isfinite(values).any(axis=1), str(held))
+
+
+def _refuse_other_unit_of_time(logs: Logs, label: str) -> None:
+    """Refuse a stream whose stamps span a unit's ratio less, or more, than those of the others."""
+    several = {key: stream for key, stream in logs.streams.items() if len(stream.time) > 2}
+    spans = {key: float(np.ptp(stream.time)) for key, stream in several.items()}
+    for key, stream in several.items():
+        others = [other for other in several if other != key]
+        if not others:
+            return
+        span = float(np.median([spans[other] for other in others]))
+        step = float(np.median([several[other].step for other in others]))
+        size, steps = (max(x, 1.0 / x) for x in (span / spans[key], step / stream.step))
+        ratio = min(_UNITS_APART, key=lambda unit: abs(size / unit - 1.0))
+        if abs(size / ratio - 1.0) < _ALIKE and steps > _OTHER_STEPS:
+            files = ", ".join(PurePath(file).name for file in stream.files)
+            raise CampaignError(
+                f"the stamps of {files} span {spans[key]:.6g} s, those of the other streams "
+                f"{span:.6g} s: {ratio:g} times as much or as little",
+                where=f"{label}, key streams.{key}.time.kind",
+                advice="a unit of time is wrong, such as s for ms",
+            )
 
 
 def _refuse_outside(stream: LoggedStream, cut: SlewCut, mapping: MappingPart, label: str) -> None:
@@ -169,6 +212,45 @@ def _refuse_outside(stream: LoggedStream, cut: SlewCut, mapping: MappingPart, la
         where=f"{label}, key streams.{stream.holds}.offset_s",
         advice=advice,
     )
+
+
+def _saying_beside(logs: Logs, cut: SlewCut) -> dict[str, LoggedStream]:
+    """Streams with notes on slews in which they have no reading, and on readings beside rates."""
+    rate = logs.streams["rate"]
+    notes = {
+        key: [*_not_in(stream, cut), *_beside(stream, rate, cut)]
+        for key, stream in logs.streams.items()
+    }
+    return {
+        key: replace(stream, notes=(*stream.notes, *notes[key]))
+        for key, stream in logs.streams.items()
+    }
+
+
+def _not_in(stream: LoggedStream, cut: SlewCut) -> list[str]:
+    """A note on the slews in which a stream has no reading."""
+    lacking = [w.name for w in cut.windows if not len(stream.between(w.start, w.end).time)]
+    return [f"no reading in {', '.join(lacking)}"] if lacking else []
+
+
+def _beside(stream: LoggedStream, rate: LoggedStream, cut: SlewCut) -> list[str]:
+    """A note if more than 5 % of a stream's readings lie where no rate was logged."""
+    spans = [(window.start, window.end) for window in cut.windows]
+    start, end = np.array(spans).T[..., None]
+    inside = ((stream.time >= start) & (stream.time <= end)).any(axis=0)
+    after = np.clip(np.searchsorted(rate.time, stream.time), 1, len(rate.time) - 1)
+    away = np.abs(stream.time - rate.time[[after - 1, after]]).min(axis=0)
+    count = len(stream.time)
+    beside = int((~inside & (away > 2.0 * rate.step)).sum())
+    if beside <= max(1.0, MOST_LEFT_OUT * count):
+        return []
+    known = known_offset(stream.time, spans)
+    if known is None or known[2] < _MEANT * count:
+        return [f"{beside} of {count} readings {BESIDE_RATES} and are left out"]
+    seconds, why, there = known
+    key = OFFSET_OF.format(stream.holds)
+    said = f"{there} lie in a slew with {seconds:+.9g} s in {key} ({why})"
+    return [f"{beside} of {count} readings {BESIDE_RATES} and are left out; {said}"]
 
 
 def _read_back(
@@ -215,3 +297,32 @@ def _require_noises(mapping: MappingPart, noises: Sequence[RestNoise], label: st
         else "take it from the data sheet: the rests of the log do not show it"
     )
     raise CampaignError("missing key", where=f"{label}, key {part}.{key}", advice=advice)
+
+
+DESCRIPTION = "campaign.toml"
+
+
+def reduced_content(
+    content: Mapping[str, bytes], campaign: Campaign
+) -> tuple[dict[str, bytes], Campaign]:
+    """A campaign folder with block means in place of its high-rate readings.
+
+    Returns `content`: the files of the reduced campaign; other files (pictures, records) stay;
+    `campaign`: what they hold: the same campaign where blocks of two readings are too long.
+    """
+    means = reduced(campaign)
+    if means is campaign:
+        return dict(content), campaign
+    sigma = campaign.rate_sensor.sigma[0] / means.rate_sensor.sigma[0]
+    readings = round(sigma**2)
+    with tempfile.TemporaryDirectory() as folder:
+        write_campaign(means, folder)
+        written = {path.name: path.read_bytes() for path in Path(folder).iterdir()}
+        campaign = read_campaign(folder)
+    said = (
+        f"# Rates and wheel momentum are means of {readings} readings each, because the mapping\n"
+        '# says reduce = "block_means"; their noise is smaller by the root of that.\n'
+    )
+    written[DESCRIPTION] = said.encode() + written[DESCRIPTION]
+    kept = {name: data for name, data in content.items() if not name.endswith((".csv", ".toml"))}
+    return kept | written, campaign

@@ -14,7 +14,6 @@ import numpy as np
 from bayes_inertia.campaign.schema import FORMAT
 from bayes_inertia.campaign.writer import array_of_tables
 from bayes_inertia.importing.common_clock import Logs
-from bayes_inertia.importing.leap_seconds import tai_to_utc
 from bayes_inertia.importing.mapped_lines import RECORD_FILE
 from bayes_inertia.importing.mapping import rate_sensor_axes, streams_that_hold
 from bayes_inertia.importing.mapping_schema import MappingPart
@@ -22,6 +21,7 @@ from bayes_inertia.importing.rest_noise import RestNoise
 from bayes_inertia.importing.slew_cutting import SlewCut
 from bayes_inertia.importing.slew_tables import SlewTables, csv_of
 from bayes_inertia.importing.written_columns import written_columns
+from bayes_inertia.tables.leap_seconds import tai_to_utc
 from bayes_inertia.version import __version__
 
 RECORD_FORMAT = "bayes-inertia-import/1"
@@ -33,19 +33,7 @@ def description_text(
 ) -> str:
     """The text of `campaign.toml`.
 
-    Parameters
-    ----------
-    mapping : MappingPart
-        What the mapping says of the hardware.
-    slews : sequence of SlewTables
-        The slews.
-    noises : sequence of RestNoise
-        What the rests show; it stands in comments beside what is stated.
-
-    Returns
-    -------
-    str
-        TOML.
+    `noises`: what the rests show; it stands in comments beside what is stated.
     """
     import tomlkit
 
@@ -140,17 +128,7 @@ def _file_names(mapping: MappingPart, slews: Sequence[SlewTables]) -> list[dict[
 def table_texts(mapping: MappingPart, slews: Sequence[SlewTables]) -> dict[str, str]:
     """The tables of all slews.
 
-    Parameters
-    ----------
-    mapping : MappingPart
-        The mapping.
-    slews : sequence of SlewTables
-        The slews.
-
-    Returns
-    -------
-    dict of str to str
-        Texts of CSV by the name of the file.
+    Returns: texts of CSV by the name of the file.
     """
     written = written_columns(mapping)
     return {
@@ -163,19 +141,7 @@ def table_texts(mapping: MappingPart, slews: Sequence[SlewTables]) -> dict[str, 
 def raw_place(where: str, mapping: MappingPart, slews: Sequence[SlewTables]) -> str:
     """A place in a table of an import as a place in the raw logs.
 
-    Parameters
-    ----------
-    where : str
-        Such as "slew_01_momentum.csv, line 7, column h3".
-    mapping : MappingPart
-        The mapping.
-    slews : sequence of SlewTables
-        What is written.
-
-    Returns
-    -------
-    str
-        Such as "wheels.csv, column RW3, in slew 1 at 12.5 s"; what is no such place stays.
+    Returns: such as "wheels.csv, column RW3, in slew 1 at 12.5 s"; what is no such place stays.
     """
     file = where.partition(", ")[0]
     for tables, files in zip(slews, _file_names(mapping, slews), strict=True):
@@ -217,26 +183,7 @@ def record_text(
     cut: SlewCut,
     noises: Sequence[RestNoise],
 ) -> str:
-    """The record of an import: from what, and what was cut and converted.
-
-    Parameters
-    ----------
-    files : sequence of Path
-        The raw files.
-    mapping_data : tuple of str and bytes
-        Name and content of the mapping.
-    logs : Logs
-        The streams.
-    cut : SlewCut
-        How they were cut.
-    noises : sequence of RestNoise
-        What the rests show.
-
-    Returns
-    -------
-    str
-        JSON.
-    """
+    """The record of an import: from what, and what was cut and converted."""
     record = {
         "format": RECORD_FORMAT,
         "version": __version__,
@@ -276,15 +223,7 @@ def _sha256(data: bytes) -> str:
 def zero_of_clock(logs: Logs) -> str:
     """When the clock of an import was zero.
 
-    Parameters
-    ----------
-    logs : Logs
-        The streams.
-
-    Returns
-    -------
-    str
-        A date in UTC, as `[[slews]]` of a mapping writes it, or that it is unknown.
+    Returns: A date in UTC, as `[[slews]]` of a mapping writes it, or that it is unknown.
 
     Examples
     --------

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.importing.attitude_forms import standing_mark
 from bayes_inertia.importing.common_clock import Logs, on_one_clock
 from bayes_inertia.importing.file_share import SHARED_ZERO, ZERO_OF_FILE, FileShare
-from bayes_inertia.importing.leap_seconds import SECOND, tai_to_utc
 from bayes_inertia.importing.mapping_schema import (
     AttitudeStream,
     MappedStream,
@@ -22,12 +22,14 @@ from bayes_inertia.importing.mapping_schema import (
     WheelStream,
 )
 from bayes_inertia.importing.questions import question_at
-from bayes_inertia.importing.raw_files import file_format, read_raw
-from bayes_inertia.importing.raw_table import RawColumn, RawTable
 from bayes_inertia.importing.stated_facts import agreed
 from bayes_inertia.importing.stream_readings import readings_of
-from bayes_inertia.importing.text_options import TextOptions
-from bayes_inertia.importing.time_stamps import FREE_CLOCKS, TimeStamps, times_to_seconds
+from bayes_inertia.progress import Progress, silent
+from bayes_inertia.tables.leap_seconds import SECOND, tai_to_utc
+from bayes_inertia.tables.raw_files import file_format, read_raw
+from bayes_inertia.tables.raw_table import RawColumn, RawTable
+from bayes_inertia.tables.text_form import TextOptions
+from bayes_inertia.tables.time_stamps import FREE_CLOCKS, TimeStamps, times_to_seconds
 
 _FEWEST_RATES = 10  # Fewer tell neither rest nor slew.
 _WHEEL_OFF = "a wheel that is off: take it out of [[wheels]] and its columns out of every stream"
@@ -64,29 +66,10 @@ def _wanted(stream: MappedStream) -> tuple[str, ...]:
     return (*stream.time.names, *stream.names, *flag) if named else ()
 
 
-def read_logs(files: Sequence[str | Path], mapping: MappingPart, label: str) -> Logs:
-    """All streams of a mapping, read from raw files.
-
-    Parameters
-    ----------
-    files : sequence of str or Path
-        The raw files, in any order.
-    mapping : MappingPart
-        What they hold.
-    label : str
-        The mapping, as messages name it.
-
-    Returns
-    -------
-    Logs
-        The streams.
-
-    Raises
-    ------
-    CampaignError
-        If no file fits a stream, a file cannot be read, a column is missing or means something
-        else than the mapping says, or clocks cannot be brought together.
-    """
+def read_logs(
+    files: Sequence[str | Path], mapping: MappingPart, label: str, say: Progress = silent
+) -> Logs:
+    """All streams of a mapping, read from raw files."""
     paths = sorted({Path(file) for file in files}, key=_natural)
     for path in paths:
         if not path.is_file():
@@ -102,6 +85,7 @@ def read_logs(files: Sequence[str | Path], mapping: MappingPart, label: str) -> 
         for path in matched:
             _refuse_second_use(stream, used.setdefault(path, []), path, where)
             used[path].append(stream)
+            say("reading the logs, files", len(used) - 1, len(paths))
             read.append(_read_part(stream, tables.table(path, stream), where))
         _refuse_no_reading(stream, read, where)
         if stream.holds == "rate":
@@ -118,27 +102,7 @@ def _natural(path: Path) -> list:
 
 
 def files_of(stream: MappedStream, paths: Sequence[Path], label: str) -> list[Path]:
-    """The files that a stream names.
-
-    Parameters
-    ----------
-    stream : MappedStream
-        The stream.
-    paths : sequence of Path
-        All raw files.
-    label : str
-        The mapping, as messages name it.
-
-    Returns
-    -------
-    list of Path
-        At least one.
-
-    Raises
-    ------
-    CampaignError
-        If there is none.
-    """
+    """The files that a stream names."""
     matched = [
         path
         for path in paths
@@ -175,16 +139,23 @@ def _read_part(part: MappedStream, table: RawTable, where: str) -> FileShare:
     stamps = _stamps(table, part.time, where)
     notes = list(table.notes)
     read = readings_of(part, table, where)
+    values = read.values
     notes += [f"{table.label}: {note}" for note in read.notes]
+    if isinstance(part, AttitudeStream):
+        marks = standing_mark(values, stamps.seconds_since(stamps.first_ns))
+        values = np.where(marks[:, None], np.nan, values)
+        if marks.any():
+            notes.append(
+                f"{table.label}: {marks.sum()} rows, as row {np.argmax(marks) + 1}, hold one "
+                "attitude to which others jump and back: no fix"
+            )
     if stamps.missing.all() and len(stamps.missing):
         raise CampaignError(
             "every cell is empty",
             where=f"{table.label}, column {', '.join(part.time.names or table.time_names)}",
             advice="export the times with the readings, or name the column that holds them",
         )
-    return FileShare(
-        part, table.label, stamps, read.values, read.rounding, tuple(notes), table.lines
-    )
+    return FileShare(part, table.label, stamps, values, read.rounding, tuple(notes), table.lines)
 
 
 def _refuse_no_reading(part: MappedStream, shares: Sequence[FileShare], where: str) -> None:
@@ -304,23 +275,6 @@ def _first_day(epoch: str, where: str) -> int:
 
 def utc_ns(text: str, where: str) -> int:
     """A date in UTC on the common scale.
-
-    Parameters
-    ----------
-    text : str
-        Such as "2026-03-01T12:00:00Z".
-    where : str
-        The key that holds it, for messages.
-
-    Returns
-    -------
-    int
-        Nanoseconds of TAI since 1958.
-
-    Raises
-    ------
-    CampaignError
-        If it is no date.
 
     Examples
     --------

@@ -11,9 +11,12 @@ from bayes_inertia.campaign.row_order import set_back_row
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.values import array_dataclass
 
-# Of the rows of a stream: the most that an import leaves out with no more than a note. As many at
-# random would make the sds larger by 2.6 % only; more are a clock or a column that was misread.
-_MOST_LEFT_OUT = 0.05
+MOST_LEFT_OUT = 0.05
+"""Of the rows of a stream: the most that an import leaves out with no more than a note.
+
+As many at random would make the sds larger by 2.6 % only; more are a clock or a column that was
+misread.
+"""
 
 
 @array_dataclass
@@ -66,17 +69,7 @@ class LoggedStream:
     def rows(self, keep: np.ndarray, *notes: str) -> LoggedStream:
         """The same stream with some of its rows only.
 
-        Parameters
-        ----------
-        keep : (n,) array of bool, or array of int
-            Which.
-        *notes : str
-            Why.
-
-        Returns
-        -------
-        LoggedStream
-            The rows.
+        `keep` (n,).
         """
         return replace(
             self,
@@ -89,15 +82,7 @@ class LoggedStream:
     def between(self, start: float, end: float) -> LoggedStream:
         """The readings from a time to another, both included.
 
-        Parameters
-        ----------
-        start, end : float
-            Times [s].
-
-        Returns
-        -------
-        LoggedStream
-            The readings.
+        `start` and `end` [s].
         """
         return self.rows((self.time >= start) & (self.time <= end))
 
@@ -105,28 +90,7 @@ class LoggedStream:
 def left_out(count: int, rows: int, why: str, *, where: str, advice: str) -> str:
     """The note that rows are left out, or an error if they are more than damage would explain.
 
-    Parameters
-    ----------
-    count : int
-        Rows that are left out.
-    rows : int
-        All rows.
-    why : str
-        Why, such as "have no time"; it follows the number.
-    where : str
-        The file, and the first of the rows.
-    advice : str
-        What to do.
-
-    Returns
-    -------
-    str
-        The note.
-
-    Raises
-    ------
-    CampaignError
-        If they are more than one row, and more than 5 % of all.
+    `why`: why, such as "have no time"; it follows the number.
 
     Examples
     --------
@@ -134,9 +98,9 @@ def left_out(count: int, rows: int, why: str, *, where: str, advice: str) -> str
     '2 of 900 rows have no time and are left out'
     """
     what = f"{count} of {rows} rows {why}"
-    if count > max(1.0, _MOST_LEFT_OUT * rows):
+    if count > max(1.0, MOST_LEFT_OUT * rows):
         raise CampaignError(
-            f"{what}; more than {_MOST_LEFT_OUT:.0%} are not left out", where=where, advice=advice
+            f"{what}; more than {MOST_LEFT_OUT:.0%} are not left out", where=where, advice=advice
         )
     return f"{what} and are left out"
 
@@ -147,22 +111,7 @@ def in_order(stream: LoggedStream, place: Callable[[int], str] | None = None) ->
     Rows that a file has out of order are sorted. Of rows with one time the first stays, filled up
     with the readings that only the others have, as of wheels that come in files of their own.
 
-    Parameters
-    ----------
-    stream : LoggedStream
-        Rows in the order of the files.
-    place : callable, optional
-        Gives where a row is, for messages.
-
-    Returns
-    -------
-    LoggedStream
-        With a note where rows were sorted or dropped.
-
-    Raises
-    ------
-    CampaignError
-        If a clock was set back, or more rows would be dropped than damage explains.
+    Returns: with a note where rows were sorted or dropped.
 
     Examples
     --------
@@ -249,15 +198,7 @@ def _rows(count: int, what: str, done: str) -> str:
 def joined(streams: Sequence[LoggedStream]) -> LoggedStream:
     """Streams that hold one quantity, such as wheels in files of their own, as one.
 
-    Parameters
-    ----------
-    streams : sequence of LoggedStream
-        At least one.
-
-    Returns
-    -------
-    LoggedStream
-        With the rows of all, in the order of their times.
+    Returns: with the rows of all, in the order of their times.
     """
     if len(streams) == 1:
         return streams[0]
@@ -278,15 +219,7 @@ def joined(streams: Sequence[LoggedStream]) -> LoggedStream:
 def held(stream: LoggedStream) -> LoggedStream:
     """Commands in force at each time: an element without a new command keeps its last.
 
-    Parameters
-    ----------
-    stream : LoggedStream
-        Commands in the order of their times.
-
-    Returns
-    -------
-    LoggedStream
-        Without the rows before every element has its first command.
+    Returns: without the rows before every element has its first command.
     """
     rows = np.arange(len(stream.time))[:, None]
     last = np.maximum.accumulate(np.where(np.isnan(stream.values), -1, rows), axis=0)

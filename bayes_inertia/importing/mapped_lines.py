@@ -11,6 +11,10 @@ from typing import Any
 RECORD_FILE = "import.json"
 """The record of an import, in the folder of its campaign."""
 
+BESIDE_RATES = "lie where no rate was logged"
+OFFSET_OF = "streams.{}.offset_s"
+"""How the record says that readings lie beside all rates, and which offset explains it."""
+
 _TABLE = re.compile(r"\s*\[\[?\s*([\w-]+)\s*\]\]?\s*(#.*)?$")
 _ENTRY = re.compile(r"""\s*([\w-]+)\s*=\s*(?:["']([^"']*)["'])?""")
 # What else a mapping may call a key.
@@ -20,18 +24,9 @@ _OTHER_KEYS = MappingProxyType({"axes": ("mounting", "body_from_sensor")})
 def mapped_lines(folder: Path, key: str) -> list[str]:
     """The lines of the mapping that a key of an imported campaign.toml comes from.
 
-    Parameters
-    ----------
-    folder : Path
-        A campaign folder.
-    key : str
-        Path of the key, such as "columns.rate.unit" or "wheels.x.axis".
-
-    Returns
-    -------
-    list of str
-        Such as 'mapping.toml, line 30: unit = "deg/s"'; empty for a folder that was not imported,
-        and for what the mapping does not state.
+    `key`: path of the key, such as "columns.rate.unit" or "wheels.x.axis". Returns: such as
+    'mapping.toml, line 30: unit = "deg/s"'; empty for a folder that was not imported, and for what
+    the mapping does not state.
     """
     try:
         mapping = _record(folder)["mapping"]
@@ -44,16 +39,8 @@ def mapped_lines(folder: Path, key: str) -> list[str]:
 def streams_outside(folder: Path) -> dict[str, tuple[int, list[float], list[float]]]:
     """Streams that were imported, none of whose readings lies in a slew.
 
-    Parameters
-    ----------
-    folder : Path
-        A campaign folder.
-
-    Returns
-    -------
-    dict of str to (int, list, list)
-        By what the stream holds: how many readings, first and last time of the stream and of all
-        slews [s]; empty for a folder that was not imported.
+    Returns: by what the stream holds: how many readings, first and last time of the stream and of
+    all slews [s]; empty for a folder that was not imported.
     """
     try:
         record = _record(folder)
@@ -66,6 +53,31 @@ def streams_outside(folder: Path) -> dict[str, tuple[int, list[float], list[floa
         }
     except (OSError, ValueError, KeyError, TypeError):
         return {}
+
+
+def streams_beside(folder: Path) -> list[str]:
+    """What an import said of streams that a known offset would put into the slews.
+
+    Parameters
+    ----------
+    folder : Path
+        A campaign folder.
+
+    Returns
+    -------
+    list of str
+        One a stream; empty for a folder that was not imported.
+    """
+    try:
+        streams = _record(folder)["streams"]
+        return [
+            f"{key}: {note}"
+            for key, stream in streams.items()
+            for note in stream["notes"]
+            if BESIDE_RATES in note and OFFSET_OF.format(key) in note
+        ]
+    except (OSError, ValueError, KeyError, TypeError):
+        return []
 
 
 def _record(folder: Path) -> Any:

@@ -1,14 +1,25 @@
-"""From the text of `mapping.toml` to its checked content."""
+"""From the text of `mapping.toml` to its checked content.
+
+Wheels of one type: `same_as` takes what one wheel of a mapping says for another.
+
+Numbers of the hardware with their unit: `sigma_cross = "5 arcsec"` in a mapping.
+
+Data sheets state noise in arc seconds and degrees an hour. A number without a unit is in SI units
+and radians, as in campaign.toml.
+"""
 
 from __future__ import annotations
 
+import math
+import re
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from bayes_inertia.campaign.checked_toml import checked_document, toml_document
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.importing.alike_wheels import with_alike_wheels
 from bayes_inertia.importing.attitude_forms import COLUMNS_OF_FORM, AttitudeConvention, bad_attitude
 from bayes_inertia.importing.mapped_lines import lines_of
 from bayes_inertia.importing.mapping_schema import (
@@ -19,7 +30,8 @@ from bayes_inertia.importing.mapping_schema import (
     WheelStream,
 )
 from bayes_inertia.importing.questions import refuse_open_questions
-from bayes_inertia.importing.stated_units import with_si_hardware
+from bayes_inertia.importing.unit_factors import QUANTITIES, unit_factor
+from bayes_inertia.tables.time_stamps import FREE_CLOCKS
 
 # Smallest determinant of three axes that do not lie in one plane.
 _INDEPENDENT = 1e-3
@@ -62,7 +74,7 @@ def parse_mapping(text: str, label: str) -> MappingPart:
     refuse_open_questions(document, label)
     _refuse_few_axes(document, label)
     complete = with_si_hardware(with_alike_wheels(document, label), label)
-    mapping = checked_document(complete, label, MappingPart)
+    mapping = _with_epochs(checked_document(complete, label, MappingPart))
     _check_streams(mapping, label)
     for stream in mapping.streams:
         where = f"{label}, key streams.{stream.holds}"
@@ -75,6 +87,17 @@ def parse_mapping(text: str, label: str) -> MappingPart:
         if isinstance(stream, WheelStream):
             _check_wheels(stream, mapping, where)
     return mapping
+
+
+def _with_epochs(mapping: MappingPart) -> MappingPart:
+    """The mapping with its epoch at every stream that counts from a zero and states none."""
+    streams = []
+    for stream in mapping.streams:
+        time = stream.time
+        if not time.epoch and (time.kind in FREE_CLOCKS or time.rate_hz is not None):
+            time = time.model_copy(update={"epoch": mapping.epoch})
+        streams.append(stream.model_copy(update={"time": time}))
+    return mapping.model_copy(update={"streams": streams})
 
 
 def _refuse_few_axes(document: dict[str, Any], label: str) -> None:
@@ -246,36 +269,12 @@ def _check_attitude(stream: AttitudeStream, where: str) -> None:
 
 
 def streams_that_hold(mapping: MappingPart, holds: str) -> list[MappedStream]:
-    """The streams of a mapping that hold a quantity.
-
-    Parameters
-    ----------
-    mapping : MappingPart
-        The mapping.
-    holds : str
-        The quantity.
-
-    Returns
-    -------
-    list of MappedStream
-        In the order of the mapping.
-    """
+    """The streams of a mapping that hold a quantity."""
     return [stream for stream in mapping.streams if stream.holds == holds]
 
 
 def rate_sensor_axes(mapping: MappingPart) -> Any:
-    """C_rate, the rows of which are the axes of the rate sensor in body axes.
-
-    Parameters
-    ----------
-    mapping : MappingPart
-        The mapping.
-
-    Returns
-    -------
-    list of list of float
-        Three rows.
-    """
+    """C_rate, the rows of which are the axes of the rate sensor in body axes."""
     stream = next(stream for stream in mapping.streams if isinstance(stream, RateStream))
     if stream.mounting is not None:
         return stream.mounting
@@ -283,3 +282,112 @@ def rate_sensor_axes(mapping: MappingPart) -> Any:
         # + 0.0 makes no -0.0 of a zero.
         return (np.linalg.inv(np.array(stream.body_from_sensor)) + 0.0).tolist()
     return mapping.rate_sensor.axes or np.eye(3).tolist()
+
+
+_OF_TYPE = ("spin_inertia", "max_torque", "max_momentum", "momentum_sigma")
+
+
+def with_alike_wheels(document: dict[str, Any], label: str) -> dict[str, Any]:
+    """A mapping whose wheels all say themselves what `same_as` took from another.
+
+    Examples
+    --------
+    >>> wheels = [{"name": "x", "spin_inertia": 1e-3}, {"name": "y", "same_as": "x"}]
+    >>> with_alike_wheels({"wheels": wheels}, "m.toml")["wheels"][1]["spin_inertia"]
+    0.001
+    """
+    wheels = document.get("wheels")
+    if not isinstance(wheels, list) or not all(isinstance(wheel, dict) for wheel in wheels):
+        return document
+    complete: list[dict[str, Any]] = []
+    for wheel in wheels:
+        own = dict(wheel)
+        if "same_as" in own:
+            other = own.pop("same_as")
+            above = {before.get("name"): before for before in complete}
+            if not isinstance(other, str) or other not in above:
+                raise CampaignError(
+                    f"{other!r} is no wheel above it",
+                    where=f"{label}, key wheels.{own.get('name')}.same_as",
+                    advice=f"name one of {', '.join(map(str, above)) or 'none: it is the first'}, "
+                    "or give spin_inertia",
+                )
+            own = {k: v for k, v in above[other].items() if k in _OF_TYPE} | own
+        complete.append(own)
+    return document | {"wheels": complete}
+
+
+_RATE_KEYS = ("sigma", "range", "bias", "bias_sigma", "bias_instability")
+# Table, key and quantity of what may carry a unit.
+_QUANTITIES: Mapping[str, Mapping[str, str]] = MappingProxyType(
+    {
+        "rate_sensor": dict.fromkeys(_RATE_KEYS, "rate"),
+        "star_tracker": dict.fromkeys(
+            ("sigma_cross", "sigma_roll", "low_frequency_sigma"), "angle"
+        ),
+        "wheels": {
+            "spin_inertia": "spin_inertia",
+            "max_torque": "wheel_torque",
+            "max_momentum": "wheel_momentum",
+            "momentum_sigma": "wheel_momentum",
+        },
+    }
+)
+_NUMBER_WITH_UNIT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
+
+
+def with_si_hardware(document: dict[str, Any], label: str) -> dict[str, Any]:
+    """A mapping whose hardware is stated in SI units and radians.
+
+    Returns: the same with numbers in place of texts such as "5 arcsec".
+
+    Examples
+    --------
+    >>> tracker = {"star_tracker": {"sigma_cross": "3600 arcsec"}}
+    >>> round(with_si_hardware(tracker, "m.toml")["star_tracker"]["sigma_cross"], 6)
+    0.017453
+    """
+    converted = dict(document)
+    for part, quantities in _QUANTITIES.items():
+        where = f"{label}, key {part}"
+        tables = document.get(part)
+        if isinstance(tables, dict):
+            converted[part] = _in_si(tables, quantities, where)
+        elif isinstance(tables, list):
+            converted[part] = [
+                _in_si(table, quantities, f"{where}.{table.get('name')}")
+                if isinstance(table, dict)
+                else table
+                for table in tables
+            ]
+    return converted
+
+
+def _in_si(table: dict[str, Any], quantities: Mapping[str, str], where: str) -> dict[str, Any]:
+    return {
+        key: _value(value, quantities[key], f"{where}.{key}") if key in quantities else value
+        for key, value in table.items()
+    }
+
+
+def _value(value: Any, quantity: str, where: str) -> Any:
+    """A number, or one an axis; what is no text is left to the check of types."""
+    if isinstance(value, list):
+        return [_value(part, quantity, where) for part in value]
+    if not isinstance(value, str):
+        return value
+    parts = _NUMBER_WITH_UNIT.fullmatch(value)
+    example = f'write such as 1e-5 ({QUANTITIES[quantity][0]}) or "1e-5 UNIT", UNIT one of '
+    if parts is None:
+        raise CampaignError(
+            f"{value!r} is no number with a unit",
+            where=where,
+            advice=example + QUANTITIES[quantity][1],
+        )
+    try:
+        factor = unit_factor(quantity, parts[2])
+    except CampaignError as error:
+        raise CampaignError(f"{value!r}: {error.what}", where=where, advice=error.advice) from None
+    si = float(parts[1]) * factor
+    # 15 digits: 5 arcsec are written as they are read.
+    return float(f"{si:.15g}") if math.isfinite(si) else si

@@ -207,6 +207,8 @@ class MappingPart(_MappingTable):
 
     format: Literal["bayes-inertia-mapping/1"]
     name: str = Field(description='name = "..."')
+    # Of streams that count from a zero of their own and state no `time.epoch`.
+    epoch: str = ""
     inertia: InertiaPart = Field(
         description="[inertia] with tensor, relative_sigma, product_sigma, includes_wheel_spin"
     )

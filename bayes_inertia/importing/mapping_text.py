@@ -15,16 +15,6 @@ _WIDTH = 96  # Of a comment.
 def mapping_value(value: Any) -> str:
     """A value as TOML writes it on one line.
 
-    Parameters
-    ----------
-    value : Any
-        A number, text, list or table.
-
-    Returns
-    -------
-    str
-        TOML.
-
     Examples
     --------
     >>> mapping_value({"names": ["t"], "kind": "utc"})
@@ -41,16 +31,6 @@ def mapping_value(value: Any) -> str:
 def mapping_comment(text: str) -> str:
     """A comment in lines of the usual width.
 
-    Parameters
-    ----------
-    text : str
-        What it says.
-
-    Returns
-    -------
-    str
-        Lines that begin with "#".
-
     Examples
     --------
     >>> mapping_comment("as drawn")
@@ -61,22 +41,6 @@ def mapping_comment(text: str) -> str:
 
 def mapping_entry(path: tuple[str, ...], value: Any, comment: str = "", hint: str = "") -> str:
     """One key, with its question above where it is open.
-
-    Parameters
-    ----------
-    path : tuple of str
-        The key's path, as `question_at` takes it.
-    value : Any
-        Its value; "?" asks.
-    comment : str, optional
-        What stands beside a value that is suggested.
-    hint : str, optional
-        What helps to answer; it follows the question.
-
-    Returns
-    -------
-    str
-        TOML.
 
     Examples
     --------

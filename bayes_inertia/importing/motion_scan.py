@@ -77,15 +77,7 @@ class MotionScan:
     def segment_span(self, moment: float) -> tuple[float, float]:
         """First and last time of the part of the log, between pauses, that a moment lies in.
 
-        Parameters
-        ----------
-        moment : float
-            A time within the log [s].
-
-        Returns
-        -------
-        tuple of float
-            Start and end [s].
+        `moment` [s]. Returns [s].
         """
         row = min(int(np.searchsorted(self.time, moment)), len(self.time) - 1)
         rows = np.flatnonzero(self.segment == self.segment[row])
@@ -95,24 +87,7 @@ class MotionScan:
 def scan_motion(rate: LoggedStream, *, threshold: float | None, pause: float) -> MotionScan:
     """Find the motions in a log.
 
-    Parameters
-    ----------
-    rate : LoggedStream
-        The rates, in the order of their times.
-    threshold : float or None
-        `high` [rad/s]; None: from the noise at rest and the largest rate.
-    pause : float
-        Time without readings that divides the log [s].
-
-    Returns
-    -------
-    MotionScan
-        The motions.
-
-    Raises
-    ------
-    CampaignError
-        If no rate exceeds the noise at rest by far, or the body never rests.
+    `pause` [s]. `threshold`: `high` [rad/s]; None: from the noise at rest and the largest rate.
 
     Examples
     --------

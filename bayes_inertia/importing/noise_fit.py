@@ -74,16 +74,9 @@ class NoiseFit:
 def rounding_sigmas(values: np.ndarray) -> np.ndarray:
     """Standard deviation of the rounding of each column, in its unit; 0 where none is seen.
 
-    Parameters
-    ----------
-    values : (n, k) array
-        Numbers of one quantity as they lie in a file; NaN where there is none. A column that never
-        changes is taken to have the coarsest step of the others, whatever their decimals.
-
-    Returns
-    -------
-    (k,) array
-        step / sqrt(12).
+    `values` (n, k): numbers of one quantity as they lie in a file; NaN where there is none. A
+    column that never changes is taken to have the coarsest step of the others, whatever their
+    decimals. Returns (k,).
 
     Examples
     --------
@@ -125,21 +118,10 @@ def _decimal_step(columns: Sequence[np.ndarray]) -> float:
 def fit_noise(series: Sequence[np.ndarray], step: float, rounding: float = 0.0) -> NoiseFit | None:
     """Fit the noise of readings in one or several uninterrupted series.
 
-    Parameters
-    ----------
-    series : sequence of (n,) array
-        Readings at rest, equally spaced, without gaps; short series do not count.
-    step : float
-        Time between readings [s].
-    rounding : float, optional
-        Standard deviation of the rounding of a reading, if the series do not show it: the white
-        noise is never less than that of the rounding.
-
-    Returns
-    -------
-    NoiseFit or None
-        The noise, in the readings' unit; None where there are too few of them, or where they show
-        none at all.
+    `step` [s]. `series` (n,): readings at rest, equally spaced, without gaps; short series do not
+    count. `rounding`: standard deviation of the rounding of a reading, if the series do not show
+    it: the white noise is never less than that of the rounding. Returns: the noise, in the
+    readings' unit; None where there are too few of them, or where they show none at all.
 
     Examples
     --------

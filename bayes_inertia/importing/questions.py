@@ -98,6 +98,10 @@ QUESTIONS: Mapping[str, str] = MappingProxyType(
         "wheels.spin_inertia": "Moment of inertia about the spin axis [kg m^2].",
         "rate_sensor.range": "Largest reading of an axis [rad/s].",
         "star_tracker.boresight": "The unit vector of the boresight in body axes.",
+        "epoch": (
+            'When was zero of the clocks that count? A UTC date; "campaign" if all streams share '
+            'one zero; "file" if each file starts its own. A stream may state its own in `time`.'
+        ),
         "name": "What the campaign is called.",
     }
 )
@@ -107,15 +111,8 @@ QUESTIONS: Mapping[str, str] = MappingProxyType(
 def question_at(path: tuple[str, ...]) -> str:
     """The question at a key of a mapping.
 
-    Parameters
-    ----------
-    path : tuple of str
-        The key's path, tables in lists by their label, such as ("streams", "rate", "unit").
-
-    Returns
-    -------
-    str
-        The question; a general one where none is written.
+    `path`: the key's path, tables in lists by their label, such as ("streams", "rate", "unit").
+    Returns: the question; a general one where none is written.
 
     Examples
     --------
@@ -131,18 +128,6 @@ def question_at(path: tuple[str, ...]) -> str:
 
 def refuse_open_questions(document: dict[str, Any], label: str) -> None:
     """Raise an error if a mapping has a question left open.
-
-    Parameters
-    ----------
-    document : dict
-        The content of the mapping.
-    label : str
-        The file, as messages name it.
-
-    Raises
-    ------
-    CampaignError
-        If there is a "?"; the error names the key and repeats the question.
 
     Examples
     --------
@@ -163,18 +148,6 @@ def refuse_open_questions(document: dict[str, Any], label: str) -> None:
 
 def open_questions(value: Any, path: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
     """Paths of all keys whose value is, or holds, a "?".
-
-    Parameters
-    ----------
-    value : Any
-        A value of a TOML document.
-    path : tuple of str, optional
-        Where it stands.
-
-    Returns
-    -------
-    list of tuple of str
-        In the order of the document.
 
     Examples
     --------

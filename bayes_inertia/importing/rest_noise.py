@@ -94,19 +94,7 @@ class RestNoise:
 def rest_noise(logs: Logs, scan: MotionScan | None, mapping: MappingPart) -> list[RestNoise]:
     """The noise of rates, star tracker and tachometers at rest.
 
-    Parameters
-    ----------
-    logs : Logs
-        The streams.
-    scan : MotionScan or None
-        The motions; None if none are known, and then nothing is measured.
-    mapping : MappingPart
-        What is stated.
-
-    Returns
-    -------
-    list of RestNoise
-        Only what enough readings show.
+    `scan`: the motions; None if none are known, and then nothing is measured.
     """
     if scan is None:
         return []

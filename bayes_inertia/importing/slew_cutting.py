@@ -11,10 +11,10 @@ import numpy as np
 from bayes_inertia.campaign.schema import Vector3
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.common_clock import Logs
-from bayes_inertia.importing.leap_seconds import SECOND
 from bayes_inertia.importing.log_reader import utc_ns
 from bayes_inertia.importing.mapping_schema import CutPart, MappedSlew, MappingPart
 from bayes_inertia.importing.motion_scan import MotionScan, scan_motion
+from bayes_inertia.tables.leap_seconds import SECOND
 
 # Rest kept on each side of a slew unless the mapping says otherwise: as long as the motion, and at
 # least these seconds and so many fixes. Rest tells the bias and the attitude before and after.
@@ -111,25 +111,6 @@ def cut_into_slews(logs: Logs, mapping: MappingPart, label: str) -> SlewCut:
     Stated `[[slews]]` are taken as they are; of several files with rates each is one slew; one
     file, or files that overlap, is cut where the body rests, as far as `[cut]` does not say
     otherwise.
-
-    Parameters
-    ----------
-    logs : Logs
-        The streams.
-    mapping : MappingPart
-        What the mapping says.
-    label : str
-        The mapping, as messages name it.
-
-    Returns
-    -------
-    SlewCut
-        The slews.
-
-    Raises
-    ------
-    CampaignError
-        If no slew is left.
     """
     rate, cut = logs.streams["rate"], mapping.cut
     pause = cut.gap_s or max(_PAUSE_S, _PAUSE_STEPS * rate.step)

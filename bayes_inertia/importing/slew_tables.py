@@ -13,6 +13,8 @@ from bayes_inertia.importing.written_columns import WrittenColumns
 
 # Rows of a table are written to the nanosecond.
 _DECIMALS_OF_TIME = 9
+# Commands are logged at every step if this share of so many steps is alike.
+_MOST, _FEWEST_STEPS = 0.9, 30
 
 
 @dataclass(frozen=True)
@@ -39,17 +41,7 @@ def slew_tables(window: SlewWindow, streams: dict[str, LoggedStream]) -> SlewTab
 
     The command in force when the slew begins stands in its first row.
 
-    Parameters
-    ----------
-    window : SlewWindow
-        The part of the log.
-    streams : dict of str to LoggedStream
-        The whole log.
-
-    Returns
-    -------
-    SlewTables
-        Only the streams that have a reading in the slew.
+    Returns: only the streams that have a reading in the slew.
 
     Examples
     --------
@@ -88,6 +80,9 @@ def _from_start(torque: LoggedStream, start: float, end: float) -> LoggedStream:
     before = np.flatnonzero(torque.time < start)
     if not len(before) or (len(later.time) and later.time[0] == start):
         return later
+    if not len(later.time) and _at_every_step(torque):
+        # None is in force: they were lost.
+        return later
     first = torque.rows(before[-1:])
     return LoggedStream(
         torque.holds,
@@ -96,6 +91,11 @@ def _from_start(torque: LoggedStream, start: float, end: float) -> LoggedStream:
         np.concatenate([first.file, later.file]),
         torque.files,
     )
+
+
+def _at_every_step(torque: LoggedStream) -> bool:
+    steps = np.diff(torque.time)
+    return len(steps) >= _FEWEST_STEPS and bool(np.quantile(steps, _MOST) < 1.5 * torque.step)
 
 
 def csv_of(stream: LoggedStream, columns: WrittenColumns) -> str:

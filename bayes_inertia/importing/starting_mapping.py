@@ -1,6 +1,8 @@
 """A mapping to be filled in, written from the columns of raw files.
 
 What files and names of columns say is suggested; what only the user can know is asked ("?").
+
+The hardware's part of a mapping to be filled in: inertia, wheels, sensors.
 """
 
 from __future__ import annotations
@@ -15,13 +17,15 @@ import tomlkit
 
 from bayes_inertia.errors import OutputError
 from bayes_inertia.files import write_atomically
-from bayes_inertia.importing.column_families import ColumnFamily, families, time_names
-from bayes_inertia.importing.mapping_text import mapping_comment, mapping_value
-from bayes_inertia.importing.questions import open_questions
-from bayes_inertia.importing.raw_files import read_raw, tables_in
-from bayes_inertia.importing.raw_table import RawTable
-from bayes_inertia.importing.starting_hardware import hardware_text, wheel_words
-from bayes_inertia.importing.starting_streams import FileGroup, stream_text
+from bayes_inertia.importing.column_families import ColumnFamily, families
+from bayes_inertia.importing.file_share import SHARED_ZERO
+from bayes_inertia.importing.mapping_schema import MAPPING_FORMAT
+from bayes_inertia.importing.mapping_text import mapping_comment, mapping_entry, mapping_value
+from bayes_inertia.importing.questions import UNKNOWN, open_questions
+from bayes_inertia.importing.starting_streams import FileGroup, counts_from_zero, stream_text
+from bayes_inertia.tables.raw_files import read_raw, tables_in
+from bayes_inertia.tables.raw_table import RawTable
+from bayes_inertia.tables.time_columns import split_unit, time_names
 
 _ORDER = (
     "rate",
@@ -82,27 +86,7 @@ class StartingMapping:
 
 
 def write_starting_mapping(files: Sequence[str | Path], path: str | Path) -> StartingMapping:
-    """Write a mapping with a question at everything that the files do not say.
-
-    Parameters
-    ----------
-    files : sequence of str or Path
-        Raw files.
-    path : str or Path
-        The mapping to write; must not exist.
-
-    Returns
-    -------
-    StartingMapping
-        What was written.
-
-    Raises
-    ------
-    CampaignError
-        If a file cannot be read.
-    OutputError
-        If the mapping exists, or cannot be written.
-    """
+    """Write a mapping with a question at everything that the files do not say."""
     path = Path(path)
     if path.exists():
         raise OutputError(
@@ -114,23 +98,7 @@ def write_starting_mapping(files: Sequence[str | Path], path: str | Path) -> Sta
 
 
 def starting_mapping(files: Sequence[Path]) -> StartingMapping:
-    """A mapping with a question at everything that the files do not say.
-
-    Parameters
-    ----------
-    files : sequence of Path
-        Raw files.
-
-    Returns
-    -------
-    StartingMapping
-        Its text, and what was recognised.
-
-    Raises
-    ------
-    CampaignError
-        If a file cannot be read.
-    """
+    """A mapping with a question at everything that the files do not say."""
     groups = _groups(files)
     streams: list[tuple[FileGroup, ColumnFamily]] = []
     for group in groups:
@@ -141,7 +109,7 @@ def starting_mapping(files: Sequence[Path]) -> StartingMapping:
     for group, family in streams:
         # A second candidate for what may stand once is left to the user.
         doubled = family.holds in held and family.holds not in _WHEEL_STREAMS
-        parts.append(stream_text(group, family, commented=doubled, one_clock=len(set(files)) == 1))
+        parts.append(stream_text(group, family, commented=doubled))
         held[family.holds] = None
     if not streams:
         names = mapping_value(sorted({path.name for path in files}))
@@ -160,7 +128,10 @@ def _hardware(streams: Sequence[tuple[FileGroup, ColumnFamily]], files: Sequence
     most = max(of_wheels, key=len, default=())
     name = files[0].resolve().parent.name if files else ""
     tracker = any(family.holds == "attitude" for _, family in streams)
-    return hardware_text(name or "campaign", wheel_words(most), tracker=tracker)
+    epoch = ""
+    if any(counts_from_zero(group) for group, _ in streams):
+        epoch = SHARED_ZERO if len(set(files)) == 1 else UNKNOWN
+    return hardware_text(name or "campaign", wheel_words(most), tracker=tracker, epoch=epoch)
 
 
 def _groups(files: Sequence[Path]) -> list[FileGroup]:
@@ -230,3 +201,94 @@ def _left_over(
             where = " ".join(filter(None, (group.files[0].name, group.table_name, packet)))
             lines.append(f"{where}: {', '.join(rest)}")
     return lines
+
+
+_AXES = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0], "z": [0.0, 0.0, 1.0]}
+
+
+def wheel_words(names: Sequence[str]) -> list[str]:
+    """What tells the columns of the wheels from each other.
+
+    Returns: A word a wheel: "x" of "cmd_wheel_x", else its number.
+
+    Examples
+    --------
+    >>> wheel_words(["cmd_wheel_x", "cmd_wheel_y"]), wheel_words(["rw1_rpm", "rw2_rpm"])
+    (['x', 'y'], ['1', '2'])
+    """
+    stems = [split_unit(name)[0] for name in names]
+    before = _shared(stems)
+    after = _shared([stem[before:][::-1] for stem in stems])
+    words = [stem[before : len(stem) - after].lower() for stem in stems]
+    usable = len(set(words)) == len(words) and all(re.fullmatch(r"[a-z0-9]+", w) for w in words)
+    return words if usable and len(words) > 1 else [str(k + 1) for k in range(len(words))]
+
+
+def _shared(texts: Sequence[str]) -> int:
+    """Number of letters with which all texts begin."""
+    columns = list(zip(*texts, strict=False))
+    return next((k for k, letters in enumerate(columns) if len(set(letters)) > 1), len(columns))
+
+
+def hardware_text(name: str, wheels: Sequence[str], *, tracker: bool, epoch: str = "") -> str:
+    """Format, name and hardware of a mapping to be filled in.
+
+    `wheels`: what tells the wheels apart, as `wheel_words` says it; none without wheels. `epoch`:
+    zero of the clocks that count; "?" asks, "" where no stream has one.
+    """
+    lines = [
+        '# What the raw logs hold. Answer every question: replace each "?" and delete what does',
+        "# not apply. Suggestions come from the files and from names of columns: check them.",
+        f'format = "{MAPPING_FORMAT}"',
+        mapping_entry(("name",), name, "any text"),
+        *([mapping_entry(("epoch",), epoch)] if epoch else []),
+        "",
+        "[inertia]",
+        *(
+            mapping_entry(("inertia", key), UNKNOWN)
+            for key in ("tensor", "relative_sigma", "product_sigma", "includes_wheel_spin")
+        ),
+    ]
+    for word in wheels:
+        lines += _wheel(word, wheels[0])
+    lines += [
+        "",
+        "[rate_sensor]",
+        '# sigma = ...  # white noise per sample [rad/s], or such as "3 arcsec/s"; left out, the',
+        "#              # import says what it sees",
+        "# scale_factor_sigma = 0.03",
+        "# bias_sigma = 1e-5  # [rad/s]",
+        "# rate_random_walk = ...  # RRW of the data sheet [rad/s^1.5]",
+    ]
+    if tracker:
+        lines += [
+            "",
+            "[star_tracker]",
+            mapping_entry(("star_tracker", "boresight"), UNKNOWN),
+            '# sigma_cross = ...  # noise across the boresight [rad], or such as "5 arcsec"; left',
+            "#                    # out, the import says what it sees",
+            "# sigma_roll = ...  # and about it [rad]",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _wheel(word: str, first: str) -> list[str]:
+    """One `[[wheels]]`."""
+    axis = _AXES.get(word, UNKNOWN)
+    why = "from the name of its column: check axis and sign in the drawing"
+    lines = [
+        "",
+        "[[wheels]]",
+        mapping_entry(("wheels", "", "name"), f"wheel_{word}"),
+        mapping_entry(("wheels", "", "axis"), axis, why),
+    ]
+    if word != first:
+        why = "spin inertia, limits and noise; or give its own here"
+        return [*lines, mapping_entry(("wheels", "", "same_as"), f"wheel_{first}", why)]
+    return [
+        *lines,
+        mapping_entry(("wheels", "", "spin_inertia"), UNKNOWN),
+        "# max_torque = ...  # [N m]; optional, with it impossible commands are seen",
+        "# max_momentum = ...  # [N m s]; optional, with it impossible readings are seen",
+        "# momentum_sigma = ...  # noise of the tachometer [N m s]; the import measures it",
+    ]

@@ -1,24 +1,34 @@
-"""One `[[streams]]` of a mapping to be filled in."""
+"""One `[[streams]]` of a mapping to be filled in.
+
+What names of columns say by a notation that a simulator defines; suggestions, said as such.
+
+Basilisk writes the frame into the name: omega_BN_B is the rate of B against N in axes of B,
+sigma_BN the modified Rodrigues parameters of B from N; its wheelSpeeds are relative to the body
+[rad/s], and its motorTorque acts on the wheel [N m]. 42's wbn is in axes of the body, its Hwhl the
+whole momentum about the spin axis. ROS (REP 103) and PX4 write rates in rad/s and the quaternion
+that takes vectors of the body to the world; PX4 begins it with the scalar and counts microseconds.
+Names with _B or "body" say that the axes are the body's.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from bayes_inertia.importing.clock_guess import ClockGuess, guessed_clock, stamp_units
-from bayes_inertia.importing.column_families import ColumnFamily, time_names
-from bayes_inertia.importing.file_share import SHARED_ZERO
-from bayes_inertia.importing.known_notation import notation_of
+from bayes_inertia.importing.clock_guess import ClockGuess, guessed_clock
+from bayes_inertia.importing.column_families import ColumnFamily
 from bayes_inertia.importing.mapping_text import mapping_comment, mapping_entry, mapping_value
 from bayes_inertia.importing.questions import UNKNOWN, question_at
-from bayes_inertia.importing.raw_table import RawTable
 from bayes_inertia.importing.stated_facts import stated_attitude
-from bayes_inertia.importing.time_stamps import FREE_CLOCKS
+from bayes_inertia.tables.raw_table import RawTable
+from bayes_inertia.tables.time_columns import stamp_units, time_names
+from bayes_inertia.tables.time_stamps import FREE_CLOCKS
 
 _SENSES = {
     "wheel_torque": "acts_on",
@@ -50,26 +60,10 @@ class FileGroup:
     packet: tuple[str, str | int] | None = None
 
 
-def stream_text(
-    group: FileGroup, family: ColumnFamily, *, commented: bool = False, one_clock: bool = False
-) -> str:
+def stream_text(group: FileGroup, family: ColumnFamily, *, commented: bool = False) -> str:
     """A stream of a mapping, with a question at everything that the files do not say.
 
-    Parameters
-    ----------
-    group : FileGroup
-        Where its columns are.
-    family : ColumnFamily
-        The columns.
-    commented : bool, optional
-        Whether it is a second candidate, which the user must choose.
-    one_clock : bool, optional
-        Whether all streams have the stamps of one file, so that their zero is shared.
-
-    Returns
-    -------
-    str
-        TOML with comments.
+    `commented`: whether it is a second candidate, which the user must choose.
     """
     path = ("streams", family.holds)
     stated = family.holds == "attitude" and group.table.attitude is not None
@@ -78,7 +72,7 @@ def stream_text(
     lines.append(mapping_entry((*path, "files"), _pattern(group.files)))
     if group.table_name:
         lines.append(mapping_entry((*path, "table"), group.table_name))
-    lines += _time(group, path, one_clock)
+    lines += _time(group, path)
     lines.append("offset_s = 0.0  # true time minus stamp [s]: -0.125 if stamps are 0.125 s late")
     lines += _attitude(group, family) if family.holds == "attitude" else _readings(group, family)
     if group.packet is not None:
@@ -90,6 +84,17 @@ def stream_text(
     lines.append("# missing = -9999  # what marks that there is no reading")
     text = "\n".join(lines) + "\n"
     return "\n".join(f"# {line}" for line in text.splitlines()) + "\n" if commented else text
+
+
+def counts_from_zero(group: FileGroup) -> bool:
+    """Whether the stamps count from a zero of their own.
+
+    Returns: false where the file or the stamps say the date.
+    """
+    table = group.table
+    if table.time_names and table.time_kind and table.time_kind not in FREE_CLOCKS:
+        return False
+    return _guessed_clock(group, time_names(table)).kind in FREE_CLOCKS
 
 
 def _pattern(files: Sequence[Path]) -> list[str]:
@@ -183,8 +188,8 @@ def _scalar_hint(table: RawTable, family: ColumnFamily, key: str) -> str:
     return f"{family.names[0]}: {first} {family.names[-1]}: {last}" if first and last else ""
 
 
-def _time(group: FileGroup, path: tuple[str, ...], one_clock: bool) -> list[str]:
-    """The stamps: columns, clock, zero."""
+def _time(group: FileGroup, path: tuple[str, ...]) -> list[str]:
+    """The stamps: columns and clock."""
     table = group.table
     if table.time_names and table.time_kind and table.time_kind not in FREE_CLOCKS:
         return [f"# the file states its time: {', '.join(table.time_names)} ({table.time_kind})"]
@@ -194,8 +199,6 @@ def _time(group: FileGroup, path: tuple[str, ...], one_clock: bool) -> list[str]
     units = stamp_units(table, names)
     if len(names) > 1 and set(units) != {"date"}:
         entry["units"] = [unit or UNKNOWN for unit in units]
-    if guess.kind in FREE_CLOCKS:
-        entry["epoch"] = SHARED_ZERO if one_clock else UNKNOWN
     hints = {"kind": guess.hint}
     questions = [
         mapping_comment(f"{key}: {question_at((*path[:1], 'time', key))} {hints.get(key, '')}")
@@ -204,3 +207,56 @@ def _time(group: FileGroup, path: tuple[str, ...], one_clock: bool) -> list[str]
     ]
     line = f"time = {mapping_value(entry)}"
     return [*questions, f"{line}  # {guess.why}" if guess.why else line]
+
+
+_NOTATIONS: tuple[tuple[str, re.Pattern[str], str, Mapping[str, str]], ...] = tuple(
+    (holds, re.compile(pattern), why, MappingProxyType(says))
+    for holds, pattern, why, says in (
+        ("rate", r"omega_BN_B", "Basilisk's", {"unit": "rad/s", "frame": "body"}),
+        (
+            "attitude",
+            r"sigma_BN",
+            "Basilisk's",
+            {"maps": "inertial_to_body", "frame": "body"},
+        ),
+        ("wheel_speed", r"wheelSpeeds", "Basilisk's", {"unit": "rad/s", "relative_to": "body"}),
+        ("wheel_torque", r"motorTorque", "Basilisk's", {"unit": "N m", "acts_on": "wheel"}),
+        ("rate", r"wbn\[", "42's", {"frame": "body"}),
+        ("wheel_momentum", r"Hwhl\[", "42's", {"relative_to": "inertial"}),
+        (
+            "rate",
+            r"vehicle_angular_velocity|gyro_rad",
+            "PX4's",
+            {"unit": "rad/s", "frame": "body"},
+        ),
+        ("rate", r"angular_velocity", "ROS's", {"unit": "rad/s"}),
+        (
+            "attitude",
+            r"vehicle_attitude",
+            "PX4's",
+            {"scalar": "first", "maps": "inertial_to_body", "frame": "body"},
+        ),
+        ("attitude", r"orientation", "ROS's", {"maps": "inertial_to_body"}),
+        ("time", r"timestamp_sample|vehicle_[a-z_]+_\d+/timestamp", "PX4's", {"kind": "us"}),
+        ("rate", r"_B(\b|_|\[)|[Bb]ody", "a usual", {"frame": "body"}),
+        ("magnetic_field", r"_(N|eci|ECI)(\b|_|\[)|inertial", "a usual", {"frame": "inertial"}),
+        ("position", r"_(N|eci|ECI)(\b|_|\[)|inertial", "a usual", {"frame": "inertial"}),
+    )
+)
+
+
+def notation_of(holds: str, name: str) -> dict[str, tuple[str, str]]:
+    """What a name says by its notation.
+
+    `holds`: what the column seems to hold, as a mapping says it. Returns: for keys of the stream a
+    value, and whose notation says it; the first that fits.
+
+    Examples
+    --------
+    >>> notation_of("rate", "omega_BN_B[0]")["frame"], notation_of("rate", "gx_dps")
+    (('body', "Basilisk's notation"), {})
+    """
+    for of, pattern, whose, says in _NOTATIONS:
+        if of == holds and pattern.search(name):
+            return {key: (value, f"{whose} notation") for key, value in says.items()}
+    return {}

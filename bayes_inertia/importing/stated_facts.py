@@ -13,8 +13,8 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.attitude_forms import COLUMNS_OF_FORM, AttitudeConvention
 from bayes_inertia.importing.mapping_schema import AttitudeStream
 from bayes_inertia.importing.questions import question_at
-from bayes_inertia.importing.raw_table import RawTable, is_inertial
 from bayes_inertia.importing.unit_factors import unit_factor
+from bayes_inertia.tables.raw_table import RawTable, is_inertial
 
 # Names of frames as CCSDS (SANA registry) and ground systems write them, in capitals.
 _BODY = re.compile(r"(SC|SPACECRAFT)_?(BODY|FRAME)?(_\d+)?|BODY.*|S/C.*")
@@ -24,26 +24,8 @@ _TRACKER = re.compile(r"(STAR_?TRACKER|STR|ST|AST|INSTRUMENT|STARTRACKER).*")
 def agreed(stated: Any, mapped: Any, where: str, file: str) -> Any:
     """What the file or the mapping says, or an error if they say different things.
 
-    Parameters
-    ----------
-    stated : Any
-        What the file says; "" or None where it says nothing.
-    mapped : Any
-        What the mapping says; "", None or empty where it says nothing.
-    where : str
-        The key of the mapping, for messages.
-    file : str
-        The file, for messages.
-
-    Returns
-    -------
-    Any
-        The one that is given.
-
-    Raises
-    ------
-    CampaignError
-        If both are given and differ.
+    `stated`: what the file says; "" or None where it says nothing. `mapped`: what the mapping says;
+    "", None or empty where it says nothing.
 
     Examples
     --------
@@ -64,28 +46,7 @@ def agreed(stated: Any, mapped: Any, where: str, file: str) -> Any:
 def agreed_unit(table: RawTable, name: str, quantity: str, mapped: str, where: str) -> str:
     """The unit of a column.
 
-    Parameters
-    ----------
-    table : RawTable
-        The table.
-    name : str
-        The column.
-    quantity : str
-        As `unit_factors` names it.
-    mapped : str
-        The unit that the mapping states; "" where it states none.
-    where : str
-        The stream's key of the mapping, for messages.
-
-    Returns
-    -------
-    str
-        The unit.
-
-    Raises
-    ------
-    CampaignError
-        If none is stated, it is no unit of the quantity, or file and mapping contradict.
+    `mapped`: the unit that the mapping states; "" where it states none.
     """
     stated = table.column(name).unit
     if not mapped and not stated:
@@ -120,28 +81,7 @@ def agreed_attitude(
 ) -> tuple[list[str], AttitudeConvention, bool]:
     """The columns of the attitudes of a table and what they mean.
 
-    Parameters
-    ----------
-    table : RawTable
-        The table.
-    part : AttitudeStream
-        What the mapping says.
-    where : str
-        The stream's key of the mapping, for messages.
-
-    Returns
-    -------
-    names : list of str
-        The columns.
-    convention : AttitudeConvention
-        What they mean.
-    of_tracker : bool
-        Whether the attitudes are those of the tracker's axes, not of the body's.
-
-    Raises
-    ------
-    CampaignError
-        If something is stated by neither, or file and mapping contradict each other.
+    Returns `of_tracker`: whether the attitudes are those of the tracker's axes, not of the body's.
     """
     says = stated_attitude(table)
     unit = _angle_unit(table, part, says, where)
@@ -193,23 +133,7 @@ def _angle_unit(table: RawTable, part: AttitudeStream, says: dict[str, Any], whe
 
 
 def stated_attitude(table: RawTable) -> dict[str, Any]:
-    """What a file states of its attitudes, in the keys of a mapping.
-
-    Parameters
-    ----------
-    table : RawTable
-        The table.
-
-    Returns
-    -------
-    dict of str to Any
-        Values by key; empty where it states nothing.
-
-    Raises
-    ------
-    CampaignError
-        If neither of its frames is inertial.
-    """
+    """What a file states of its attitudes, in the keys of a mapping."""
     stated = table.attitude
     if stated is None:
         return {}

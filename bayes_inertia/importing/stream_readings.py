@@ -23,9 +23,9 @@ from bayes_inertia.importing.mapping_schema import (
     ValidRows,
 )
 from bayes_inertia.importing.noise_fit import rounding_sigmas
-from bayes_inertia.importing.raw_table import RawTable, number_of
 from bayes_inertia.importing.stated_facts import agreed_attitude, agreed_unit
 from bayes_inertia.importing.unit_factors import to_si_with, unit_factor
+from bayes_inertia.tables.raw_table import RawTable, number_of
 
 # Quaternions of one length, but for this share of it, are counts; this share of the rows must be.
 _EVEN_LENGTH = 1e-3
@@ -54,27 +54,7 @@ class TableReadings:
 
 
 def readings_of(part: MappedStream, table: RawTable, where: str) -> TableReadings:
-    """The readings of a stream in one table.
-
-    Parameters
-    ----------
-    part : MappedStream
-        What the mapping says of the stream.
-    table : RawTable
-        The table.
-    where : str
-        The stream's key of the mapping, for messages.
-
-    Returns
-    -------
-    TableReadings
-        One row for each row of the table.
-
-    Raises
-    ------
-    CampaignError
-        If a column is absent or no number, a row is no attitude, or mapping and file contradict.
-    """
+    """The readings of a stream in one table."""
     flagged = np.zeros((1, 1), dtype=bool)
     notes = []
     if part.valid is not None:

@@ -124,15 +124,7 @@ def _word(text: str) -> str:
 def spelled_for_pint(unit: str) -> str:
     """A unit as the field writes it, in the spelling that pint reads.
 
-    Parameters
-    ----------
-    unit : str
-        Such as "mNm", "N.m.s", "deg s-1" or "[RPM]".
-
-    Returns
-    -------
-    str
-        Such as "mN*m".
+    `unit` [RPM].
 
     Examples
     --------
@@ -179,23 +171,6 @@ def _factor(quantity: str, spelled: str) -> float:
 def unit_factor(quantity: str, unit: str) -> float:
     """The factor from a unit to the SI unit of a quantity, with radians.
 
-    Parameters
-    ----------
-    quantity : str
-        A key of `QUANTITIES`.
-    unit : str
-        As the field spells it.
-
-    Returns
-    -------
-    float
-        SI units in one such unit.
-
-    Raises
-    ------
-    CampaignError
-        If the unit is unknown, or one of another quantity.
-
     Examples
     --------
     >>> unit_factor("wheel_torque", "mNm"), unit_factor("time", "ms")
@@ -234,26 +209,7 @@ def to_si_with(
 ) -> np.ndarray:
     """Values of a raw column in SI units and radians.
 
-    Parameters
-    ----------
-    values : array
-        In `unit`, or counts.
-    unit : str
-        As the field spells it; of counts the unit of scale and offset.
-    quantity : str
-        A key of `QUANTITIES`.
-    scale, offset : float, optional
-        For counts: value = scale * count + offset, both in `unit`.
-
-    Returns
-    -------
-    array
-        In SI units and radians.
-
-    Raises
-    ------
-    CampaignError
-        If the unit is unknown, or one of another quantity.
+    `unit`: as the field spells it; of counts the unit of scale and offset.
 
     Examples
     --------

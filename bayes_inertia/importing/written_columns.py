@@ -70,15 +70,7 @@ class WrittenColumns:
     def cells(self, values: np.ndarray) -> np.ndarray:
         """The columns of a stream's values.
 
-        Parameters
-        ----------
-        values : (n, width) array
-            In SI units and the package's senses.
-
-        Returns
-        -------
-        (n, columns) array
-            As written.
+        `values` (n, width). Returns (n, columns).
         """
         return values[:, list(self.order)] * np.array(self.factors)
 
@@ -86,15 +78,7 @@ class WrittenColumns:
 def written_columns(mapping: MappingPart) -> dict[str, WrittenColumns]:
     """How each stream is written, by the key of `[columns]`.
 
-    Parameters
-    ----------
-    mapping : MappingPart
-        What the logs state.
-
-    Returns
-    -------
-    dict of str to WrittenColumns
-        In the order of `[columns]`, whether or not the mapping has the stream.
+    Returns: in the order of `[columns]`, whether or not the mapping has the stream.
     """
     written = {}
     for key, (suffix, templates) in _NAMES.items():

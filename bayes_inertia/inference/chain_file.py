@@ -17,33 +17,15 @@ import emcee
 import numpy as np
 from emcee.backends import Backend, HDFBackend
 
-from bayes_inertia.campaign.isolated_arrays import check_readable
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.sealing import is_sealed, write_sealed
+from bayes_inertia.tables.isolated import check_readable
 
 _ADVICE = "delete it, and this ensemble begins again"
 
 
 def load_chain(path: Path, walkers: int, d: int) -> Backend:
     """The chain that a file holds, in memory.
-
-    Parameters
-    ----------
-    path : Path
-        Need not exist: the chain is then empty.
-    walkers : int
-        Of the ensemble.
-    d : int
-        Its dimensions.
-
-    Returns
-    -------
-    emcee.backends.Backend
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be read, or holds an ensemble of another shape.
 
     Examples
     --------
@@ -89,17 +71,6 @@ def _load(path: Path, chain: Backend, walkers: int, d: int) -> None:
 
 def save_chain(chain: Backend, path: Path) -> None:
     """Replace a file by what a chain holds now; emcee's `HDFBackend` reads it.
-
-    Parameters
-    ----------
-    chain : emcee.backends.Backend
-    path : Path
-        Replaced whole.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
 
     Examples
     --------

@@ -30,31 +30,14 @@ class ChannelRows:
     def shaped(self, flat: np.ndarray) -> np.ndarray:
         """Pick this channel out of the numbers of all channels.
 
-        Parameters
-        ----------
-        flat : (slews, numbers, ...) array
-            Numbers of all channels, one channel after the other.
-
-        Returns
-        -------
-        (slews, rows, components, ...) array
-            This channel's numbers.
+        `flat` (slews, numbers, ...): numbers of all channels, one channel after the other. Returns
+        (slews, rows, components, ...).
         """
         return flat[:, self.part].reshape(*self.valid.shape, *flat.shape[2:])
 
 
 def channel_rows(model: Model) -> dict[str, ChannelRows]:
-    """Where each channel's numbers are among those of all channels.
-
-    Parameters
-    ----------
-    model : Model
-
-    Returns
-    -------
-    dict of ChannelRows
-        By channel.
-    """
+    """Where each channel's numbers are among those of all channels."""
     time = row_times(model)
     fix_time = np.take_along_axis(time, np.asarray(model.data.arrays.telemetry.fix_row), axis=1)
     rows, begin = {}, 0
@@ -68,14 +51,7 @@ def channel_rows(model: Model) -> dict[str, ChannelRows]:
 def row_times(model: Model) -> np.ndarray:
     """Times of the rows of telemetry.
 
-    Parameters
-    ----------
-    model : Model
-
-    Returns
-    -------
-    (slews, n) array
-        On each slew's own clock [s], the last one repeated in padding.
+    Returns (slews, n): on each slew's own clock [s], the last one repeated in padding.
     """
     n = model.data.arrays.telemetry.rate.shape[1]
     return np.stack([np.pad(s.time, (0, n - len(s.time)), "edge") for s in model.campaign.slews])
@@ -84,14 +60,8 @@ def row_times(model: Model) -> np.ndarray:
 def measured(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What the model compares with measurements, by channel.
 
-    Parameters
-    ----------
-    model : Model
-        In the measured drive tachometers are an input and no channel.
-
-    Returns
-    -------
-    rate, attitude, momentum : (slews, rows, components) arrays of bool
+    `model`: in the measured drive tachometers are an input and no channel. Returns `rate, attitude,
+    momentum` (slews, rows, components).
     """
     telemetry = model.data.arrays.telemetry
     wheels = 0 if model.structure.drive == "measured" else None

@@ -8,26 +8,41 @@ in motion. Where nothing is found, the estimate is the very object given.
 
 A channel that was asked for Student-t noise has its outliers modelled: none is left out, and its
 level and colour are taken as given. So is the level of a channel whose scale is sampled.
+
+Star-tracker fixes that stand out from the others of their burst.
+
+A missing torque turns the body from fix to fix. The rate sensor saw that turn, so that the fixes
+are compared without it. The rate sensor may have an error of its own, so that an outlier is only
+what stands out with that turn, too: in a long burst from the fixes on both sides, in a short one
+from a steady drift.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from scipy import ndimage, stats
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.fix_outliers import fix_outliers
 from bayes_inertia.inference.gate_limits import REJECT_BELOW
 from bayes_inertia.inference.laplace import Estimate, plain_series
 from bayes_inertia.inference.noise_colour import Colour, colour_of, is_alike_everywhere
-from bayes_inertia.inference.noise_level import noise_factors
+from bayes_inertia.inference.noise_level import bursts_of, noise_factors
 from bayes_inertia.inference.noise_model import whitening
-from bayes_inertia.inference.outliers import away_from_switches, outlying_readings
+from bayes_inertia.inference.outliers import (
+    FALSE_ALARM,
+    NEIGHBOURS,
+    READINGS_AROUND,
+    away_from_switches,
+    distance_from_both_sides,
+    lesser_distance,
+    outlying_readings,
+)
 from bayes_inertia.inference.rounding import (
     ROUNDING_THAT_COUNTS,
     factor_of_rounding,
@@ -37,6 +52,7 @@ from bayes_inertia.inference.rounding import (
     rounding_steps,
 )
 from bayes_inertia.inference.treatment import DirtTreatment, treated
+from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 from bayes_inertia.physics.forward_model import Model
 
 # Outliers hide each other; so often they are looked for again.
@@ -64,25 +80,7 @@ class CleanFit:
 
 
 def clean_fit(estimate: Estimate, *, seed: int = 0) -> CleanFit:
-    """Look for dirt in an estimate's residuals, and repeat the estimate without it.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        Of a campaign as stated.
-    seed : int
-        Of the optimizer's starts.
-
-    Returns
-    -------
-    CleanFit
-        With the same estimate where nothing was found.
-
-    Raises
-    ------
-    EstimateError
-        If the optimizer finds no usable estimate.
-    """
+    """Look for dirt in an estimate's residuals, and repeat the estimate without it."""
     repeat = partial(_repeated, estimate.model, seed=seed)
     stated = estimate.model.campaign
     fit = without_outliers(CleanFit(estimate, DirtTreatment()), stated, repeat)
@@ -109,19 +107,7 @@ def _repeated(stated: Model, fit: CleanFit, treatment: DirtTreatment, *, seed: i
 def refitted(previous: Estimate, campaign: Campaign, *, weak_data_first: bool = False) -> Estimate:
     """An estimate repeated with other readings, or another noise, of the same slews.
 
-    Parameters
-    ----------
-    previous : Estimate
-        Where the optimizer begins.
-    campaign : Campaign
-        With the slews of the old one.
-    weak_data_first : bool
-        As in `optimizer.re_estimate`.
-
-    Returns
-    -------
-    Estimate
-        The same object if its campaign is that already.
+    Returns: the same object if its campaign is that already.
     """
     old = previous.model
     if campaign is old.campaign:
@@ -136,22 +122,7 @@ def refitted(previous: Estimate, campaign: Campaign, *, weak_data_first: bool = 
 def without_outliers(
     fit: CleanFit, stated: Campaign, repeat: Callable[[CleanFit, DirtTreatment], CleanFit]
 ) -> CleanFit:
-    """The fit with every outlier masked.
-
-    Parameters
-    ----------
-    fit : CleanFit
-        Where outliers are looked for.
-    stated : Campaign
-        As stated.
-    repeat : callable
-        Repeats a fit with another treatment.
-
-    Returns
-    -------
-    CleanFit
-        The same object where there are none.
-    """
+    """The fit with every outlier masked."""
     for _ in range(_ROUNDS_OF_MASKS):
         masked = masks_at(fit.estimate, stated, fit.treatment)
         if masked == fit.treatment.masked:
@@ -164,20 +135,6 @@ def masks_at(estimate: Estimate, stated: Campaign, treatment: DirtTreatment) -> 
     """All outliers at an estimate, among readings that are masked already as among the others.
 
     What an earlier, worse fit took for an outlier need not be one.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit.
-    stated : Campaign
-        As stated.
-    treatment : DirtTreatment
-        What was done to it for this fit.
-
-    Returns
-    -------
-    tuple of Dirt
-        One record a channel and slew.
     """
     if not treatment.masked:
         return with_masks((), outliers_in(estimate))
@@ -193,17 +150,7 @@ def masks_at(estimate: Estimate, stated: Campaign, treatment: DirtTreatment) -> 
 
 
 def with_masks(old: tuple[Dirt, ...], new: tuple[Dirt, ...]) -> tuple[Dirt, ...]:
-    """Masks of both, one record a channel and slew.
-
-    Parameters
-    ----------
-    old, new : tuple of Dirt
-        Outliers.
-
-    Returns
-    -------
-    tuple of Dirt
-    """
+    """Masks of both, one record a channel and slew."""
     rows: dict[tuple[str, str], set[int]] = {}
     for mask in (*old, *new):
         rows.setdefault((mask.channel, mask.slew), set()).update(mask.rows)
@@ -224,15 +171,7 @@ def with_masks(old: tuple[Dirt, ...], new: tuple[Dirt, ...]) -> tuple[Dirt, ...]
 def outliers_in(estimate: Estimate) -> tuple[Dirt, ...]:
     """Outliers among an estimate's residuals.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit; what its campaign masks already is not looked at.
-
-    Returns
-    -------
-    tuple of Dirt
-        One a channel and slew.
+    `estimate`: A fit; what its campaign masks already is not looked at.
     """
     slews, series = estimate.model.campaign.slews, plain_series(estimate)
     steps, hit = rounding_steps(estimate.model.campaign), {}
@@ -255,16 +194,9 @@ def outliers_in(estimate: Estimate) -> tuple[Dirt, ...]:
 def rounded_channels(estimate: Estimate) -> dict[str, float]:
     """Channels whose noise is larger than stated because their readings are rounded.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit of the campaign with its noise as stated.
-
-    Returns
-    -------
-    dict of float
-        By channel, the factor on its noise. Not among them where the stated noise holds the
-        rounding already, and where the noise is louder than that.
+    `estimate`: A fit of the campaign with its noise as stated. Returns: by channel, the factor on
+    its noise. Not among them where the stated noise holds the rounding already, and where the noise
+    is louder than that.
     """
     measured, rounded = noise_factors(estimate), {}
     for channel, steps in rounding_steps(estimate.model.campaign).items():
@@ -295,16 +227,6 @@ def colour_of_rounding(estimate: Estimate) -> Colour | None:
     """The noise of coarsely rounded rates: their errors last while the readings stay the same.
 
     They do so longer at rest than in motion.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit.
-
-    Returns
-    -------
-    Colour or None
-        None where the rounding is fine.
     """
     campaign = estimate.model.campaign
     if not has_one_error(rounding_steps(campaign)["rate"]):
@@ -325,18 +247,8 @@ def _with_colour(fit: CleanFit) -> DirtTreatment:
 def colour_seen(estimate: Estimate, *, slow: bool = False) -> Colour | None:
     """Correlated noise of the rate sensor in an estimate's residuals.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit.
-    slow : bool
-        As in `colour_of`.
-
-    Returns
-    -------
-    Colour or None
-        In the sigmas of the estimate's campaign; None where the residuals are white, or where what
-        they are is not alike everywhere.
+    Returns: in the sigmas of the estimate's campaign; None where the residuals are white, or where
+    what they are is not alike everywhere.
     """
     tests = estimate.tests["rate"]
     if tests.p_white is None or tests.p_white >= REJECT_BELOW:
@@ -357,3 +269,115 @@ def _with_level(fit: CleanFit) -> DirtTreatment:
         if factor > 1.0 and (channel == "attitude" or is_alike_everywhere(slews, series[channel])):
             level[channel] *= factor
     return replace(fit.treatment, level=level)
+
+
+# More outliers than this share of all fixes are no outliers but their noise.
+_MOST_OUTLIERS = 0.15
+# Fewer fixes tell nothing.
+_FEWEST_FIXES = 3
+# What two or a few others let expect scatters itself: distances count by so much less.
+_SCATTER_OF_MEDIAN, _SCATTER_OF_LINE = 1.25, 1.5
+# Rates are smoothed over so many readings before they are integrated.
+_SMOOTHED_OVER = 9
+
+
+def outlying_fixes(
+    slews: Sequence[np.ndarray],
+    bursts: Sequence[Sequence[np.ndarray]],
+    times: Sequence[np.ndarray] | None = None,
+    turns: Sequence[np.ndarray] | None = None,
+) -> list[np.ndarray]:
+    """Star-tracker fixes that stand out from the others of their burst.
+
+    `slews` (fixes, 3); `times` (fixes,) [s]. `turns` (fixes, 3): how the rate sensor saw the body
+    turn beyond what is predicted, in the unit of the residuals; not at all by default. Returns
+    (fixes,): none of a burst of less than three fixes, where nobody can say which is wrong, and
+    never more than a third of a burst.
+    """
+    times = [np.arange(float(len(slew))) for slew in slews] if times is None else times
+    turns = [np.zeros(slew.shape) for slew in slews] if turns is None else turns
+    distances = [np.full(slew.shape, np.nan) for slew in slews]
+    for slew, distance, parts, time, turn in zip(
+        slews, distances, bursts, times, turns, strict=True
+    ):
+        for part in parts:
+            distance[part] = _distances(slew[part], slew[part] - turn[part], time[part])
+    every = np.concatenate(distances)
+    every = every[np.isfinite(every)]
+    if len(every) < READINGS_AROUND:
+        return [np.zeros(len(slew), bool) for slew in slews]
+    limit = stats.norm.isf(0.5 * FALSE_ALARM / len(every))
+    # A quarter more: what others let expect scatters itself. Never below what is stated. Zeros do
+    # not count: they are fixes between the others.
+    beyond = np.abs(every[every != 0.0])
+    scatter = float(np.median(beyond)) if len(beyond) >= READINGS_AROUND else 0.0
+    scale = _SCATTER_OF_MEDIAN * max(1.0, SD_OVER_MAD * scatter)
+    flags = [(np.abs(np.nan_to_num(d)) > limit * scale).any(axis=1) for d in distances]
+    for flag, parts in zip(flags, bursts, strict=True):
+        for part in parts:
+            flag[part] &= 3 * int(flag[part].sum()) <= len(part)
+    share = sum(int(flag.sum()) for flag in flags) / max(1, sum(map(len, flags)))
+    return [flag & (share <= _MOST_OUTLIERS) for flag in flags]
+
+
+def _distances(burst: np.ndarray, unturned: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """How far each fix (m, 3) lies from what the others of its burst let expect."""
+    if len(burst) < _FEWEST_FIXES:
+        return np.full(burst.shape, np.nan)
+    if len(burst) >= 2 * NEIGHBOURS + 1:
+        drifting, still = (
+            np.stack([distance_from_both_sides(axis) for axis in x.T], 1) for x in (burst, unturned)
+        )
+        return lesser_distance(still, drifting)
+    distance = np.zeros(burst.shape)
+    for i in range(len(burst)):
+        others = np.delete(np.arange(len(burst)), i)
+        still = unturned[i] - np.median(unturned[others], axis=0)
+        if len(others) == 2:  # Which of three is wrong is known only where two agree.
+            apart = np.abs(unturned[others[1]] - unturned[others[0]])
+            still = np.where(apart < 0.5 * np.abs(still), still, 0.0)
+        line = np.polynomial.polynomial.polyfit(time[others] - time[i], burst[others], 1)
+        drifting = (burst[i] - line[0]) / _SCATTER_OF_LINE
+        distance[i] = lesser_distance(still, drifting)
+    return distance
+
+
+def fix_outliers(estimate: Estimate, series: dict[str, list[np.ndarray]]) -> list[np.ndarray]:
+    """Outliers among the fixes of an estimate's campaign.
+
+    `series` (rows, components): its residuals by channel and slew, in stated sigmas, noise that is
+    correlated as it is.
+    """
+    slews = estimate.model.campaign.slews
+    rows = [np.flatnonzero(slew.fixes) for slew in slews]
+    fixes = [x[: len(k)] for x, k in zip(series["attitude"], rows, strict=True)]
+    times = [slew.time[k] for slew, k in zip(slews, rows, strict=True)]
+    bursts = [bursts_of(time) for time in times]
+    turns = [_turn_seen(estimate, s, x, rows[s]) for s, x in enumerate(series["rate"])]
+    flags = outlying_fixes(fixes, bursts, times, turns)
+    return [k[flag] for k, flag in zip(rows, flags, strict=True)]
+
+
+def _turn_seen(
+    estimate: Estimate, slew: int, residuals: np.ndarray, rows: np.ndarray
+) -> np.ndarray:
+    """How the rate sensor saw the body turn beyond what is predicted (fixes, 3), whitened."""
+    campaign, time = estimate.model.campaign, estimate.model.campaign.slews[slew].time
+    residuals = residuals[: len(time)]
+    given = np.isfinite(residuals)
+    if not len(rows) or not given.any(axis=0).all():
+        return np.zeros((len(rows), 3))
+    white = np.asarray(estimate.stated.rate)[slew, : len(time)]
+    # Nothing was measured where a factor's row is zero.
+    filled = white + np.where(given[..., None], 0.0, np.eye(3))
+    gap = np.linalg.solve(filled, np.nan_to_num(residuals)[..., None])[..., 0]
+    smooth = [
+        np.interp(time, time[k], ndimage.median_filter(axis[k], _SMOOTHED_OVER, mode="nearest"))
+        for axis, k in zip(gap.T, given.T, strict=True)
+    ]
+    scaled = np.stack(smooth) * np.asarray(estimate.theta[6:9])[:, None]
+    rate_B = np.linalg.solve(campaign.rate_sensor.axes, scaled).T
+    mean = 0.5 * (rate_B[1:] + rate_B[:-1]) * np.diff(time)[:, None]
+    turn_B = np.concatenate([np.zeros((1, 3)), np.cumsum(mean, axis=0)])[rows]
+    factors = np.asarray(estimate.stated.attitude)[slew, : len(rows)]
+    return np.einsum("fij,fj->fi", factors, turn_B)

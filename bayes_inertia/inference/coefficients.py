@@ -113,18 +113,8 @@ class EliminatedSlews(NamedTuple):
 def prior_roots(structure: Structure, theta: Any, contexts: SlewContext) -> Roots:
     """The roots of the coefficients' prior covariance of all slews.
 
-    Parameters
-    ----------
-    structure : Structure
-    theta : (d,) array
-        Parameters.
-    contexts : SlewContext
-        With the slews as leading axis, of numpy (`Data.contexts`).
-
-    Returns
-    -------
-    tuple of (slews, b, m, m) arrays
-        One an effect.
+    `theta` (d,). `contexts`: with the slews as leading axis, of numpy (`Data.contexts`). Returns
+    (slews, b, m, m).
     """
     if is_traced(theta, contexts):
         return _prior_roots(structure, theta, contexts)
@@ -148,20 +138,7 @@ def root_change(
 ) -> Roots:
     """How whitened coefficients change with the parameters: B(p0)^-1 B(p).
 
-    Parameters
-    ----------
-    structure : Structure
-    inverse_roots : tuple of (slews, b, m, m) arrays
-        B(p0)^-1, at the point of the sensitivities.
-    theta : (d,) array
-        Parameters wanted.
-    contexts : SlewContext
-        With the slews as leading axis.
-
-    Returns
-    -------
-    tuple of (slews, b, m, m) arrays
-        One an effect.
+    `inverse_roots` (slews, b, m, m); `theta` (d,). Returns (slews, b, m, m).
     """
     roots = prior_roots(structure, theta, contexts)
     return tuple(before @ now for before, now in zip(inverse_roots, roots, strict=True))
@@ -170,14 +147,7 @@ def root_change(
 def times(blocks: Roots, coefficients: np.ndarray) -> np.ndarray:
     """Coefficients of all slews times block-diagonal matrices.
 
-    Parameters
-    ----------
-    blocks : tuple of (slews, b, m, m) arrays
-    coefficients : (slews, n_random) array
-
-    Returns
-    -------
-    (slews, n_random) array
+    `blocks` (slews, b, m, m); `coefficients` (slews, n_random). Returns (slews, n_random).
     """
     parts, start = [], 0
     for block in blocks:
@@ -191,15 +161,8 @@ def times(blocks: Roots, coefficients: np.ndarray) -> np.ndarray:
 def eliminated(change: Roots, equations: SlewEquations) -> EliminatedSlews:
     """Eliminate the nuisances of each slew, then what slews share.
 
-    Parameters
-    ----------
-    change : tuple of (slews, b, m, m) arrays
-        Of the coefficients' prior root from the point of the equations, see `root_change`.
-    equations : SlewEquations
-
-    Returns
-    -------
-    EliminatedSlews
+    `change` (slews, b, m, m): of the coefficients' prior root from the point of the equations, see
+    `root_change`.
     """
     s, n_local = len(equations.shared_gradient), equations.local.shape[1]
     n_start = n_local - sum(block.shape[1] * block.shape[2] for block in change)
@@ -254,16 +217,7 @@ def _times_blocks(rows: Array, blocks: Array) -> Array:
 
 
 def log_integral(parts: EliminatedSlews) -> Array:
-    """Log of the integral over all unknowns, their priors included, up to a constant.
-
-    Parameters
-    ----------
-    parts : EliminatedSlews
-
-    Returns
-    -------
-    () array
-    """
+    """Log of the integral over all unknowns, their priors included, up to a constant."""
     explained = jnp.sum(parts.step**2) + jnp.sum(parts.shared_step**2)
     diagonals = (jnp.diagonal(parts.root, axis1=-2, axis2=-1), jnp.diagonal(parts.shared_root))
     half_log_det = sum(jnp.sum(jnp.log(d)) for d in diagonals)
@@ -275,19 +229,9 @@ def conditional_nuisances(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Steps drawn from the posterior of the unknowns, given all that is not among them.
 
-    Parameters
-    ----------
-    parts : EliminatedSlews
-    noise : (s + slews n_local,) array
-        Standard normal numbers; zeros give the conditional mean. There may be fewer slews than
-        were eliminated: what follows is padding.
-
-    Returns
-    -------
-    shared : (s,) array
-        Step of what slews share.
-    local : (slews, n_local) array
-        Nuisances, coefficients whitened by their prior.
+    `noise` (s + slews n_local,): standard normal numbers; zeros give the conditional mean. There
+    may be fewer slews than were eliminated: what follows is padding. Returns `shared` (s,): step of
+    what slews share; `local` (slews, n_local): nuisances, coefficients whitened by their prior.
     """
     shared_root = np.asarray(parts.shared_root)
     s, slews = len(shared_root), (len(noise) - len(shared_root)) // parts.local.shape[1]

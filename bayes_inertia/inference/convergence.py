@@ -59,15 +59,8 @@ class Diagnostics:
 def autocorrelation_time(chain: np.ndarray) -> float:
     """The largest integrated autocorrelation time of all parameters of an ensemble.
 
-    Parameters
-    ----------
-    chain : (steps, walkers, d) array
-        A walker that has not moved yet has none: the chain then counts as one draw.
-
-    Returns
-    -------
-    float
-        [steps]
+    `chain` (steps, walkers, d): A walker that has not moved yet has none: the chain then counts as
+    one draw. Returns [steps].
 
     Examples
     --------
@@ -95,24 +88,7 @@ def diagnose_chains(
     Plain R-hat over walkers raises false alarms on perfect ensembles and misses one that is stuck
     (Margossian et al. 2024); ensembles are what is independent here.
 
-    Parameters
-    ----------
-    samples : (ensembles, walkers, draws, d) array
-        Without warm-up.
-    tau : float
-        Integrated autocorrelation time [steps].
-    evaluations : int
-        Of the posterior density.
-    seconds : float
-        Wall time [s].
-    acceptance : float
-        Share of the proposals that were accepted.
-    discarded : int
-        Steps of warm-up.
-
-    Returns
-    -------
-    Diagnostics
+    `samples` (ensembles, walkers, draws, d); `tau` [steps]; `seconds` [s].
     """
     from arviz_base import from_dict
     from arviz_stats import ess, rhat_nested

@@ -37,24 +37,9 @@ def descend(
 ) -> tuple[Point, float]:
     """The minimum that a descent from a point reaches, and its objective.
 
-    Parameters
-    ----------
-    model : Model
-    point : Point
-        Where it begins.
-    white : Whitening
-        The noise.
-    free : (f,) array of int
-        Indices of the parameters that may move. Those of stochastic effects among them go where the
-        evidence is largest, the others to the minimum that belongs to them.
-    **stop : float
-        When to stop, as of `dogleg`.
-
-    Returns
-    -------
-    point : Point
-    objective : float
-        Half the sum of all whitened squares, priors included.
+    `free` (f,): indices of the parameters that may move. Those of stochastic effects among them go
+    where the evidence is largest, the others to the minimum that belongs to them. Returns
+    `objective`: half the sum of all whitened squares, priors included.
     """
     shaped = without_hyperparameters(model, free)
     if len(shaped) < len(free):
@@ -70,15 +55,6 @@ def descend(
 
 def roughly(stop: Mapping[str, Any]) -> dict[str, Any]:
     """When to stop where a descent as asked for follows.
-
-    Parameters
-    ----------
-    stop : mapping
-        When that one stops, as of `dogleg`.
-
-    Returns
-    -------
-    dict
 
     Examples
     --------
@@ -125,24 +101,8 @@ def minimum_from(
 ) -> tuple[Point, float]:
     """The minimum of an objective that a descent in the chart of J reaches.
 
-    Parameters
-    ----------
-    model : Model
-    point : Point
-        Where it begins.
-    free : (f,) array of int
-        Indices of the parameters that may move.
-    objective : callable
-        From a point to what is to be small.
-    information : callable
-        From a point to the normal equations there, without priors.
-    **stop : float
-        When to stop, as of `dogleg`.
-
-    Returns
-    -------
-    point : Point
-    objective : float
+    `free` (f,). `objective`: from a point to what is to be small. `information`: from a point to
+    the normal equations there, without priors.
     """
     return dogleg(
         objective,

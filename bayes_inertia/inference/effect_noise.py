@@ -33,16 +33,7 @@ class EffectNoise(NamedTuple):
 def noise_of_effects(model: Model, theta: np.ndarray) -> tuple[EffectNoise, ...]:
     """What a model's effects add to readings that are compared.
 
-    Parameters
-    ----------
-    model : Model
-    theta : (d,) array
-        Its parameters: they hold the sizes and times.
-
-    Returns
-    -------
-    tuple of EffectNoise
-        Of sizes above zero.
+    `theta` (d,).
 
     Examples
     --------
@@ -67,15 +58,7 @@ def noise_of_effects(model: Model, theta: np.ndarray) -> tuple[EffectNoise, ...]
 def effects_between_knots(model: Model, theta: np.ndarray) -> tuple[EffectNoise, ...]:
     """Those of `noise_of_effects` whose coefficients are values of the rates' errors on knots.
 
-    Parameters
-    ----------
-    model : Model
-    theta : (d,) array
-
-    Returns
-    -------
-    tuple of EffectNoise
-        What they do between knots is filtered out of the readings.
+    `theta` (d,). Returns: what they do between knots is filtered out of the readings.
     """
     every = noise_of_effects(model, theta)
     return tuple(each for each in every if each.noise.channel == "rate" and each.noise.knots)

@@ -85,49 +85,21 @@ class EvidenceMove(MHMove):
     def log_density(self, x: np.ndarray, degrees: float | None = None) -> np.ndarray:
         """Log density of the linearised model, up to a constant.
 
-        Parameters
-        ----------
-        x : (n, d) array
-            Points.
-        degrees : float, optional
-            Of freedom, given sizes; those of this move where none are given.
-
-        Returns
-        -------
-        (n,) array
+        `x` (n, d). `degrees`: of freedom, given sizes; those of this move where none are given.
+        Returns (n,).
         """
         given = _given(self.evidence, self.evidence.standardised(x))
         return self._log_density(x, given, self.degrees if degrees is None else degrees)
 
     def with_degrees(self, degrees: float) -> EvidenceMove:
-        """The same sizes and the same normal distribution given them, with other tails.
-
-        Parameters
-        ----------
-        degrees : float
-            Of freedom.
-
-        Returns
-        -------
-        EvidenceMove
-        """
+        """The same sizes and the same normal distribution given them, with other tails."""
         return EvidenceMove(self.evidence, self.sizes, degrees)
 
     def draw(self, random: np.random.RandomState, n: int, *, stretch: float = 1.0) -> np.ndarray:
         """Draw from the linearised model.
 
-        Parameters
-        ----------
-        random : numpy.random.RandomState
-            Source of the draws.
-        n : int
-            How many.
-        stretch : float
-            Multiplies their distance from the mean (for over-dispersed starts).
-
-        Returns
-        -------
-        (n, d) array
+        `stretch`: multiplies their distance from the mean (for over-dispersed starts). Returns (n,
+        d).
         """
         standardised = self.sizes.draw(random, n)
         standardised, given = self._moved(
@@ -212,19 +184,7 @@ def _given(evidence: Evidence, standardised: np.ndarray) -> GivenSizes:
 
 
 def explored_sizes(evidence: Evidence, random: np.random.RandomState) -> SizeProposal:
-    """The distribution of sizes by their evidence, explored by a short ensemble.
-
-    Parameters
-    ----------
-    evidence : Evidence
-        Around the maximum; all its parameters are free.
-    random : numpy.random.RandomState
-        Source of the exploration.
-
-    Returns
-    -------
-    SizeProposal
-    """
+    """The distribution of sizes by their evidence, explored by a short ensemble."""
     begin = evidence.standardised(evidence.point.theta)
     walkers = max(_WALKERS, 2 * len(begin))
     starts = begin + 0.3 * random.standard_normal((walkers, len(begin)))

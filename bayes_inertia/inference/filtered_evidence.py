@@ -120,17 +120,8 @@ class FilteredEvidence:
     ) -> np.ndarray:
         """The log evidence for sets of processes beside what the campaign states.
 
-        Parameters
-        ----------
-        settings : sequence of sequences of ReadingNoise
-            An empty set is the noise without them.
-        as_stated : bool, optional
-            Whether the white noise is as stated, and not as used; then no set may be empty.
-
-        Returns
-        -------
-        (len(settings),) array
-            Up to one constant.
+        `as_stated`: whether the white noise is as stated, and not as used; then no set may be
+        empty.
         """
         covariance = self.level**2 * rate_noise_covariance(self.model, self.point.theta)
         white = 1.0 / self.level**2 if as_stated else 1.0

@@ -71,24 +71,10 @@ def evidence_peak(
 ) -> EvidencePeak:
     """Climb to the largest evidence.
 
-    Parameters
-    ----------
-    evidence : FilteredEvidence
-    processes : callable
-        From parameters (h,) in prior sds to the processes.
-    begin : (h,) array
-        Where to begin [prior sd].
-    prior_precision : (h,) array
-        1 where a parameter has its prior, 0 where the prior is flat in its logarithm.
-    as_stated : bool, optional
-        As of `FilteredEvidence.log_evidence`.
-    between_slews : callable, optional
-        From parameters (n, h) to log evidence (n,) that the filter, which begins anew in every
-        slew, does not count.
-
-    Returns
-    -------
-    EvidencePeak
+    `begin` (h,) [prior sd]. `processes`: from parameters (h,) in prior sds to the processes.
+    `prior_precision` (h,): 1 where a parameter has its prior, 0 where the prior is flat in its
+    logarithm. `between_slews`: from parameters (n, h) to log evidence (n,) that the filter, which
+    begins anew in every slew, does not count.
     """
 
     def values(points: np.ndarray) -> np.ndarray:
@@ -130,15 +116,7 @@ def _lifted(curvature: np.ndarray) -> np.ndarray:
 def filtered_parameters(model: Model, theta: np.ndarray) -> np.ndarray:
     """Parameters of effects whose processes are filtered between their knots.
 
-    Parameters
-    ----------
-    model : Model
-    theta : (d,) array
-
-    Returns
-    -------
-    (h,) array of int
-        Indices; empty without such effects.
+    `theta` (d,). Returns (h,).
     """
     slices = [model.space.slice_of(each.effect) for each in effects_between_knots(model, theta)]
     return np.concatenate([np.zeros(0, int), *(np.arange(s.start, s.stop) for s in slices)])
@@ -149,23 +127,9 @@ def with_filtered_sizes(
 ) -> tuple[Point, float]:
     """The point with the sizes and times that the whole processes favour.
 
-    Parameters
-    ----------
-    model : Model
-    point : Point
-        Where derivatives are taken.
-    white : Whitening
-        The noise as used.
-    free : (f,) array of int
-        Indices of the parameters that may move.
-
-    Returns
-    -------
-    point : Point
-        Its coefficients are what they were, whitened anew.
-    change : float
-        By how much the parameters moved, the largest [prior sd, or a fifth of its own sd where
-        that is larger]; 0 without such effects.
+    `free` (f,). Returns `point`: its coefficients are what they were, whitened anew; `change`: by
+    how much the parameters moved, the largest [prior sd, or a fifth of its own sd where that is
+    larger]; 0 without such effects.
     """
     learnt = np.intersect1d(filtered_parameters(model, point.theta), free)
     if not len(learnt):
@@ -188,19 +152,7 @@ def with_filtered_sizes(
 
 
 def noise_level_used(model: Model, point: Point, white: Whitening) -> float:
-    """Noise of the rates as used over noise as stated, over all slews.
-
-    Parameters
-    ----------
-    model : Model
-    point : Point
-    white : Whitening
-        The noise as used.
-
-    Returns
-    -------
-    float
-    """
+    """Noise of the rates as used over noise as stated, over all slews."""
     used = np.square(np.asarray(white.rate)).sum((2, 3))
     stated = np.trace(np.linalg.inv(rate_noise_covariance(model, point.theta)))
     measured = used > 0.0

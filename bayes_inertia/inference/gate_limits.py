@@ -23,10 +23,6 @@ OBSERVABLE_ABOVE = 0.5
 def criteria() -> dict[str, float]:
     """The limits, as they are kept with every result.
 
-    Returns
-    -------
-    dict of float
-
     Examples
     --------
     >>> criteria()["nested_rhat_below"]

@@ -57,20 +57,9 @@ def check_gates(
 ) -> list[dict[str, Any]]:
     """Judge a fit.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        Its residuals are judged.
-    diagnostics : Diagnostics
-        Of the samples.
-    context : FitContext, optional
-        What a diagnosis said before: the noise that was taken, and whether something stayed
-        unknown.
-
-    Returns
-    -------
-    list of dict
-        One a gate: its `name`, whether it is `passed`, and what it `says`, in plain words.
+    `context`: what a diagnosis said before: the noise that was taken, and whether something stayed
+    unknown. Returns: one a gate: its `name`, whether it is `passed`, and what it `says`, in plain
+    words.
     """
     context = context or FitContext()
     gates = [_converged(diagnostics), _explained(estimate, context), prior_gate(estimate)]
@@ -129,15 +118,7 @@ def prior_gate(estimate: Estimate) -> dict[str, Any]:
 
     A posterior that leaves its prior is a finding, not a result: a unit or a prior is wrong.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        Its J and K are judged, each for itself and all together.
-
-    Returns
-    -------
-    dict
-        `name`, `passed`, and what it `says`.
+    `estimate`: its J and K are judged, each for itself and all together.
     """
     space, theta = estimate.model.space, estimate.theta
     distance = ((theta - space.mean) / space.sd)[:N_BASE]

@@ -33,27 +33,8 @@ def gentle_descents(
     Effects without a fixed shape stay away: while the data count weakly they have nothing to
     explain, and their many coefficients cost time.
 
-    Parameters
-    ----------
-    model : Model
-    seed : int
-        Of the further starts.
-    starts : int
-        How many, the first at the prior mean, others drawn from the prior; more where none comes
-        near the data.
-    start : (d,) array or None
-        Where to begin instead.
-    free : (f,) array of int
-        Indices of the parameters that may move.
-
-    Returns
-    -------
-    list of (float, Point)
-
-    Raises
-    ------
-    EstimateError
-        If no start gave finite residuals.
+    `start` (d,); `free` (f,). `starts`: how many, the first at the prior mean, others drawn from
+    the prior; more where none comes near the data.
     """
     if not model.structure.hyperparameters:
         return _descents(model, seed, starts, start, free)

@@ -20,23 +20,8 @@ def hat_traces(
 ) -> np.ndarray:
     """Trace of the hat matrix over each channel's rows.
 
-    Parameters
-    ----------
-    information : Information
-        Normal equations of the fit.
-    n_local : int
-        Nuisances of one slew.
-    covariance : (unknowns, unknowns) array
-        Of (theta[free], bias, all local nuisances).
-    counted : (f,) array of bool, optional
-        Which of theta[free] count; all by default.
-    nuisances : (n_local,) array of bool, optional
-        Which of a slew's nuisances are paid for; all by default. The others act all the same.
-
-    Returns
-    -------
-    (3,) array
-        By channel, how many parameters it pays for.
+    `covariance` (unknowns, unknowns) [free]; `counted` (f,) [free]. `nuisances` (n_local,): which
+    of a slew's nuisances are paid for; all by default. The others act all the same. Returns (3,).
     """
     total = np.zeros(len(CHANNELS))
     for s, block in enumerate(information.matrix):

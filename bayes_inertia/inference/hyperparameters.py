@@ -52,16 +52,7 @@ _LEAST_SHARE = 0.02
 def without_hyperparameters(model: Model, free: np.ndarray) -> np.ndarray:
     """Parameters that change the signal of an effect, not only the prior of its coefficients.
 
-    Parameters
-    ----------
-    model : Model
-    free : (f,) array of int
-        Indices of parameters.
-
-    Returns
-    -------
-    (g,) array of int
-        The very array where the model has no stochastic effect.
+    `free` (f,). Returns (g,): the very array where the model has no stochastic effect.
     """
     fixed = model.structure.hyperparameters
     return free if not fixed else free[~np.isin(free, fixed)]
@@ -182,16 +173,7 @@ class Evidence:
     def negative_log(self, standardised: np.ndarray) -> tuple[float, np.ndarray]:
         """Minus the log evidence and log prior, up to a constant.
 
-        Parameters
-        ----------
-        standardised : (h,) array
-            The learnt parameters [prior sd].
-
-        Returns
-        -------
-        value : float
-        slope : (h,) array
-            Its derivative.
+        `standardised` (h,) [prior sd]. Returns `slope` (h,).
         """
         sought = np.isin(self._all_learnt.learnt, self.learnt)
         at = self._all_learnt.standardised(self.point.theta)
@@ -248,16 +230,7 @@ class GivenSizes(NamedTuple):
 def given_sizes(structure: Structure, frozen: FrozenEvidence, standardised: Array) -> GivenSizes:
     """What the data say of J, K and the like for given parameters of stochastic effects.
 
-    Parameters
-    ----------
-    structure : Structure
-    frozen : FrozenEvidence
-    standardised : (n, h) array
-        The learnt parameters [prior sd].
-
-    Returns
-    -------
-    GivenSizes
+    `standardised` (n, h) [prior sd].
     """
 
     def at(standardised: Array) -> GivenSizes:
@@ -278,20 +251,7 @@ PROGRAMS = (_negative_log, given_sizes)
 def evidence_at(model: Model, point: Point, white: Whitening, free: np.ndarray) -> Evidence:
     """The evidence around a point.
 
-    Parameters
-    ----------
-    model : Model
-        With stochastic effects.
-    point : Point
-        Where.
-    white : Whitening
-        The noise.
-    free : (f,) array of int
-        Indices of the parameters that may move.
-
-    Returns
-    -------
-    Evidence
+    `free` (f,).
     """
     shaped = without_hyperparameters(model, free)
     information = information_blocks(model, point, white, shaped)
@@ -301,16 +261,8 @@ def evidence_at(model: Model, point: Point, white: Whitening, free: np.ndarray) 
 def most_probable(evidence: Evidence) -> tuple[Point, float]:
     """The parameters of stochastic effects that the data favour.
 
-    Parameters
-    ----------
-    evidence : Evidence
-
-    Returns
-    -------
-    point : Point
-        With them; its coefficients are what they were, whitened anew.
-    change : float
-        By how much the parameters moved, the largest [prior sd].
+    Returns `point`: with them; its coefficients are what they were, whitened anew; `change`: by how
+    much the parameters moved, the largest [prior sd].
     """
     begin = evidence.standardised(evidence.point.theta)
     bounds = [(-_FARTHEST, _FARTHEST)] * len(begin)
@@ -324,17 +276,7 @@ def most_probable(evidence: Evidence) -> tuple[Point, float]:
 def with_sizes(model: Model, point: Point, theta: np.ndarray) -> Point:
     """The same signals where their prior is another.
 
-    Parameters
-    ----------
-    model : Model
-    point : Point
-    theta : (d,) array
-        With other parameters of stochastic effects.
-
-    Returns
-    -------
-    Point
-        Its coefficients are what they were, whitened anew.
+    `theta` (d,).
     """
     contexts, n = model.data.contexts, model.structure.n_start
     before, after = (prior_roots(model.structure, x, contexts) for x in (point.theta, theta))
@@ -352,20 +294,8 @@ def information_with_learnt(
     What the evidence tells of them is shared out evenly to slews and counted as of the first
     channel; they are taken as independent of everything else, which is right to first order.
 
-    Parameters
-    ----------
-    model : Model
-    point : Point
-        The maximum.
-    white : Whitening
-        The noise.
-    free : (f,) array of int
-        Indices of the parameters that may move.
-
-    Returns
-    -------
-    Information
-        As of `information_blocks` where no parameter of a stochastic effect is among them.
+    `free` (f,). Returns: as of `information_blocks` where no parameter of a stochastic effect is
+    among them.
     """
     if len(without_hyperparameters(model, free)) == len(free):
         return information_blocks(model, point, white, free)

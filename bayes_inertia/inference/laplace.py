@@ -271,14 +271,7 @@ def plain_series(estimate: Estimate) -> dict[str, list[np.ndarray]]:
 
     Wandering of the gyro's bias that the campaign states is taken out.
 
-    Parameters
-    ----------
-    estimate : Estimate
-
-    Returns
-    -------
-    dict of list of (rows, components) arrays
-        By channel and slew; NaN where nothing was measured.
+    Returns (rows, components): by channel and slew; NaN where nothing was measured.
     """
     model = estimate.model
     covariance = rate_noise_covariance(model, estimate.theta)
@@ -289,17 +282,7 @@ def plain_series(estimate: Estimate) -> dict[str, list[np.ndarray]]:
 
 
 def marginal(estimate: Estimate) -> Marginal:
-    """What the marginal log posterior needs, frozen at an estimate.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        Of all parameters (none held).
-
-    Returns
-    -------
-    Marginal
-    """
+    """What the marginal log posterior needs, frozen at an estimate."""
     model, point = estimate.model, estimate.point
     d = len(point.theta)
     nuisance = estimate.hessian[d:, d:]
@@ -333,17 +316,7 @@ def _coefficients(estimate: Estimate, columns: Residuals) -> CoefficientPart:
 def principal_sd(estimate: Estimate, covariance: np.ndarray) -> np.ndarray:
     """Standard deviations of the principal moments by linear propagation: dI_i = v_i^T dJ v_i.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        Gives the principal axes v_i.
-    covariance : (d, d) array
-        Of theta.
-
-    Returns
-    -------
-    (3,) array
-        [kg m^2], smallest moment first.
+    `covariance` (d, d). Returns (3,) [kg m^2].
     """
     tensor = inertia_tensor.tensor(estimate.theta[:6])
     _, axes = np.linalg.eigh(tensor)

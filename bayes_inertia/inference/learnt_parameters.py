@@ -33,14 +33,7 @@ class LearntParameters:
     def standardised(self, theta: np.ndarray) -> np.ndarray:
         """The learnt parameters of all.
 
-        Parameters
-        ----------
-        theta : (..., d) array
-
-        Returns
-        -------
-        (..., h) array
-            In prior sds from the centre.
+        `theta` (..., d). Returns (..., h).
         """
         value, logarithmic = np.asarray(theta)[..., self.learnt], self.priors["logarithmic"]
         value = np.where(logarithmic, np.log(np.where(logarithmic, value, 1.0)), value)
@@ -49,16 +42,7 @@ class LearntParameters:
     def put(self, theta: np.ndarray, standardised: np.ndarray) -> np.ndarray:
         """All parameters, with other values of the learnt ones.
 
-        Parameters
-        ----------
-        theta : (d,) array
-            All of them.
-        standardised : (..., h) array
-            The learnt ones.
-
-        Returns
-        -------
-        (..., d) array
+        `theta` (d,); `standardised` (..., h). Returns (..., d).
         """
         priors, standardised = self.priors, np.asarray(standardised)
         value, logarithmic = priors["mean"] + priors["scale"] * standardised, priors["logarithmic"]

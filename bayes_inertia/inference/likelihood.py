@@ -88,19 +88,7 @@ def whitened(
 ) -> Residuals:
     """Measured minus predicted, whitened and flattened.
 
-    Parameters
-    ----------
-    structure : Structure
-    prediction : Prediction
-        Of one slew, or of all with a leading axis.
-    telemetry : Telemetry
-        What was measured, likewise.
-    white : Whitening
-        The noise, likewise.
-
-    Returns
-    -------
-    Residuals
+    `prediction`: of one slew, or of all with a leading axis.
     """
     gap = telemetry.rate - prediction.rate
     rate = jnp.stack(
@@ -117,22 +105,7 @@ def whitened(
 
 
 def residuals(structure: Structure, point: Point, data: Data, white: Whitening) -> Residuals:
-    """Whitened residuals of all slews.
-
-    Parameters
-    ----------
-    structure : Structure
-    point : Point
-        Where.
-    data : Data
-    white : Whitening
-        The noise.
-
-    Returns
-    -------
-    Residuals
-        Arrays of numpy, unless JAX transforms the caller.
-    """
+    """Whitened residuals of all slews."""
     program = partial(_filtered, _plain_residuals, structure)
     if is_traced(point, data, white):
         return program(point, data, white)
@@ -187,21 +160,8 @@ def sensitivities(
 ) -> Sensitivities:
     """Residuals and their exact derivatives.
 
-    Parameters
-    ----------
-    structure : Structure
-    point : Point
-        Where.
-    data : Data
-    white : Whitening
-        The noise.
-    columns : (p,) array of int, optional
-        With respect to which of (theta, bias, each slew's own nuisances), d + 3 + n_local
-        numbers; None for all.
-
-    Returns
-    -------
-    Sensitivities
+    `columns` (p,): with respect to which of (theta, bias, each slew's own nuisances), d + 3 +
+    n_local numbers; None for all.
     """
     program = partial(_filtered, _plain_sensitivities, structure)
     if is_traced(point, data, white):
@@ -272,20 +232,7 @@ def padded_sensitivities(
     Columns are taken some at a time; the last one is repeated to fill the last group. Those of
     coefficients that only sensors feel come from a program of their own, which costs less.
 
-    Parameters
-    ----------
-    model : Model
-    point : Point
-        Where.
-    white : Whitening
-        The noise.
-    free : (f,) array of int
-        Indices of parameters.
-
-    Returns
-    -------
-    Sensitivities
-        With at least f + 3 + n_local columns; what follows those is padding.
+    `free` (f,). Returns: with at least f + 3 + n_local columns; what follows those is padding.
     """
     structure, d = model.structure, model.space.size
     columns = np.concatenate([free, np.arange(d, d + 3 + structure.n_local)])
@@ -326,20 +273,7 @@ def unpadded_sensitivities(
 ) -> Sensitivities:
     """Sensitivities to everything fitted, and nothing else.
 
-    Parameters
-    ----------
-    model : Model
-    point : Point
-        Where.
-    white : Whitening
-        The noise.
-    free : (f,) array of int
-        Indices of parameters.
-
-    Returns
-    -------
-    Sensitivities
-        With f + 3 + n_local columns.
+    `free` (f,).
     """
     padded = padded_sensitivities(model, point, white, free)
     p = len(free) + 3 + model.structure.n_local
@@ -358,20 +292,7 @@ def information_blocks(
 ) -> Information:
     """Normal equations of every slew and channel at one point.
 
-    Parameters
-    ----------
-    model : Model
-    point : Point
-        Where.
-    white : Whitening
-        The noise.
-    free : (f,) array of int, optional
-        Indices of the parameters that may move; None for all.
-
-    Returns
-    -------
-    Information
-        Arrays of numpy.
+    `free` (f,): indices of the parameters that may move; None for all.
     """
     free = np.arange(model.space.size) if free is None else np.asarray(free)
     matrix, gradient, chi2 = _normal_equations(padded_sensitivities(model, point, white, free))

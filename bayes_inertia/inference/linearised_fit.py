@@ -93,15 +93,7 @@ class LinearisedFit:
     def index(self, slew: int) -> np.ndarray:
         """Where the unknowns of one slew stand in the joint vector.
 
-        Parameters
-        ----------
-        slew : int
-            Which slew, from 0.
-
-        Returns
-        -------
-        (n_shared + n_local,) array of int
-            Indices into (theta[free], bias, all local nuisances).
+        Returns (n_shared + n_local,) [free].
         """
         return block_index(self.n_shared, self.n_local, slew)
 
@@ -114,15 +106,8 @@ class LinearisedFit:
     def normal_equations(self, weights: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Hessian and gradient of everything fitted, priors included.
 
-        Parameters
-        ----------
-        weights : (slews,) array, optional
-            Multiplies each slew's information; 0 leaves a slew out.
-
-        Returns
-        -------
-        hessian : (unknowns, unknowns) array
-        gradient : (unknowns,) array
+        `weights` (slews,): multiplies each slew's information; 0 leaves a slew out. Returns
+        `hessian` (unknowns, unknowns); `gradient` (unknowns,).
         """
         return normal_equations(self.model, self.point, self.information, weights)
 
@@ -132,15 +117,8 @@ class LinearisedFit:
         Another order of summation than `normal_equations`: with weights of one they agree to
         rounding.
 
-        Parameters
-        ----------
-        weights : (slews, 3) array
-            Multiplies the information of each slew and channel; 0 leaves it out.
-
-        Returns
-        -------
-        (unknowns, unknowns) array
-            Normal matrix of everything fitted, priors included.
+        `weights` (slews, 3): multiplies the information of each slew and channel; 0 leaves it out.
+        Returns (unknowns, unknowns).
         """
         hessian = self._prior_matrix()
         for s, block in enumerate(self.information.matrix):
@@ -154,18 +132,7 @@ class LinearisedFit:
         return inverse(self.hessian)
 
     def covariance_of(self, slew: int) -> np.ndarray:
-        """Covariance of what one slew depends on.
-
-        Parameters
-        ----------
-        slew : int
-            Which slew, from 0.
-
-        Returns
-        -------
-        (n_shared + n_local,) squared array
-            The slew's block of `covariance`.
-        """
+        """Covariance of what one slew depends on."""
         index = self.index(slew)
         return self.covariance[np.ix_(index, index)]
 
@@ -194,10 +161,7 @@ class LinearisedFit:
     def fitted_columns(self) -> tuple[np.ndarray, ...]:
         """Derivatives with respect to everything fitted only, by channel.
 
-        Returns
-        -------
-        tuple of (slews, numbers, n_shared + n_local) arrays
-            In the order of `CHANNELS`.
+        Returns (slews, numbers, n_shared + n_local).
         """
         s = unpadded_sensitivities(self.model, self.point, self.white, self.free)
         return tuple(np.asarray(j) for j in s.jacobian)
@@ -252,15 +216,7 @@ class LinearisedFit:
     def unfitted(self, signal: np.ndarray) -> np.ndarray:
         """What a signal leaves in the residuals once everything is fitted again, to first order.
 
-        Parameters
-        ----------
-        signal : (slews, numbers) array
-            What is added to the whitened data.
-
-        Returns
-        -------
-        (slews, numbers) array
-            The part that the fit cannot imitate.
+        `signal` (slews, numbers). Returns (slews, numbers).
         """
         projected_gradient = np.zeros(len(self.covariance))
         for s, change in enumerate(signal):
@@ -273,18 +229,8 @@ class LinearisedFit:
     def replicates(self, rng: np.random.Generator, n: int, noise: np.ndarray) -> np.ndarray:
         """Residuals that fits of a perfect model would leave.
 
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            Source of the noise, and of true values from their priors.
-        n : int
-            How many.
-        noise : (slews, numbers) array
-            Standard deviation of the noise in units of the noise as used.
-
-        Returns
-        -------
-        (slews, numbers, n) array
+        `rng`: source of the noise, and of true values from their priors. `noise` (slews, numbers):
+        standard deviation of the noise in units of the noise as used. Returns (slews, numbers, n).
         """
         e = rng.standard_normal((*self.residual.shape, n)) * (noise * self.valid)[..., None]
         answer = self.covariance @ self.simulated_gradient(rng, e)
@@ -298,16 +244,8 @@ class LinearisedFit:
         The true values themselves are not drawn: under wide priors they are so large that what fits
         leave of them is rounding. Noise of the priors' own precision tells the same.
 
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            Source of what the priors tell.
-        data : (slews, numbers, n) array
-            Whitened data of n campaigns, beyond what the true values make of them.
-
-        Returns
-        -------
-        (unknowns, n) array
+        `data` (slews, numbers, n): whitened data of n campaigns, beyond what the true values make
+        of them. Returns (unknowns, n).
         """
         slews, _, n = data.shape
         precision = np.concatenate([self.prior_precision, np.ones(slews * self.n_local)])
@@ -342,14 +280,8 @@ class LinearisedFit:
     def imitated(self, columns: np.ndarray) -> np.ndarray:
         """The share of columns that the fit imitates: its square is what projecting takes away.
 
-        Parameters
-        ----------
-        columns : (slews, numbers, k) array
-            Changes of the whitened residuals by what is not fitted.
-
-        Returns
-        -------
-        (unknowns, k) array
+        `columns` (slews, numbers, k): changes of the whitened residuals by what is not fitted.
+        Returns (unknowns, k).
         """
         total = np.zeros((len(self.inverse_root), columns.shape[-1]))
         for s, (fitted, change) in enumerate(zip(self._columns_to_project, columns, strict=True)):
@@ -359,17 +291,8 @@ class LinearisedFit:
     def projected_gradient(self, columns: np.ndarray, imitated: np.ndarray) -> np.ndarray:
         """Gradient of the fit towards amplitudes of columns that are not fitted.
 
-        Parameters
-        ----------
-        columns : (slews, numbers, k) array
-            Changes of the whitened residuals by what is not fitted.
-        imitated : (unknowns, k) array
-            Their `imitated` share.
-
-        Returns
-        -------
-        (k,) array
-            The projected gradient.
+        `imitated` (unknowns, k). `columns` (slews, numbers, k): changes of the whitened residuals
+        by what is not fitted. Returns (k,).
         """
         along = np.einsum("snk,sn->k", columns, self.residual)
         return -(along - imitated.T @ self.whitened_gradient)

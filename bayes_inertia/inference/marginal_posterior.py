@@ -85,14 +85,7 @@ class Marginal(NamedTuple):
 def point_on_ridge(marginal: Any, theta: Array) -> Point:
     """The nuisances that belong to theta, to first order.
 
-    Parameters
-    ----------
-    marginal : Marginal or part of it
-    theta : (d,) array
-
-    Returns
-    -------
-    Point
+    `theta` (d,).
     """
     optimum = marginal.optimum
     shift = theta - optimum.theta
@@ -208,16 +201,7 @@ def log_posterior_of(structure: Structure, marginal: Marginal, theta: Array) -> 
 
     Differentiable. `log_posterior` is the compiled version for batches.
 
-    Parameters
-    ----------
-    structure : Structure
-    marginal : Marginal
-    theta : (d,) array
-
-    Returns
-    -------
-    () array
-        -inf where J is unphysical or a prior ends.
+    `theta` (d,). Returns: -inf where J is unphysical or a prior ends.
     """
     pull = _Pull(*(getattr(marginal, key) for key in _Pull._fields))
     safe = _safe(theta[None], jnp.asarray(marginal.optimum.theta))[0]
@@ -228,16 +212,7 @@ def log_posterior_of(structure: Structure, marginal: Marginal, theta: Array) -> 
 def log_posterior(structure: Structure, marginal: Marginal, thetas: np.ndarray) -> np.ndarray:
     """The compiled marginal log posterior.
 
-    Parameters
-    ----------
-    structure : Structure
-    marginal : Marginal
-    thetas : (batch, d) array
-
-    Returns
-    -------
-    (batch,) array
-        Log densities.
+    `thetas` (batch, d). Returns (batch,).
     """
     return _compiled(structure, marginal)(np.asarray(thetas))
 
@@ -313,17 +288,7 @@ def conditional_point(
 ) -> Point:
     """theta with nuisances drawn from their posterior given theta.
 
-    Parameters
-    ----------
-    structure : Structure
-    marginal : Marginal
-    theta : (d,) array
-    noise : (3 + slews n_local,) array
-        Standard normal numbers; zeros give the conditional mean.
-
-    Returns
-    -------
-    Point
+    `theta` (d,); `noise` (3 + slews n_local,).
     """
     theta, optimum = np.asarray(theta), jax.tree.map(np.asarray, marginal.optimum)
     at = theta.copy()
@@ -350,38 +315,12 @@ def conditional_point(
 
 
 def log_density_of(structure: Structure, marginal: Marginal, *, batch: int) -> LogDensity:
-    """The compiled marginal log posterior for arrays of numpy of any length.
-
-    Parameters
-    ----------
-    structure : Structure
-    marginal : Marginal
-    batch : int
-        Draws evaluated at once.
-
-    Returns
-    -------
-    callable
-        From thetas (n, d) to log densities (n,).
-    """
+    """The compiled marginal log posterior for arrays of numpy of any length."""
     return in_batches(_compiled(structure, marginal), batch)
 
 
 def in_batches(compiled: Callable[[Any], Any], batch: int) -> LogDensity:
-    """A compiled density for arrays of numpy of any length.
-
-    Parameters
-    ----------
-    compiled : callable
-        From thetas (batch, d) to log densities (batch,).
-    batch : int
-        Draws evaluated at once.
-
-    Returns
-    -------
-    callable
-        From thetas (n, d) to log densities (n,).
-    """
+    """A compiled density for arrays of numpy of any length."""
 
     def log_density(thetas: np.ndarray) -> np.ndarray:
         n = len(thetas)

@@ -21,15 +21,8 @@ def with_modelled_outliers(estimate: Estimate) -> Estimate:
     A reading counts as one where Gaussian noise of the spread that the middle of its channel shows
     would not reach once in a thousand campaigns.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        With the noise that its model was asked for.
-
-    Returns
-    -------
-    Estimate
-        The same but for the records of its campaign; the very object where there is none.
+    `estimate`: with the noise that its model was asked for. Returns: the same but for the records
+    of its campaign; the very object where there is none.
     """
     records = _records(estimate)
     if not records:

@@ -109,23 +109,11 @@ def colour_of(
 ) -> Colour | None:
     """The correlated noise that residuals of the rates show.
 
-    Parameters
-    ----------
-    slews : sequence of Slew
-        The slews, for their times and their motion.
-    residuals : sequence of (rows, 3) arrays
-        In stated sigmas, white where the noise is as stated; NaN where nothing was measured.
-    slow : bool
-        Whether slow components count, too: where effects are not taken for noise by other means.
-    alike : bool
-        Whether the noise must be alike at rest and in motion, and in all slews, and clearly not
-        white. False where its cause is known.
-
-    Returns
-    -------
-    Colour or None
-        None where the noise is white, or where what looks like noise is not alike in all slews,
-        at rest and in motion.
+    `residuals` (rows, 3): in stated sigmas, white where the noise is as stated; NaN where nothing
+    was measured. `slow`: whether slow components count, too: where effects are not taken for noise
+    by other means. `alike`: whether the noise must be alike at rest and in motion, and in all
+    slews, and clearly not white. False where its cause is known. Returns: none where the noise is
+    white, or where what looks like noise is not alike in all slews, at rest and in motion.
     """
     axes, gain, parameters = [], 0.0, 0
     for axis in range(3):
@@ -164,17 +152,7 @@ def _spacing_of_readings(slews: Sequence[Slew], residuals: Sequence[np.ndarray])
 def stretches_of(slews: Sequence[Slew], residuals: Sequence[np.ndarray]) -> list[Stretch]:
     """Cut residuals of one axis into stretches of rest and of motion.
 
-    Parameters
-    ----------
-    slews : sequence of Slew
-        Their rates say where the body rests.
-    residuals : sequence of (rows,) arrays
-        NaN where nothing was measured.
-
-    Returns
-    -------
-    list of Stretch
-        Those that are long enough to tell something.
+    `residuals` (rows,).
     """
     stretches = []
     for slew, values in zip(slews, residuals, strict=True):
@@ -189,15 +167,7 @@ def stretches_of(slews: Sequence[Slew], residuals: Sequence[np.ndarray]) -> list
 def at_rest(slew: Slew) -> np.ndarray:
     """Rows in which the body hardly turns.
 
-    Parameters
-    ----------
-    slew : Slew
-        With rates.
-
-    Returns
-    -------
-    (n,) array of bool
-        A few rows of rest amid motion count as motion, and the other way round.
+    Returns (n,): A few rows of rest amid motion count as motion, and the other way round.
     """
     rows, rates = slew.complete_rates()
     if not len(rows):
@@ -214,16 +184,7 @@ def at_rest(slew: Slew) -> np.ndarray:
 def gauss_markov_noise(series: Sequence[np.ndarray], *, slow: bool = False) -> ColourOfAxis:
     """White and Gauss-Markov noise that fast components of series show.
 
-    Parameters
-    ----------
-    series : sequence of (n,) arrays
-        Of even spacing.
-    slow : bool
-        Whether slow components count, too.
-
-    Returns
-    -------
-    ColourOfAxis
+    `series` (n,).
 
     Examples
     --------
@@ -326,17 +287,8 @@ def _gain_apart(
 def is_alike_everywhere(slews: Sequence[Slew], residuals: Sequence[np.ndarray]) -> bool:
     """Whether fast noise is as strong in all slews, and at rest as in motion.
 
-    Parameters
-    ----------
-    slews : sequence of Slew
-        Their rates say where the body rests.
-    residuals : sequence of (rows, components) arrays
-        White but for what the model misses; NaN where nothing was measured.
-
-    Returns
-    -------
-    bool
-        Also where there are too few numbers to tell.
+    `residuals` (rows, components): white but for what the model misses; NaN where nothing was
+    measured. Returns: also where there are too few numbers to tell.
     """
     statistic, freedom = 0.0, 0
     for component in range(residuals[0].shape[1]):

@@ -47,21 +47,10 @@ def rate_noise_memory(
 ) -> Memory | None:
     """What the noise of each rate reading keeps of those before.
 
-    Parameters
-    ----------
-    model : Model
-        Its campaign says how the noise is correlated. What its effects estimate is none of it.
-    covariance : (3, 3) array
-        Of one reading's noise, its bias' wandering left out [rad^2/s^2].
-    more : sequence of ReadingNoise
-        What effects add to the rates. Of those with knots what is left between them.
-    measured : bool
-        Whether correlated noise that was measured counts, beside what is stated.
-
-    Returns
-    -------
-    Memory or None
-        None where the noise is white.
+    `model`: its campaign says how the noise is correlated. What its effects estimate is none of it.
+    `covariance` (3, 3): of one reading's noise, its bias' wandering left out [rad^2/s^2]. `more`:
+    what effects add to the rates. Of those with knots what is left between them. `measured`:
+    whether correlated noise that was measured counts, beside what is stated.
     """
     memory = rate_noise_memories(model, covariance, [more], measured=measured)
     return None if memory is None else Memory(*(x[0] for x in memory))
@@ -77,22 +66,9 @@ def rate_noise_memories(
 ) -> Memory | None:
     """As `rate_noise_memory`, for several sets of what effects add.
 
-    Parameters
-    ----------
-    model : Model
-    covariance : (3, 3) array
-        Of one reading's noise, its bias' wandering left out [rad^2/s^2].
-    settings : sequence of sequences of ReadingNoise
-        Each with as many processes as the others.
-    measured : bool
-        As there.
-    white : float
-        Variance of the white noise, in units of `covariance`.
-
-    Returns
-    -------
-    Memory or None
-        With the settings as leading axis; None where the noise is white and as `covariance` says.
+    `covariance` (3, 3): of one reading's noise, its bias' wandering left out [rad^2/s^2]. `white`:
+    variance of the white noise, in units of `covariance`. Returns: with the settings as leading
+    axis; None where the noise is white and as `covariance` says.
     """
     # Whitened readings have one over these as sigmas.
     variance = 1.0 / np.diagonal(np.linalg.inv(covariance))
@@ -119,19 +95,7 @@ def _joined(processes: Sequence[_Process]) -> _Process:
 
 
 def momentum_noise_memory(model: Model, noise: Sequence[ReadingNoise]) -> Memory | None:
-    """What the noise of each tachometer reading keeps of those before.
-
-    Parameters
-    ----------
-    model : Model
-    noise : sequence of ReadingNoise
-        What effects add to the readings.
-
-    Returns
-    -------
-    Memory or None
-        None where the noise is white.
-    """
+    """What the noise of each tachometer reading keeps of those before."""
     if not noise:
         return None
     variance = np.square([wheel.momentum_sigma or np.inf for wheel in model.campaign.wheels])

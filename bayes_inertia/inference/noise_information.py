@@ -71,13 +71,7 @@ class NoiseTask:
     def values(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Scales (inflated) and degrees of freedom of the channels.
 
-        Parameters
-        ----------
-        theta : (d,) array
-
-        Returns
-        -------
-        scales, degrees : (3,) arrays
+        `theta` (d,). Returns `scales, degrees` (3,).
         """
         scales, degrees = noise_values(self.rules, theta)
         return np.array(scales, float) * self.inflation, np.array(degrees, float)
@@ -97,17 +91,6 @@ def objective(task: NoiseTask, point: Point) -> float:
     """Minus the log posterior of everything, up to a constant.
 
     Log-normal parameters count by the density of their logarithm.
-
-    Parameters
-    ----------
-    task : NoiseTask
-    point : Point
-        Where.
-
-    Returns
-    -------
-    float
-        Infinite outside the physical tensors.
     """
     model = task.model
     if not bool(inertia_tensor.is_physical(jnp.asarray(point.theta[:6]))):
@@ -161,20 +144,9 @@ def _of_location(
 def information(task: NoiseTask, point: Point, free: np.ndarray) -> tuple[Information, np.ndarray]:
     """Normal equations of every slew and channel, and what a reading counts.
 
-    Parameters
-    ----------
-    task : NoiseTask
-    point : Point
-        Where.
-    free : (f,) array of int
-        Indices of the parameters that may move.
-
-    Returns
-    -------
-    information : Information
-        Its `chi2` are weighted squares in stated sigmas, times the factor below.
-    factor : (slews, 3) array
-        Information of a reading over that of Gaussian noise of the stated sigma.
+    `free` (f,). Returns `information`: its `chi2` are weighted squares in stated sigmas, times the
+    factor below; `factor` (slews, 3): information of a reading over that of Gaussian noise of the
+    stated sigma.
     """
     model, rules = task.model, task.rules
     scales, degrees = task.values(point.theta)

@@ -28,16 +28,9 @@ def noise_factors(estimate: Estimate) -> dict[str, float]:
 
     Smaller noise than stated is left alone: it makes the result cautious, not wrong.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit; its residuals are in stated sigmas. Processes of readings that it knows of are
-        filtered out of them.
-
-    Returns
-    -------
-    dict
-        {channel: factor}; 1 unless the excess is significant (four sigma).
+    `estimate`: A fit; its residuals are in stated sigmas. Processes of readings that it knows of
+    are filtered out of them. Returns: {channel: factor}; 1 unless the excess is significant (four
+    sigma).
     """
     series = dict(estimate.tested_residuals.series)
     times = [slew.time[slew.fixes] for slew in estimate.model.campaign.slews]
@@ -56,15 +49,7 @@ def white_factor(pieces: list[np.ndarray]) -> float:
     together it is the loudest one's, so that no uncertainty comes out too small. That one is
     measured from fourth differences, in which a ringing of one axis hardly counts.
 
-    Parameters
-    ----------
-    pieces : list of (rows, components) arrays
-        Series of even spacing; NaN where nothing was measured.
-
-    Returns
-    -------
-    float
-        1 unless the excess is significant.
+    `pieces` (rows, components): series of even spacing; NaN where nothing was measured.
 
     Examples
     --------
@@ -102,15 +87,7 @@ def bursts_of(time: np.ndarray) -> list[np.ndarray]:
 
     What differs between before and after a slew is not noise.
 
-    Parameters
-    ----------
-    time : (fixes,) array
-        Of the fixes [s].
-
-    Returns
-    -------
-    list of arrays of int
-        Which fixes belong together.
+    `time` (fixes,) [s].
 
     Examples
     --------

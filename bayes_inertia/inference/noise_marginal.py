@@ -6,6 +6,10 @@ n ~ N(0, 1) is exact: its normal matrix H = 1 + sum A^T A/s^2 and its determinan
 With Student-t noise it is Laplace's: n is brought to the maximum of the integrand by a fixed
 number of quasi-Newton steps (H with the mean curvature of each channel), and the determinant is
 that of the observed curvature there (Tierney and Kadane 1986, J. Am. Stat. Assoc. 81, 82).
+
+Normal matrices of nuisances: a few that all slews share, and blocks of each slew's own.
+
+Factored slew by slew (a Schur complement on what is shared), inside compiled code.
 """
 
 from __future__ import annotations
@@ -18,8 +22,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.scipy.linalg import solve_triangular
 
-from bayes_inertia.inference.arrow_matrix import ArrowFactor, drawn, factored, solved
 from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.likelihood import Residuals, whitened
@@ -86,14 +90,7 @@ class NuisanceOptimum(NamedTuple):
 def noise_marginal(estimate: Estimate) -> NoiseMarginal:
     """What the marginal log posterior needs, frozen at an estimate.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        Of all parameters, with the noise that its model was asked for.
-
-    Returns
-    -------
-    NoiseMarginal
+    `estimate`: of all parameters, with the noise that its model was asked for.
     """
     base, rules = marginal(estimate), channel_rules(estimate.model)
     root = np.sqrt(estimate.discount)
@@ -178,16 +175,7 @@ def nuisance_optimum(
 ) -> NuisanceOptimum:
     """Bring the nuisances to their best values at one theta.
 
-    Parameters
-    ----------
-    structure : Structure
-    rules : tuple of ChannelRule
-    frozen : NoiseMarginal
-    theta : (d,) array
-
-    Returns
-    -------
-    NuisanceOptimum
+    `theta` (d,).
     """
     base = frozen.base
     point = point_on_ridge(base, theta)
@@ -232,17 +220,7 @@ def log_posterior_with_noise(
 ) -> Array:
     """Marginal log posterior density of one theta, noise parameters included, up to a constant.
 
-    Parameters
-    ----------
-    structure : Structure
-    rules : tuple of ChannelRule
-    frozen : NoiseMarginal
-    theta : (d,) array
-
-    Returns
-    -------
-    () array
-        -inf where J is unphysical or a prior ends.
+    `theta` (d,). Returns: -inf where J is unphysical or a prior ends.
     """
     density = log_prior(frozen.base.prior, theta)
     allowed = inertia_tensor.is_physical(theta[:6]) & jnp.isfinite(density)
@@ -268,15 +246,7 @@ def conditional_point_with_noise(
 ) -> Callable[[np.ndarray, np.ndarray], Point]:
     """How nuisances are drawn from their posterior given theta (Laplace's normal distribution).
 
-    Parameters
-    ----------
-    estimate : Estimate
-    frozen : NoiseMarginal
-
-    Returns
-    -------
-    callable
-        From theta (d,) and standard normal numbers (3 + slews n_local,) to a point.
+    Returns: from theta (d,) and standard normal numbers (3 + slews n_local,) to a point.
     """
     structure, rules = estimate.model.structure, channel_rules(estimate.model)
 
@@ -290,17 +260,7 @@ def conditional_point_with_noise(
 def log_density_with_noise(estimate: Estimate, *, batch: int) -> LogDensity:
     """The compiled marginal log posterior for arrays of numpy of any length.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        With the noise that its model was asked for.
-    batch : int
-        Draws evaluated at once.
-
-    Returns
-    -------
-    callable
-        From thetas (n, d) to log densities (n,).
+    `estimate`: with the noise that its model was asked for.
     """
     structure, rules = estimate.model.structure, channel_rules(estimate.model)
     return in_batches(partial(_log_density, structure, rules, noise_marginal(estimate)), batch)
@@ -311,3 +271,77 @@ def _log_density(
     structure: Structure, rules: NoiseRules, frozen: NoiseMarginal, thetas: Array
 ) -> Array:
     return jax.vmap(partial(log_posterior_with_noise, structure, rules, frozen))(thetas)
+
+
+class ArrowFactor(NamedTuple):
+    """Cholesky factor of a normal matrix in the form of an arrow.
+
+    Parameters
+    ----------
+    inner : (slews, m, m) array
+        Lower triangular factors of each slew's own blocks.
+    across : (slews, m, b) array
+        Each slew's coupling to what is shared, solved by `inner`.
+    shared : (b, b) array
+        Lower triangular factor of the Schur complement.
+    log_determinant : () array
+        Of the whole matrix; NaN where it is not positive definite.
+    """
+
+    inner: Array
+    across: Array
+    shared: Array
+    log_determinant: Array
+
+
+def factored(blocks: Array, shared: int) -> ArrowFactor:
+    """Factor the normal matrix of nuisances with unit prior precision.
+
+    `blocks` (slews, k, k): information of each slew on (shared nuisances, its own), without priors.
+
+    Examples
+    --------
+    >>> float(factored(jnp.ones((1, 2, 2)), 1).log_determinant.round(6))  # log det [[2, 1], [1, 2]]
+    1.098612
+    """
+    own = blocks[:, shared:, shared:] + jnp.eye(blocks.shape[-1] - shared)
+    inner = jnp.linalg.cholesky(own)
+    across = _forward(inner, blocks[:, shared:, :shared])
+    complement = jnp.eye(shared) + blocks[:, :shared, :shared].sum(0)
+    outer = jnp.linalg.cholesky(complement - jnp.einsum("sia,sib->ab", across, across))
+    of_own = jnp.sum(jnp.log(jnp.diagonal(inner, axis1=-2, axis2=-1)))
+    of_shared = jnp.sum(jnp.log(jnp.diagonal(outer)))
+    return ArrowFactor(inner, across, outer, 2.0 * (of_own + of_shared))
+
+
+# Only with a few right-hand sides: with many the compiled solver is hundreds of times slower.
+def _forward(factor: Array, right: Array) -> Array:
+    """factor^-1 right: lower triangular (..., n, n), right-hand sides (..., n, k)."""
+    return solve_triangular(factor, right, lower=True)
+
+
+def _backward(factor: Array, right: Array) -> Array:
+    """factor^-T right, likewise."""
+    return solve_triangular(factor, right, lower=True, trans="T")
+
+
+def solved(factor: ArrowFactor, shared: Array, own: Array) -> tuple[Array, Array]:
+    """Solve for a right-hand side.
+
+    `shared` (b,); `own` (slews, m). Returns `shared` (b,); `own` (slews, m).
+    """
+    inside = _forward(factor.inner, own[..., None])[..., 0]
+    left = shared - jnp.einsum("sib,si->b", factor.across, inside)
+    x = _backward(factor.shared, _forward(factor.shared, left[:, None]))[:, 0]
+    rest = inside - jnp.einsum("sib,b->si", factor.across, x)
+    return x, _backward(factor.inner, rest[..., None])[..., 0]
+
+
+def drawn(factor: ArrowFactor, shared: Array, own: Array) -> tuple[Array, Array]:
+    """Turn standard normal numbers into draws whose covariance is the inverse of the matrix.
+
+    `shared` (b,); `own` (slews, m). Returns `shared` (b,); `own` (slews, m).
+    """
+    x = _backward(factor.shared, shared[:, None])[:, 0]
+    rest = own - jnp.einsum("sib,b->si", factor.across, x)
+    return x, _backward(factor.inner, rest[..., None])[..., 0]

@@ -42,17 +42,8 @@ class Memory(NamedTuple):
 def innovations(rate: Any, memory: Memory) -> Any:
     """Whitened residuals without what the residuals before them let expect.
 
-    Parameters
-    ----------
-    rate : (slews, n, 3, ...) array
-        Whitened residuals, or columns of their derivatives; zero where nothing was measured. Of
-        numpy, or of JAX in compiled code.
-    memory : Memory
-        Likewise.
-
-    Returns
-    -------
-    (slews, n, 3, ...) array
+    `rate` (slews, n, 3, ...): whitened residuals, or columns of their derivatives; zero where
+    nothing was measured. Of numpy, or of JAX in compiled code. Returns (slews, n, 3, ...).
 
     Examples
     --------
@@ -101,16 +92,8 @@ def _innovations(rate: Array, memory: Memory) -> Array:
 def correlated_noise(white_noise: np.ndarray, memory: Memory) -> np.ndarray:
     """Noise whose innovations are given: the inverse of `innovations`.
 
-    Parameters
-    ----------
-    white_noise : (..., slews, n, 3) array
-        Standard normal numbers.
-    memory : Memory
-
-    Returns
-    -------
-    (..., slews, n, 3) array
-        Correlated noise, in units of the white noise's sigma.
+    `white_noise` (..., slews, n, 3). Returns (..., slews, n, 3): correlated noise, in units of the
+    white noise's sigma.
     """
     decay, gain, scale = (np.asarray(x) for x in memory)
     noise = white_noise / scale

@@ -40,17 +40,8 @@ class Whitening(NamedTuple):
 def whitening(model: Model, theta: np.ndarray) -> Whitening:
     """Noise of every measurement.
 
-    Parameters
-    ----------
-    model : Model
-        Its campaign states the sigmas.
-    theta : (d,) array
-        Parameters; in the measured drive the noise of the rates depends on J and K, and what an
-        effect's process does between its knots depends on its size and time.
-
-    Returns
-    -------
-    Whitening
+    `theta` (d,): parameters; in the measured drive the noise of the rates depends on J and K, and
+    what an effect's process does between its knots depends on its size and time.
     """
     campaign, telemetry = model.campaign, model.data.arrays.telemetry
     momentum = np.zeros(telemetry.momentum.shape)
@@ -75,16 +66,7 @@ def whitening(model: Model, theta: np.ndarray) -> Whitening:
 def noise_between_knots(model: Model, theta: np.ndarray) -> tuple[ReadingNoise, ...]:
     """What a fit's effects add to the rates and its coefficients do not hold.
 
-    Parameters
-    ----------
-    model : Model
-    theta : (d,) array
-        Parameters: sizes and times.
-
-    Returns
-    -------
-    tuple of ReadingNoise
-        Empty without effects of that kind.
+    `theta` (d,).
     """
     return tuple(each.noise for each in effects_between_knots(model, theta))
 
@@ -95,16 +77,7 @@ def rate_noise_covariance(model: Model, theta: np.ndarray) -> np.ndarray:
     In the measured drive tachometer noise is an input: it shakes the predicted rate by J^-1 G dh.
     (The part of it that accumulates in the attitude is among the nuisances.)
 
-    Parameters
-    ----------
-    model : Model
-    theta : (d,) array
-        Parameters.
-
-    Returns
-    -------
-    (3, 3) array
-        [rad^2/s^2], sensor axes.
+    `theta` (d,). Returns (3, 3) [rad^2/s^2].
     """
     campaign, sensor = model.campaign, model.campaign.rate_sensor
     covariance = np.diag(np.square(sensor.sigma))
@@ -144,15 +117,7 @@ def _whiten_rows(covariance: np.ndarray, valid: np.ndarray) -> np.ndarray:
 def discounted(white: Whitening, factors: np.ndarray) -> Whitening:
     """The same noise with information taken away.
 
-    Parameters
-    ----------
-    white : Whitening
-    factors : (slews, 3) array
-        What each slew's and channel's information is multiplied by.
-
-    Returns
-    -------
-    Whitening
+    `factors` (slews, 3): what each slew's and channel's information is multiplied by.
     """
     root = np.sqrt(np.asarray(factors))
     return Whitening(
@@ -166,14 +131,7 @@ def discounted(white: Whitening, factors: np.ndarray) -> Whitening:
 def log_normalisation(white: Whitening) -> float:
     """Log of what the density of readings is multiplied by, beside the exponential of squares.
 
-    Parameters
-    ----------
-    white : Whitening
-
-    Returns
-    -------
-    float
-        Up to a constant that all noises of the same readings share.
+    Returns: up to a constant that all noises of the same readings share.
     """
     matrices = (np.diagonal(w, axis1=-2, axis2=-1) for w in (white.rate, white.attitude))
     norms = [float(np.log(x[x > 0.0]).sum()) for x in (*matrices, np.asarray(white.momentum))]
@@ -185,14 +143,7 @@ def log_normalisation(white: Whitening) -> float:
 def n_data(white: Whitening) -> np.ndarray:
     """How many numbers were measured.
 
-    Parameters
-    ----------
-    white : Whitening
-
-    Returns
-    -------
-    (slews, 3) array of int
-        By slew and channel.
+    Returns (slews, 3).
     """
     rate = np.count_nonzero(np.diagonal(white.rate, axis1=-2, axis2=-1), axis=(1, 2))
     attitude = np.count_nonzero(np.diagonal(white.attitude, axis1=-2, axis2=-1), axis=(1, 2))

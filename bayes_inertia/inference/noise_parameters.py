@@ -34,17 +34,7 @@ NoiseRules = tuple[ChannelRule, ...]
 
 
 def channel_rules(model: Model) -> NoiseRules:
-    """The noise of each channel of a model.
-
-    Parameters
-    ----------
-    model : Model
-
-    Returns
-    -------
-    tuple of ChannelRule
-        In the order of `CHANNELS`.
-    """
+    """The noise of each channel of a model."""
     place = {name: i for i, name in enumerate(model.space.names)}
     rules = []
     for channel in CHANNELS:
@@ -60,18 +50,7 @@ def channel_rules(model: Model) -> NoiseRules:
 def noise_values(rules: NoiseRules, theta: Any) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """Scale and degrees of freedom of each channel.
 
-    Parameters
-    ----------
-    rules : tuple of ChannelRule
-    theta : (d,) array
-        Parameters; of numpy or of JAX.
-
-    Returns
-    -------
-    scales : tuple of float
-        Factors on the stated sigmas; 1 where they are not sampled.
-    degrees : tuple of float
-        Infinite for Gaussian noise.
+    `theta` (d,). Returns `scales`: factors on the stated sigmas; 1 where they are not sampled.
     """
     scales = tuple(1.0 if rule.scale_at is None else theta[rule.scale_at] for rule in rules)
     degrees = tuple(

@@ -26,21 +26,7 @@ _SUPPORT_MARGIN = 1e-9
 
 
 def negative_log_posterior(model: Model, point: Point, white: Whitening) -> float:
-    """Half the sum of all whitened squares, priors included.
-
-    Parameters
-    ----------
-    model : Model
-    point : Point
-        Where.
-    white : Whitening
-        The noise.
-
-    Returns
-    -------
-    float
-        Infinite outside the physical tensors.
-    """
+    """Half the sum of all whitened squares, priors included."""
     if not bool(_is_physical(point.theta[:6])):
         return np.inf
     r = residuals(model.structure, point, model.data, white)
@@ -56,21 +42,9 @@ def normal_equations(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Hessian and gradient of the negative log posterior, priors included.
 
-    Parameters
-    ----------
-    model : Model
-    point : Point
-        Where.
-    information : Information
-        Its blocks there.
-    weights : (slews,) array, optional
-        Multiplies each slew's information; 0 leaves a slew out.
-
-    Returns
-    -------
-    hessian : (unknowns, unknowns) array
-        For (theta[free], bias, all local nuisances), Gauss-Newton.
-    gradient : (unknowns,) array
+    `weights` (slews,): multiplies each slew's information; 0 leaves a slew out. Returns `hessian`
+    (unknowns, unknowns): for (theta[free], bias, all local nuisances), Gauss-Newton; `gradient`
+    (unknowns,).
     """
     f, m = len(information.free), point.n_local
     size = f + N_BIAS + point.local.size
@@ -91,17 +65,8 @@ def normal_equations(
 def prior_rows(model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The prior as whitened residuals.
 
-    Parameters
-    ----------
-    model : Model
-    theta : (d,) array
-
-    Returns
-    -------
-    slope : (d,) array
-        Derivative of the whitened distance of each parameter from its prior mean.
-    distance : (d,) array
-        The distance itself [prior sd].
+    `theta` (d,). Returns `slope` (d,): derivative of the whitened distance of each parameter from
+    its prior mean; `distance` (d,): the distance itself [prior sd].
     """
     constants = model.space.constants()
     return np.asarray(_prior_slope(constants, theta)), np.asarray(_prior_residual(constants, theta))
@@ -110,18 +75,7 @@ def prior_rows(model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 def block_index(n_shared: int, n_local: int, slew: int) -> np.ndarray:
     """Where the unknowns of one slew stand in the joint vector.
 
-    Parameters
-    ----------
-    n_shared : int
-        Unknowns that all slews share; they stand first.
-    n_local : int
-        Nuisances of one slew.
-    slew : int
-        Which slew, from 0.
-
-    Returns
-    -------
-    (n_shared + n_local,) array of int
+    Returns (n_shared + n_local,).
 
     Examples
     --------
@@ -135,19 +89,8 @@ def block_index(n_shared: int, n_local: int, slew: int) -> np.ndarray:
 def moved(model: Model, point: Point, step: np.ndarray, free: np.ndarray) -> Point:
     """The point after a step that stays among the physical tensors and within the priors' support.
 
-    Parameters
-    ----------
-    model : Model
-    point : Point
-        Where the step begins.
-    step : (f + 3 + slews n_local,) array
-        Its first six components are in the chart of J, see `in_chart`.
-    free : (f,) array of int
-        Indices of the parameters that may move.
-
-    Returns
-    -------
-    Point
+    `free` (f,). `step` (f + 3 + slews n_local,): its first six components are in the chart of J,
+    see `in_chart`.
     """
     f = len(free)
     theta = point.theta.copy()
@@ -169,19 +112,8 @@ def moved(model: Model, point: Point, step: np.ndarray, free: np.ndarray) -> Poi
 def step_sizes(model: Model, point: Point, free: np.ndarray) -> np.ndarray:
     """A step of each coordinate of `moved` that is neither large nor small.
 
-    Parameters
-    ----------
-    model : Model
-    point : Point
-        Any; its shape counts.
-    free : (f,) array of int
-        Indices of the parameters that may move.
-
-    Returns
-    -------
-    (f + 3 + slews n_local,) array
-        One in the chart of J (a factor e) and for what is whitened by its prior; for a parameter
-        its prior mean or sd, whichever is larger.
+    `free` (f,). Returns (f + 3 + slews n_local,): one in the chart of J (a factor e) and for what
+    is whitened by its prior; for a parameter its prior mean or sd, whichever is larger.
     """
     sizes = np.maximum(np.abs(model.space.mean), model.space.sd)[np.asarray(free)]
     sizes[:6] = 1.0
@@ -193,18 +125,8 @@ def in_chart(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Normal equations in the chart of J, for the steps that `moved` takes.
 
-    Parameters
-    ----------
-    point : Point
-        Where.
-    hessian : (unknowns, unknowns) array
-        Its first six unknowns are J's elements.
-    gradient : (unknowns,) array
-
-    Returns
-    -------
-    hessian : (unknowns, unknowns) array
-    gradient : (unknowns,) array
+    `hessian` (unknowns, unknowns); `gradient` (unknowns,). Returns `hessian` (unknowns, unknowns);
+    `gradient` (unknowns,).
     """
     turn = np.asarray(_chart_slope(_to_chart(point.theta[:6])))
     # Only J is turned: thousands of nuisances stay as they are.
@@ -222,20 +144,8 @@ def marginal_information(
 
     At any point of any model of the campaign, not only at a fit's optimum.
 
-    Parameters
-    ----------
-    model : Model
-    point : Point
-        Where the derivatives are taken.
-    white : Whitening
-        The noise.
-    parameters : (k,) array of int
-        Which parameters; the others are taken as known.
-
-    Returns
-    -------
-    (k + 3, k + 3) array
-        Information matrix, without the priors of parameters and bias.
+    `parameters` (k,). Returns (k + 3, k + 3): information matrix, without the priors of parameters
+    and bias.
     """
     d, m, slews = model.space.size, point.n_local, model.n_slews
     s = unpadded_sensitivities(model, point, white, np.arange(d))

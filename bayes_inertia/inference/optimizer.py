@@ -7,6 +7,8 @@ basin of attraction, and the best of them with full weight.
 Where the residuals show that the model is not complete (`residual_tests`), the likelihood of
 every slew is discounted by the dispersion of its own residuals, and the estimate is repeated: a
 model that is wrong by many sigmas would otherwise overrule all prior knowledge with its errors.
+
+Which ends of the optimizer's gentle descents are worth following.
 """
 
 from __future__ import annotations
@@ -19,16 +21,8 @@ from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.descent import descend, roughly
-from bayes_inertia.inference.distinct_optima import distinct_optima
-from bayes_inertia.inference.gentle_descents import (
-    GENTLE_STOP,
-    GENTLE_WEIGHT,
-    gentle_descents,
-)
-from bayes_inertia.inference.hyperparameters import (
-    information_with_learnt,
-    without_hyperparameters,
-)
+from bayes_inertia.inference.gentle_descents import GENTLE_STOP, GENTLE_WEIGHT, gentle_descents
+from bayes_inertia.inference.hyperparameters import information_with_learnt, without_hyperparameters
 from bayes_inertia.inference.laplace import Estimate, Starts
 from bayes_inertia.inference.noise_estimate import with_noise_model
 from bayes_inertia.inference.noise_model import (
@@ -143,23 +137,8 @@ def re_estimate(
 ) -> Estimate:
     """The maximum with other parameters free, from nuisances and noise of an earlier estimate.
 
-    Parameters
-    ----------
-    previous : Estimate
-        Of the same model.
-    theta : (d,) array
-        Where to begin.
-    free : (f,) array of int
-        Indices of the parameters that may move.
-    weak_data_first : bool
-        Guess the nuisances afresh and descend with the data counted weakly first, which finds the
-        way out of a local optimum.
-    tolerance : float
-        Of the objective, as in `dogleg`.
-
-    Returns
-    -------
-    Estimate
+    `theta` (d,); `free` (f,). `weak_data_first`: guess the nuisances afresh and descend with the
+    data counted weakly first, which finds the way out of a local optimum.
     """
     model, discount = previous.model, previous.discount
     point, free = replace(previous.point, theta=np.asarray(theta, float)), np.asarray(free)
@@ -173,18 +152,7 @@ def re_estimate(
 
 
 def without_effect(previous: Estimate, name: str) -> Estimate:
-    """The estimate repeated with an effect held at its null.
-
-    Parameters
-    ----------
-    previous : Estimate
-    name : str
-        Of an effect of its model.
-
-    Returns
-    -------
-    Estimate
-    """
+    """The estimate repeated with an effect held at its null."""
     space, theta = previous.model.space, previous.theta.copy()
     part = space.slice_of(name)
     theta[part] = space.nulls[part]
@@ -193,19 +161,7 @@ def without_effect(previous: Estimate, name: str) -> Estimate:
 
 
 def move_to(previous: Estimate, model: Model) -> Estimate:
-    """The same point in a model with other effects, those that are new held at their null.
-
-    Parameters
-    ----------
-    previous : Estimate
-    model : Model
-        Of the same campaign and drive.
-
-    Returns
-    -------
-    Estimate
-        Nothing is fitted anew.
-    """
+    """The same point in a model with other effects, those that are new held at their null."""
     theta, names = model.space.nulls, previous.model.space.names
     fitted_values = dict(zip(names, previous.theta, strict=True))
     free_names = {names[i] for i in previous.free}
@@ -243,16 +199,7 @@ def _nuisances_in(previous: Estimate, model: Model) -> np.ndarray:
 def with_noise(previous: Estimate, factors: dict[str, float]) -> Estimate:
     """The estimate repeated with other noise.
 
-    Parameters
-    ----------
-    previous : Estimate
-    factors : dict of float
-        What each channel's stated noise is multiplied by.
-
-    Returns
-    -------
-    Estimate
-        The same object if its noise is that already.
+    Returns: the same object if its noise is that already.
     """
     model, free = previous.model, previous.free
     discount = np.tile([factors[c] ** -2.0 for c in CHANNELS], (model.n_slews, 1))
@@ -368,3 +315,37 @@ def _estimate_of(
     blocks = information_with_learnt(model, point, white, free)
     hessian, _ = normal_equations(model, point, blocks)
     return Estimate(model, point, stated, white, factors, blocks, hessian, objective, starts)
+
+
+# Ends of gentle descents nearer than this [prior sd] are one.
+_SAME_PLACE_SD = 0.1
+# Ends whose (gentle) objective is this much above the best are not followed.
+_MAX_OBJECTIVE_EXCESS = 1.0
+
+
+def distinct_optima(model: Model, descents: list[tuple[float, Point]]) -> list[tuple[Point, int]]:
+    """The ends of gentle descents that are worth following, without repetition.
+
+    While the data count weakly an objective hardly tells two optima apart; places do.
+
+    Returns: ends not far worse than the best, best first, and how often each was reached.
+    """
+    descents = sorted(descents, key=lambda descent: descent[0])
+    groups: list[list[Point]] = []
+    for objective, point in descents:
+        place = _unknowns_in_prior_sd(model, point)
+        same = [
+            g
+            for g in groups
+            if np.max(np.abs(_unknowns_in_prior_sd(model, g[0]) - place)) < _SAME_PLACE_SD
+        ]
+        if same:
+            same[0].append(point)
+        elif objective <= descents[0][0] + _MAX_OBJECTIVE_EXCESS:
+            groups.append([point])
+    return [(group[0], len(group)) for group in groups]
+
+
+def _unknowns_in_prior_sd(model: Model, point: Point) -> np.ndarray:
+    """All unknowns in prior sd."""
+    return np.concatenate([point.theta / model.space.sd, point.bias, point.local.ravel()])

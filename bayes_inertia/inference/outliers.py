@@ -41,16 +41,8 @@ _GATHERED_P_VALUE = 1e-3
 def distance_from_both_sides(series: np.ndarray) -> np.ndarray:
     """How far each reading lies beyond its neighbours on both sides.
 
-    Parameters
-    ----------
-    series : (n,) array
-        Without gaps.
-
-    Returns
-    -------
-    (n,) array
-        The lesser of the distances from the medians of the readings before and after; 0 where
-        they have opposite signs. At the ends the one side there is counts.
+    `series` (n,). Returns (n,): the lesser of the distances from the medians of the readings before
+    and after; 0 where they have opposite signs. At the ends the one side there is counts.
 
     Examples
     --------
@@ -68,16 +60,6 @@ def distance_from_both_sides(series: np.ndarray) -> np.ndarray:
 
 def lesser_distance(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """The lesser of two distances.
-
-    Parameters
-    ----------
-    one, other : arrays
-        Of one shape, with signs.
-
-    Returns
-    -------
-    array
-        0 where they have opposite signs.
 
     Examples
     --------
@@ -102,18 +84,9 @@ def outlying_readings(
 ) -> list[np.ndarray]:
     """Readings of one channel that stand out from their neighbours.
 
-    Parameters
-    ----------
-    slews : list of (rows, components) arrays
-        Residuals, NaN where nothing was measured.
-    steps : sequence of float, optional
-        To which multiples each component's readings are rounded, in the unit of the residuals; 0
-        where they are not. One step up or down is no outlier.
-
-    Returns
-    -------
-    list of (rows, components) arrays of bool
-        None at all where they are so many that they are the noise itself.
+    `slews` (rows, components). `steps`: to which multiples each component's readings are rounded,
+    in the unit of the residuals; 0 where they are not. One step up or down is no outlier. Returns
+    (rows, components): none at all where they are so many that they are the noise itself.
 
     Examples
     --------
@@ -170,16 +143,7 @@ def _scale_around(distance: np.ndarray) -> np.ndarray:
 def away_from_switches(slews: tuple[Slew, ...], flags: list[np.ndarray]) -> list[np.ndarray]:
     """Take back outliers at changes of torque, if they gather there.
 
-    Parameters
-    ----------
-    slews : tuple of Slew
-        With their torque commands.
-    flags : list of (rows, components) arrays of bool
-        By slew, from row 0.
-
-    Returns
-    -------
-    list of (rows, components) arrays of bool
+    `flags` (rows, components). Returns (rows, components).
     """
     near = [_near_switch(slew, len(flag)) for slew, flag in zip(slews, flags, strict=True)]
     share = sum(int(rows.sum()) for rows in near) / max(1, sum(map(len, near)))

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import stats
 
-from bayes_inertia.campaign.isolated_arrays import check_readable
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.gate_limits import OBSERVABLE_ABOVE
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.sealing import blaming, is_sealed, write_sealed
+from bayes_inertia.tables.isolated import check_readable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -63,13 +63,21 @@ class Posterior:
     Parameters
     ----------
     tree : xarray.DataTree
-        Its groups are listed at the head of this module.
+        ArviZ's groups: `posterior` (chain, draw; one variable a parameter, with its unit), `prior`,
+        `sample_stats` (lp), `log_prior`, `log_likelihood` and `posterior_predictive` (thinned
+        draws), `observed_data`, `constant_data`. Beside them `derived` (principal moments),
+        `estimate` (the optimizer's result and its covariances) and, where J and K are averaged over
+        what may be true, `averaged`.
 
     Examples
     --------
-    >>> Posterior.load("no_such_run/posterior.nc")
-    Traceback (most recent call last):
-    bayes_inertia.errors.CampaignError: no_such_run/posterior.nc: no such file; ...
+    >>> posterior = Posterior.load("run/posterior.nc")  # doctest: +SKIP
+    >>> posterior.trusted  # doctest: +SKIP
+    True
+    >>> posterior.summary()["parameters"]["Jxy"]["quoted_sd"]  # doctest: +SKIP
+    8.7e-05
+    >>> posterior.tree["posterior"]["Jxy"].attrs["units"]  # doctest: +SKIP
+    'kg m^2'
     """
 
     tree: xr.DataTree

@@ -1,4 +1,7 @@
-"""Building a posterior: the groups of its tree, from an estimate and its samples."""
+"""Building a posterior: the groups of its tree, from an estimate and its samples.
+
+Effects without a fixed shape over time, as the posterior draws them.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,9 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.inference.each_slew import of_slew
 from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.gate_limits import criteria
 from bayes_inertia.inference.gates import check_gates
@@ -20,17 +25,21 @@ from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.posterior import FORMAT, Posterior
 from bayes_inertia.inference.predicted_telemetry import predicted_telemetry
 from bayes_inertia.inference.sampler import Chains
-from bayes_inertia.inference.stochastic_signals import (
-    drawable,
-    signal_times,
-    stochastic_signals,
-)
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.parameters import log_prior
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 if TYPE_CHECKING:
     import xarray as xr
+
+from functools import partial
+
+from jax import Array
+
+from bayes_inertia.inference.predicted_telemetry import drawn_nuisances, thinned_draws
+from bayes_inertia.physics.prediction import Structure
+from bayes_inertia.physics.random_inputs import with_coefficients
+from bayes_inertia.physics.slew_context import SlewContext
 
 Groups = dict[str, dict[str, np.ndarray]]
 
@@ -69,19 +78,8 @@ def build_posterior(
 ) -> Posterior:
     """Assemble the result of an estimate and its samples.
 
-    Parameters
-    ----------
-    estimate : Estimate
-    chains : Chains
-        Samples around it.
-    context : FitContext
-        Where the fit comes from: what a diagnosis said before changes the gates and their words.
-    seed : int
-        Of the draws of prior, nuisances and predicted noise.
-
-    Returns
-    -------
-    Posterior
+    `context`: where the fit comes from: what a diagnosis said before changes the gates and their
+    words. `seed`: of the draws of prior, nuisances and predicted noise.
     """
     from arviz_base import from_dict
 
@@ -117,9 +115,13 @@ def build_posterior(
     for effect in drawable(estimate):
         tree["signal"][effect.name].attrs.update(_signal_words(effect))
     attributes = {"campaign": campaign.name, "seed": seed} | context.attributes()
-    attributes |= _attributes(estimate, chains, context)
+    attributes |= _attributes(estimate, chains, context) | _mission(campaign)
     tree.attrs = {"format": FORMAT, "bayes_inertia": json.dumps(attributes)}
     return Posterior(tree)
+
+
+def _mission(campaign: Campaign) -> dict[str, Any]:
+    return {"mission": dict(campaign.mission)} if campaign.mission else {}
 
 
 def _signal_words(effect: StochasticEffect) -> dict[str, str]:
@@ -248,3 +250,72 @@ def _attributes(estimate: Estimate, chains: Chains, context: FitContext) -> dict
         "wheels": model.structure.wheels,
         "versions": {name: metadata.version(name) for name in _LIBRARIES},
     }
+
+
+# Instants of each slew at which a signal is kept.
+_INSTANTS = 101
+
+
+def drawable(estimate: Estimate) -> tuple[StochasticEffect, ...]:
+    """Effects of a fit whose signal over time can be drawn."""
+    effects = estimate.model.effects
+    return tuple(e for e in effects if isinstance(e, StochasticEffect) and e.signal_components)
+
+
+def signal_times(estimate: Estimate) -> np.ndarray:
+    """Instants at which signals are kept.
+
+    Returns (slews, instants) [s].
+    """
+    slews = estimate.model.campaign.slews
+    return np.stack([np.linspace(s.time[0], s.time[-1], _INSTANTS) for s in slews])
+
+
+def stochastic_signals(
+    estimate: Estimate, chains: Chains, rng: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """Draws of each signal over time, from thinned draws with their nuisances.
+
+    Returns (ensembles, draws, slews, instants, components): by effect, in its `signal_unit`; empty
+    without such effects.
+    """
+    effects = drawable(estimate)
+    if not effects:
+        return {}
+    model, point_of = estimate.model, drawn_nuisances(estimate)
+    thetas = thinned_draws(chains, rng)
+    numbers = estimate.point.bias.size + estimate.point.local.size
+    each = [of_slew(k, (model.data.contexts, signal_times(estimate))) for k in range(model.n_slews)]
+    names = tuple(effect.name for effect in effects)
+    drawn = []
+    for theta in thetas:
+        local = point_of(theta, rng.standard_normal(numbers)).local
+        parts = [
+            _signals(model.structure, names, theta, of_slew(k, np.asarray(local)), *inputs)
+            for k, inputs in enumerate(each)
+        ]
+        drawn.append([np.concatenate(signal) for signal in zip(*parts, strict=True)])
+    shape = (len(chains.samples), -1)
+    return {
+        name: np.stack([signals[k] for signals in drawn]).reshape(*shape, *drawn[0][k].shape)
+        for k, name in enumerate(names)
+    }
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _signals(
+    structure: Structure,
+    names: tuple[str, ...],
+    theta: Array,
+    local: Array,
+    contexts: SlewContext,
+    times: Array,
+) -> tuple[Array, ...]:
+    """Signals (slews, instants, components) of these effects at one draw."""
+    active = structure.active_effects(theta)
+
+    def one(slew: SlewContext, local: Array, t: Array) -> tuple[Array, ...]:
+        acting = with_coefficients(active, structure.nuisances(local).coefficients, slew)
+        return tuple(e.signal(p, slew, t) for e, p in acting if e.name in names)  # type: ignore[attr-defined]
+
+    return jax.vmap(one)(contexts, local, times)

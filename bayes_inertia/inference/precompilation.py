@@ -23,23 +23,8 @@ from bayes_inertia.physics.forward_model import Model
 def compiled_meanwhile(model: Model, point: Point) -> Iterator[None]:
     """Compile a fit with effects without a fixed shape while the body of `with` runs.
 
-    Parameters
-    ----------
-    model : Model
-        Of others nothing is compiled: their few programs are needed at once.
-    point : Point
-        Where it is evaluated once for that; the results are thrown away.
-
-    Yields
-    ------
-    None
-
-    Examples
-    --------
-    It takes seconds, so this is no doctest::
-
-        with compiled_meanwhile(model_with_a_walk, point):
-            plain = estimate(plain_model)
+    `model`: of others nothing is compiled: their few programs are needed at once. `point`: where it
+    is evaluated once for that; the results are thrown away.
     """
     if not model.structure.hyperparameters:
         yield

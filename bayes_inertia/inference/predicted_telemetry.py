@@ -1,4 +1,7 @@
-"""What a posterior predicts: telemetry with noise, and how likely each measurement is."""
+"""What a posterior predicts: telemetry with noise, and how likely each measurement is.
+
+Numbers of the noise that a model was asked for: their draws, and how likely measurements are.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +16,13 @@ from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.marginal_posterior import conditional_point
-from bayes_inertia.inference.noise_draws import losses, unit_noise
 from bayes_inertia.inference.noise_marginal import conditional_point_with_noise, noise_marginal
 from bayes_inertia.inference.noise_memory import correlated_noise
 from bayes_inertia.inference.noise_model import rate_noise_covariance
-from bayes_inertia.inference.noise_parameters import channel_rules
+from bayes_inertia.inference.noise_parameters import NoiseRules, channel_rules, noise_values
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.sampler import Chains
+from bayes_inertia.inference.student_t import log_norm, tail_of
 from bayes_inertia.maths import quaternion
 
 # Draws of each ensemble kept for telemetry-sized groups.
@@ -33,20 +36,9 @@ def predicted_telemetry(
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Predicted telemetry and pointwise log likelihoods for thinned draws with their nuisances.
 
-    Parameters
-    ----------
-    estimate : Estimate
-    chains : Chains
-        Samples around it.
-    rng : numpy.random.Generator
-        Source of draws, nuisances and measurement noise.
-
-    Returns
-    -------
-    predicted : dict of (ensembles, draws, slews, rows, components) arrays
-        By channel, with measurement noise; NaN where nothing was measured.
-    pointwise : dict of (ensembles, draws, slews, rows) arrays
-        Log densities of the measurements, under "rate_point", "attitude_point", "momentum_point".
+    Returns `predicted` (ensembles, draws, slews, rows, components): by channel, with measurement
+    noise; NaN where nothing was measured; `pointwise` (ensembles, draws, slews, rows): log
+    densities of the measurements, under "rate_point", "attitude_point", "momentum_point".
     """
     thinned = thinned_draws(chains, rng)
     shape = (len(chains.samples), _DRAWS_OF_EACH_ENSEMBLE)
@@ -115,14 +107,7 @@ def _noise_of(
 def drawn_nuisances(estimate: Estimate) -> Callable[[np.ndarray, np.ndarray], Point]:
     """How nuisances are drawn given theta.
 
-    Parameters
-    ----------
-    estimate : Estimate
-
-    Returns
-    -------
-    callable
-        From theta (d,) and standard normal numbers (3 + slews n_local,) to a point.
+    Returns: from theta (d,) and standard normal numbers (3 + slews n_local,) to a point.
     """
     if not estimate.model.noise.is_stated:
         return conditional_point_with_noise(estimate, noise_marginal(estimate))
@@ -140,16 +125,7 @@ def _losses(estimate: Estimate, theta: np.ndarray, channel: str, z: np.ndarray) 
 def thinned_draws(chains: Chains, rng: np.random.Generator) -> np.ndarray:
     """Some draws of each ensemble, evenly over its steps, of random walkers.
 
-    Parameters
-    ----------
-    chains : Chains
-    rng : numpy.random.Generator
-        Chooses the walkers.
-
-    Returns
-    -------
-    (ensembles draws, d) array
-        theta.
+    Returns (ensembles draws, d).
     """
     ensembles, walkers, draws, _ = chains.samples.shape
     steps = np.linspace(0, draws - 1, _DRAWS_OF_EACH_ENSEMBLE).astype(int)
@@ -208,22 +184,9 @@ def with_measurement_noise(
 ) -> dict[str, np.ndarray]:
     """Predictions with the noise that the likelihood counts.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        Its campaign states the noise; in the measured drive its J and K say how tachometer noise
-        shakes the rates.
-    predicted : dict of (..., slews, rows, components) arrays
-        By channel.
-    rng : numpy.random.Generator
-        Source of the noise.
-    unit : callable, optional
-        Noise in stated sigmas, of a channel and a shape; standard normal unless given.
-
-    Returns
-    -------
-    dict of arrays
-        As `predicted`; NaN where nothing was measured.
+    `predicted` (..., slews, rows, components). `estimate`: its campaign states the noise; in the
+    measured drive its J and K say how tachometer noise shakes the rates. `unit`: noise in stated
+    sigmas, of a channel and a shape; standard normal unless given.
     """
     telemetry, campaign = estimate.model.data.arrays.telemetry, estimate.model.campaign
     unit = unit or (lambda channel, shape: rng.standard_normal(shape))
@@ -249,3 +212,40 @@ def with_measurement_noise(
         values = predicted["momentum"] + noise.astype(np.float32)
         noisy["momentum"] = np.where(telemetry.momentum_valid, values, np.float32(np.nan))
     return noisy
+
+
+def unit_noise(
+    rules: NoiseRules,
+    thetas: np.ndarray,
+    channel: str,
+    shape: tuple[int, ...],
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Noise of one channel in stated sigmas.
+
+    `thetas` (n, d): draws whose scale and degrees of freedom count, in the order of the first axes.
+    `shape`: (ensembles, draws, ...) of the noise, ensembles times draws being n.
+    """
+    c = CHANNELS.index(channel)
+    rows = [noise_values(rules, theta) for theta in thetas]
+    width = (*shape[:2], *(1 for _ in shape[2:]))
+    scale = np.array([scales[c] for scales, _ in rows], float).reshape(width)
+    degrees = np.array([nu[c] for _, nu in rows], float).reshape(width)
+    if rules[c].heavy:
+        return scale * rng.standard_t(np.broadcast_to(degrees, shape))
+    return scale * rng.standard_normal(shape)
+
+
+def losses(
+    rules: NoiseRules, theta: np.ndarray, channel: str, z: np.ndarray, valid: np.ndarray
+) -> np.ndarray:
+    """Minus the log densities of one channel's measurements, less those of its stated sigmas.
+
+    `theta` (d,); `z` (slews, rows, components); `valid` (slews, rows, components). Returns (slews,
+    rows): summed over the components of each row, without log(2 pi)/2 and log sigma.
+    """
+    c = CHANNELS.index(channel)
+    scales, degrees = noise_values(rules, theta)
+    loss = np.asarray(tail_of(rules[c].heavy, z / scales[c], degrees[c]).loss)
+    loss = loss + np.log(scales[c]) + (log_norm(degrees[c]) if rules[c].heavy else 0.0)
+    return np.where(valid, loss, 0.0).sum(-1)

@@ -72,15 +72,7 @@ class _Combined(NamedTuple):
 def compressed(structure: Structure, marginal: Marginal) -> Marginal:
     """The same marginal posterior from fewer numbers, where the rate of telemetry is high.
 
-    Parameters
-    ----------
-    structure : Structure
-    marginal : Marginal
-
-    Returns
-    -------
-    Marginal
-        The one given, where `why_not_compressed` has a reason or little would be gained.
+    Returns: the one given, where `why_not_compressed` has a reason or little would be gained.
     """
     if why_not_compressed(structure, marginal) is not None:
         return marginal
@@ -119,15 +111,7 @@ def compressed(structure: Structure, marginal: Marginal) -> Marginal:
 def why_not_compressed(structure: Structure, marginal: Marginal) -> str | None:
     """Why the readings of a campaign are compared one by one.
 
-    Parameters
-    ----------
-    structure : Structure
-    marginal : Marginal
-
-    Returns
-    -------
-    str or None
-        The reason; None where nothing speaks against combining them.
+    Returns: the reason; None where nothing speaks against combining them.
     """
     if structure.rows_per_step < _FEWEST_ROWS:
         return "integration steps span few rows"

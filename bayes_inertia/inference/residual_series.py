@@ -15,18 +15,7 @@ from bayes_inertia.physics.forward_model import Model
 def residual_series(model: Model, point: Point, white: Whitening) -> dict[str, list[np.ndarray]]:
     """Residuals as series over time.
 
-    Parameters
-    ----------
-    model : Model
-    point : Point
-        Where.
-    white : Whitening
-        The noise in whose sigmas they are counted.
-
-    Returns
-    -------
-    dict of list of (rows, components) arrays
-        By channel and slew; NaN where nothing was measured.
+    Returns (rows, components): by channel and slew; NaN where nothing was measured.
     """
     flat = residuals(model.structure, point, model.data, white)
     series = {}

@@ -61,18 +61,7 @@ class ChannelTest:
 def chi2_test(chi2: float, dof: float, p_white: float | None = None) -> ChannelTest:
     """Test a sum of squares against its degrees of freedom.
 
-    Parameters
-    ----------
-    chi2 : float
-        Sum of squares.
-    dof : float
-        Degrees of freedom; there is no test where the fit leaves less than half of one.
-    p_white : float, optional
-        p-value of a test for whiteness, kept beside.
-
-    Returns
-    -------
-    ChannelTest
+    `dof`: degrees of freedom; there is no test where the fit leaves less than half of one.
 
     Examples
     --------
@@ -94,21 +83,9 @@ def channel_tests(
 ) -> dict[str, ChannelTest]:
     """Test every channel, and the total.
 
-    Parameters
-    ----------
-    series : dict of list of (rows, components) arrays
-        Residuals by channel and slew, NaN where nothing was measured.
-    chi2 : (3,) array
-        Sums of squares by channel.
-    dof : (3,) array
-        Degrees of freedom by channel.
-    rounded : sequence of str
-        Channels whose readings are rounded so coarsely that their errors are not white by right.
-
-    Returns
-    -------
-    dict of ChannelTest
-        By channel, and "total".
+    `chi2` (3,); `dof` (3,). `series` (rows, components): residuals by channel and slew, NaN where
+    nothing was measured. `rounded`: channels whose readings are rounded so coarsely that their
+    errors are not white by right.
     """
     tests = {}
     for i, channel in enumerate(CHANNELS):
@@ -133,15 +110,7 @@ def whiteness(slews: list[np.ndarray]) -> float | None:
     and the highest line of the periodogram summed over all series (Fisher's g without its single
     series), which sees a small ripple that lasts.
 
-    Parameters
-    ----------
-    slews : list of (rows, components) arrays
-        Residuals, NaN where nothing was measured.
-
-    Returns
-    -------
-    float or None
-        None if the series are too short.
+    `slews` (rows, components).
 
     Examples
     --------
@@ -190,17 +159,8 @@ def _highest_line(columns: list[np.ndarray]) -> float:
 def dispersion(slew: np.ndarray, *, bursts: bool = False) -> float:
     """By which factor one slew's residuals carry less information than white unit noise would.
 
-    Parameters
-    ----------
-    slew : (rows, components) array
-        Residuals in sigmas, NaN where nothing was measured.
-    bursts : bool
-        Star-tracker fixes, taken as fully correlated within each half of the slew.
-
-    Returns
-    -------
-    float
-        At least 1.
+    `slew` (rows, components). `bursts`: star-tracker fixes, taken as fully correlated within each
+    half of the slew.
 
     Examples
     --------

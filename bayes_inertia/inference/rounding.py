@@ -24,14 +24,8 @@ _LOUDER_THAN_COARSE = 1.5
 def rounding_steps(campaign: Campaign) -> dict[str, np.ndarray]:
     """The steps to which rates and tachometers are rounded.
 
-    Parameters
-    ----------
-    campaign : Campaign
-
-    Returns
-    -------
-    dict of (components,) arrays
-        By channel, "rate" and "momentum" [stated sigma]; 0 where nothing is rounded.
+    Returns (components,): by channel, "rate" and "momentum" [stated sigma]; 0 where nothing is
+    rounded.
     """
     sigmas = {
         "rate": campaign.rate_sensor.sigma,
@@ -55,15 +49,8 @@ def rounding_steps(campaign: Campaign) -> dict[str, np.ndarray]:
 def factor_of_rounding(steps: np.ndarray) -> float:
     """What rounding adds to the noise of a channel.
 
-    Parameters
-    ----------
-    steps : (components,) array
-        Of its components [stated sigma].
-
-    Returns
-    -------
-    float
-        Factor on the stated sigma, of the coarsest component.
+    `steps` (components,) [stated sigma]. Returns: factor on the stated sigma, of the coarsest
+    component.
 
     Examples
     --------
@@ -76,14 +63,7 @@ def factor_of_rounding(steps: np.ndarray) -> float:
 def is_coarse(steps: np.ndarray) -> bool:
     """Whether a channel's noise as stated cannot hold its rounding.
 
-    Parameters
-    ----------
-    steps : (components,) array
-        [stated sigma].
-
-    Returns
-    -------
-    bool
+    `steps` (components,) [stated sigma].
 
     Examples
     --------
@@ -96,14 +76,7 @@ def is_coarse(steps: np.ndarray) -> bool:
 def has_one_error(steps: np.ndarray) -> bool:
     """Whether readings of a channel share rounding errors, so that these are not white.
 
-    Parameters
-    ----------
-    steps : (components,) array
-        [sigma of the noise as used, which holds the rounding].
-
-    Returns
-    -------
-    bool
+    `steps` (components,): [sigma of the noise as used, which holds the rounding].
     """
     return bool(np.any(steps > _COARSE / np.hypot(1.0, quantisation_sigma(_COARSE))))
 
@@ -113,17 +86,7 @@ def level_of_rounded(measured: float, steps: np.ndarray) -> float:
 
     Errors of coarse rounding are not independent: fast differences measure their level badly.
 
-    Parameters
-    ----------
-    measured : float
-        Factor on the stated sigma, from fast differences.
-    steps : (components,) array
-        [stated sigma].
-
-    Returns
-    -------
-    float
-        Factor on the stated sigma.
+    `steps` (components,) [stated sigma].
 
     Examples
     --------

@@ -8,7 +8,6 @@ goes on bit for bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from threading import Event
@@ -38,8 +37,7 @@ from bayes_inertia.inference.proposal import (
 from bayes_inertia.inference.reading_compression import compressed
 from bayes_inertia.inference.settings import Settings
 from bayes_inertia.maths.values import array_dataclass
-
-Progress = Callable[[str, int, int], None]
+from bayes_inertia.progress import Progress
 
 _LEAST_WARM_UP_STEPS = 8
 _LEAST_STEPS_BETWEEN_SAVES = 8
@@ -76,15 +74,7 @@ class Chains:
 def batch_size(estimate: Estimate) -> int:
     """Draws evaluated at once: few enough that their trajectories stay in the processor's cache.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        Its telemetry's size counts.
-
-    Returns
-    -------
-    int
-        A power of two from 8 to 32; emcee's half-ensemble moves ask for 32 at a time.
+    Returns: A power of two from 8 to 32; emcee's half-ensemble moves ask for 32 at a time.
     """
     slews, rows = estimate.model.data.arrays.telemetry.rate.shape[:2]
     return _batch(slews * rows)
@@ -103,28 +93,8 @@ def sample(
 ) -> Chains:
     """Sample the marginal posterior around an estimate.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        Of all parameters.
-    settings : Settings, optional
-        How to sample.
-    folder : Path, optional
-        Where the chains are kept while they grow; with chains of the same run in it the run goes
-        on.
-    progress : callable, optional
-        Called with (what, done, of).
-
-    Returns
-    -------
-    Chains
-
-    Raises
-    ------
-    EstimateError
-        If no finite starting points are found.
-    OutputError
-        If `folder` holds a chain that cannot be read, or one of another shape.
+    `folder`: where the chains are kept while they grow; with chains of the same run in it the run
+    goes on.
     """
     settings, began = settings or Settings(), perf_counter()
     log_density = log_density_at(estimate, most=settings.walkers // 2)
@@ -151,20 +121,7 @@ def sample(
 
 
 def log_density_at(estimate: Estimate, most: int = 32) -> LogDensity:
-    """The compiled density that is sampled around an estimate.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        Of all parameters.
-    most : int
-        Draws that are evaluated at once, at most.
-
-    Returns
-    -------
-    callable
-        From thetas (n, d) to log densities (n,).
-    """
+    """The compiled density that is sampled around an estimate."""
     if not estimate.model.noise.is_stated:
         return log_density_with_noise(estimate, batch=min(most, batch_size(estimate)))
     structure = estimate.model.structure
@@ -176,17 +133,7 @@ def log_density_at(estimate: Estimate, most: int = 32) -> LogDensity:
 def steps_wanted(diagnostics: Diagnostics, settings: Settings) -> int:
     """How many steps each ensemble should have.
 
-    Parameters
-    ----------
-    diagnostics : Diagnostics
-        Of the steps that it has.
-    settings : Settings
-        What is wanted.
-
-    Returns
-    -------
-    int
-        No more than the steps that it has if the gates passed.
+    Returns: no more than the steps that it has if the gates passed.
 
     Examples
     --------
@@ -260,7 +207,7 @@ def _advance(
             if file is not None and (_is_saved_after(done[k]) or done[k] == steps or ends):
                 save_chain(sampler.backend, file)
             if progress:
-                progress("sampling", sum(done), target)
+                progress("sampling, steps", sum(done), target)
             if ends:
                 return
         sampler._previous_state = sampler.get_last_sample()

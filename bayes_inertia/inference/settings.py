@@ -103,17 +103,6 @@ STOCHASTIC_SETTINGS = Settings(walkers=32, steps=32, target_ess=2_000.0)
 def usual_settings(effects: Iterable[Effect], *, seed: int = 0) -> Settings:
     """The settings of a fit of which nobody said how to sample.
 
-    Parameters
-    ----------
-    effects : iterable of Effect
-        What is fitted along.
-    seed : int, optional
-        Fixes everything.
-
-    Returns
-    -------
-    Settings
-
     Examples
     --------
     >>> usual_settings((), seed=3) == Settings(seed=3)

@@ -33,17 +33,7 @@ class SharedFirst(NamedTuple):
 def shared_first(model: Model, point: Point, free: np.ndarray) -> SharedFirst:
     """How unknowns are scaled and ordered, so that the matrix of what slews share is well scaled.
 
-    Parameters
-    ----------
-    model : Model
-    point : Point
-        Where.
-    free : (f,) array of int
-        Indices of the parameters among the unknowns.
-
-    Returns
-    -------
-    SharedFirst
+    `free` (f,).
     """
     slope, distance = (rows[free] for rows in prior_rows(model, point.theta))
     unit = np.where(slope != 0.0, slope, 1.0)

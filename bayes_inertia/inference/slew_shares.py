@@ -37,17 +37,8 @@ class SlewShares:
     def without(self, slew: int) -> tuple[np.ndarray, np.ndarray]:
         """The fit without one slew.
 
-        Parameters
-        ----------
-        slew : int
-            The slew left out, from 0.
-
-        Returns
-        -------
-        step : (n_shared,) array
-            To the optimum of the other slews.
-        matrix : (n_shared, n_shared) array
-            Their normal matrix, priors included.
+        Returns `step` (n_shared,): to the optimum of the other slews; `matrix` (n_shared,
+        n_shared): their normal matrix, priors included.
         """
         kept = np.arange(len(self.matrix)) != slew
         matrix = self.prior_matrix + self.matrix[kept].sum(0)
@@ -63,18 +54,7 @@ def slew_shares(
 ) -> SlewShares:
     """Eliminate the nuisances of every slew.
 
-    Parameters
-    ----------
-    information : Information
-        Normal equations by slew and channel.
-    local : (slews, n_local) array
-        The nuisances [prior sd].
-    prior_precision, prior_gradient : (n_shared,) array
-        Of the priors of what is shared.
-
-    Returns
-    -------
-    SlewShares
+    `local` (slews, n_local) [prior sd]; `prior_precision` and `prior_gradient` (n_shared,).
     """
     shared, parts = len(prior_precision), []
     for block, slope, nuisances in zip(

@@ -18,16 +18,8 @@ from bayes_inertia.physics.forward_model import Model
 def guess_nuisances(model: Model, theta: np.ndarray) -> np.ndarray:
     """Nuisances to begin from.
 
-    Parameters
-    ----------
-    model : Model
-    theta : (d,) array
-        Parameters; J and K are used.
-
-    Returns
-    -------
-    (slews, n_local) array
-        In prior sd: zero, but for wheel momenta that are not measured.
+    `theta` (d,). Returns (slews, n_local): in prior sd: zero, but for wheel momenta that are not
+    measured.
     """
     local = np.zeros((model.n_slews, model.structure.n_local))
     campaign = model.campaign

@@ -41,18 +41,6 @@ class Tail(NamedTuple):
 def heavy_tail(y: Array, degrees: float | Array) -> Tail:
     """Minus the log density of Student-t numbers, up to its constant, with derivatives.
 
-    Parameters
-    ----------
-    y : array
-        Residuals over their scale.
-    degrees : float
-        Of freedom.
-
-    Returns
-    -------
-    Tail
-        Of arrays shaped like `y`.
-
     Examples
     --------
     >>> tail = heavy_tail(jnp.array([0.0, 2.0]), 4.0)
@@ -66,35 +54,12 @@ def heavy_tail(y: Array, degrees: float | Array) -> Tail:
 
 
 def tail_of(heavy: bool, y: Array, degrees: float | Array) -> Tail:
-    """Minus the log density of a channel's numbers, with derivatives.
-
-    Parameters
-    ----------
-    heavy : bool
-        Student-t, or Gaussian.
-    y : array
-        Residuals over their scale.
-    degrees : float
-        Of freedom.
-
-    Returns
-    -------
-    Tail
-    """
+    """Minus the log density of a channel's numbers, with derivatives."""
     return heavy_tail(y, degrees) if heavy else Tail(0.5 * y**2, y, jnp.ones_like(y))
 
 
 def log_norm(degrees: float | Array) -> Array:
     """Constant of minus the log density, less the Gaussian's log(2 pi)/2.
-
-    Parameters
-    ----------
-    degrees : float
-        Of freedom.
-
-    Returns
-    -------
-    () array
 
     Examples
     --------
@@ -110,15 +75,7 @@ def scale_information(degrees: float) -> np.ndarray:
 
     Lange, Little and Taylor (1989), appendix B.
 
-    Parameters
-    ----------
-    degrees : float
-        Of freedom.
-
-    Returns
-    -------
-    (2, 2) array
-        Positive definite.
+    Returns (2, 2).
 
     Examples
     --------
@@ -135,15 +92,6 @@ def scale_information(degrees: float) -> np.ndarray:
 
 def location_information(degrees: float | Array) -> float | Array:
     """Fisher information of one number on its mean: (nu + 1)/(nu + 3), 1 for a Gaussian.
-
-    Parameters
-    ----------
-    degrees : float
-        Of freedom, finite.
-
-    Returns
-    -------
-    float
 
     Examples
     --------
@@ -191,14 +139,7 @@ class WeightedSquares:
     def sum(self, y: np.ndarray) -> float:
         """The sum over residuals.
 
-        Parameters
-        ----------
-        y : array
-            Residuals over their scale, NaN where nothing was measured.
-
-        Returns
-        -------
-        float
+        `y`: residuals over their scale, NaN where nothing was measured.
         """
         squares, nu = np.square(y[np.isfinite(y)]), self.degrees
         if not np.isfinite(nu):
@@ -208,18 +149,6 @@ class WeightedSquares:
 
 def normal_scores(y: np.ndarray, degrees: float) -> np.ndarray:
     """Student-t numbers as the standard normal numbers of the same probability.
-
-    Parameters
-    ----------
-    y : array
-        Numbers over their scale; NaN stays NaN.
-    degrees : float
-        Of freedom.
-
-    Returns
-    -------
-    array
-        Shaped like `y`.
 
     Examples
     --------

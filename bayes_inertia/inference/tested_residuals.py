@@ -56,23 +56,8 @@ def filtered_residuals(
 ) -> TestedResiduals | None:
     """What to test of an estimate in which effects add first-order processes to readings.
 
-    Parameters
-    ----------
-    model : Model
-        What was fitted.
-    point : Point
-        The maximum.
-    stated : Whitening
-        The noise in whose sigmas residuals are counted.
-    information : Information
-        Normal equations there.
-    covariance : (unknowns, unknowns) array
-        Of (theta[free], bias, all local nuisances).
-
-    Returns
-    -------
-    TestedResiduals or None
-        None where there is no such effect: residuals are tested as they are.
+    `covariance` (unknowns, unknowns) [free]. Returns: none where there is no such effect: residuals
+    are tested as they are.
     """
     of_effects = noise_of_effects(model, point.theta)
     if not of_effects:

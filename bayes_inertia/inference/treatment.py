@@ -1,4 +1,7 @@
-"""What is done to a campaign because of dirt: readings left out, noise given its measured shape."""
+"""What is done to a campaign because of dirt: readings left out, noise given its measured shape.
+
+A campaign whose stated noise is replaced by what a diagnosis measured.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,6 @@ from bayes_inertia.campaign.channel_names import FIELD_OF_CHANNEL
 from bayes_inertia.campaign.dirt import Dirt, DirtKind
 from bayes_inertia.campaign.hardware import CorrelatedNoise, RateSensor
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.inference.measured_noise import with_measured_noise
 from bayes_inertia.inference.noise_colour import Colour, ColourOfAxis
 from bayes_inertia.physics.slew_input import Drive
 
@@ -98,15 +100,6 @@ class DirtTreatment:
 def treatment_from(content: Mapping[str, Any]) -> DirtTreatment:
     """The treatment that its JSON describes.
 
-    Parameters
-    ----------
-    content : mapping
-        Of `DirtTreatment.json`.
-
-    Returns
-    -------
-    DirtTreatment
-
     Examples
     --------
     >>> treatment_from(DirtTreatment().json()) == DirtTreatment()
@@ -124,17 +117,7 @@ def treatment_from(content: Mapping[str, Any]) -> DirtTreatment:
 def records_of_dirt(campaign: Campaign, treatment: DirtTreatment) -> tuple[Dirt, ...]:
     """All that is wrong with a campaign's telemetry, and what was done about it.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        With the records of its reader.
-    treatment : DirtTreatment
-        What was done since.
-
-    Returns
-    -------
-    tuple of Dirt
-        A fault that was first ignored and then treated stands once.
+    Returns: A fault that was first ignored and then treated stands once.
     """
     done = {(dirt.kind, dirt.channel) for dirt in treatment.dirt}
     left = [d for d in campaign.dirt if d.treated != "ignored" or (d.kind, d.channel) not in done]
@@ -144,18 +127,7 @@ def records_of_dirt(campaign: Campaign, treatment: DirtTreatment) -> tuple[Dirt,
 def treated(campaign: Campaign, treatment: DirtTreatment, drive: Drive) -> Campaign:
     """A campaign without what is masked, its noise as it was measured, with records of both.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        As stated.
-    treatment : DirtTreatment
-    drive : {"commanded", "measured"}
-        What drove the model when the noise was measured.
-
-    Returns
-    -------
-    Campaign
-        The very object where the treatment is nothing.
+    `drive`: what drove the model when the noise was measured.
     """
     if treatment.is_nothing:
         return campaign
@@ -197,3 +169,31 @@ def _colour_in_words(colour: Colour) -> str:
         f"{100.0 * share:.0f} % of its variance over {longest:.2g} s; "
         f"its sd is {sd:.2f} times what is stated"
     )
+
+
+def with_measured_noise(
+    campaign: Campaign, factors: Mapping[str, float], drive: Drive = "commanded"
+) -> Campaign:
+    """The campaign with each sensor's sigma multiplied by what a diagnosis measured of it.
+
+    In the measured drive tachometers have no channel of their own: their noise is in that of the
+    rate sensor, and grows with it.
+
+    `drive`: what drove the model when the factors were measured. Returns: the same telemetry with
+    the sigmas of its sensors multiplied.
+    """
+    factors = factors if drive == "commanded" else {**factors, "momentum": factors["rate"]}
+    sensor, tracker = campaign.rate_sensor, campaign.star_tracker
+    x, y, z = (factors["rate"] * sigma for sigma in sensor.sigma)
+    louder_sensor = replace(sensor, sigma=(x, y, z))
+    louder_wheels = tuple(
+        replace(w, momentum_sigma=w.momentum_sigma and factors["momentum"] * w.momentum_sigma)
+        for w in campaign.wheels
+    )
+    if tracker is not None:
+        tracker = replace(
+            tracker,
+            sigma_cross=factors["attitude"] * tracker.sigma_cross,
+            sigma_roll=factors["attitude"] * tracker.sigma_roll,
+        )
+    return replace(campaign, rate_sensor=louder_sensor, wheels=louder_wheels, star_tracker=tracker)

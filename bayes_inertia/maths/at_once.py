@@ -15,15 +15,7 @@ def at_once[T](tasks: Sequence[Callable[[], T]]) -> list[T]:
 
     Compiled code runs beside other threads of Python. Results do not depend on how many there are.
 
-    Parameters
-    ----------
-    tasks : sequence of callable
-        Without arguments.
-
-    Returns
-    -------
-    list
-        What they return, in their order; arrays of JAX are computed.
+    Returns: what they return, in their order; arrays of JAX are computed.
 
     Examples
     --------

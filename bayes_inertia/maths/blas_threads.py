@@ -11,15 +11,6 @@ from threadpoolctl import threadpool_limits
 def on_one_blas_thread[**P, R](function: Callable[P, R]) -> Callable[P, R]:
     """The same function, its linear algebra on one thread.
 
-    Parameters
-    ----------
-    function : callable
-        Anything that factors small matrices again and again.
-
-    Returns
-    -------
-    callable
-
     Examples
     --------
     >>> on_one_blas_thread(abs)(-2)

@@ -36,20 +36,8 @@ def quadratic_at(
 
     `scipy.differentiate.hessian` looks for its step and takes many times as many points.
 
-    Parameters
-    ----------
-    function : callable
-        From points (m, n) to values (m,). It is called once, for 1 + n + n^2 points at most.
-    x : (n,) array
-        The point.
-    step : float
-        Of all coordinates.
-    value : float, optional
-        Of the function at the point, if it is known already.
-
-    Returns
-    -------
-    Quadratic
+    `x` (n,). `function`: from points (m, n) to values (m,). It is called once, for 1 + n + n^2
+    points at most. `value`: of the function at the point, if it is known already.
 
     Examples
     --------

@@ -22,20 +22,7 @@ def on_device(values: AnyArray) -> Array:
 
     `jnp.asarray` compiles a copy for every new shape, some 20 ms each; this compiles nothing.
 
-    Parameters
-    ----------
-    values : array_like
-        Numbers; they must not be changed afterwards, the array may share their memory.
-
-    Returns
-    -------
-    Array
-        Of the same shape and type.
-
-    Raises
-    ------
-    SettingsError
-        As `require_usable_jax`.
+    `values`: numbers; they must not be changed afterwards, the array may share their memory.
 
     Examples
     --------
@@ -49,19 +36,8 @@ def on_device(values: AnyArray) -> Array:
 def padded_size(n: int, least: int = _SMALLEST, *, often: bool = False) -> int:
     """The size that an axis of n numbers is padded to, so that other lengths share a program.
 
-    Parameters
-    ----------
-    n : int
-    least : int
-        The smallest size.
-    often : bool
-        Whether all sizes have one between them and the next, as from 768 on: what is compiled for
-        the axis costs little.
-
-    Returns
-    -------
-    int
-        48, 96, 192, 384, 768, 1152, 1536, 2304, ...
+    `often`: whether all sizes have one between them and the next, as from 768 on: what is compiled
+    for the axis costs little. Returns 48, 96, 192, 384, 768, 1152, 1536, 2304, ...
 
     Examples
     --------

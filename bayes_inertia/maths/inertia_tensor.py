@@ -23,15 +23,7 @@ def tensor(elements: AnyArray) -> AnyArray:
 
     Of numpy's arrays it makes one of numpy: nothing is compiled.
 
-    Parameters
-    ----------
-    elements : (..., 6) array
-        Elements [kg m^2].
-
-    Returns
-    -------
-    (..., 3, 3) array
-        Symmetric tensors [kg m^2].
+    `elements` (..., 6) [kg m^2].
 
     Examples
     --------
@@ -47,15 +39,7 @@ def tensor(elements: AnyArray) -> AnyArray:
 def elements(tensor_B: AnyArray) -> AnyArray:
     """The elements (..., 6) of symmetric tensors (..., 3, 3).
 
-    Parameters
-    ----------
-    tensor_B : (..., 3, 3) array
-        Symmetric tensors in body axes [kg m^2].
-
-    Returns
-    -------
-    (..., 6) array
-        Elements in the order of `ELEMENTS` [kg m^2].
+    `tensor_B` (..., 3, 3) [kg m^2]. Returns (..., 6) [kg m^2].
 
     Examples
     --------
@@ -68,15 +52,7 @@ def elements(tensor_B: AnyArray) -> AnyArray:
 def second_moments(tensor_B: Array) -> Array:
     """tr(J)/2 1 - J (..., 3, 3): the second moments of mass, positive definite for any real body.
 
-    Parameters
-    ----------
-    tensor_B : (..., 3, 3) array
-        Inertia tensors in body axes [kg m^2].
-
-    Returns
-    -------
-    (..., 3, 3) array
-        Second moments of mass [kg m^2].
+    `tensor_B` (..., 3, 3) [kg m^2]. Returns (..., 3, 3) [kg m^2].
 
     Examples
     --------
@@ -90,15 +66,7 @@ def second_moments(tensor_B: Array) -> Array:
 def is_physical(elements_: AnyArray) -> Array:
     """Whether tensors given by elements (..., 6) satisfy the triangle inequalities (bool, ...).
 
-    Parameters
-    ----------
-    elements_ : (..., 6) array
-        Elements [kg m^2].
-
-    Returns
-    -------
-    (...) array of bool
-        True where they are, strictly.
+    `elements_` (..., 6) [kg m^2].
 
     Examples
     --------
@@ -121,15 +89,7 @@ def from_chart(chart: Array) -> Array:
     The chart is unconstrained: every real vector is a physical tensor. Its components are the
     logarithms of the factor's diagonal, then its elements 10, 20, 21.
 
-    Parameters
-    ----------
-    chart : (..., 6) array
-        Any real numbers.
-
-    Returns
-    -------
-    (..., 6) array
-        Elements of a physical tensor [kg m^2].
+    Returns (..., 6) [kg m^2].
 
     Examples
     --------
@@ -145,15 +105,7 @@ def from_chart(chart: Array) -> Array:
 def to_chart(elements_: Array) -> Array:
     """The inverse of `from_chart`; NaN for an unphysical tensor.
 
-    Parameters
-    ----------
-    elements_ : (..., 6) array
-        Elements of a physical tensor [kg m^2].
-
-    Returns
-    -------
-    (..., 6) array
-        Its chart.
+    `elements_` (..., 6) [kg m^2]. Returns (..., 6).
 
     Examples
     --------
@@ -169,15 +121,7 @@ def to_chart(elements_: Array) -> Array:
 def principal_moments(elements_: np.ndarray) -> np.ndarray:
     """Principal moments (..., 3), ascending [kg m^2].
 
-    Parameters
-    ----------
-    elements_ : (..., 6) array
-        Elements [kg m^2].
-
-    Returns
-    -------
-    (..., 3) array
-        Moments, ascending [kg m^2].
+    `elements_` (..., 6) [kg m^2].
 
     Examples
     --------
@@ -190,17 +134,7 @@ def principal_moments(elements_: np.ndarray) -> np.ndarray:
 def wheel_spin_tensor(wheel_axes_B: AnyArray, spin_inertia: AnyArray) -> Array:
     """sum Js_i g_i g_i^T (3, 3) [kg m^2]: what J_locked has more than J (axes are columns).
 
-    Parameters
-    ----------
-    wheel_axes_B : (3, wheels) array
-        Unit spin axes as columns.
-    spin_inertia : (wheels,) array
-        Spin inertia of each wheel [kg m^2].
-
-    Returns
-    -------
-    (3, 3) array
-        What J_locked has more than J [kg m^2].
+    `wheel_axes_B` (3, wheels); `spin_inertia` (wheels,) [kg m^2].
 
     Examples
     --------
@@ -213,19 +147,8 @@ def wheel_spin_tensor(wheel_axes_B: AnyArray, spin_inertia: AnyArray) -> Array:
 def with_wheel_spin(tensor_B: Array, wheel_axes_B: Array, spin_inertia: Array) -> Array:
     """J_locked of a spacecraft whose tensor without the wheels' spin is J.
 
-    Parameters
-    ----------
-    tensor_B : (..., 3, 3) array
-        J of everything except the wheels' spin [kg m^2].
-    wheel_axes_B : (3, wheels) array
-        Unit spin axes as columns, body frame.
-    spin_inertia : (wheels,) array
-        Spin inertias [kg m^2].
-
-    Returns
-    -------
-    (..., 3, 3) array
-        J_locked [kg m^2].
+    `wheel_axes_B` (3, wheels); `spin_inertia` (wheels,) [kg m^2]. `tensor_B` (..., 3, 3): J of
+    everything except the wheels' spin [kg m^2]. Returns (..., 3, 3) [kg m^2].
 
     Examples
     --------
@@ -238,19 +161,9 @@ def with_wheel_spin(tensor_B: Array, wheel_axes_B: Array, spin_inertia: Array) -
 def without_wheel_spin(locked_B: Array, wheel_axes_B: Array, spin_inertia: Array) -> Array:
     """J without the wheels' spin of a spacecraft whose tensor with locked wheels is J_locked.
 
-    Parameters
-    ----------
-    locked_B : (..., 3, 3) array
-        J_locked, the inertia of everything with the wheels locked [kg m^2].
-    wheel_axes_B : (3, wheels) array
-        Unit spin axes as columns, body frame.
-    spin_inertia : (wheels,) array
-        Spin inertias [kg m^2].
-
-    Returns
-    -------
-    (..., 3, 3) array
-        J of everything except the wheels' spin [kg m^2].
+    `wheel_axes_B` (3, wheels); `spin_inertia` (wheels,) [kg m^2]. `locked_B` (..., 3, 3): J_locked,
+    the inertia of everything with the wheels locked [kg m^2]. Returns (..., 3, 3): J of everything
+    except the wheels' spin [kg m^2].
 
     Examples
     --------

@@ -49,12 +49,6 @@ if hasattr(os, "register_at_fork"):
 def require_usable_jax() -> None:
     """Raise where JAX would compute for ever, or in single precision.
 
-    Raises
-    ------
-    SettingsError
-        In a process that was forked after JAX had computed: a fork copies none of the threads that
-        compiled code runs in. Where someone switched double precision off.
-
     Examples
     --------
     >>> require_usable_jax()

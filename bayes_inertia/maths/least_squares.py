@@ -109,34 +109,14 @@ def dogleg[X](
     long, narrow, curved valley, and steps end on its wall: a step that disappoints is followed by
     corrections that move down the wall and not along the valley.
 
-    Parameters
-    ----------
-    objective : callable
-        Half the sum of squares at a point; infinite or NaN where there is none.
-    equations : callable
-        Gauss-Newton Hessian (n, n) and gradient (n,) at a point.
-    move : callable
-        The point reached from a point by a step (n,).
-    x : object
-        Where to begin.
-    size : (n,) array
-        A step of each coordinate that is neither large nor small. The first step is at most this.
-    steps : int
-        At most.
-    tolerance : float
-        Of the objective. The descent ends when the Gauss-Newton step promises less than this, or
-        when the last steps that were taken gained less than a hundred times this together.
-    expected : float
-        What noise alone makes of the objective. Where the objective is r times larger, misfit blurs
-        the minimum as much more noise would, and steps converge slowly: the tolerance counts r^2
-        times, and no more than 30 r times.
-
-    Returns
-    -------
-    x : object
-        The best point.
-    objective : float
-        There.
+    `objective`: half the sum of squares at a point; infinite or NaN where there is none.
+    `equations`: Gauss-Newton Hessian (n, n) and gradient (n,) at a point. `move`: the point reached
+    from a point by a step (n,). `size` (n,): A step of each coordinate that is neither large nor
+    small. The first step is at most this. `tolerance`: of the objective. The descent ends when the
+    Gauss-Newton step promises less than this, or when the last steps that were taken gained less
+    than a hundred times this together. `expected`: what noise alone makes of the objective. Where
+    the objective is r times larger, misfit blurs the minimum as much more noise would, and steps
+    converge slowly: the tolerance counts r^2 times, and no more than 30 r times.
 
     Examples
     --------

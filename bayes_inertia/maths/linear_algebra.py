@@ -14,17 +14,7 @@ VISIBLE = 1.0
 def solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """x with matrix x = vector for a symmetric positive definite matrix (n, n) of any scaling.
 
-    Parameters
-    ----------
-    matrix : (n, n) array
-        Symmetric and positive definite.
-    vector : (n,) array
-        Right-hand side.
-
-    Returns
-    -------
-    (n,) array
-        x.
+    `vector` (n,). Returns (n,).
 
     Examples
     --------
@@ -38,16 +28,6 @@ def solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
 def inverse(matrix: np.ndarray) -> np.ndarray:
     """Inverse of a symmetric positive definite matrix (n, n), scaled to unit diagonal first.
 
-    Parameters
-    ----------
-    matrix : (n, n) array
-        Symmetric and positive definite.
-
-    Returns
-    -------
-    (n, n) array
-        The inverse.
-
     Examples
     --------
     >>> inverse(np.diag([4.0, 0.25])).tolist()
@@ -59,21 +39,6 @@ def inverse(matrix: np.ndarray) -> np.ndarray:
 
 def cholesky_factor(matrix: np.ndarray) -> np.ndarray:
     """Lower triangular L (n, n), L L^T a symmetric positive definite matrix.
-
-    Parameters
-    ----------
-    matrix : (n, n) array
-        Symmetric.
-
-    Returns
-    -------
-    (n, n) array
-        L, lower triangular.
-
-    Raises
-    ------
-    EstimateError
-        If the matrix is not positive definite to rounding.
 
     Examples
     --------
@@ -93,16 +58,6 @@ def cholesky_factor(matrix: np.ndarray) -> np.ndarray:
 def inverse_root(matrix: np.ndarray) -> np.ndarray:
     """Lower triangular R (n, n), R^T R the inverse of a symmetric positive definite matrix.
 
-    Parameters
-    ----------
-    matrix : (n, n) array
-        Symmetric and positive definite.
-
-    Returns
-    -------
-    (n, n) array
-        R, lower triangular.
-
     Examples
     --------
     >>> inverse_root(np.diag([4.0, 1.0])).tolist()
@@ -120,17 +75,8 @@ def canonical_correlation(matrix: np.ndarray, first: int) -> float:
     Directions in which an effect of prior size moves the residuals by less than one sigma do not
     count.
 
-    Parameters
-    ----------
-    matrix : (n, n) array
-        Normal matrix in prior standard deviations, everything fitted projected off.
-    first : int
-        Number of columns of the first effect.
-
-    Returns
-    -------
-    float
-        From 0, told apart, to 1, not to be told apart.
+    `matrix` (n, n): normal matrix in prior standard deviations, everything fitted projected off.
+    Returns: from 0, told apart, to 1, not to be told apart.
 
     Examples
     --------

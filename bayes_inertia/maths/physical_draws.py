@@ -18,15 +18,8 @@ _is_physical = jax.jit(inertia_tensor.is_physical)
 def are_physical(elements: np.ndarray) -> np.ndarray:
     """Which inertia tensors a real body can have.
 
-    Parameters
-    ----------
-    elements : (n, 6) array
-        Elements of J in the order of `inertia_tensor.ELEMENTS` [kg m^2].
-
-    Returns
-    -------
-    (n,) array of bool
-        True where the triangle inequalities of the principal moments hold strictly.
+    `elements` (n, 6): elements of J in the order of `inertia_tensor.ELEMENTS` [kg m^2]. Returns
+    (n,): true where the triangle inequalities of the principal moments hold strictly.
 
     Examples
     --------
@@ -52,30 +45,11 @@ def draw_physical(
     The draws follow the given distribution, cut off where tensors are unphysical. Where all first
     draws are physical, the generator is used exactly as without this function.
 
-    Parameters
-    ----------
-    draw : callable
-        Takes a number n and returns n independent draws, an (n, d) array with d >= 6; the first
-        six columns are the elements of J in the order of `inertia_tensor.ELEMENTS` [kg m^2].
-    n : int
-        How many draws are wanted.
-    wheel_spin : (6,) array, optional
-        Elements of the wheels' spin tensor [kg m^2], where the draws hold J_locked: taken off
-        before J is judged. None where they hold J.
-    rounds : int, optional
-        After so many rounds hardly any draw can be physical.
-    where, advice : str, optional
-        What the error then names, and what it proposes.
-
-    Returns
-    -------
-    (n, d) array
-        The draws, every J among them physical.
-
-    Raises
-    ------
-    CampaignError
-        If hardly any draw is physical.
+    `draw`: takes a number n and returns n independent draws, an (n, d) array with d >= 6; the first
+    six columns are the elements of J in the order of `inertia_tensor.ELEMENTS` [kg m^2].
+    `wheel_spin` (6,): elements of the wheels' spin tensor [kg m^2], where the draws hold J_locked:
+    taken off before J is judged. None where they hold J. `rounds`: after so many rounds hardly any
+    draw can be physical. Returns (n, d).
 
     Examples
     --------

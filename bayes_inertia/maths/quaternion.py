@@ -26,16 +26,6 @@ ComponentSequence = Sequence[Array]
 def cross_components(a: ComponentSequence, b: ComponentSequence) -> tuple[Array, Array, Array]:
     """a x b of two vectors given as components.
 
-    Parameters
-    ----------
-    a, b : sequence of array
-        Components x, y, z of two vectors.
-
-    Returns
-    -------
-    tuple of array
-        Components of a x b.
-
     Examples
     --------
     >>> cross_components((1, 0, 0), (0, 1, 0))
@@ -46,18 +36,6 @@ def cross_components(a: ComponentSequence, b: ComponentSequence) -> tuple[Array,
 
 def to_body_components(q: ComponentSequence, v_N: ComponentSequence) -> tuple[Array, ...]:
     """C(q) v_N: an inertial vector in body axes.
-
-    Parameters
-    ----------
-    q : sequence of array
-        Components e1, e2, e3, eta of the attitude.
-    v_N : sequence of array
-        Components in inertial axes.
-
-    Returns
-    -------
-    tuple of array
-        Components in body axes.
 
     Examples
     --------
@@ -72,18 +50,6 @@ def to_body_components(q: ComponentSequence, v_N: ComponentSequence) -> tuple[Ar
 def to_inertial_components(q: ComponentSequence, v_B: ComponentSequence) -> tuple[Array, ...]:
     """C(q)^T v_B: a body vector in inertial axes.
 
-    Parameters
-    ----------
-    q : sequence of array
-        Components e1, e2, e3, eta of the attitude.
-    v_B : sequence of array
-        Components in body axes.
-
-    Returns
-    -------
-    tuple of array
-        Components in inertial axes.
-
     Examples
     --------
     >>> to_inertial_components((0, 0, 1, 0), (1, 2, 3))
@@ -95,17 +61,7 @@ def to_inertial_components(q: ComponentSequence, v_B: ComponentSequence) -> tupl
 def rate_of_components(q: ComponentSequence, rate_B: ComponentSequence) -> tuple[Array, ...]:
     """dq/dt for the body rate w (paper eqs 10, 11).
 
-    Parameters
-    ----------
-    q : sequence of array
-        Components e1, e2, e3, eta of the attitude.
-    rate_B : sequence of array
-        Components of the body rate [rad/s].
-
-    Returns
-    -------
-    tuple of array
-        The four derivatives [1/s].
+    `rate_B` [rad/s]. Returns [1/s].
 
     Examples
     --------
@@ -124,16 +80,6 @@ def _split(array: Array) -> list[Array]:
 def multiply(p: Array, q: Array) -> Array:
     """Hamilton product p * q of quaternions (..., 4), scalar last.
 
-    Parameters
-    ----------
-    p, q : (..., 4) array
-        Quaternions, scalar last.
-
-    Returns
-    -------
-    (..., 4) array
-        The product.
-
     Examples
     --------
     >>> multiply(jnp.array([0., 0., 0., 1.]), jnp.array([1., 0., 0., 0.])).tolist()
@@ -144,16 +90,6 @@ def multiply(p: Array, q: Array) -> Array:
 
 def conjugate(q: Array) -> Array:
     """The inverse of a unit quaternion (..., 4).
-
-    Parameters
-    ----------
-    q : (..., 4) array
-        Unit quaternion.
-
-    Returns
-    -------
-    (..., 4) array
-        The inverse rotation.
 
     Examples
     --------
@@ -214,15 +150,7 @@ def to_body(q: Array, v_N: Array) -> Array:
 def exp(rotation_vector: Array) -> Array:
     """The unit quaternion (..., 4) of a rotation vector (..., 3) [rad]; smooth at zero.
 
-    Parameters
-    ----------
-    rotation_vector : (..., 3) array
-        Axis times angle [rad].
-
-    Returns
-    -------
-    (..., 4) array
-        Unit quaternion.
+    `rotation_vector` (..., 3) [rad].
 
     Examples
     --------
@@ -240,15 +168,7 @@ def exp(rotation_vector: Array) -> Array:
 def log(q: Array) -> Array:
     """The rotation vector (..., 3) [rad], at most pi long, of a unit quaternion; log(q) = log(-q).
 
-    Parameters
-    ----------
-    q : (..., 4) array
-        Unit quaternion.
-
-    Returns
-    -------
-    (..., 3) array
-        Axis times angle [rad].
+    `q` (..., 4).
 
     Examples
     --------
@@ -269,15 +189,7 @@ def error(q_predicted: Array, q_measured: Array) -> Array:
 
     The sign of either quaternion does not matter.
 
-    Parameters
-    ----------
-    q_predicted, q_measured : (..., 4) array
-        Attitudes, body from inertial.
-
-    Returns
-    -------
-    (..., 3) array
-        Rotation vector in body axes [rad].
+    `q_predicted` and `q_measured` (..., 4).
 
     Examples
     --------

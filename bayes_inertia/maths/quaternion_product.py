@@ -9,16 +9,6 @@ from typing import Any
 def product_components(p: Iterable[Any], q: Iterable[Any]) -> tuple[Any, Any, Any, Any]:
     """Hamilton product p * q of two quaternions, scalar last.
 
-    Parameters
-    ----------
-    p, q : iterable of array
-        Components e1, e2, e3, eta.
-
-    Returns
-    -------
-    tuple of array
-        Components of the product.
-
     Examples
     --------
     >>> product_components((1, 0, 0, 0), (0, 1, 0, 0))

@@ -34,15 +34,7 @@ def array_dataclass[T](cls: type[T]) -> type[T]:
     Two objects are equal if they have one class and equal fields. Arrays are equal if their shapes
     and values are; NaN equals NaN. Equal objects have equal hashes.
 
-    Parameters
-    ----------
-    cls : type
-        The class, with annotated fields as `dataclasses.dataclass` wants them.
-
-    Returns
-    -------
-    type
-        The same class, now a frozen dataclass.
+    `cls`: the class, with annotated fields as `dataclasses.dataclass` wants them.
 
     Examples
     --------
@@ -81,16 +73,6 @@ def array_tuple[T: tuple[Any, ...]](cls: type[T]) -> type[T]:
     Two of them are equal as two of an `array_dataclass` are. Arrays are not copied: such tuples
     travel through compiled code.
 
-    Parameters
-    ----------
-    cls : type
-        The class, a `typing.NamedTuple`.
-
-    Returns
-    -------
-    type
-        The same class.
-
     Examples
     --------
     >>> from typing import NamedTuple
@@ -128,15 +110,8 @@ def _hash_of_fields(self: Any) -> int:
 def frozen(given: Any) -> Any:
     """A copy that nobody else can change.
 
-    Parameters
-    ----------
-    given : object
-        An array of numpy, or a dictionary, list or tuple (named or not) of such.
-
-    Returns
-    -------
-    object
-        Read-only copies of writeable arrays, in new containers; anything else as it is.
+    `given`: an array of numpy, or a dictionary, list or tuple (named or not) of such. Returns:
+    read-only copies of writeable arrays, in new containers; anything else as it is.
 
     Examples
     --------
@@ -172,15 +147,7 @@ def _frozen_array(given: np.ndarray) -> np.ndarray:
 def equal(first: Any, second: Any) -> bool:
     """Whether two fields are equal, as one bool.
 
-    Parameters
-    ----------
-    first, second : object
-        Arrays, numbers, or containers of such; other objects are compared by their own `==`.
-
-    Returns
-    -------
-    bool
-        True if types of containers, shapes and values are the same; NaN equals NaN.
+    Returns: true if types of containers, shapes and values are the same; NaN equals NaN.
 
     Examples
     --------
@@ -237,15 +204,7 @@ def _hashable(value: Any) -> Any:
 def json_ready(value: Any) -> Any:
     """A value with Python's own types, and None for what is not finite.
 
-    Parameters
-    ----------
-    value : object
-        Numbers, texts, or dicts, lists, tuples and arrays of such.
-
-    Returns
-    -------
-    object
-        What the `json` module writes without NaN.
+    `value`: numbers, texts, or dicts, lists, tuples and arrays of such.
 
     Examples
     --------

@@ -61,22 +61,7 @@ def compare_with_posterior(
 ) -> tuple[PosteriorComparison, ...]:
     """Predicted and sampled uncertainty side by side.
 
-    Parameters
-    ----------
-    observability : Observability
-        The prediction.
-    posterior : Posterior
-        A fit of the same campaign, effects and drive.
-
-    Returns
-    -------
-    tuple of PosteriorComparison
-        One for each parameter.
-
-    Raises
-    ------
-    EstimateError
-        If the posterior is of other parameters.
+    `posterior`: A fit of the same campaign, effects and drive.
     """
     if list(observability.names) != posterior.names:
         raise EstimateError(
@@ -93,18 +78,7 @@ def compare_with_posterior(
 
 
 def comparison_json(comparison: tuple[PosteriorComparison, ...]) -> dict[str, dict[str, Any]]:
-    """The comparison as observability.json holds it.
-
-    Parameters
-    ----------
-    comparison : tuple of PosteriorComparison
-        One for each parameter.
-
-    Returns
-    -------
-    dict
-        By name of the parameter.
-    """
+    """The comparison as observability.json holds it."""
     content = {}
     for row in comparison:
         fields = asdict(row) | {"warnings": list(row.warnings)}

@@ -62,15 +62,7 @@ class Degeneracy:
 def data_information(estimate: Estimate) -> np.ndarray:
     """What the data say of the f free parameters, nuisances integrated out.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        Of the campaign.
-
-    Returns
-    -------
-    (f, f) array
-        In inverse squares of the parameters' units.
+    Returns (f, f).
     """
     free = estimate.free
     slope = prior_rows(estimate.model, estimate.theta)[0][free]
@@ -80,19 +72,7 @@ def data_information(estimate: Estimate) -> np.ndarray:
 def in_words(names: Sequence[str], weights: np.ndarray, threshold: float = 0.3) -> str:
     """A direction as people say it: J's terms, then what goes with them.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of the f parameters.
-    weights : (f,) array
-        The direction.
-    threshold : float
-        Terms below this part of the largest are left out.
-
-    Returns
-    -------
-    str
-        A sum of names.
+    `weights` (f,). `threshold`: terms below this part of the largest are left out.
 
     Examples
     --------
@@ -125,15 +105,7 @@ def _sum(names: Sequence[str], weights: np.ndarray, index: list[int]) -> str:
 def stated_degeneracies(estimate: Estimate) -> tuple[Degeneracy, ...]:
     """What the campaign's layout makes impossible or hard to tell.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        Of the campaign.
-
-    Returns
-    -------
-    tuple of Degeneracy
-        Each with a number where the fit holds both sides.
+    Returns: each with a number where the fit holds both sides.
     """
     has_wheels = bool(estimate.model.campaign.wheels)
     return (
@@ -147,17 +119,8 @@ def stated_degeneracies(estimate: Estimate) -> tuple[Degeneracy, ...]:
 def turned_axes(campaign: Campaign) -> tuple[np.ndarray, np.ndarray]:
     """How fast the slews turn about which axes, sensor noise subtracted.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What was flown.
-
-    Returns
-    -------
-    rms : (3,) array
-        Rates about the axes, largest first [rad/s].
-    axes_B : (3, 3) array
-        The axes as columns, in the body frame.
+    Returns `rms` (3,): rates about the axes, largest first [rad/s]; `axes_B` (3, 3): the axes as
+    columns, in the body frame.
     """
     sensor = campaign.rate_sensor
     rates = np.concatenate(

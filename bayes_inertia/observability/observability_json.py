@@ -41,18 +41,7 @@ _COPIED_FIELDS = (
 
 
 def observability_json(observability: Observability) -> dict[str, Any]:
-    """The content of observability.json, plain numbers and text.
-
-    Parameters
-    ----------
-    observability : Observability
-        What `observe` returned.
-
-    Returns
-    -------
-    dict
-        None stands for what is not finite.
-    """
+    """The content of observability.json, plain numbers and text."""
     windows = {arrival.slew: in_windows(arrival) for arrival in observability.arrivals}
     names = observability.names
     content = {

@@ -213,19 +213,7 @@ def in_windows(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Sum the information of a slew in equal windows of time.
 
-    Parameters
-    ----------
-    arrival : InformationArrival
-        Of one slew.
-    windows : int
-        How many.
-
-    Returns
-    -------
-    edges : (windows + 1,) array
-        Of the windows [s].
-    precision : (windows, 3, f) array
-        That arrives in each.
+    Returns `edges` (windows + 1,) [s]; `precision` (windows, 3, f).
 
     Examples
     --------
@@ -242,18 +230,8 @@ def in_windows(
 def commands_worth(parameter: ParameterObservability, drive: str) -> float | None:
     """What the recorded torque commands are worth.
 
-    Parameters
-    ----------
-    parameter : ParameterObservability
-        One parameter.
-    drive : str
-        The drive of its `sd`.
-
-    Returns
-    -------
-    float or None
-        The sd with the commands ignored over the sd with them; None where the model was driven in
-        one way only.
+    Returns: the sd with the commands ignored over the sd with them; None where the model was driven
+    in one way only.
     """
     if parameter.sd_other_drive is None:
         return None

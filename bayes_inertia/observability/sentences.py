@@ -16,23 +16,34 @@ from bayes_inertia.observability.result import (
 _MENTIONED_SD_RATIO = 1.2  # ratio of sds from which the worth of the commands is mentioned
 _LOST_VARIANCE_INFLATION = 1.21  # variance inflation from which something is called lost
 _MOST_GROUPS = 3
+_CARRIED = 0.5  # share of what is known from which one slew is said to carry a parameter
+_VERDICTS = {
+    "determined": "determined",
+    "partly": "partly determined",
+    "weakly": "mostly the prior",
+    "prior": "the prior",
+}
+
+
+def answer(observability: Observability) -> str:
+    """Which parameters a campaign determines, and which slew alone carries which of them."""
+    groups: dict[str, list[str]] = {words: [] for words in _VERDICTS.values()}
+    carried: dict[str, list[str]] = {slew: [] for slew in observability.slews}
+    for p in observability.parameters:
+        groups[_VERDICTS[p.verdict]].append(p.name)
+        by_slew = p.share.sum(1)
+        if len(by_slew) > 1 and by_slew.max() > _CARRIED:
+            carried[observability.slews[int(np.argmax(by_slew))]].append(p.name)
+    told = [f"{words}: {', '.join(names)}" for words, names in groups.items() if names]
+    if len(groups[_VERDICTS["determined"]]) == len(observability.parameters):
+        told = [f"all {len(observability.parameters)} parameters are determined"]
+    carries = [f"{slew} carries {', '.join(names)}" for slew, names in carried.items() if names]
+    said = f"{'; '.join([*told, *carries])}."
+    return said[0].upper() + said[1:]
 
 
 def sentence(observability: Observability, name: str) -> str:
-    """Why a parameter is as uncertain as it is.
-
-    Parameters
-    ----------
-    observability : Observability
-        What `observe` returned.
-    name : str
-        Of the parameter.
-
-    Returns
-    -------
-    str
-        One plain sentence.
-    """
+    """Why a parameter is as uncertain as it is."""
     p = observability[name]
     if p.signal < 1.0:
         return (
@@ -42,11 +53,11 @@ def sentence(observability: Observability, name: str) -> str:
     gain = p.prior_sd / p.sd
     verdict = {
         "prior": "is the prior, although the telemetry responds",
-        "weakly": f"is mostly the prior, {gain:.2g} times sharper than it",
-        "partly": f"is partly determined, {gain:.2g} times sharper than the prior",
-        "determined": f"is determined, {gain:,.3g} times sharper than the prior",
+        "weakly": f"is mostly the prior, {_factor(gain)} times sharper than it",
+        "partly": f"is partly determined, {_factor(gain)} times sharper than the prior",
+        "determined": f"is determined, {_factor(gain)} times sharper than the prior",
     }[p.verdict]
-    parts = [f"{name} {verdict} (signal {p.signal:,.3g} sigma)", _lost(p)]
+    parts = [f"{name} {verdict} (signal {_factor(p.signal)} sigma)", _lost(p)]
     middle = observability.middle_half(name)
     if middle and p.verdict != "prior":
         _, begin, end = middle
@@ -54,7 +65,7 @@ def sentence(observability: Observability, name: str) -> str:
         parts.append(f"{source}, half of that slew's part between {begin:.4g} and {end:.4g} s")
     worth = commands_worth(p, observability.drive)
     if worth is not None and worth > _MENTIONED_SD_RATIO:
-        parts.append(f"without the recorded commands its sd would be {worth:.2g} times larger")
+        parts.append(f"without the recorded commands its sd would be {_factor(worth)} times larger")
     return "; ".join(parts) + "."
 
 
@@ -69,13 +80,22 @@ def _lost(p: ParameterObservability) -> str:
         if logs[group] > 0.15 * sum(logs.values()) and p.inflation[group] > 1.1
     ]
     named = ", ".join(
-        f"{_group_without(p.name, group)} (x{math.sqrt(p.inflation[group]):.2g})"
+        f"{_group_without(p.name, group)} (× {_factor(math.sqrt(p.inflation[group]))})"
         for group in worst[:_MOST_GROUPS]
     )
     return (
-        f"its sd is {math.sqrt(p.variance_inflation):.2g} times what it would be "
+        f"its sd is {_factor(math.sqrt(p.variance_inflation))} times what it would be "
         f"with all else known, mostly through {named}"
     )
+
+
+def _factor(value: float) -> str:
+    """A factor of at least one, without an exponent.
+
+    >>> _factor(2.46), _factor(3580.4)
+    ('2.5', '3,580')
+    """
+    return f"{value:.2g}" if value < 10.0 else f"{value:,.0f}"
 
 
 def _group_without(name: str, group: str) -> str:

@@ -39,15 +39,7 @@ class ActiveEffects:
     def of(self, effect: Effect) -> Mapping[str, Array]:
         """The parameters of one effect.
 
-        Parameters
-        ----------
-        effect : Effect
-            One of `effects`.
-
-        Returns
-        -------
-        mapping of str to Array
-            {parameter's name: array}; empty for an effect without parameters.
+        Returns: {parameter's name: array}; empty for an effect without parameters.
 
         Examples
         --------
@@ -65,15 +57,7 @@ class ActiveEffects:
     def act(self, *hooks: str) -> bool:
         """Whether any of the effects changes anything in one of these hooks.
 
-        Parameters
-        ----------
-        *hooks : str
-            Names of hooks of `Effect`.
-
-        Returns
-        -------
-        bool
-            True if one of the effects overrides one of the hooks.
+        Returns: true if one of the effects overrides one of the hooks.
 
         Examples
         --------

@@ -197,20 +197,6 @@ class NoiseModel:
 def noise_model_from_json(content: Mapping[str, Any]) -> NoiseModel:
     """The noise model that its JSON describes.
 
-    Parameters
-    ----------
-    content : mapping
-        Of `NoiseModel.json`.
-
-    Returns
-    -------
-    NoiseModel
-
-    Raises
-    ------
-    TypeError
-        If it describes none.
-
     Examples
     --------
     >>> noise_model_from_json(NoiseModel().json()) == NoiseModel()
@@ -224,21 +210,7 @@ def noise_model_from_json(content: Mapping[str, Any]) -> NoiseModel:
 def noise_model_from_text(families: Sequence[str] = (), sampled: Sequence[str] = ()) -> NoiseModel:
     """The noise model that options of the command line describe.
 
-    Parameters
-    ----------
-    families : sequence of str
-        "channel=family" or "channel=student_t:degrees", the degrees a number or "sampled".
-    sampled : sequence of str
-        Channels whose scale is sampled.
-
-    Returns
-    -------
-    NoiseModel
-
-    Raises
-    ------
-    SettingsError
-        If a channel or a family has no such name, or a channel is named twice.
+    `families`: "channel=family" or "channel=student_t:degrees", the degrees a number or "sampled".
 
     Examples
     --------

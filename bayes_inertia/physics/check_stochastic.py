@@ -23,14 +23,7 @@ _ROUNDING = 1e-9
 def coefficient_draw(model: Model) -> np.ndarray:
     """Whitened nuisances with coefficients to try an effect with.
 
-    Parameters
-    ----------
-    model : Model
-
-    Returns
-    -------
-    (slews, n_local) array
-        Zero but for the coefficients, which are standard normal.
+    Returns (slews, n_local): zero but for the coefficients, which are standard normal.
     """
     structure = model.structure
     local = np.zeros((model.n_slews, structure.n_local))
@@ -42,20 +35,7 @@ def coefficient_draw(model: Model) -> np.ndarray:
 def check_coefficients(effect: Effect, model: Model, points: np.ndarray) -> None:
     """Check the prior covariance of an effect's coefficients.
 
-    Parameters
-    ----------
-    effect : Effect
-        Any effect; those of a fixed shape pass.
-    model : Model
-        With this effect alone.
-    points : (n, d) array
-        Parameter vectors: the null first, then draws of the prior.
-
-    Raises
-    ------
-    EffectError
-        If there are no coefficients, or their covariance is not zero at the null, not finite or
-        not positive definite elsewhere.
+    `points` (n, d): parameter vectors: the null first, then draws of the prior.
     """
     if not isinstance(effect, StochasticEffect):
         return

@@ -35,15 +35,7 @@ _SUM = np.array([11.0, 0.0, 81.0, 81.0, -32.0, -32.0, 11.0]) / 120.0
 def columns(rows: Array) -> Components:
     """The columns of an array.
 
-    Parameters
-    ----------
-    rows : (n, k) array
-        One row a grid point.
-
-    Returns
-    -------
-    tuple of k (n,) arrays
-        One array a column.
+    `rows` (n, k). Returns (n,).
 
     Examples
     --------
@@ -56,17 +48,7 @@ def columns(rows: Array) -> Components:
 def stacked(components: Components, *shape: int) -> Array:
     """Components as one array, also where there are none.
 
-    Parameters
-    ----------
-    components : tuple of k Array
-        Arrays of one shape.
-    *shape : int
-        That shape, for the case of no components.
-
-    Returns
-    -------
-    (..., k) array
-        The components along the last axis.
+    Returns (..., k).
 
     Examples
     --------
@@ -79,15 +61,7 @@ def stacked(components: Components, *shape: int) -> Array:
 def following(rows: Array) -> Array:
     """Every row's successor; the last row is its own.
 
-    Parameters
-    ----------
-    rows : (n, ...) array
-        One row a grid point.
-
-    Returns
-    -------
-    (n, ...) array
-        The rows from the second on, and the last once more.
+    `rows` (n, ...). Returns (n, ...): the rows from the second on, and the last once more.
 
     Examples
     --------
@@ -99,16 +73,6 @@ def following(rows: Array) -> Array:
 
 def unit(components: Components) -> Components:
     """A vector or quaternion scaled to unit length.
-
-    Parameters
-    ----------
-    components : tuple of Array
-        Its components, not all zero.
-
-    Returns
-    -------
-    tuple of Array
-        Components whose squares sum to one.
 
     Examples
     --------
@@ -125,16 +89,6 @@ def computed_once(values: Any) -> Any:
     Otherwise it computes them anew for each of the numbers that depend on them: a simulation with
     many effects takes three times as long, and compiling it longer too.
 
-    Parameters
-    ----------
-    values : pytree
-        Arrays that much depends on.
-
-    Returns
-    -------
-    pytree
-        The same.
-
     Examples
     --------
     >>> computed_once((jnp.array(1.0), jnp.array(2.0)))[1].item()
@@ -146,19 +100,8 @@ def computed_once(values: Any) -> Any:
 def runge_kutta_4(slope: Callable[[Any, Any], Any], x: Any, step: Array) -> Any:
     """One step of the classical Runge-Kutta method of fourth order.
 
-    Parameters
-    ----------
-    slope : callable
-        Takes the fraction of the step that has passed and the state; returns its time derivative.
-    x : pytree
-        The state at the step's beginning.
-    step : () array
-        Length of the step [s].
-
-    Returns
-    -------
-    pytree
-        The state at the step's end.
+    `step` [s]. `slope`: takes the fraction of the step that has passed and the state; returns its
+    time derivative.
 
     Examples
     --------
@@ -181,19 +124,8 @@ def runge_kutta_4(slope: Callable[[Any, Any], Any], x: Any, step: Array) -> Any:
 def runge_kutta_6(slope: Callable[[Any, Any], Any], x: Any, step: Array) -> Any:
     """One step of Butcher's Runge-Kutta method of sixth order (1964, seven stages).
 
-    Parameters
-    ----------
-    slope : callable
-        Takes the fraction of the step that has passed and the state; returns its time derivative.
-    x : pytree
-        The state at the step's beginning.
-    step : () array
-        Length of the step [s].
-
-    Returns
-    -------
-    pytree
-        The state at the step's end.
+    `step` [s]. `slope`: takes the fraction of the step that has passed and the state; returns its
+    time derivative.
 
     Examples
     --------

@@ -20,20 +20,6 @@ _NOT_SI = {"deg", "arcsec", "arcmin", "rpm", "min", "h", "gauss"}
 def require_of_effect(condition: bool, effect: Any, what: str, advice: str) -> None:
     """Raise unless a condition holds.
 
-    Parameters
-    ----------
-    condition : bool
-        What the contract asks for.
-    effect : Effect
-        Whose contract it is.
-    what, advice : str
-        What is wrong otherwise, and what to do about it.
-
-    Raises
-    ------
-    EffectError
-        If the condition is false.
-
     Examples
     --------
     >>> require_of_effect(False, Effect(), "it does nothing", "override a hook")
@@ -47,25 +33,6 @@ def require_of_effect(condition: bool, effect: Any, what: str, advice: str) -> N
 
 def guarded(effect: Effect, step_name: str, call: Callable[[], Any]) -> Any:
     """The result of a call; whatever goes wrong in it becomes an `EffectError` that says where.
-
-    Parameters
-    ----------
-    effect : Effect
-        Whose code is called.
-    step_name : str
-        What the call does, for the error.
-    call : callable
-        A function without arguments.
-
-    Returns
-    -------
-    object
-        What the call returns.
-
-    Raises
-    ------
-    EffectError
-        If the call raises anything.
 
     Examples
     --------
@@ -90,18 +57,6 @@ def guarded(effect: Effect, step_name: str, call: Callable[[], Any]) -> Any:
 
 def check_declaration(effect: Effect, campaign: Campaign) -> None:
     """Check what an effect declares, without calling its hooks.
-
-    Parameters
-    ----------
-    effect : Effect
-        The effect to check.
-    campaign : Campaign
-        The campaign that it declares its parameters for.
-
-    Raises
-    ------
-    EffectError
-        Naming what is broken: class, name, hash, parameters, units, priors or null values.
 
     Examples
     --------

@@ -75,27 +75,9 @@ def prepare(
 ) -> tuple[MassProperties, SlewState, Array]:
     """What the integration of one slew begins with.
 
-    Parameters
-    ----------
-    slew : SlewInput
-        What was commanded or measured.
-    start : Start
-        The state at the first row.
-    inertia_B : (3, 3) array
-        J of everything except the wheels' spin [kg m^2].
-    active : ActiveEffects
-        What else acts.
-    drive : "commanded" or "measured", optional
-        What drives the model.
-
-    Returns
-    -------
-    mass : MassProperties
-        The constants of this slew.
-    state : SlewState
-        The state at the first row.
-    torque : (n, wheels) array
-        The torque that the wheels deliver for the commanded one [N m].
+    `inertia_B` (3, 3): J of everything except the wheels' spin [kg m^2]. Returns `mass`: the
+    constants of this slew; `state`: the state at the first row; `torque` (n, wheels): the torque
+    that the wheels deliver for the commanded one [N m].
 
     Examples
     --------
@@ -129,23 +111,8 @@ def rate_and_wheel_momentum(
 ) -> tuple[Array, Array]:
     """What turns at one instant of the commanded drive.
 
-    Parameters
-    ----------
-    state : SlewState
-        The state at that instant.
-    mass : MassProperties
-        The constants of this slew.
-    context : SlewContext
-        What effects may know of this slew.
-    active : ActiveEffects
-        What else acts.
-
-    Returns
-    -------
-    rate_B : (3,) array
-        Body rate [rad/s].
-    wheel_momentum : (wheels,) array
-        Wheel momentum relative to the body [N m s].
+    Returns `rate_B` (3,) [rad/s]; `wheel_momentum` (wheels,): wheel momentum relative to the body
+    [N m s].
 
     Examples
     --------
@@ -174,25 +141,11 @@ def rate_components(
 ) -> Components:
     """Body rate from total momentum.
 
-    Parameters
-    ----------
-    mass : MassProperties
-        The constants of this slew.
-    attitude : tuple of 4 Array
-        Quaternion, body from inertial. Runge-Kutta's inner stages leave the unit sphere; with C(q)
-        of the unit quaternion the error is a quarter as large and does not depend on the choice
-        of inertial axes: give the unit quaternion.
-    momentum_N : tuple of 3 Array
-        Total momentum in inertial axes [N m s].
-    wheel : tuple of Array
-        Wheel momenta [N m s]: absolute with the inverse of J, relative with that of J_locked.
-    internal : (3,) array, optional
-        Momentum that the effects' own states carry, body frame [N m s].
-
-    Returns
-    -------
-    tuple of 3 Array
-        Body rate [rad/s].
+    `momentum_N` [N m s]. `attitude`: quaternion, body from inertial. Runge-Kutta's inner stages
+    leave the unit sphere; with C(q) of the unit quaternion the error is a quarter as large and does
+    not depend on the choice of inertial axes: give the unit quaternion. `wheel`: wheel momenta [N m
+    s]: absolute with the inverse of J, relative with that of J_locked. `internal` (3,): momentum
+    that the effects' own states carry, body frame [N m s]. Returns [rad/s].
 
     Examples
     --------
@@ -213,17 +166,8 @@ def rate_components(
 def rate_of_momentum(mass: MassProperties, momentum_B: Sequence[Any]) -> Components:
     """Body rate from the momentum of the body alone; likewise its change from a torque.
 
-    Parameters
-    ----------
-    mass : MassProperties
-        The constants of this slew.
-    momentum_B : sequence of 3 Array
-        Momentum without that of wheels and of effects' own states, body frame [N m s].
-
-    Returns
-    -------
-    tuple of 3 Array
-        Body rate [rad/s].
+    `momentum_B`: momentum without that of wheels and of effects' own states, body frame [N m s].
+    Returns [rad/s].
 
     Examples
     --------
@@ -239,19 +183,8 @@ def internal_momentum(
 ) -> Array:
     """Momentum that the effects' own states carry.
 
-    Parameters
-    ----------
-    active : ActiveEffects
-        What acts.
-    context : SlewContext
-        What effects may know of this slew.
-    effect_states : tuple of Array
-        Each effect's own states (k,), or (n, k) for a whole slew.
-
-    Returns
-    -------
-    (3,) or (n, 3) array
-        Angular momentum in the body frame [N m s].
+    `effect_states`: each effect's own states (k,), or (n, k) for a whole slew. Returns (n, 3):
+    angular momentum in the body frame [N m s].
 
     Examples
     --------

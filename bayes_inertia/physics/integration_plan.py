@@ -68,20 +68,6 @@ def integration_plan(
     the motion and state no step; and sensors that look between rows see a grid as fine as their
     hooks were promised.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What was flown.
-    effects : sequence of Effect
-        What acts.
-    drive : "commanded" or "measured"
-        What drives the model.
-
-    Returns
-    -------
-    IntegrationPlan
-        For `pack` and `simulate_slew`.
-
     Examples
     --------
     >>> from bayes_inertia.physics.small_campaign import small_campaign
@@ -133,16 +119,6 @@ class MotionScales(NamedTuple):
 def motion_scales(campaign: Campaign) -> MotionScales:
     """How fast the motion is, from readings, and from the momentum that wheels may hold.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What was flown.
-
-    Returns
-    -------
-    MotionScales
-        Zero where nothing was measured.
-
     Examples
     --------
     >>> from bayes_inertia.physics.small_campaign import small_campaign
@@ -177,17 +153,8 @@ def _largest(rows: np.ndarray) -> float:
 def longest_smooth_step(campaign: Campaign, motion: MotionScales) -> float:
     """The longest step for a motion without kinks.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        Says how large the noise of each sensor is.
-    motion : MotionScales
-        How fast the campaign moves.
-
-    Returns
-    -------
-    float
-        A power of the fourth root of two [s], so that the grid does not change with every reading.
+    `campaign`: says how large the noise of each sensor is. Returns: A power of the fourth root of
+    two [s], so that the grid does not change with every reading.
 
     Examples
     --------

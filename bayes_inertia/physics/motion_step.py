@@ -62,21 +62,7 @@ def wheel_momentum_at(
 ) -> Components:
     """Wheel momentum within a step: absolute (commanded drive) or relative (measured drive).
 
-    Parameters
-    ----------
-    fraction : float or array
-        Part of the step that has passed.
-    state : SlewState
-        The state at that instant.
-    inputs : StepInputs
-        The step.
-    drive : "commanded" or "measured"
-        What drives the model.
-
-    Returns
-    -------
-    tuple of Array
-        One a wheel [N m s].
+    Returns [N m s].
     """
     known = value(inputs.wheel, fraction)
     if drive == "measured":
@@ -95,27 +81,8 @@ def state_slope(
 ) -> SlewState:
     """Time derivative of the state within a step.
 
-    Parameters
-    ----------
-    fraction : float or array
-        Part of the step that has passed.
-    x : SlewState
-        The state there; its wheels lack what the commands give them within the step.
-    inputs : StepInputs
-        The step.
-    mass : MassProperties
-        The constants of the slew.
-    context : SlewContext
-        What effects may know of the slew.
-    active : ActiveEffects
-        What else acts.
-    drive : "commanded" or "measured"
-        What drives the model.
-
-    Returns
-    -------
-    SlewState
-        Change per second; of the wheels, beyond the commands.
+    `x`: the state there; its wheels lack what the commands give them within the step. Returns:
+    change per second; of the wheels, beyond the commands.
     """
     wheel = wheel_momentum_at(fraction, x, inputs, drive)
     attitude, wheel = computed_once((unit(x.attitude), wheel))
@@ -174,18 +141,9 @@ def _zeros(components: Components) -> Components:
 def grid_rows(slew: SlewInput, torque: Array) -> dict:
     """What `advance` reads at each grid point.
 
-    Parameters
-    ----------
-    slew : SlewInput
-        What was commanded or measured.
-    torque : (n, wheels) array
-        Torque delivered to the wheels and held over each step [N m].
-
-    Returns
-    -------
-    dict
-        `time` and `step` (n,) [s]; `torque`, `wheel`, `field` and `position` as components at
-        the two ends of each step.
+    `torque` (n, wheels): torque delivered to the wheels and held over each step [N m]. Returns
+    `time` and `step` (n,) [s]; `torque`, `wheel`, `field` and `position` as components at the two
+    ends of each step.
 
     Examples
     --------
@@ -213,25 +171,7 @@ def advance(
 ) -> SlewState:
     """Integrate over one grid step. A step of zero length changes nothing.
 
-    Parameters
-    ----------
-    state : SlewState
-        The state at the step's beginning.
-    row : dict
-        One point of `grid_rows`.
-    mass : MassProperties
-        The constants of this slew.
-    context : SlewContext
-        What effects may know of this slew.
-    active : ActiveEffects
-        What else acts.
-    drive : "commanded" or "measured", optional
-        What drives the model.
-
-    Returns
-    -------
-    SlewState
-        The state at the step's end, its quaternion of unit length.
+    Returns: the state at the step's end, its quaternion of unit length.
 
     Examples
     --------

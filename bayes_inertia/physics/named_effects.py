@@ -22,21 +22,8 @@ from bayes_inertia.physics.small_campaign import small_campaign
 def effects_named(names: Sequence[str]) -> tuple[Effect, ...]:
     """The effects with these names, of the library or from outside.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Each a name of the library ("rate_bias"), `FILE.py:Class`, `package.module:Class`, the name
-        of an entry point of an installed package, or what `pinned_names` returned.
-
-    Returns
-    -------
-    tuple of Effect
-        In the order given.
-
-    Raises
-    ------
-    EffectError
-        If a name or reference leads to no effect, or two effects have one name.
+    `names`: each a name of the library ("rate_bias"), `FILE.py:Class`, `package.module:Class`, the
+    name of an entry point of an installed package, or what `pinned_names` returned.
 
     Examples
     --------
@@ -55,15 +42,6 @@ def effects_named(names: Sequence[str]) -> tuple[Effect, ...]:
 def remainders(kind: str | None) -> tuple[Effect, ...]:
     """What stands for disturbances without a name in a fit.
 
-    Parameters
-    ----------
-    kind : str or None
-        "torque", "rate", "both", or None for none.
-
-    Returns
-    -------
-    tuple of Effect
-
     Examples
     --------
     >>> [effect.name for effect in remainders("both")]
@@ -76,21 +54,7 @@ def remainders(kind: str | None) -> tuple[Effect, ...]:
 def pinned_names(names: Sequence[str]) -> tuple[str, ...]:
     """The names as a run keeps them; effects from outside are checked.
 
-    Parameters
-    ----------
-    names : sequence of str
-        As `effects_named` takes them.
-
-    Returns
-    -------
-    tuple of str
-        References with absolute paths and digests; names of the library as they are.
-
-    Raises
-    ------
-    EffectError
-        As `effects_named`, and if an effect from outside does not declare itself as it must or a
-        hook of it cannot be called.
+    Returns: references with absolute paths and digests; names of the library as they are.
     """
     effects_named(names)
     return tuple(_pinned_name(name) for name in names)

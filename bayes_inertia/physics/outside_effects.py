@@ -67,15 +67,7 @@ class EffectReference:
 def reference_of(name: str) -> EffectReference | None:
     """The reference that a name is, or that an entry point of this name has.
 
-    Parameters
-    ----------
-    name : str
-        As given on a command line.
-
-    Returns
-    -------
-    EffectReference or None
-        None for a plain name that no installed package declares.
+    Returns: none for a plain name that no installed package declares.
 
     Examples
     --------
@@ -93,34 +85,14 @@ def reference_of(name: str) -> EffectReference | None:
 
 
 def installed_effects() -> dict[str, str]:
-    """Entry points of installed packages, by name; nothing is loaded.
-
-    Returns
-    -------
-    dict of str to str
-        The reference of each.
-    """
+    """Entry points of installed packages, by name; nothing is loaded."""
     return {entry.name: entry.value for entry in metadata.entry_points(group=ENTRY_POINTS)}
 
 
 def load_effect(reference: EffectReference) -> Effect:
     """The effect that a reference names; its code is run.
 
-    Parameters
-    ----------
-    reference : EffectReference
-        Where it is defined.
-
-    Returns
-    -------
-    Effect
-        An instance; of a class, the one without arguments.
-
-    Raises
-    ------
-    EffectError
-        If file, module or class is not there, the code cannot be run, the class is no effect, or
-        the file is not the one that was pinned.
+    Returns: an instance; of a class, the one without arguments.
     """
     module = _module(reference)
     value = getattr(module, reference.attribute, None)
@@ -130,23 +102,7 @@ def load_effect(reference: EffectReference) -> Effect:
 
 
 def effects_in_file(path: Path) -> tuple[Effect, ...]:
-    """All effects that a file defines, in its order.
-
-    Parameters
-    ----------
-    path : Path
-        A Python file.
-
-    Returns
-    -------
-    tuple of Effect
-        One instance of each class.
-
-    Raises
-    ------
-    EffectError
-        If the file cannot be run, defines no effect, or an effect cannot be made.
-    """
+    """All effects that a file defines, in its order."""
     if path.suffix != ".py":
         raise EffectError(
             "not a Python file", where=str(path), advice="give FILE.py or FILE.py:Class"
@@ -165,18 +121,7 @@ def effects_in_file(path: Path) -> tuple[Effect, ...]:
 
 
 def pinned(reference: EffectReference) -> EffectReference:
-    """The reference with an absolute path and the digest of the file as it is now.
-
-    Parameters
-    ----------
-    reference : EffectReference
-        Of an effect that can be loaded.
-
-    Returns
-    -------
-    EffectReference
-        The same wherever a command is started.
-    """
+    """The reference with an absolute path and the digest of the file as it is now."""
     source = reference.source
     if reference.is_file:
         path = Path(source).resolve()

@@ -90,24 +90,8 @@ class Arrays(NamedTuple):
 def refined_grid(time: np.ndarray, max_step: float | None) -> tuple[np.ndarray, np.ndarray]:
     """Integration times that contain every sample time.
 
-    Parameters
-    ----------
-    time : (n,) array
-        Sample times [s].
-    max_step : float or None
-        Longest step of the grid [s]; None takes the samples as they are.
-
-    Returns
-    -------
-    grid : (m,) array
-        Integration times [s].
-    sample : (n,) array of int
-        Index of each sample in the grid.
-
-    Raises
-    ------
-    CampaignError
-        If that takes more than a million steps.
+    `time` (n,) [s]. `max_step`: longest step of the grid [s]; None takes the samples as they are.
+    Returns `grid` (m,) [s]; `sample` (n,): index of each sample in the grid.
 
     Examples
     --------
@@ -139,15 +123,7 @@ def longest_step(campaign: Campaign) -> float:
     Runge-Kutta's fourth order. The fastest rotation is twice the 95th percentile of the readings,
     so that a few glitches do not refine the whole campaign.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What was flown.
-
-    Returns
-    -------
-    float
-        A power of two [s], so that the grid does not change with every reading.
+    Returns: A power of two [s], so that the grid does not change with every reading.
 
     Examples
     --------
@@ -170,26 +146,9 @@ def pack(
 ) -> Arrays:
     """The campaign as stacked, padded arrays.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What was flown.
-    max_step : float, optional
-        Longest step of the grid [s]; by default what resolves the fastest rotation.
-    modes : int, optional
-        Number of slow tachometer-noise shapes a wheel (measured drive).
-    rows_per_step : int, optional
-        Grid points that one integration step spans; the grid is padded to a multiple of it.
-
-    Returns
-    -------
-    Arrays
-        With the slews as leading axis.
-
-    Raises
-    ------
-    CampaignError
-        If the integration would take more than a million steps.
+    `max_step`: longest step of the grid [s]; by default what resolves the fastest rotation.
+    `modes`: number of slow tachometer-noise shapes a wheel (measured drive). `rows_per_step`: grid
+    points that one integration step spans; the grid is padded to a multiple of it.
 
     Examples
     --------
@@ -241,19 +200,7 @@ def _on_grid(slew: Slew, key: str, grid: np.ndarray, width: int) -> np.ndarray:
 def bridged(grid: np.ndarray, time: np.ndarray, column: np.ndarray) -> np.ndarray:
     """One column on the grid, straight across its gaps; zero where nothing was measured.
 
-    Parameters
-    ----------
-    grid : (m,) array
-        Where it is wanted [s].
-    time : (n,) array
-        Times of the readings [s].
-    column : (n,) array
-        Readings; NaN where there is none.
-
-    Returns
-    -------
-    (m,) array
-        Linear in between, constant beyond the ends.
+    `grid` (m,) [s]; `time` (n,) [s]; `column` (n,). Returns (m,).
 
     Examples
     --------

@@ -120,21 +120,6 @@ def vector(
 def with_prior_scale(parameter: Parameter, factor: float) -> Parameter:
     """A parameter whose Gaussian priors are as many times wider; log-normal ones stay.
 
-    Parameters
-    ----------
-    parameter : Parameter
-    factor : float
-        Multiplies each standard deviation.
-
-    Returns
-    -------
-    Parameter
-
-    Raises
-    ------
-    SettingsError
-        If the factor is not finite and above zero.
-
     Examples
     --------
     >>> lag = scalar("lag", unit="s", prior=Normal(0.0, 0.1))
@@ -300,17 +285,7 @@ class ParameterSpace:
 def prior_residual(constants: Mapping[str, Array], flat: Array) -> Array:
     """Whitened distance of every parameter from its prior's centre.
 
-    Parameters
-    ----------
-    constants : mapping of str to Array
-        From `ParameterSpace.constants`.
-    flat : (..., size) array
-        Physical values.
-
-    Returns
-    -------
-    (..., size) array
-        In standard deviations of the untruncated prior.
+    `flat` (..., size). Returns (..., size).
 
     Examples
     --------
@@ -326,17 +301,7 @@ def prior_residual(constants: Mapping[str, Array], flat: Array) -> Array:
 def log_prior(constants: Mapping[str, Array], flat: Array) -> Array:
     """Log prior density, up to the constant of the Gaussians' and truncations' norms.
 
-    Parameters
-    ----------
-    constants : mapping of str to Array
-        From `ParameterSpace.constants`.
-    flat : (..., size) array
-        Physical values.
-
-    Returns
-    -------
-    (...) array
-        -inf outside the support.
+    `flat` (..., size).
 
     Examples
     --------

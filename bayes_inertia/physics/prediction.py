@@ -89,14 +89,7 @@ class Structure:
     def nuisances(self, local: Array) -> Nuisances:
         """The nuisances of one slew, each effect's coefficients apart.
 
-        Parameters
-        ----------
-        local : (n_local,) array
-            Whitened nuisances of the slew.
-
-        Returns
-        -------
-        Nuisances
+        `local` (n_local,).
         """
         coefficients = each_effects_coefficients(self.coefficients, local[self.n_start :])
         return Nuisances(local[: self.n_start], coefficients)
@@ -124,15 +117,7 @@ class Structure:
     def active_effects(self, theta: Array) -> ActiveEffects:
         """The effects with the parameters that a flat vector gives them.
 
-        Parameters
-        ----------
-        theta : (d,) array
-            Sampled parameters in physical units.
-
-        Returns
-        -------
-        ActiveEffects
-            The effects and their values.
+        `theta` (d,).
         """
         values: dict[str, dict[str, Array]] = {effect.name: {} for effect in self.effects}
         start = N_BASE
@@ -164,21 +149,7 @@ class Prediction(NamedTuple):
 def start_of(structure: Structure, scale: NuisanceScale, reference: Start, local: Array) -> Start:
     """Start state of one slew from its nuisances.
 
-    Parameters
-    ----------
-    structure : Structure
-        Of the model.
-    scale : NuisanceScale
-        Prior sd of the nuisances.
-    reference : Start
-        Where the nuisances are counted from.
-    local : (n_start,) array
-        Whitened nuisances of the slew, without coefficients.
-
-    Returns
-    -------
-    Start
-        In physical units.
+    `local` (n_start,).
     """
     physical = local * scale.local
     attitude = quaternion.multiply(reference.attitude, quaternion.exp(physical[3:6]))
@@ -189,19 +160,7 @@ def start_of(structure: Structure, scale: NuisanceScale, reference: Start, local
 def inertia_in(structure: Structure, theta: Array, slew: SlewContext) -> Array:
     """The inertia tensor of everything except the wheels' spin.
 
-    Parameters
-    ----------
-    structure : Structure
-        Of the model.
-    theta : (d,) array
-        Sampled parameters in physical units.
-    slew : SlewContext
-        The slew.
-
-    Returns
-    -------
-    (3, 3) array
-        [kg m^2].
+    `theta` (d,). Returns (3, 3) [kg m^2].
     """
     J = inertia_tensor.tensor(theta[:6])
     if not structure.includes_wheel_spin:
@@ -214,21 +173,8 @@ def acting_in(
 ) -> ActiveEffects:
     """What acts in one slew.
 
-    Parameters
-    ----------
-    structure : Structure
-        Of the model.
-    theta : (d,) array
-        Sampled parameters in physical units.
-    coefficients : tuple of (k,) arrays
-        Of each effect in this slew, whitened.
-    slew : SlewContext
-        The slew.
-
-    Returns
-    -------
-    ActiveEffects
-        With the coefficients of effects that have no fixed shape.
+    `theta` (d,); `coefficients` (k,). Returns: with the coefficients of effects that have no fixed
+    shape.
     """
     active = structure.active_effects(theta)
     if not structure.coefficients:
@@ -248,29 +194,8 @@ def predict(
 ) -> Prediction:
     """Predicted telemetry of one slew.
 
-    Parameters
-    ----------
-    structure : Structure
-        Of the model.
-    theta : (d,) array
-        Sampled parameters in physical units.
-    nuisances : Nuisances
-        Of the slew.
-    bias : (3,) array
-        Whitened rate bias.
-    slew : SlewInput
-        One slew of `data.arrays`, as are `telemetry` and `reference`.
-    telemetry : Telemetry
-        Says where rows and fixes stand on the grid.
-    reference : Start
-        Where the nuisances are counted from.
-    data : Data
-        Sensors and scales of the model.
-
-    Returns
-    -------
-    Prediction
-        What the sensors would report without noise.
+    `theta` (d,); `bias` (3,). `slew`: one slew of `data.arrays`, as are `telemetry` and
+    `reference`. `telemetry`: says where rows and fixes stand on the grid.
     """
     local, coefficients = nuisances
     active = acting_in(structure, theta, coefficients, slew.context)
@@ -341,23 +266,7 @@ def predict_all(
 ) -> Prediction:
     """Predicted telemetry of all slews.
 
-    Parameters
-    ----------
-    structure : Structure
-        Of the model.
-    theta : (d,) array
-        Sampled parameters in physical units.
-    local : (slews, n_local) array
-        Whitened nuisances of each slew.
-    bias : (3,) array
-        Whitened rate bias.
-    data : Data
-        Of the model.
-
-    Returns
-    -------
-    Prediction
-        With the slews as leading axis.
+    `theta` (d,); `local` (slews, n_local); `bias` (3,).
     """
     one = jax.vmap(
         lambda x, slew, telemetry, reference: predict(

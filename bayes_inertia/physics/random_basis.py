@@ -20,17 +20,7 @@ _JITTER = 1e-9
 def slew_fraction(slew: SlewContext, t: Array) -> Array:
     """How much of a slew is over.
 
-    Parameters
-    ----------
-    slew : SlewContext
-        The slew.
-    t : (...) array
-        Times from the slew's own zero [s].
-
-    Returns
-    -------
-    (...) array
-        0 at its first row, 1 at its last.
+    `t` (...) [s]. Returns (...): 0 at its first row, 1 at its last.
     """
     first = slew.time[0]
     return (t - first) / slew_duration(slew)
@@ -39,15 +29,7 @@ def slew_fraction(slew: SlewContext, t: Array) -> Array:
 def slew_duration(slew: SlewContext) -> Array:
     """Time from the first to the last row of a slew.
 
-    Parameters
-    ----------
-    slew : SlewContext
-        The slew.
-
-    Returns
-    -------
-    () array
-        [s], never zero.
+    Returns [s].
     """
     return jnp.maximum(slew.time[-1] - slew.time[0], 1e-9)
 
@@ -55,16 +37,7 @@ def slew_duration(slew: SlewContext) -> Array:
 def hat_functions(fraction: Array, knots: int) -> Array:
     """Weights of evenly spaced knots in straight lines between them.
 
-    Parameters
-    ----------
-    fraction : (...) array
-        Where, 0 to 1; beyond, the nearest knot counts.
-    knots : int
-        How many, at least two.
-
-    Returns
-    -------
-    (..., knots) array
+    `fraction` (...): where, 0 to 1; beyond, the nearest knot counts. Returns (..., knots).
 
     Examples
     --------
@@ -81,19 +54,7 @@ def random_walk_root(density: Array, slew: SlewContext, knots: int) -> Array:
     The walk is zero in the middle of its campaign. A slew begins with what it became since (or
     before). These offsets of two slews are taken as independent.
 
-    Parameters
-    ----------
-    density : () array
-        Sd of the walk after one second.
-    slew : SlewContext
-        The slew.
-    knots : int
-        How many.
-
-    Returns
-    -------
-    (knots, knots) array
-        Lower triangular.
+    Returns (knots, knots).
     """
     duration = slew_duration(slew)
     # Never zero: where the campaign is one slew its offset is as large as the walk.
@@ -108,19 +69,7 @@ def random_walk_covariance(density: Array, slews: SlewContext, knots: int) -> Ar
 
     The walk is zero in the middle of its campaign and goes on between slews.
 
-    Parameters
-    ----------
-    density : () array
-        Sd of the walk after one second.
-    slews : SlewContext
-        With the slews as leading axis.
-    knots : int
-        How many in each slew.
-
-    Returns
-    -------
-    (slews knots, slews knots) array
-        Knots of one slew stand together.
+    Returns (slews knots, slews knots).
     """
     first, last = slews.time[:, 0], slews.time[:, -1]
     places = first[:, None] + (last - first)[:, None] * jnp.linspace(0.0, 1.0, knots)
@@ -137,21 +86,7 @@ def ornstein_uhlenbeck_root(
     Its covariance is sd^2 exp(-|t - t'| / time): from knot to knot x' = r x + sqrt(1 - r^2) noise
     with r = exp(-spacing / time).
 
-    Parameters
-    ----------
-    sd : () array
-        Standard deviation of the process.
-    correlation_time : () array
-        Its correlation time [s].
-    spacing : () array
-        Between knots [s].
-    knots : int
-        How many.
-
-    Returns
-    -------
-    (knots, knots) array
-        Lower triangular.
+    `correlation_time` [s]; `spacing` [s]. Returns (knots, knots).
 
     Examples
     --------
@@ -170,19 +105,8 @@ def ornstein_uhlenbeck_root(
 def on_pieces(fraction: Array, coefficients: Array, axes: int) -> Array:
     """Signals on several axes that are constant over equal pieces of a slew.
 
-    Parameters
-    ----------
-    fraction : (...) array
-        When, 0 to 1; beyond, the nearest piece counts.
-    coefficients : (axes k,) array
-        Values on k pieces, in the order of `on_each_axis`.
-    axes : int
-        How many axes.
-
-    Returns
-    -------
-    (..., axes) array
-        The signals.
+    `fraction` (...): when, 0 to 1; beyond, the nearest piece counts. `coefficients` (axes k,):
+    values on k pieces, in the order of `on_each_axis`. Returns (..., axes).
 
     Examples
     --------
@@ -204,21 +128,7 @@ def ornstein_uhlenbeck_mean_root(
     x = width / time the variance of a mean is 2 sd^2 (x - 1 + exp(-x)) / x^2, the covariance of
     pieces k apart sd^2 (1 - exp(-x))^2 exp(-(k - 1) x) / x^2.
 
-    Parameters
-    ----------
-    sd : () array
-        Standard deviation of the process.
-    correlation_time : () array
-        Its correlation time [s].
-    width : () array
-        Of a piece [s].
-    pieces : int
-        How many.
-
-    Returns
-    -------
-    (pieces, pieces) array
-        Lower triangular.
+    `correlation_time` [s]; `width` [s]. Returns (pieces, pieces).
 
     Examples
     --------
@@ -244,28 +154,8 @@ def matern_root(
     1 + x (1 + x + x^2 / 3). Rasmussen and Williams, "Gaussian Processes for Machine Learning",
     equation 4.17.
 
-    Parameters
-    ----------
-    sd : () array
-        Standard deviation of the process.
-    correlation_time : () array
-        Its correlation time [s].
-    spacing : () array
-        Between knots [s].
-    knots : int
-        How many.
-    differentiable : {1, 2}, optional
-        How often the process can be differentiated: smoothness 3/2 or 5/2.
-
-    Returns
-    -------
-    (knots, knots) array
-        Lower triangular.
-
-    Raises
-    ------
-    ValueError
-        If `differentiable` is another number.
+    `correlation_time` [s]; `spacing` [s]. `differentiable`: how often the process can be
+    differentiated: smoothness 3/2 or 5/2. Returns (knots, knots).
 
     Examples
     --------
@@ -288,17 +178,7 @@ def matern_root(
 def on_each_axis(root: Array, axes: int) -> Array:
     """The root for independent processes of one kind on several axes.
 
-    Parameters
-    ----------
-    root : (k, k) array
-        Of the coefficients on one axis.
-    axes : int
-        How many axes.
-
-    Returns
-    -------
-    (axes, k, k) array
-        Coefficients of the first axis first.
+    `root` (k, k). Returns (axes, k, k).
 
     Examples
     --------
@@ -311,16 +191,7 @@ def on_each_axis(root: Array, axes: int) -> Array:
 def independent(sd: Array | float, count: int) -> Array:
     """The root for independent coefficients.
 
-    Parameters
-    ----------
-    sd : () or (count,) array
-        Standard deviation of each coefficient.
-    count : int
-        How many.
-
-    Returns
-    -------
-    (count, 1, 1) array
+    `sd` (count,). Returns (count, 1, 1).
 
     Examples
     --------
@@ -333,19 +204,7 @@ def independent(sd: Array | float, count: int) -> Array:
 def on_axes(functions: Array, coefficients: Array, axes: int) -> Array:
     """Signals on several axes from coefficients in the order of `on_each_axis`.
 
-    Parameters
-    ----------
-    functions : (..., k) array
-        Values of the unit inputs.
-    coefficients : (axes k,) array
-        Their coefficients.
-    axes : int
-        How many axes.
-
-    Returns
-    -------
-    (..., axes) array
-        The signals.
+    `functions` (..., k); `coefficients` (axes k,). Returns (..., axes).
 
     Examples
     --------

@@ -24,22 +24,7 @@ from bayes_inertia.physics.stochastic_effect import StochasticEffect
 def coefficient_counts(campaign: Campaign, effects: tuple[Effect, ...]) -> tuple[int, ...]:
     """How many coefficients each effect has in one slew.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What was flown.
-    effects : tuple of Effect
-        What acts.
-
-    Returns
-    -------
-    tuple of int
-        One an effect, 0 for effects of a fixed shape; empty if all are.
-
-    Raises
-    ------
-    EffectError
-        If an effect's count is not a whole number.
+    Returns: one an effect, 0 for effects of a fixed shape; empty if all are.
 
     Examples
     --------
@@ -63,17 +48,7 @@ def coefficient_counts(campaign: Campaign, effects: tuple[Effect, ...]) -> tuple
 def each_effects_coefficients(counts: tuple[int, ...], whitened: Array) -> tuple[Array, ...]:
     """The coefficients of one slew, cut into those of each effect.
 
-    Parameters
-    ----------
-    counts : tuple of int
-        From `coefficient_counts`.
-    whitened : (n_random,) array
-        z of this slew, effect by effect.
-
-    Returns
-    -------
-    tuple of (k,) arrays
-        One an effect.
+    `whitened` (n_random,). Returns (k,).
 
     Examples
     --------
@@ -89,19 +64,7 @@ def with_coefficients(
 ) -> ActiveEffects:
     """Effects with the coefficients of one slew in place of the parameters that fix their prior.
 
-    Parameters
-    ----------
-    active : ActiveEffects
-        Effects and their parameters.
-    whitened : tuple of (k,) arrays
-        z of this slew, one an effect, see `each_effects_coefficients`.
-    slew : SlewContext
-        The slew.
-
-    Returns
-    -------
-    ActiveEffects
-        What the hooks are called with.
+    `whitened` (k,): z of this slew, one an effect, see `each_effects_coefficients`.
     """
     values = dict(active.values)
     for (effect, p), z in zip(active, whitened, strict=True):
@@ -117,24 +80,8 @@ def prior_blocks(
 ) -> tuple[Array, ...]:
     """The root B of the prior covariance of all coefficients of one slew, as diagonal blocks.
 
-    Parameters
-    ----------
-    active : ActiveEffects
-        Effects and their parameters.
-    counts : tuple of int
-        From `coefficient_counts`.
-    slew : SlewContext
-        The slew.
-
-    Returns
-    -------
-    tuple of (b, m, m) arrays
-        One an effect with coefficients; its b blocks follow each other on the diagonal of B.
-
-    Raises
-    ------
-    EffectError
-        If a root does not fit the number of coefficients.
+    Returns (b, m, m): one an effect with coefficients; its b blocks follow each other on the
+    diagonal of B.
     """
     return tuple(
         _blocks(effect, p, slew, count)
@@ -167,17 +114,7 @@ def hyperparameters(
 ) -> tuple[int, ...]:
     """Where the parameters of stochastic effects stand in the flat vector.
 
-    Parameters
-    ----------
-    effects : tuple of Effect
-        What acts.
-    layout : tuple of (str, str, int or None)
-        Owner, name and number of components (None: a scalar) of each parameter after J and K.
-
-    Returns
-    -------
-    tuple of int
-        Their indices, ascending; empty without such effects.
+    `layout`: owner, name and number of components (None: a scalar) of each parameter after J and K.
 
     Examples
     --------

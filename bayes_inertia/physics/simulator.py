@@ -7,21 +7,53 @@ h the tachometer momentum). This is the integral of Ferguson's eq 6. Butcher's R
 sixth order takes steps of as many telemetry rows as the motion allows; what the wheels do within a
 step is told by its moments (`step_drive`), and rows within a step come from dense output, all at
 once.
+
+One slew integrated: attitude, total momentum and own states, at every row of the grid.
+
+States between the ends of integration steps, from values and slopes at both ends.
+
+Attitude and body-frame momentum are polynomials of fifth degree (Hairer, Norsett and Wanner 1993,
+section II.6), whose error is far below that of the step; what effects add is a cubic. Slopes are
+counted per step, not per second, so that steps of zero length are no exception.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
 import jax.numpy as jnp
 from jax import Array
 
+from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.active_effects import ActiveEffects
-from bayes_inertia.physics.components import Components, stacked
-from bayes_inertia.physics.equations_of_motion import internal_momentum, prepare
-from bayes_inertia.physics.integrated_paths import attitude_path, full_path
+from bayes_inertia.physics.components import Components, computed_once, runge_kutta_6, stacked, unit
+from bayes_inertia.physics.equations_of_motion import (
+    MassProperties,
+    SlewState,
+    internal_momentum,
+    prepare,
+    rate_components,
+    rate_of_momentum,
+)
+from bayes_inertia.physics.motion_step import StepInputs, state_slope, wheel_momentum_at
 from bayes_inertia.physics.slew_context import Trajectory
 from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
-from bayes_inertia.physics.step_drive import at_output, known_momentum
+from bayes_inertia.physics.step_drive import (
+    KnownMomentum,
+    StepPoints,
+    at_output,
+    derivative,
+    known_momentum,
+    polynomials,
+    step_ends,
+    value,
+)
 
+# Steps of a block: a look at each takes as long as the step.
+_BLOCK = 16
 # Hooks that make more than the attitude change during a slew.
 MOVING_HOOKS = ("wheel_torque", "body_torque", "initial_state", "internal_momentum")
 # Hooks that decide how the body and its wheels move: all that the simulator calls.
@@ -40,30 +72,12 @@ def simulate_slew(
 ) -> tuple[Trajectory, Components]:
     """Simulate one slew; a pure function that JAX can batch and differentiate.
 
-    Parameters
-    ----------
-    slew : SlewInput
-        What was commanded or measured.
-    start : Start
-        The state at the first row.
-    inertia_B : (3, 3) array
-        J of everything except the wheels' spin [kg m^2].
-    active : ActiveEffects, optional
-        What else acts; nothing by default.
-    drive : "commanded" or "measured", optional
-        Commanded: torques are the input, wheel momentum is an output. Measured: wheel momentum
-        is the input.
-    rows_per_step : int, optional
-        Grid points that one integration step spans; the grid's length is a multiple of it
-        (`integration_plan` finds how many the motion allows).
-
-    Returns
-    -------
-    trajectory : Trajectory
-        The slew on the grid, or where `slew.output` wants it (its `time` is always the grid's);
-        its `effect_states` is empty.
-    effect_states : tuple of (n, k) arrays
-        Each effect's own states.
+    `inertia_B` (3, 3): J of everything except the wheels' spin [kg m^2]. `drive`: commanded:
+    torques are the input, wheel momentum is an output. Measured: wheel momentum is the input.
+    `rows_per_step`: grid points that one integration step spans; the grid's length is a multiple of
+    it (`integration_plan` finds how many the motion allows). Returns `trajectory`: the slew on the
+    grid, or where `slew.output` wants it (its `time` is always the grid's); its `effect_states` is
+    empty; `effect_states` (n, k).
 
     Examples
     --------
@@ -92,3 +106,327 @@ def simulate_slew(
     no_states = jnp.zeros((len(context.time), 0))
     trajectory = Trajectory(context.time, path.attitude, rate, momentum, no_states)
     return trajectory, path.effect_states
+
+
+class MotionHistory(NamedTuple):
+    """What was integrated, at the n rows of the grid, or where it is wanted.
+
+    Parameters
+    ----------
+    attitude : (n, 4) array
+        Quaternions, body from inertial, scalar last; (f, 4) where only fixes are wanted.
+    momentum_B : (n, 3) array
+        Total momentum in the body frame [N m s].
+    wheel : tuple of (n,) or () arrays
+        Absolute momentum of each wheel beyond what commands gave it [N m s].
+    effect_states : tuple of (n, k) arrays
+        Each effect's own states.
+    """
+
+    attitude: Array
+    momentum_B: Array
+    wheel: Components
+    effect_states: Components
+
+
+def attitude_path(
+    mass: MassProperties, first: SlewState, known: KnownMomentum, drive: Drive
+) -> MotionHistory:
+    """The slew where M_N is constant and the wheels are known beforehand.
+
+    Only the attitude is integrated; no effect acts on it. Body-frame momentum between the ends of
+    a step is a polynomial of its own, so that rates need no attitude.
+    """
+    n, momentum_N = len(known.at_rows), first.momentum_N
+    wheels = _WheelsInBody.of(mass, first, known, drive)
+
+    def step(attitude: Components, row: tuple) -> tuple[Components, Components]:
+        cubic_B, duration = row
+
+        def slope_of(fraction: float, q: Components) -> Components:
+            momentum_B = quaternion.to_body_components(unit(q), momentum_N)
+            rate = wheels.rate(momentum_B, value(tuple(cubic_B), fraction))
+            return quaternion.rate_of_components(q, computed_once(rate))
+
+        return unit(runge_kutta_6(slope_of, attitude, duration)), attitude
+
+    last, begin = _over_steps(step, first.attitude, (wheels.cubic_B, known.steps.length))
+    states = jax.tree.map(lambda x: jnp.broadcast_to(x, (n, *x.shape)), first.effect_states)
+    if known.left_out is None:
+        momentum_B = jnp.stack(quaternion.to_body_components(begin, momentum_N), -1)
+        return MotionHistory(jnp.stack(begin, -1), momentum_B, first.wheel, states)
+    length = known.steps.length
+    q0, body0 = wheels.derivatives(begin, momentum_N, length, 0.0)
+    q1, body1 = wheels.derivatives(_followed(begin, last), momentum_N, length, 1.0)
+    angle = _within_step(mass, known)
+    q0, q1, body0, body1, angle = computed_once((q0, q1, body0, body1, angle))
+    if known.fixes is None:
+        attitude = turned(_at_rows(q0, q1, known), angle)
+    else:
+        attitude = turned(*_at_points(q0, q1, known.fixes, mass))
+    smooth_B = _at_rows(body0, body1, known)
+    carried = quaternion.cross_components(smooth_B, angle)
+    all_B = tuple(m + c for m, c in zip(smooth_B, carried, strict=True))
+    return MotionHistory(_rows(attitude), _rows(all_B), first.wheel, states)
+
+
+class _WheelsInBody(NamedTuple):
+    """The wheels' momentum in body axes: a constant (3,) and a cubic a step (m, 4, 3) [N m s]."""
+
+    mass: MassProperties
+    offset: Array
+    cubic_B: Array
+
+    @classmethod
+    def of(
+        cls, mass: MassProperties, first: SlewState, known: KnownMomentum, drive: Drive
+    ) -> _WheelsInBody:
+        offset = jnp.zeros(3)
+        if drive == "commanded" and first.wheel:
+            offset = mass.axes_B @ jnp.stack(first.wheel)
+        return cls(mass, offset, jnp.einsum("iw,mlw->mli", mass.axes_B, known.cubic))
+
+    def rate(self, momentum_B: Components, known_B: Any) -> Components:
+        """Body rate from total momentum and from the wheels' known momentum."""
+        free = [momentum_B[i] - known_B[i] - self.offset[i] for i in range(3)]
+        return rate_of_momentum(self.mass, free)
+
+    def derivatives(
+        self, attitude: Components, momentum_N: Components, length: Array, s: float
+    ) -> tuple[list, list]:
+        """Value, first and second derivative over the steps of attitude and body-frame momentum."""
+        wheels = [tuple(self.cubic_B[:, k, i] for k in range(4)) for i in range(3)]
+        momentum_B = quaternion.to_body_components(attitude, momentum_N)
+        rate = self.rate(momentum_B, [value(p, s) for p in wheels])
+        rate = computed_once(tuple(length * w for w in rate))
+        turn = quaternion.cross_components(momentum_B, rate)
+        change = [t - value(derivative(p), s) for t, p in zip(turn, wheels, strict=True)]
+        rate_change = tuple(length * w for w in rate_of_momentum(self.mass, change))
+        turn, rate_change = computed_once((turn, rate_change))
+        of_turn = quaternion.cross_components(turn, rate)
+        of_change = quaternion.cross_components(momentum_B, rate_change)
+        bend = [a + b for a, b in zip(of_turn, of_change, strict=True)]
+        body = list(zip(momentum_B, turn, bend, strict=True))
+        return attitude_derivatives(attitude, rate, rate_change), body
+
+
+def full_path(
+    slew: SlewInput,
+    mass: MassProperties,
+    first: SlewState,
+    known: KnownMomentum,
+    active: ActiveEffects,
+    drive: Drive,
+) -> MotionHistory:
+    """The slew where momentum, wheels or own states change on the way."""
+    context, inputs = slew.context, _inputs(slew, known)
+
+    def slope_of(fraction: Any, state: SlewState, step: StepInputs) -> SlewState:
+        return state_slope(fraction, state, step, mass, context, active, drive)
+
+    def step(state: SlewState, row: StepInputs) -> tuple[SlewState, SlewState]:
+        later = runge_kutta_6(lambda s, x: slope_of(s, x, row), state, row.length)
+        return later._replace(attitude=unit(later.attitude)), state
+
+    last, begin = _over_steps(step, first, inputs)
+    if known.left_out is None:
+        momentum_B = quaternion.to_body_components(begin.attitude, begin.momentum_N)
+        rows = jnp.stack(begin.attitude, -1), jnp.stack(momentum_B, -1)
+        return MotionHistory(*rows, begin.wheel, begin.effect_states)
+
+    def end(state: SlewState, s: float) -> tuple[list, SlewState]:
+        def one(x: SlewState, row: StepInputs) -> tuple[Any, SlewState]:
+            change = jax.tree.map(lambda k: row.length * k, slope_of(s, x, row))
+            return _spin(s, x, change, row, mass, context, active, drive), change
+
+        (rate, rate_change), change = jax.vmap(one)(state, inputs)
+        return attitude_derivatives(state.attitude, rate, rate_change), change
+
+    final = _followed(begin, last)
+    (q0, change0), (q1, change1) = computed_once((end(begin, 0.0), end(final, 1.0)))
+    attitude = turned(_at_rows(q0, q1, known), _within_step(mass, known))
+    rest = _cubics_at_rows(begin, change0, final, change1, known.steps.fraction)
+    momentum_B = quaternion.to_body_components([q.reshape(-1) for q in attitude], rest.momentum_N)
+    return MotionHistory(_rows(attitude), jnp.stack(momentum_B, -1), rest.wheel, rest.effect_states)
+
+
+def _over_steps(step: Callable[[Any, Any], tuple[Any, Any]], first: Any, inputs: Any) -> Any:
+    """As `jax.lax.scan`, but blocks of padding, whose steps have no length, cost nothing."""
+    length = inputs.length if isinstance(inputs, StepInputs) else inputs[1]
+    size = math.gcd(len(length), _BLOCK)
+    number = len(length) // size
+    blocks = jax.tree.map(lambda x: x.reshape(number, size, *x.shape[1:]), (inputs, length))
+
+    def block(state: Any, rows: tuple[Any, Array]) -> tuple[Any, Any]:
+        def stay(x: Any) -> Any:
+            return x, jax.tree.map(lambda y: jnp.broadcast_to(y, (size, *y.shape)), x)
+
+        return jax.lax.cond(rows[1].any(), lambda x: jax.lax.scan(step, x, rows[0]), stay, state)
+
+    last, begin = jax.lax.scan(block, first, blocks)
+    return last, jax.tree.map(lambda x: x.reshape(len(length), *x.shape[2:]), begin)
+
+
+def _cubics_at_rows(begin: Any, change0: Any, final: Any, change1: Any, s: Array) -> Any:
+    """States at all rows, from values and slopes at both ends of each step."""
+
+    def at_rows(x: Array, dx: Array, y: Array, dy: Array) -> Array:
+        fraction = s.reshape(*s.shape, *[1] * (x.ndim - 1))
+        pieces = value(tuple(c[:, None] for c in cubic((x, dx), (y, dy))), fraction)
+        return pieces.reshape(s.size, *x.shape[1:])
+
+    return jax.tree.map(at_rows, begin, change0, final, change1)
+
+
+def _inputs(slew: SlewInput, known: KnownMomentum) -> StepInputs:
+    """Wheels and environment over each step; leading axis: steps."""
+    steps, rows = known.steps, known.steps.fraction.shape[1]
+
+    def of_step(values: Array) -> tuple[Array, ...]:
+        coefficients = polynomials(steps, step_ends(values, values[-1], rows))
+        return tuple(coefficients[:, k] for k in range(coefficients.shape[1]))
+
+    wheel = tuple(known.cubic[:, k] for k in range(known.cubic.shape[1]))
+    environment = of_step(slew.magnetic_field_N), of_step(slew.position_N)
+    return StepInputs(steps.time, steps.length, wheel, *environment)
+
+
+def _spin(
+    s: float,
+    x: SlewState,
+    change: SlewState,
+    row: StepInputs,
+    mass: MassProperties,
+    context: Any,
+    active: ActiveEffects,
+    drive: Drive,
+) -> tuple[Components, Components]:
+    """Body rate times a step's length, and its derivative over the step."""
+    acts = active.act("internal_momentum")
+    wheel = wheel_momentum_at(s, x, row, drive)
+    gained = value(derivative(row.wheel), s)
+    if drive == "commanded":
+        gained = gained + jnp.stack(change.wheel) if change.wheel else gained
+
+    def internal_of(states: Components) -> Array:
+        return internal_momentum(active, context, states)
+
+    internal, bend = None, jnp.zeros(3)
+    if acts:
+        internal, bend = jax.jvp(internal_of, (x.effect_states,), (change.effect_states,))
+    rate = rate_components(mass, x.attitude, x.momentum_N, wheel, internal)
+    rate = tuple(row.length * w for w in rate)
+    momentum_B = quaternion.to_body_components(x.attitude, x.momentum_N)
+    turn = quaternion.cross_components(momentum_B, rate)
+    torque = quaternion.to_body_components(x.attitude, change.momentum_N)
+    moved = mass.axes_B @ gained + bend
+    free = [turn[i] + torque[i] - moved[i] for i in range(3)]
+    return rate, tuple(row.length * w for w in rate_of_momentum(mass, free))
+
+
+def _followed(begin: Any, last: Any) -> Any:
+    """The states at the steps' ends, from those at their beginnings and the last one."""
+    return jax.tree.map(lambda rows, end: jnp.concatenate([rows[1:], end[None]]), begin, last)
+
+
+def _within_step(mass: MassProperties, known: KnownMomentum) -> Components:
+    """How far the body turns within each step by what the cubics leave out, (m, r) each [rad]."""
+    assert known.left_out is not None
+    angle = -jnp.einsum("iw,mrw->imr", mass.inverse @ mass.axes_B, known.left_out)
+    return tuple(angle)
+
+
+def _at_rows(first: list, last: list, known: KnownMomentum) -> Components:
+    """Quintics through both ends of each step, at its rows: (m, r) each."""
+    return tuple(
+        value(tuple(c[:, None] for c in quintic(a, b)), known.steps.fraction)
+        for a, b in zip(first, last, strict=True)
+    )
+
+
+def _at_points(
+    first: list, last: list, points: StepPoints, mass: MassProperties
+) -> tuple[Components, Components]:
+    """Quintics at some points, and how far the body turns there by what the cubics leave out."""
+
+    def of_step(end: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        x, v, a = end
+        return x[points.step], v[points.step], a[points.step]
+
+    pieces = [quintic(of_step(a), of_step(b)) for a, b in zip(first, last, strict=True)]
+    angle = -(mass.inverse @ mass.axes_B) @ points.left_out.T
+    return tuple(value(p, points.fraction) for p in pieces), tuple(angle)
+
+
+def _rows(components: Components) -> Array:
+    return jnp.stack([c.reshape(-1) for c in components], -1)
+
+
+Polynomial = tuple[Array, ...]
+
+
+def quintic(first: tuple[Any, Any, Any], last: tuple[Any, Any, Any]) -> Polynomial:
+    """The quintic with given value, slope and curvature at both ends.
+
+    `first`: value, first and second derivative at s = 0.
+
+    Examples
+    --------
+    >>> quintic((0.0, 0.0, 0.0), (1.0, 5.0, 20.0))
+    (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    """
+    (x, v, a), (end, end_v, end_a) = first, last
+    gap, turn, bend = end - x - v - 0.5 * a, end_v - v - a, end_a - a
+    return (
+        x,
+        v,
+        0.5 * a,
+        10.0 * gap - 4.0 * turn + 0.5 * bend,
+        -15.0 * gap + 7.0 * turn - bend,
+        6.0 * gap - 3.0 * turn + 0.5 * bend,
+    )
+
+
+def cubic(first: tuple[Any, Any], last: tuple[Any, Any]) -> Polynomial:
+    """The cubic with given value and slope at both ends.
+
+    Examples
+    --------
+    >>> cubic((0.0, 0.0), (1.0, 3.0))
+    (0.0, 0.0, 0.0, 1.0)
+    """
+    (x, v), (end, end_v) = first, last
+    gap, turn = end - x - v, end_v - v
+    return x, v, 3.0 * gap - turn, turn - 2.0 * gap
+
+
+def attitude_derivatives(
+    attitude: Components, rate: Components, rate_change: Components
+) -> list[tuple[Array, Array, Array]]:
+    """Value, first and second derivative of a quaternion's components over a step.
+
+    `rate` [rad]; `rate_change` [rad].
+
+    Examples
+    --------
+    >>> attitude_derivatives((0.0, 0.0, 0.0, 1.0), (2.0, 0.0, 0.0), (0.0, 0.0, 0.0))[0]
+    (0.0, 1.0, 0.0)
+    """
+    turn = quaternion.rate_of_components(attitude, rate)
+    of_turn = quaternion.rate_of_components(turn, rate)
+    of_change = quaternion.rate_of_components(attitude, rate_change)
+    return [(q, v, a + b) for q, v, a, b in zip(attitude, turn, of_turn, of_change, strict=True)]
+
+
+def turned(attitude: Components, angle: Components) -> Components:
+    """A quaternion near the unit sphere, turned by a small angle and put on the sphere.
+
+    `angle`: rotation of the body in its own axes [rad]; its cube is neglected.
+
+    Examples
+    --------
+    >>> [round(float(c), 4) for c in turned((0.0, 0.0, 0.0, 1.0), (0.02, 0.0, 0.0))]
+    [0.01, 0.0, 0.0, 1.0]
+    """
+    change = quaternion.rate_of_components(attitude, angle)
+    return unit(tuple(q + d for q, d in zip(attitude, change, strict=True)))

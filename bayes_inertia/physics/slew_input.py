@@ -97,15 +97,7 @@ class SlewInput(NamedTuple):
     def momentum_at(self, rows: Any) -> Array:
         """`momentum` at some grid points, without working out the others.
 
-        Parameters
-        ----------
-        rows : int or (k,) array of int
-            Grid points.
-
-        Returns
-        -------
-        (wheels,) or (k, wheels) array
-            Wheel momentum relative to the body [N m s].
+        `rows` (k,). Returns (k, wheels): wheel momentum relative to the body [N m s].
         """
         if self.slow_error is None:
             return self.momentum[rows]
@@ -116,19 +108,8 @@ class SlewInput(NamedTuple):
 def without_slow_error(slew: SlewInput, modes: Array, size: Array) -> SlewInput:
     """A slew whose tachometer readings are freed of slow errors.
 
-    Parameters
-    ----------
-    slew : SlewInput
-        With the momentum as it was read.
-    modes : (n, k) array
-        Shapes of the errors.
-    size : (wheels, k) array
-        How much of each shape each wheel's readings contain [N m s].
-
-    Returns
-    -------
-    SlewInput
-        With the momentum that drives the model.
+    `modes` (n, k). `size` (wheels, k): how much of each shape each wheel's readings contain [N m
+    s].
 
     Examples
     --------
@@ -169,23 +150,10 @@ def idle_slew(
 ) -> SlewInput:
     """A slew whose wheels are left alone, unless torques are given.
 
-    Parameters
-    ----------
-    time : (n,) array
-        The grid, from the slew's own zero [s].
-    wheels : int, optional
-        How many wheels, where `wheel_axes_B` does not say it.
-    wheel_axes_B : (3, wheels) array, optional
-        Unit spin axes as columns, body frame.
-    spin_inertia : (wheels,) array, optional
-        Spin inertias [kg m^2]; zero by default.
-    torque : (n, wheels) array, optional
-        Motor torques on the wheels [N m]; zero by default.
-
-    Returns
-    -------
-    SlewInput
-        The only slew of a campaign, without magnetic field or position.
+    `time` (n,) [s]; `wheel_axes_B` (3, wheels); `spin_inertia` (wheels,) [kg m^2]. `wheels`: how
+    many wheels, where `wheel_axes_B` does not say it. `torque` (n, wheels): motor torques on the
+    wheels [N m]; zero by default. Returns: the only slew of a campaign, without magnetic field or
+    position.
 
     Examples
     --------

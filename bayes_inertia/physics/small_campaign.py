@@ -23,11 +23,6 @@ def small_campaign() -> Campaign:
     Three wheels with tachometers, star-tracker fixes in all rows, magnetic field and position.
     The truth is the prior mean, K = 1 and no bias.
 
-    Returns
-    -------
-    Campaign
-        Slews of 64 s, one row a second.
-
     Examples
     --------
     >>> [len(slew.time) for slew in small_campaign().slews]

@@ -22,17 +22,8 @@ def stated_noise(campaign: Campaign, effects: Sequence[Effect]) -> tuple[Effect,
     They are integrated out. An effect of the same name among `effects` stands in their place: its
     size is estimated, around the stated one.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        Its star tracker says what wanders, and how much.
-    effects : sequence of Effect
-        What was asked for.
-
-    Returns
-    -------
-    tuple of Effect
-        Empty where the noise of the star tracker is white.
+    `campaign`: its star tracker says what wanders, and how much. Returns: empty where the noise of
+    the star tracker is white.
 
     Examples
     --------
@@ -50,17 +41,7 @@ def stated_noise(campaign: Campaign, effects: Sequence[Effect]) -> tuple[Effect,
 def stated_reading_noise(campaign: Campaign, effects: Sequence[Effect]) -> tuple[ReadingNoise, ...]:
     """How the bias of the gyro wanders by what the campaign states.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        Its rate sensor says by how much.
-    effects : sequence of Effect
-        What a model estimates; a term of an effect's name is left to it.
-
-    Returns
-    -------
-    tuple of ReadingNoise
-        Empty where the bias is constant.
+    `effects`: what a model estimates; a term of an effect's name is left to it.
 
     Examples
     --------
@@ -81,15 +62,8 @@ def stated_reading_noise(campaign: Campaign, effects: Sequence[Effect]) -> tuple
 def stated_terms(campaign: Campaign) -> tuple[str, ...]:
     """What a campaign states of noise that wanders.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        Of which the rate sensor and the star tracker are looked at.
-
-    Returns
-    -------
-    tuple of str
-        Names of the effects that would estimate it; empty where all stated noise is white.
+    `campaign`: of which the rate sensor and the star tracker are looked at. Returns: names of the
+    effects that would estimate it; empty where all stated noise is white.
 
     Examples
     --------

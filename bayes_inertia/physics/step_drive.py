@@ -54,21 +54,8 @@ class StepGrid(NamedTuple):
 def step_grid(time: Any, step: Any, rows_per_step: int, xp: ModuleType = jnp) -> StepGrid:
     """Integration steps of so many rows each.
 
-    Parameters
-    ----------
-    time : (n,) array
-        The grid [s]; n is a multiple of `rows_per_step`.
-    step : (n,) array
-        Time to the next grid point [s]; 0 in padding.
-    rows_per_step : int
-        Rows that one step spans.
-    xp : module, optional
-        `jax.numpy` or `numpy`.
-
-    Returns
-    -------
-    StepGrid
-        n / rows_per_step steps.
+    `time` (n,): the grid [s]; n is a multiple of `rows_per_step`. `step` (n,): time to the next
+    grid point [s]; 0 in padding.
 
     Examples
     --------
@@ -86,21 +73,8 @@ def step_grid(time: Any, step: Any, rows_per_step: int, xp: ModuleType = jnp) ->
 def step_ends(values: Any, last: Any, rows_per_step: int, xp: ModuleType = jnp) -> Any:
     """Each step's r rows and its end.
 
-    Parameters
-    ----------
-    values : (n, k) array
-        One row a grid point.
-    last : (k,) array
-        What follows the last one.
-    rows_per_step : int
-        Rows that one step spans.
-    xp : module, optional
-        `jax.numpy` or `numpy`.
-
-    Returns
-    -------
-    (m, r + 1, k) array
-        The last of each step is the first of the next.
+    `values` (n, k); `last` (k,). Returns (m, r + 1, k): the last of each step is the first of the
+    next.
 
     Examples
     --------
@@ -116,18 +90,8 @@ def step_ends(values: Any, last: Any, rows_per_step: int, xp: ModuleType = jnp) 
 def moment_weights(grid: StepGrid, xp: ModuleType = jnp) -> Any:
     """Weights of a step's rows in the cubic with the moments of the line through them.
 
-    Parameters
-    ----------
-    grid : StepGrid
-        The steps.
-    xp : module, optional
-        `jax.numpy` or `numpy`.
-
-    Returns
-    -------
-    (m, r + 1, 4) array
-        From values at the rows to coefficients of 1, s, s^2, s^3; s is the part of the step that
-        has passed.
+    Returns (m, r + 1, 4): from values at the rows to coefficients of 1, s, s^2, s^3; s is the part
+    of the step that has passed.
     """
     at = grid.fraction[..., None] + grid.width[..., None] * _POINTS
     powers = at[..., None] ** np.arange(DEGREE + 1)
@@ -145,19 +109,8 @@ def moment_weights(grid: StepGrid, xp: ModuleType = jnp) -> Any:
 def polynomials(grid: StepGrid, pieces: Any, xp: ModuleType = jnp) -> Any:
     """The cubic of each step that has the first four moments of the line through its rows.
 
-    Parameters
-    ----------
-    grid : StepGrid
-        The steps.
-    pieces : (m, r + 1, k) array
-        From `step_ends`.
-    xp : module, optional
-        `jax.numpy` or `numpy`.
-
-    Returns
-    -------
-    (m, 4, k) array
-        Coefficients of 1, s, s^2, s^3; s is the part of the step that has passed.
+    `pieces` (m, r + 1, k). Returns (m, 4, k): coefficients of 1, s, s^2, s^3; s is the part of the
+    step that has passed.
 
     Examples
     --------
@@ -172,21 +125,8 @@ def polynomials(grid: StepGrid, pieces: Any, xp: ModuleType = jnp) -> Any:
 def left_out(grid: StepGrid, pieces: Any, coefficients: Any, xp: ModuleType = jnp) -> Any:
     """Integral over time of what the cubics leave out, from each step's beginning to its rows.
 
-    Parameters
-    ----------
-    grid : StepGrid
-        The steps.
-    pieces : (m, r + 1, k) array
-        From `step_ends`.
-    coefficients : (m, 4, k) array
-        From `polynomials`.
-    xp : module, optional
-        `jax.numpy` or `numpy`.
-
-    Returns
-    -------
-    (m, r, k) array
-        In the unit of the values times seconds; zero at the beginning of each step and at its end.
+    `pieces` (m, r + 1, k); `coefficients` (m, 4, k). Returns (m, r, k): in the unit of the values
+    times seconds; zero at the beginning of each step and at its end.
     """
     area = 0.5 * (pieces[:, :-1] + pieces[:, 1:]) * grid.width[..., None]
     passed = xp.cumsum(area, axis=1) - area
@@ -245,14 +185,7 @@ class KnownMomentum(NamedTuple):
     def at_points(self, rows: Array) -> StepPoints:
         """What is known at some grid points.
 
-        Parameters
-        ----------
-        rows : (k,) array of int
-            Of the n points of the grid.
-
-        Returns
-        -------
-        StepPoints
+        `rows` (k,).
         """
         fraction = self.steps.fraction
         assert self.left_out is not None
@@ -261,20 +194,7 @@ class KnownMomentum(NamedTuple):
 
 
 def at_output(known: KnownMomentum, slew: SlewInput) -> KnownMomentum:
-    """Known momentum at the rows at which a trajectory is wanted.
-
-    Parameters
-    ----------
-    known : KnownMomentum
-        At all rows.
-    slew : SlewInput
-        Says which are wanted.
-
-    Returns
-    -------
-    KnownMomentum
-        The same integration steps, with fewer rows each.
-    """
+    """Known momentum at the rows at which a trajectory is wanted."""
     if slew.output is None or known.left_out is None:
         return known
     fixes, rows = known.at_points(slew.output.fixes), slew.output.readings
@@ -292,23 +212,7 @@ def known_momentum(
 ) -> KnownMomentum:
     """Wheel momentum that follows from held commands, or from tachometers.
 
-    Parameters
-    ----------
-    slew : SlewInput
-        The grid of n points, and measured momentum.
-    torque : (n, wheels) array
-        Torque delivered to the wheels and held over each grid step [N m].
-    drive : "commanded" or "measured"
-        Which of the two counts.
-    rows_per_step : int
-        Grid points that one integration step spans.
-    xp : module, optional
-        `jax.numpy` or `numpy`.
-
-    Returns
-    -------
-    KnownMomentum
-        On the grid, and over the steps.
+    `torque` (n, wheels): torque delivered to the wheels and held over each grid step [N m].
 
     Examples
     --------
@@ -348,18 +252,6 @@ def _over_steps(
 def value(coefficients: tuple, fraction: Any) -> Any:
     """A polynomial by Horner's rule.
 
-    Parameters
-    ----------
-    coefficients : tuple of arrays
-        Of 1, s, s^2, ...
-    fraction : array
-        s.
-
-    Returns
-    -------
-    array
-        Its value there.
-
     Examples
     --------
     >>> value((1.0, 2.0, 3.0), 2.0)
@@ -373,16 +265,6 @@ def value(coefficients: tuple, fraction: Any) -> Any:
 
 def derivative(coefficients: tuple) -> tuple:
     """The derivative of a polynomial with respect to s, for `value`.
-
-    Parameters
-    ----------
-    coefficients : tuple of arrays
-        Of the polynomial.
-
-    Returns
-    -------
-    tuple of arrays
-        One fewer.
 
     Examples
     --------

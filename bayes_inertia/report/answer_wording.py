@@ -15,16 +15,6 @@ _NEARLY_CERTAIN = 0.99
 def beyond_prior_text(row: Mapping[str, Any]) -> str:
     """That an effect is larger than its prior allows.
 
-    Parameters
-    ----------
-    row : mapping
-        An entry of `beyond_prior` in diagnosis.json.
-
-    Returns
-    -------
-    str
-        Two sentences.
-
     Examples
     --------
     >>> row = {"effect": "rate_bias", "parameter": "bias_x", "prior_sds": 12.7, "prior_scale": 16.0}
@@ -41,16 +31,6 @@ def beyond_prior_text(row: Mapping[str, Any]) -> str:
 def probabilities_text(rows: Sequence[Mapping[str, Any]]) -> str:
     """How probable each answer is, the most probable first.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        `hypotheses` of diagnosis.json.
-
-    Returns
-    -------
-    str
-        One sentence.
-
     Examples
     --------
     >>> rows = [{"kind": "effects", "effects": ["rate_bias"], "probability": 0.97}]
@@ -65,15 +45,6 @@ def probabilities_text(rows: Sequence[Mapping[str, Any]]) -> str:
 
 def answer_text(row: Mapping[str, Any]) -> str:
     """What a hypothesis says is missing.
-
-    Parameters
-    ----------
-    row : mapping
-        Of `hypotheses` in diagnosis.json.
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -90,14 +61,6 @@ def answer_text(row: Mapping[str, Any]) -> str:
 
 def per_cent(probability: float) -> str:
     """A probability in print: no answer is certain, and none is impossible.
-
-    Parameters
-    ----------
-    probability : float
-
-    Returns
-    -------
-    str
 
     Examples
     --------

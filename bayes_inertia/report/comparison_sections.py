@@ -29,18 +29,7 @@ from bayes_inertia.report.uncertainty import exponents_of, sd_in_print
 
 
 def comparison_page(comparison: RunComparison) -> str:
-    """Two runs side by side as one HTML page that needs nothing from outside.
-
-    Parameters
-    ----------
-    comparison : RunComparison
-        Of two runs.
-
-    Returns
-    -------
-    str
-        The page.
-    """
+    """Two runs side by side as one HTML page that needs nothing from outside."""
     sections = [
         _verdict_section(comparison),
         _parameters_section(comparison),
@@ -56,7 +45,7 @@ def _verdict_section(comparison: RunComparison) -> Section:
     runs = [_run_box(letter, run) for letter, run in _lettered(comparison)]
     context = {
         "sentence": comparison.sentence,
-        "level": "caution" if far else "good",
+        "level": "bad" if comparison.refused else "caution" if far else "good",
         "runs": runs,
         "same_telemetry": comparison.same_telemetry,
     }
@@ -71,7 +60,6 @@ def _run_box(letter: str, run: ComparedRun) -> dict[str, str]:
     return {
         "letter": letter,
         "label": run.label,
-        "level": "good" if run.summary["trusted"] else "bad",
         "sentence": run.summary["verdict_sentence"],
         "campaign": str(run.summary["campaign"] or ""),
     }

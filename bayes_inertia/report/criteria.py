@@ -44,15 +44,8 @@ class Criteria:
 def criteria_of(summary: Mapping[str, Any]) -> Criteria:
     """The limits that stand in a summary.
 
-    Parameters
-    ----------
-    summary : mapping
-        The content of summary.json, or the attributes of a posterior.
-
-    Returns
-    -------
-    Criteria
-        Files of version 0.1 do not state their limits: they were the defaults here.
+    `summary`: the content of summary.json, or the attributes of a posterior. Returns: files of
+    version 0.1 do not state their limits: they were the defaults here.
 
     Examples
     --------

@@ -23,6 +23,8 @@ from bayes_inertia.report.formatting import (
     number,
     p_value_text,
     plain,
+    sd_column,
+    sd_head,
     tenths,
     unit_text,
     value_text,
@@ -34,6 +36,7 @@ from bayes_inertia.report.pictures.equivalent_signal import draw_signal
 from bayes_inertia.report.pictures.steps import draw_misfit_by_step, draw_shifts
 from bayes_inertia.report.section import Picture, Section, packaged
 
+_SHOWN = 3  # rows of a table of evidence; the others are folded
 _MOST_WINDOWS_LISTED = 12
 _MOST_MATCHES_LISTED = 3
 _MOST_ANSWERS_LISTED = 8
@@ -42,17 +45,9 @@ _MOST_ANSWERS_LISTED = 8
 def diagnosis_sections(content: Mapping[str, Any]) -> list[Section]:
     """The evidence of a diagnosis, for the report of the fit that follows it.
 
-    Parameters
-    ----------
-    content : mapping
-        The content of diagnosis.json.
-
-    Returns
-    -------
-    list of Section
-        Where the model disagrees, candidates, how probable each answer is, what naming changed,
-        what may be true instead, what may hide still, the torque that nothing explains. What this
-        diagnosis does not have is left out; its verdict stands with that of the fit.
+    Returns: where the model disagrees, candidates, how probable each answer is, what naming
+    changed, what may be true instead, what may hide still, the torque that nothing explains. What
+    this diagnosis does not have is left out; its verdict stands with that of the fit.
     """
     sections = (
         _disagreement_section(content),
@@ -81,7 +76,7 @@ def _disagreement_section(content: Mapping[str, Any]) -> Section:
     return Section(
         "Where does the base model disagree?",
         packaged("disagreement.html"),
-        {"rows": rows, "total": len(windows)},
+        {"rows": rows, "shown": _SHOWN, "total": len(windows)},
         tuple(_disagreement_pictures(content)),
     )
 
@@ -100,7 +95,7 @@ def _disagreement_pictures(content: Mapping[str, Any]) -> list[Picture]:
         f"all places looked at counted.{which}"
     )
     figure = draw_disagreement(before, content["disagreement"], starts)
-    pictures = [Picture(figure, caption, "Map of residuals of the base model", dense=True)]
+    pictures = [Picture(figure, caption, "Map of residuals of the base model")]
     if after is not None:
         left = content["disagreement_after"]
         framed = (
@@ -111,7 +106,7 @@ def _disagreement_pictures(content: Mapping[str, Any]) -> list[Picture]:
         figure = draw_disagreement(after, left, starts)
         caption = f"The same {with_what(content)}. {framed}"
         alt = f"Map of residuals {with_what(content)}"
-        pictures.append(Picture(figure, caption, alt, dense=True))
+        pictures.append(Picture(figure, caption, alt))
     return pictures
 
 
@@ -120,29 +115,26 @@ def _candidates_section(content: Mapping[str, Any]) -> Section:
     figure = draw_candidates(content["candidates"], content["threshold"], content["named"])
     false_alarms = rules_of(content)["false_alarm_probability"]
     caption = (
-        "How strongly the residuals of the base model speak for each candidate "
-        "if it were the only thing missing. Several are significant as soon as one is present, "
-        "because they imitate each other in part: what is named is decided by refitting, "
-        "one effect after the other. The dashed line is passed by the best of all candidates "
+        "How strongly the residuals of the base model speak for each candidate, were it the only "
+        "thing missing. The dashed line is passed by the best of all candidates "
         f"once in {1.0 / false_alarms:.0f} campaigns in which nothing is missing."
     )
-    alt = "Candidates by strength of evidence"
+    alt = "All candidates by strength of evidence"
     context = {
+        "shown": _SHOWN,
         "rows": [_candidate_row(candidate, content) for candidate in content["candidates"]],
         "alike": alike_sentences(content),
     }
-    pictures = () if figure is None else (Picture(figure, caption, alt),)
+    pictures = () if figure is None else (Picture(figure, caption, alt, folded=True),)
     return Section("Candidates", packaged("candidates.html"), context, pictures)
 
 
 def _candidate_row(candidate: Mapping[str, Any], content: Mapping[str, Any]) -> dict[str, Any]:
-    score, p_value = candidate["score"], candidate["p_value"]
+    p_value = candidate["p_value"]
     bayes, parameters = candidate["log_bayes_factor"], candidate["parameters"] or {}
     named = candidate["effect"] in content["named"]
     return {
         "name": plain(candidate["effect"]),
-        "dof": candidate["dof"] or NOT_GIVEN,
-        "score": NOT_GIVEN if score is None else tenths(score),
         "p": NOT_GIVEN if p_value is None else p_value_text(p_value),
         "bayes": NOT_GIVEN if bayes is None else tenths(bayes),
         "word": "named" if named else significance(candidate, content["threshold"]),
@@ -170,6 +162,7 @@ def _changes_section(content: Mapping[str, Any]) -> Section | None:
             "Reduced χ² (1 if model and noise are right), of the data in the fit "
             "and of each slew predicted from the others.",
             "Reduced chi squared, step by step",
+            folded=True,
         ),
         Picture(
             draw_shifts(steps),
@@ -192,9 +185,13 @@ def _step_row(
     held_out = step[f"held_out_{side}"]
     return {
         "label": label,
-        "cells": [f"{step[f'reduced_chi2_{side}'][channel]:.4g}" for channel in channels],
-        "held": NOT_GIVEN if held_out is None else f"{held_out:.4g}",
+        "cells": [_chi2_text(step[f"reduced_chi2_{side}"][channel]) for channel in channels],
+        "held": NOT_GIVEN if held_out is None else _chi2_text(held_out),
     }
+
+
+def _chi2_text(reduced: float) -> str:
+    return f"{reduced:.3f}" if reduced < 100.0 else f"{reduced:,.0f}"
 
 
 def _answers_section(content: Mapping[str, Any]) -> Section | None:
@@ -204,14 +201,14 @@ def _answers_section(content: Mapping[str, Any]) -> Section | None:
             "answer": answer_text(row),
             "probability": per_cent(row["probability"]),
             "prior": per_cent(math.exp(row["log_prior"])),
-            # Adding zero takes the sign off a rounded -0.0.
-            "log_evidence": f"{round(row['log_evidence'], 1) + 0.0:.1f}",
+            "log_evidence": tenths(row["log_evidence"]),
         }
         for row in content.get("hypotheses", [])[:_MOST_ANSWERS_LISTED]
     ]
     if not rows:
         return None
-    return Section("How probable each answer is", packaged("answers.html"), {"rows": rows})
+    context = {"rows": rows, "shown": _SHOWN}
+    return Section("How probable each answer is", packaged("answers.html"), context)
 
 
 def _alternatives_section(content: Mapping[str, Any]) -> Section | None:
@@ -236,23 +233,27 @@ def _alternatives_section(content: Mapping[str, Any]) -> Section | None:
 
 def _could_hide_section(content: Mapping[str, Any]) -> Section | None:
     """How far an effect too weak to be found could have moved J and K; None where unknown."""
-    rows = [_could_hide_row(row) for row in content.get("could_hide", [])]
-    if not rows:
+    found = sorted(content.get("could_hide", []), key=lambda row: -row["shift"] / row["sd"])
+    if not found:
         return None
-    return Section("What could still hide", packaged("could_hide.html"), {"rows": rows})
-
-
-def _could_hide_row(row: Mapping[str, Any]) -> dict[str, str]:
-    power = exponent(row["shift"], row["sd"])
-    return {
-        "name": row["parameter"],
-        "unit": unit_text(row["unit"], power),
-        "sd": number(row["sd"], row["sd"], power),
-        "shift": number(row["shift"], row["sd"], power),
-        "sds": tenths(row["shift"] / row["sd"]),
-        "effect": plain(row["effect"]),
-        "limit": "its prior" if row["unseen"] else "the data",
-    }
+    (shift_power, shifts), (sd_power, sds) = (
+        sd_column([row[key] for row in found]) for key in ("shift", "sd")
+    )
+    rows = [
+        {
+            "name": row["parameter"],
+            "unit": unit_text(row["unit"]),
+            "shift": shift,
+            "sd": sd,
+            "sds": tenths(row["shift"] / row["sd"]),
+            "effect": plain(row["effect"]),
+            "limit": "its prior ends there" if row["unseen"] else "a larger one is found",
+        }
+        for row, shift, sd in zip(found, shifts, sds, strict=True)
+    ]
+    heads = (sd_head("could be off by", shift_power), sd_head("model's sd", sd_power))
+    context = {"rows": rows, "heads": heads, "shown": _SHOWN}
+    return Section("What could still hide", packaged("could_hide.html"), context)
 
 
 def _unknown_section(content: Mapping[str, Any]) -> Section | None:
@@ -266,7 +267,7 @@ def _unknown_section(content: Mapping[str, Any]) -> Section | None:
         "Fast wiggles inside the band mean nothing."
     )
     alt = "Equivalent torque over time, slew by slew"
-    pictures = [Picture(draw_signal(content["pictures"]["torque"]), caption, alt, dense=True)]
+    pictures = [Picture(draw_signal(content["pictures"]["torque"]), caption, alt)]
     other_source = content["pictures"]["other"]
     if other_source is not None:
         source = other_source["source"]
@@ -275,7 +276,7 @@ def _unknown_section(content: Mapping[str, Any]) -> Section | None:
             f"{source}, as an error over time with its band of two sd."
         )
         alt = f"Error of the {source} over time"
-        pictures.append(Picture(draw_signal(other_source), caption, alt, dense=True))
+        pictures.append(Picture(draw_signal(other_source), caption, alt))
     context = {"rows": _unknown_rows(unknown)}
     return Section("What nothing explains", packaged("settings.html"), context, tuple(pictures))
 

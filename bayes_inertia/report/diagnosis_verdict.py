@@ -1,4 +1,7 @@
-"""What is missing from the model? The verdict on the content of diagnosis.json."""
+"""What is missing from the model? The verdict on the content of diagnosis.json.
+
+Which slew to fly next after a diagnosis, and what becomes of its correction, in words.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +20,15 @@ from bayes_inertia.report.diagnosis_wording import (
     window_text,
 )
 from bayes_inertia.report.dirt_wording import dirt_sentences
-from bayes_inertia.report.formatting import CHANNEL_NAMES, either_or, listed, plain, probability
-from bayes_inertia.report.next_slew_wording import correction_text, separating_text
+from bayes_inertia.report.formatting import (
+    CHANNEL_NAMES,
+    arcsec_text,
+    either_or,
+    listed,
+    plain,
+    probability,
+    vector_text,
+)
 from bayes_inertia.report.verdict import Level, Verdict
 
 _LEVELS: dict[str, Level] = {
@@ -33,15 +43,7 @@ _RARE_P_VALUE = 1e-3  # p-value below which "one campaign of so many" is no long
 def diagnosis_verdict(content: Mapping[str, Any]) -> Verdict:
     """What is missing, and what that means.
 
-    Parameters
-    ----------
-    content : mapping
-        The content of diagnosis.json.
-
-    Returns
-    -------
-    Verdict
-        The answer first, then where, how much, what to fly next, and what remains open.
+    Returns: the answer first, then where, how much, what to fly next, and what remains open.
     """
     sentences = [
         _on_disagreement(content),
@@ -58,23 +60,13 @@ def diagnosis_verdict(content: Mapping[str, Any]) -> Verdict:
     # Of an ambiguous set, what has no name is a member.
     if content["verdict"] == "named" and (doubt := nameless_text(content)):
         sentences.append(doubt)
-    if content.get("could_hide") and content["verdict"] != "consistent":
+    if content.get("could_hide"):
         sentences.append(could_hide_text(content["could_hide"]))
     return Verdict(_LEVELS[content["verdict"]], headline(content), tuple(sentences))
 
 
 def headline(content: Mapping[str, Any]) -> str:
     """The verdict of a diagnosis in one line.
-
-    Parameters
-    ----------
-    content : mapping
-        The content of diagnosis.json.
-
-    Returns
-    -------
-    str
-        One to three short sentences.
 
     Examples
     --------
@@ -85,11 +77,7 @@ def headline(content: Mapping[str, Any]) -> str:
     if verdict == "consistent":
         treated = any(d["treated"] != "ignored" for d in content.get("dirt", []))
         dirt = "without the dirt in the telemetry " if treated else ""
-        # What could hide belongs to the answer: "nothing is missing" is never all that is known.
-        hidden = f" {could_hide_text(rows)}" if (rows := content.get("could_hide")) else ""
-        return (
-            f"Nothing is missing that these slews show: {dirt}the model explains the data.{hidden}"
-        )
+        return f"Nothing is missing that these slews show: {dirt}the model explains the data."
     if verdict == "unknown":
         return "Something is missing that no candidate explains."
     if verdict == "ambiguous":
@@ -236,3 +224,49 @@ def _on_the_fit_below(content: Mapping[str, Any]) -> list[str]:
             "For the next slew add the change, element by element."
         )
     return sentences
+
+
+def separating_text(slew: Mapping[str, Any]) -> str:
+    """The slew that would tell two effects apart.
+
+    Examples
+    --------
+    >>> change = {"before": 10, "after": 40}
+    >>> separating_text({"effects": ["a", "b"], "axis": [0.0, 0.6, -0.8], "angle_deg": 60.0,
+    ...     "rate_deg_s": 1.0, "correlation_before": 0.97, "correlation_after": 0.5,
+    ...     "noncentrality": {"a": change, "b": change}})[:63]
+    'To tell a from b, fly a slew of 60° about (0.00, 0.60, −0.80) i'
+    """
+    first, second = (plain(name) for name in slew["effects"])
+    least_gain = min(
+        power["after"] / max(power["before"], 1e-12) for power in slew["noncentrality"].values()
+    )
+    return (
+        f"To tell {first} from {second}, fly a slew of {slew['angle_deg']:.3g}° "
+        f"about ({vector_text(slew['axis'])}) in body axes, up to {slew['rate_deg_s']:.2g} deg/s: "
+        "what is seen of one and not of the other "
+        f"grows {least_gain:.2g} times in χ² or more "
+        f"(correlation of the two {slew['correlation_before']:.2f} before, "
+        f"{slew['correlation_after']:.2f} after)."
+    )
+
+
+def correction_text(forecast: Mapping[str, Any]) -> str:
+    """What becomes of the next correction slew.
+
+    Examples
+    --------
+    >>> correction_text({"axis": "x", "angle_deg": 60.0, "promised": [8e-5, 2e-4],
+    ...     "expected": [8.5e-4, 1e-3], "updated": [1e-4, 2.2e-4]})[:65]
+    'A slew of 60° about x, flown with J and K of the base model, shou'
+    """
+    promised, expected, updated = (
+        f"{arcsec_text(middle)} arcsec (95 %: below {arcsec_text(most)})"
+        for middle, most in (forecast[key] for key in ("promised", "expected", "updated"))
+    )
+    return (
+        f"A slew of {forecast['angle_deg']:.0f}° about {forecast['axis']}, flown with J and K "
+        f"of the base model, should need a correction of {promised}; "
+        f"with what was found it will need {expected}, "
+        f"and {updated} when flown with the new J and K."
+    )

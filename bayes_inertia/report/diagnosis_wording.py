@@ -5,7 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bayes_inertia.report.formatting import CHANNEL_NAMES, listed, plain, value_text
+from bayes_inertia.report.formatting import (
+    CHANNEL_NAMES,
+    listed,
+    plain,
+    tenths,
+    two_digits,
+    unit_text,
+    value_text,
+)
 
 # Files of version 0.1 do not state the rules of their search: they were these.
 _RULES_OF_0_1 = {
@@ -20,16 +28,6 @@ _NEGLIGIBLE_DIFFERENCE_SD = 0.1
 def rules_of(content: Mapping[str, Any]) -> Mapping[str, float]:
     """The rules that the search went by.
 
-    Parameters
-    ----------
-    content : mapping
-        The content of diagnosis.json.
-
-    Returns
-    -------
-    mapping of str to float
-        Among them `false_alarm_probability`, `log_evidence_margin` and `imitation_correlation`.
-
     Examples
     --------
     >>> rules_of({"rules": {"log_evidence_margin": 4.0}})["log_evidence_margin"]
@@ -40,16 +38,6 @@ def rules_of(content: Mapping[str, Any]) -> Mapping[str, float]:
 
 def with_what(content: Mapping[str, Any]) -> str:
     """What the model of the pictures "after" has that the base model has not.
-
-    Parameters
-    ----------
-    content : mapping
-        The content of diagnosis.json.
-
-    Returns
-    -------
-    str
-        A phrase that begins with "with".
 
     Examples
     --------
@@ -67,16 +55,6 @@ def with_what(content: Mapping[str, Any]) -> str:
 
 def probabilities(content: Mapping[str, Any]) -> list[tuple[str, float]]:
     """What of the ambiguous sets may be true, and how probable it is.
-
-    Parameters
-    ----------
-    content : mapping
-        The content of diagnosis.json, with `alternatives`.
-
-    Returns
-    -------
-    list of (str, float)
-        The effects that were named first.
 
     Examples
     --------
@@ -97,18 +75,7 @@ def probabilities(content: Mapping[str, Any]) -> list[tuple[str, float]]:
 
 
 def averaging_text(content: Mapping[str, Any]) -> str:
-    """That J and K are averaged over an ambiguous set, and what difference that makes.
-
-    Parameters
-    ----------
-    content : mapping
-        The content of diagnosis.json, with `alternatives`.
-
-    Returns
-    -------
-    str
-        One or two sentences.
-    """
+    """That J and K are averaged over an ambiguous set, and what difference that makes."""
     shift = content["steps"][-1]["shift"]
     gaps = [
         (abs(mean - shift[name]["after"]) / shift[name]["sd_after"], name, alternative["effect"])
@@ -128,15 +95,7 @@ def averaging_text(content: Mapping[str, Any]) -> str:
 def nameless_text(content: Mapping[str, Any]) -> str:
     """That something outside the library could be the cause as well.
 
-    Parameters
-    ----------
-    content : mapping
-        The content of diagnosis.json.
-
-    Returns
-    -------
-    str
-        Empty where the named effects explain the data clearly better.
+    Returns: empty where the named effects explain the data clearly better.
 
     Examples
     --------
@@ -157,16 +116,6 @@ def nameless_text(content: Mapping[str, Any]) -> str:
 
 def nameless_signal(content: Mapping[str, Any]) -> str:
     """What it is that has no name, and where it enters.
-
-    Parameters
-    ----------
-    content : mapping
-        The content of diagnosis.json.
-
-    Returns
-    -------
-    str
-        A phrase.
 
     Examples
     --------
@@ -191,44 +140,28 @@ def nameless_signal(content: Mapping[str, Any]) -> str:
 def could_hide_text(rows: Sequence[Mapping[str, Any]]) -> str:
     """How far what is too weak to be found could have moved J and K, at most.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        `could_hide` of diagnosis.json.
-
-    Returns
-    -------
-    str
-        One sentence.
+    Returns: A bound with its condition, and what it is not.
 
     Examples
     --------
-    >>> could_hide_text([
-    ...     {"parameter": "Jxx", "shift": 6e-4, "sd": 2e-4, "effect": "wheel_friction"}])[:50]
-    'An effect too weak to be found, wheel friction, co'
+    >>> could_hide_text([{"parameter": "Jxx", "shift": 6e-4, "sd": 2e-4, "unit": "kg m^2",
+    ...     "effect": "wheel_friction"}])[:70]
+    'If there is wheel friction, too weak to be found, Jxx may be off by up'
     """
     worst = max(rows, key=lambda row: row["shift"] / row["sd"])
+    unit = unit_text(worst["unit"]) if worst["unit"] else ""
     return (
-        f"An effect too weak to be found, {plain(worst['effect'])}, could still have moved "
-        f"{worst['parameter']} by up to {worst['shift'] / worst['sd']:.1f} of the model's sd; "
-        "the quoted sd counts it by its probability."
+        f"If there is {plain(worst['effect'])}, too weak to be found, {worst['parameter']} may be "
+        f"off by up to {two_digits(worst['shift'])} {unit}".rstrip()
+        + f" ({tenths(worst['shift'] / worst['sd'])} of the model's sds). This is a bound: nothing "
+        "says that it is there, and the quoted sd counts it by its probability."
     )
 
 
 def window_text(window: Mapping[str, Any], slew_start: float = 0.0) -> str:
     """Where and when a stretch of residuals is.
 
-    Parameters
-    ----------
-    window : mapping
-        An entry of `disagreement` of diagnosis.json.
-    slew_start : float
-        Time of the slew's first row [s]; the window's times are counted from it.
-
-    Returns
-    -------
-    str
-        Slew, sensor, component and times.
+    `slew_start`: time of the slew's first row [s]; the window's times are counted from it.
 
     Examples
     --------
@@ -242,20 +175,7 @@ def window_text(window: Mapping[str, Any], slew_start: float = 0.0) -> str:
 
 
 def step_text(step: Mapping[str, Any], candidates: Sequence[Mapping[str, Any]]) -> str:
-    """What adding one effect changed, and the effect's parameters.
-
-    Parameters
-    ----------
-    step : mapping
-        An entry of `steps` of diagnosis.json.
-    candidates : sequence of mapping
-        Its `candidates`.
-
-    Returns
-    -------
-    str
-        One or two sentences.
-    """
+    """What adding one effect changed, and the effect's parameters."""
     before, after = step["reduced_chi2_before"]["total"], step["reduced_chi2_after"]["total"]
     text = f"Adding {plain(step['added'])} takes the reduced χ² from {before:.4g} to {after:.4g}"
     if step["held_out_before"] is not None:
@@ -271,16 +191,6 @@ def step_text(step: Mapping[str, Any], candidates: Sequence[Mapping[str, Any]]) 
 
 def together_texts(step: Mapping[str, Any]) -> list[str]:
     """Where one effect may stand in place of several, or several together in place of one.
-
-    Parameters
-    ----------
-    step : mapping
-        An entry of `steps` of diagnosis.json.
-
-    Returns
-    -------
-    list of str
-        A sentence for each such alternative.
 
     Examples
     --------
@@ -302,16 +212,6 @@ def together_texts(step: Mapping[str, Any]) -> list[str]:
 def parameters_text(parameters: Mapping[str, Mapping[str, Any]]) -> str:
     """The parameters of an effect with their sds, in a sentence.
 
-    Parameters
-    ----------
-    parameters : mapping
-        Name to `mean`, `sd` and `unit`.
-
-    Returns
-    -------
-    str
-        One sentence.
-
     Examples
     --------
     >>> parameters_text({"tau": {"mean": 0.0512, "sd": 0.0013, "unit": "s"}})
@@ -323,18 +223,6 @@ def parameters_text(parameters: Mapping[str, Mapping[str, Any]]) -> str:
 
 def significance(candidate: Mapping[str, Any], threshold: float) -> str:
     """One candidate in a word or two.
-
-    Parameters
-    ----------
-    candidate : mapping
-        An entry of `candidates` of diagnosis.json.
-    threshold : float
-        p-value below which a candidate is significant.
-
-    Returns
-    -------
-    str
-        Its significance, or why it has none.
 
     Examples
     --------
@@ -351,34 +239,20 @@ def significance(candidate: Mapping[str, Any], threshold: float) -> str:
 def alike_sentences(content: Mapping[str, Any], max_pairs: int = 8) -> list[str]:
     """Sentences on candidates that this campaign can hardly tell apart.
 
-    Parameters
-    ----------
-    content : mapping
-        The content of diagnosis.json.
-    max_pairs : int
-        Pairs that are named; the others are counted.
-
-    Returns
-    -------
-    list of str
-        At least one sentence.
-
     Examples
     --------
     >>> alike_sentences({"alike": [{"effects": ["a_b", "c"], "correlation": 0.9}]})
-    ['A b and c can imitate each other (canonical correlation 0.90).']
+    ['A b and c look alike in this campaign (correlation 0.90).']
     """
     limit = rules_of(content)["imitation_correlation"]
     if not content["alike"]:
-        return [
-            f"No two candidates can imitate each other beyond a canonical correlation of {limit:g}."
-        ]
+        return [f"No two candidates look alike in this campaign beyond a correlation of {limit:g}."]
     sentences = []
     for pair in content["alike"][:max_pairs]:
         first, second = (plain(name) for name in pair["effects"])
         sentences.append(
-            f"{first.capitalize()} and {second} can imitate each other "
-            f"(canonical correlation {pair['correlation']:.2f})."
+            f"{first.capitalize()} and {second} look alike in this campaign "
+            f"(correlation {pair['correlation']:.2f})."
         )
     if len(content["alike"]) > max_pairs:
         sentences.append(

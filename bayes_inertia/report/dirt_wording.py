@@ -32,15 +32,7 @@ _TREATED = {"masked": "left out", "modelled": "taken into account", "ignored": "
 def dirt_rows(dirt: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Records of dirt, one row a kind, channel and treatment.
 
-    Parameters
-    ----------
-    dirt : sequence of mapping
-        `dirt` of summary.json or diagnosis.json.
-
-    Returns
-    -------
-    list of dict
-        {kind, channel, treated, rows (how many), slews, notes} of each.
+    Returns: {kind, channel, treated, rows (how many), slews, notes} of each.
 
     Examples
     --------
@@ -68,15 +60,7 @@ def dirt_rows(dirt: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 def dirt_sentences(dirt: Sequence[Mapping[str, Any]]) -> list[str]:
     """Records of dirt as sentences.
 
-    Parameters
-    ----------
-    dirt : sequence of mapping
-        `dirt` of summary.json or diagnosis.json.
-
-    Returns
-    -------
-    list of str
-        One a kind, channel and treatment; none where there is no dirt.
+    Returns: one a kind, channel and treatment; none where there is no dirt.
 
     Examples
     --------

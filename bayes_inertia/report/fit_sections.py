@@ -1,34 +1,47 @@
-"""The sections of a run's report, each a function of the posterior."""
+"""The sections of a run's report, each a function of the posterior.
+
+The section of a fit's report that shows effects without a fixed shape over time.
+
+The sections of a fit on its parameters: the tables, and what the campaign determines.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.report.criteria import criteria_of
+from bayes_inertia.report.criteria import Criteria, criteria_of
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
-from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict
 from bayes_inertia.report.dirt_wording import dirt_rows
-from bayes_inertia.report.fit_verdict import fit_verdict
-from bayes_inertia.report.formatting import typeset
-from bayes_inertia.report.parameter_sections import determination_section, parameters_section
+from bayes_inertia.report.formatting import NOT_GIVEN, listed, number, plain, typeset, unit_text
+from bayes_inertia.report.parameter_wording import averaged_over, correlation_sentences, meaning
 from bayes_inertia.report.pictures.chains import draw_chains
-from bayes_inertia.report.pictures.posterior_data import n_slews
-from bayes_inertia.report.residual_sections import (
-    residuals_section,
-    star_tracker_section,
-    telemetry_section,
-)
+from bayes_inertia.report.pictures.equivalent_signal import draw_signal
+from bayes_inertia.report.pictures.pairs import draw_pairs
+from bayes_inertia.report.pictures.posterior_data import n_slews, values_of
+from bayes_inertia.report.pictures.priors import draw_priors
+from bayes_inertia.report.residual_sections import residuals_section, telemetry_section
+from bayes_inertia.report.result_section import result_sections
 from bayes_inertia.report.section import Picture, Section, packaged
 from bayes_inertia.report.settings_section import settings_section
-from bayes_inertia.report.signal_sections import signals_section
-from bayes_inertia.report.verdict import worst_level
-from bayes_inertia.report.verdict_sentence import verdict_sentence
+from bayes_inertia.report.uncertainty import (
+    contraction,
+    contraction_text,
+    determination,
+    exponents_of,
+    interval_90,
+    names_by_determination,
+    sd_in_print,
+)
 
 
 def standard_sections(
-    posterior: Posterior, diagnosis: Mapping[str, Any] | None = None
+    posterior: Posterior,
+    diagnosis: Mapping[str, Any] | None = None,
+    forecast: Mapping[str, Any] | None = None,
 ) -> list[Section]:
     """The sections of the report of a fit, and of the diagnosis that it follows.
 
@@ -40,21 +53,23 @@ def standard_sections(
         A finished fit.
     diagnosis : mapping or None
         The content of diagnosis.json, of a run that has one.
+    forecast : mapping or None
+        The error of the next slew with the old and the new J and K on board: `axis`, `angle_deg`,
+        and (5 % quantile, median, 95 % quantile) [rad] of `before` and `after`.
 
     Returns
     -------
     list of Section
-        In reading order: verdict, parameters, evidence of the diagnosis, residuals, what is
+        In reading order: result, why, parameters, evidence of the diagnosis, residuals, what is
         determined, gates, limits, settings. What the fit does not have (no star tracker) is left
         out.
     """
     sections = (
-        verdict_section(posterior, diagnosis),
+        *result_sections(posterior, diagnosis, forecast),
         parameters_section(posterior),
         *(diagnosis_sections(diagnosis) if diagnosis else ()),
         residuals_section(posterior),
         telemetry_section(posterior),
-        star_tracker_section(posterior),
         signals_section(posterior),
         dirt_section(posterior),
         determination_section(posterior),
@@ -65,115 +80,39 @@ def standard_sections(
     return [section for section in sections if section is not None]
 
 
-def verdict_section(posterior: Posterior, diagnosis: Mapping[str, Any] | None = None) -> Section:
-    """The answer in one sentence; below it, what is missing and whether the fit can be trusted.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-    diagnosis : mapping or None
-        The content of diagnosis.json.
-
-    Returns
-    -------
-    Section
-        The sentence and its reasons.
-    """
-    summary = posterior.summary()
-    verdicts = {"Can I trust it?": fit_verdict(summary, n_slews(posterior))}
-    if diagnosis is not None:
-        verdicts = {"What is missing?": diagnosis_verdict(diagnosis)} | verdicts
-    context = {
-        "sentence": verdict_sentence(summary, diagnosis),
-        "level": worst_level([verdict.level for verdict in verdicts.values()]),
-        "verdicts": verdicts,
-    }
-    return Section("Verdict", packaged("verdict.html"), context)
-
-
 def dirt_section(posterior: Posterior) -> Section | None:
-    """What is wrong with the telemetry, and what was done about it.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    Section or None
-        None where nothing is wrong.
-    """
+    """What is wrong with the telemetry, and what was done about it."""
     rows = dirt_rows(posterior.attributes.get("dirt", []))
     return Section("Dirt in the telemetry", packaged("dirt.html"), {"rows": rows}) if rows else None
 
 
 def gates_section(posterior: Posterior) -> Section:
-    """The gates and the state of the sampler.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    Section
-        Two tables and one picture.
-    """
-    attributes, criteria = posterior.attributes, criteria_of(posterior.attributes)
+    """The gates and the state of the sampler."""
+    attributes = posterior.attributes
     diagnostics = attributes["diagnostics"]
-    kept = (diagnostics["steps"] - diagnostics["discarded"]) / max(diagnostics["tau_max"], 1e-9)
-    rhat, effective = diagnostics["nested_rhat_max"], f"at least {criteria.effective_samples:g}"
     numbers = [
-        (
-            "nested R-hat, worst parameter",
-            f"{rhat:.4f}",
-            f"below {criteria.nested_rhat_below:g}",
-        ),
-        ("effective samples, bulk", f"{diagnostics['ess_bulk_min']:,.0f}", effective),
-        ("effective samples, tails", f"{diagnostics['ess_tail_min']:,.0f}", effective),
-        (
-            "steps kept per autocorrelation time",
-            f"{kept:.0f}",
-            f"at least {criteria.autocorrelation_times:g}",
-        ),
-    ]
-    for_information = [
         ("acceptance", f"{diagnostics['acceptance']:.2f}"),
         ("posterior evaluations", f"{diagnostics['evaluations']:,}"),
         ("effective samples per evaluation", f"{diagnostics['ess_per_evaluation']:.2f}"),
+        ("autocorrelation time, steps", f"{diagnostics['tau_max']:.1f}"),
     ]
-    numbers += [(name, value, "for information") for name, value in for_information]
     gates = [gate | {"says": typeset(gate["says"])} for gate in attributes["gates"]]
     context = {"gates": gates, "numbers": numbers}
     picture = Picture(
-        draw_chains(posterior, criteria),
+        draw_chains(posterior),
         "The parameter whose independent ensembles agree least. "
         "Left: mean of each ensemble's walkers (line) and the range of 90 % of them (band), "
         "step by step: bands on top of each other, without drift. "
         "Middle: how each ensemble's draws rank among all draws; the grey band holds 99 % "
         "of the steps if all ensembles sample the same distribution. Right: log posterior.",
         "Traces and rank histograms of the ensembles",
-        dense=True,
+        folded=True,
     )
     return Section("Gates", packaged("gates.html"), context, (picture,))
 
 
 def limits_section(posterior: Posterior) -> Section:
-    """What no fit of this campaign can tell, whatever its numbers say.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    Section
-        A list of sentences.
-    """
+    """What no fit of this campaign can tell, whatever its numbers say."""
     attributes, predicted = posterior.attributes, posterior.tree["posterior_predictive"]
     context = {
         "drive": attributes["drive"],
@@ -183,3 +122,135 @@ def limits_section(posterior: Posterior) -> Section:
         "n_slews": n_slews(posterior),
     }
     return Section("Limits", packaged("limits.html"), context)
+
+
+_TEMPLATE = (
+    "<p>These have no fixed shape: in each slew they are free to be what the data ask for. "
+    "What they may have done is taken from the information on J and K. "
+    "Where a band holds zero, nothing is missing there.</p>"
+)
+
+
+def signals_section(posterior: Posterior) -> Section | None:
+    """Torques and errors of free shape over time, slew by slew.
+
+    Returns: one picture an effect; None where all effects have a fixed shape.
+    """
+    if "signal" not in posterior.tree:
+        return None
+    pictures = tuple(_picture(posterior, str(name)) for name in posterior.tree["signal"].data_vars)
+    return Section("What has no fixed shape", _TEMPLATE, {}, pictures)
+
+
+def _picture(posterior: Posterior, name: str) -> Picture:
+    """One effect: mean and band over time."""
+    draws = values_of(posterior, "signal", name)
+    variable = posterior.tree["signal"][name]
+    # Files of version 0.3 and before do not name their signals.
+    title = variable.attrs.get("long_name", plain(name))
+    signal = {
+        "time": values_of(posterior, "constant_data", "signal_time"),
+        "mean": draws.mean((0, 1)),
+        "sd": draws.std((0, 1)),
+        "slews": [str(slew) for slew in values_of(posterior, "estimate", "slew")],
+        "components": [str(c) for c in np.asarray(variable[f"{name}_component"])],
+        "unit": variable.attrs["units"],
+        "source": variable.attrs.get("quantity", plain(name)),
+    }
+    caption = (
+        f"{title[0].upper()}{title[1:]}: mean (lines) and ±2 sd (bands) of the posterior, "
+        "sizes included that the data leave open."
+    )
+    figure = draw_signal(signal, whole_band=True)
+    return Picture(figure, caption, f"{title} over time, slew by slew")
+
+
+_MOST_PARAMETERS_DRAWN = 16
+
+
+def parameters_section(posterior: Posterior) -> Section:
+    """The table of parameters and principal moments, prior against posterior."""
+    summary, criteria = posterior.summary(), criteria_of(posterior.attributes)
+    prior_mean = values_of(posterior, "estimate", "prior_mean")
+    powers = exponents_of(summary["parameters"] | summary["derived"])
+    rows = [
+        _parameter_row(name, row, powers[name], float(center), criteria)
+        for (name, row), center in zip(summary["parameters"].items(), prior_mean, strict=True)
+    ]
+    picture = Picture(
+        draw_priors(posterior),
+        "Posterior of each parameter (blue). Bars below: mean ± the model's sd and, "
+        "where it is wider, ± the quoted sd. "
+        "Where the data sharpen the prior more than eightfold, the panel shows only the posterior, "
+        "and the grey strip above it shows the prior over ±3 sd "
+        "with the posterior's place as a blue mark; elsewhere prior and posterior share the axis.",
+        "Prior and posterior densities of every parameter",
+        folded=True,
+    )
+    context = {
+        "rows": rows,
+        "moments": [
+            _value_cells(name, row, powers[name]) for name, row in summary["derived"].items()
+        ],
+        "trusted": posterior.trusted,
+        "quoted": posterior.quoted_factor is not None,
+        "factor": posterior.quoted_factor or 1.0,
+        "averaged": averaged_over(summary),
+        "criteria": criteria,
+    }
+    return Section("Parameters", packaged("parameters.html"), context, (picture,))
+
+
+def _value_cells(name: str, row: Mapping[str, Any], power: int) -> dict[str, str]:
+    """Mean, quoted sd and the model's sd of one row, in one power of ten."""
+    quoted, sd = row["quoted_sd"], sd_in_print(row)
+    interval = interval_90(row) if "q05" in row else None
+    ends = [number(end, sd, power) for end in interval or ()]
+    return {
+        "name": name,
+        "mean": number(row["mean"], sd, power),
+        "interval": " … ".join(ends) or (NOT_GIVEN if "q05" in row else ""),
+        "quoted_sd": NOT_GIVEN if quoted is None else number(quoted, quoted, power),
+        "sd": number(row["sd"], row["sd"], power),
+        "unit": unit_text(row["unit"], power),
+    }
+
+
+def _parameter_row(
+    name: str, row: Mapping[str, Any], power: int, prior_mean: float, criteria: Criteria
+) -> dict[str, str]:
+    prior, prior_sd = (number(x, row["prior_sd"], power) for x in (prior_mean, row["prior_sd"]))
+    share = contraction(sd_in_print(row), row["prior_sd"])
+    return _value_cells(name, row, power) | {
+        "meaning": meaning(name),
+        "prior": f"{prior} ± {prior_sd}",
+        "contraction": contraction_text(share, criteria),
+        "determined": determination(share, criteria),
+    }
+
+
+def determination_section(posterior: Posterior) -> Section:
+    """What the campaign determines, in words, and the pair plot."""
+    rows, names = posterior.summary()["parameters"], posterior.names
+    matrix = np.atleast_2d(np.corrcoef(posterior.samples.T)).tolist()
+    only_some = (
+        f" Only the {_MOST_PARAMETERS_DRAWN} most correlated of {len(names)} parameters are drawn."
+    )
+    picture = Picture(
+        draw_pairs(posterior, _MOST_PARAMETERS_DRAWN),
+        "Every pair of parameters: posterior draws (shading) with the ellipse that holds 90 % "
+        "of a normal distribution of the same covariance (blue)."
+        " At the left of each row: middle ± half width of "
+        "its cells (3.4 sd), and the unit. "
+        "Numbers: correlations, framed beyond ±0.9."
+        f"{only_some if len(names) > _MOST_PARAMETERS_DRAWN else ''}",
+        "Pair plot of the posterior with correlations",
+        folded=True,
+    )
+    context = {
+        "groups": names_by_determination(rows, criteria_of(posterior.attributes)),
+        "correlations": correlation_sentences(names, matrix),
+        "listed": listed,
+    }
+    title = "What this campaign determines"
+    return Section(title, packaged("determination.html"), context, (picture,))

@@ -19,20 +19,7 @@ _ONE_SLEW = 3.0
 
 
 def fit_verdict(summary: Mapping[str, Any], n_slews: int) -> Verdict:
-    """Can the result be trusted, why, and which uncertainty to use.
-
-    Parameters
-    ----------
-    summary : mapping
-        The content of summary.json, see `Posterior.summary`.
-    n_slews : int
-        Slews of the campaign.
-
-    Returns
-    -------
-    Verdict
-        The answer first, then the reasons.
-    """
+    """Can the result be trusted, why, and which uncertainty to use."""
     criteria, rows, fit = criteria_of(summary), summary["parameters"], summary["fit"]
     gates = {gate["name"]: gate for gate in summary["gates"]}
     converged, explained = (_passed(gates, name) for name in ("converged", "explained"))
@@ -95,8 +82,9 @@ def _headline(
             "something is missing from it."
         )
     if not explained:
-        return "caution", (
-            "Usable, but the stated noise is wrong: the residuals are smaller than it predicts."
+        return "bad", (
+            "Do not use these numbers yet: the stated noise is wrong, the residuals are smaller "
+            "than it predicts."
         )
     if another_failed:
         return "bad", "Do not use these numbers yet: a gate failed."
@@ -115,11 +103,7 @@ def _on_sampler(converged: bool, diagnostics: Mapping[str, Any], criteria: Crite
     rhat, tau = diagnostics["nested_rhat_max"], diagnostics["tau_max"]
     effective = min(diagnostics["ess_bulk_min"], diagnostics["ess_tail_min"])
     if converged:
-        return (
-            "The sampler has converged: independently started ensembles agree "
-            f"(nested R-hat {rhat:.4f}, "
-            f"at least {effective:,.0f} effective samples of every parameter)."
-        )
+        return "The sampler has converged: independently started ensembles agree."
     kept = diagnostics["steps"] - diagnostics["discarded"]
     reasons = []
     if rhat >= criteria.nested_rhat_below:
@@ -146,17 +130,8 @@ def _on_sampler(converged: bool, diagnostics: Mapping[str, Any], criteria: Crite
 def misfit_channels(fit: Mapping[str, Any], criteria: Criteria) -> tuple[list[str], list[str]]:
     """Channels whose residuals are not what model and noise predict.
 
-    Parameters
-    ----------
-    fit : mapping
-        `fit` of summary.json, see `channel_verdict`.
-    criteria : Criteria
-        The limits that were used.
-
-    Returns
-    -------
-    too_large, too_small : list of str
-        Names of channels, or "all channels together". Those structured in time count as too large.
+    Returns `too_large, too_small`: names of channels, or "all channels together". Those structured
+    in time count as too large.
     """
     too_large, too_small = [], []
     for channel in CHANNELS:
@@ -265,15 +240,7 @@ def _percents(shares: list[float]) -> str:
 def rests_on_one_slew(row: Mapping[str, Any]) -> bool:
     """Whether one slew alone determines a parameter, so that the others cannot check it.
 
-    Parameters
-    ----------
-    row : mapping
-        Of `parameters` in summary.json.
-
-    Returns
-    -------
-    bool
-        False for runs of versions that do not tell.
+    Returns: false for runs of versions that do not tell.
 
     Examples
     --------

@@ -6,6 +6,7 @@ Printed text has typographic signs: a real minus, superscripts, dashes.
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -19,23 +20,15 @@ CHANNEL_NAMES = {
 NOT_GIVEN = "–"
 # What the last letter of a quantity's name says of its frame: `torque_N`, `rate_B`.
 _FRAMES = {"N": "inertial axes", "B": "body axes"}
+_SMALLEST_PLAIN = 1e-3  # smaller numbers are written with a power of ten
+_SMALLEST_P_VALUE = 1e-100
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def exponent(mean: float, sd: float) -> int:
     """Power of ten that is factored out of a number in print.
 
-    Parameters
-    ----------
-    mean : float
-        The number.
-    sd : float
-        Its uncertainty, in the same unit.
-
-    Returns
-    -------
-    int
-        A multiple of three; 0 for numbers that read well as they are.
+    Returns: A multiple of three; 0 for numbers that read well as they are.
 
     Examples
     --------
@@ -52,15 +45,7 @@ def common_exponents(values: Mapping[str, tuple[str, float, float]]) -> dict[str
     Moments of inertia, products of inertia, scale factors and the parameters of one effect in one
     unit are a kind each. The largest of a kind decides.
 
-    Parameters
-    ----------
-    values : mapping of str to (str, float, float)
-        {name: (unit, mean, sd)}; sd may be anything else that is printed as large.
-
-    Returns
-    -------
-    dict of str to int
-        {name: power}, see `exponent`.
+    `values`: {name: (unit, mean, sd)}; sd may be anything else that is printed as large.
 
     Examples
     --------
@@ -89,19 +74,7 @@ def _kind(name: str) -> str:
 def number(value: float, sd: float, power: int = 0) -> str:
     """A value, rounded where its uncertainty has its second digit.
 
-    Parameters
-    ----------
-    value : float
-        The value.
-    sd : float
-        Its uncertainty, in the same unit; without a positive one, four digits are printed.
-    power : int
-        The value is printed in units of 10^power.
-
-    Returns
-    -------
-    str
-        The digits, without unit.
+    `sd`: its uncertainty, in the same unit; without a positive one, four digits are printed.
 
     Examples
     --------
@@ -118,45 +91,68 @@ def number(value: float, sd: float, power: int = 0) -> str:
 def unit_text(unit: str, power: int = 0) -> str:
     """A unit, with the power of ten that was factored out of the number.
 
-    Parameters
-    ----------
-    unit : str
-        As parameters carry it, "kg m^2"; empty for a pure number.
-    power : int
-        See `exponent`.
-
-    Returns
-    -------
-    str
-        A dash where there is neither unit nor power.
+    `unit`: as parameters carry it, "kg m^2"; empty for a pure number. Returns: A dash where there
+    is neither unit nor power.
 
     Examples
     --------
     >>> unit_text("kg m^2", -3), unit_text("")
-    ('10⁻³ kg m²', '–')
+    ('× 10⁻³ kg m²', '–')
     """
-    factor = f"10{str(power).translate(_SUPERSCRIPT)}" if power else ""
+    factor = power_text(power) if power else ""
     parts = (factor, unit.replace("^2", "²").replace("^3", "³"))
     return " ".join(part for part in parts if part) or NOT_GIVEN
+
+
+def power_text(power: int) -> str:
+    """A power of ten behind a number.
+
+    >>> power_text(-4)
+    '× 10⁻⁴'
+    """
+    return f"× 10{str(power).translate(_SUPERSCRIPT)}"
+
+
+def two_digits(value: float) -> str:
+    """Two significant digits, with a power of ten where the number is small.
+
+    >>> two_digits(8.96e-5), two_digits(0.0121), two_digits(321.0)
+    ('9.0 × 10⁻⁵', '0.012', '321')
+    """
+    if not math.isfinite(value) or value == 0.0 or value >= _SMALLEST_PLAIN:
+        return f"{value:#.2g}".rstrip(".") if value < 100.0 else f"{value:.0f}"
+    digits, power = f"{value:.1e}".split("e")
+    return f"{digits} {power_text(int(power))}"
+
+
+def sd_column(sds: Sequence[float]) -> tuple[int, list[str]]:
+    """Sds [any units] of one column of a table: the column's power of ten, and its cells.
+
+    >>> sd_column([6.2e-5, 7.3e-5, 1.8e-4])
+    (-5, ['6.2', '7.3', '18'])
+    >>> sd_column([0.13, 0.03])
+    (0, ['0.13', '0.030'])
+    """
+    known = [sd for sd in sds if 0.0 < sd < math.inf]
+    power = math.floor(math.log10(statistics.median(known))) if known else 0
+    power = 0 if -2 <= power <= 3 else power
+    return power, [number(sd, sd, power) for sd in sds]
+
+
+def sd_head(name: str, power: int) -> str:
+    """Heading of a column of `sd_column`: its name and power of ten."""
+    return f"{name} {power_text(power)}" if power else name
 
 
 def value_text(value: Mapping[str, Any]) -> str:
     """A value with its sd and its unit.
 
-    Parameters
-    ----------
-    value : mapping
-        Its `mean`, `sd` and `unit`.
-
-    Returns
-    -------
-    str
-        All three, with a power of ten where that is shorter.
+    Returns: all three, with a power of ten where that is shorter.
 
     Examples
     --------
     >>> value_text({"mean": 2.31e-6, "sd": 1.1e-7, "unit": "N m"})
-    '(2.31 ± 0.11) 10⁻⁶ N m'
+    '(2.31 ± 0.11) × 10⁻⁶ N m'
     """
     mean, sd, unit = value["mean"], value["sd"], value["unit"]
     power = exponent(mean, sd)
@@ -169,18 +165,6 @@ def value_text(value: Mapping[str, Any]) -> str:
 def tenths(value: float) -> str:
     """A score or log Bayes factor: nobody decides anything by its second decimal.
 
-    Parameters
-    ----------
-    value : float
-        A pure number.
-
-    Returns
-    -------
-    str
-        One decimal; none from a thousand on.
-
-    Examples
-    --------
     >>> tenths(2254.3), tenths(602.94), tenths(-1.0748), tenths(-0.0056)
     ('2,254', '602.9', '−1.1', '0.0')
     """
@@ -191,61 +175,28 @@ def tenths(value: float) -> str:
 def p_value_text(p: float) -> str:
     """A p-value as a cell of a table.
 
-    Parameters
-    ----------
-    p : float
-        The p-value.
-
-    Returns
-    -------
-    str
-        One digit.
-
-    Examples
-    --------
     >>> p_value_text(0.03), p_value_text(1e-300), p_value_text(2.3e-7)
-    ('0.03', '< 1e-100', '2e-07')
+    ('0.03', '< 10⁻¹⁰⁰', '2 × 10⁻⁷')
     """
-    return "< 1e-100" if p < 1e-100 else f"{p:.1g}"
+    if p < _SMALLEST_P_VALUE:
+        return f"< {power_text(round(math.log10(_SMALLEST_P_VALUE)))[2:]}"
+    digit, power = f"{p:.0e}".split("e")
+    return f"{digit} {power_text(int(power))}" if p < _SMALLEST_PLAIN else f"{p:.1g}"
 
 
 def probability(p: float) -> str:
     """A p-value in a sentence.
 
-    Parameters
-    ----------
-    p : float
-        The p-value.
-
-    Returns
-    -------
-    str
-        One digit, after "p".
-
-    Examples
-    --------
     >>> probability(0.03), probability(1e-300)
-    ('p = 0.03', 'p < 1e-100')
+    ('p = 0.03', 'p < 10⁻¹⁰⁰')
     """
     text = p_value_text(p)
     return f"p {text}" if text.startswith("<") else f"p = {text}"
 
 
 def vector_text(components: Sequence[float]) -> str:
-    """The components of a unit vector.
+    """The components of a unit vector, two decimals each.
 
-    Parameters
-    ----------
-    components : sequence of float
-        Of any length.
-
-    Returns
-    -------
-    str
-        Two decimals each, without brackets.
-
-    Examples
-    --------
     >>> vector_text([0.0, 0.6, -0.8])
     '0.00, 0.60, −0.80'
     """
@@ -253,42 +204,18 @@ def vector_text(components: Sequence[float]) -> str:
 
 
 def arcsec_text(angle: float) -> str:
-    """An angle in whole arc seconds, below ten with two digits.
+    """An angle [rad] in whole arc seconds, below ten with two digits.
 
-    Parameters
-    ----------
-    angle : float
-        The angle [rad].
-
-    Returns
-    -------
-    str
-        The digits, without unit.
-
-    Examples
-    --------
     >>> arcsec_text(8e-5), arcsec_text(8e-6)
     ('17', '1.7')
     """
     arcsec = angle / ARCSEC
-    return f"{arcsec:.0f}" if arcsec >= 10.0 else f"{arcsec:.2g}"
+    return f"{arcsec:,.0f}" if arcsec >= 10.0 else f"{arcsec:.2g}"
 
 
 def with_minus_sign(text: str) -> str:
     """The text of a number with a real minus in place of the hyphen.
 
-    Parameters
-    ----------
-    text : str
-        Printed numbers.
-
-    Returns
-    -------
-    str
-        The same, typeset.
-
-    Examples
-    --------
     >>> with_minus_sign("-0.5")
     '−0.5'
     """
@@ -298,15 +225,7 @@ def with_minus_sign(text: str) -> str:
 def plain(name: str) -> str:
     """The name of an effect or a parameter in print.
 
-    Parameters
-    ----------
-    name : str
-        Its canonical name.
-
-    Returns
-    -------
-    str
-        Words with spaces; the frame that a name ends its quantity with is spelt out.
+    Returns: words with spaces; the frame that a name ends its quantity with is spelt out.
 
     Examples
     --------
@@ -324,18 +243,6 @@ def plain(name: str) -> str:
 def listed(items: Sequence[str]) -> str:
     """Items as a list in a sentence.
 
-    Parameters
-    ----------
-    items : sequence of str
-        None, one or several.
-
-    Returns
-    -------
-    str
-        The items, with "and" before the last.
-
-    Examples
-    --------
     >>> listed(["a", "b", "c"]), listed(["a"])
     ('a, b and c', 'a')
     """
@@ -345,18 +252,6 @@ def listed(items: Sequence[str]) -> str:
 def either_or(items: Sequence[str]) -> str:
     """Alternatives in a sentence.
 
-    Parameters
-    ----------
-    items : sequence of str
-        None, one or several.
-
-    Returns
-    -------
-    str
-        The items, with "either" before the first and "or" before the last.
-
-    Examples
-    --------
     >>> either_or(["a", "b", "c"])
     'either a, b or c'
     """
@@ -366,19 +261,8 @@ def either_or(items: Sequence[str]) -> str:
 def typeset(text: str) -> str:
     """A sentence written for a terminal, as the page prints it.
 
-    Parameters
-    ----------
-    text : str
-        With backquotes, `chi^2` and `robust_sd`.
-
-    Returns
-    -------
-    str
-        The same, typeset.
-
-    Examples
-    --------
     >>> typeset("reduced chi^2 2.7: use `diagnose` and robust_sd")
     'reduced χ² 2.7: use diagnose and robust sd'
     """
-    return text.replace("`", "").replace("chi^2", "χ²").replace("robust_sd", "robust sd")
+    text = text.replace("`", "").replace("robust_sd", "robust sd")
+    return text.replace("^2", "²").replace("^3", "³").replace("chi²", "χ²")

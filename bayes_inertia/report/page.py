@@ -1,11 +1,14 @@
-"""The page: sections, style sheet, scripts and pictures in one offline HTML file."""
+"""The page: sections, style sheet, scripts and pictures in one offline HTML file.
+
+Cells that know their column: a narrow screen shows rows as cards, each number with its name.
+"""
 
 from __future__ import annotations
 
 import base64
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,50 +17,65 @@ from markupsafe import Markup
 
 from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.report.column_labels import with_column_labels
 from bayes_inertia.report.fit_sections import standard_sections
 from bayes_inertia.report.section import Section, data_uri, packaged
 
+_MISSION_KEYS = ("name", "spacecraft", "operator", "document")
 
-def render(posterior: Posterior, sections: Sequence[Section] | None = None) -> str:
+
+def render(
+    posterior: Posterior,
+    sections: Sequence[Section] | None = None,
+    origin: Mapping[str, str] | None = None,
+) -> str:
     """The report of a fit as one HTML page that needs nothing from outside.
 
     The same posterior always gives the same bytes.
 
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-    sections : sequence of Section, optional
-        What the page consists of, default `standard_sections(posterior)`.
-        Add your own to that list.
-
-    Returns
-    -------
-    str
-        The page.
+    `sections`: what the page consists of, default `standard_sections(posterior)`. Add your own to
+    that list. `origin`: what else the head says: date and folder of the data.
     """
     chosen = standard_sections(posterior) if sections is None else sections
-    return render_page(str(posterior.attributes["campaign"]), chosen)
+    attributes = posterior.attributes
+    facts = page_facts(
+        attributes.get("mission", {}),
+        sha256=attributes.get("campaign_sha256"),
+        version=attributes["versions"].get("bayes-inertia", ""),
+        origin=origin,
+    )
+    return render_page(str(attributes["campaign"]), chosen, facts)
 
 
-def render_page(title: str, sections: Sequence[Section]) -> str:
+def page_facts(
+    mission: Mapping[str, str],
+    *,
+    sha256: str | None = None,
+    version: str = "",
+    origin: Mapping[str, str] | None = None,
+) -> dict[str, str]:
+    """What the head of a page says of its origin; what is not known is left out.
+
+    `mission` [mission]. `origin`: date of the result, and folder of the data.
+
+    Examples
+    --------
+    >>> page_facts({"operator": "UTIAS", "name": "MOST"}, sha256="ab" * 32, version="0.5.0")
+    {'mission': 'MOST', 'operator': 'UTIAS', 'SHA-256': 'abababababab', 'bayes-inertia': ...}
+    """
+    stated = {"mission" if key == "name" else key: mission.get(key, "") for key in _MISSION_KEYS}
+    made = {"SHA-256": (sha256 or "")[:12], "bayes-inertia": version}
+    return {name: value for name, value in (stated | dict(origin or {}) | made).items() if value}
+
+
+def render_page(
+    title: str, sections: Sequence[Section], facts: Mapping[str, str] | None = None
+) -> str:
     """Sections as one HTML page that needs nothing from outside.
 
     Only the page's own style sheet and scripts may act on it: a content security policy names
     their hashes.
 
-    Parameters
-    ----------
-    title : str
-        The page's heading.
-    sections : sequence of Section
-        What it consists of.
-
-    Returns
-    -------
-    str
-        The page.
+    `facts`: what the head says of its origin, see `page_facts`.
     """
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
@@ -66,6 +84,7 @@ def render_page(title: str, sections: Sequence[Section]) -> str:
     scripts = list(dict.fromkeys(section.script for section in sections if section.script))
     return environment.from_string(packaged("page.html")).render(
         title=title,
+        facts=facts or {},
         css=Markup(css),
         css_hash=_policy_hash(css),
         scripts=[Markup(script) for script in scripts],
@@ -87,6 +106,7 @@ def _rendered(environment: Environment, section: Section) -> dict[str, Any]:
             "caption": p.caption,
             "alt": p.alt,
             "instead_of_script": p.instead_of_script,
+            "folded": p.folded,
         }
         for p in section.pictures
     ]
@@ -130,3 +150,41 @@ def write_report(
         write_report(Posterior.load("my_run/posterior.nc"), "my_run/report.html")
     """
     return write_atomically(path, render(posterior, sections))
+
+
+_TABLE = re.compile(r"<table.*?</table>", re.S)
+_HEADING = re.compile(r'<th scope="col"[^>]*>(.*?)</th>', re.S)
+_CELL = re.compile(r"<td(?=[\s>])")
+_TAG = re.compile(r"<[^>]*>")
+
+
+def with_column_labels(html: str) -> str:
+    """A section's body whose cells carry the heading of their column.
+
+    `html`: with tables: a row of `<th scope="col">`, then rows of one `<th scope="row">` and cells.
+    Returns: the same with `data-label` at each cell; tables without such headings are left as they
+    are.
+
+    Examples
+    --------
+    >>> head = '<tr><th scope="col">name</th><th scope="col">sd</th></tr>'
+    >>> row = '<tr><th scope="row">Jxx</th><td>1</td></tr>'
+    >>> with_column_labels(f"<table>{head}{row}</table>")[-39:]
+    '<td data-label="sd">1</td></tr></table>'
+    """
+    return _TABLE.sub(lambda table: _labelled(table[0]), html)
+
+
+def _labelled(table: str) -> str:
+    headings = [
+        _TAG.sub(" ", heading).strip().replace('"', "&quot;") for heading in _HEADING.findall(table)
+    ][1:]
+    if not headings:
+        return table
+    rows = table.split("<tr")
+    return "<tr".join(_labelled_row(row, headings) for row in rows)
+
+
+def _labelled_row(row: str, headings: list[str]) -> str:
+    labels = iter(headings)
+    return _CELL.sub(lambda _: f'<td data-label="{next(labels, "")}"', row)

@@ -14,16 +14,6 @@ STRONG_CORRELATION = 0.9
 def meaning(name: str) -> str:
     """What a parameter is.
 
-    Parameters
-    ----------
-    name : str
-        "Jxx" to "Jyz", "K1" to "K3", or "effect.parameter".
-
-    Returns
-    -------
-    str
-        A few words.
-
     Examples
     --------
     >>> meaning("Jxy"), meaning("K2"), meaning("wheel_friction.coulomb1")
@@ -41,17 +31,7 @@ def meaning(name: str) -> str:
 def correlation_sentences(names: Sequence[str], matrix: Sequence[Sequence[float]]) -> list[str]:
     """Sentences on pairs of parameters that the data determine only together.
 
-    Parameters
-    ----------
-    names : sequence of str
-        The parameters.
-    matrix : (n, n) nested sequence of float
-        Their correlations.
-
-    Returns
-    -------
-    list of str
-        One for each strongly correlated pair, the strongest first.
+    Returns: one for each strongly correlated pair, the strongest first.
 
     Examples
     --------
@@ -93,15 +73,7 @@ _MOST_CASES = 5
 def averaged_over(summary: Mapping[str, Any]) -> str:
     """The effects that J and K are averaged over, with their probabilities.
 
-    Parameters
-    ----------
-    summary : mapping
-        The content of summary.json.
-
-    Returns
-    -------
-    str
-        A list; empty where J and K are not averaged.
+    Returns: A list; empty where J and K are not averaged.
 
     Examples
     --------

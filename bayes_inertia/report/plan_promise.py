@@ -117,19 +117,7 @@ def plan_promise(
 ) -> PlanPromise:
     """Put promised sds beside those of a run.
 
-    Parameters
-    ----------
-    plan, file, promised_by : str
-        See `PlanPromise`.
-    promised_sd : mapping of str to float
-        {parameter: sd} of J [kg m^2] and K.
-    summary : mapping
-        The content of the run's summary.json.
-
-    Returns
-    -------
-    PlanPromise
-        One row for each promised parameter.
+    `promised_sd` [kg m^2].
 
     Examples
     --------

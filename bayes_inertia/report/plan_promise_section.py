@@ -20,21 +20,9 @@ HEADINGS = ("prior sd", "promised sd", "quoted sd", "quoted / promised")
 
 
 def plan_promise_section(promise: PlanPromise) -> Section:
-    """One table: promised and achieved sd of each parameter, and their ratio.
-
-    Parameters
-    ----------
-    promise : PlanPromise
-        Of the plan whose flight was fitted.
-
-    Returns
-    -------
-    Section
-        To stand behind the parameters.
-    """
+    """One table: promised and achieved sd of each parameter, and their ratio."""
     context = {
         "sentence": promise.sentence,
-        "level": "caution" if promise.worse else "good",
         "headings": HEADINGS,
         "rows": promise_rows(promise),
         "promised_by": promise.promised_by,
@@ -46,15 +34,7 @@ def plan_promise_section(promise: PlanPromise) -> Section:
 def promise_rows(promise: PlanPromise) -> list[dict[str, Any]]:
     """The rows of the table, for page and terminal.
 
-    Parameters
-    ----------
-    promise : PlanPromise
-        Of the plan whose flight was fitted.
-
-    Returns
-    -------
-    list of dict
-        `name`, `unit`, `cells` in the order of `HEADINGS`, and whether the row is `noticeable`.
+    Returns `name`, `unit`, `cells` in the order of `HEADINGS`, and whether the row is `noticeable`.
     """
     rows = []
     for p in promise.parameters:

@@ -1,18 +1,35 @@
-"""The sections of a fit's report that set the model against the data."""
+"""The sections of a fit's report that set the model against the data.
+
+Residuals of all slews and channels, small enough to lie in the page, for its own script.
+
+A residual is a whole number of steps of a fine scale in 16 bits, times are 32-bit floats, both in
+base64. Where there are too many rows, some are left out (`thinned_rows`), never an outlier; how
+many are shown is said.
+"""
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.report.criteria import Criteria, criteria_of
 from bayes_inertia.report.formatting import CHANNEL_NAMES, NOT_GIVEN
 from bayes_inertia.report.pictures.attitude import draw_attitude
-from bayes_inertia.report.pictures.posterior_data import n_slews, values_of, worst_slews
+from bayes_inertia.report.pictures.posterior_data import (
+    attitude_misfit,
+    channel_series,
+    n_slews,
+    values_of,
+    worst_slews,
+)
 from bayes_inertia.report.pictures.telemetry import MOST_DOTS, draw_momentum, draw_rates
-from bayes_inertia.report.residual_data import explorer_data, residual_channels
+from bayes_inertia.report.pictures.thinning import thinned_rows
 from bayes_inertia.report.residual_wording import channel_verdict, discount_text, whiteness_text
 from bayes_inertia.report.section import Picture, Section, packaged
 
@@ -21,18 +38,7 @@ _MOST_SLEWS_LISTED = 40
 
 
 def residuals_section(posterior: Posterior) -> Section:
-    """Reduced chi^2 by channel, and by slew with the weight that each slew was given.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    Section
-        Two tables.
-    """
+    """Reduced chi^2 by channel, and by slew with the weight that each slew was given."""
     fit, criteria = posterior.attributes["fit"], criteria_of(posterior.attributes)
     n_data = values_of(posterior, "estimate", "slew_n_data")
     names = values_of(posterior, "estimate", "slew")
@@ -87,48 +93,11 @@ def _channel_row(channel: str, fit: Mapping[str, Any], criteria: Criteria) -> di
 
 
 def telemetry_section(posterior: Posterior) -> Section | None:
-    """Measured against simulated telemetry: residuals to choose, enlarge and read, and pictures.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    Section or None
-        One or two pictures; None where neither rates nor momenta were predicted.
-    """
-    slews, total = worst_slews(posterior, _MOST_SLEWS_DRAWN), n_slews(posterior)
-    which = ""
-    if posterior.tree["constant_data"].sizes["row"] > MOST_DOTS:
-        which += (
-            f" Of more than {MOST_DOTS} rows, lines and bands show the lowest and highest values, "
-            "residuals evenly spaced rows and the lowest and highest of each stretch."
-        )
-    if len(slews) < total:
-        which += f" The {len(slews)} of {total} slews that fit worst are drawn."
-    pictures = []
-    if (figure := draw_rates(posterior, slews)) is not None:
-        caption = (
-            "Rates: measured (dots) and simulated with the posterior's parameters (lines), "
-            "with the band that should hold 90 % of the measurements, noise included; "
-            "on this scale it is often no wider than the line. "
-            "Below each: measured minus simulated in stated sigmas of the sensor, "
-            "with guides at ±1, 2 and 3: about two in three dots belong inside the first, "
-            "all but three in a thousand inside the last. "
-            f"Patterns in time mean that something is missing from the model.{which}"
-        )
-        alt = "Measured and simulated rates with residuals, slew by slew"
-        pictures.append(Picture(figure, caption, alt, dense=True))
-    if (figure := draw_momentum(posterior, slews)) is not None:
-        caption = (
-            "Wheel momentum: measured minus simulated in stated sigmas of the tachometers, "
-            "guides at ±1, 2 and 3. Torque commands are the model's input, so a wheel's wrong "
-            f"gain, lag or friction would show here as a pattern.{which}"
-        )
-        alt = "Residuals of wheel momentum, slew by slew"
-        pictures.append(Picture(figure, caption, alt, dense=True, instead_of_script=True))
+    """Measured against simulated telemetry: residuals to choose, enlarge and read, and pictures."""
+    pictures = [
+        *_series_pictures(posterior),
+        *_star_tracker_picture(posterior),
+    ]
     if not pictures:
         return None
     return Section(
@@ -140,23 +109,45 @@ def telemetry_section(posterior: Posterior) -> Section | None:
     )
 
 
-def star_tracker_section(posterior: Posterior) -> Section | None:
-    """Measured against predicted attitude.
+def _series_pictures(posterior: Posterior) -> list[Picture]:
+    """Rates and wheel momentum over time, measured and simulated."""
+    slews, total = worst_slews(posterior, _MOST_SLEWS_DRAWN), n_slews(posterior)
+    which, pictures = "", []
+    if posterior.tree["constant_data"].sizes["row"] > MOST_DOTS:
+        which += (
+            f" Of more than {MOST_DOTS} rows, lines and bands show the lowest and highest values, "
+            "residuals evenly spaced rows and the lowest and highest of each stretch."
+        )
+    if len(slews) < total:
+        which += f" The {len(slews)} of {total} slews that fit worst are drawn."
+    if (figure := draw_rates(posterior, slews)) is not None:
+        caption = (
+            "Rates: measured (dots) and simulated with the posterior's parameters (lines), "
+            "with the band that should hold 90 % of the measurements, noise included; "
+            "on this scale it is often no wider than the line. "
+            "Below each: measured minus simulated in stated sigmas of the sensor, "
+            "with guides at ±1, 2 and 3: about two in three dots belong inside the first, "
+            "all but three in a thousand inside the last. "
+            f"Patterns in time mean that something is missing from the model.{which}"
+        )
+        alt = "Measured and simulated rates with residuals, slew by slew"
+        pictures.append(Picture(figure, caption, alt))
+    if (figure := draw_momentum(posterior, slews)) is not None:
+        caption = (
+            "Wheel momentum: measured minus simulated in stated sigmas of the tachometers, "
+            "guides at ±1, 2 and 3. Torque commands are the model's input, so a wheel's wrong "
+            f"gain, lag or friction would show here as a pattern.{which}"
+        )
+        alt = "Residuals of wheel momentum, slew by slew"
+        pictures.append(Picture(figure, caption, alt, instead_of_script=True))
+    return pictures
 
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
 
-    Returns
-    -------
-    Section or None
-        One picture; None without star-tracker fixes.
-    """
+def _star_tracker_picture(posterior: Posterior) -> list[Picture]:
+    """Measured against predicted attitude; nothing without star-tracker fixes."""
     figure = draw_attitude(posterior)
     if figure is None:
-        return None
-    title = "Attitude before and after each slew"
+        return []
     caption = (
         "Measured minus predicted attitude as small rotations about the body axes: "
         "small marks are single fixes, "
@@ -164,6 +155,144 @@ def star_tracker_section(posterior: Posterior) -> Section | None:
         "Right: after the slew, where errors of J and K would have grown into angles. "
         "Below: the same in stated sigmas of the star tracker, with guides at ±1, 2 and 3."
     )
-    alt = "Attitude misfit before and after each slew"
-    picture = Picture(figure, caption, alt, dense=True)
-    return Section(title, "", {}, (picture,))
+    return [Picture(figure, caption, "Attitude misfit before and after each slew", folded=True)]
+
+
+_MOST_NUMBERS = 24_000  # residuals in a page
+_NOT_MEASURED = -32768  # stands for a gap
+_LARGEST = 32767  # steps
+_FEWEST_ROWS = 50  # of a slew and channel
+_FEW_ROWS = CHANNEL_NAMES["attitude"]
+_STANDS_OUT = 5.0  # standard errors: noise makes one such channel and slew in a million
+
+
+@array_dataclass
+class ResidualChannel:
+    """Residuals of one channel.
+
+    Parameters
+    ----------
+    name : str
+        In print.
+    components : list of str
+        Names of its components.
+    slews : list of str
+        Names of the slews.
+    time : list of (rows,) array
+        Of each slew, from its first row on [s].
+    residual : list of (rows, components) array
+        Of each slew, in stated sigmas; NaN where a component was not measured.
+    """
+
+    name: str
+    components: list[str]
+    slews: list[str]
+    time: list[np.ndarray]
+    residual: list[np.ndarray]
+
+    @property
+    def size(self) -> int:
+        """Numbers in all slews."""
+        return sum(values.size for values in self.residual)
+
+
+def residual_channels(posterior: Posterior) -> list[ResidualChannel]:
+    """The residuals of a fit, channel by channel.
+
+    Returns: those that the fit predicted: rates, attitude, wheel momentum.
+    """
+    channels = []
+    # 32-bit floats do not hold seconds from an epoch.
+    start = np.nanmin(values_of(posterior, "constant_data", "time"), 1)[:, None]
+    for name in ("rate", "momentum"):
+        series = channel_series(posterior, name)
+        if series is not None:
+            label = CHANNEL_NAMES[name]
+            parts = (series.components, series.slews, series.time - start, series.residual)
+            channels.append(_measured_rows(label, *parts))
+    misfit = attitude_misfit(posterior)
+    if misfit is not None:
+        axes = [f"about body {axis}" for axis in "xyz"]
+        label = CHANNEL_NAMES["attitude"]
+        time = misfit.time - start
+        channels.insert(1, _measured_rows(label, axes, misfit.slews, time, misfit.whitened))
+    return channels
+
+
+def _measured_rows(
+    name: str, components: list[str], slews: list[str], time: np.ndarray, residual: np.ndarray
+) -> ResidualChannel:
+    """A channel without its padding."""
+    kept = [np.isfinite(t) & np.isfinite(r).any(-1) for t, r in zip(time, residual, strict=True)]
+    return ResidualChannel(
+        name,
+        components,
+        slews,
+        [t[k] for t, k in zip(time, kept, strict=True)],
+        [r[k] for r, k in zip(residual, kept, strict=True)],
+    )
+
+
+def explorer_data(
+    channels: list[ResidualChannel], most_numbers: int = _MOST_NUMBERS
+) -> dict[str, Any]:
+    """Residuals as the page's script wants them.
+
+    Returns: to be written into the page as JSON: `channels`, the names of the `slews`, and where to
+    `start`, the channel and the slew whose residuals are largest.
+    """
+    share = most_numbers / max(1, sum(channel.size for channel in channels))
+    return {
+        "channels": [_channel_content(channel, share) for channel in channels],
+        "slews": channels[0].slews,
+        "start": _largest(channels),
+    }
+
+
+def _channel_content(channel: ResidualChannel, share: float) -> dict[str, Any]:
+    largest = max((np.nanmax(np.abs(r)) for r in channel.residual if r.size), default=0.0)
+    step = float(f"{max(float(largest), 1.0) / _LARGEST:.6g}") * (1.0 + 1e-5)
+    return {
+        "name": channel.name,
+        "components": channel.components,
+        "step": step,
+        "slews": [
+            _slew_content(time, residual, share, step)
+            for time, residual in zip(channel.time, channel.residual, strict=True)
+        ],
+    }
+
+
+def _slew_content(
+    time: np.ndarray, residual: np.ndarray, share: float, step: float
+) -> dict[str, Any]:
+    rows = thinned_rows(residual, max(_FEWEST_ROWS, int(share * len(time))))
+    steps = np.nan_to_num(np.round(residual[rows] / step), nan=_NOT_MEASURED)
+    return {
+        "rows": len(time),
+        "mean_square": float(f"{np.nanmean(residual**2):.3g}") if residual.size else None,
+        "time": _base64(time[rows].astype("<f4")),
+        "residual": [_base64(column.astype("<i2")) for column in steps.T],
+    }
+
+
+def _largest(channels: list[ResidualChannel]) -> list[int]:
+    """Channel and slew whose mean square is furthest above one, in its own standard errors.
+
+    The few fixes of a star tracker fill no picture: it comes first where nothing else stands out.
+    """
+    excess = {
+        (c, s): (float(np.nanmean(residual**2)) - 1.0) * float(np.sqrt(0.5 * residual.size))
+        for c, channel in enumerate(channels)
+        for s, residual in enumerate(channel.residual)
+        if residual.size
+    }
+    dense = {p: size for p, size in excess.items() if channels[p[0]].name != _FEW_ROWS}
+    if dense and not max(dense.values()) <= _STANDS_OUT < max(excess.values()):
+        excess = dense
+    c, s = max(excess, key=lambda place: excess[place])
+    return [c, s]
+
+
+def _base64(values: np.ndarray) -> str:
+    return base64.b64encode(values.tobytes()).decode("ascii")

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bayes_inertia.report.criteria import Criteria
+from bayes_inertia.report.formatting import probability
 
 # Just outside a 99 % interval happens once in a hundred; gates reject at one in a thousand.
 # The interval is widened by this share of its half width before anything is called wrong.
@@ -15,21 +16,11 @@ _INTERVAL_SLACK = 0.28
 def channel_verdict(fit: Mapping[str, Any], channel: str, criteria: Criteria) -> str:
     """One channel's residuals in words.
 
-    Parameters
-    ----------
-    fit : mapping
-        `fit` of summary.json: by channel `reduced_chi2`, its 99 % interval if the model is right
-        (`interval_99`), and the p-value of no autocorrelation (`p_white`, None: not tested).
-    channel : str
-        "rate", "attitude", "momentum" or "total".
-    criteria : Criteria
-        From which p-value on the residuals are not white.
-
-    Returns
-    -------
-    str
-        "no data", "as predicted", "borderline", "smaller than the stated noise",
-        "structured in time", "too large" or "too large and structured in time".
+    `fit`: `fit` of summary.json: by channel `reduced_chi2`, its 99 % interval if the model is right
+    (`interval_99`), and the p-value of no autocorrelation (`p_white`, None: not tested).
+    `criteria`: from which p-value on the residuals are not white. Returns: "no data", "as
+    predicted", "borderline", "smaller than the stated noise", "structured in time", "too large" or
+    "too large and structured in time".
 
     Examples
     --------
@@ -55,41 +46,21 @@ def channel_verdict(fit: Mapping[str, Any], channel: str, criteria: Criteria) ->
 def whiteness_text(p_white: float | None, criteria: Criteria) -> str:
     """The test for white residuals in words.
 
-    Parameters
-    ----------
-    p_white : float or None
-        Its p-value; None where it could not be made.
-    criteria : Criteria
-        From which p-value on the residuals are not white.
-
-    Returns
-    -------
-    str
-        The answer with its p-value.
+    `p_white`: its p-value; None where it could not be made. `criteria`: from which p-value on the
+    residuals are not white.
 
     Examples
     --------
     >>> [whiteness_text(p, Criteria()) for p in (None, 0.0, 0.39)]
-    ['not tested', 'no (p < 1e-6)', 'yes (p = 0.39)']
+    ['not tested', 'no (p < 10⁻¹⁰⁰)', 'yes (p = 0.4)']
     """
     if p_white is None:
         return "not tested"
-    p = "p < 1e-6" if p_white < 1e-6 else f"p = {p_white:.2g}"
-    return f"{'no' if p_white < criteria.rejected_below else 'yes'} ({p})"
+    return f"{'no' if p_white < criteria.rejected_below else 'yes'} ({probability(p_white)})"
 
 
 def discount_text(discount: float) -> str:
     """How much one channel of one slew counts in the estimate.
-
-    Parameters
-    ----------
-    discount : float
-        Its weight, 1 where the model explains it.
-
-    Returns
-    -------
-    str
-        A fraction, or "full".
 
     Examples
     --------

@@ -171,18 +171,7 @@ class RunComparison:
 
 
 def compare_runs(first: ComparedRun, second: ComparedRun) -> RunComparison:
-    """Put two runs side by side.
-
-    Parameters
-    ----------
-    first, second : ComparedRun
-        The runs; differences are those of the second from the first.
-
-    Returns
-    -------
-    RunComparison
-        All parameters of both.
-    """
+    """Put two runs side by side."""
     units = {name: row["unit"] for run in (second, first) for name, row in run.rows.items()}
     names = dict.fromkeys([*first.rows, *second.rows])
     differences = tuple(
@@ -195,15 +184,7 @@ def compare_runs(first: ComparedRun, second: ComparedRun) -> RunComparison:
 def comparison_json(comparison: RunComparison) -> dict[str, Any]:
     """A comparison as a JSON document.
 
-    Parameters
-    ----------
-    comparison : RunComparison
-        Of two runs.
-
-    Returns
-    -------
-    dict
-        `sentence`, `same_telemetry`, `runs`, `parameters`, and the `settings` that differ.
+    Returns `sentence`, `same_telemetry`, `runs`, `parameters`, and the `settings` that differ.
     """
     return {
         "sentence": comparison.sentence,

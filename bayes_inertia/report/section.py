@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from bayes_inertia.report.pictures.figure_file import figure_bytes
 
-_LARGEST_SVG = 60_000  # bytes; beyond, a PNG with a palette is smaller and as good to read
+_LARGEST_SVG = 200_000  # bytes; beyond, a PNG with a palette is smaller and as good to read
 _LARGEST_PNG = 125_000  # bytes
 
 
@@ -29,11 +29,13 @@ class Picture:
     alt : str
         For readers who cannot see it.
     dense : bool
-        Whether it has thousands of points: then it is embedded as PNG, otherwise as SVG where that
-        is small.
+        Whether it has thousands of points that are not rasterised: then it is embedded as PNG,
+        otherwise as SVG unless that is large.
     instead_of_script : bool
-        Whether a script of the section shows the same: then the picture is for paper, and for
-        readers who run no scripts.
+        Whether a script of the section shows the same: then the picture is for readers who run no
+        scripts.
+    folded : bool
+        Whether it is evidence for experts: then the page folds it, and paper leaves it out.
     """
 
     figure: Figure
@@ -41,6 +43,7 @@ class Picture:
     alt: str
     dense: bool = False
     instead_of_script: bool = False
+    folded: bool = False
 
 
 @dataclass(frozen=True)
@@ -78,16 +81,6 @@ class Section:
 def packaged(name: str) -> str:
     """Source of a template, style sheet or script of this package.
 
-    Parameters
-    ----------
-    name : str
-        Of the file.
-
-    Returns
-    -------
-    str
-        Its text.
-
     Examples
     --------
     >>> "<table" in packaged("settings.html")
@@ -97,18 +90,7 @@ def packaged(name: str) -> str:
 
 
 def data_uri(picture: Picture) -> str:
-    """The picture as a `data:` address, byte for byte the same every time.
-
-    Parameters
-    ----------
-    picture : Picture
-        What to embed.
-
-    Returns
-    -------
-    str
-        For the `src` of an image.
-    """
+    """The picture as a `data:` address, byte for byte the same every time."""
     content, kind = b"", "image/svg+xml"
     if not picture.dense:
         content = figure_bytes(picture.figure, "svg")

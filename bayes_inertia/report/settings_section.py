@@ -14,34 +14,12 @@ _DRIVE_TEXT = {
 
 
 def settings_section(posterior: Posterior) -> Section:
-    """How to make the same result again.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    Section
-        One table.
-    """
+    """How to make the same result again."""
     return Section("Settings", packaged("settings.html"), {"rows": settings_rows(posterior)})
 
 
 def settings_rows(posterior: Posterior) -> list[tuple[str, str]]:
-    """What a fit was made from and with.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    list of (str, str)
-        Name and value of each setting.
-    """
+    """What a fit was made from and with."""
     attributes, chains = posterior.attributes, posterior.tree["posterior"].sizes["chain"]
     diagnostics, ensembles = attributes["diagnostics"], n_ensembles(posterior)
     versions = (f"{name} {version}" for name, version in attributes["versions"].items())

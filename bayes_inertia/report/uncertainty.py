@@ -16,16 +16,6 @@ from bayes_inertia.report.formatting import common_exponents
 def sd_in_print(row: Mapping[str, Any]) -> float:
     """The sd that decides digits and widths: the quoted one, or the draws' where none is quoted.
 
-    Parameters
-    ----------
-    row : mapping
-        Of `parameters` or `derived` of summary.json.
-
-    Returns
-    -------
-    float
-        In the parameter's unit.
-
     Examples
     --------
     >>> sd_in_print({"sd": 1.0, "quoted_sd": 1.1}), sd_in_print({"sd": 1.0, "quoted_sd": None})
@@ -37,15 +27,7 @@ def sd_in_print(row: Mapping[str, Any]) -> float:
 def exponents_of(*tables: Mapping[str, Mapping[str, Any]]) -> dict[str, int]:
     """Powers of ten that rows of summaries are printed in, one for all parameters of a kind.
 
-    Parameters
-    ----------
-    *tables : mapping of str to mapping
-        Rows of `parameters` or `derived` of one or more summaries that share a table.
-
-    Returns
-    -------
-    dict of str to int
-        {name: power}, see `common_exponents`.
+    `*tables`: rows of `parameters` or `derived` of one or more summaries that share a table.
     """
     values: dict[str, tuple[str, float, float]] = {}
     for rows in tables:
@@ -59,16 +41,6 @@ def exponents_of(*tables: Mapping[str, Mapping[str, Any]]) -> dict[str, int]:
 def contraction(sd: float, prior_sd: float) -> float:
     """Share of the prior variance that the data removed.
 
-    Parameters
-    ----------
-    sd, prior_sd : float
-        Of one parameter, in the same unit.
-
-    Returns
-    -------
-    float
-        Between 0 and 1.
-
     Examples
     --------
     >>> contraction(0.5, 1.0), contraction(1.2, 1.0)
@@ -79,18 +51,6 @@ def contraction(sd: float, prior_sd: float) -> float:
 
 def contraction_text(share: float, criteria: Criteria) -> str:
     """Contraction in print, rounded down: it never seems to reach a threshold that it misses.
-
-    Parameters
-    ----------
-    share : float
-        See `contraction`.
-    criteria : Criteria
-        Where more digits begin.
-
-    Returns
-    -------
-    str
-        Two to four decimals.
 
     Examples
     --------
@@ -106,18 +66,6 @@ def contraction_text(share: float, criteria: Criteria) -> str:
 def determination(share: float, criteria: Criteria) -> str:
     """How far the campaign determines a parameter.
 
-    Parameters
-    ----------
-    share : float
-        See `contraction`.
-    criteria : Criteria
-        The thresholds.
-
-    Returns
-    -------
-    str
-        "determined", "partly determined" or "not determined".
-
     Examples
     --------
     >>> [determination(share, Criteria()) for share in (0.99, 0.6, 0.2)]
@@ -129,20 +77,7 @@ def determination(share: float, criteria: Criteria) -> str:
 
 
 def determination_of(row: Mapping[str, Any], criteria: Criteria) -> str:
-    """How far the sd says that a parameter is determined.
-
-    Parameters
-    ----------
-    row : mapping
-        The parameter's row in summary.json.
-    criteria : Criteria
-        The thresholds.
-
-    Returns
-    -------
-    str
-        See `determination`.
-    """
+    """How far the sd says that a parameter is determined."""
     share = contraction(sd_in_print(row), row["prior_sd"])
     return determination(share, criteria)
 
@@ -150,17 +85,7 @@ def determination_of(row: Mapping[str, Any], criteria: Criteria) -> str:
 def names_by_determination(rows: Mapping[str, Any], criteria: Criteria) -> dict[str, list[str]]:
     """Names of parameters by how far they are determined.
 
-    Parameters
-    ----------
-    rows : mapping
-        The parameters of summary.json.
-    criteria : Criteria
-        The thresholds.
-
-    Returns
-    -------
-    dict of str to list of str
-        One list, which may be empty, for each answer of `determination`.
+    Returns: one list, which may be empty, for each answer of `determination`.
     """
     names: dict[str, list[str]] = {
         "determined": [],
@@ -175,15 +100,7 @@ def names_by_determination(rows: Mapping[str, Any], criteria: Criteria) -> dict[
 def interval_90(row: Mapping[str, Any]) -> tuple[float, float] | None:
     """The 90 % interval that belongs to the quoted sd: the draws', widened about their median.
 
-    Parameters
-    ----------
-    row : mapping
-        The parameter's row in summary.json.
-
-    Returns
-    -------
-    (low, high) or None
-        In the parameter's unit; None where no sd is quoted.
+    Returns: in the parameter's unit; None where no sd is quoted.
 
     Examples
     --------

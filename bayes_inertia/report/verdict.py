@@ -32,16 +32,6 @@ class Verdict:
 def worst_level(levels: Sequence[Level]) -> Level:
     """The level of several verdicts together.
 
-    Parameters
-    ----------
-    levels : sequence of {"good", "caution", "bad"}
-        At least one.
-
-    Returns
-    -------
-    {"good", "caution", "bad"}
-        The worst of them.
-
     Examples
     --------
     >>> worst_level(["good", "bad", "caution"])

@@ -11,31 +11,26 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from bayes_inertia.report.criteria import criteria_of
-from bayes_inertia.report.diagnosis_wording import could_hide_text
 from bayes_inertia.report.fit_verdict import misfit_channels
-from bayes_inertia.report.formatting import CHANNEL_NAMES, either_or, listed, plain, typeset
+from bayes_inertia.report.formatting import (
+    CHANNEL_NAMES,
+    either_or,
+    listed,
+    plain,
+    two_digits,
+    typeset,
+    unit_text,
+)
 from bayes_inertia.report.parameter_wording import averaged_over
 from bayes_inertia.report.uncertainty import names_by_determination, sd_in_print
 
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_SMALLEST_PLAIN = 1e-3  # smaller numbers are written with a power of ten
 _REFUSED = "Do not use this result as it stands"
 
 
 def verdict_sentence(summary: Mapping[str, Any], diagnosis: Mapping[str, Any] | None = None) -> str:
     """The answer of a run in one sentence.
 
-    Parameters
-    ----------
-    summary : mapping
-        The content of summary.json, see `Posterior.summary`.
-    diagnosis : mapping or None
-        The content of diagnosis.json, of a run that has one.
-
-    Returns
-    -------
-    str
-        With a full stop.
+    `diagnosis`: the content of diagnosis.json, of a run that has one.
 
     Examples
     --------
@@ -64,17 +59,8 @@ def with_verdict_sentence(
 ) -> dict[str, Any]:
     """The content of summary.json, the verdict first.
 
-    Parameters
-    ----------
-    summary : mapping
-        See `Posterior.summary`.
-    diagnosis : mapping or None
-        The content of diagnosis.json, of a run that has one.
-
-    Returns
-    -------
-    dict
-        With the key `verdict_sentence` more, after format and campaign.
+    `diagnosis`: the content of diagnosis.json, of a run that has one. Returns: with the key
+    `verdict_sentence` more, after format and campaign.
     """
     first = {key: summary[key] for key in ("format", "campaign") if key in summary}
     return first | {"verdict_sentence": verdict_sentence(summary, diagnosis)} | dict(summary)
@@ -136,9 +122,7 @@ def _on_model(summary: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -
     verdict = diagnosis["verdict"] if diagnosis else summary.get("verdict")
     effects = [plain(name) for name in summary["effects"]]
     if verdict == "consistent":
-        rows = diagnosis.get("could_hide") if diagnosis else None
-        hidden = f" ({could_hide_text(rows).rstrip('.')})" if rows else ""
-        return f"nothing is missing that these slews show: the model explains the data{hidden}"
+        return "nothing is missing that these slews show: the model explains the data"
     if verdict == "named" and effects:
         was, them = ("was", "it") if len(effects) == 1 else ("were", "them")
         return f"{listed(effects)} {was} missing, and with {them} the model explains the data"
@@ -199,19 +183,11 @@ def _relative_sd(row: Mapping[str, Any]) -> float:
 
 
 def _percent(row: Mapping[str, Any]) -> str:
-    return f"{_two_digits(100.0 * _relative_sd(row))} %"
+    return f"{two_digits(100.0 * _relative_sd(row))} %"
 
 
 def _in_unit(row: Mapping[str, Any]) -> str:
-    return f"{_two_digits(_sd(row))} {row['unit'].replace('^2', '²')}"
-
-
-def _two_digits(value: float) -> str:
-    """Two significant digits, with a power of ten where the number is small."""
-    if not math.isfinite(value) or value == 0.0 or value >= _SMALLEST_PLAIN:
-        return f"{value:#.2g}".rstrip(".") if value < 100.0 else f"{value:.0f}"
-    digits, power = f"{value:.1e}".split("e")
-    return f"{digits} × 10{str(int(power)).translate(_SUPERSCRIPT)}"
+    return f"{two_digits(_sd(row))} {unit_text(row['unit'])}"
 
 
 def _first_clause(says: str) -> str:

@@ -11,14 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.goals import CORRECTED_TURN_DEG
+from bayes_inertia.errors import SettingsError, StudyError
 from bayes_inertia.flight.final_errors import predict_correction_slew
-from bayes_inertia.flight.plan import PlannedSlew
+from bayes_inertia.flight.mission import Mission, most_like_mission
+from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import Flight
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
@@ -28,10 +31,14 @@ from bayes_inertia.inference.marginal_posterior import LogDensity
 from bayes_inertia.inference.sampler import log_density_at, sample
 from bayes_inertia.inference.settings import Settings
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects.constant_torque import ConstantTorque
+from bayes_inertia.physics.effects.rate_sensor_misalignment import RateSensorMisalignment
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import BASE_NAMES, N_BASE
-from bayes_inertia.studies.calibration_cases import CalibrationCase
-from bayes_inertia.studies.work import Row, Work
+from bayes_inertia.studies.rank_statistics import LEVELS, Coverage, Ranks
+from bayes_inertia.studies.work import Row, TaskFailure, Work, WorkResult
 
 Pipeline = Literal["right", "small_sd", "no_scale_factors", "flipped_sign"]
 
@@ -46,6 +53,91 @@ _CORRECTED_AXIS = (1.0, 1.0, 1.0)
 # The wrong pipelines: sds too small by this factor; K held this firmly.
 _SMALL_SD = 0.75
 _HELD_SCALE_FACTOR_SIGMA = 1e-7
+# Between rows of telemetry [s]: slow telemetry, so that a fit takes a second.
+_PERIOD = 1.0
+# The spacecraft of the paper; its constant torque [N m].
+_TORQUE_SIGMA = 5e-6
+# Probability that a right pipeline is rejected, by any quantity of any case.
+FALSE_ALARM = 0.01
+
+
+@dataclass(frozen=True)
+class CalibrationCase:
+    """One kind of campaign.
+
+    Parameters
+    ----------
+    name : str
+        Lower case, for ids and files.
+    says : str
+        What it is, in a few words.
+    plan : Plan
+        What is flown, each time with other angles, senses and start attitude.
+    mission : Mission
+        Hardware and prior.
+    effects : tuple of Effect
+        That act, drawn from their priors, and are fitted along.
+    star_tracker : bool
+        Whether its fixes are in the telemetry.
+    tachometers : bool
+        Whether the wheels' momentum is.
+    """
+
+    name: str
+    says: str
+    plan: Plan
+    mission: Mission
+    effects: tuple[Effect, ...] = ()
+    star_tracker: bool = True
+    tachometers: bool = True
+
+    def as_measured(self, campaign: Campaign) -> Campaign:
+        """A flown campaign without the readings that this case lacks."""
+        if not self.star_tracker:
+            slews = tuple(replace(slew, attitude=None) for slew in campaign.slews)
+            campaign = replace(campaign, star_tracker=None, slews=slews)
+        if not self.tachometers:
+            wheels = tuple(replace(wheel, momentum_sigma=None) for wheel in campaign.wheels)
+            slews = tuple(replace(slew, wheel_momentum=None) for slew in campaign.slews)
+            campaign = replace(campaign, wheels=wheels, slews=slews)
+        return campaign
+
+
+def calibration_cases() -> tuple[CalibrationCase, ...]:
+    """All cases, of the MOST-like spacecraft at one row a second."""
+    mission = most_like_mission()
+    five = replace(paper_like_plan(), telemetry_period=_PERIOD)
+    weak = (PlannedSlew((1.0, 0.0, 0.0), 1.0), PlannedSlew((0.0, 1.0, 1.0), 1.0))
+    two = replace(five, slews=weak)
+    effects = (ConstantTorque(_TORQUE_SIGMA), RateSensorMisalignment())
+    return (
+        CalibrationCase("five-slews", "five slews about five axes", five, mission),
+        CalibrationCase("two-slews", "weak data: two slews", two, mission),
+        CalibrationCase(
+            "no-star-tracker", "five slews without star tracker", five, mission, star_tracker=False
+        ),
+        CalibrationCase(
+            "no-tachometers", "five slews without tachometers", five, mission, tachometers=False
+        ),
+        CalibrationCase(
+            "effects",
+            "five slews with a constant torque and a turned rate sensor",
+            five,
+            mission,
+            effects,
+        ),
+    )
+
+
+def cases_named(names: Sequence[str]) -> tuple[CalibrationCase, ...]:
+    """The cases of these names, in their order; all for none."""
+    known = {case.name: case for case in calibration_cases()}
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise SettingsError(
+            f"no case {unknown[0]!r}", where="cases", advice=f"choose from {', '.join(known)}"
+        )
+    return tuple(known[name] for name in dict.fromkeys(names)) or tuple(known.values())
 
 
 @dataclass(frozen=True)
@@ -98,24 +190,7 @@ class CalibrationFit:
 def calibration_work(
     cases: Sequence[CalibrationCase], fits: int, seed: int = 0, pipeline: Pipeline = "right"
 ) -> Work:
-    """A calibration as the tasks of a study.
-
-    Parameters
-    ----------
-    cases : sequence of CalibrationCase
-        What is flown.
-    fits : int
-        How many in all; the cases share them evenly.
-    seed : int
-        Of the study.
-    pipeline : {"right", "small_sd", "no_scale_factors", "flipped_sign"}
-        See `CalibrationFit`.
-
-    Returns
-    -------
-    Work
-        A case's fits have the ids "name/0", "name/1", ...
-    """
+    """A calibration as tasks "name/0", "name/1", ..., of which the cases have equally many."""
     each = -(-fits // len(cases))
     ids = tuple(f"{case.name}/{i}" for case in cases for i in range(each))
     options: dict[str, Any] = {
@@ -176,3 +251,104 @@ def _changed(draws: np.ndarray, pipeline: Pipeline) -> np.ndarray:
         changed[:, 3:6] *= -1.0
         return changed
     return draws
+
+
+@array_dataclass
+class CaseCalibration:
+    """The fits of one case.
+
+    Parameters
+    ----------
+    name, says : str
+        Of the case.
+    ranks : (n, 14) array of int
+        Of the truth among the draws, of each of `QUANTITIES`.
+    z : (n, 14) array
+        Truth minus mean, in sds of the draws.
+    explained : (n,) array of bool
+        Whether the residuals of these perfect fits pass their tests.
+    nested_rhat : (n,) array
+        Of the short chains.
+    """
+
+    name: str
+    says: str
+    ranks: np.ndarray
+    z: np.ndarray
+    explained: np.ndarray
+    nested_rhat: np.ndarray
+
+    @cached_property
+    def p_values(self) -> np.ndarray:
+        """Of the uniformity of the ranks (14,)."""
+        return np.array([Ranks(ranks, RANKED).p_value for ranks in self.ranks.T])
+
+    @property
+    def departures(self) -> np.ndarray:
+        """ECDFs minus that of uniform ranks, in standard errors (14, 199)."""
+        return np.array([Ranks(ranks, RANKED).departure for ranks in self.ranks.T])
+
+    def coverage(self, quantity: int) -> tuple[Coverage, ...]:
+        """How often intervals of 50, 90 and 95 % held the truth of a quantity, by its index."""
+        return tuple(map(Ranks(self.ranks[:, quantity], RANKED).coverage, LEVELS))
+
+
+@array_dataclass
+class Calibration:
+    """A finished calibration.
+
+    Parameters
+    ----------
+    cases : tuple of CaseCalibration
+        In the order in which they were asked for.
+    failures : tuple of TaskFailure
+        Fits that failed; they count in nothing.
+    """
+
+    cases: tuple[CaseCalibration, ...]
+    failures: tuple[TaskFailure, ...] = ()
+
+    @property
+    def fits(self) -> int:
+        """Fits that were ranked."""
+        return sum(len(case.ranks) for case in self.cases)
+
+    @property
+    def limit(self) -> float:
+        """p-value below which ranks are not uniform: 1 % shared by all cases and quantities."""
+        return FALSE_ALARM / (len(self.cases) * len(QUANTITIES))
+
+    @property
+    def rejected(self) -> tuple[tuple[str, str], ...]:
+        """(case, quantity) of all ranks that are not uniform."""
+        return tuple(
+            (case.name, name)
+            for case in self.cases
+            for name, p in zip(QUANTITIES, case.p_values, strict=True)
+            if p < self.limit
+        )
+
+
+def calibration_of(cases: Sequence[CalibrationCase], result: WorkResult) -> Calibration:
+    """The rows of a calibration's fits, by case; StudyError where a case has none."""
+    parts = []
+    for case in cases:
+        rows = [row for row in result.rows if row["task"].partition("/")[0] == case.name]
+        if not rows:
+            reason = result.failures[0].reason if result.failures else "none was asked for"
+            raise StudyError(
+                f"no fit of the case {case.name} succeeded: {reason}",
+                where="calibration",
+                advice="leave the case out, or ask for more fits",
+            )
+        table = {
+            key: np.array([row[key] for row in rows])
+            for key in ("rank", "truth", "mean", "sd", "explained", "nested_rhat")
+        }
+        z = (table["truth"] - table["mean"]) / table["sd"]
+        parts.append(
+            CaseCalibration(
+                case.name, case.says, table["rank"], z, table["explained"], table["nested_rhat"]
+            )
+        )
+    return Calibration(tuple(parts), result.failures)

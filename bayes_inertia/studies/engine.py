@@ -1,34 +1,35 @@
 """The engine: does the tasks of a work that have no row yet, and keeps what they give.
 
-The driver alone writes files. It keeps a few batches with every worker, takes results as they come,
-and writes each shard whole. Whatever ends it, the same call goes on with what is missing.
+Rows are the same bits in this process, in joblib's workers and on a dask cluster, in any order and
+after any interruption: the same call goes on with what is missing.
 """
 
 from __future__ import annotations
 
+import json
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from contextlib import nullcontext
 from dataclasses import dataclass
-from itertools import batched
 from pathlib import Path
 from time import monotonic
 
-from bayes_inertia.errors import StudyError
-from bayes_inertia.folder_lock import working_in
-from bayes_inertia.studies.pools import Engine, Pool, open_pool
-from bayes_inertia.studies.store import Store
-from bayes_inertia.studies.work import TaskFailure, Work, WorkResult
-from bayes_inertia.studies.worker import Outcome, do_tasks
+from threadpoolctl import threadpool_limits
 
-Progress = Callable[[str, int, int], None]
+from bayes_inertia.errors import BayesInertiaError, StudyError
+from bayes_inertia.folder_lock import working_in
+from bayes_inertia.progress import Progress
+from bayes_inertia.studies.row_file import Outcome, RowFile
+from bayes_inertia.studies.work import Task, TaskFailure, Work, WorkResult, task_seed
+from bayes_inertia.studies.workers import IN_PROCESS, Engine, Workers, open_workers
+
 Notice = Callable[[str], None]
 
-# How long the driver waits for a result before it looks whether the pool is still there [s].
+# How often the driver looks whether workers came or went [s].
 _LOOK_EVERY = 1.0
-# Workers that may die with a task before it counts as failed.
-_MOST_DEATHS = 3
+# A task whose worker died beside others is done again alone, so often: then it is the guilty one.
+_TRIES_ALONE = 2
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class Execution:
     scheduler : str or None
         Address of a dask scheduler.
     progress : callable or None
-        Called with (what, done, of); `what` says how much time is left.
+        Called with (tasks in the plural, done, of).
     notice : callable or None
         Called with a sentence about each damaged file and each failed task.
     """
@@ -56,175 +57,122 @@ class Execution:
     notice: Notice | None = None
 
     def run(self, work: Work, folder: Path | None) -> WorkResult:
-        """Do a work with a pool of its own, see `run_work`.
+        """Do all tasks of a work; those whose rows are in the folder already are only read.
 
         Parameters
         ----------
         work : Work
             The tasks.
         folder : Path or None
-            Of the shards.
+            Of rows.jsonl; made if absent. None keeps everything in memory.
 
         Returns
         -------
         WorkResult
-            Rows and failures.
+            Rows and failures in the order of the tasks: the same bits for every engine.
+
+        Raises
+        ------
+        SettingsError
+            If engine, jobs and scheduler do not go together, or dask is not installed.
+        StudyError
+            If the workers are lost. What was finished is kept.
+        OutputError
+            If another process works in the folder, or it cannot be written.
         """
-        with open_pool(self.engine, self.jobs, self.scheduler) as pool:
-            return run_work(work, pool, folder, progress=self.progress, notice=self.notice)
+        with open_workers(self.engine, self.jobs, self.scheduler) as workers:
+            return run_work(work, workers, folder, progress=self.progress, notice=self.notice)
 
 
 def run_work(
     work: Work,
-    pool: Pool,
+    workers: Workers = IN_PROCESS,
     folder: Path | None = None,
     *,
     progress: Progress | None = None,
     notice: Notice | None = None,
 ) -> WorkResult:
-    """Do all tasks of a work; those that are in the folder already are only read.
-
-    Parameters
-    ----------
-    work : Work
-        The tasks.
-    pool : Pool
-        Where they run, from `open_pool`.
-    folder : Path or None
-        Of the shards; made if absent. None keeps everything in memory.
-    progress : callable or None
-        Called with (what, done, of); `what` says how much time is left.
-    notice : callable or None
-        Called with a sentence about each damaged file and each failed task.
-
-    Returns
-    -------
-    WorkResult
-        Rows and failures in the order of the tasks: the same bits for every pool and interruption.
-
-    Raises
-    ------
-    StudyError
-        If the pool is lost. What was finished is kept.
-    OutputError
-        If another process works in the folder, or it cannot be written.
-    """
-    say = notice or _silent
-    with working_in(folder) if folder is not None else nullcontext():
-        store = Store(work, folder)
-        for damage in store.damages:
+    """Do a work as `Execution.run`, with workers that are there."""
+    say = notice or (lambda sentence: None)
+    with nullcontext() if folder is None else working_in(folder):
+        rows = RowFile(folder, work.digest)
+        for damage in rows.damages:
             say(damage)
-        left = store.open_tasks()
-        clock = _Clock(work.name, len(work.ids) - len(left), len(work.ids))
-        try:
-            for outcomes in _outcomes(work, left, pool):
-                for outcome in outcomes:
-                    store.add(outcome)
-                    if isinstance(outcome, TaskFailure):
-                        say(f"{work.name}: {outcome.task} failed: {outcome.reason}")
-                store.save_due()
-                if progress is not None:
-                    progress(*clock.after(len(outcomes)))
-        finally:
-            store.save()
-        return store.result()
+        left = [task for task in work.ids if task not in rows]
+        done = len(work.ids) - len(left)
+        for outcome in _outcomes(work, left, workers):
+            rows.add(outcome)
+            if isinstance(outcome, TaskFailure):
+                say(f"{work.name}: {outcome.task} failed: {outcome.reason}")
+            done += 1
+            if progress is not None:
+                progress(work.name, done, len(work.ids))
+        return rows.settle(work.ids)
 
 
-def _silent(sentence: str) -> None:
-    """Say nothing."""
+def _outcomes(work: Work, left: Sequence[str], workers: Workers) -> Iterator[Outcome]:
+    """What becomes of the tasks, in the order in which they end."""
+    suspects = []
+    for task, outcome in _calls(work, left, workers):
+        if outcome is None:
+            suspects.append(task)
+        else:
+            yield outcome
+    for task in suspects:
+        alone = (_calls(work, [task], workers) for _ in range(_TRIES_ALONE))
+        reason = f"its worker died {1 + _TRIES_ALONE} times; was there enough memory?"
+        failure = TaskFailure(task, "WorkerDied", reason, final=False)
+        yield next((outcome for tries in alone for _, outcome in tries if outcome), failure)
 
 
-@dataclass(frozen=True)
-class _Batch:
-    """Tasks that go to a worker together, and how many workers died with them."""
-
-    ids: tuple[str, ...]
-    deaths: int = 0
-
-
-def _outcomes(work: Work, left: list[str], pool: Pool) -> Iterator[list[Outcome]]:
-    """What becomes of the tasks, batch by batch, in the order in which they end."""
-    queue = deque(_Batch(ids) for ids in batched(left, work.batch_size))
-    running: dict[Future, _Batch] = {}
+def _calls(
+    work: Work, tasks: Sequence[str], workers: Workers
+) -> Iterator[tuple[str, Outcome | None]]:
+    """Each task with what became of it; with None where its worker died."""
+    queue, running = deque(tasks), dict[Future, str]()
+    room, looked = 0, -_LOOK_EVERY
     while queue or running:
-        _submit(work, queue, running, pool)
+        if monotonic() - looked >= _LOOK_EVERY:
+            room, looked = workers.room(), monotonic()
+        while queue and len(running) < room:
+            task = queue.popleft()
+            running[workers.submit(_do, work.task, work.seed, task)] = task
         done, _ = wait(running, timeout=_LOOK_EVERY, return_when=FIRST_COMPLETED)
-        pool.check()
         for future in done:
-            batch = running.pop(future)
-            outcomes = _result(future, batch, pool, queue)
-            if outcomes:
-                yield outcomes
+            task = running.pop(future)
+            yield task, _result(future, task, workers)
 
 
-def _submit(work: Work, queue: deque, running: dict[Future, _Batch], pool: Pool) -> None:
-    """Keep the pool busy. Batches with which a worker died run alone: so the guilty one is told."""
-    window = pool.window()
-    while queue and len(running) < window:
-        suspects = queue[0].deaths or any(batch.deaths for batch in running.values())
-        if suspects and running:
-            return
-        batch = queue.popleft()
-        try:
-            running[pool.submit(do_tasks, work.task, work.seed, batch.ids)] = batch
-        except Exception as error:
-            # A worker died since the last look. All calls end with that before new workers begin.
-            if not pool.worker_died(error):
-                raise
-            queue.appendleft(batch)
-            wait(running)
-            return
-
-
-def _result(future: Future, batch: _Batch, pool: Pool, queue: deque) -> list[Outcome]:
-    """What a batch gave; empty if it is in the queue again."""
+def _result(future: Future, task: str, workers: Workers) -> Outcome | None:
+    """What a call gave. What a task raises stands there: other errors come from the way to it."""
     try:
         return future.result()
+    except workers.died:
+        return None
     except CancelledError as error:
-        pool.check()
         raise StudyError(
             "calls to workers were cancelled",
-            where=", ".join(batch.ids[:1]),
+            where=task,
             advice="the same command goes on with what was finished",
         ) from error
     except Exception as error:
-        if not pool.worker_died(error):
-            # What a task raises stands in its outcome: this came from the way there or back.
-            raise StudyError(
-                f"a worker cannot do the tasks ({type(error).__name__}: {error})",
-                where=batch.ids[0],
-                advice="install the same versions of bayes-inertia and Python for all workers",
-            ) from error
-    deaths = batch.deaths + 1
-    if deaths < _MOST_DEATHS:
-        queue.extendleft(_Batch((task,), deaths) for task in reversed(batch.ids))
-        return []
-    reason = f"its worker died {deaths} times; was there enough memory?"
-    return [TaskFailure(task, "WorkerDied", reason, final=False) for task in batch.ids]
+        raise StudyError(
+            f"a worker cannot do the tasks ({type(error).__name__}: {error})",
+            where=task,
+            advice="install the same versions of bayes-inertia and Python for all workers",
+        ) from error
 
 
-class _Clock:
-    """Counts tasks and says how long the rest will take."""
+def _do(task: Task, seed: int, task_id: str) -> Outcome:
+    """Do one task, where a worker is; its row as JSON would give it back.
 
-    def __init__(self, name: str, done: int, of: int) -> None:
-        self._name, self._done, self._of = name, done, of
-        self._began, self._done_here = monotonic(), 0
-
-    def after(self, tasks: int) -> tuple[str, int, int]:
-        """What progress is told after some tasks more."""
-        self._done += tasks
-        self._done_here += tasks
-        rest = self._of - self._done
-        seconds = (monotonic() - self._began) / max(self._done_here, 1) * rest
-        return f"{self._name}, {_duration(seconds)} left", self._done, self._of
-
-
-def _duration(seconds: float) -> str:
-    """A duration in one unit.
-
-    >>> [_duration(s) for s in (8.0, 200.0, 9000.0)]
-    ['8 s', '3 min', '2.5 h']
+    Linear algebra runs in one thread: its sums do not depend on the number of cores then.
     """
-    if seconds < 90.0:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"
+    try:
+        with threadpool_limits(1):
+            row = dict(task(task_id, task_seed(seed, task_id)))
+        return task_id, json.loads(json.dumps(row, default=lambda array: array.tolist()))
+    except Exception as error:
+        # The package's own errors are about the data: they would come again.
+        final = isinstance(error, BayesInertiaError)
+        return TaskFailure(task_id, type(error).__name__, str(error) or type(error).__name__, final)

@@ -15,9 +15,10 @@ from bayes_inertia.design.simulated_fits import AchievedErrors
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
-from bayes_inertia.studies.engine import Notice, Progress
-from bayes_inertia.studies.pools import Engine, Pool, open_pool
+from bayes_inertia.progress import Progress, silent
+from bayes_inertia.studies.engine import Notice
 from bayes_inertia.studies.simulated_fits import fit_simulated_campaigns, simulated_fits
+from bayes_inertia.studies.workers import Engine, Workers, open_workers
 
 
 def compare_plans(
@@ -58,7 +59,7 @@ def compare_plans(
     folder : Path or None, optional
         Where fits are kept, so that a comparison that was killed goes on.
     progress : callable or None, optional
-        Called with (what, done, of).
+        Called with (stage, done, of).
     notice : callable or None, optional
         Called with what should be known of files and failures.
 
@@ -92,14 +93,16 @@ def compare_plans(
     mean = replace(mean, spacecraft=replace(mean.spacecraft, bias=None))
     limits = limits or Limits()
     if not simulated:
-        return tuple(
-            assess_plan(name, plan, mean, limits, seed=seed) for name, plan in named.items()
-        )
-    with open_pool(engine, jobs, scheduler) as pool:
+        contenders: list[Contender] = []
+        for name, plan in named.items():
+            (progress or silent)("flying each once, plans", len(contenders), len(named))
+            contenders.append(assess_plan(name, plan, mean, limits, seed=seed))
+        return tuple(contenders)
+    with open_workers(engine, jobs, scheduler) as workers:
         callbacks = {"progress": progress, "notice": notice}
         fits = _Fits(mean, joblib.hash(mean), simulated, seed, folder, callbacks)
         return tuple(
-            assess_plan(name, plan, mean, limits, seed=seed, achieved=fits.of_plan(plan, pool))
+            assess_plan(name, plan, mean, limits, seed=seed, achieved=fits.of_plan(plan, workers))
             for name, plan in named.items()
         )
 
@@ -115,10 +118,10 @@ class _Fits:
     folder: Path | None
     callbacks: dict[str, Any]
 
-    def of_plan(self, plan: Plan, pool: Pool) -> AchievedErrors:
+    def of_plan(self, plan: Plan, workers: Workers) -> AchievedErrors:
         """What fits to simulated campaigns of one plan achieved."""
         digest = joblib.hash(plan)
         options = {"plan": digest, "mission": self.mission_digest}
         work = simulated_fits(plan, self.mission, self.simulated, self.seed, options=options)
         folder = None if self.folder is None else self.folder / digest
-        return fit_simulated_campaigns(work, pool, folder, **self.callbacks)
+        return fit_simulated_campaigns(work, workers, folder, **self.callbacks)

@@ -75,18 +75,7 @@ class Ranks:
         return max(0.0, 1.0 - probability_inside(len(self.values), self.ranked, largest - 1e-6))
 
     def coverage(self, level: float) -> Coverage:
-        """How often the central interval between draws held the truth.
-
-        Parameters
-        ----------
-        level : float
-            Of the interval; `ranked` + 1 times half of what it leaves out is a whole number.
-
-        Returns
-        -------
-        Coverage
-            With its binomial interval.
-        """
+        """How often a central interval held the truth; its ends are draws."""
         outside = round((self.ranked + 1) * 0.5 * (1.0 - level))
         inside = (self.values >= outside) & (self.values <= self.ranked - outside)
         return coverage_from(int(inside.sum()), len(inside), level)
@@ -94,24 +83,8 @@ class Ranks:
 
 @cache
 def probability_inside(n: int, ranked: int, width: float) -> float:
-    """Probability that the ECDF of n uniform ranks stays inside a band everywhere.
+    """Probability that the ECDF of n uniform ranks stays within `width` standard errors everywhere.
 
-    Parameters
-    ----------
-    n : int
-        Ranks.
-    ranked : int
-        Draws that the truth was ranked among.
-    width : float
-        Half width of the band, in standard errors.
-
-    Returns
-    -------
-    float
-        Exact, but for rounding.
-
-    Examples
-    --------
     One rank among one draw is 0 or 1: half a standard error is never enough.
 
     >>> probability_inside(1, 1, 0.5), round(probability_inside(1, 1, 1.5), 6)
@@ -138,22 +111,7 @@ def probability_inside(n: int, ranked: int, width: float) -> float:
 
 @cache
 def ecdf_band(n: int, ranked: int, level: float) -> float:
-    """Half width of the band that holds the whole ECDF of n uniform ranks.
-
-    Parameters
-    ----------
-    n : int
-        Ranks.
-    ranked : int
-        Draws that the truth was ranked among.
-    level : float
-        With this probability.
-
-    Returns
-    -------
-    float
-        In standard errors.
-    """
+    """Half width [standard errors] of the band that holds n uniform ranks with this probability."""
     return float(
         brentq(
             lambda width: probability_inside(n, ranked, width) - level,
@@ -165,24 +123,8 @@ def ecdf_band(n: int, ranked: int, level: float) -> float:
 
 
 def coverage_from(inside: int, of: int, level: float) -> Coverage:
-    """How often intervals held the truth, counted.
+    """Share of intervals that held the truth, with its binomial interval.
 
-    Parameters
-    ----------
-    inside : int
-        Truths that were inside.
-    of : int
-        Of how many.
-    level : float
-        Of the intervals.
-
-    Returns
-    -------
-    Coverage
-        With its binomial interval.
-
-    Examples
-    --------
     >>> round(coverage_from(9, 10, 0.95).low, 3)
     0.555
     """

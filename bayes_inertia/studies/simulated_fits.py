@@ -13,22 +13,15 @@ from bayes_inertia.design.simulated_fits import AchievedErrors, fit_simulated_ca
 from bayes_inertia.errors import StudyError
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
-from bayes_inertia.studies.engine import Notice, Progress, run_work
-from bayes_inertia.studies.pools import InProcess, Pool
+from bayes_inertia.progress import Progress
+from bayes_inertia.studies.engine import Notice, run_work
 from bayes_inertia.studies.work import Row, Work, WorkResult
+from bayes_inertia.studies.workers import IN_PROCESS, Workers
 
 
 @dataclass(frozen=True)
 class SimulatedFit:
-    """The task: fly a plan with a truth from the prior, and fit it.
-
-    Parameters
-    ----------
-    plan : Plan
-        What is flown.
-    mission : Mission
-        Wheels, sensors and prior.
-    """
+    """The task: fly a plan with a truth from the prior, and fit it."""
 
     plan: Plan
     mission: Mission
@@ -46,25 +39,10 @@ def simulated_fits(
     *,
     options: Mapping[str, Any] | None = None,
 ) -> Work:
-    """Campaigns of one plan as the tasks of a study.
+    """Campaigns of one plan (how many, or which numbers) as the tasks of a study.
 
-    Parameters
-    ----------
-    plan : Plan
-        What is flown.
-    mission : Mission
-        Wheels, sensors and prior.
-    campaigns : int or range
-        How many campaigns, or the numbers of those wanted.
-    seed : int, optional
-        Campaign i of two plans has the same truth for the same seed.
-    options : mapping, optional
-        What tells plan and mission from others, where rows are kept in a folder.
-
-    Returns
-    -------
-    Work
-        Whose rows are those of `AchievedErrors`.
+    Campaign i of two plans has the same truth for the same seed. `options` tell plan and mission
+    from others where rows are kept in a folder.
     """
     numbers = range(campaigns) if isinstance(campaigns, int) else campaigns
     ids = tuple(str(number) for number in numbers)
@@ -72,25 +50,7 @@ def simulated_fits(
 
 
 def achieved_errors(result: WorkResult, least: int = 1) -> AchievedErrors:
-    """The rows of `simulated_fits` as arrays.
-
-    Parameters
-    ----------
-    result : WorkResult
-        Of that work.
-    least : int, optional
-        How many must have been fitted.
-
-    Returns
-    -------
-    AchievedErrors
-        In the order of the campaigns; those that failed are left out.
-
-    Raises
-    ------
-    StudyError
-        If fewer could be fitted.
-    """
+    """The rows of `simulated_fits` as arrays; StudyError if fewer than `least` could be fitted."""
     if len(result.rows) < least:
         raise StudyError(
             f"{len(result.rows)} campaigns could be fitted; the first that could not: "
@@ -103,32 +63,14 @@ def achieved_errors(result: WorkResult, least: int = 1) -> AchievedErrors:
 
 def fit_simulated_campaigns(
     work: Work,
-    pool: Pool | None = None,
+    workers: Workers = IN_PROCESS,
     folder: Path | None = None,
     *,
     progress: Progress | None = None,
     notice: Notice | None = None,
 ) -> AchievedErrors:
-    """Fly a plan many times with noise, and fit each campaign in full; none may fail.
-
-    Parameters
-    ----------
-    work : Work
-        From `simulated_fits`.
-    pool, folder, progress, notice
-        As of `run_work`; without a pool in this process.
-
-    Returns
-    -------
-    AchievedErrors
-        In the order of the campaigns.
-
-    Raises
-    ------
-    StudyError
-        If a campaign could not be fitted.
-    """
-    result = run_work(work, pool or InProcess(), folder, progress=progress, notice=notice)
+    """Do the work of `simulated_fits`; StudyError if a campaign could not be fitted."""
+    result = run_work(work, workers, folder, progress=progress, notice=notice)
     if result.failures:
         first, task = result.failures[0], work.task
         plan = f"{task.plan.name}, " if isinstance(task, SimulatedFit) else ""

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import shutil
+import webbrowser
 from pathlib import Path
 
 import pytest
 from support.commands import run
 
 import bayes_inertia
+from bayes_inertia.app.terminal import open_in_browser
 from bayes_inertia.inference.posterior import Posterior
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
@@ -228,3 +230,29 @@ def test_fit_of_the_example_is_trusted_and_right(tmp_path, capsys):
     assert run("fit", EXAMPLE, "-o", out, "--seed", "1") == 0  # the same run again changes no chain
     again = contents(out)
     assert all(again[name] == data for name, data in first.items() if name.startswith("chains/"))
+
+
+def test_open_shows_the_page_in_a_browser_with_windows_and_is_silent_without(
+    tmp_path, monkeypatch, capsys
+):
+    class Windows(webbrowser.BackgroundBrowser):
+        def open(self, url, *_):
+            opened.append(url)
+
+    opened, page = [], tmp_path / "report.html"
+    monkeypatch.delenv("BROWSER", raising=False)
+    monkeypatch.setattr(webbrowser, "get", lambda: Windows("windows"))
+    open_in_browser(page, True)
+    page.write_text("<p>page</p>")
+    open_in_browser(page, False)
+    assert opened == []
+    open_in_browser(page, True)
+    assert opened == [page.as_uri()]
+
+    def none():
+        raise webbrowser.Error("could not locate runnable browser")
+
+    for get in (none, lambda: webbrowser.GenericBrowser("no-such-browser-of-text")):
+        monkeypatch.setattr(webbrowser, "get", get)
+        open_in_browser(page, True)
+    assert capsys.readouterr() == ("", "")

@@ -9,6 +9,7 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from time import sleep
 from types import SimpleNamespace
 
 import pytest
@@ -19,7 +20,7 @@ import bayes_inertia
 from bayes_inertia.app.cli import COMMANDS, command_line
 from bayes_inertia.app.commands.examples import EXAMPLES, example_of
 from bayes_inertia.app.commands.run_result import run_result_json
-from bayes_inertia.app.terminal import progress_bar, quietly
+from bayes_inertia.app.terminal import progress_bar, quietly, say
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 DOCUMENTED = Path(bayes_inertia.__file__).parents[1] / "docs" / "how_to" / "json_output.md"
@@ -119,15 +120,28 @@ def test_quiet_prints_errors_alone_wherever_it_stands(tmp_path, capsys):
     assert "error: " in capsys.readouterr().err
 
 
-def test_progress_counts_the_time_left_of_each_step(monkeypatch, capsys):
+def test_progress_shows_the_stage_what_it_counts_and_the_time_that_is_left(monkeypatch, capsys):
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "120")
     with progress_bar() as progress:
-        progress("optimizing", 0, 1)
-        progress("sampling", 10, 100)
-    assert "left" in capsys.readouterr().err
-    with quietly(True), progress_bar() as progress:
-        assert progress is None
+        progress("refitting with wheel_friction", 0, 0)
+        for done in (0, 25, 50):
+            progress("sampling, steps", done, 100)
+            sleep(0.4)  # Shown ten times a second.
+        say("warning: a slew is short")
+        progress("writing the report", 0, 0)
+    shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", capsys.readouterr().err)
+    assert re.search(r"0:00:0\d  refitting with wheel_friction\s", shown)
+    assert re.search(r"0:00:0\d  sampling, steps 50/100, 0:00:0\d left", shown)
+    assert re.search(r"0:00:0\d  writing the report\s", shown)
+    assert re.search(r"(?m)^warning: a slew is short$", shown.replace("\r", "\n"))
+
+
+@pytest.mark.parametrize("quiet", [True, False])
+def test_progress_is_silent_in_quiet_and_where_nobody_looks(quiet, capsys):
+    with quietly(quiet), progress_bar() as progress:
+        progress("fitting", 0, 0)
+    assert capsys.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("command", COMMANDS)

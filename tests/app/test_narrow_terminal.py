@@ -24,10 +24,14 @@ from bayes_inertia.design.comparison import Contender
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.simulated_fits import AchievedErrors
 from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.observability.analysis import observe
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.named_effects import effects_named
 from bayes_inertia.physics.parameters import BASE_NAMES
+from bayes_inertia.physics.small_campaign import small_campaign
 from bayes_inertia.report.plan_promise import plan_promise
-from bayes_inertia.studies.calibration import QUANTITIES
-from bayes_inertia.studies.calibration_result import Calibration, CaseCalibration
+from bayes_inertia.studies.calibration import QUANTITIES, Calibration, CaseCalibration
 from bayes_inertia.studies.work import WorkResult
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
@@ -86,6 +90,10 @@ def test_a_design(printed):
         value=1.234e-4,
         reference_value=2.345e-4,
         gain=2.0,
+        sd={"Jxy": 1e-4, "K3": 2.3e-4},
+        reference_sd={"Jxy": 2e-4, "K3": 1e-4},
+        sd_before={"Jxy": 0.03, "K3": 0.03},
+        units={"Jxy": "kg m^2", "K3": ""},
         plan=paper_like_plan(),
         flown=(margin(),),
         active=("rate",),
@@ -102,13 +110,16 @@ def test_a_comparison_of_three_plans_that_were_simulated(printed):
     ]
     show_comparison(contenders, FOLDER)
     out = " ".join(printed().split())
-    assert "0.000123" in out
+    assert "0.12 (achieved 0.12" in out
+    assert "10⁻³ kg m²" in out
     assert "designed" in out
 
 
 def test_a_study(printed):
     show_study(Study(paper_like_plan(), achieved()), FOLDER)
-    assert "in 95 %" in printed()
+    out = printed()
+    assert out.startswith("Stated sds hold. 50 campaigns")
+    assert "10⁻³ kg m²" in out
 
 
 def test_a_calibration(printed):
@@ -134,24 +145,11 @@ def test_fits_of_a_fleet(printed):
 
 
 def test_observability(printed):
-    parameters = tuple(
-        SimpleNamespace(
-            name=name,
-            prior_sd=0.13,
-            sd=1.2e-4,
-            unit="kg m^2",
-            signal=12345.6,
-            variance_inflation=4.0,
-            verdict="weakly",
-            without_commands=None,
-            sd_other_drive=2.4e-4,
-        )
-        for name in ("Jxx", "wheel_friction.coulomb_wheel_x")
-    )
-    observability = SimpleNamespace(
-        parameters=parameters, names=(), drive="commanded", directions=(), degeneracies=()
-    )
+    campaign = small_campaign()
+    campaign = replace(campaign, slews=campaign.slews[:1])
+    observability = observe(estimate(Model(campaign, effects_named(["wheel_misalignment"]))))
     show_observability(SimpleNamespace(observability=observability, comparison=()), FOLDER)
     out = printed()
-    for text in ("1.23e+04", "0.00012", "no: mostly"):
+    for text in ("no: mostly", "more, in observability.json", "10⁻³ kg m²"):
         assert text in out
+    assert "e+0" not in out

@@ -162,6 +162,8 @@ def designed(*_, **__) -> Design:
         4,
         {},
         {},
+        {},
+        {},
         (),
         (),
         (),
@@ -191,6 +193,12 @@ def quick(monkeypatch):
         (observe_folder, "draw_observability"),
     ):
         monkeypatch.setattr(module, name, lambda _: figure)
+    for module, name in (
+        (design_folder, "design_sections"),
+        (compare_folder, "comparison_sections"),
+        (observe_folder, "observability_sections"),
+    ):
+        monkeypatch.setattr(module, name, lambda *_: [])
 
 
 def run_design(folder: Path, seed: int = 0) -> None:
@@ -206,9 +214,9 @@ def run_observe(folder: Path, seed: int = 0) -> None:
 
 
 COMMANDS = {
-    "design": (run_design, ["design.json", "design.png", "plan.toml"]),
-    "compare": (run_compare, ["compare.json", "compare.png"]),
-    "observe": (run_observe, ["observability.json", "observability.png"]),
+    "design": (run_design, ["design.html", "design.json", "design.png", "plan.toml"]),
+    "compare": (run_compare, ["compare.html", "compare.json", "compare.png"]),
+    "observe": (run_observe, ["observability.html", "observability.json", "observability.png"]),
 }
 
 

@@ -82,6 +82,10 @@ def test_a_design_with_its_units_and_hostile_margins(printed):
         value=1e-3,
         reference_value=2e-3,
         gain=2.0,
+        sd={"Jxy": 1e-4, "K3": 2.3e-4},
+        reference_sd={"Jxy": 2e-4, "K3": 1e-4},
+        sd_before={"Jxy": 0.03, "K3": 0.03},
+        units={"Jxy": "kg m^2", "K3": ""},
         plan=paper_like_plan(),
         flown=(margin("keep-out [Sun]", True), margin("rate [/all]", False)),
         active=("keep-out [Sun]",),
@@ -90,6 +94,9 @@ def test_a_design_with_its_units_and_hostile_margins(printed):
     out = printed()
     for text in ("angle [deg]", "rate [deg/s]", "ramps [deg/s²]", "starts [s]", "lasts [s]"):
         assert text in out
+    assert "worse: K3 (2.3 times): larger sd than with slews like the paper's" in out
+    assert "Jxy 30 0.10 0.20 0.50" in out
+    assert "10⁻³ kg m²" in out
     for text in ("keep-out [Sun]: 0.9 of 1 [deg/s]", "BROKEN rate [/all]", str(FOLDER)):
         assert text in out
 
@@ -100,7 +107,8 @@ def test_a_comparison_with_its_units_and_hostile_plans(printed):
     out = printed()
     for text in ("plan [b]", HOSTILE, "torque of [wheel x]", str(FOLDER)):
         assert text in out
-    for unit in ("[kg m²]", "[s]", "[N m s]", "[N m]"):
+    assert "plan [b]: products of inertia to 1.0 kg m² (1 sd, the worst)" in out
+    for unit in ("kg m²", " s ", "N m s", "N m "):
         assert unit in out
 
 
@@ -125,23 +133,29 @@ def test_observability_of_hostile_names(printed):
         signal=5.0,
         variance_inflation=4.0,
         verdict="determined",
-        without_commands=None,
-        sd_other_drive=None,
+        share=np.array([[0.6, 0.0, 0.1], [0.1, 0.1, 0.1]]),
+        sd_other_drive=0.2,
     )
     direction = SimpleNamespace(verdict_is_prior=True, exact=True, says="a [b] c", contraction=0.1)
     observability = SimpleNamespace(
         parameters=(parameter,),
-        names=(),
-        drive="measured",
+        slews=("slew [yaw 1]", "slew 2"),
+        drive="commanded",
         directions=(direction,),
         degeneracies=(SimpleNamespace(name="gain [/g]", says="J [kg m^2] and h"),),
     )
     row = SimpleNamespace(name="K1 [-]", warnings=("prior [deg] holds",))
     show_observability(SimpleNamespace(observability=observability, comparison=(row,)), FOLDER)
     out = printed()
-    for text in ("effect [x].gain", "N m [s]", "a [b] c", "gain [/g]: J [kg m^2]", "K1 [-]:"):
+    for text in ("effect [x]: gain", "N m [s]", "a [b] c", "gain [/g]: J [kg m²]", "K1 [-]:"):
         assert text in out
-    assert "prior [deg] holds" in out
+    for text in (
+        "prior [deg] holds",
+        "All 1 parameters are determined; slew [yaw 1] carries effect [x].gain.",
+        "slew [yaw 1], 70 %",
+        "sd without the recorded commands: effect [x].gain × 2",
+    ):
+        assert text in out
 
 
 def test_a_fit_with_hostile_names(printed):
@@ -155,7 +169,7 @@ def test_a_fit_with_hostile_names(printed):
     }
     show_summary(summary, FOLDER)
     out = printed()
-    for text in ("FAILED gate [a]: chi^2 [/b]", "pump [x]: gain", str(FOLDER)):
+    for text in ("FAILED gate [a]: χ² [/b]", "pump [x]: gain", str(FOLDER)):
         assert text in out
 
 

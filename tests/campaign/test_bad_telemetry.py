@@ -108,7 +108,7 @@ BAD_CSV = [
     ("empty command", cell(3, "u2", ""), ["a.csv, line 3, column u2", "empty"]),
     ("gap in the field", cell(5, "by", ""), ["a.csv, line 5, column by", "empty"]),
     ("open quote", CSV.replace(",slew", ',"slew', 1), ["a.csv, line 3", "quote"]),
-    ("huge cell", cell(3, "mode", "x" * 200_000), ["a.csv, line 3", "CSV"]),
+    ("huge quoted cell", cell(3, "mode", f'"{200_000 * "x"}"'), ["a.csv, line 3", "field limit"]),
 ]
 
 

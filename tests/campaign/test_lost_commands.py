@@ -10,7 +10,7 @@ from support.campaign_files import assert_same
 from support.dirty_example import EXAMPLE, SLEWING, dirty, kinds, rows_of, without_rows
 
 import bayes_inertia as bi
-from bayes_inertia.campaign.lost_commands import with_lost_commands
+from bayes_inertia.campaign.commands import with_lost_commands
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.errors import CampaignError

@@ -22,7 +22,7 @@ from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.writer import write_campaign
-from bayes_inertia.errors import OutputError
+from bayes_inertia.errors import CampaignError, OutputError
 
 
 def test_write_then_read(tmp_path):
@@ -38,6 +38,22 @@ def test_write_then_read(tmp_path):
     digest = campaign_sha256(folder)
     assert write_campaign(again, folder) == folder
     assert campaign_sha256(folder) == digest
+
+
+def test_the_mission_is_read_and_written_and_its_unknown_keys_are_errors(tmp_path):
+    folder = make(tmp_path / "in")
+    assert read_campaign(folder).mission == ()
+    text = (folder / "campaign.toml").read_text()
+    stated = '[mission]\nname = "MOST"\ndocument = "AOCS-12"\n\n[inertia]'
+    (folder / "campaign.toml").write_text(text.replace("[inertia]", stated, 1))
+    campaign = read_campaign(folder)
+    assert campaign.mission == (("name", "MOST"), ("document", "AOCS-12"))
+    assert read_campaign(write_campaign(campaign, tmp_path / "out")).mission == campaign.mission
+    wrong = text.replace("[inertia]", stated.replace("document", "documnt"), 1)
+    (folder / "campaign.toml").write_text(wrong)
+    with pytest.raises(CampaignError) as caught:
+        read_campaign(folder)
+    assert_teaches(caught.value, ["key mission.documnt", 'did you mean "document"'])
 
 
 def test_never_overwrites_another_campaign(tmp_path):

@@ -104,6 +104,20 @@ def test_a_known_offset_is_named(right, channel):
     assert "GPS time is ahead of UTC" in check.sentence
 
 
+@pytest.mark.parametrize("last", [55.0, np.inf])
+def test_a_known_offset_is_named_although_it_costs_fixes(right, last):
+    # Fixes lie before the motion, perhaps after it, and readings stamped before were not kept.
+    def early(slew):
+        at_rest = (slew.time < 6.0) | (slew.time > last)
+        attitude = np.where(at_rest[:, None], slew.attitude, np.nan)
+        momentum = np.concatenate([slew.wheel_momentum[18:], np.full((18, 3), np.nan)])
+        return replace(slew, attitude=attitude, wheel_momentum=momentum)
+
+    campaign = replace(right, slews=tuple(early(slew) for slew in right.slews))
+    first = check_conventions(campaign, quick=True).changes[0]
+    assert (first.key, first.mended) == ("columns.wheel_momentum.offset_s", 18.0)
+
+
 def moved_outside(campaign: Campaign, channel: str, seconds: float) -> Campaign:
     """One channel by so much later, in rows of its own."""
 

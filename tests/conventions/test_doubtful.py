@@ -222,6 +222,13 @@ def test_a_factor_between_commands_and_tachometers_is_named_with_its_wheels(name
     assert all(part in said[0] for part in (wheels, size, side)), said
 
 
+@pytest.mark.parametrize("still", [0.07, 700.0 * 2.0 * np.pi / 60.0 * 1e-3])
+def test_a_tachometer_that_stands_still_within_its_steps_tells_no_factor(still):
+    campaign = with_channel("wheel_momentum", column(2, lambda h: np.full(len(h), still)))
+    check = check_conventions(replace(campaign, slews=campaign.slews[:1]), quick=True)
+    assert not [doubt for doubt in check.doubts if "differ by a factor" in doubt]
+
+
 def test_doubtful_says_which_law_fails_where():
     check = check_conventions(with_channel("wheel_momentum", lambda h: h * [1, 2, 1]), quick=True)
     assert check.verdict == "doubtful"

@@ -15,7 +15,7 @@ from bayes_inertia.conventions.check import check_conventions
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.reading import stated_reading
 from bayes_inertia.conventions.sampled_slews import sampled
-from bayes_inertia.conventions.stale_bias import with_own_bias
+from bayes_inertia.conventions.search import with_own_bias
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 # Share of the largest rate, and of each axis of it.

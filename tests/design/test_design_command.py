@@ -53,6 +53,8 @@ def test_design_command_writes_a_plan_that_simulate_flies(tmp_path, capsys, monk
         max(p["expected_sd"][k] for k in ("Jxy", "Jxz", "Jyz")) for p in table.values()
     ] == sorted(max(p["expected_sd"][k] for k in ("Jxy", "Jxz", "Jyz")) for p in table.values())
     assert (tmp_path / "compared" / "compare.png").stat().st_size > 10_000
+    for page in (out / "design.html", tmp_path / "compared" / "compare.html"):
+        assert page.read_text().count("<figure") == 1
     assert "worst cross term" in capsys.readouterr().out
 
 

@@ -9,14 +9,10 @@ import numpy as np
 import pytest
 
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
-from bayes_inertia.design.design_setup import set_up_design
-from bayes_inertia.design.designer import design_plan, next_slew
+from bayes_inertia.design.designer import design_plan, next_slew, set_up_design
 from bayes_inertia.design.expected_accuracy import estimate_at_truth
 from bayes_inertia.design.goals import parse_goal
-from bayes_inertia.design.limits import (
-    KeepOut,
-    Limits,
-)
+from bayes_inertia.design.limits import KeepOut, Limits
 from bayes_inertia.design.margins import broken_limits, flown_margins
 from bayes_inertia.errors import DesignError
 from bayes_inertia.flight.mission import Mission, most_like_mission
@@ -56,8 +52,20 @@ def test_design_beats_slews_like_the_papers_and_random_plans_within_all_limits(d
 @pytest.mark.long
 @pytest.mark.slow
 def test_same_seed_same_plan(designed, mission):
-    again = design_plan(mission, candidates=150, starts=3, draws=2, seed=1)
+    stages = []
+    again = design_plan(
+        mission, candidates=150, starts=3, draws=2, seed=1, progress=lambda *a: stages.append(a)
+    )
     assert again.plan == designed.plan
+    assert stages == [
+        ("preparing the forecast", 0, 0),
+        ("scoring 150 random plans", 0, 0),
+        *(("improving the best, plans", done, 4) for done in range(4)),
+        ("flying the plan in closed loop", 0, 0),
+    ]
+    # The prior is known before; every slew tells more.
+    assert all(sd < again.sd_before[name] for name, sd in again.sd.items())
+    assert again.units["Jxy"] == "kg m^2"
 
 
 @pytest.mark.long

@@ -45,7 +45,8 @@ def test_what_could_hide_moves_the_fit_as_far_as_it_says(
         )
     content = content_of(found, blind_spots=tuple(rows.values()))
     check_contract(content)
-    assert "An effect too weak to be found, " in diagnosis_verdict(content).title
+    assert "too weak to be found, " in diagnosis_verdict(content).sentences[-1]
+    assert "too weak" not in diagnosis_verdict(content).title
     assert "What could still hide" in [section.title for section in diagnosis_sections(content)]
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from support.refits import refitted
 
-from bayes_inertia.diagnosis.pruning import drop_needless
 from bayes_inertia.diagnosis.result import Step
 from bayes_inertia.diagnosis.rules import Rules
+from bayes_inertia.diagnosis.search import drop_needless
 
 
 @pytest.mark.slow

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_inertia.diagnosis.residual_scan import SIGNIFICANT_P_VALUE, scan_residuals
-from bayes_inertia.diagnosis.scan_statistic import scan_windows
+from bayes_inertia.diagnosis.residual_scan import SIGNIFICANT_P_VALUE, scan_residuals, scan_windows
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.forward_model import Model
 

@@ -13,7 +13,7 @@ from bayes_inertia.diagnosis.nameless import nameless_rival, nameless_shapes
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
-from bayes_inertia.inference.measured_noise import with_measured_noise
+from bayes_inertia.inference.treatment import with_measured_noise
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict, headline
 
@@ -139,7 +139,13 @@ def test_effects_that_only_imitate_another_are_not_named(
 ):
     rules = Rules(max_refits=3)
     campaign = flight((Leak(),), {"leak": {"size": np.array(7e-6)}})
-    found = diagnose(campaign, library=rigid_library, rules=rules)
+    stages = []
+    found = diagnose(
+        campaign, library=rigid_library, rules=rules, progress=lambda *a: stages.append(a[0])
+    )
+    assert stages[0] == "fitting J and K, measuring the noise"
+    assert sum(s.startswith("scoring ") for s in stages) > len(found.steps)
+    assert sum(s.startswith("refitting with ") for s in stages) >= len(found.steps)
     assert (found.verdict, found.named) == ("unknown", ())
     assert found.steps
     assert found.nameless_source.startswith("body torque")

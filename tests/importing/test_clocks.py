@@ -11,6 +11,7 @@ from bayes_inertia.campaign.known_offsets import known_offset
 from bayes_inertia.campaign.row_order import set_back_row
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.import_logs import import_logs
+from bayes_inertia.importing.mapped_lines import streams_beside
 
 GRID = np.arange(0.0, 100.0, 0.25)
 CAMPAIGN = 'kind = "ms", epoch = "campaign"'
@@ -169,6 +170,51 @@ def test_a_stream_outside_every_slew_is_told_with_the_offset_that_explains_it(
     assert_teaches(error, ["streams.attitude.offset_s", said, f"offset_s = {-offset:g} ("])
 
 
+@pytest.mark.parametrize("kind", ["us", "s", "min"])
+@pytest.mark.parametrize("holds", ["rate", "attitude"])
+def test_a_stream_in_another_unit_of_time_is_refused(tmp_path, columns, kind, holds):
+    files = [write_csv(tmp_path / name, columns) for name in ("log_a.csv", "other.csv")]
+    stamps = 'time = { names = ["t_ms"], kind = '
+    change = (
+        f'"{holds}"\nfiles = ["log*.csv"]\n{stamps}"ms"',
+        f'"{holds}"\nfiles = ["other.csv"]\n{stamps}"{kind}"',
+    )
+    error = refusal(tmp_path, {}, change, files=files)
+    assert_teaches(error, [f"streams.{holds}.time.kind", "other.csv span", "times as much"])
+
+
+@pytest.mark.parametrize("offset", [37.0, -32.184])
+def test_readings_beside_all_rates_are_counted_and_the_offset_is_named(tmp_path, columns, offset):
+    commands = {**columns, "t_ms": columns["t_ms"] + 1e3 * offset}
+    files = [write_csv(tmp_path / "log_a.csv", columns), write_csv(tmp_path / "u.csv", commands)]
+    of_commands = ('_torque"\nfiles = ["log*.csv"]', '_torque"\nfiles = ["u.csv"]')
+    notes = imported(tmp_path, {}, of_commands, files=files).logs.streams["wheel_torque"].notes
+    assert "readings lie where no rate was logged and are left out" in notes[-1]
+    assert f"220 lie in a slew with {-offset:+g} s in streams.wheel_torque.offset_s" in notes[-1]
+
+
+def test_commands_that_end_early_are_in_force_in_no_later_slew(tmp_path):
+    columns = log_columns([(40.0, 30.0, 0.5), (160.0, 30.0, 0.7)], 230.0)
+    commands = {name: cells[:150] for name, cells in columns.items()}
+    files = [write_csv(tmp_path / "log_a.csv", columns), write_csv(tmp_path / "u.csv", commands)]
+    of_commands = ('_torque"\nfiles = ["log*.csv"]', '_torque"\nfiles = ["u.csv"]')
+    sparse = "[cut]\nbefore_s = 30.0\nafter_s = 30.0\n\n[rate_sensor]"
+    result = imported(tmp_path, {}, of_commands, ("[rate_sensor]", sparse), files=files)
+    assert result.logs.streams["wheel_torque"].notes == ("no reading in slew 2",)
+    assert not (result.folder / "slew_02_torque.csv").exists()
+
+
+def test_rates_that_end_early_are_said_of_the_other_streams(tmp_path, columns):
+    rates = {name: cells[:195] for name, cells in columns.items()}
+    files = [write_csv(tmp_path / "log_a.csv", columns), write_csv(tmp_path / "w.csv", rates)]
+    of_rates = ('"rate"\nfiles = ["log*.csv"]', '"rate"\nfiles = ["w.csv"]')
+    streams = imported(tmp_path, {}, of_rates, files=files).logs.streams
+    for holds in ("wheel_torque", "attitude"):
+        assert streams[holds].notes == (
+            "23 of 220 readings lie where no rate was logged and are left out",
+        )
+
+
 def test_offsets_of_time_scales_are_tried_by_name():
     for size, why in ((18.0, "GPS"), (69.184, "TT is ahead of UTC"), (3618.0, "GPS")):
         known = known_offset(np.array([0.1, 5.0, 9.9]) + size, [(0.0, 10.0)])
@@ -186,3 +232,13 @@ def test_a_log_without_stamps_is_read_at_its_rate(tmp_path, columns):
     (tmp_path / "both").mkdir()
     both = ("time = { names", "time = { rate_hz = 2.0, names")
     assert_teaches(refusal(tmp_path / "both", columns, both), ["time.rate_hz", "both given"])
+
+
+@pytest.mark.parametrize(("offset", "count"), [(37.0, 1), (30.0, 0), (0.0, 0)])
+def test_what_a_known_offset_mends_is_told_to_doctor(tmp_path, columns, offset, count):
+    fixes = {**columns, "t_ms": columns["t_ms"] + 1e3 * offset}
+    files = [write_csv(tmp_path / "log_a.csv", columns), write_csv(tmp_path / "st.csv", fixes)]
+    of_fixes = ('"attitude"\nfiles = ["log*.csv"]', '"attitude"\nfiles = ["st.csv"]')
+    said = streams_beside(imported(tmp_path, {}, of_fixes, files=files).folder)
+    assert len(said) == count
+    assert all("220 lie in a slew with -37 s in streams.attitude.offset_s" in x for x in said)

@@ -152,6 +152,13 @@ def test_tachometers_that_never_change_propose_no_noise(tmp_path, columns):
     assert "wheels.x.momentum_sigma" not in noises(campaign)
 
 
+def test_one_reading_of_a_tachometer_is_said(tmp_path, columns):
+    columns["speed"][31:] = np.nan
+    columns["speed"][:30] = np.nan
+    (*_, stream) = imported(tmp_path, columns, more=SPEEDS).logs.streams.values()
+    assert stream.notes == ("no reading in slew 2",)
+
+
 @pytest.mark.parametrize("step", [0.02, 0.1])  # [deg/s]; the first hides its noise, 0.006 deg/s
 def test_no_noise_below_the_rounding_of_rates_is_proposed(tmp_path, columns, step):
     for name in RATES:
@@ -190,6 +197,26 @@ def test_a_mark_of_no_fix_that_could_be_one_is_stated_in_the_mapping(tmp_path, c
         columns[name] = np.where(rows, mark, columns[name] + 1e-9)
     stated = (OF_FIXES, OF_FIXES + "missing = [0, 1]\n")
     assert len(imported(tmp_path, columns, stated).logs.streams["attitude"].time) == 210
+
+
+@pytest.mark.parametrize("mark", [(0.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 0.0), (0.5,) * 4])
+def test_one_attitude_to_which_others_jump_and_back_is_no_fix(tmp_path, columns, mark):
+    angle = 2.0 * np.arctan2(columns["q1"], columns["q4"]) + 0.4
+    columns |= {"q1": np.sin(0.5 * angle), "q4": np.cos(0.5 * angle)}
+    blind = (columns["t_ms"] % 5000 > 4000) | (np.abs(columns["t_ms"] - 70e3) < 6e3)
+    for name, cell in zip(FIXES, mark, strict=True):
+        columns[name] = np.where(blind, cell, columns[name] + 1e-9)
+    stream = imported(tmp_path, columns).logs.streams["attitude"]
+    assert len(stream.time) == 420 - blind.sum()
+    assert f"{blind.sum()} rows" in stream.notes[0]
+    assert "jump and back: no fix" in stream.notes[0]
+
+
+def test_an_attitude_that_comes_again_after_a_pause_or_by_motion_stays(tmp_path, columns):
+    at_rest = (columns["t_ms"] < 50e3) | (columns["t_ms"] > 185e3)
+    for name, cell in zip(FIXES, (0.0, 0.0, 0.0, 1.0), strict=True):
+        columns[name] = np.where(at_rest, cell, columns[name])
+    assert not imported(tmp_path, columns).logs.streams["attitude"].notes
 
 
 def test_a_mark_that_is_no_attitude_is_quoted_for_the_mapping(tmp_path, columns):

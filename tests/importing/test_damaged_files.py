@@ -13,8 +13,8 @@ import scipy.io
 from pyarrow import parquet
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.importing.raw_files import read_raw, tables_in
-from bayes_inertia.importing.time_stamps import times_to_seconds
+from bayes_inertia.tables.raw_files import read_raw, tables_in
+from bayes_inertia.tables.time_stamps import times_to_seconds
 
 ROWS = 12
 TIME = np.arange(ROWS) * 0.25

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.importing.raw_files import read_raw, tables_in
-from bayes_inertia.importing.raw_table import RawTable
+from bayes_inertia.tables.raw_files import read_raw, tables_in
+from bayes_inertia.tables.raw_table import RawTable
 
 ROWS = 40
 TIME = [0.25 * i for i in range(ROWS)]
@@ -114,7 +114,7 @@ def test_what_a_parameter_reads_twice_at_one_time_stays(tmp_path):
 @pytest.mark.parametrize(
     ("end", "rows", "note"),
     [
-        (b"\n" + b"\0" * 9000, ROWS, "zero bytes in line 42 .*: left out"),
+        (b"\n" + b"\0" * 9000, ROWS, "NUL bytes in line 42 .*: left out"),
         (b"\n99.0,0.1,0.\0\0\0\n98.0,0,0,0\n", ROWS + 1, "line 42 .*: 1 line cut left out"),
         (b"\n\0\0\0\0\0.1,0,0\n\n50,0,0,0\n51,0,0,0", ROWS + 2, "line 42 .*: 1 line cut"),
         (b"\n99.0,0.1,0.", ROWS, "line 42, the last, breaks off"),
@@ -131,9 +131,9 @@ def test_a_loss_of_power_costs_the_lines_that_it_cut(tmp_path, end, rows, note):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"\0" * 5000, "nothing but zero bytes; the logger lost power before it wrote"),
-        (b"t,w\n0,1\n\x01\x02,3\n\x04,\0\n", "line 4: zero bytes"),
-        (b"t,w\n" + b"0\0,1\n" * 9, "line 2: zero bytes"),
+        (b"\0" * 5000, "nothing but NUL bytes; the logger lost power before it wrote"),
+        (b"t,w\n0,1\n\x01\x02,3\n\x04,\0\n", "line 4: NUL bytes"),
+        (b"t,w\n" + b"0\0,1\n" * 9, "line 2: NUL bytes"),
     ],
 )
 def test_zero_bytes_that_are_no_loss_of_power_are_refused(tmp_path, content, message):

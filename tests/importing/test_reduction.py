@@ -14,7 +14,7 @@ from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.writer import write_campaign
-from bayes_inertia.importing.reduction import reduced_content
+from bayes_inertia.importing.import_logs import reduced_content
 
 
 def campaign_at(rows_a_second: float) -> Campaign:

@@ -14,9 +14,10 @@ from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.importing.clock_guess import guessed_clock, stamp_units
 from bayes_inertia.importing.column_families import families, time_names
 from bayes_inertia.importing.import_logs import import_logs
+from bayes_inertia.importing.mapping import parse_mapping
 from bayes_inertia.importing.questions import open_questions
-from bayes_inertia.importing.raw_table import RawColumn, RawTable
 from bayes_inertia.importing.starting_mapping import starting_mapping, write_starting_mapping
+from bayes_inertia.tables.raw_table import RawColumn, RawTable
 
 LOOKS = [
     ("imu.csv", "utc gx_dps gy_dps gz_dps flag", ["utc"], [("rate", 3, "deg/s")]),
@@ -148,6 +149,17 @@ def answered(text: str) -> str:
         text = text.replace(f'{key} = "?"', f"{key} = {answer}")
     text = text.replace('epoch = "?"', 'epoch = "campaign"')
     return text.replace("[rate_sensor]", "[rate_sensor]\nsigma = 1e-4")
+
+
+def test_the_zero_of_clocks_in_several_files_is_asked_once_and_holds_for_every_stream(tmp_path):
+    columns = log_columns([(40.0, 30.0, 0.5)], 110.0)
+    logs = [write_csv(tmp_path / name, columns) for name in ("gyro_a.csv", "gyro_b.csv")]
+    text = write_starting_mapping(logs, tmp_path / "mapping.toml").text
+    asked = [path for path in open_questions(tomllib.loads(text)) if "epoch" in path]
+    assert asked == [("epoch",)]
+    streams = parse_mapping(answered(text), "mapping.toml").streams
+    assert len(streams) > 1
+    assert {stream.time.epoch for stream in streams} == {"campaign"}
 
 
 def test_a_started_mapping_asks_and_once_answered_imports(log, tmp_path):

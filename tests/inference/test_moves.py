@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 from support.chains import D
 
-from bayes_inertia.inference.moves import IndependenceMove
+from bayes_inertia.inference.proposal import IndependenceMove
 
 
 @dataclass(frozen=True)

@@ -16,20 +16,22 @@ from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError, SettingsError
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.arrow_matrix import drawn, factored, solved
 from bayes_inertia.inference.cleaning import clean_fit
 from bayes_inertia.inference.laplace import marginal
 from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.marginal_posterior import log_posterior
 from bayes_inertia.inference.modelled_outliers import with_modelled_outliers
-from bayes_inertia.inference.noise_draws import losses
 from bayes_inertia.inference.noise_marginal import (
+    drawn,
+    factored,
     log_density_with_noise,
     noise_marginal,
     nuisance_optimum,
+    solved,
 )
 from bayes_inertia.inference.noise_parameters import channel_rules
 from bayes_inertia.inference.point import Point
+from bayes_inertia.inference.predicted_telemetry import losses
 from bayes_inertia.inference.student_t import (
     WeightedSquares,
     heavy_tail,

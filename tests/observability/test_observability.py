@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from html import escape
 from itertools import permutations
 from types import SimpleNamespace
 
@@ -19,15 +20,11 @@ from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.objective import normal_equations
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.observability.against_posterior import (
-    compare_with_posterior,
-    comparison_json,
-)
-from bayes_inertia.observability.analysis import observe
+from bayes_inertia.observability.against_posterior import compare_with_posterior, comparison_json
+from bayes_inertia.observability.analysis import inflation_by_group, observe
 from bayes_inertia.observability.degeneracy import data_information, stated_degeneracies
 from bayes_inertia.observability.result import commands_worth, in_windows
-from bayes_inertia.observability.sentences import sentence
-from bayes_inertia.observability.variance_inflation import inflation_by_group
+from bayes_inertia.observability.sentences import answer, sentence
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.simulator import simulate_slew
@@ -380,12 +377,15 @@ def test_observe_writes_its_file_once_for_one_campaign(flown, observability, tmp
 
     assert run() == 0
     printed = " ".join(capsys.readouterr().out.split())
-    assert " ".join(sentence(observability, "Jxy").split()) in printed
+    assert printed.startswith(answer(observability))
     content = json.loads((out / "observability.json").read_text())
     assert content["format"] == "bayes-inertia-observability/1"
     assert abs(content["parameters"]["Jxz"]["sd"] / observability["Jxz"].sd - 1.0) < 1e-3
     assert content["posterior"] is None
     assert (out / "observability.png").read_bytes().startswith(b"\x89PNG")
+    page = (out / "observability.html").read_text()
+    assert escape(answer(observability)) in page
+    assert page.count("</tr>") > len(observability.names)
     toml = tmp_path / "campaign" / "campaign.toml"
     toml.write_text(toml.read_text().replace("relative_sigma = 0.04", "relative_sigma = 0.05"))
     before = (out / "observability.json").read_bytes()

@@ -11,7 +11,7 @@ from support.chromium import BROWSER, Chromium
 
 from bayes_inertia.report.comparison_sections import comparison_page
 from bayes_inertia.report.page import write_report
-from bayes_inertia.report.residual_data import residual_channels
+from bayes_inertia.report.residual_sections import residual_channels
 from bayes_inertia.report.run_comparison import ComparedRun, compare_runs
 from bayes_inertia.report.verdict_sentence import with_verdict_sentence
 
@@ -109,13 +109,14 @@ def test_residuals_can_be_chosen_enlarged_and_read(browser, pages_of, hostile):
     assert browser.complaints() == []
 
 
-def test_paper_and_readers_without_scripts_get_pictures(browser, pages_of):
+def test_readers_without_scripts_get_pictures_and_paper_only_what_is_not_folded(browser, pages_of):
     shown = "getComputedStyle(document.querySelector('{}')).display !== 'none'"
     explorer, picture = shown.format(".explorer"), shown.format(".instead-of-script")
+    folded = shown.format("details")
     browser.open(pages_of["run"])
-    assert browser.value(f"[{explorer}, {picture}]") == [True, False]
+    assert browser.value(f"[{explorer}, {picture}, {folded}]") == [True, False, True]
     browser.media(medium="print")
-    assert browser.value(f"[{explorer}, {picture}]") == [False, True]
+    assert browser.value(f"[{explorer}, {picture}, {folded}]") == [False, False, False]
     browser.media()
     browser.command("Emulation.setScriptExecutionDisabled", value=True)
     browser.open(pages_of["run"])
@@ -123,7 +124,22 @@ def test_paper_and_readers_without_scripts_get_pictures(browser, pages_of):
     assert browser.value(f"[{explorer}, {picture}]") == [False, True]
     paper = base64.b64decode(browser.command("Page.printToPDF")["data"])
     assert paper.startswith(b"%PDF")
-    assert paper.count(b"/Type /Page\n") >= 2
+    assert 2 <= paper.count(b"/Type /Page\n") <= 5
+
+
+def test_nothing_is_green_in_a_refused_report(browser, pages, tmp_path):
+    colors = "[...document.querySelectorAll('body *')].map(e => getComputedStyle(e).color)"
+    green = "getComputedStyle(document.documentElement).getPropertyValue('--good')"
+    as_color = f"(() => {{ const e = document.createElement('i'); e.style.color = {green};"
+    as_color += " document.body.append(e); return getComputedStyle(e).color; })()"
+    found = {}
+    for kind in ("good", "thrown"):
+        path = tmp_path / f"{kind}.html"
+        path.write_text(pages[kind], encoding="utf-8")
+        browser.open(path)
+        seen = browser.value(colors)
+        found[kind] = browser.value(as_color) in seen
+    assert found == {"good": True, "thrown": False}
 
 
 def test_dark_pages_are_dark(browser, pages_of):

@@ -1,6 +1,6 @@
 """Headings at the cells of a table."""
 
-from bayes_inertia.report.column_labels import with_column_labels
+from bayes_inertia.report.page import with_column_labels
 
 HEAD = '<tr><th scope="col">name</th><th scope="col" class="n">A <small>x</small></th></tr>'
 

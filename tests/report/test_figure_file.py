@@ -1,5 +1,6 @@
 """Figures as small files: the same every time, coarser only where they must be."""
 
+import base64
 import io
 import re
 
@@ -34,12 +35,28 @@ def test_a_png_has_a_palette_and_is_coarser_only_where_it_is_too_large():
         assert image.width < width
 
 
-def test_an_svg_has_hundredths_of_a_point_and_keeps_its_scales():
-    text = figure_bytes(scatter(5), "svg").decode()
-    assert not re.search(r"<path[^>]* d=\"[^\"]*\d\.\d{3}", text)
-    assert "scale(0.015625)" in text
+def test_an_svg_has_text_tenths_of_a_point_and_its_opacities():
+    figure = scatter(5)
+    figure.axes[0].fill([0, 1, 1], [0, 0, 1], alpha=0.35)
+    text = figure_bytes(figure, "svg").decode()
+    assert not re.search(r"<path[^>]* d=\"[^\"]*\d\.\d{2}", text)
+    assert "0.35" in text
+    assert "<text" in text
+    assert "Verdana" in text
+
+
+def test_the_dots_of_a_large_scatter_are_pixels_with_a_palette_inside_the_svg():
+    figure = scatter(4000)
+    figure.axes[0].collections[0].set_rasterized(True)
+    uri = data_uri(Picture(figure, "", ""))
+    assert uri.startswith("data:image/svg+xml;base64,")
+    svg = base64.b64decode(uri.split(",", 1)[1])
+    pixels = re.search(rb'data:image/png;base64,([^"]+)"', svg).group(1)
+    with Image.open(io.BytesIO(base64.b64decode(pixels))) as image:
+        assert image.mode == "P"
+    assert figure_bytes(figure, "svg") == figure_bytes(figure, "svg")
 
 
 @pytest.mark.parametrize(("n", "kind"), [(5, "image/svg+xml"), (4000, "image/png")])
-def test_only_small_figures_are_vectors(n, kind):
+def test_only_figures_of_very_many_points_are_pixels_throughout(n, kind):
     assert data_uri(Picture(scatter(n), "", "")).startswith(f"data:{kind};base64,")

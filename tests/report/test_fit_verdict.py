@@ -98,7 +98,7 @@ def _changed(summary: dict, **changes) -> dict:
         ),
         (
             {"passed": {"explained": False}, "reduced_chi2": SMALL},
-            "caution",
+            "bad",
             "smaller than the stated noise",
         ),
         ({"passed": {"another": False}}, "bad", "It says."),

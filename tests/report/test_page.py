@@ -59,8 +59,8 @@ def test_style_and_script_are_those_that_the_policy_allows(pages, kind):
 
 def test_the_verdict_in_one_sentence_stands_first(pages, posteriors):
     summary = posteriors["good"].summary()
-    first = text_of(pages["good"]).split(" Verdict ")[1].strip()
-    assert first.startswith(verdict_sentence(summary))
+    first = text_of(pages["good"]).split(" Result ")[1].strip()
+    assert first.startswith(f"Trusted {verdict_sentence(summary)}")
 
 
 def test_rendering_again_gives_the_same_bytes(made, pages, tmp_path):

@@ -6,7 +6,6 @@ from matplotlib import rcParams
 from matplotlib.figure import Figure
 
 from bayes_inertia.maths import quaternion
-from bayes_inertia.report.criteria import Criteria
 from bayes_inertia.report.pictures import posterior_data
 from bayes_inertia.report.pictures.attitude import draw_attitude
 from bayes_inertia.report.pictures.chains import draw_chains, worst_parameter
@@ -17,7 +16,7 @@ from bayes_inertia.report.pictures.telemetry import draw_momentum, draw_rates
 KINDS = ("good", "one_slew", "thrown", "many_effects")
 PICTURES = {
     "attitude": draw_attitude,
-    "chains": lambda posterior: draw_chains(posterior, Criteria()),
+    "chains": draw_chains,
     "momentum": draw_momentum,
     "pairs": draw_pairs,
     "priors": draw_priors,

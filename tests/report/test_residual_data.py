@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_inertia.report.pictures.thinning import thinned_rows
-from bayes_inertia.report.residual_data import explorer_data, residual_channels
+from bayes_inertia.report.residual_sections import explorer_data, residual_channels
 
 
 def unpacked(channel: dict, slew: int) -> tuple[np.ndarray, np.ndarray]:

@@ -45,8 +45,8 @@ def test_scales_give_short_ticks_and_are_exact(name, unit, center, half):
 
 
 def test_scale_label_states_offset_sign_and_power():
-    assert style.scale("Jxy", "kg m^2", -0.6118, 4e-4).label == "Jxy + 0.61180 [10⁻⁶ kg m²]"
-    assert style.scale("Jyy", "kg m^2", 3.282e-4, 4e-6).label == "Jyy [10⁻⁶ kg m²]"
+    assert style.scale("Jxy", "kg m^2", -0.6118, 4e-4).label == "Jxy + 0.61180 [× 10⁻⁶ kg m²]"
+    assert style.scale("Jyy", "kg m^2", 3.282e-4, 4e-6).label == "Jyy [× 10⁻⁶ kg m²]"
 
 
 def test_density_is_a_density_wherever_the_window_lies():

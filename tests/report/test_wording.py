@@ -1,6 +1,7 @@
 """Numbers, residuals, correlations and limits in words."""
 
 import re
+from pathlib import Path
 
 import pytest
 from jinja2 import Environment, StrictUndefined
@@ -19,6 +20,19 @@ def page_of(template: str, **context) -> str:
     """The text of a section's body."""
     body = Environment(undefined=StrictUndefined).from_string(packaged(template)).render(**context)
     return re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", body))
+
+
+def test_what_is_said_of_stated_probabilities_is_what_was_measured():
+    measured = (Path(__file__).parents[2] / "analyses/results/reliability.md").read_text()
+    said = page_of("answers.html", rows=[], shown=0)
+    campaigns = re.findall(r"\(([\d,]+) campaigns\)", said)
+    assert [f"{int(n.replace(',', ''))} campaigns" in measured for n in campaigns] == [True, True]
+    claims = re.findall(r"(\d+) % of (\d+)(?: answers)? stated at (\d+) %", said)
+    claims += re.findall(r"and (\d+) % of (\d+) stated at (\d+) %", said)
+    rows = re.findall(r"\| ([\d.]+) % \| (\d+) \| ([\d.]+) % \|", measured)
+    found = {(n, round(float(s))): float(t) for s, n, t in rows}
+    assert len(claims) >= 4
+    assert all(abs(found[n, int(s)] - float(t)) <= 0.5 for t, n, s in claims)
 
 
 @pytest.mark.parametrize(

@@ -19,25 +19,33 @@ from support.cheap_tasks import Flaky, Slow, exact, work_of
 
 from bayes_inertia.errors import StudyError
 from bayes_inertia.studies.engine import run_work
-from bayes_inertia.studies.pools import InProcess, open_pool
+from bayes_inertia.studies.row_file import NAME
+from bayes_inertia.studies.workers import IN_PROCESS, open_workers
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
 def workers():
-    with open_pool("dask", 2) as pool:
-        yield pool
+    with open_workers("dask", 2) as workers:
+        yield workers
 
 
 def test_a_cluster_gives_the_same_bits(tmp_path, workers):
-    here = run_work(work_of(30), InProcess(), tmp_path / "here")
+    here = run_work(work_of(30), IN_PROCESS, tmp_path / "here")
     there = run_work(work_of(30), workers, tmp_path / "there")
     assert exact(here) == exact(there)
-    files = [sorted((tmp_path / place).glob("*.parquet")) for place in ("here", "there")]
-    assert [f.read_bytes() for f in files[0]] == [f.read_bytes() for f in files[1]]
+    files = [tmp_path / place / NAME for place in ("here", "there")]
+    assert files[0].read_bytes() == files[1].read_bytes()
     failed = run_work(work_of(9, Flaky(bad=("2",), broken=("5",))), workers)
     assert [(f.task, f.final) for f in failed.failures] == [("2", True), ("5", False)]
+
+
+def test_a_task_that_kills_its_workers_is_named_and_the_others_are_done(workers):
+    result = run_work(work_of(8, Flaky(deadly=("4",))), workers)
+    assert [f.task for f in result.failures] == ["4"]
+    assert "died 3 times" in result.failures[0].reason
+    assert exact(result) == [r for r in exact(run_work(work_of(8), IN_PROCESS)) if r[0] != "4"]
 
 
 def test_a_killed_worker_costs_nothing(tmp_path, workers):
@@ -55,7 +63,7 @@ def test_a_killed_worker_costs_nothing(tmp_path, workers):
     result = run_work(work, workers)
     killer.join()
     assert result.failures == ()
-    assert exact(result) == exact(run_work(work_of(24), InProcess()))
+    assert exact(result) == exact(run_work(work_of(24), IN_PROCESS))
     assert len(list((tmp_path / "pids").iterdir())) == 3  # Two workers, and who replaced one.
 
 
@@ -90,21 +98,21 @@ def test_a_lost_scheduler_is_told_and_what_was_finished_is_kept(tmp_path):
 
             with (
                 pytest.raises(StudyError, match="the same command goes on"),
-                open_pool("dask", 1, address) as pool,
+                open_workers("dask", 1, address) as workers,
             ):
-                run_work(work, pool, tmp_path / "run", progress=progress)
+                run_work(work, workers, tmp_path / "run", progress=progress)
     assert 6 <= len(told) < 40
     done: list[int] = []
-    result = run_work(work, InProcess(), tmp_path / "run", progress=lambda *a: done.append(a[1]))
+    result = run_work(work, IN_PROCESS, tmp_path / "run", progress=lambda *a: done.append(a[1]))
     assert done[0] > 6
-    assert exact(result) == exact(run_work(work_of(40), InProcess()))
+    assert exact(result) == exact(run_work(work_of(40), IN_PROCESS))
 
 
 def test_no_scheduler_is_one_message(monkeypatch):
-    monkeypatch.setattr("bayes_inertia.studies.dask_pool._CONNECT_SECONDS", 2.0)
+    monkeypatch.setattr("bayes_inertia.studies.workers._CONNECT_SECONDS", 2.0)
     with (
         pytest.raises(StudyError, match="no dask scheduler answers"),
-        open_pool("dask", 1, "tcp://127.0.0.1:9"),
+        open_workers("dask", 1, "tcp://127.0.0.1:9"),
     ):
         pass
 

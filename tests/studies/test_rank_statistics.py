@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_inertia.studies.calibration import QUANTITIES, RANKED
-from bayes_inertia.studies.calibration_cases import cases_named
-from bayes_inertia.studies.calibration_result import Calibration, calibration_of
+from bayes_inertia.studies.calibration import (
+    QUANTITIES,
+    RANKED,
+    Calibration,
+    calibration_of,
+    cases_named,
+)
 from bayes_inertia.studies.rank_statistics import (
     Ranks,
     ecdf_band,

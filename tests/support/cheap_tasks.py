@@ -86,7 +86,7 @@ class Slow:
 def work_of(n: int | Sequence[str], task=numbers, **options) -> Work:
     """A work of n numbered tasks, or of those named."""
     ids = tuple(str(i) for i in range(n)) if isinstance(n, int) else tuple(n)
-    return Work("numbers", task, ids, **({"seed": 7, "shard_size": 4} | options))
+    return Work("numbers", task, ids, **({"seed": 7} | options))
 
 
 def exact(result) -> list[tuple[str, str]]:

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_inertia.inference.moves import IndependenceMove
 from bayes_inertia.inference.noise_marginal import log_density_with_noise
+from bayes_inertia.inference.proposal import IndependenceMove
 
 RATE_SIGMA = 2e-5
 

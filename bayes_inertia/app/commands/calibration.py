@@ -6,14 +6,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
-from rich.box import SIMPLE
-from rich.table import Table
 
-from bayes_inertia.app.terminal import plain_console, print_json_file, progress_bar, say
+from bayes_inertia.app.terminal import (
+    headed,
+    narrow_table,
+    plain_console,
+    print_json_file,
+    progress_bar,
+    say,
+)
 
 if TYPE_CHECKING:
-    from bayes_inertia.studies.calibration_result import Calibration
-    from bayes_inertia.studies.pools import Engine
+    from bayes_inertia.studies.calibration import Calibration
+    from bayes_inertia.studies.workers import Engine
 
 
 def calibrate(
@@ -27,36 +32,12 @@ def calibrate(
     scheduler: str | None,
     as_json: bool = False,
 ) -> None:
-    """Run a calibration, print it, and exit with 3 if it is rejected or fits failed.
-
-    Parameters
-    ----------
-    out : Path
-        Where to write.
-    fits : int
-        How many in all.
-    cases : list of str
-        Names of cases; none for all.
-    seed : int
-        Fixes everything.
-    engine : str or None
-        Where fits run.
-    jobs : int
-        Processes.
-    scheduler : str or None
-        Address of a dask scheduler.
-    as_json : bool
-        Whether to print calibration.json instead of tables.
-
-    Raises
-    ------
-    typer.Exit
-        With code 3.
-    """
+    """Run a calibration, print it, and exit with 3 if it is rejected or fits failed."""
     from bayes_inertia.app.calibration_folder import run_calibration
     from bayes_inertia.studies.engine import Execution
 
     with progress_bar() as progress:
+        progress("flying and fitting the first campaigns", 0, 0)
         execution = Execution(engine, jobs, scheduler, progress, say)
         calibration = run_calibration(out, fits=fits, cases=cases, seed=seed, execution=execution)
     if as_json:
@@ -68,24 +49,18 @@ def calibrate(
 
 
 def show_calibration(calibration: Calibration, folder: Path) -> None:
-    """Print coverage and p-values of every case and quantity.
-
-    Parameters
-    ----------
-    calibration : Calibration
-        The study.
-    folder : Path
-        Where its files are.
-    """
+    """Print coverage and p-values of every case and quantity."""
     from bayes_inertia.studies.calibration import QUANTITIES
 
     console = plain_console()
+    names = ", ".join(f"{name} ({case})" for case, name in calibration.rejected)
+    verdict = f"Posteriors are WRONG in {names}." if names else "No quantity is rejected."
+    rule = f" {calibration.fits} fits, p below {calibration.limit:.1g} would reject."
+    console.print(headed(verdict, rule, style="bold red" if names else "bold green"))
     for case in calibration.cases:
         console.print(f"{case.name} ({case.says}): {len(case.ranks)} fits")
-        table = Table(box=SIMPLE, pad_edge=False, collapse_padding=True)
-        table.add_column("", no_wrap=True)
-        for heading in ("in 50 %", "in 90 %", "in 95 %", "mean z", "mean z²", "p of ranks"):
-            table.add_column(heading, justify="right", no_wrap=True)
+        headings = ("in 50 %", "in 90 %", "in 95 %", "mean z", "mean z²", "p of ranks")
+        table = narrow_table(console, "", *headings)
         for k, name in enumerate(QUANTITIES):
             shares = [f"{100.0 * coverage.share:.1f} %" for coverage in case.coverage(k)]
             z, p = case.z[:, k], case.p_values[k]
@@ -93,11 +68,6 @@ def show_calibration(calibration: Calibration, folder: Path) -> None:
             cells = [f"{z.mean():+.3f}", f"{(z**2).mean():.3f}", f"{p:.2g}{mark}"]
             table.add_row(name, *shares, *cells)
         console.print(table)
-    names = ", ".join(f"{name} ({case})" for case, name in calibration.rejected)
-    verdict = f"Posteriors are WRONG in {names}." if names else "No quantity is rejected."
-    console.print(
-        f"{calibration.fits} fits, p below {calibration.limit:.1g} would reject. {verdict}"
-    )
     if calibration.failures:
         first = calibration.failures[0]
         console.print(f"{len(calibration.failures)} more failed; {first.task}: {first.reason}")

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from bayes_inertia.campaign.campaign import Campaign
     from bayes_inertia.campaign.slew import Slew
 
+SLEWS_SHOWN = 20  # so that the rest of the answer stays on the screen
 FORMAT = "bayes-inertia-check/1"
 _COLUMNS = (
     "slew",
@@ -43,18 +44,7 @@ def check_command(
 
 
 def campaign_json(campaign: Campaign) -> dict[str, Any]:
-    """What `check --json` prints.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        The campaign.
-
-    Returns
-    -------
-    dict
-        Slews, wheels, prior, possible drives, dirt.
-    """
+    """What `check --json` prints."""
     from bayes_inertia.maths.values import json_ready
 
     inertia, sensor = campaign.inertia, campaign.rate_sensor
@@ -92,23 +82,21 @@ def _slew_row(slew: Slew) -> dict[str, Any]:
 
 
 def show_campaign(campaign: Campaign) -> None:
-    """Print what a campaign contains, and what can be done with it.
+    """Print what a campaign contains, and what can be done with it."""
+    from bayes_inertia.report.dirt_wording import dirt_sentences
 
-    Parameters
-    ----------
-    campaign : Campaign
-        The campaign.
-    """
     console = plain_console()
     slews, wheels = len(campaign.slews), len(campaign.wheels)
     console.print(headed(campaign.name, f": {slews} slews, {wheels} wheels"))
     table = narrow_table(console, *_COLUMNS)
-    for slew in campaign.slews:
+    for slew in campaign.slews[:SLEWS_SHOWN]:
         table.add_row(*_slew_cells(slew))
     console.print(table)
+    if slews > SLEWS_SHOWN:
+        console.print(f"... and {slews - SLEWS_SHOWN} slews more (all of them with --json)")
     moments = ", ".join(f"{m:.4g}" for m in np.linalg.eigvalsh(campaign.inertia.tensor))
     kind = "with" if campaign.inertia.includes_wheel_spin else "without"
-    console.print(f"prior principal moments: {moments} kg m^2 ({kind} the wheels' spin inertia)")
+    console.print(f"prior principal moments: {moments} kg m² ({kind} the wheels' spin inertia)")
     drives = ", ".join(_possible_drives(campaign))
     console.print(
         f"possible drives: {drives or 'none: add wheel_torque or wheel_momentum columns'}"
@@ -118,9 +106,8 @@ def show_campaign(campaign: Campaign) -> None:
             "no star tracker: attitude is not compared, "
             "start and final attitude errors stay unknown"
         )
-    for record in campaign.dirt:
-        where = f"{record.slew}, {record.channel}" if record.slew else record.channel
-        console.print(f"{record.kind} ({where}): {record.note} [{record.treated}]", markup=False)
+    for sentence in dirt_sentences([record.json() for record in campaign.dirt]):
+        console.print(sentence)
 
 
 def _slew_cells(slew: Slew) -> tuple[str, ...]:

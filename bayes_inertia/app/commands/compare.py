@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
-from rich.box import SIMPLE
-from rich.table import Table
 
 from bayes_inertia.app.commands.options import (
     PAPER_HELP,
@@ -16,14 +15,28 @@ from bayes_inertia.app.commands.options import (
     CampaignFolder,
     EngineName,
     Jobs,
+    OpenPage,
     OutputFolder,
     SchedulerAddress,
     Seed,
 )
-from bayes_inertia.app.terminal import plain_console, print_json_file, progress_bar, say
+from bayes_inertia.app.terminal import (
+    WORSE,
+    headed,
+    narrow_table,
+    open_in_browser,
+    plain_console,
+    print_json_file,
+    progress_bar,
+    quantity,
+    say,
+    unit_powers,
+)
 
 if TYPE_CHECKING:
     from bayes_inertia.design.comparison import Contender
+
+_INERTIA_UNIT = "kg m^2"
 
 
 def compare_command(
@@ -37,16 +50,18 @@ def compare_command(
     scheduler: SchedulerAddress = None,
     jobs: Jobs = 1,
     seed: Seed = 0,
+    open_page: OpenPage = False,
     as_json: AsJson = False,
 ) -> None:
     """Compare plans by uncertainty, time, momentum and torque.
 
-    Writes compare.json and compare.png. A comparison that was killed goes on with the same command.
+    Writes compare.json, compare.png and compare.html. A comparison that was killed goes on with the
+    same command.
     """
-    from bayes_inertia.app.compare_folder import run_compare
-    from bayes_inertia.studies.engine import Execution
-
     with progress_bar() as progress:
+        from bayes_inertia.app.compare_folder import run_compare
+        from bayes_inertia.studies.engine import Execution
+
         contenders = run_compare(
             campaign,
             plans,
@@ -59,48 +74,63 @@ def compare_command(
         print_json_file(out / "compare.json")
     else:
         show_comparison(contenders, out)
+    open_in_browser(out / "compare.html", open_page)
 
 
 def show_comparison(contenders: Sequence[Contender], folder: Path) -> None:
-    """Print plans side by side: expected and achieved sds, and what they cost.
-
-    Parameters
-    ----------
-    contenders : sequence of Contender
-        The plans.
-    folder : Path
-        Where the files of the comparison are.
-    """
+    """Print plans side by side: expected and achieved sds, and what they cost."""
     from bayes_inertia.physics.parameters import BASE_NAMES
+    from bayes_inertia.report.formatting import unit_text
 
     console = plain_console()
-    table = Table(box=SIMPLE)
-    table.add_column("", no_wrap=True)
-    for contender in contenders:
-        table.add_column(contender.name, justify="right")
-    for i, name in enumerate(BASE_NAMES):
-        table.add_row(f"sd {name}", *(_sd_cell(c, i) for c in contenders))
-    for heading, cells in _cost_rows(contenders).items():
-        table.add_row(heading, *cells)
+    console.print(headed(_answer(contenders)))
+    units = [_INERTIA_UNIT if name.startswith("J") else "" for name in BASE_NAMES]
+    powers = unit_powers(pair for c in contenders for pair in zip(units, c.expected, strict=True))
+    names = [contender.name for contender in contenders]
+    table = narrow_table(console, "", "unit", *names, wrapping=names)
+    for i, (name, unit) in enumerate(zip(BASE_NAMES, units, strict=True)):
+        cells = [_sd_cell(c, i, powers[unit]) for c in contenders]
+        table.add_row(f"sd {name}", unit_text(unit, powers[unit]), *cells)
+    for (heading, unit), cells in _cost_rows(contenders).items():
+        table.add_row(heading, unit, *cells)
     console.print(table)
-    console.print(f"wrote compare.json and compare.png in {folder}")
+    console.print(f"wrote compare.json, compare.png and compare.html in {folder}")
 
 
-def _sd_cell(contender: Contender, i: int) -> str:
-    expected, achieved = f"{contender.expected[i]:.3g}", contender.achieved
+def _answer(contenders: Sequence[Contender]) -> str:
+    """Which plan knows the products of inertia best, and what it knows worse than another."""
+    from bayes_inertia.physics.parameters import BASE_NAMES
+
+    best, *others = sorted(contenders, key=lambda c: c.worst_cross_term)
+    sizes = [quantity(c.worst_cross_term, _INERTIA_UNIT) for c in (best, *others)]
+    said = f"{best.name}: products of inertia to {sizes[0]} (1 sd, the worst)"
+    if not others:
+        return said
+    told = ", ".join(f"{size} with {c.name}" for c, size in zip(others, sizes[1:], strict=True))
+    least = np.min([c.expected for c in others], axis=0)
+    ratios = zip(BASE_NAMES, best.expected / least, strict=True)
+    worse = ", ".join(f"{name} × {ratio:.1f}" for name, ratio in ratios if ratio > WORSE)
+    return f"{said}, {told}; {f'worse than another: {worse}' if worse else 'nothing gets worse'}"
+
+
+def _sd_cell(contender: Contender, i: int, power: int) -> str:
+    from bayes_inertia.report.formatting import number
+
+    sd, achieved = contender.expected[i], contender.achieved
     if achieved is None:
-        return expected
-    return f"{expected} (achieved {achieved.sd[i]:.3g} ± {achieved.sd_error[i]:.1g})"
+        return number(sd, sd, power)
+    flown, error = achieved.sd[i], achieved.sd_error[i]
+    errors = f"{number(flown, error, power)} ± {number(error, error, power)}"
+    return f"{number(sd, sd, power)} (achieved {errors})"
 
 
-def _cost_rows(contenders: Sequence[Contender]) -> dict[str, list[str]]:
+def _cost_rows(contenders: Sequence[Contender]) -> dict[tuple[str, str], list[str]]:
     return {
-        "worst cross term [kg m²]": [f"{c.worst_cross_term:.3g}" for c in contenders],
-        "total time [s]": [f"{c.total_time:.0f}" for c in contenders],
-        "in motion [s]": [f"{c.motion_time:.0f}" for c in contenders],
-        "peak momentum [N m s]": [f"{c.peak_momentum:.3g}" for c in contenders],
-        "peak torque [N m]": [f"{c.peak_torque:.3g}" for c in contenders],
-        "limits broken": [
+        ("total time", "s"): [f"{c.total_time:.0f}" for c in contenders],
+        ("in motion", "s"): [f"{c.motion_time:.0f}" for c in contenders],
+        ("peak momentum", "N m s"): [f"{c.peak_momentum:.3g}" for c in contenders],
+        ("peak torque", "N m"): [f"{c.peak_torque:.3g}" for c in contenders],
+        ("limits broken", "–"): [
             ", ".join(m.limit for m in c.margins if not m.kept) or "none" for c in contenders
         ],
     }

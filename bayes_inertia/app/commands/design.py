@@ -15,11 +15,22 @@ from bayes_inertia.app.commands.options import (
     AsJson,
     CampaignFolder,
     EffectNames,
+    OpenPage,
     OutputFolder,
     Seed,
     names_in,
 )
-from bayes_inertia.app.terminal import headed, narrow_table, plain_console, print_json_file
+from bayes_inertia.app.terminal import (
+    WORSE,
+    headed,
+    narrow_table,
+    open_in_browser,
+    plain_console,
+    print_json_file,
+    progress_bar,
+    quantity,
+    unit_powers,
+)
 
 if TYPE_CHECKING:
     from bayes_inertia.design.designer import Design
@@ -34,6 +45,8 @@ _COLUMNS = (
     "starts [s]",
     "lasts [s]",
 )
+
+_MARGINS_SHOWN = 3  # the tightest; broken ones are shown besides
 
 GoalOption = Annotated[
     str,
@@ -86,64 +99,88 @@ def design_command(
     after: AfterCampaign = False,
     effects: EffectNames = "",
     seed: Seed = 0,
+    open_page: OpenPage = False,
     as_json: AsJson = False,
 ) -> None:
     """Design the slews to fly next.
 
-    Writes design.json, design.png, and plan.toml, which `simulate` flies.
+    Writes design.json, design.png, design.html, and plan.toml, which `simulate` flies.
     """
-    from bayes_inertia.app.design_folder import run_design
     from bayes_inertia.app.design_request import DesignRequest
 
-    request = DesignRequest(
-        goal=goal,
-        slews=slews,
-        total_time=total_time,
-        max_rate=max_rate,
-        max_angle=max_angle,
-        max_acceleration=max_acceleration,
-        end_attitude=end_attitude,
-        keep_out=tuple(keep_out or ()),
-        after=after,
-        seed=seed,
-        effects=tuple(names_in(effects)),
-    )
-    design = run_design(campaign, out, request)
+    asked = (total_time, max_rate, max_angle, max_acceleration, end_attitude)
+    names = tuple(names_in(effects))
+    request = DesignRequest(goal, slews, *asked, tuple(keep_out or ()), after, seed, names)
+    with progress_bar() as progress:
+        from bayes_inertia.app.design_folder import run_design
+
+        design = run_design(campaign, out, request, progress)
     if as_json:
         print_json_file(out / "design.json")
     else:
-        show_design(design, out)
-    if not design.kept:
-        raise typer.Exit(3)
+        show_design(design, out, after)
+    open_in_browser(out / "design.html", open_page)
+    raise typer.Exit(0 if design.kept else 3)
 
 
-def show_design(design: Design, folder: Path) -> None:
-    """Print a designed plan: what it is expected to give, its slews, what is left of the limits.
-
-    Parameters
-    ----------
-    design : Design
-        The design.
-    folder : Path
-        Where its files are.
-    """
+def show_design(design: Design, folder: Path, after: bool = False) -> None:
+    """Print a designed plan: what each parameter gains or loses, its slews, its margins."""
     from bayes_inertia.app.design_folder import WHEELS_AT_REST
 
     console, goal = plain_console(), design.goal
-    value, reference = (_with_unit(x, goal.unit) for x in (design.value, design.reference_value))
+    value, reference = (quantity(x, goal.unit) for x in (design.value, design.reference_value))
     gain = f", {design.gain:.3g} times smaller than with slews like the paper's ({reference})"
     console.print(headed(f"{goal.says}: {value}", gain))
+    console.print(_worse(design))
+    console.print(_sd_table(console, design, "now" if after else "prior"))
+    if not after:
+        console.print("with --after this campaign's telemetry counts too")
     console.print(_slew_table(console, design.plan))
-    console.print(headed("margins when flown in closed loop, tightest first:"))
-    for margin in sorted(design.flown, key=lambda m: m.left):
-        warning = "" if margin.kept else "BROKEN "
-        console.print(Text.assemble("  ", (warning, "red"), margin.says))
-    console.print(f"limits that hold the design back: {', '.join(design.active) or 'none'}")
+    _show_margins(console, design)
     if not design.plan.wheel_momentum:
         console.print(WHEELS_AT_REST)
     console.print(
-        f"wrote design.json, design.png and plan.toml (for `simulate --plan`) in {folder}"
+        "wrote design.json, design.png, design.html and plan.toml (for `simulate --plan`) in "
+        f"{folder}"
     )
+
+
+def _worse(design: Design) -> Text:
+    """Which parameters the plan leaves worse than slews like the paper's."""
+    from bayes_inertia.report.formatting import listed
+
+    ratios = {name: sd / design.reference_sd[name] for name, sd in design.sd.items()}
+    worse = [f"{name} ({r:.1f} times)" for name, r in ratios.items() if r > WORSE]
+    if not worse:
+        return Text("no parameter gets worse than with slews like the paper's")
+    rest = ": larger sd than with slews like the paper's"
+    return headed(f"worse: {listed(worse)}", rest, style="bold yellow")
+
+
+def _sd_table(console: Console, design: Design, before: str) -> Table:
+    from bayes_inertia.report.formatting import number, plain, unit_text
+
+    powers = unit_powers((design.units[name], sd) for name, sd in design.sd.items())
+    table = narrow_table(
+        console, "sd of", before, "with the plan", "paper's slews", "plan / paper's", "unit"
+    )
+    for name, sd in design.sd.items():
+        power, paper = powers[design.units[name]], design.reference_sd[name]
+        sds = (number(x, x, power) for x in (design.sd_before[name], sd, paper))
+        ratio, unit = f"{sd / paper:.2f}", unit_text(design.units[name], power)
+        table.add_row(plain(name), *sds, ratio, unit, style="yellow" if sd > WORSE * paper else "")
+    return table
+
+
+def _show_margins(console: Console, design: Design) -> None:
+    """The tightest margins, and all that are broken."""
+    margins = sorted(design.flown, key=lambda m: m.left)
+    shown = [m for i, m in enumerate(margins) if i < _MARGINS_SHOWN or not m.kept]
+    more = f" ({len(margins) - len(shown)} more are kept)" if len(shown) < len(margins) else ""
+    console.print(headed(f"tightest margins when flown in closed loop{more}:"))
+    for margin in shown:
+        console.print(Text.assemble("  ", ("" if margin.kept else "BROKEN ", "red"), margin.says))
+    console.print(f"limits that hold the design back: {', '.join(design.active) or 'none'}")
 
 
 def _slew_table(console: Console, plan: Plan) -> Table:
@@ -160,10 +197,3 @@ def _slew_table(console: Console, plan: Plan) -> Table:
             f"{duration:.0f}",
         )
     return table
-
-
-def _with_unit(value: float, unit: str) -> str:
-    """A value for people: angles in arc seconds."""
-    if unit == "rad":
-        return f"{3600.0 * np.degrees(value):.3g} arcsec"
-    return f"{value:.3g} {unit}".rstrip()

@@ -9,11 +9,13 @@ from bayes_inertia.app.commands.options import (
     CampaignFolder,
     DriveName,
     FurtherCandidates,
+    OpenPage,
     OutputFolder,
     Seed,
     WithReport,
     names_in,
 )
+from bayes_inertia.app.terminal import progress_bar
 
 
 def diagnose_command(
@@ -23,6 +25,7 @@ def diagnose_command(
     drive: DriveName = None,
     seed: Seed = 0,
     report: WithReport = True,
+    open_page: OpenPage = False,
     anyway: Anyway = False,
     as_stated: AsStated = False,
     as_json: AsJson = False,
@@ -34,23 +37,24 @@ def diagnose_command(
     from dataclasses import replace
 
     from bayes_inertia.app.commands.doctor import refuse_or_warn
+    from bayes_inertia.app.commands.run_result import show_run
 
-    # Before anything heavy is loaded: seconds against minutes.
-    if not anyway:
-        refuse_or_warn(campaign)
+    with progress_bar() as progress:
+        # Before anything heavy is loaded: seconds against minutes.
+        if not anyway:
+            refuse_or_warn(campaign, progress)
 
-    from bayes_inertia.app import run_folder
-    from bayes_inertia.app.commands.run_result import finish_and_show
-    from bayes_inertia.app.diagnosed_fit import DIAGNOSED_SETTINGS
+        from bayes_inertia.app import run_folder
+        from bayes_inertia.app.diagnosed_fit import DIAGNOSED_SETTINGS
 
-    settings = replace(DIAGNOSED_SETTINGS, seed=seed)
-    run_folder.start(
-        campaign,
-        out,
-        effects=names_in(effects),
-        drive=drive,
-        settings=settings,
-        kind="diagnose",
-        as_stated=as_stated,
-    )
-    finish_and_show(out, report, as_json)
+        run_folder.start(
+            campaign,
+            out,
+            effects=names_in(effects),
+            drive=drive,
+            settings=replace(DIAGNOSED_SETTINGS, seed=seed),
+            kind="diagnose",
+            as_stated=as_stated,
+        )
+        posterior = run_folder.finish(out, report=report, progress=progress)
+    show_run(posterior, out, report, as_json=as_json, open_page=open_page)

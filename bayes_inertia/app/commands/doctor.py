@@ -5,13 +5,21 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
 
 from bayes_inertia.app.commands.options import AsJson
-from bayes_inertia.app.terminal import headed, plain_console, print_json
+from bayes_inertia.app.terminal import (
+    headed,
+    indented,
+    plain_console,
+    print_json,
+    progress_bar,
+    say,
+)
+from bayes_inertia.progress import Progress, silent
 
 if TYPE_CHECKING:
     from bayes_inertia.conventions.check import ConventionsCheck
@@ -19,6 +27,7 @@ if TYPE_CHECKING:
 # The verdict as people read it, and the exit code. Doubtful ends with 3, as results that are not
 # to be trusted do: a script that goes on after `doctor` must not go on over a doubt.
 _WORDS = {"consistent": ("agrees", 0), "doubtful": ("doubtful", 3), "wrong": ("wrong", 2)}
+_CHECKING = "holding the telemetry against the laws of motion"
 # Keys in a doubt's words, such as columns.rate.names or wheels.x.max_torque.
 _KEY = re.compile(r"\b(?:columns|wheels|rate_sensor)\.[\w.-]*\w")
 _CampaignOrNone = Annotated[
@@ -37,7 +46,8 @@ def doctor_command(campaign: _CampaignOrNone = None, as_json: AsJson = False) ->
     if campaign is None:
         from bayes_inertia.app.installation import installation_json, show_installation
 
-        installation = installation_json()
+        with progress_bar() as progress:
+            installation = installation_json(progress)
         if as_json:
             print_json(installation)
         else:
@@ -45,8 +55,10 @@ def doctor_command(campaign: _CampaignOrNone = None, as_json: AsJson = False) ->
         return
     from bayes_inertia.conventions.check import check_conventions
 
-    check = check_conventions(campaign).doubting(_left_out(campaign))
-    lines = _mapping_lines(campaign, check)
+    with progress_bar() as progress:
+        progress(_CHECKING, 0, 0)
+        check = check_conventions(campaign).doubting(_left_out(campaign))
+        lines = _mapping_lines(campaign, check)
     if as_json:
         print_json(check.json() | {"mapping_lines": lines})
     else:
@@ -56,32 +68,23 @@ def doctor_command(campaign: _CampaignOrNone = None, as_json: AsJson = False) ->
         raise typer.Exit(code)
 
 
-def refuse_or_warn(campaign: Path) -> None:
-    """Stop if a campaign's conventions are wrong, and say on stderr what is doubtful.
-
-    Parameters
-    ----------
-    campaign : Path
-        Its folder.
-
-    Raises
-    ------
-    CampaignError
-        If the data are impossible under the stated conventions.
-    """
+def refuse_or_warn(campaign: Path, progress: Progress = silent) -> None:
+    """Stop if a campaign's conventions are wrong, and say on stderr what is doubtful."""
     from bayes_inertia.conventions.check import refuse_impossible
 
+    progress(_CHECKING, 0, 0)
     check = refuse_impossible(campaign).doubting(_left_out(campaign))
     if check.verdict == "doubtful":
-        plain_console(stderr=True).print(f"warning: {check.sentence}")
+        say(f"warning: {check.sentence}")
 
 
 def _left_out(campaign: Path) -> list[str]:
-    """Streams that an import had to leave out of every slew, and the offset that is known."""
+    """Streams that an import left out of slews, in whole or in part, and the offset if known."""
     from bayes_inertia.conventions.clocks import apart_in_words
-    from bayes_inertia.importing.mapped_lines import streams_outside
+    from bayes_inertia.importing.mapped_lines import streams_beside, streams_outside
 
-    said = [
+    said = streams_beside(campaign)
+    said += [
         apart_in_words(key, count, [(np.array(own), np.array(slews))])
         for key, (count, own, slews) in streams_outside(campaign).items()
     ]
@@ -102,37 +105,25 @@ def _mapping_lines(campaign: Path, check: ConventionsCheck) -> list[str]:
 
 
 def show_check(check: ConventionsCheck, mapping_lines: Sequence[str] = ()) -> None:
-    """Print a check for people.
-
-    Parameters
-    ----------
-    check : ConventionsCheck
-        What was found.
-    mapping_lines : sequence of str
-        The lines of the mapping that the proposal is about.
-    """
+    """Print a check for people."""
     from bayes_inertia.conventions.invisible import invisible_in_brief
+    from bayes_inertia.report.dirt_wording import dirt_sentences
+    from bayes_inertia.report.formatting import typeset
 
     console = plain_console()
     hidden = invisible_in_brief(check.cannot_show)
     style = "bold red" if check.verdict == "wrong" else "bold"
     console.print(headed(f"{check.campaign}: {_WORDS[check.verdict][0]}", style=style))
-    console.print(check.sentence)
+    console.print(typeset(check.sentence))
     for title, lines in (
         ("the folder was imported; look here and import again:", mapping_lines),
-        ("telemetry:", [_dirt_in_words(dirt) for dirt in check.dirt]),
+        ("telemetry:", dirt_sentences(check.dirt)),
         ("physical, no wrong convention:", check.remarks),
         ("this campaign cannot show (all of it with --json):", hidden),
     ):
         if lines:
             console.print(title)
             for line in lines:
-                console.print(f"  - {line}")
+                console.print(indented(f"- {typeset(line)}"))
     if check.verdict == "consistent":
         console.print("next: bayes-inertia fit CAMPAIGN -o RUN")
-
-
-def _dirt_in_words(dirt: dict[str, Any]) -> str:
-    """A record of dirt with its place and what is done, as `check` prints it."""
-    where = ", ".join(str(dirt[key]) for key in ("slew", "channel") if dirt.get(key))
-    return f"{dirt['kind']} ({where}): {dirt.get('note') or ''} [{dirt['treated']}]"

@@ -87,13 +87,7 @@ def _list(effects: tuple[Effect, ...], campaign: Campaign, as_json: bool) -> Non
 
 
 def show_checked_effect(checked: CheckedEffect) -> None:
-    """Print what was proven of an effect.
-
-    Parameters
-    ----------
-    checked : CheckedEffect
-        From `check_effect`.
-    """
+    """Print what was proven of an effect."""
     console = plain_console()
     console.print(headed(f"{checked.name}: keeps the contract", style="bold green"))
     for line in (

@@ -49,16 +49,6 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
 def example_of(command: str) -> str:
     """The end of a command's help.
 
-    Parameters
-    ----------
-    command : str
-        Its name.
-
-    Returns
-    -------
-    str
-        Examples a line each, and where options of all commands are listed.
-
     Examples
     --------
     >>> "bayes-inertia check campaign" in example_of("check")

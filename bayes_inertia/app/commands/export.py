@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from bayes_inertia.app.terminal import say
+from bayes_inertia.app.terminal import progress_bar, say
 
 FormatName = Literal["apm", "json", "csv", "matlab", "latex", "basilisk", "42"]
 
@@ -33,11 +33,13 @@ def export_command(
     these simulators. A result whose gates failed is not written (exit code 3) unless
     --even-untrusted; then the file begins with a warning.
     """
-    from bayes_inertia.app.export_run import exported_result, write_export
-    from bayes_inertia.report.export.formats import EXPORT_FORMATS
+    with progress_bar() as progress:
+        progress("reading the run", 0, 0)
+        from bayes_inertia.app.export_run import exported_result, write_export
+        from bayes_inertia.report.export.formats import EXPORT_FORMATS
 
-    form = EXPORT_FORMATS[to]
-    result = exported_result(run, with_correction=form.shows_correction)
+        form = EXPORT_FORMATS[to]
+        result = exported_result(run, with_correction=form.shows_correction, progress=progress)
     if not result.trusted and not even_untrusted:
         say("Do not use this result as it stands; nothing was exported:")
         for reason in result.reasons:

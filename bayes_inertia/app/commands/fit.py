@@ -10,6 +10,7 @@ from bayes_inertia.app.commands.options import (
     DriveName,
     EffectNames,
     NoiseOfChannel,
+    OpenPage,
     OutputFolder,
     Remainder,
     SampledNoise,
@@ -17,6 +18,7 @@ from bayes_inertia.app.commands.options import (
     WithReport,
     names_in,
 )
+from bayes_inertia.app.terminal import progress_bar
 
 
 def fit_command(
@@ -26,6 +28,7 @@ def fit_command(
     drive: DriveName = None,
     seed: Seed = 0,
     report: WithReport = True,
+    open_page: OpenPage = False,
     anyway: Anyway = False,
     as_stated: AsStated = False,
     noise: NoiseOfChannel = None,
@@ -38,25 +41,27 @@ def fit_command(
     Writes posterior.nc, summary.json and report.html.
     """
     from bayes_inertia.app.commands.doctor import refuse_or_warn
+    from bayes_inertia.app.commands.run_result import show_run
 
-    # Before anything heavy is loaded: seconds against minutes.
-    if not anyway:
-        refuse_or_warn(campaign)
+    with progress_bar() as progress:
+        # Before anything heavy is loaded: seconds against minutes.
+        if not anyway:
+            refuse_or_warn(campaign, progress)
 
-    from bayes_inertia.app import run_folder
-    from bayes_inertia.app.commands.run_result import finish_and_show
-    from bayes_inertia.inference.settings import usual_settings
-    from bayes_inertia.physics.channel_noise import noise_model_from_text
-    from bayes_inertia.physics.named_effects import effects_named, remainders
+        from bayes_inertia.app import run_folder
+        from bayes_inertia.inference.settings import usual_settings
+        from bayes_inertia.physics.channel_noise import noise_model_from_text
+        from bayes_inertia.physics.named_effects import effects_named, remainders
 
-    names = [*names_in(effects), *(effect.name for effect in remainders(remainder))]
-    run_folder.start(
-        campaign,
-        out,
-        effects=names,
-        drive=drive,
-        settings=usual_settings(effects_named(names), seed=seed),
-        as_stated=as_stated,
-        noise=noise_model_from_text(noise or [], names_in(sample_noise)),
-    )
-    finish_and_show(out, report, as_json)
+        names = [*names_in(effects), *(effect.name for effect in remainders(remainder))]
+        run_folder.start(
+            campaign,
+            out,
+            effects=names,
+            drive=drive,
+            settings=usual_settings(effects_named(names), seed=seed),
+            as_stated=as_stated,
+            noise=noise_model_from_text(noise or [], names_in(sample_noise)),
+        )
+        posterior = run_folder.finish(out, report=report, progress=progress)
+    show_run(posterior, out, report, as_json=as_json, open_page=open_page)

@@ -47,9 +47,10 @@ def fit_many_command(
     what was added or changed, with the same command. Exit code 3 if a campaign failed or its result
     must not be used.
     """
-    from bayes_inertia.app.fit_many_folder import fit_many, fits_json
-
     with progress_bar() as progress:
+        progress("checking the campaigns and fitting the first", 0, 0)
+        from bayes_inertia.app.fit_many_folder import fit_many, fits_json
+
         result = fit_many(
             folder,
             out,
@@ -73,19 +74,11 @@ def fit_many_command(
 
 
 def show_fits(result: WorkResult, folder: Path) -> None:
-    """Print a row a campaign.
-
-    Parameters
-    ----------
-    result : WorkResult
-        Of `fit_many`.
-    folder : Path
-        Where its files are.
-    """
+    """Print a row a campaign."""
     from bayes_inertia.app.fit_many_folder import campaign_of
 
     console = plain_console()
-    table = narrow_table(console, "campaign", "use", *_SHOWN, "chi²")
+    table = narrow_table(console, "campaign", "use", *_SHOWN, "χ²")
     for row in result.rows:
         cells = [_cell(row, name) for name in _SHOWN]
         usable = "yes" if row["trusted"] else "NO"
@@ -106,11 +99,11 @@ def show_fits(result: WorkResult, folder: Path) -> None:
 
 
 def _cell(row: dict[str, Any], name: str) -> str:
-    from bayes_inertia.report.formatting import NOT_GIVEN, exponent, number
+    from bayes_inertia.report.formatting import NOT_GIVEN, exponent, number, unit_text
 
     sd = row[f"{name}_quoted_sd"]
     if sd is None:
         return NOT_GIVEN
     power = exponent(row[name], sd)
-    scale = f"e{power}" if power else ""
+    scale = f" {unit_text('', power)}" if power else ""
     return f"{number(row[name], sd, power)}\n± {number(sd, sd, power)}{scale}"

@@ -8,10 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
-from rich.table import Table
 
+from bayes_inertia.app.commands.check import SLEWS_SHOWN
 from bayes_inertia.app.commands.options import AsJson
-from bayes_inertia.app.terminal import headed, plain_console, print_json, print_json_file
+from bayes_inertia.app.terminal import (
+    headed,
+    narrow_table,
+    plain_console,
+    print_json,
+    print_json_file,
+    progress_bar,
+)
 from bayes_inertia.errors import CampaignError, SettingsError
 
 if TYPE_CHECKING:
@@ -22,7 +29,6 @@ if TYPE_CHECKING:
     from bayes_inertia.importing.slew_cutting import SlewWindow
 
 START_FORMAT = "bayes-inertia-import-start/1"
-_WIDTH = 80  # Columns of the terminal that the output fits.
 _LONGEST_LIST = 200  # Letters of the columns of one file; the mapping has them all.
 _SPANS_SHOWN = 6
 _SHORTEST_SPAN_S = 1.0  # [s]; shorter parts of a log that no slew needs are not worth a word.
@@ -61,10 +67,11 @@ def import_command(
             raise SettingsError(
                 "no folder for the campaign", where="import", advice="add -o CAMPAIGN"
             )
-        from bayes_inertia.importing.import_logs import import_logs
-        from bayes_inertia.importing.mapped_lines import RECORD_FILE
+        with progress_bar() as progress:
+            from bayes_inertia.importing.import_logs import import_logs
+            from bayes_inertia.importing.mapped_lines import RECORD_FILE
 
-        imported = import_logs(raw, using, out)
+            imported = import_logs(raw, using, out, progress=progress)
         if as_json:
             print_json_file(imported.folder / RECORD_FILE)
         else:
@@ -72,9 +79,11 @@ def import_command(
 
 
 def _start(raw: list[Path], start: Path, as_json: bool) -> None:
-    from bayes_inertia.importing.starting_mapping import write_starting_mapping
+    with progress_bar() as progress:
+        progress("reading the columns of the logs", 0, 0)
+        from bayes_inertia.importing.starting_mapping import write_starting_mapping
 
-    started = write_starting_mapping(raw, start)
+        started = write_starting_mapping(raw, start)
     left_over = "; ".join(_shortened(names) for names in started.left_over)
     if not started.streams:
         raise CampaignError(
@@ -101,32 +110,24 @@ def _shortened(names: str) -> str:
 
 
 def show_import(imported: ImportedCampaign) -> None:
-    """Print what an import read, cut and saw.
-
-    Parameters
-    ----------
-    imported : ImportedCampaign
-        The import.
-    """
+    """Print what an import read, cut and saw."""
     from bayes_inertia.importing.imported_folder import PICTURE_FILE, zero_of_clock
     from bayes_inertia.importing.mapped_lines import RECORD_FILE
+    from bayes_inertia.report.dirt_wording import dirt_sentences
 
     console = plain_console()
-    console.width = min(console.width, _WIDTH)
+    slews, place = len(imported.cut.windows), f": {imported.folder}"
+    console.print(headed(f"imported {slews} slews", place, style="bold green"), soft_wrap=True)
     console.print(f"times count from {zero_of_clock(imported.logs)}")
     _show_streams(console, imported)
     _show_slews(console, imported)
     _show_noise(console, imported.noises)
-    for record in imported.campaign.dirt:
-        place = f"{record.slew}, {record.channel}" if record.slew else record.channel
-        console.print(f"{record.kind} ({place}): {record.note} [{record.treated}]")
+    for sentence in dirt_sentences([record.json() for record in imported.campaign.dirt]):
+        console.print(sentence)
     if imported.logs.unused:
         console.print(f"read by no stream: {', '.join(imported.logs.unused)}")
     picture = f", {PICTURE_FILE}" if imported.cut.scan is not None else ""
-    console.print(
-        headed(f"written: {imported.folder}", f" (campaign.toml, {RECORD_FILE}{picture})"),
-        soft_wrap=True,
-    )
+    console.print(f"wrote campaign.toml, {RECORD_FILE}{picture}", soft_wrap=True)
     console.print(
         f"next: bayes-inertia doctor {imported.folder}  (do the conventions agree with physics?)",
         soft_wrap=True,
@@ -134,7 +135,7 @@ def show_import(imported: ImportedCampaign) -> None:
 
 
 def _show_streams(console: Console, imported: ImportedCampaign) -> None:
-    table = Table("stream", "readings", "step [s]", "files")
+    table = narrow_table(console, "stream", "readings", "step [s]", "files", wrapping=("files",))
     for key, stream in imported.logs.streams.items():
         names = [Path(file).name for file in stream.files]
         more = f" and {len(names) - 1} more" if len(names) > 1 else ""
@@ -147,8 +148,10 @@ def _show_streams(console: Console, imported: ImportedCampaign) -> None:
 
 def _show_slews(console: Console, imported: ImportedCampaign) -> None:
     cut = imported.cut
-    table = Table("slew", "from [s]", "to [s]", "before (fixes)", "after (fixes)", "turned [deg]")
-    for window in cut.windows:
+    table = narrow_table(
+        console, "slew", "from [s]", "to [s]", "before (fixes)", "after (fixes)", "turned [deg]"
+    )
+    for window in cut.windows[:SLEWS_SHOWN]:
         table.add_row(
             window.name,
             f"{window.start:.1f}",
@@ -157,6 +160,8 @@ def _show_slews(console: Console, imported: ImportedCampaign) -> None:
             "?" if window.turned is None else f"{np.degrees(window.turned):.1f}",
         )
     console.print(table)
+    if len(cut.windows) > SLEWS_SHOWN:
+        console.print(f"... and {len(cut.windows) - SLEWS_SHOWN} slews more")
     for window in cut.windows:
         if "attitude" in imported.logs.streams and window.fixes is not None:
             for fixes, side in zip(window.fixes, ("before", "after"), strict=True):
@@ -184,13 +189,16 @@ def _rests(window: SlewWindow) -> tuple[str, str]:
 
 
 def _show_noise(console: Console, noises: tuple[RestNoise, ...]) -> None:
+    from bayes_inertia.report.formatting import exponent, unit_text
+
     if not noises:
         console.print("no rest is long enough to see the sensors' noise")
         return
-    table = Table("noise per sample", "stated", "at rest", "unit")
+    table = narrow_table(console, "noise per sample", "stated", "at rest", "unit")
     for noise in noises:
-        stated = "not stated" if noise.stated is None else _numbers(noise.stated)
-        table.add_row(noise.key, stated, _numbers(noise.seen), noise.unit)
+        power = exponent(max(noise.seen), 0.0)
+        stated = "not stated" if noise.stated is None else _numbers(noise.stated, power)
+        table.add_row(noise.key, stated, _numbers(noise.seen, power), unit_text(noise.unit, power))
     console.print(table)
     for noise in noises:
         of = f" (rounding to steps of {noise.step:.2g} {noise.unit})" if noise.step else ""
@@ -200,7 +208,9 @@ def _show_noise(console: Console, noises: tuple[RestNoise, ...]) -> None:
             console.print(f"  {noise.key}: to use these readings, state {noise.toml()}{of}")
 
 
-def _numbers(values: tuple[float, ...]) -> str:
+def _numbers(values: tuple[float, ...], power: int) -> str:
     """One number where all are the same."""
-    texts = [f"{value:.2g}" for value in values]
+    from bayes_inertia.report.formatting import number
+
+    texts = [number(value, value, power) for value in values]
     return texts[0] if len(set(texts)) == 1 else " ".join(texts)

@@ -14,11 +14,21 @@ from bayes_inertia.app.commands.options import (
     CampaignFolder,
     DriveName,
     EffectNames,
+    OpenPage,
     OutputFolder,
     Seed,
     names_in,
 )
-from bayes_inertia.app.terminal import headed, narrow_table, plain_console, print_json_file
+from bayes_inertia.app.terminal import (
+    headed,
+    indented,
+    narrow_table,
+    open_in_browser,
+    plain_console,
+    print_json_file,
+    progress_bar,
+    unit_powers,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -26,8 +36,11 @@ if TYPE_CHECKING:
     from bayes_inertia.app.observe_folder import ObservedCampaign
     from bayes_inertia.observability.result import Observability
 
-_COLUMNS = ("name", "prior sd", "sd", "unit", "signal", "lost", "commands", "determined")
+_COLUMNS = ("name", "prior sd", "sd", "unit", "signal [σ]", "lost", "most from", "determined")
 _DETERMINED = {"determined": "yes", "weakly": "no: mostly prior", "prior": "no: prior"}
+_WEAK_SHOWN = 3  # parameters of which is said why they are not determined, the least known first
+# Ratio of sds from which the worth of the recorded commands is said.
+_WORTH = 1.2
 
 
 def observe_command(
@@ -42,76 +55,98 @@ def observe_command(
             help="Also estimate in the other drive: what are the recorded commands worth?"
         ),
     ] = True,
+    open_page: OpenPage = False,
     as_json: AsJson = False,
 ) -> None:
     """Say how well each parameter is determined, and why not better.
 
-    Writes observability.json and observability.png.
+    Writes observability.json, observability.png and observability.html.
     """
-    from bayes_inertia.app.observe_folder import FILE, run_observe
+    with progress_bar() as progress:
+        from bayes_inertia.app.observe_folder import FILE, run_observe
 
-    observed = run_observe(
-        campaign, out, effects=names_in(effects), drive=drive, seed=seed, both_drives=both_drives
-    )
+        observed = run_observe(
+            campaign,
+            out,
+            effects=names_in(effects),
+            drive=drive,
+            seed=seed,
+            both_drives=both_drives,
+            progress=progress,
+        )
     if as_json:
         print_json_file(out / FILE)
     else:
         show_observability(observed, out)
+    open_in_browser(out / "observability.html", open_page)
 
 
 def show_observability(observed: ObservedCampaign, folder: Path) -> None:
     """Print what a campaign tells about each parameter, what it cannot tell, and where emcee
     differs.
-
-    Parameters
-    ----------
-    observed : ObservedCampaign
-        What `observe` found.
-    folder : Path
-        Where its files are.
     """
-    from bayes_inertia.observability.sentences import sentence
+    from bayes_inertia.observability.sentences import answer, sentence
+    from bayes_inertia.report.formatting import typeset
 
     console, observability = plain_console(), observed.observability
+    console.print(headed(answer(observability)))
     console.print(_parameter_table(console, observability))
     console.print(
-        "signal: response of all telemetry to one prior sd, in sigmas; "
-        "lost: sd over its value if all else were known;"
+        "signal: response of all telemetry to one prior sd; lost: sd over its value if all else "
+        "were known; most from: the slew that tells most, and its share"
     )
-    console.print("commands: sd with the torque commands ignored over sd with them")
-    for name in observability.names:
-        console.print(f"  {sentence(observability, name)}")
+    weak = [p for p in observability.parameters if p.verdict != "determined"]
+    for p in sorted(weak, key=lambda p: p.contraction)[:_WEAK_SHOWN]:
+        console.print(indented(typeset(sentence(observability, p.name))))
+    if len(weak) > _WEAK_SHOWN:
+        console.print(f"... and {len(weak) - _WEAK_SHOWN} weak ones more, in observability.json")
+    console.print(_commands_worth(observability))
     _show_directions(observability)
     for degeneracy in observability.degeneracies:
-        console.print(headed(f"{degeneracy.name}:", f" {degeneracy.says}"))
+        console.print(headed(f"{degeneracy.name}:", f" {typeset(degeneracy.says)}"))
     for row in observed.comparison or ():
         for warning in row.warnings:
-            console.print(headed(f"{row.name}:", f" {warning}", style="bold yellow"))
-    console.print(f"wrote observability.json and observability.png in {folder}")
+            console.print(headed(f"{row.name}:", f" {typeset(warning)}", style="bold yellow"))
+    console.print(f"wrote observability.json, observability.png and observability.html in {folder}")
 
 
 def _parameter_table(console: Console, observability: Observability) -> Table:
-    from bayes_inertia.observability.result import commands_worth
+    from bayes_inertia.report.formatting import number, plain, tenths, unit_text
 
+    powers = unit_powers((p.unit, p.sd) for p in observability.parameters)
     table = narrow_table(console, *_COLUMNS, wrapping=_COLUMNS[-1:])
     for p in observability.parameters:
-        worth = commands_worth(p, observability.drive)
+        power, by_slew = powers[p.unit], p.share.sum(1)
+        best = int(np.argmax(by_slew))
         table.add_row(
-            p.name,
-            f"{p.prior_sd:.2g}",
-            f"{p.sd:.2g}",
-            p.unit,
-            f"{p.signal:,.3g}",
-            f"x{np.sqrt(p.variance_inflation):.2g}",
-            "-" if worth is None else f"x{worth:.2g}",
+            plain(p.name),
+            *(number(sd, sd, power) for sd in (p.prior_sd, p.sd)),
+            unit_text(p.unit, power),
+            tenths(p.signal),
+            f"× {np.sqrt(p.variance_inflation):.1f}",
+            f"{observability.slews[best]}, {100.0 * by_slew[best]:.0f} %",
             _DETERMINED.get(p.verdict, p.verdict),
         )
     return table
 
 
+def _commands_worth(observability: Observability) -> str:
+    """What the recorded torque commands are worth, where both drives were asked."""
+    from bayes_inertia.observability.result import commands_worth
+
+    worth = {p.name: commands_worth(p, observability.drive) for p in observability.parameters}
+    known = {name: ratio for name, ratio in worth.items() if ratio is not None}
+    if not known:
+        return "the recorded commands: worth unknown, the model was driven in one way only"
+    large = ", ".join(f"{name} × {r:.2g}" for name, r in known.items() if r > _WORTH)
+    return f"sd without the recorded commands: {large or f'less than × {_WORTH} for each'}"
+
+
 def _show_directions(observability: Observability) -> None:
-    console, directions = plain_console(), observability.directions
-    for direction in [d for d in directions if d.verdict_is_prior] or directions[:1]:
+    from bayes_inertia.report.formatting import typeset
+
+    console = plain_console()
+    for direction in [d for d in observability.directions if d.verdict_is_prior][:_WEAK_SHOWN]:
         shrinks = 100 * (1 - (1 - direction.contraction) ** 0.5)
         kind = "exactly degenerate" if direction.exact else f"prior sd shrinks by {shrinks:.4g} %"
-        console.print(headed("least known together:", f" {direction.says} ({kind})"))
+        console.print(headed("least known together:", f" {typeset(direction.says)} ({kind})"))

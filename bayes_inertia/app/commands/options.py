@@ -30,6 +30,7 @@ DriveName = Annotated[
     typer.Option(help="Drive the model with torque commands or with tachometers."),
 ]
 WithReport = Annotated[bool, typer.Option(help="Also write report.html.")]
+OpenPage = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
 Anyway = Annotated[
     bool,
     typer.Option(
@@ -89,16 +90,6 @@ PAPER_HELP = "or the word paper for five slews like the paper's"
 
 def names_in(text: str) -> list[str]:
     """Names in a list separated by commas.
-
-    Parameters
-    ----------
-    text : str
-        What was given on the command line.
-
-    Returns
-    -------
-    list of str
-        The names, without spaces around them.
 
     Examples
     --------

@@ -7,8 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bayes_inertia.app.commands.options import AsJson
-from bayes_inertia.app.terminal import narrow_table, plain_console, print_json
+from bayes_inertia.app.commands.options import AsJson, OpenPage
+from bayes_inertia.app.terminal import (
+    narrow_table,
+    open_in_browser,
+    plain_console,
+    print_json,
+    progress_bar,
+)
 from bayes_inertia.errors import CampaignError
 
 if TYPE_CHECKING:
@@ -41,6 +47,7 @@ def report_command(
             "second of two runs.",
         ),
     ] = None,
+    open_page: OpenPage = False,
     as_json: AsJson = False,
 ) -> None:
     """Write report.html again, compare two runs, or hold a run against its plan.
@@ -50,31 +57,32 @@ def report_command(
     two campaigns, two drives): parameters with both sds and their difference in combined sd,
     gates, verdicts, and what differs in settings.
     """
-    if other is None:
-        _report(run, plan, out, as_json)
-        return
-    if plan is not None:
+    if other is not None and plan is not None:
         raise CampaignError(
             "a plan goes with one run, two are named",
             where="--plan",
             advice="leave the second run out, or the plan",
         )
-    _compare(run, other, out, as_json)
+    path = _compare(run, other, out, as_json) if other else _report(run, plan, out, as_json)
+    open_in_browser(path, open_page)
 
 
-def _report(run: Path, plan: Path | None, out: Path | None, as_json: bool) -> None:
-    from bayes_inertia.app.compare_two_runs import finished_posterior
-    from bayes_inertia.app.promise_of_plan import promise_of_plan
-    from bayes_inertia.app.run_report import run_page, run_summary, write_run_report
-    from bayes_inertia.sealing import is_sealed
+def _report(run: Path, plan: Path | None, out: Path | None, as_json: bool) -> Path:
+    with progress_bar() as progress:
+        progress("reading the run", 0, 0)
+        from bayes_inertia.app.compare_two_runs import finished_posterior
+        from bayes_inertia.app.promise_of_plan import promise_of_plan
+        from bayes_inertia.app.run_report import run_page, run_summary, write_run_report
+        from bayes_inertia.sealing import is_sealed
 
-    posterior = finished_posterior(run)
-    intact, summary = is_sealed(run / "posterior.nc", ""), run_summary(posterior, run)
-    promise = None if plan is None else promise_of_plan(run, plan, summary)
-    if out is None:
-        path = write_run_report(posterior, run, intact=intact, promise=promise)
-    else:
-        path = _new_page(out, run_page(posterior, run, intact=intact, promise=promise))
+        posterior = finished_posterior(run)
+        intact, summary = is_sealed(run / "posterior.nc", ""), run_summary(posterior, run)
+        progress("drawing the report", 0, 0)
+        promise = None if plan is None else promise_of_plan(run, plan, summary)
+        if out is None:
+            path = write_run_report(posterior, run, intact=intact, promise=promise)
+        else:
+            path = _new_page(out, run_page(posterior, run, intact=intact, promise=promise))
     sentence = summary["verdict_sentence"]
     document = {
         "report": str(path),
@@ -85,16 +93,11 @@ def _report(run: Path, plan: Path | None, out: Path | None, as_json: bool) -> No
     if promise is not None and not as_json:
         show_promise(promise)
     _say({"format": FORMAT} | document, sentence, path, as_json)
+    return path
 
 
 def show_promise(promise: PlanPromise) -> None:
-    """Print what a plan promised beside what was achieved.
-
-    Parameters
-    ----------
-    promise : PlanPromise
-        Of the plan whose flight was fitted.
-    """
+    """Print what a plan promised beside what was achieved."""
     from bayes_inertia.report.plan_promise_section import HEADINGS, promise_rows
 
     console = plain_console()
@@ -106,20 +109,24 @@ def show_promise(promise: PlanPromise) -> None:
     console.print(f"promised: {promise.promised_by}")
 
 
-def _compare(first: Path, second: Path, out: Path | None, as_json: bool) -> None:
-    from bayes_inertia.app.compare_two_runs import compare_two_runs
-    from bayes_inertia.files import write_atomically
-    from bayes_inertia.report.comparison_sections import comparison_page
-    from bayes_inertia.report.run_comparison import comparison_json
+def _compare(first: Path, second: Path, out: Path | None, as_json: bool) -> Path:
+    with progress_bar() as progress:
+        progress("reading the runs", 0, 0)
+        from bayes_inertia.app.compare_two_runs import compare_two_runs
+        from bayes_inertia.files import write_atomically
+        from bayes_inertia.report.comparison_sections import comparison_page
+        from bayes_inertia.report.run_comparison import comparison_json
 
-    comparison = compare_two_runs(first, second)
-    page = comparison_page(comparison)
-    if out is None:
-        path = write_atomically(second / "comparison.html", page)
-    else:
-        path = _new_page(out, page)
+        comparison = compare_two_runs(first, second)
+        progress("drawing the page", 0, 0)
+        page = comparison_page(comparison)
+        if out is None:
+            path = write_atomically(second / "comparison.html", page)
+        else:
+            path = _new_page(out, page)
     document = {"format": COMPARISON_FORMAT, "report": str(path)} | comparison_json(comparison)
     _say(document, comparison.sentence, path, as_json)
+    return path
 
 
 def _new_page(path: Path, page: str) -> Path:

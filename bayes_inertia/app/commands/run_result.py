@@ -1,49 +1,48 @@
-"""What `fit`, `diagnose`, `resume` and `demo` end with: the run finished, its result printed."""
+"""What `fit`, `diagnose`, `resume` and `demo` end with: the result of a run, printed."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
-from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from bayes_inertia.app.terminal import headed, narrow_table, plain_console, print_json, progress_bar
+from bayes_inertia.app.terminal import (
+    headed,
+    indented,
+    narrow_table,
+    open_in_browser,
+    plain_console,
+    print_json,
+)
 from bayes_inertia.sealing import SEAL_KEY
+
+if TYPE_CHECKING:
+    from bayes_inertia.inference.posterior import Posterior
 
 FORMAT = "bayes-inertia-run-result/1"
 _COLUMNS = ("estimate", "± sd", "unit", "prior sd", "contraction", "determined")
 _DETERMINED = {"determined": "yes", "partly determined": "partly", "not determined": "no"}
 _COLORS = {"good": "green", "caution": "yellow", "bad": "red"}
-_CANDIDATES_SHOWN = 6
+_CANDIDATES_SHOWN = 3
 
 
-def finish_and_show(folder: Path, report: bool, as_json: bool = False) -> None:
-    """Bring a run to its end, print its result, and exit with 3 where it must not be trusted.
-
-    Parameters
-    ----------
-    folder : Path
-        The run.
-    report : bool
-        Whether to write report.html.
-    as_json : bool
-        Whether to print one JSON document instead of tables.
-
-    Raises
-    ------
-    typer.Exit
-        With code 3, if a gate failed or the diagnosis found no name for what is missing.
-    """
-    from bayes_inertia.app import run_folder
+def show_run(
+    posterior: Posterior,
+    folder: Path,
+    report: bool,
+    *,
+    as_json: bool = False,
+    open_page: bool = False,
+) -> None:
+    """Print the result of a finished run, and exit with 3 where it must not be trusted."""
     from bayes_inertia.app.run_report import run_summary
     from bayes_inertia.app.stored_diagnosis import blaming_diagnosis, read_diagnosis
 
-    with progress_bar() as progress:
-        posterior = run_folder.finish(folder, report=report, progress=progress)
     content, summary = read_diagnosis(folder), run_summary(posterior, folder)
     if as_json:
         print_json(run_result_json(folder, summary, content, posterior.trusted))
@@ -53,6 +52,7 @@ def finish_and_show(folder: Path, report: bool, as_json: bool = False) -> None:
             with blaming_diagnosis(folder, content):
                 show_diagnosis(content)
         show_summary(summary, folder, report)
+    open_in_browser(folder / "report.html", report and open_page)
     if not posterior.trusted:
         raise typer.Exit(3)
 
@@ -60,24 +60,7 @@ def finish_and_show(folder: Path, report: bool, as_json: bool = False) -> None:
 def run_result_json(
     folder: Path, summary: dict[str, Any], diagnosis: dict[str, Any] | None, trusted: bool
 ) -> dict[str, Any]:
-    """What `fit`, `diagnose`, `resume` and `demo` print with --json.
-
-    Parameters
-    ----------
-    folder : Path
-        The run.
-    summary : dict
-        The content of summary.json.
-    diagnosis : dict or None
-        The content of diagnosis.json.
-    trusted : bool
-        Whether every gate was passed and no effect without a name is missing.
-
-    Returns
-    -------
-    dict
-        All of it, but for what only pictures of the diagnosis need.
-    """
+    """What `fit`, `diagnose`, `resume` and `demo` print with --json."""
     if diagnosis is not None:
         left_out = ("pictures", SEAL_KEY)
         diagnosis = {key: value for key, value in diagnosis.items() if key not in left_out}
@@ -91,39 +74,20 @@ def run_result_json(
 
 
 def show_verdict(sentence: str, trusted: bool) -> None:
-    """Print the answer of a run in one sentence.
-
-    Parameters
-    ----------
-    sentence : str
-        `verdict_sentence` of summary.json.
-    trusted : bool
-        Whether the result may be used.
-    """
+    """Print the answer of a run in one sentence."""
     color = _COLORS["good" if trusted else "bad"]
     plain_console().print(headed(sentence, style=f"bold {color}"))
 
 
 def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> None:
-    """Print a fit's gates first, then its numbers.
-
-    Parameters
-    ----------
-    summary : dict
-        The content of summary.json.
-    folder : Path
-        The run.
-    report : bool
-        Whether a report was written.
-    """
+    """Print a fit's gates first, then its numbers."""
     from bayes_inertia.report.dirt_wording import dirt_sentences
     from bayes_inertia.report.parameter_wording import averaged_over
 
     console = plain_console()
-    for gate in summary["gates"]:
-        console.print(_gate_line(gate))
+    console.print(_gates(summary["gates"]))
     for sentence in dirt_sentences(summary.get("dirt", [])):
-        console.print(f"  {sentence}")
+        console.print(indented(sentence))
     console.print(_parameter_table(console, summary))
     if all(p["quoted_sd"] is None for p in summary["parameters"].values()):
         console.print("sd: none can be quoted, this result is not to be used")
@@ -134,7 +98,7 @@ def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> 
         for key, value in summary["fit"]["reduced_chi2"].items()
         if value is not None
     )
-    console.print(f"reduced chi^2: {chi2}")
+    console.print(f"reduced χ²: {chi2}")
     diagnostics = summary["diagnostics"]
     console.print(
         f"{diagnostics['ess_bulk_min']:.0f} effective samples "
@@ -144,9 +108,16 @@ def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> 
     console.print(f"wrote posterior.nc{files} in {folder}")
 
 
-def _gate_line(gate: dict[str, Any]) -> Text:
-    word = ("passed", "green") if gate["passed"] else ("FAILED", "red")
-    return Text.assemble("  ", word, f" {gate['name']}: {gate['says']}")
+def _gates(gates: Sequence[dict[str, Any]]) -> Text:
+    """The gates that are passed by name; those that failed with what they say, a line each."""
+    from bayes_inertia.report.formatting import typeset
+
+    text = Text()
+    for gate in gates:
+        if not gate["passed"]:
+            text.append("FAILED", "red").append(f" {gate['name']}: {typeset(gate['says'])}\n")
+    passed = ", ".join(gate["name"] for gate in gates if gate["passed"])
+    return text.append("passed", "green").append(f": {passed or 'no gate'}")
 
 
 def _parameter_table(console: Console, summary: dict[str, Any]) -> Table:
@@ -171,7 +142,7 @@ def _parameter_table(console: Console, summary: dict[str, Any]) -> Table:
             number(p["mean"], sd, power),
             NOT_GIVEN if quoted is None else number(quoted, quoted, power),
             unit_text(p["unit"], power),
-            f"{p['prior_sd'] / 10.0**power:.2g}",
+            number(p["prior_sd"], p["prior_sd"], power),
             contraction_text(share, criteria),
             _DETERMINED[determination(share, criteria)],
         )
@@ -179,29 +150,22 @@ def _parameter_table(console: Console, summary: dict[str, Any]) -> Table:
 
 
 def show_diagnosis(content: dict[str, Any]) -> None:
-    """Print a diagnosis' verdict first, then why, and the best candidates.
-
-    Parameters
-    ----------
-    content : dict
-        The content of diagnosis.json.
-    """
+    """Print a diagnosis' verdict first, then why, and the best candidates."""
     from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict
 
-    console, verdict = plain_console(), diagnosis_verdict(content)
+    # The parameters stand in the table of the fit, with the sds to quote.
+    untold = [candidate | {"parameters": None} for candidate in content["candidates"]]
+    console, verdict = plain_console(), diagnosis_verdict(content | {"candidates": untold})
     console.print(headed(verdict.title, style=f"bold {_COLORS[verdict.level]}"))
     for sentence in verdict.sentences:
-        console.print(f"  {sentence}")
-    table = Table(box=SIMPLE)
-    table.add_column("candidate")
-    for heading in ("score", "dof", "p", "log Bayes"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("", no_wrap=True)
+        console.print(indented(sentence))
     scored = [c for c in content["candidates"] if c["p_value"] is not None]
+    table = narrow_table(console, "candidate", "score", "dof", "p", "log Bayes", "")
     for candidate in scored[:_CANDIDATES_SHOWN]:
         table.add_row(*_candidate_cells(candidate, content))
     console.print(table)
-    console.print("wrote diagnosis.json")
+    if (more := len(scored) - _CANDIDATES_SHOWN) > 0:
+        console.print(f"... and {more} candidates more, in diagnosis.json")
 
 
 def _candidate_cells(candidate: dict[str, Any], content: dict[str, Any]) -> tuple[str, ...]:

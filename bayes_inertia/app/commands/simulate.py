@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bayes_inertia.app.commands.options import PAPER_HELP, AsJson, OutputFolder, Seed
-from bayes_inertia.app.terminal import plain_console, print_json, say
+from bayes_inertia.app.terminal import plain_console, print_json, progress_bar, say
 
 if TYPE_CHECKING:
     from bayes_inertia.app.simulate_folder import SimulatedFlight
@@ -52,9 +52,11 @@ def simulate_command(
 
     Writes a campaign folder, with its truth beside it.
     """
-    from bayes_inertia.app.simulate_folder import run_simulate
+    with progress_bar() as progress:
+        progress("flying the plan in closed loop", 0, 0)
+        from bayes_inertia.app.simulate_folder import run_simulate
 
-    simulated = run_simulate(out, plan, campaign, hidden=hide or (), draw=draw, seed=seed)
+        simulated = run_simulate(out, plan, campaign, hidden=hide or (), draw=draw, seed=seed)
     for note in simulated.notes:
         say(note)
     slews = [slew.name for slew in simulated.flight.campaign.slews]

@@ -6,8 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.box import SIMPLE
-from rich.table import Table
 
 from bayes_inertia.app.commands.calibration import calibrate
 from bayes_inertia.app.commands.options import (
@@ -20,7 +18,15 @@ from bayes_inertia.app.commands.options import (
     Seed,
     names_in,
 )
-from bayes_inertia.app.terminal import plain_console, print_json_file, progress_bar, say
+from bayes_inertia.app.terminal import (
+    headed,
+    narrow_table,
+    plain_console,
+    print_json_file,
+    progress_bar,
+    say,
+    unit_powers,
+)
 
 if TYPE_CHECKING:
     from bayes_inertia.app.study_folder import Study
@@ -65,6 +71,7 @@ def study_command(
     from bayes_inertia.studies.engine import Execution
 
     with progress_bar() as progress:
+        progress("flying and fitting the first campaigns", 0, 0)
         execution = Execution(**place, progress=progress, notice=say)
         study = run_study(what, out, plan, campaigns=campaigns, seed=seed, execution=execution)
     if as_json:
@@ -76,36 +83,32 @@ def study_command(
 
 
 def show_study(study: Study, folder: Path) -> None:
-    """Print achieved beside stated sds, and how often intervals held the truth.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-    folder : Path
-        Where its files are.
-    """
+    """Print achieved beside stated sds, and how often intervals held the truth."""
     from bayes_inertia.physics.parameters import BASE_NAMES
+    from bayes_inertia.report.formatting import number, unit_text
 
     console, achieved = plain_console(), study.achieved
-    table = Table(box=SIMPLE)
-    table.add_column("", no_wrap=True)
-    for heading in ("achieved sd", "stated sd", "in 68 %", "in 95 %"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    verdict = ("Stated sds hold.", "bold green")
+    if study.too_small:
+        verdict = (f"Stated sds are TOO SMALL for {', '.join(study.too_small)}.", "bold red")
+    flown = f" {len(achieved.errors)} campaigns of {study.plan.name}."
+    console.print(headed(verdict[0], flown, style=verdict[1]))
+    table = narrow_table(console, "", "achieved sd", "stated sd", "unit", "in 68 %", "in 95 %")
     stated_sd = (achieved.stated**2).mean(0) ** 0.5
+    units = ["kg m^2" if name.startswith("J") else "" for name in BASE_NAMES]
+    powers = unit_powers(zip(units, achieved.sd, strict=True))
     coverages = zip(study.coverage(0.68), study.coverage(0.95), strict=True)
     for i, (name, coverage) in enumerate(zip(BASE_NAMES, coverages, strict=True)):
         shares = [
             f"{100 * share:.1f} % ({100 * low:.0f} to {100 * high:.0f})"
             for share, low, high in coverage
         ]
-        achieved_sd = f"{achieved.sd[i]:.3g} ± {achieved.sd_error[i]:.1g}"
-        table.add_row(name, achieved_sd, f"{stated_sd[i]:.3g}", *shares)
+        sd, error, unit = achieved.sd[i], achieved.sd_error[i], units[i]
+        power = powers[unit]
+        sds = f"{number(sd, error, power)} ± {number(error, error, power)}"
+        stated = number(stated_sd[i], error, power)
+        table.add_row(name, sds, stated, unit_text(unit, power), *shares)
     console.print(table)
-    verdict = "Stated sds hold."
-    if study.too_small:
-        verdict = f"Stated sds are TOO SMALL for {', '.join(study.too_small)}."
-    console.print(f"{len(achieved.errors)} campaigns of {study.plan.name}. {verdict}")
     if study.failures:
         first = study.failures[0]
         console.print(

@@ -117,21 +117,6 @@ __all__ = [
 def by_name(names: Sequence[str]) -> tuple[Effect, ...]:
     """The effects with these names, of the library or without a fixed shape.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Names such as "rate_bias".
-
-    Returns
-    -------
-    tuple of Effect
-        Instances with default priors, in the order given.
-
-    Raises
-    ------
-    EffectError
-        If no effect has a name (the error lists the nearest ones), or is given twice.
-
     Examples
     --------
     >>> [effect.name for effect in by_name(["rate_bias"])]

@@ -50,17 +50,7 @@ class EachSlew(Effect):
     def of(cls, inner: Effect, campaign: Campaign) -> EachSlew:
         """`inner`, different in each slew of a campaign.
 
-        Parameters
-        ----------
-        inner : Effect
-            The effect that differs from slew to slew.
-        campaign : Campaign
-            The campaign in which it does.
-
-        Returns
-        -------
-        EachSlew
-            The effect to give to a `Model` of this campaign.
+        Returns: the effect to give to a `Model` of this campaign.
 
         Examples
         --------
@@ -86,13 +76,7 @@ class EachSlew(Effect):
         return self.inner.needs
 
     def afterwards(self) -> Effect:
-        """The inner effect as it is after the campaign; only its prior says how strong it is then.
-
-        Returns
-        -------
-        Effect
-            `inner.afterwards()`, whose parameters are those of one slew.
-        """
+        """The inner effect after the campaign; only its prior says how strong it is then."""
         return self.inner.afterwards()
 
     def acts(self, hook: str) -> bool:

@@ -40,6 +40,8 @@ class RateRandomWalk(StochasticEffect):
     knots : int, optional
         On each axis, evenly over the slew. What the walk does between them is noise of the
         readings, of the size that belongs to it, and is filtered out.
+    prior_scale : float, optional
+        Of every effect; nothing here, because the prior is log-normal.
 
     References
     ----------

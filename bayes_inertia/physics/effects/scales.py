@@ -14,15 +14,7 @@ from bayes_inertia.physics.parameters import LogNormal, Parameter, Prior, scalar
 def torque_scale(campaign: Campaign) -> float:
     """The torque J w / T that would make or stop the observed motion within one slew.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        The campaign that tells typical rate w, duration T and inertia J.
-
-    Returns
-    -------
-    float
-        J w / T [N m].
+    `campaign`: the campaign that tells typical rate w, duration T and inertia J. Returns [N m].
 
     Examples
     --------
@@ -45,21 +37,8 @@ def per_wheel(
 ) -> tuple[Parameter, ...]:
     """One parameter with a component a wheel.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        The campaign whose wheels give the components their names.
-    name, unit : str
-        Of the parameter; the unit is SI.
-    prior : Prior
-        The prior that all components share.
-    null : float, optional
-        The value at which the parameter does nothing.
-
-    Returns
-    -------
-    tuple of Parameter
-        One parameter; none for a campaign without wheels (hooks then get an empty `p`).
+    `campaign`: the campaign whose wheels give the components their names. Returns: one parameter;
+    none for a campaign without wheels (hooks then get an empty `p`).
 
     Examples
     --------
@@ -77,23 +56,9 @@ def sd_and_time(
 ) -> tuple[Parameter, Parameter]:
     """Size and correlation time of a random process, with log-normal priors.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What was flown.
-    unit : str
-        Of the process.
-    sd : float
-        Median of its standard deviation.
-    time : float or None
-        Median of its correlation time [s]; None takes a fifth of a slew.
-    factor_sd : float
-        Sd of the logarithm of the sd. The time is known to a factor of 2.
-
-    Returns
-    -------
-    tuple of Parameter
-        "sd" and "time"; nothing acts where the sd is zero.
+    `time`: median of its correlation time [s]; None takes a fifth of a slew. `factor_sd`: sd of the
+    logarithm of the sd. The time is known to a factor of 2. Returns: "sd" and "time"; nothing acts
+    where the sd is zero.
     """
     time = time or 0.2 * campaign.scale_of_motion()[1]
     return (

@@ -20,18 +20,7 @@ _SAYS = (
 
 
 def basilisk_text(result: ExportedResult) -> str:
-    """A Python snippet for a `spacecraft.Spacecraft()` called `scObject`.
-
-    Parameters
-    ----------
-    result : ExportedResult
-        The result.
-
-    Returns
-    -------
-    str
-        Lines of the file.
-    """
+    """A Python snippet for a `spacecraft.Spacecraft()` called `scObject`."""
     rows = [f"    [{', '.join(row)}]," for row in tensor_digits(result, result.inertia_locked_B)]
     factors = (result.parameter(f"K{i}") for i in (1, 2, 3))
     K = ", ".join(guarded_digits(p.new, p.sd) for p in factors)

@@ -20,18 +20,7 @@ _SAYS = (
 
 
 def ccsds_apm_text(result: ExportedResult) -> str:
-    """The block from INERTIA_START to INERTIA_STOP.
-
-    Parameters
-    ----------
-    result : ExportedResult
-        The result.
-
-    Returns
-    -------
-    str
-        Lines of the file.
-    """
+    """The block from INERTIA_START to INERTIA_STOP."""
     sds = ", ".join(f"I{k} {result.parameter(f'J{k.lower()}').sd:.2g}" for k in _PLACES)
     comments = comment_lines(result, *_SAYS, f"standard deviations [kg*m**2]: {sds}")
     digits = tensor_digits(result, result.inertia_locked_B)

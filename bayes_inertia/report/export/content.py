@@ -115,35 +115,12 @@ class ExportedResult:
     notes: tuple[str, ...] = ()
 
     def parameter(self, name: str) -> ExportedParameter:
-        """The parameter of a name.
-
-        Parameters
-        ----------
-        name : str
-            Such as "Jxx".
-
-        Returns
-        -------
-        ExportedParameter
-        """
+        """The parameter of a name."""
         return next(p for p in self.parameters if p.name == name)
 
 
 def comment_lines(result: ExportedResult, *more: str) -> list[str]:
-    """What every file says first: where it comes from, and a warning if it is not trusted.
-
-    Parameters
-    ----------
-    result : ExportedResult
-        The result.
-    *more : str
-        What else the format says.
-
-    Returns
-    -------
-    list of str
-        Lines without comment signs, printable ASCII.
-    """
+    """What every file says first: where it comes from, and a warning if it is not trusted."""
     warning = []
     if not result.trusted:
         reasons = "; ".join(result.reasons) or "a gate failed"
@@ -178,16 +155,6 @@ def one_line(text: str) -> str:
 def rounded(value: float, sd: float) -> str:
     """A value with as many decimals as its uncertainty supports, in ASCII.
 
-    Parameters
-    ----------
-    value, sd : float
-        The value and its uncertainty, in the same unit.
-
-    Returns
-    -------
-    str
-        The sd's second digit is the last.
-
     Examples
     --------
     >>> rounded(-0.0123456, 0.000196), rounded(3.3311733, 0.0)
@@ -199,15 +166,7 @@ def rounded(value: float, sd: float) -> str:
 def guarded_digits(value: float, sd: float) -> str:
     """A value with two digits more than `rounded`, for machines.
 
-    Parameters
-    ----------
-    value, sd : float
-        The value and its uncertainty, in the same unit.
-
-    Returns
-    -------
-    str
-        Rounding moves it by less than a thousandth of its sd.
+    Returns: rounding moves it by less than a thousandth of its sd.
 
     Examples
     --------
@@ -220,17 +179,7 @@ def guarded_digits(value: float, sd: float) -> str:
 def tensor_digits(result: ExportedResult, tensor_B: np.ndarray) -> list[list[str]]:
     """The elements of a tensor in print, each with the digits that its sd supports.
 
-    Parameters
-    ----------
-    result : ExportedResult
-        Whose parameters tell the sds.
-    tensor_B : (3, 3) array
-        J or J_locked [kg m^2].
-
-    Returns
-    -------
-    list of 3 lists of 3 str
-        See `guarded_digits`.
+    `tensor_B` (3, 3) [kg m^2].
     """
     axes: Sequence[str] = "xyz"
     names = [[f"J{min(a, b)}{max(a, b)}" for b in axes] for a in axes]

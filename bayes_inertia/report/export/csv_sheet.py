@@ -32,18 +32,7 @@ _COLUMNS = (
 
 
 def csv_text(result: ExportedResult) -> str:
-    """A row a parameter, rounded where its sd has its second digit; comments begin with `#`.
-
-    Parameters
-    ----------
-    result : ExportedResult
-        The result.
-
-    Returns
-    -------
-    str
-        Lines of the file.
-    """
+    """A row a parameter, rounded where its sd has its second digit; comments begin with `#`."""
     kind = "with" if result.includes_wheel_spin else "without"
     more = [
         f"old: known before flight; sd: the quoted one; J {kind} the wheels' spin inertia, "

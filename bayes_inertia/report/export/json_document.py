@@ -10,18 +10,7 @@ from bayes_inertia.report.export.content import FORMAT, ExportedResult, comment_
 
 
 def json_text(result: ExportedResult) -> str:
-    """A document of the schema `bayes-inertia-export/1`.
-
-    Parameters
-    ----------
-    result : ExportedResult
-        The result.
-
-    Returns
-    -------
-    str
-        Lines of the file.
-    """
+    """A document of the schema `bayes-inertia-export/1`."""
     correction = result.correction
     content = {
         "format": FORMAT,

@@ -15,18 +15,7 @@ _ESCAPED = {c: f"\\{c}" for c in "&%$#_{}"} | {"\\": "/", "~": "-", "^": "-"}
 
 
 def latex_text(result: ExportedResult) -> str:
-    """A `tabular` of name, old, new with its uncertainty, unit, and change in prior sds.
-
-    Parameters
-    ----------
-    result : ExportedResult
-        The result.
-
-    Returns
-    -------
-    str
-        Lines of the file.
-    """
+    """A `tabular` of name, old, new with its uncertainty, unit, and change in prior sds."""
     powers = common_exponents({p.name: (p.unit, p.new, p.sd) for p in result.parameters})
     warned = [] if result.trusted else ["\\textbf{Do not use this result as it stands.}\\\\"]
     return "\n".join(

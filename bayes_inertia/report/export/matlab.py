@@ -10,18 +10,7 @@ from bayes_inertia.report.export.content import FORMAT, ExportedResult, comment_
 
 
 def matlab_text(result: ExportedResult) -> str:
-    """A script; `run export.m` leaves the struct `bayes_inertia`.
-
-    Parameters
-    ----------
-    result : ExportedResult
-        The result.
-
-    Returns
-    -------
-    str
-        Lines of the file.
-    """
+    """A script; `run export.m` leaves the struct `bayes_inertia`."""
     says = "J: without the wheels' spin inertia, J_locked: with it; elements of the tensor [kg m^2]"
     rows = result.parameters
     fields = {

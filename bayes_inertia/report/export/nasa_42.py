@@ -20,15 +20,7 @@ _SAYS = (
 def nasa_42_text(result: ExportedResult) -> str:
     """The lines of moments and products of inertia, and of the gyros' scale factor errors.
 
-    Parameters
-    ----------
-    result : ExportedResult
-        The result.
-
-    Returns
-    -------
-    str
-        Lines of the file; what is not of 42 begins with an exclamation mark.
+    Returns: lines of the file; what is not of 42 begins with an exclamation mark.
     """
     digits = tensor_digits(result, result.inertia_B)
     turned = tensor_digits(result, -result.inertia_B)

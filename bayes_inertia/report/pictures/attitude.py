@@ -20,16 +20,6 @@ def draw_attitude(posterior: Posterior) -> Figure | None:
 
     Left: before the slew, right: after it.
     Small marks are single fixes, large ones their mean with its standard error.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    Figure or None
-        None without star-tracker fixes.
     """
     misfit = posterior_data.attitude_misfit(posterior)
     if misfit is None:

@@ -41,17 +41,7 @@ class RankCurves:
 def draw_calibration(cases: Sequence[RankCurves], names: Sequence[str]) -> Figure:
     """ECDFs of ranks minus uniform, a row a case; the band holds all curves of a right pipeline.
 
-    Parameters
-    ----------
-    cases : sequence of RankCurves
-        The rows.
-    names : sequence of str
-        The 14 quantities: J, K and principal moments, two predictions.
-
-    Returns
-    -------
-    Figure
-        Three panels a row.
+    `names`: the 14 quantities: J, K and principal moments, two predictions.
     """
     size = (style.WIDTH, _ROW_HEIGHT * len(cases) + 0.4)
     figure = Figure(figsize=size, layout="constrained")

@@ -23,22 +23,7 @@ _TICKS = (0, 2, 5, 10, 30, 100, 300)
 def draw_candidates(
     candidates: Sequence[Mapping[str, Any]], threshold: float, named: Sequence[str]
 ) -> Figure | None:
-    """Strength of the evidence for each candidate, −log10 p, with the line of significance.
-
-    Parameters
-    ----------
-    candidates : sequence of mapping
-        `candidates` of diagnosis.json.
-    threshold : float
-        p-value below which a candidate is significant.
-    named : sequence of str
-        Effects that the diagnosis named.
-
-    Returns
-    -------
-    Figure or None
-        None if no candidate was scored.
-    """
+    """Strength of the evidence for each candidate, −log10 p, with the line of significance."""
     scored = [c for c in candidates if c["p_value"] is not None and c["dof"]]
     if not scored:
         return None

@@ -2,46 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy import stats
 
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.report.criteria import Criteria
 from bayes_inertia.report.pictures import posterior_data, style
 
 _BINS = 20
 
 
 @style.styled
-def draw_chains(posterior: Posterior, criteria: Criteria) -> Figure:
-    """Trace and rank histogram of the parameter whose ensembles agree least, and log posterior.
-
-    What the sampler's gate is judged by is written above the panels.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-    criteria : Criteria
-        What was wanted of the sampler.
-
-    Returns
-    -------
-    Figure
-        Three panels.
-    """
+def draw_chains(posterior: Posterior) -> Figure:
+    """Trace and rank histogram of the parameter whose ensembles agree least, and log posterior."""
     diagnostics, n = posterior.attributes["diagnostics"], posterior_data.n_ensembles(posterior)
     name = worst_parameter(posterior)
     variable = posterior.tree["posterior"][name]
     values = _by_ensemble(posterior_data.values_of(posterior, "posterior", name), n)
     mean, sd = float(values.mean()), float(values.std())
     scale = style.scale(name, str(variable.attrs.get("units", "")), mean, 3.0 * sd)
-    figure, cells = style.grid(3.05, 1, 3, left=0.8, top=0.95, bottom=0.55, gap_x=0.85)
+    figure, cells = style.grid(2.8, 1, 3, left=0.8, top=0.7, bottom=0.55, gap_x=0.85)
     trace, ranks, height = (figure.add_axes(cell) for cell in cells)
     _trace(trace, scale(values), scale.label, diagnostics["discarded"])
     trace.set_title(f"trace of {name}: mean and 90 % of walkers")
@@ -50,42 +31,19 @@ def draw_chains(posterior: Posterior, criteria: Criteria) -> Figure:
     lp = _by_ensemble(posterior_data.values_of(posterior, "sample_stats", "lp"), n)
     _trace(height, lp - lp.max(), "below the highest draw [nat]", diagnostics["discarded"])
     height.set_title("log posterior")
-    figure.text(0.015, 0.945, _gate_text(diagnostics, criteria), va="center", fontsize=8.5)
     figure.legend(
         [trace.lines[i] for i in range(n)],
         [f"ensemble {i + 1}" for i in range(n)],
         loc="upper left",
         ncols=min(n, 8),
-        bbox_to_anchor=(0.005, 0.925),
+        bbox_to_anchor=(0.005, 1.0),
         fontsize=8,
     )
     return figure
 
 
-def _gate_text(diagnostics: Mapping[str, Any], criteria: Criteria) -> str:
-    rhat, tau = diagnostics["nested_rhat_max"], diagnostics["tau_max"]
-    effective = min(diagnostics["ess_bulk_min"], diagnostics["ess_tail_min"])
-    return (
-        f"nested R-hat {rhat:.4f} (< {criteria.nested_rhat_below:g})"
-        f"    effective samples {effective:,.0f} (> {criteria.effective_samples:g})"
-        f"    acceptance {diagnostics['acceptance']:.2f}"
-        f"    autocorrelation time {tau:.1f} steps"
-    )
-
-
 def worst_parameter(posterior: Posterior) -> str:
-    """The parameter whose ensembles' means differ most, in units of its sd.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    str
-        Its name.
-    """
+    """The parameter whose ensembles' means differ most, in units of its sd."""
     n = posterior_data.n_ensembles(posterior)
 
     def distance(name: str) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,7 +11,10 @@ from matplotlib.figure import Figure
 
 from bayes_inertia.design.comparison import Contender
 from bayes_inertia.physics.parameters import BASE_NAMES
+from bayes_inertia.report.formatting import plain, sd_column, unit_text
 from bayes_inertia.report.pictures import style
+
+_LABEL_WIDTH = 22  # letters of a line of a plan's name
 
 
 @style.styled
@@ -19,47 +23,46 @@ def draw_comparison(contenders: Sequence[Contender]) -> Figure:
 
     Above: sd of every parameter, expected (bar) and achieved in simulated campaigns (mark with
     2 sd of Monte Carlo error). Below: each plan's slews, and the momentum and torque it uses.
-
-    Parameters
-    ----------
-    contenders : sequence of Contender
-        The plans, with their forecasts.
-
-    Returns
-    -------
-    Figure
-        Four panels.
     """
-    n = len(contenders)
+    n, colors = len(contenders), _colors(contenders)
     figure = Figure(figsize=(style.WIDTH, 5.0 + 0.28 * n), layout="constrained")
     top, bottom = figure.subfigures(2, 1, squeeze=False, height_ratios=(3.0, 1.5 + 0.28 * n))[:, 0]
     left, right = top.subplots(1, 2, width_ratios=(2.0, 1.0))
-    _sds(left, contenders, range(6), "sd [kg m²]")
-    _sds(right, contenders, range(6, 9), "sd of K [–]")
-    left.legend(loc="upper right", ncols=1 if n < 4 else 2)
+    _sds(left, contenders, range(6), "J, 1 sd", "kg m^2")
+    _sds(right, contenders, range(6, 9), "K, 1 sd", "")
+    top.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=min(n, 3))
     slews, costs = bottom.subplots(1, 2, width_ratios=(2.0, 1.0), sharey=True)
-    _slews(slews, contenders)
-    _costs(costs, contenders)
+    _slews(slews, contenders, colors)
+    _costs(costs, contenders, colors)
     return figure
 
 
-def _sds(axes: Axes, contenders: Sequence[Contender], which: range, label: str) -> None:
+def _colors(contenders: Sequence[Contender]) -> list[str]:
+    """One colour a plan, in every picture: grey for slews like the paper's."""
+    others = [c.name for c in contenders if not c.is_reference]
+    return [
+        style.MUTED if c.is_reference else style.color(others.index(c.name)) for c in contenders
+    ]
+
+
+def _sds(axes: Axes, contenders: Sequence[Contender], which: range, label: str, unit: str) -> None:
     x = np.arange(len(which))
-    width = 0.7 / len(contenders)
-    for k, contender in enumerate(contenders):
+    width, chosen = 0.7 / len(contenders), list(which)
+    power, _ = sd_column([float(sd) for c in contenders for sd in c.expected[chosen]])
+    for k, (contender, color) in enumerate(zip(contenders, _colors(contenders), strict=True)):
         places = x + (k - 0.5 * (len(contenders) - 1)) * width
-        color = style.color(k)
         axes.bar(
             places,
-            contender.expected[list(which)],
+            contender.expected[chosen] / 10.0**power,
             0.85 * width,
             color=color,
             alpha=0.35 if contender.achieved else 0.9,
-            label=f"{contender.name}",
+            label=plain(contender.name),
         )
         if contender.achieved:
             sd, error = (
-                v[list(which)] for v in (contender.achieved.sd, contender.achieved.sd_error)
+                v[chosen] / 10.0**power
+                for v in (contender.achieved.sd, contender.achieved.sd_error)
             )
             axes.errorbar(
                 places,
@@ -71,25 +74,19 @@ def _sds(axes: Axes, contenders: Sequence[Contender], which: range, label: str) 
                 capsize=2.0,
                 lw=1.0,
             )
-    achieved = any(c.achieved for c in contenders)
+    label = f"{label} [{unit_text(unit, power)}]"
     axes.set(xticks=x, xticklabels=[BASE_NAMES[i] for i in which], ylabel=label, ylim=(0.0, None))
-    axes.set_title(
-        "bars: expected" + (", marks: achieved in simulated campaigns (± 2 se)" if achieved else "")
-        if which.start == 0
-        else ""
-    )
-    highest = axes.get_ylim()[1]
-    axes.set_ylim(0.0, highest * (1.25 if which.start == 0 else 1.05))
-    axes.ticklabel_format(axis="y", style="sci", scilimits=(-2, 3), useMathText=True)
+    if any(c.achieved for c in contenders) and which.start == 0:
+        axes.set_title("bars: expected; marks: simulated campaigns (± 2 standard errors)")
 
 
-def _slews(axes: Axes, contenders: Sequence[Contender]) -> None:
+def _slews(axes: Axes, contenders: Sequence[Contender], colors: Sequence[str]) -> None:
     """Each slew as a bar from its start to its end, as long as it lasts, with its angle."""
     for y, contender in enumerate(contenders):
         plan = contender.plan
         for slew, start in zip(plan.slews, plan.starts, strict=True):
             begin = (start + plan.rest_before) / 60.0
-            axes.barh(y, slew.motion_time / 60.0, left=begin, height=0.5, color=style.color(y))
+            axes.barh(y, slew.motion_time / 60.0, left=begin, height=0.5, color=colors[y])
             axes.text(
                 begin,
                 y - 0.3,
@@ -101,7 +98,7 @@ def _slews(axes: Axes, contenders: Sequence[Contender]) -> None:
         axes.plot([0.0, contender.total_time / 60.0], [y, y], color=style.PALE, lw=1.0, zorder=0)
     axes.set(
         yticks=range(len(contenders)),
-        yticklabels=[_short(c.name) for c in contenders],
+        yticklabels=[textwrap.fill(plain(c.name), _LABEL_WIDTH) for c in contenders],
         ylim=(len(contenders) - 0.4, -0.7),
         xlabel="time [min]",
     )
@@ -121,11 +118,7 @@ def _axis(axis_B: Sequence[float]) -> str:
     )
 
 
-def _short(name: str) -> str:
-    return name if len(name) <= 26 else f"{name[:25]}…"
-
-
-def _costs(axes: Axes, contenders: Sequence[Contender]) -> None:
+def _costs(axes: Axes, contenders: Sequence[Contender], colors: Sequence[str]) -> None:
     """Share used of each limit, wheel torque and momentum."""
     for y, contender in enumerate(contenders):
         for offset, key, label in ((-0.16, "momentum", "momentum"), (0.16, "torque", "torque")):
@@ -139,7 +132,7 @@ def _costs(axes: Axes, contenders: Sequence[Contender]) -> None:
                     y + offset,
                     max(shares),
                     height=0.28,
-                    color=style.color(y),
+                    color=colors[y],
                     alpha=1.0 if key == "momentum" else 0.5,
                 )
                 text = axes.text(

@@ -27,19 +27,7 @@ def draw_disagreement(
 ) -> Figure:
     """Mean residuals in short bins, one panel a slew, one row a component.
 
-    Parameters
-    ----------
-    cells : mapping
-        `pictures.before` or `pictures.after` of diagnosis.json.
-    windows : sequence of mapping
-        Its `disagreement`: the significant windows, which are framed.
-    starts : mapping of str to float
-        Its `slew_start`: time of each slew's first row [s].
-
-    Returns
-    -------
-    Figure
-        At most nine panels.
+    `starts`: its `slew_start`: time of each slew's first row [s].
     """
     windows = [
         dict(w) | {key: w[key] - starts.get(w["slew"], 0.0) for key in ("t_start", "t_end")}
@@ -76,16 +64,6 @@ def most_disagreeing_slews(
     cells: Mapping[str, Any], windows: Sequence[Mapping[str, Any]]
 ) -> list[int]:
     """At most nine slews: those with the most significant windows.
-
-    Parameters
-    ----------
-    cells, windows
-        See `draw_disagreement`.
-
-    Returns
-    -------
-    list of int
-        Their indices, in the order flown.
 
     Examples
     --------

@@ -20,18 +20,9 @@ _MOST_SLEWS = 9
 def draw_signal(signal: Mapping[str, Any], *, whole_band: bool = False) -> Figure:
     """A signal over time with its band of two sd, one panel a slew.
 
-    Parameters
-    ----------
-    signal : mapping
-        `pictures.torque` or `pictures.other` of diagnosis.json.
-    whole_band : bool, optional
-        Whether most of the band must be seen. Otherwise the signal alone decides the scale: where
-        nothing pins it down its band is wide.
-
-    Returns
-    -------
-    Figure
-        At most nine panels: the slews with most power.
+    `whole_band`: whether most of the band must be seen. Otherwise the signal alone decides the
+    scale: where nothing pins it down its band is wide. Returns: at most nine panels: the slews with
+    most power.
     """
     time, mean, sd = (np.array(signal[key], float) for key in ("time", "mean", "sd"))
     power = np.sqrt(np.mean(mean**2, axis=(1, 2)))

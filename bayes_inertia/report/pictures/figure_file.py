@@ -1,10 +1,12 @@
 """A figure as the bytes of a small file, the same every time: no dates, ids from a fixed salt.
 
-PNG gets a palette, a third of its size in full colour. SVG gets hundredths of a point.
+Pixels get a palette, a third of their size in full colour, those of rasterised artists inside an
+SVG too. An SVG has text as text, and tenths of a point.
 """
 
 from __future__ import annotations
 
+import base64
 import io
 import re
 from pathlib import Path
@@ -25,9 +27,10 @@ _QUALITIES = (
     (110, 48, Image.Quantize.MAXCOVERAGE),
     (100, 32, Image.Quantize.MAXCOVERAGE),
 )
+_COLOURS_IN_SVG = 64  # of a rasterised artist: few hues, each with its shades of transparency
 _REPRODUCIBLE_SETTINGS: dict[Any, Any] = {
     "svg.hashsalt": "bayes-inertia",
-    "svg.fonttype": "path",
+    "svg.fonttype": "none",
     "path.simplify_threshold": 0.3,
 }
 _METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
@@ -58,7 +61,7 @@ def figure_bytes(
     b'\\x89PNG'
     """
     if form == "svg":
-        return _rounded(_vectors(figure))
+        return _with_small_images(_rounded(_vectors(figure)))
     content = b""
     for dpi, colours, choice in _QUALITIES:
         content = _with_palette(_pixels(figure, dpi), colours, choice)
@@ -98,29 +101,32 @@ def _with_palette(full: Image.Image, colours: int, choice: Image.Quantize) -> by
 
 
 def _rounded(svg: bytes) -> bytes:
-    """An SVG without digits that nobody sees and without indentation; scales stay as they are."""
-    text = re.sub(r"(?<![\d.])(-?\d+\.\d\d)\d+(?=[ \"])", r"\1", svg.decode("utf-8"))
-    return re.sub(r"\n\s*", "\n", text).encode("utf-8")
+    """An SVG without digits and blanks that nobody sees; scales and opacities stay."""
+    text = re.sub(r"\n\s*", "\n", svg.decode("utf-8"))
+    text = re.sub(r'(?<= d=")[^"]*|(?<= [xy]=")[^"]*', _short_path, text)
+    # The reader's fonts draw the text: Verdana is as wide where DejaVu is not installed.
+    return text.replace("'DejaVu Sans'", "'DejaVu Sans', Verdana, sans-serif").encode("utf-8")
+
+
+def _short_path(found: re.Match[str]) -> str:
+    tenths = re.sub(r"(\d+\.\d)\d+", r"\1", found[0])
+    return re.sub(r"\s*([MLCQZz])\s*", r"\1", tenths).strip()
+
+
+def _with_small_images(svg: bytes) -> bytes:
+    """An SVG whose rasterised artists have palettes."""
+
+    def smaller(found: re.Match[bytes]) -> bytes:
+        pixels = Image.open(io.BytesIO(base64.b64decode(found[1])))
+        small = _with_palette(pixels, _COLOURS_IN_SVG, Image.Quantize.FASTOCTREE)
+        return b"data:image/png;base64," + base64.b64encode(small) + b'"'
+
+    return re.sub(rb'data:image/png;base64,([^"]+)"', smaller, svg)
 
 
 def write_png(figure: Figure, path: str | Path) -> Path:
     """Write a figure as PNG, atomically.
 
-    Parameters
-    ----------
-    figure : Figure
-        Any matplotlib figure.
-    path : str or Path
-        Of the file; it is replaced where it exists.
-
-    Returns
-    -------
-    Path
-        The path.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
+    `path`: of the file; it is replaced where it exists.
     """
     return write_atomically(path, figure_bytes(figure, "png"))

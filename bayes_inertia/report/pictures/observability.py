@@ -12,6 +12,7 @@ from bayes_inertia.report.pictures import style
 
 _PRODUCTS_OF_INERTIA = ("Jxy", "Jxz", "Jyz")
 _MOST_SLEWS = 6
+_FACTORS = (1, 1.5, 2, 3, 5, 10, 30, 100, 1000, 10000)
 
 
 @style.styled
@@ -21,16 +22,6 @@ def draw_observability(observability: Observability) -> Figure:
     Left: sd over prior sd, a mark where it would be were everything else known. Right: by how
     much each group of unknowns widens the sd. Below: when the information on the cross terms
     arrives, in the slews that tell most of them.
-
-    Parameters
-    ----------
-    observability : Observability
-        What `observe` returned.
-
-    Returns
-    -------
-    Figure
-        Two panels above, at most six below.
     """
     shown = [name for name in _PRODUCTS_OF_INERTIA if name in observability.names] or list(
         observability.names
@@ -83,13 +74,14 @@ def _bars(axes: Axes, observability: Observability) -> None:
         yticks=y,
         yticklabels=observability.names,
         ylim=(len(y) - 0.4, -0.6),
-        xlabel="sd / prior sd (mark: all else known)",
+        xlabel="sd / prior sd (mark: were all else known)",
     )
-    axes.set_title("prior to posterior")
+    axes.set_title("how far the data narrow the prior", pad=22.0)
 
 
 def _inflation(axes: Axes, observability: Observability) -> None:
     groups = list(observability.parameters[0].inflation)
+    axes.set_title("what fitting the others along costs", pad=22.0)
     for y, p in enumerate(observability.parameters):
         start = 0.0
         for k, group in enumerate(groups):
@@ -115,7 +107,13 @@ def _inflation(axes: Axes, observability: Observability) -> None:
         )
     axes.tick_params(axis="y", labelleft=False)
     most = max(0.5 * np.log10(max(p.variance_inflation, 1.0)) for p in observability.parameters)
-    axes.set(xlim=(0.0, 1.2 * max(most, 0.1)), xlabel="decades of sd lost to not knowing …")
+    axes.set(xlim=(0.0, 1.2 * max(most, 0.1)), xlabel="the sd is so many times larger for it")
+    powers = [factor for factor in _FACTORS if np.log10(factor) <= 1.2 * max(most, 0.1)]
+    axes.set_xticks(np.log10(powers), [f"×{factor:g}" for factor in powers])
+    _group_legend(axes, groups)
+
+
+def _group_legend(axes: Axes, groups: list[str]) -> None:
     handles = [
         Patch(fc=style.COLORS[k % 6], hatch="///" if k % 2 else None, ec="white", label=g)
         for k, g in enumerate(groups)
@@ -153,5 +151,5 @@ def _times(
             axes.tick_params(labelleft=False)
     for axes in panels:
         axes.set_ylim(0.0, 1.08 * highest if highest else 1.0)
-    panels[0].set_ylabel("part of what is known [%]")
+    panels[0].set_ylabel("share of the information [%]")
     panels[0].legend(loc="upper center", handlelength=1.6)

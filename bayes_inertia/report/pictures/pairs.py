@@ -31,20 +31,7 @@ _MOST_UPRIGHT_LABELS = 10  # more labels than this are turned
 
 @style.styled
 def draw_pairs(posterior: Posterior, max_parameters: int = 16) -> Figure:
-    """Lower triangle: density and 90 % ellipse of each pair; diagonal: density; upper: correlation.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-    max_parameters : int
-        Parameters at most: those with the strongest correlations.
-
-    Returns
-    -------
-    Figure
-        One axes.
-    """
+    """Draw density and 90 % ellipse of each pair below, correlation above the diagonal."""
     index = _chosen(posterior.samples, max_parameters)
     draws = posterior.samples[:, index]
     names = [posterior.names[i] for i in index]
@@ -133,14 +120,7 @@ def _diagonal(axes: Axes, z: np.ndarray) -> None:
     for i in range(z.shape[1]):
         x, p = style.density(z[:, i], -1.0, 1.0, 80)
         heights = -1.0 + 1.8 * p / p.max()
-        axes.fill_between(
-            _place(x, i),
-            _place(np.full_like(x, -1.0), i, flip=True),
-            _place(heights, i, flip=True),
-            color=style.BLUE,
-            alpha=0.35,
-            lw=0,
-        )
+        axes.fill(_place(x, i), _place(heights, i, flip=True), color=style.BLUE, alpha=0.35, lw=0)
         axes.plot(_place(x, i), _place(heights, i, flip=True), color=style.BLUE, lw=1.0)
 
 

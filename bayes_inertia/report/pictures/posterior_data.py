@@ -13,20 +13,7 @@ from bayes_inertia.maths.values import array_dataclass
 
 
 def values_of(posterior: Posterior, group: str, name: str) -> np.ndarray:
-    """The values of one variable of a posterior's tree.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-    group, name : str
-        Of the tree, and of the variable in it.
-
-    Returns
-    -------
-    array
-        As they stand in the tree.
-    """
+    """The values of one variable of a posterior's tree."""
     return np.asarray(posterior.tree[group][name])
 
 
@@ -60,17 +47,7 @@ class ChannelSeries:
 def channel_series(posterior: Posterior, name: str) -> ChannelSeries | None:
     """One channel of the telemetry, as measured and as predicted.
 
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-    name : str
-        "rate" or "momentum".
-
-    Returns
-    -------
-    ChannelSeries or None
-        None where the fit did not predict it: no data, or it was the model's input.
+    Returns: none where the fit did not predict it: no data, or it was the model's input.
     """
     tree = posterior.tree
     if name not in tree["posterior_predictive"] or name not in tree["observed_data"]:
@@ -125,18 +102,7 @@ class AttitudeMisfit:
 
 
 def attitude_misfit(posterior: Posterior) -> AttitudeMisfit | None:
-    """Measured against predicted attitude, q_meas = q dq(e).
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    AttitudeMisfit or None
-        None without star-tracker fixes.
-    """
+    """Measured against predicted attitude, q_meas = q dq(e)."""
     tree = posterior.tree
     if "attitude" not in tree["posterior_predictive"] or "fix_time" not in tree["constant_data"]:
         return None
@@ -170,52 +136,17 @@ def attitude_misfit(posterior: Posterior) -> AttitudeMisfit | None:
 
 
 def n_slews(posterior: Posterior) -> int:
-    """How many slews the campaign has.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    int
-        At least one.
-    """
+    """How many slews the campaign has."""
     return int(posterior.tree["estimate"].sizes["slew"])
 
 
 def n_ensembles(posterior: Posterior) -> int:
-    """How many independent ensembles the chains come from (chains are ordered by ensemble).
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    int
-        At least one.
-    """
+    """How many independent ensembles the chains come from (chains are ordered by ensemble)."""
     return int(posterior.tree["posterior_predictive"].sizes["chain"])
 
 
 def worst_slews(posterior: Posterior, max_slews: int) -> list[int]:
-    """The slews whose data fit worst.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-    max_slews : int
-        How many at most.
-
-    Returns
-    -------
-    list of int
-        Their indices, in the order flown.
-    """
+    """The slews whose data fit worst."""
     per_datum = values_of(posterior, "estimate", "slew_chi2").sum(-1) / np.maximum(
         values_of(posterior, "estimate", "slew_n_data").sum(-1), 1
     )

@@ -13,6 +13,7 @@ from bayes_inertia.report.pictures import style
 from bayes_inertia.report.pictures.posterior_data import values_of
 from bayes_inertia.report.uncertainty import sd_in_print
 
+_BINS = 96  # of a density
 # Below this ratio of quoted to prior sd the prior would look flat: it has a strip of its own.
 _ZOOMED_SD_RATIO = 0.12
 _STRIP_HEIGHT = (0.80, 0.98)  # height of that strip in axes fractions
@@ -24,16 +25,6 @@ def draw_priors(posterior: Posterior) -> Figure:
 
     Where the data narrow the prior by more than a factor of eight, the panel zooms in on the
     posterior, and a strip above it shows its place (blue mark) inside the prior's +-3 sd range.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    Figure
-        One panel a parameter.
     """
     summary = posterior.summary()["parameters"]
     names = posterior.names
@@ -75,12 +66,12 @@ def _panel(
     if not zoomed:
         low, high = min(low, prior_mean - 3.2 * prior_sd), max(high, prior_mean + 3.2 * prior_sd)
     scale = style.scale(name, row["unit"], mean, 0.5 * (high - low))
-    x, p = style.density(draws, low, high)
+    x, p = style.density(draws, low, high, _BINS)
     top = p.max()
-    axes.fill_between(scale(x), p / top, color=style.BLUE, alpha=0.35, lw=0, rasterized=False)
+    axes.fill(scale(x), p / top, color=style.BLUE, alpha=0.35, lw=0)
     axes.plot(scale(x), p / top, color=style.BLUE)
     if not zoomed:
-        x, p = style.density(prior, low, high)
+        x, p = style.density(prior, low, high, _BINS)
         axes.plot(scale(x), p / top, color=style.MUTED, ls=(0, (4, 2)))
     _bar(axes, scale, mean, row["sd"], style.BLUE, -0.09)
     if _is_widened(row):

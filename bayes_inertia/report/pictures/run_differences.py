@@ -16,15 +16,7 @@ from bayes_inertia.report.run_comparison import NOTICEABLE_SD, ParameterDifferen
 def draw_run_differences(parameters: Sequence[ParameterDifference]) -> Figure | None:
     """Both runs' values of each parameter with their quoted sd, relative to the first run's.
 
-    Parameters
-    ----------
-    parameters : sequence of ParameterDifference
-        Those that both runs have.
-
-    Returns
-    -------
-    Figure or None
-        One panel; None where the runs share no parameter.
+    Returns: one panel; None where the runs share no parameter.
     """
     if not parameters:
         return None

@@ -19,18 +19,7 @@ _TICKS = (0.5, 1, 2, 5, 10, 30, 100, 300, 1000, 1e4, 1e5, 1e6)
 
 @style.styled
 def draw_misfit_by_step(steps: Sequence[Mapping[str, Any]]) -> Figure:
-    """Reduced chi^2 by channel, and of slews held out of the fit, after each step.
-
-    Parameters
-    ----------
-    steps : sequence of mapping
-        `steps` of diagnosis.json, at least one.
-
-    Returns
-    -------
-    Figure
-        One panel.
-    """
+    """Reduced chi^2 by channel, and of slews held out of the fit, after each step."""
     stages = ["base", *(f"+ {plain(step['added'])}" for step in steps)]
     figure, (place,) = style.grid(3.2, 1, 1, left=0.9, right=2.2, top=0.35, bottom=0.55)
     axes = figure.add_axes(place)
@@ -76,18 +65,7 @@ def _misfit_lines(steps: Sequence[Mapping[str, Any]]) -> list[tuple[str, list, s
 
 @style.styled
 def draw_shifts(steps: Sequence[Mapping[str, Any]]) -> Figure:
-    """J and K before and after the effects were added, as differences from the last value.
-
-    Parameters
-    ----------
-    steps : sequence of mapping
-        `steps` of diagnosis.json, at least one.
-
-    Returns
-    -------
-    Figure
-        One panel a parameter.
-    """
+    """J and K before and after the effects were added, as differences from the last value."""
     first, last = steps[0]["shift"], steps[-1]["shift"]
     figure, places = style.grid(
         3.9, 3, 3, left=0.35, right=0.2, top=0.45, bottom=0.5, gap_x=0.35, gap_y=0.62

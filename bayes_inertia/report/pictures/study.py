@@ -20,19 +20,7 @@ def draw_coverage(names: Sequence[str], achieved: AchievedErrors, z: np.ndarray)
     Bars are two standard errors. The band holds all curves of sound uncertainties in 95 % of
     studies (Dvoretzky-Kiefer-Wolfowitz, Bonferroni over parameters).
 
-    Parameters
-    ----------
-    names : sequence of str
-        The d parameters.
-    achieved : AchievedErrors
-        What came out of the simulated campaigns.
-    z : (campaigns, d) array
-        Error of each estimate in its stated sds.
-
-    Returns
-    -------
-    Figure
-        Two panels.
+    `z` (campaigns, d).
     """
     figure = Figure(figsize=(style.WIDTH, 3.4), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.4, 1.0))

@@ -73,16 +73,6 @@ _RC: dict[Any, Any] = {
 def styled[**P, F: Figure | None](picture: Callable[P, F]) -> Callable[P, F]:
     """Make a picture in the package's style, leaving matplotlib's settings as they were.
 
-    Parameters
-    ----------
-    picture : callable
-        A function that returns a figure, or None.
-
-    Returns
-    -------
-    callable
-        The same function, in the style.
-
     Examples
     --------
     >>> styled(lambda: Figure())().get_facecolor()
@@ -99,16 +89,6 @@ def styled[**P, F: Figure | None](picture: Callable[P, F]) -> Callable[P, F]:
 
 def color(i: int) -> str:
     """Colour of a component (components repeat after six).
-
-    Parameters
-    ----------
-    i : int
-        Which component.
-
-    Returns
-    -------
-    str
-        As matplotlib takes it.
 
     Examples
     --------
@@ -144,24 +124,10 @@ def scale(name: str, unit: str, center: float, half_range: float) -> Scale:
 
     Values near `center` are shown as differences, tiny ones in powers of ten.
 
-    Parameters
-    ----------
-    name : str
-        What is drawn.
-    unit : str
-        Its unit, empty for a pure number.
-    center, half_range : float
-        Of the axis, in that unit.
-
-    Returns
-    -------
-    Scale
-        With the label of the axis.
-
     Examples
     --------
     >>> scale("Jxx", "kg m^2", 3.33117, 1e-3).label
-    'Jxx − 3.3312 [10⁻³ kg m²]'
+    'Jxx − 3.3312 [× 10⁻³ kg m²]'
     >>> scale("K1", "", 1.0, 0.2).label
     'K1 [–]'
     """
@@ -181,16 +147,6 @@ def scale(name: str, unit: str, center: float, half_range: float) -> Scale:
 def grid_shape(n: int) -> tuple[int, int]:
     """How many panels are laid out, one a slew.
 
-    Parameters
-    ----------
-    n : int
-        Panels.
-
-    Returns
-    -------
-    rows, columns : int
-        At most three columns.
-
     Examples
     --------
     >>> grid_shape(1), grid_shape(4), grid_shape(5)
@@ -205,17 +161,7 @@ def envelope(
 ) -> tuple[np.ndarray, np.ndarray]:
     """A line of few points that looks like one of many: lowest and highest of each stretch.
 
-    Parameters
-    ----------
-    x, y : (n,) array
-        The line; NaN are dropped.
-    limit : int
-        About how many points to keep at most.
-
-    Returns
-    -------
-    x, y : (m,) array
-        Some of the points, in their order.
+    `x` and `y` (n,). Returns `x, y` (m,).
 
     Examples
     --------
@@ -242,19 +188,8 @@ def density(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Smoothed density of draws: a Gaussian kernel (Silverman's width) on a fine histogram.
 
-    Parameters
-    ----------
-    draws : (n,) array
-        Draws of one number.
-    low, high : float
-        Where the density is wanted.
-    bins : int
-        Of the histogram.
-
-    Returns
-    -------
-    x, density : (bins,) array
-        Middles of the bins, and the density in inverse units of the draws.
+    `draws` (n,). Returns `x, density` (bins,): middles of the bins, and the density in inverse
+    units of the draws.
 
     Examples
     --------
@@ -273,15 +208,7 @@ def density(
 
 
 def sigma_guides(axes: Axes, levels: tuple[int, ...] = (1, 2, 3)) -> None:
-    """Draw the zero line and dotted lines at whole sigmas, darkest at three.
-
-    Parameters
-    ----------
-    axes : Axes
-        Where to draw.
-    levels : tuple of int
-        In sigmas.
-    """
+    """Draw the zero line and dotted lines at whole sigmas, darkest at three."""
     axes.axhline(0.0, color=MUTED, lw=0.6, zorder=0.5)
     for level in levels:
         grey = {1: "#c9c9c9", 2: "#9a9a9a", 3: "#555555"}.get(level, MUTED)
@@ -292,17 +219,7 @@ def sigma_guides(axes: Axes, levels: tuple[int, ...] = (1, 2, 3)) -> None:
 def symmetric_limit(values: np.ndarray, smallest: float = 4.2) -> float:
     """Half height of a residual panel in which every value can be seen.
 
-    Parameters
-    ----------
-    values : array
-        Of any shape, in sigmas; NaN are left out.
-    smallest : float
-        Half height at least, in sigmas.
-
-    Returns
-    -------
-    float
-        In sigmas.
+    `values`: of any shape, in sigmas; NaN are left out.
 
     Examples
     --------
@@ -328,23 +245,8 @@ def grid(
 ) -> tuple[Figure, list[tuple[float, float, float, float]]]:
     """A figure and its cells; much faster than a layout engine on many panels.
 
-    Parameters
-    ----------
-    figure_height, width : float
-        Of the figure [in].
-    rows, columns : int
-        Of cells.
-    left, right, top, bottom : float
-        Margins [in].
-    gap_x, gap_y : float
-        Between cells [in].
-
-    Returns
-    -------
-    figure : Figure
-        Without axes.
-    cells : list of (left, bottom, width, height)
-        In figure fractions, row by row from the top.
+    `figure_height` and `width` [in]; `left` and `right` and `top` and `bottom` [in]; `gap_x` and
+    `gap_y` [in]. Returns `cells`: in figure fractions, row by row from the top.
 
     Examples
     --------

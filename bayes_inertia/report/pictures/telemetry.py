@@ -20,20 +20,7 @@ MOST_DOTS = 600  # of a component in a panel, two a pixel
 
 @style.styled
 def draw_rates(posterior: Posterior, slews: Sequence[int] | None = None) -> Figure | None:
-    """Rates as measured and as predicted (90 % band), whitened residuals under each slew.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-    slews : sequence of int, optional
-        Indices of the slews to draw, default all.
-
-    Returns
-    -------
-    Figure or None
-        None if the fit predicted no rates.
-    """
+    """Rates as measured and as predicted (90 % band), whitened residuals under each slew."""
     channel = posterior_data.channel_series(posterior, "rate")
     if channel is None:
         return None
@@ -117,17 +104,7 @@ def _rate_panel(
 
 
 def residual_panel(axes: Axes, channel: posterior_data.ChannelSeries, s: int) -> None:
-    """Draw the whitened residuals of one slew with guides at +-1, 2, 3 sigma.
-
-    Parameters
-    ----------
-    axes : Axes
-        Where to draw.
-    channel : ChannelSeries
-        What to draw.
-    s : int
-        Index of the slew.
-    """
+    """Draw the whitened residuals of one slew with guides at +-1, 2, 3 sigma."""
     style.sigma_guides(axes)
     rows = thinned_rows(channel.residual[s], MOST_DOTS)
     for i in range(channel.residual.shape[-1]):
@@ -153,20 +130,7 @@ def residual_panel(axes: Axes, channel: posterior_data.ChannelSeries, s: int) ->
 
 @style.styled
 def draw_momentum(posterior: Posterior, slews: Sequence[int] | None = None) -> Figure | None:
-    """Whitened residuals of the wheels' measured momentum, one panel a slew.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-    slews : sequence of int, optional
-        Indices of the slews to draw, default all.
-
-    Returns
-    -------
-    Figure or None
-        None where momentum is not predicted.
-    """
+    """Whitened residuals of the wheels' measured momentum, one panel a slew."""
     channel = posterior_data.channel_series(posterior, "momentum")
     if channel is None:
         return None

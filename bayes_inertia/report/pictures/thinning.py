@@ -13,18 +13,9 @@ def thinned_rows(values: np.ndarray, most: int) -> np.ndarray:
     Extremes alone would leave the middle of noise empty; evenly spaced rows alone would lose
     outliers.
 
-    Parameters
-    ----------
-    values : (rows, components) array
-        In any unit; NaN where a component was not measured.
-    most : int
-        About how many rows to keep at most.
-
-    Returns
-    -------
-    (kept,) array of int
-        Indices in their order, of rows in which something was measured; all of them where there
-        are not more.
+    `values` (rows, components): in any unit; NaN where a component was not measured. Returns
+    (kept,): indices in their order, of rows in which something was measured; all of them where
+    there are not more.
 
     Examples
     --------

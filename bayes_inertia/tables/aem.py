@@ -1,0 +1,347 @@
+"""Attitude ephemeris messages of CCSDS (AEM), versions 1.0 and 2.0: what their metadata mean.
+
+Version 2.0 (504.0-B-2) always goes from REF_FRAME_A to REF_FRAME_B with the scalar last. Version
+1.0 (504.0-B-1) says so in ATTITUDE_DIR and QUATERNION_TYPE, and files of version 2.0 that still
+carry these keywords mean them. Both define v_B = M(q) v_A with the M(q) of this package. Every
+keyword that changes the meaning of a number is honoured or refused; none is passed over.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.tables.raw_table import RawColumn, RawTable, StatedAttitude
+from bayes_inertia.tables.text_table import text_column
+
+_QUATERNION = ("Q1", "Q2", "Q3", "QC")
+_RATES = ("ANGVEL_X", "ANGVEL_Y", "ANGVEL_Z")
+_SPIN = ("SPIN_ALPHA", "SPIN_DELTA", "SPIN_ANGLE", "SPIN_ANGLE_VEL")
+_ANGLES = ("ANGLE_1", "ANGLE_2", "ANGLE_3")
+_AXES = MappingProxyType({"1": "X", "2": "Y", "3": "Z", "X": "X", "Y": "Y", "Z": "Z"})
+_ROTATING = re.compile(r"(ITRF|GTOD|EFG|WGS|GRC|TIRF|LVLH|VVLH|RTN|RSW|QSW|TNW|NTW|PQW|NSW|SEZ).*")
+_TIME_SYSTEMS: Mapping[str, str] = MappingProxyType(
+    {"UTC": "utc", "TAI": "tai", "GPS": "gps", "TT": "tt", "TDT": "tt"}
+)
+EPOCH = "EPOCH"
+"""Name of the column of time stamps."""
+
+# Keywords that do not change what a number means.
+_WITHOUT_MEANING = frozenset(
+    """COMMENT OBJECT_NAME OBJECT_ID CENTER_NAME START_TIME STOP_TIME USEABLE_START_TIME
+    USEABLE_STOP_TIME INTERPOLATION_METHOD INTERPOLATION_DEGREE""".split()  # noqa: SIM905
+)
+_WITH_MEANING = frozenset(
+    """REF_FRAME_A REF_FRAME_B ATTITUDE_DIR TIME_SYSTEM ATTITUDE_TYPE QUATERNION_TYPE EULER_ROT_SEQ
+    RATE_FRAME ANGVEL_FRAME""".split()  # noqa: SIM905
+)
+
+
+@dataclass(frozen=True)
+class AemSegment:
+    """One block of metadata with its attitudes, KVN or XML alike.
+
+    Parameters
+    ----------
+    version : str
+        "1.0" or "2.0".
+    metadata : dict of str to str
+        Keywords and their values.
+    rows : tuple of tuple of str
+        Cells: time stamp and numbers.
+    lines : tuple of int
+        Their lines; () for XML.
+    names : tuple of str
+        Columns as XML names them; () for KVN, where ATTITUDE_TYPE names them.
+    """
+
+    version: str
+    metadata: Mapping[str, str]
+    rows: tuple[tuple[str, ...], ...]
+    lines: tuple[int, ...] = ()
+    names: tuple[str, ...] = ()
+
+
+def segment_table(segment: AemSegment, label: str) -> RawTable:
+    """The table of a segment, with what the segment says of its numbers."""
+    _check_keywords(segment, label)
+    names = segment.names or _names_of_type(segment, label)
+    if not segment.rows:
+        raise CampaignError("a segment has no attitudes", where=label, advice="export it again")
+    for index, row in enumerate(segment.rows):
+        if len(row) != len(names) + 1:
+            where = f"line {segment.lines[index]}" if segment.lines else f"attitude {index + 1}"
+            raise CampaignError(
+                f"{len(row) - 1} numbers, but {_type(segment)} has {len(names)}",
+                where=f"{label}, {where}",
+                advice="mend or remove the line",
+            )
+    cells = list(zip(*segment.rows, strict=True))
+    columns = {EPOCH: RawColumn(np.array(cells[0], dtype=np.dtypes.StringDType()))}
+    for name, values in zip(names, cells[1:], strict=True):
+        columns[name] = text_column(values, ".", _unit_of(name))
+    if _type(segment) == "SPIN":
+        columns = _spin_angles(segment, columns, label)
+    attitude, notes = _attitude(segment, tuple(columns), label)
+    return RawTable(
+        label,
+        columns,
+        np.array(segment.lines, dtype=int) if segment.lines else None,
+        (EPOCH,),
+        _time_kind(segment, label),
+        attitude,
+        notes,
+    )
+
+
+def joined_segments(tables: Sequence[RawTable]) -> RawTable:
+    """Segments with the same conventions as one table."""
+    first = tables[0]
+    for number, table in enumerate(tables[1:], start=2):
+        same = (table.attitude, table.time_kind, list(table.columns)) == (
+            first.attitude,
+            first.time_kind,
+            list(first.columns),
+        )
+        if not same:
+            raise CampaignError(
+                f"segments 1 and {number} have different frames, time systems or types",
+                where=first.label,
+                advice='name one segment as the table, such as "segment 1"',
+            )
+    columns = {
+        name: RawColumn(
+            np.concatenate([table.columns[name].values for table in tables]),
+            first.columns[name].unit,
+        )
+        for name in first.columns
+    }
+    known = [table.lines for table in tables if table.lines is not None]
+    lines = np.concatenate(known) if len(known) == len(tables) else None
+    return RawTable(
+        first.label,
+        columns,
+        lines,
+        first.time_names,
+        first.time_kind,
+        first.attitude,
+        tuple(dict.fromkeys(note for table in tables for note in table.notes)),
+    )
+
+
+def _check_keywords(segment: AemSegment, label: str) -> None:
+    if segment.version not in ("1.0", "2.0"):
+        raise CampaignError(
+            f"version {segment.version!r} of the AEM is not known",
+            where=label,
+            advice="export version 1.0 or 2.0",
+        )
+    needed = ["REF_FRAME_A", "REF_FRAME_B", "TIME_SYSTEM", "ATTITUDE_TYPE"]
+    needed += ["ATTITUDE_DIR"] if segment.version == "1.0" else []
+    for key in needed:
+        if not segment.metadata.get(key):
+            raise CampaignError(
+                f"the metadata lack {key}", where=label, advice=f"add the line {key} = ..."
+            )
+    for key in segment.metadata:
+        if key not in _WITH_MEANING and key not in _WITHOUT_MEANING:
+            raise CampaignError(
+                f"the keyword {key} is not one of an AEM, and could change what the numbers mean",
+                where=label,
+                advice="remove the line if it does not",
+            )
+
+
+def _type(segment: AemSegment) -> str:
+    return segment.metadata["ATTITUDE_TYPE"].upper().replace(" ", "_")
+
+
+def _names_of_type(segment: AemSegment, label: str) -> tuple[str, ...]:
+    """Names of the columns in the order of the data lines."""
+    old = segment.version == "1.0"
+    first = _scalar(segment) == "first"
+    quaternion = (_QUATERNION[3], *_QUATERNION[:3]) if first else _QUATERNION
+    angles = ("X_ANGLE", "Y_ANGLE", "Z_ANGLE") if old else _ANGLES
+    rates = ("X_RATE", "Y_RATE", "Z_RATE") if old else _RATES
+    dots = tuple(f"{name}_DOT" for name in quaternion)
+    angle_dots = tuple(f"{name}_DOT" for name in angles)
+    names: Mapping[str, tuple[str, ...]] = {
+        "QUATERNION": quaternion,
+        "QUATERNION/DERIVATIVE": (*quaternion, *dots),
+        "QUATERNION/RATE": (*quaternion, *rates),
+        "QUATERNION/ANGVEL": (*quaternion, *rates),
+        "EULER_ANGLE": angles,
+        "EULER_ANGLE/RATE": (*angles, *rates),
+        "EULER_ANGLE/DERIVATIVE": (*angles, *angle_dots),
+        "EULER_ANGLE/ANGVEL": (*angles, *rates),
+        "SPIN": _SPIN,
+    }
+    if _type(segment) not in names:
+        raise _unread_type(segment, label, f"export one of {', '.join(names)}")
+    return names[_type(segment)]
+
+
+def _unread_type(segment: AemSegment, label: str, advice: str) -> CampaignError:
+    """The refusal of a type, with the reason."""
+    stated = segment.metadata["ATTITUDE_TYPE"]
+    why = ""
+    if "NUTATION" in stated.upper():
+        why = ": its angles are those of a nutation about the momentum, not those of the body"
+        advice = "export QUATERNION or EULER_ANGLE"
+    return CampaignError(f"ATTITUDE_TYPE = {stated} is not read{why}", where=label, advice=advice)
+
+
+def _unit_of(name: str) -> str:
+    if name in _QUATERNION:
+        return ""
+    if name in _SPIN[:3] or ("ANGLE" in name and not name.endswith(("_DOT", "_VEL"))):
+        return "deg"
+    return "1/s" if name.startswith("Q") else "deg/s"
+
+
+def _scalar(segment: AemSegment) -> str:
+    """Where the scalar stands: "first", "last", or "" where the file does not say."""
+    stated = segment.metadata.get("QUATERNION_TYPE", "").lower()
+    if stated in ("first", "last"):
+        return stated
+    return "last" if segment.version == "2.0" and not stated else ""
+
+
+def _attitude(
+    segment: AemSegment, names: Sequence[str], label: str
+) -> tuple[StatedAttitude | None, tuple[str, ...]]:
+    """What the segment says of its attitudes, and what a user should know of it."""
+    meta = segment.metadata
+    notes = [
+        f"angular velocities are in the frame {meta[key]}"
+        for key in ("ANGVEL_FRAME", "RATE_FRAME")
+        if meta.get(key)
+    ]
+    if segment.version == "2.0":
+        notes += [
+            f"a file of version 2.0 that says {key} = {meta[key]}, as version 1.0 does: believed"
+            for key in ("ATTITUDE_DIR", "QUATERNION_TYPE")
+            if meta.get(key)
+        ]
+    frames = _frames(segment, label)
+    if _type(segment) == "SPIN":
+        notes.append(
+            "SPIN was read as the turns Z (SPIN_ALPHA + 90 deg), X (90 deg - SPIN_DELTA), Z "
+            "(SPIN_ANGLE): the spin axis is the axis Z of the body frame"
+        )
+        return StatedAttitude(_ANGLES, "", *frames, "ZXZ", "deg"), tuple(notes)
+    if _type(segment).startswith("EULER"):
+        angles, sequence = _angles(segment, names, label)
+        return StatedAttitude(angles, "", *frames, sequence, "deg"), tuple(notes)
+    _check_quaternions(segment, names, label)
+    return StatedAttitude(_QUATERNION, "last", *frames), tuple(notes)
+
+
+def _check_quaternions(segment: AemSegment, names: Sequence[str], label: str) -> None:
+    """Refuse attitudes that are no quaternions, or whose scalar could stand anywhere."""
+    meta = segment.metadata
+    if not _type(segment).startswith("QUATERNION"):
+        raise _unread_type(segment, label, "export QUATERNION, EULER_ANGLE or SPIN")
+    if not set(_QUATERNION) <= set(names):
+        raise CampaignError(
+            "the attitudes are no quaternions although ATTITUDE_TYPE says so",
+            where=label,
+            advice="export the message again",
+        )
+    if meta.get("QUATERNION_TYPE", "last").lower() not in ("first", "last"):
+        raise CampaignError(
+            f"QUATERNION_TYPE = {meta['QUATERNION_TYPE']} is neither FIRST nor LAST",
+            where=label,
+            advice="write where the scalar QC stands",
+        )
+    # XML names each component.
+    if not segment.names and not _scalar(segment):
+        raise CampaignError(
+            "the metadata lack QUATERNION_TYPE, so nothing says where the scalar stands",
+            where=label,
+            advice="add QUATERNION_TYPE = FIRST or LAST to the metadata",
+        )
+
+
+def _spin_angles(
+    segment: AemSegment, columns: Mapping[str, RawColumn], label: str
+) -> dict[str, RawColumn]:
+    """Columns with the angles of the turns Z, X, Z that spin axis and phase are (504.0-B)."""
+    if segment.metadata.get("ATTITUDE_DIR", "A2B").upper() == "B2A":
+        raise CampaignError(
+            "ATTITUDE_TYPE = SPIN with ATTITUDE_DIR = B2A does not say in which frame the spin "
+            "axis stands",
+            where=label,
+            advice="export ATTITUDE_DIR = A2B, or QUATERNION",
+        )
+    if not set(_SPIN[:3]) <= set(columns):
+        raise CampaignError(
+            f"ATTITUDE_TYPE = SPIN without {', '.join(_SPIN[:3])}",
+            where=label,
+            advice="export the message again, or as QUATERNION",
+        )
+    alpha, delta, phase = RawTable(label, dict(columns)).stack(_SPIN[:3]).T
+    turns = (alpha + 90.0, 90.0 - delta, phase)
+    rest = {name: column for name, column in columns.items() if name not in _SPIN[:3]}
+    return rest | {name: RawColumn(v, "deg") for name, v in zip(_ANGLES, turns, strict=True)}
+
+
+def _frames(segment: AemSegment, label: str) -> tuple[str, str]:
+    """Where the rotation starts and ends."""
+    meta = segment.metadata
+    start, end = meta["REF_FRAME_A"], meta["REF_FRAME_B"]
+    for frame in (start, end):
+        if _ROTATING.fullmatch(frame.upper()):
+            raise CampaignError(
+                f"the frame {frame} turns in inertial space",
+                where=label,
+                advice="export the attitude from an inertial frame such as EME2000 or ICRF",
+            )
+    direction = meta.get("ATTITUDE_DIR", "A2B").upper()
+    if direction not in ("A2B", "B2A"):
+        raise CampaignError(
+            f"ATTITUDE_DIR = {meta['ATTITUDE_DIR']} is neither A2B nor B2A",
+            where=label,
+            advice="write the direction of the rotation",
+        )
+    return (start, end) if direction == "A2B" else (end, start)
+
+
+def _angles(segment: AemSegment, names: Sequence[str], label: str) -> tuple[tuple[str, ...], str]:
+    """Columns of the angles in the order of the rotations, and the axes of these."""
+    stated = segment.metadata.get("EULER_ROT_SEQ", "").upper().strip("'\"")
+    letters = [_AXES.get(letter, "") for letter in stated]
+    if len(letters) != 3 or not all(letters) or letters[1] in (letters[0], letters[2]):
+        raise CampaignError(
+            f"EULER_ROT_SEQ = {stated or 'nothing'} names no three rotations",
+            where=label,
+            advice="write three axes such as ZYX, the first rotation first",
+        )
+    sequence = "".join(letters)
+    if set(_ANGLES) <= set(names):
+        return _ANGLES, sequence
+    by_axis = tuple(f"{letter}_ANGLE" for letter in letters)
+    if len(set(letters)) < 3 or not set(by_axis) <= set(names):
+        raise CampaignError(
+            f"angles about X, Y and Z cannot be those of the sequence {sequence}",
+            where=label,
+            advice="export quaternions, or version 2.0, whose angles stand in the order of the "
+            "rotations",
+        )
+    return by_axis, sequence
+
+
+def _time_kind(segment: AemSegment, label: str) -> str:
+    system = segment.metadata["TIME_SYSTEM"].upper()
+    if system not in _TIME_SYSTEMS:
+        raise CampaignError(
+            f"TIME_SYSTEM = {system} cannot be put beside other clocks",
+            where=label,
+            advice=f"export one of {', '.join(_TIME_SYSTEMS)}",
+        )
+    return _TIME_SYSTEMS[system]

@@ -1,0 +1,285 @@
+"""Arrays of HDF5, netCDF and MAT files; `isolated` reads them in a process of its own.
+
+This file imports nothing heavy, so that the process starts fast.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from bayes_inertia.tables.mat_objects import opened_objects
+
+_MAX_DEPTH = 12  # Of groups inside groups.
+_MAX_ARRAYS = 20000
+_UNIT_NAMES = ("units", "unit", "Units", "Unit", "UNITS")
+_CALENDARS = ("standard", "gregorian", "proleptic_gregorian")
+_OPAQUE = ("MatlabOpaque", "MatlabFunction", "MatlabObject")
+
+
+class FileError(Exception):
+    """What is wrong with a file, in words for its user."""
+
+
+@dataclass(eq=False)
+class FileArrays:
+    """Arrays of a file by path ("/" between groups or structs), their units, and what is closed.
+
+    Parameters
+    ----------
+    arrays : dict of str to array
+        Numbers and texts.
+    units : dict of str to str
+        Units that the file states.
+    closed : dict of str to str
+        What could not be read, and what it is.
+    left : float, optional
+        Bytes that further arrays may have.
+    """
+
+    arrays: dict[str, np.ndarray] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    closed: dict[str, str] = field(default_factory=dict)
+    left: float = float("inf")
+
+    def check_size(self, path: str, size: int) -> None:
+        """Refuse an array of `size` bytes, before it is read, that no such file can hold."""
+        self.left -= size
+        if self.left < 0 or len(self.arrays) > _MAX_ARRAYS:
+            raise FileError(f"{path} claims more data than such a file can hold")
+
+    def add(self, path: str, value: Any, unit: str = "") -> None:
+        """Keep an array of numbers, dates or texts, fields of records apart; leave others out."""
+        array: np.ndarray | None = np.asarray(value)
+        assert array is not None
+        if array.dtype.names:
+            for name in array.dtype.names:
+                self.add(f"{path}/{name}", array[name], unit)
+            return
+        if array.dtype.kind == "O":
+            array = _texts(array)
+        if array is not None and array.dtype.kind in "iufbUSM":
+            if array.dtype.kind == "S":
+                array = np.char.decode(array, "utf-8", "replace")
+            if array.dtype.kind == "M":
+                array = np.datetime_as_string(array.astype("datetime64[ns]"))
+            self.arrays[path] = array
+            if unit:
+                self.units[path] = unit
+
+
+def _texts(array: np.ndarray) -> np.ndarray | None:
+    """An array of objects as texts, or None where they are something else."""
+    items = [
+        item.decode("utf-8", "replace") if isinstance(item, bytes) else item
+        for item in array.ravel().tolist()
+    ]
+    if not items or not all(isinstance(item, str) for item in items):
+        return None
+    return np.array(items, dtype=str).reshape(array.shape)
+
+
+def _text(value: Any) -> str:
+    value = value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
+    if isinstance(value, bytes):
+        return value.decode("utf-8", "replace").strip()
+    return value.strip() if isinstance(value, str) else ""
+
+
+def _unit(attributes: Any) -> str:
+    return next((_text(attributes[name]) for name in _UNIT_NAMES if name in attributes), "")
+
+
+def read_hdf5(path: str, into: FileArrays, *, load: bool = True) -> None:
+    """Add the arrays of an HDF5 file; with `load` false only check its links and sizes."""
+    import h5py
+
+    def visit(node: Any, place: str, above: tuple[Any, ...]) -> None:
+        if len(above) > _MAX_DEPTH:
+            raise FileError(f"{place} is nested too deeply")
+        for name in node:
+            inner = f"{place}/{name}" if place else name
+            link = node.get(name, getlink=True)
+            if not isinstance(link, h5py.HardLink) and not load:
+                raise FileError(f"{inner} is a link, which a MAT or netCDF file has not")
+            if isinstance(link, h5py.ExternalLink):
+                into.closed[inner] = "a link to another file"
+                continue
+            item = node.get(name)
+            if item is not None and item.file.filename != node.file.filename:
+                into.closed[inner] = "a link to another file"
+                continue
+            if isinstance(item, h5py.Group):
+                number = h5py.h5o.get_info(item.id).addr
+                if number in above:
+                    raise FileError(f"the group {inner} contains itself")
+                if not name.startswith("#"):
+                    visit(item, inner, (*above, number))
+            elif isinstance(item, h5py.Dataset):
+                _visit_dataset(item, inner, into, load)
+
+    with h5py.File(path, "r") as file:
+        visit(file, "", (h5py.h5o.get_info(file["/"].id).addr,))
+
+
+def _visit_dataset(item: Any, place: str, into: FileArrays, load: bool) -> None:
+    into.check_size(place, int(item.nbytes or 0))
+    matlab = _text(item.attrs.get("MATLAB_class", b""))
+    if item.is_virtual or item.external:
+        into.closed[place] = "a link to another file"
+    elif "MATLAB_object_decode" in item.attrs or matlab in ("string", "table", "timetable"):
+        into.closed[place] = f"a MATLAB {matlab} object"
+    elif load:
+        if item.dtype.kind == "O" and item.dtype.metadata and "ref" in item.dtype.metadata:
+            return
+        value = item.asstr()[()] if item.dtype.metadata and "vlen" in item.dtype.metadata else None
+        into.add(place, item[()] if value is None else value, _unit(item.attrs))
+
+
+def read_netcdf(path: str, into: FileArrays) -> None:
+    """Add the variables of a netCDF file, masked and scaled as it says."""
+    import xarray
+
+    with open(path, "rb") as file:
+        modern = file.read(4) == b"\x89HDF"
+    options: dict[str, Any] = {
+        "decode_times": False,
+        "mask_and_scale": True,
+        "decode_coords": False,
+    }
+    if modern:
+        read_hdf5(path, FileArrays(left=into.left), load=False)
+        groups = xarray.open_groups(path, engine="h5netcdf", **options)
+    else:
+        groups = {"/": xarray.open_dataset(path, engine="scipy", **options)}
+    for place, data in groups.items():
+        with data:
+            for name, variable in data.variables.items():
+                inner = f"{place.strip('/')}/{name}".strip("/")
+                into.check_size(inner, int(variable.nbytes))
+                calendar = str(variable.attrs.get("calendar", "standard"))
+                if calendar.lower() not in _CALENDARS:
+                    into.closed[inner] = f"in the calendar {calendar!r}"
+                    continue
+                into.add(inner, variable.values, _unit(variable.attrs))
+
+
+def check_hdf5(path: str, into: FileArrays) -> None:
+    """Read all that an HDF5 file holds, and keep nothing."""
+    import h5py
+
+    def visit(_: str, item: Any) -> None:
+        dict(item.attrs)
+        if isinstance(item, h5py.Dataset):
+            into.check_size(item.name, int(item.nbytes or 0))
+            item[()]
+
+    with h5py.File(path, "r") as file:
+        dict(file.attrs)
+        file.visititems(visit)
+
+
+def check_tree(path: str, into: FileArrays) -> None:
+    """Open a netCDF file of groups as `Posterior.load` does, and keep nothing."""
+    import xarray
+
+    check_hdf5(path, into)
+    xarray.open_datatree(path, engine="h5netcdf").load().close()
+
+
+def read_mat(path: str, into: FileArrays) -> None:
+    """Add the variables of a MAT file of any version; fields of structs as nested names."""
+    with open(path, "rb") as file:
+        head = file.read(520)
+    if b"\x89HDF\r\n\x1a\n" in (head[:8], head[512:]):
+        if head[124:126] not in (b"\x00\x02", b"\x02\x00"):
+            read_hdf5(path, into)  # Written by another program than MATLAB.
+            return
+        import pymatreader
+
+        checked = FileArrays(left=into.left)
+        read_hdf5(path, checked, load=False)
+        into.closed.update(checked.closed)
+        content = pymatreader.read_mat(path)
+    else:
+        import scipy.io
+
+        # The reader only warns of a doubled variable, and drops one of the two.
+        warnings.filterwarnings("error", message="Duplicate variable name")
+        content = scipy.io.loadmat(path, appendmat=False, simplify_cells=True)
+    _add_struct(content, "", into, 0)
+    _open_objects(path, into)
+
+
+def _add_struct(struct: dict[str, Any], place: str, into: FileArrays, depth: int) -> None:
+    if depth > _MAX_DEPTH:
+        raise FileError(f"{place} is nested too deeply")
+    for name, value in struct.items():
+        if name.startswith(("__", "#")):
+            continue
+        inner = f"{place}/{name}" if place else name
+        if inner in into.closed:
+            continue
+        if isinstance(value, dict):
+            _add_struct(value, inner, into, depth + 1)
+        elif type(value).__name__ in _OPAQUE:
+            into.closed[inner] = f"a MATLAB {_class_of(value)} object"
+        elif isinstance(value, list | np.ndarray):
+            _add_value(value, inner, into, depth)
+        elif isinstance(value, str):
+            into.add(inner, np.array([value]))
+    _add_units(struct, place, into)
+
+
+def _add_value(value: Any, place: str, into: FileArrays, depth: int) -> None:
+    """Add a list of structs as place(1), place(2), ...; any other list or array as it is."""
+    items = value.ravel().tolist() if isinstance(value, np.ndarray) else value
+    if isinstance(value, list) or value.dtype.kind == "O":
+        if items and all(isinstance(item, dict) for item in items):
+            for number, item in enumerate(items, start=1):
+                _add_struct(item, f"{place}({number})", into, depth + 1)
+            return
+        try:
+            value = np.array(items)
+        except ValueError:  # Cells of different sizes.
+            return
+    if value.dtype.kind in "iufbUS":
+        into.add(place, value)
+
+
+def _class_of(value: Any) -> str:
+    try:
+        return str(np.asarray(value)["_Class"].item())
+    except Exception:
+        return "closed"
+
+
+def _add_units(struct: dict[str, Any], place: str, into: FileArrays) -> None:
+    """Add the units of a timeseries that was saved as a struct."""
+    for name, info in (("Data", "DataInfo"), ("Time", "TimeInfo")):
+        details = struct.get(info)
+        unit = details.get("Units") if isinstance(details, dict) else None
+        path = f"{place}/{name}" if place else name
+        if isinstance(unit, str) and unit and path in into.arrays:
+            into.units[path] = unit
+
+
+def _open_objects(path: str, into: FileArrays) -> None:
+    """Add MATLAB objects that the other readers left closed; unknown classes stay closed."""
+    places = [place for place, what in into.closed.items() if what.startswith("a MATLAB ")]
+    if not places:
+        return
+    try:
+        opened = opened_objects(path, places)
+    except ImportError:  # mat-io has no wheel for Python 3.14 yet, so is no dependency there.
+        for place in places:
+            into.closed[place] += " (mat-io may open it: pip install mat-io)"
+        return
+    for place, parts in opened.items():
+        del into.closed[place]
+        for inner, values, unit in parts:
+            into.check_size(inner, int(values.nbytes))
+            into.add(inner, values, unit)

@@ -1,0 +1,210 @@
+"""Arrays of a file as tables: vectors become columns, matrices name[0], name[1], ...
+
+HDF5, netCDF, MAT and NumPy files are trees of arrays. A table is what lies below one group (or
+struct), with the names of inner groups joined with dots. Arrays of one table may differ in length,
+as streams at different rates do; then the wanted columns, or "group [1000 rows]", choose.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from math import prod
+
+import numpy as np
+
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.tables.array_files import FileArrays
+from bayes_inertia.tables.leap_seconds import SECOND
+from bayes_inertia.tables.raw_table import RawColumn, RawTable
+from bayes_inertia.tables.time_texts import text_to_ns
+
+_MAX_WIDTH = 64  # Columns that one array may become; a picture is no telemetry.
+_WITH_ROWS = re.compile(r"(.*?)\s*\[(\d+) rows\]")
+_SINCE = re.compile(r"\s*([A-Za-z]+)\s+since\s+(\d{4}-\d{1,2}-\d{1,2}(?:[T ]\S+)?)\s*.*")
+_NS_OF: Mapping[str, int] = {
+    "days": 86400 * SECOND,
+    "hours": 3600 * SECOND,
+    "minutes": 60 * SECOND,
+    "seconds": SECOND,
+    "milliseconds": 10**6,
+    "microseconds": 1000,
+    "nanoseconds": 1,
+}
+_OLD_OBJECT = (
+    "save it as a struct: s = struct('Time', ts.Time, 'Data', ts.Data); save('log.mat', 's')"
+)
+
+
+def tables_of(arrays: Mapping[str, np.ndarray]) -> list[str]:
+    """Names of the tables in a file of arrays: its groups with dots, and rows where lengths differ.
+
+    Examples
+    --------
+    >>> tables_of({"gyro/t": np.zeros(5), "gyro/w": np.zeros((5, 3)), "st/t": np.zeros(2)})
+    ['gyro', 'st']
+    """
+    groups: dict[str, dict[str, np.ndarray]] = {}
+    for path, array in arrays.items():
+        group = path.rpartition("/")[0].replace("/", ".")
+        groups.setdefault(group, {})[path] = array
+    names = []
+    for group, members in groups.items():
+        lengths = sorted(set(_row_counts(members).values()), reverse=True)
+        if len(lengths) > 1:
+            names += [f"{group} [{rows} rows]".strip() for rows in lengths]
+        elif lengths:
+            names.append(group)
+    return names
+
+
+def table_of(
+    held: FileArrays, label: str, *, table: str = "", columns: Sequence[str] = ()
+) -> RawTable:
+    """The columns of one group of a file of arrays; the group "" is the whole file."""
+    match = _WITH_ROWS.fullmatch(table)
+    group, rows = (match[1], int(match[2])) if match else (table, 0)
+    prefix = group.replace("/", ".").strip(".")
+    below = {
+        path: array
+        for path, array in held.arrays.items()
+        if not prefix or path.replace("/", ".").startswith(prefix + ".")
+    }
+    counts = _row_counts(below)
+    _check_any(counts, held, table, label)
+    named = {path: path.replace("/", ".")[len(prefix) + 1 if prefix else 0 :] for path in counts}
+    wanted = {path for path, name in named.items() if _is_wanted(name, columns)}
+    chosen = [path for path in counts if path in wanted and rows in (0, counts[path])]
+    _check_one_length(chosen, counts, named, table, tables_of(below), label)
+    made: dict[str, RawColumn] = {}
+    for path in chosen:
+        _add_columns(made, named[path], below[path], counts[path], held.units.get(path, ""))
+    notes = tuple(f"{path} is {what} and was not read" for path, what in held.closed.items())
+    where = f"{label}, {table}" if table else label
+    return RawTable(where, made, notes=notes)
+
+
+def _is_wanted(name: str, columns: Sequence[str]) -> bool:
+    return not columns or name in columns or any(c.startswith(name + "[") for c in columns)
+
+
+def _check_any(counts: Mapping[str, int], held: FileArrays, table: str, label: str) -> None:
+    if counts:
+        return
+    what = f"no table {table!r}" if table else "no array of numbers"
+    names = ", ".join(name or "(the file itself)" for name in tables_of(held.arrays)[:30])
+    advice = f"the file has {names}" if names else "store each column as a vector of numbers"
+    if held.closed and not names:
+        path, kind = next(iter(held.closed.items()))
+        what, advice = f"{path} is {kind} and was not read", _OLD_OBJECT
+    raise CampaignError(what, where=label, advice=advice)
+
+
+def _check_one_length(
+    chosen: Sequence[str],
+    counts: Mapping[str, int],
+    named: Mapping[str, str],
+    table: str,
+    groups: Sequence[str],
+    label: str,
+) -> None:
+    lengths = sorted({counts[path] for path in chosen}, reverse=True)
+    if len(lengths) == 1:
+        return
+    if not lengths:
+        raise CampaignError(
+            "none of the columns is here", where=label, advice=f"it has {', '.join(named.values())}"
+        )
+    examples = ", ".join(
+        f"{named[next(p for p in chosen if counts[p] == rows)]} has {rows}" for rows in lengths[:4]
+    )
+    prefix = f"{table} " if table else ""
+    raise CampaignError(
+        f"columns differ in length: {examples} rows",
+        where=label,
+        advice=f'name the table of one stream, such as "{prefix}[{lengths[0]} rows]"'
+        + "".join(f' or "{group}"' for group in groups if group and group != table),
+    )
+
+
+def _row_counts(arrays: Mapping[str, np.ndarray]) -> dict[str, int]:
+    """Rows of each array that is a column or a matrix of columns."""
+    squeezed = {path: _squeezed(array) for path, array in arrays.items()}
+    vectors = {a.shape[0] for a in squeezed.values() if a.ndim == 1 and a.size > 1}
+    counts = {}
+    for path, array in squeezed.items():
+        if array.ndim == 0 or array.size < 2:
+            continue
+        axis = _row_axis(array.shape, vectors)
+        rows = array.shape[axis]
+        if rows > 1 and array.size // rows <= _MAX_WIDTH:
+            counts[path] = rows
+    return counts
+
+
+def _squeezed(array: np.ndarray) -> np.ndarray:
+    """Without axes of length one: MATLAB vectors are matrices of one row or one column."""
+    return array.reshape([n for n in array.shape if n != 1]) if array.ndim > 1 else array
+
+
+def _row_axis(shape: Sequence[int], vectors: set[int]) -> int:
+    """The axis of the rows: one that a vector beside it shares, else the longer."""
+    if len(shape) == 1 or shape[0] in vectors:
+        return 0
+    if shape[-1] in vectors or shape[-1] > shape[0]:
+        return len(shape) - 1
+    return 0
+
+
+def _add_columns(
+    made: dict[str, RawColumn], name: str, array: np.ndarray, rows: int, unit: str
+) -> None:
+    squeezed = _squeezed(array)
+    if squeezed.ndim == 1:
+        made[name] = array_column(squeezed, unit)
+        return
+    if squeezed.shape[0] != rows:
+        squeezed = np.moveaxis(squeezed, -1, 0)
+    inner = squeezed.shape[1:]
+    flat = squeezed.reshape(rows, prod(inner))
+    for number, index in enumerate(np.ndindex(*inner)):
+        made[f"{name}[{','.join(map(str, index))}]"] = array_column(flat[:, number], unit)
+
+
+def array_column(values: np.ndarray, unit: str = "") -> RawColumn:
+    """A vector of a file as a raw column; integers stay integers, so that ns keep their digits.
+
+    The unit "seconds since 2024-01-01" makes dates of numbers.
+
+    Examples
+    --------
+    >>> array_column(np.array([0.5]), "seconds since 2024-01-01").values.tolist()
+    ['2024-01-01T00:00:00.500000000']
+    """
+    kind = values.dtype.kind
+    if kind in "US" or kind == "T":
+        return RawColumn(values.astype(np.dtypes.StringDType()), unit)
+    if kind == "b":
+        return RawColumn(values.astype(np.int64), unit)
+    since = _SINCE.fullmatch(unit)
+    if since and since[1].lower().rstrip("s") + "s" in _NS_OF and kind in "iuf":
+        return RawColumn(_dates(values, _NS_OF[since[1].lower().rstrip("s") + "s"], since[2]))
+    if kind == "u":
+        exact = values.astype(np.int64) if values.max(initial=0) < 2**63 else values.astype(float)
+        return RawColumn(exact, unit)
+    if kind == "i":
+        return RawColumn(values.astype(np.int64), unit)
+    return RawColumn(values.astype(float), unit, single=values.dtype.itemsize <= 4)
+
+
+def _dates(values: np.ndarray, unit: int, epoch: str) -> np.ndarray:
+    """Numbers since an epoch as dates of the same clock, as CF conventions write time."""
+    stamp = epoch if ":" in epoch else f"{epoch}T00:00:00"
+    start = text_to_ns(stamp, utc=True, place=lambda: f"units {epoch!r}") or (0, False)
+    finite = np.isfinite(values)
+    numbers = np.where(finite, values, 0)
+    whole = np.floor(numbers)
+    rest = np.rint((numbers - whole).astype(float) * unit).astype(np.int64)
+    ns = whole.astype(np.int64) * unit + rest + start[0]
+    dates = np.datetime_as_string(np.datetime64("1958-01-01", "ns") + ns.astype("m8[ns]"))
+    return np.where(finite, dates, "").astype(np.dtypes.StringDType())

@@ -1,0 +1,246 @@
+"""JSON: one object a line or one list of objects, or one document of arrays by name.
+
+Of objects, nested keys are joined with dots, lists become name[0], name[1], ... A document of
+arrays is a tree of arrays like an HDF5 file.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.files import read_bytes
+from bayes_inertia.tables.raw_table import RawColumn, RawTable
+from bayes_inertia.tables.text_cells import whole_lines
+from bayes_inertia.tables.time_columns import time_names
+
+_MAX_DEPTH = 12  # Of objects and lists inside each other.
+_MAX_COLUMNS = 2000
+_LONGEST_VECTOR = 16  # Numbers of one reading, as of a matrix; more are rows of a table.
+_FEW = 3  # Objects; of fewer none tells that the last one breaks off.
+
+
+def read_json_lines(path: Path) -> RawTable:
+    """The columns of a file of JSON objects; a key that one lacks is an empty cell."""
+    text, notes = whole_lines(read_bytes(path), str(path))
+    table = parse_json_lines(text, str(path))
+    return replace(table, notes=(*notes, *table.notes))
+
+
+def parse_json_lines(text: str, label: str) -> RawTable:
+    """The columns of text of JSON objects.
+
+    Examples
+    --------
+    >>> table = parse_json_lines('{"t": 1, "gyro": {"w": [0.1, null]}}', "a.jsonl")
+    >>> {name: column.values.tolist() for name, column in table.columns.items()}
+    {'t': [1], 'gyro.w[0]': [0.1], 'gyro.w[1]': [nan]}
+    """
+    records, lines, notes = _records(text, label)
+    return RawTable(label, _columns(records, lines, label), np.array(lines, dtype=int), notes=notes)
+
+
+def _columns(records: Sequence[Any], lines: Sequence[int], label: str) -> dict[str, RawColumn]:
+    """A column for each key of the objects; a key that one lacks is an empty cell."""
+    cells: dict[str, list[Any]] = {}
+    for index, (record, line) in enumerate(zip(records, lines, strict=True)):
+        flat: dict[str, Any] = {}
+        _flatten(record, "", flat, 0, f"{label}, line {line}")
+        for name, value in flat.items():
+            column = cells.setdefault(name, [])
+            column.extend([None] * (index - len(column)))
+            column.append(value)
+        if len(cells) > _MAX_COLUMNS:
+            raise CampaignError(
+                f"more than {_MAX_COLUMNS} different keys",
+                where=f"{label}, line {line}",
+                advice="give every line the same keys",
+            )
+    if not cells:
+        raise CampaignError("the file is empty", where=label, advice="give rows of telemetry")
+    return {
+        name: _column(values + [None] * (len(records) - len(values)))
+        for name, values in cells.items()
+    }
+
+
+def json_arrays(path: Path) -> dict[str, np.ndarray] | None:
+    """The arrays of a JSON document that holds arrays, or lists of objects, by path ("/" between).
+
+    None for objects in lines or in one list.
+    """
+    label = str(path)
+    text, _ = whole_lines(read_bytes(path), label)
+    try:
+        whole = json.loads(text)
+        documents = whole if isinstance(whole, list) and len(whole) == 1 else [whole]
+    except (ValueError, RecursionError):
+        first = text.lstrip().partition("\n")[0]
+        if (
+            not first.startswith("{")
+            or _arrays_of(_parsed(first, f"{label}, line 1"), label) is None
+        ):
+            return None
+        documents = _records(text, label)[0]  # Each line a part of the history.
+    parts = [_arrays_of(document, label) for document in documents]
+    named = [part for part in parts if part is not None]
+    if len(named) < len(parts) or any(part.keys() != named[0].keys() for part in named):
+        return None
+    return {name: np.concatenate([part[name] for part in named]) for name in named[0]}
+
+
+def _arrays_of(document: Any, label: str) -> dict[str, np.ndarray] | None:
+    """The arrays of one document by path; None for an object that is one row, and other things."""
+    if not isinstance(document, dict):
+        return None
+    found: dict[str, np.ndarray] = {}
+    scalars: list[str] = []
+    _collect(document, "", found, scalars, label)
+    found = {name: array for name, array in found.items() if len(array) > 1}
+    stamp = RawTable("", {name: RawColumn(np.zeros(1)) for name in scalars})
+    longest = max((len(array) for array in found.values()), default=0)
+    if not found or (longest <= _LONGEST_VECTOR and time_names(stamp)):
+        return None
+    while all("/" in name for name in found) and len({n.partition("/")[0] for n in found}) == 1:
+        found = {name.partition("/")[2]: array for name, array in found.items()}
+    if any("/" not in name for name in found):  # Times beside groups are those of the groups.
+        found = {name.replace("/", "."): array for name, array in found.items()}
+    return found
+
+
+def _collect(
+    value: Any, path: str, found: dict[str, np.ndarray], scalars: list[str], label: str
+) -> None:
+    """Add the arrays below a value of a document to those found, and the names of its numbers."""
+    below = f"{path}/" if path else ""
+    if isinstance(value, dict) and value and all(key.isdigit() for key in value):
+        value = list(value.values())  # {"0": ..., "1": ...} is a list with its index.
+    if isinstance(value, dict):
+        for key, inner in _by_name(value).items():
+            _collect(inner, f"{below}{key}", found, scalars, label)
+    elif _are_objects(value) and (len(value) == 1 or "columns" in value[0]):
+        for index, row in enumerate(value):  # Series, each a table of its own.
+            name = f"{below}{row.get('name', index)}" if len(value) > 1 else path
+            _collect(row, name, found, scalars, label)
+    elif _are_objects(value):
+        columns = _columns(value, range(1, len(value) + 1), f"{label}, key {path}")
+        found.update({f"{below}{name}": column.values for name, column in columns.items()})
+    elif isinstance(value, list):
+        found[path] = _array(value, f"{label}, key {path}")
+    elif isinstance(value, int | float):
+        scalars.append(path)
+
+
+def _are_objects(value: Any) -> bool:
+    """Whether a value is a list of objects."""
+    return isinstance(value, list) and bool(value) and all(isinstance(v, dict) for v in value)
+
+
+def _by_name(value: dict[str, Any]) -> dict[str, Any]:
+    """An object with its rows as columns where it is a table as pandas and InfluxDB write it."""
+    names = value.get("columns")
+    rows = next((value[key] for key in ("data", "values", "rows") if key in value), None)
+    if not isinstance(names, list) or not isinstance(rows, list) or not rows:
+        return value
+    if not all(isinstance(row, list) and len(row) == len(names) for row in rows):
+        return value
+    return dict(zip(map(str, names), map(list, zip(*rows, strict=True)), strict=True))
+
+
+def _array(values: list[Any], where: str) -> np.ndarray:
+    """A list of numbers, texts or rows as an array; NaN, or rows of NaN, for null."""
+    row = next((inner for inner in values if isinstance(inner, list)), None)
+    if row is None:
+        return _column(values).values
+    empty = [None] * len(row)
+    rows = [empty if inner is None else inner for inner in values]
+    try:
+        return np.array(rows, dtype=float)
+    except (ValueError, TypeError) as error:
+        raise CampaignError(
+            "its rows differ in length, or hold other things than numbers",
+            where=where,
+            advice=f"give each row {len(row)} numbers",
+        ) from error
+
+
+def _records(text: str, label: str) -> tuple[list[dict[str, Any]], list[int], tuple[str, ...]]:
+    """The objects, the lines where they begin, and what was left out."""
+    if text.lstrip().startswith("["):
+        listed = _parsed(text, f"{label}")
+        if not all(isinstance(record, dict) for record in listed):
+            raise CampaignError("a list of other things than objects", where=label, advice=_ADVICE)
+        return listed, list(range(1, len(listed) + 1)), ()
+    records: list[dict[str, Any]] = []
+    lines: list[int] = []
+    written = text.split("\n")
+    for number, line in enumerate(written, start=1):
+        if not line.strip():
+            continue
+        where = f"{label}, line {number}"
+        try:
+            record = _parsed(line, where)
+        except CampaignError:
+            if number < len(written) or len(records) < _FEW:
+                raise
+            return records, lines, (f"line {number}, the last, breaks off and was left out",)
+        if not isinstance(record, dict):
+            raise CampaignError("no JSON object", where=where, advice=_ADVICE)
+        records.append(record)
+        lines.append(number)
+    return records, lines, ()
+
+
+_ADVICE = (
+    'write one object a line, such as {"t": 0.25, "w": [0.1, 0.2, 0.3]}, or one document of arrays '
+    'by name, such as {"t": [0.25, ...], "w": [[0.1, 0.2, 0.3], ...]}'
+)
+
+
+def _parsed(text: str, where: str) -> Any:
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        reason = error.msg if isinstance(error, json.JSONDecodeError) else type(error).__name__
+        raise CampaignError(f"no JSON ({reason})", where=where, advice=_ADVICE) from error
+
+
+def _flatten(value: Any, name: str, flat: dict[str, Any], depth: int, where: str) -> None:
+    if depth > _MAX_DEPTH:
+        raise CampaignError("nested too deeply", where=where, advice=_ADVICE)
+    if isinstance(value, dict):
+        for key, item in value.items():
+            _flatten(item, f"{name}.{key}" if name else key, flat, depth + 1, where)
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            _flatten(item, f"{name}[{index}]", flat, depth + 1, where)
+    elif name in flat:
+        raise CampaignError(f"two values are named {name}", where=where, advice=_ADVICE)
+    else:
+        flat[name] = value
+
+
+def _column(values: list[Any]) -> RawColumn:
+    """Integers where all are, floats where all are numbers or missing, else texts."""
+    if all(type(value) is int and abs(value) < 2**63 for value in values):
+        return RawColumn(np.array(values, dtype=np.int64))
+    if all(value is None or isinstance(value, int | float) for value in values):
+        return RawColumn(np.array([_float(value) for value in values]))
+    texts = ["" if value is None else str(value) for value in values]
+    return RawColumn(np.array(texts, dtype=np.dtypes.StringDType()))
+
+
+def _float(value: float | None) -> float:
+    if value is None:
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf

@@ -1,0 +1,246 @@
+"""What every reader of raw logs returns: named columns that keep what the file itself says.
+
+A column of a raw log has no meaning yet: a mapping gives it one. So a column keeps its numbers or
+texts as they lie in the file, with the unit that the file states (a row of units, an attribute of
+netCDF or HDF5) and, where a format defines them, the conventions of its attitudes (CCSDS AEM).
+`raw_files.read_raw` makes such tables; `time_stamps.times_to_seconds` takes the columns of the time
+on from here, `importing` the others.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.maths.values import array_dataclass
+
+EMPTY_CELLS = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--", "#n/a"})
+"""Cells of a text file, in small letters, that hold no reading."""
+
+# Names of columns that a message lists, and the characters of one.
+_MOST_NAMES, _LONGEST_NAME = 60, 60
+# Names as CCSDS (SANA registry), ground systems and 42 write them, in capitals.
+_INERTIAL = re.compile(
+    r"N|(EME|J)2000|B1950|ECI.*|(ICRF|GCRF|GCRS|CIRS|TEME|MEME).*|(TOD|MOD)([_ /].*)?|.*INERTIAL.*"
+)
+
+
+@array_dataclass
+class RawColumn:
+    """One column as it lies in the file.
+
+    Parameters
+    ----------
+    values : (rows,) array
+        Floats (NaN for no reading), integers, or texts where not every cell is a number.
+    unit : str, optional
+        The unit that the file itself states; "" where it states none.
+    single : bool, optional
+        Whether the file stores 32-bit floats.
+    exact : (rows,) array of str, optional
+        The cells of a text file with more digits than a 64-bit float holds.
+    """
+
+    values: np.ndarray
+    unit: str = ""
+    single: bool = False
+    exact: np.ndarray | None = None
+
+    @property
+    def is_text(self) -> bool:
+        """Whether some cell is no number."""
+        return self.values.dtype.kind not in "iuf"
+
+
+@dataclass(frozen=True)
+class StatedAttitude:
+    """What the file says of its attitudes, so that no mapping need say it.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The columns: a quaternion or three angles, in the order of the file.
+    scalar : {"first", "last", ""}
+        Where the scalar of a quaternion stands; "" for angles.
+    from_frame, to_frame : str
+        v_to = C v_from with the rotation that the columns describe, such as "EME2000" and
+        "SC_BODY_1".
+    sequence : str
+        Axes of Euler angles in the order of the rotations, such as "ZYX"; "" for a quaternion.
+    angle_unit : str
+        Unit of the angles; "" for a quaternion.
+    """
+
+    names: tuple[str, ...]
+    scalar: Literal["first", "last", ""]
+    from_frame: str
+    to_frame: str
+    sequence: str = ""
+    angle_unit: str = ""
+
+    @property
+    def maps(self) -> Literal["inertial_to_body", "body_to_inertial", ""]:
+        """The direction as campaign.toml names it; "" where no frame is known as inertial."""
+        start, end = is_inertial(self.from_frame), is_inertial(self.to_frame)
+        if start == end:
+            return ""
+        return "inertial_to_body" if start else "body_to_inertial"
+
+
+def is_inertial(frame: str) -> bool:
+    """Whether a name is that of an inertial frame, as CCSDS or 42 names it.
+
+    Examples
+    --------
+    >>> [is_inertial(frame) for frame in ("EME2000", "icrf_3", "SC_BODY_1", "ITRF2000")]
+    [True, True, False, False]
+    """
+    return bool(_INERTIAL.fullmatch(frame.strip().upper()))
+
+
+@array_dataclass
+class RawTable:
+    """The columns of one table of one file.
+
+    Parameters
+    ----------
+    label : str
+        The file (and its table), as messages name it.
+    columns : dict of str to RawColumn
+        All of one length.
+    lines : (rows,) array of int, optional
+        Line numbers as a text editor shows them; None for files without lines.
+    time_names : tuple of str, optional
+        Columns that hold the time, where the format says so.
+    time_kind : str, optional
+        Their kind as `time_stamps.times_to_seconds` names it, where the format says so.
+    attitude : StatedAttitude, optional
+        What the format says of its attitudes.
+    notes : tuple of str, optional
+        What a user should know of the file, such as too few decimals.
+
+    Examples
+    --------
+    >>> table = RawTable("a.csv", {"t": RawColumn(np.zeros(2))}, np.array([2, 4]))
+    >>> table.place(1, "t")
+    'a.csv, line 4, column t'
+    """
+
+    label: str
+    columns: dict[str, RawColumn]
+    lines: np.ndarray | None = None
+    time_names: tuple[str, ...] = ()
+    time_kind: str = ""
+    attitude: StatedAttitude | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return max((column.values.size for column in self.columns.values()), default=0)
+
+    def place(self, row: int, name: str) -> str:
+        """File, line (or row from 1) and column of a cell, for a message."""
+        return f"{self.label}, {row_name(self.lines, row)}, column {name}"
+
+    def column(self, name: str) -> RawColumn:
+        """A column by name, or an error that names the nearest."""
+        if name not in self.columns:
+            raise no_column(name, list(self.columns), self.label)
+        return self.columns[name]
+
+    def numbers(self, name: str) -> np.ndarray:
+        """(rows,) array of a column in the file's own unit; a cell without a reading is NaN."""
+        column = self.column(name)
+        if column.is_text:
+            row, cell = _first_text(column.values)
+            raise CampaignError(
+                f"{cell!r} is not a number",
+                where=self.place(row, name),
+                advice="write a number, or leave the cell empty; texts that mean no reading are "
+                + ", ".join(sorted(repr(cell) for cell in EMPTY_CELLS if cell)),
+            )
+        values = column.values.astype(float)
+        infinite = np.isinf(values)
+        if infinite.any():
+            raise CampaignError(
+                "an infinite value",
+                where=self.place(int(np.argmax(infinite)), name),
+                advice="leave the cell empty, or remove the row",
+            )
+        return values
+
+    def stack(self, names: Sequence[str]) -> np.ndarray:
+        """(rows, len(names)) array of columns of numbers, in the file's own units."""
+        return np.stack([self.numbers(name) for name in names], axis=1)
+
+
+def _first_text(values: np.ndarray) -> tuple[int, str]:
+    """Row and text of the first cell that is no number."""
+    for row, cell in enumerate(values.tolist()):
+        if math.isnan(number_of(cell)) and cell.strip().lower() not in EMPTY_CELLS:
+            return row, shortened(cell)
+    return 0, str(values[0])
+
+
+def row_name(lines: np.ndarray | None, row: int) -> str:
+    """A row (from 0) as people count: "line 12" of a text, or "row 11"."""
+    return f"row {row + 1}" if lines is None else f"line {int(lines[row])}"
+
+
+def shortened(cell: str) -> str:
+    """At most forty characters of a cell, for a message."""
+    return cell if len(cell) <= 40 else cell[:37] + "..."
+
+
+def no_column(name: str, available: Sequence[str], where: str, why: str = "") -> CampaignError:
+    """The refusal of a column that a table has not, with the nearest that it has.
+
+    Examples
+    --------
+    >>> str(no_column("wx", ["t", "w_x"], "a.csv, line 1"))
+    "a.csv, line 1: no column 'wx'; did you mean 'w_x'? The table has: t, w_x"
+    """
+    near = difflib.get_close_matches(name, available, 1)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    return CampaignError(
+        f"no column {name!r}{why}",
+        where=where,
+        advice=f"{hint}The table has: {_listed(available)}",
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names of columns on one line, whatever a damaged header holds."""
+    plain = [name if name.isprintable() else ascii(name)[1:-1] for name in names[:_MOST_NAMES]]
+    short = [name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}..." for name in plain]
+    return ", ".join([*short, *["..."] * (len(names) > _MOST_NAMES)]) or "no column"
+
+
+def number_of(cell: str, decimal: str = ".") -> float:
+    """The number in a cell of text with the decimal sign "." or ","; NaN where it is none.
+
+    Examples
+    --------
+    >>> number_of("1,5e-3", ","), number_of("1_000"), number_of("1.5D+02")
+    (0.0015, nan, 150.0)
+    """
+    # Python reads 1_000 as a number; in telemetry it is a damaged cell.
+    if "_" in cell:
+        return math.nan
+    text = cell.replace(",", ".") if decimal == "," else cell
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    try:  # Fortran's double exponent.
+        return float(text.replace("D", "E").replace("d", "e"))
+    except ValueError:
+        return math.nan

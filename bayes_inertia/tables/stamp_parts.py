@@ -1,0 +1,249 @@
+"""Stamps in several columns: what each column counts, and the sum of all.
+
+ROS 2 writes seconds and nanoseconds; CCSDS unsegmented codes (CUC) seconds and a binary fraction,
+segmented ones (CDS) days, milliseconds and microseconds; loggers a date and a time of the day.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from decimal import Decimal, InvalidOperation
+from fractions import Fraction
+from types import MappingProxyType
+
+import numpy as np
+
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.tables.leap_seconds import SECOND
+from bayes_inertia.tables.raw_table import RawTable
+
+UNIT_WORDS: Mapping[str, str] = MappingProxyType(
+    {
+        word: unit
+        for unit, words in {
+            "s": "s sec secs second seconds sod sow tow",
+            "ms": "ms msec msecs millis millisec millisecs millisecond milliseconds itow",
+            "us": "us µs μs usec usecs micros microsec microsecs microsecond microseconds",
+            "ns": "ns nsec nsecs nanos nanosec nanosecs nanosecond nanoseconds ftow",
+            "min": "min mins minute minutes",
+            "h": "h hr hrs hour hours",
+            "day": "day days dom mjd jd",
+            "week": "week weeks wn",
+            "year": "year years yr",
+            "month": "month months mon mo",
+            "doy": "doy yday",
+        }.items()
+        for word in words.split()
+    }
+)
+"""Words in the names of columns, and the unit of time that each says."""
+
+_SIZES: Mapping[str, int] = MappingProxyType(
+    {"ns": 1, "us": 1000, "ms": 10**6, "s": SECOND, "min": 60 * SECOND, "h": 3600 * SECOND}
+    | {"day": 86400 * SECOND, "week": 7 * 86400 * SECOND}
+)
+_UNIT = re.compile(
+    r"(?P<count>\d+(?:\.\d+)?)?\s*(?P<unit>week|day|h|min|s|ms|us|ns)?"
+    r"(?:\s*/\s*(?P<divisor>2\^\d+|\d+)\s*(?P<later>s|ms|us)?)?"
+)
+_WORDS = re.compile(r"[A-Z]?[a-zµμ]+|[A-Z]+(?![a-z])")
+
+
+def words_of(name: str) -> list[str]:
+    """The words of a column's name in their order, in small letters.
+
+    Examples
+    --------
+    >>> words_of("unixMs"), words_of("GPS_time [s]")
+    (['unix', 'ms'], ['gps', 'time', 's'])
+    """
+    return [word.lower() for word in _WORDS.findall(name)]
+
+
+def unit_in_name(name: str) -> str:
+    """The first unit of time that the name of a column says; "" where it says none.
+
+    Examples
+    --------
+    >>> [unit_in_name(name) for name in ("nanosec", "us_of_ms", "dayOfYear", "iTOW", "fine")]
+    ['ns', 'us', 'doy', 'ms', '']
+    """
+    words = words_of(name)
+    squeezed = "".join(words)
+    if "dayofyear" in squeezed:
+        return "doy"
+    units = [UNIT_WORDS[word] for word in (squeezed, *words) if word in UNIT_WORDS]
+    return next(iter(units), "")
+
+
+def unit_size(text: str) -> Fraction | None:
+    """The nanoseconds of a unit of time such as "10 us" or "s/65536"; None where it is none.
+
+    Examples
+    --------
+    >>> unit_size("10 us"), unit_size("s/2^16") == unit_size("1/65536 s"), unit_size("m")
+    (Fraction(10000, 1), True, None)
+    """
+    match = _UNIT.fullmatch(text.strip())
+    if match is None or not (match["unit"] or match["divisor"]):
+        return None
+    divisor = match["divisor"] or "1"
+    base, _, power = divisor.partition("^")
+    whole = int(base) ** int(power or 1)
+    unit = match["unit"] or match["later"] or "s"
+    return Fraction(match["count"] or 1) * _SIZES[unit] / whole if whole else None
+
+
+def sizes_of(
+    table: RawTable, names: Sequence[str], units: Sequence[str], first: str
+) -> list[Fraction]:
+    """The nanoseconds of one of each column, as mapping, name or kind of stamp (`first`) says."""
+    sizes = []
+    for k, name in enumerate(names):
+        unit = units[k] if units else (unit_in_name(name) if k else first)
+        # Seconds of the week have many names.
+        unit = unit or ("s" if first == "week" else "")
+        size = unit_size(unit)
+        if size is None:
+            raise CampaignError(
+                f"{unit!r} is no unit of time" if unit else "which unit it counts is not known",
+                where=f"{table.label}, column {name}",
+                advice='add units = [...] to `time`, one a column, such as units = ["s", "ns"], '
+                '["s", "s/65536"] (CUC) or ["day", "ms", "us"] (CDS)',
+            )
+        sizes.append(size)
+    return sizes
+
+
+def added_parts(
+    table: RawTable, names: Sequence[str], sizes: Sequence[Fraction], *, of_date: bool = False
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """What the columns after the first add to a stamp.
+
+    Returns (rows,) ns, (rows,) whether a cell is empty, and the step of the last column [s]. Sizes
+    are the ns that one of each column counts; with `of_date` the first column holds dates.
+    """
+    ns = np.zeros(table.rows, dtype=np.int64)
+    missing = np.zeros(table.rows, dtype=bool)
+    resolution = 1e-9
+    for k, name in enumerate(names):
+        if k == 0 and of_date:
+            continue
+        values = np.nan_to_num(table.numbers(name))
+        if k < len(names) - 1 and np.any(values % 1.0):
+            row = int(np.argmax(values % 1.0 > 0.0))
+            raise _wrong_part(table, names, k, row, "is not whole, and the next column adds to it")
+        if k == 0:
+            continue
+        # A day with a leap second holds one more.
+        most = sizes[k - 1] + (SECOND if sizes[k - 1] >= _SIZES["day"] else 0)
+        wrong = (values < 0.0) | (values * float(sizes[k]) >= float(most))
+        if wrong.any():
+            what = "is no part of one of the column before it"
+            raise _wrong_part(table, names, k, int(np.argmax(wrong)), what)
+        part, empty, resolution = exact_ns(table, name, sizes[k])
+        ns, missing = ns + part, missing | empty
+    return ns, missing, resolution
+
+
+def exact_ns(
+    table: RawTable, name: str, unit: Fraction, zero: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """A column of numbers in whole nanoseconds, `zero` of its units (of `unit` ns) becoming 0.
+
+    Returns (rows,) ns, (rows,) whether the cell is empty, and the step of the file [s].
+    """
+    column = table.column(name)
+    values = table.numbers(name)
+    missing = np.isnan(values)
+    size = float(np.max(np.abs(np.where(missing, 0.0, values)), initial=0.0))
+    if size * float(unit) >= 2.0**62 + zero * float(unit):
+        row = int(np.argmax(np.abs(np.where(missing, 0.0, values))))
+        raise CampaignError(
+            f"{values[row]:g} is no time of this kind",
+            where=table.place(row, name),
+            advice="state the kind and unit that the column has",
+        )
+    if unit.denominator != 1:
+        return _rounded(np.where(missing, 0.0, values), unit), missing, 1e-9
+    one = int(unit)
+    if column.exact is not None:
+        return _decimal_ns(table, name, one, zero), missing, max(one * 1e-18, 1e-9)
+    if column.values.dtype.kind in "iu":
+        ns = (column.values.astype(np.int64) - math.floor(zero)) * one
+        return ns - round((zero % 1.0) * one), missing, 1e-9
+    spacing = np.spacing(np.float32(size)) if column.single else np.spacing(size)
+    # Whole units and the rest apart: each is exact, the sum of floats would not be.
+    numbers = np.where(missing, 0.0, values)
+    whole = np.floor(numbers)
+    rest = numbers - whole - zero % 1.0
+    ns = (whole.astype(np.int64) - math.floor(zero)) * one
+    return ns + np.rint(rest * one).astype(np.int64), missing, float(spacing) * one / SECOND
+
+
+def _decimal_ns(table: RawTable, name: str, unit: int, zero: float) -> np.ndarray:
+    """Cells with more digits than a float holds, in whole nanoseconds."""
+    column = table.column(name)
+    assert column.exact is not None
+    start = Decimal(zero)
+    ns = np.zeros(column.exact.size, dtype=np.int64)
+    for row, cell in enumerate(column.exact.tolist()):
+        try:
+            number = Decimal(cell.strip().replace(",", "."))
+        except InvalidOperation:
+            number = Decimal(str(column.values[row]))
+        if number.is_finite():
+            ns[row] = int(((number - start) * unit).to_integral_value())
+    return ns
+
+
+def _rounded(values: np.ndarray, size: Fraction) -> np.ndarray:
+    """Counts (rows,) in whole nanoseconds; whole counts without the rounding of floats."""
+    product = 2.0 * np.abs(values).max(initial=0.0) * size.numerator
+    if not np.any(values % 1.0) and product + size.denominator < 2.0**63:
+        doubled = 2 * values.astype(np.int64) * size.numerator + size.denominator
+        return doubled // (2 * size.denominator)
+    return np.rint(values * float(size)).astype(np.int64)
+
+
+def _wrong_part(
+    table: RawTable, names: Sequence[str], k: int, row: int, what: str
+) -> CampaignError:
+    return CampaignError(
+        f"{table.numbers(names[k])[row]:.12g} {what}",
+        where=table.place(row, names[k]),
+        advice=f"name whole units first and check `units`; named are {', '.join(names)}",
+    )
+
+
+def weeks_ns(table: RawTable, name: str, rollovers: int | None) -> tuple[np.ndarray, np.ndarray]:
+    """Starts of GPS weeks [ns since week 0], (rows,), and (rows,) whether the cell is empty.
+
+    Weeks of ten bits began anew in 1999 and 2019; `rollovers` says how often, None if unstated.
+    """
+    numbers = table.numbers(name)
+    missing = np.isnan(numbers)
+    numbers = np.where(missing, 0.0, numbers)
+    wrong = (numbers != np.floor(numbers)) | (numbers < 0) | (numbers > 99999)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise CampaignError(
+            f"week {numbers[row]:g} is no GPS time",
+            where=table.place(row, name),
+            advice="name the column of whole weeks first, then that of the seconds of the week "
+            "(0 to 604800)",
+        )
+    week = numbers.astype(np.int64)
+    if rollovers is None and 0 < week.max(initial=0) < 1024:
+        row = int(np.argmax(week > 0))
+        year = int(1980 + week[row] * 7 / 365.25)
+        raise CampaignError(
+            f"week {week[row]} lies in {year}, or is cut to ten bits, which begin anew every "
+            "1024 weeks",
+            where=table.place(row, name),
+            advice="add gps_rollovers to `time`: 2 for a log from 2019-04-07 to 2038, 1 from "
+            "1999-08-22, 0 before",
+        )
+    return (week + 1024 * (rollovers or 0)) * _SIZES["week"], missing

@@ -1,0 +1,335 @@
+"""Text tables: CSV and its kin, as spreadsheets, ground stations and numpy write them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.files import read_bytes
+from bayes_inertia.tables.raw_table import EMPTY_CELLS, RawColumn, RawTable, number_of
+from bayes_inertia.tables.text_cells import (
+    COMMENTS,
+    CellRow,
+    content_lines,
+    split_rows,
+    whole_lines,
+)
+from bayes_inertia.tables.text_form import TextForm, TextOptions, is_reading, told_form
+
+_FEW = 4  # Rows; of fewer none tells how long the others should be.
+_JUDGED = 200  # Rows by which columns of numbers are told.
+_BRACKETS = re.compile(r".*?\s*[\[(<]([^\[\]()<>]*)[\])>]\s*")
+_UNIT_WORDS = frozenset(
+    """s sec secs ms us µs μs ns min h hr rad deg mrad urad arcsec arcmin mas rpm rps rev dps turn
+    N mN uN µN μN m mm km kg g cm Nm mNm uNm µNm Nms mNms uNms T mT uT nT µT G V A mA degC K Hz
+    count counts raw bool utc tai gps iso unix date time none degrees radians seconds degree
+    second radian °""".split()  # noqa: SIM905
+)
+_LOSSY_DIGITS = 15  # More significant digits than these a 64-bit float may round.
+_LOSSY_SIZE = 1e6  # Smaller numbers keep 1e-10 whatever their digits.
+
+
+def read_text_table(path: Path, options: TextOptions) -> RawTable:
+    """The columns of a text file, with the units that a row of units or the names state."""
+    label = str(path)
+    text, notes = whole_lines(read_bytes(path), label, options.encoding)
+    table = parse_text(text, label, options)
+    return replace(table, notes=(*notes, *table.notes))
+
+
+def parse_text(text: str, label: str, options: TextOptions) -> RawTable:
+    """The columns of a text table; what the options leave open is told from the text.
+
+    Examples
+    --------
+    >>> table = parse_text("t;w\\ns;deg/s\\n0,25;1,5\\n0,5;\\n", "a.csv", TextOptions())
+    >>> table.numbers("w").tolist(), table.columns["w"].unit
+    ([1.5, nan], 'deg/s')
+    """
+    lines, comments = content_lines(text, (options.comment,) if options.comment else COMMENTS)
+    if lines and lines[0][1].strip().lower().startswith("sep="):
+        lines = lines[1:]  # A hint that Excel writes and reads.
+    if not lines:
+        raise CampaignError("the file is empty", where=label, advice="give rows of telemetry")
+    form = told_form(lines, options, label)
+    rows = list(split_rows(lines, form.delimiter, label))
+    count = _common_length(rows)
+    rows, notes = _without_cut_end([_trimmed(row, count) for row in rows], count, text)
+    stated = max(options.header_line, options.units_line) if options.header_line >= 0 else -1
+    first = _first_data_row(rows, count, form.decimal, stated, label)
+    name_row, unit_row = _head(rows[:first], comments, rows[first].line, count, form, options)
+    _check_no_row_is_lost(rows[:first], name_row, unit_row, form, label)
+    names = _padded(name_row, count)
+    units = [
+        _unit(cell) or _unit_in_name(name)
+        for cell, name in zip(_padded(unit_row, count), names, strict=True)
+    ]
+    below, repeated = _without_heads(rows[first:], (name_row, unit_row))
+    names = _without_last_blank(_own_names(names), below, count)
+    return _table(below, names, units, form.decimal, label, (*notes, *repeated))
+
+
+def _trimmed(row: CellRow, count: int) -> CellRow:
+    """A row without empty cells beyond the last column, as a delimiter at its end makes them."""
+    if len(row.cells) <= count or any(row.cells[count:]):
+        return row
+    return CellRow(row.line, row.cells[:count])
+
+
+def _without_cut_end(
+    rows: list[CellRow], count: int, text: str
+) -> tuple[list[CellRow], tuple[str, ...]]:
+    """Rows without a last one that breaks off, as where a logger lost power; what to say of it."""
+    if len(rows) < _FEW or len(rows[-1].cells) >= count or text.endswith(("\n", "\r")):
+        return rows, ()
+    return rows[:-1], (f"line {rows[-1].line}, the last, breaks off and was left out",)
+
+
+def _without_heads(
+    rows: list[CellRow], head: Sequence[CellRow | None]
+) -> tuple[list[CellRow], tuple[str, ...]]:
+    """Rows without repeated names and units, as of files that were put together."""
+    cells = {row.cells for row in head if row}
+    kept = [row for row in rows if row.cells not in cells]
+    gone = next((row.line for row in rows if row.cells in cells), 0)
+    return kept, (f"the names stand again in line {gone}: taken once",) if gone else ()
+
+
+def _padded(row: CellRow | None, count: int) -> list[str]:
+    cells = list(row.cells[:count]) if row else []
+    return cells + [""] * (count - len(cells))
+
+
+def _check_no_row_is_lost(
+    above: Sequence[CellRow],
+    name_row: CellRow | None,
+    unit_row: CellRow | None,
+    form: TextForm,
+    label: str,
+) -> None:
+    """Refuse a damaged row of telemetry that would pass for one of metadata."""
+    last = max((row.line for row in (name_row, unit_row) if row), default=0)
+    for row in above:
+        readings = any(is_reading(cell, form.decimal) for cell in row.cells)
+        if row.line > last and (readings if last else _holds_readings(row.cells, form.decimal)):
+            raise CampaignError(
+                f"{len(row.cells)} cells that do not fit the columns",
+                where=f"{label}, line {row.line}",
+                advice="mend or remove the line; a line of metadata can begin with #",
+            )
+
+
+def _common_length(rows: Sequence[CellRow]) -> int:
+    lengths = [len(row.cells) for row in rows[-_judged(rows) :]]
+    return max(set(lengths), key=lengths.count)
+
+
+def _judged(rows: Sequence[CellRow]) -> int:
+    """How many of the last rows tell what columns hold: heads are short, but so may be files."""
+    return min(_JUDGED, (len(rows) + 1) // 2)
+
+
+def _first_data_row(
+    rows: Sequence[CellRow], count: int, decimal: str, below: int, label: str
+) -> int:
+    """The first row below a line most of whose cells in columns of readings hold readings.
+
+    Where there are no names (-1), it is one below no line, and may be empty of readings.
+    """
+    judged = [row.cells for row in rows[-_judged(rows) :] if len(row.cells) == count]
+    columns = []
+    for i in range(count):
+        full = [cells[i] for cells in judged if cells[i].lower() not in EMPTY_CELLS]
+        if full and 2 * sum(is_reading(cell, decimal) for cell in full) > len(full):
+            columns.append(i)
+    for index, row in enumerate(rows):
+        if row.line <= below or len(row.cells) != count:
+            continue
+        cells = [row.cells[i] for i in columns]
+        # Where the mapping says that there are no names, a row of empty cells is one of telemetry.
+        if _holds_readings(cells, decimal) or (
+            below < 0 and set(map(str.lower, cells)) <= EMPTY_CELLS
+        ):
+            return index
+    raise CampaignError(
+        "no row of numbers",
+        where=label,
+        advice="give rows of telemetry below the names; state delimiter and decimal sign in the "
+        "mapping if they were misread",
+    )
+
+
+def _holds_readings(cells: Sequence[str], decimal: str) -> bool:
+    full = [cell for cell in cells if cell.lower() not in EMPTY_CELLS]
+    return bool(full) and 2 * sum(is_reading(cell, decimal) for cell in full) > len(full)
+
+
+def _head(
+    above: Sequence[CellRow],
+    comments: dict[int, str],
+    data_line: int,
+    count: int,
+    form: TextForm,
+    options: TextOptions,
+) -> tuple[CellRow | None, CellRow | None]:
+    """The row of names and the row of units above the data."""
+    stated = {row.line: row for row in above}
+    for line in (options.header_line, options.units_line):
+        if line in comments:
+            stated[line] = _commented(comments, line, form, count)
+    names, units = _told_head(above, comments, data_line, count, form)
+    if options.header_line:
+        names = stated.get(options.header_line)
+    if options.units_line:
+        units = stated.get(options.units_line)
+    return names, units
+
+
+def _commented(comments: dict[int, str], line: int, form: TextForm, count: int) -> CellRow:
+    rows = split_rows([(line, comments[line])], form.delimiter)
+    return _trimmed(next(iter(rows), CellRow(line, ())), count)
+
+
+def _told_head(
+    above: Sequence[CellRow], comments: dict[int, str], data_line: int, count: int, form: TextForm
+) -> tuple[CellRow | None, CellRow | None]:
+    """The rows of names and of units, where the file has them."""
+    # Spreadsheets pad rows of metadata with empty cells; a last comma may be missing.
+    full = [
+        row
+        for row in above
+        if len(row.cells) in (count, count - 1)
+        and (2 * sum(map(bool, row.cells)) > count or _is_units(row.cells))
+        and not any(is_reading(cell, form.decimal) for cell in row.cells)
+    ]
+    if not full:
+        full = _commented_head(comments, data_line, count, form)
+    if len(full) > 1 and _is_units(full[-1].cells):
+        return full[-2], full[-1]
+    if len(full) > 1 and _is_units(full[-2].cells):
+        return full[-1], full[-2]
+    return (full[-1], None) if full else (None, None)
+
+
+def _commented_head(
+    comments: dict[int, str], data_line: int, count: int, form: TextForm
+) -> list[CellRow]:
+    """Comments right above the data that look like names and units, as numpy writes them."""
+    full: list[CellRow] = []
+    for line in sorted((n for n in comments if n < data_line), reverse=True):
+        row = _commented(comments, line, form, count)
+        if len(row.cells) == count and not _holds_readings(row.cells, form.decimal):
+            full.insert(0, row)
+            if not _is_units(row.cells):
+                break
+    return full
+
+
+def _is_units(cells: Sequence[str]) -> bool:
+    """Whether a row holds units: most of its cells that are not empty are words of units."""
+    full = [cell for cell in cells if cell and cell != "-"]
+    return bool(full) and 2 * sum(map(_is_unit, full)) > len(full)
+
+
+def _is_unit(cell: str) -> bool:
+    if cell[:1] + cell[-1:] in ("[]", "()", "<>"):
+        return True
+    words = re.findall("[^\\W\\d_]+|°", cell)
+    return bool(words) and all(word in _UNIT_WORDS or word.lower() in _UNIT_WORDS for word in words)
+
+
+def _unit(cell: str) -> str:
+    bare = cell.strip()
+    if bare[:1] + bare[-1:] in ("[]", "()", "<>"):
+        bare = bare[1:-1].strip()
+    return "" if bare in ("-", "1") else bare
+
+
+def _unit_in_name(name: str) -> str:
+    """The unit in a name such as "wx [deg/s]"."""
+    match = _BRACKETS.fullmatch(name)
+    return match[1].strip() if match and match[1] and _is_unit(match[1]) else ""
+
+
+def _own_names(names: Sequence[str]) -> list[str]:
+    """Names that differ: c3 for an unnamed third column, "w#2" for a second "w"."""
+    own: list[str] = []
+    for index, name in enumerate(names, start=1):
+        tried, times = name or f"c{index}", 1
+        while tried in own:
+            times += 1
+            tried = f"{name or f'c{index}'}#{times}"
+        own.append(tried)
+    return own
+
+
+def _without_last_blank(names: list[str], rows: Sequence[CellRow], count: int) -> list[str]:
+    """Without a last column that only a last delimiter on every line makes."""
+    empty = names[-1] == f"c{count}" and count > 1
+    if empty and all(len(row.cells) < count or not row.cells[count - 1] for row in rows):
+        return names[:-1]
+    return names
+
+
+def _table(
+    rows: Sequence[CellRow],
+    names: list[str],
+    units: list[str],
+    decimal: str,
+    label: str,
+    notes: tuple[str, ...],
+) -> RawTable:
+    count = len(names)
+    for row in rows:
+        extra = row.cells[count:]
+        if len(row.cells) < count or any(extra):
+            raise CampaignError(
+                f"{len(row.cells)} cells, but the table has {count} columns",
+                where=f"{label}, line {row.line}",
+                advice="give every line as many cells as the others, or remove the line",
+            )
+    # Only the wanted cells: a last delimiter makes one more.
+    cells = list(zip(*(row.cells[:count] for row in rows), strict=True))
+    columns = {
+        name: text_column(values, decimal, unit)
+        for name, values, unit in zip(names, cells, units, strict=False)
+    }
+    return RawTable(label, columns, np.array([row.line for row in rows], dtype=int), notes=notes)
+
+
+def _is_text(cell: str, decimal: str) -> bool:
+    return math.isnan(number_of(cell, decimal)) and cell.lower() not in EMPTY_CELLS
+
+
+def text_column(cells: Sequence[str], decimal: str, unit: str = "") -> RawColumn:
+    """A column of text cells: numbers where every cell is one or empty, else texts.
+
+    The texts stand beside numbers that a float would round.
+
+    Examples
+    --------
+    >>> text_column(["1.5", "", "n/a"], ".").values.tolist()
+    [1.5, nan, nan]
+    """
+    points = [cell.replace(",", ".") for cell in cells] if decimal == "," else cells
+    try:
+        values = np.array([float(cell or "nan") for cell in points])
+        if any("_" in cell for cell in cells):
+            raise ValueError
+    except ValueError:
+        # Lazily: of a column of dates the first cell tells.
+        if any(_is_text(cell, decimal) for cell in cells):
+            return RawColumn(np.array(cells, dtype=np.dtypes.StringDType()), unit)
+        values = np.array([number_of(cell, decimal) for cell in cells])
+    finite = np.abs(values[np.isfinite(values)])
+    if finite.size and finite.max() >= _LOSSY_SIZE:
+        digits = max(sum(c.isdigit() for c in cell) for cell in points)
+        if digits > _LOSSY_DIGITS:
+            return RawColumn(values, unit, exact=np.array(points, dtype=np.dtypes.StringDType()))
+    return RawColumn(values, unit)

@@ -1,0 +1,337 @@
+"""Time stamps of any clock on one continuous scale: integer nanoseconds of TAI.
+
+A gyro stamped in UTC, wheels in GPS seconds and a star tracker in an AEM then line up. 64-bit
+floats of seconds since 1958 have steps of 2.4e-7 s; integer nanoseconds lose nothing. UTC has leap
+seconds; their table is that of astropy, read from its own data without a network.
+
+Stamps in plain seconds (or ms, us, ns, min, h) come from a clock with a zero of its own: such a
+clock can be lined up with another only where both are of that kind, or by a stated offset.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import partial
+from types import MappingProxyType
+
+import numpy as np
+
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.tables.leap_seconds import SECOND, tai_to_utc, utc_to_tai
+from bayes_inertia.tables.raw_table import RawTable
+from bayes_inertia.tables.stamp_parts import (
+    added_parts,
+    exact_ns,
+    sizes_of,
+    unit_in_name,
+    weeks_ns,
+)
+from bayes_inertia.tables.time_texts import (
+    form_of_format,
+    plain_dates,
+    text_to_ns,
+    written_dates,
+)
+
+_DAY = 86400 * SECOND  # [ns]
+# Zero of each clock, in TAI nanoseconds since 1958-01-01T00:00:00 TAI.
+_TAI_1970 = 4383 * _DAY
+_GPS_1980 = 8040 * _DAY + 19 * SECOND
+_MJD_1958 = 36204
+_JD_1958 = 2436204.5
+_TT_MINUS_TAI = 32_184_000_000  # [ns]
+
+FREE_CLOCKS: Mapping[str, int] = MappingProxyType(
+    {"ns": 1, "us": 1000, "ms": 10**6, "s": SECOND, "min": 60 * SECOND, "h": 3600 * SECOND}
+    | {"day": _DAY}
+)
+"""Kinds of stamps from a clock's own zero, and their nanoseconds."""
+
+_NUMBERS: Mapping[str, tuple[int, int, bool]] = MappingProxyType(
+    {  # Nanoseconds a unit, zero of the clock, whether leap seconds are to be added.
+        "gps_s": (SECOND, _GPS_1980, False),
+        "gps_ms": (10**6, _GPS_1980, False),
+        "gps_us": (1000, _GPS_1980, False),
+        "gps_ns": (1, _GPS_1980, False),
+        "tai_s": (SECOND, 0, False),
+        "tai_ms": (10**6, 0, False),
+        "tai_us": (1000, 0, False),
+        "tai_ns": (1, 0, False),
+        "unix_s": (SECOND, _TAI_1970, True),
+        "unix_ms": (10**6, _TAI_1970, True),
+        "unix_us": (1000, _TAI_1970, True),
+        "unix_ns": (1, _TAI_1970, True),
+    }
+)
+COUNTED_CLOCKS = tuple(_NUMBERS)
+"""Kinds of stamps that count from a date that everybody knows."""
+
+_DAYS: Mapping[str, tuple[float, int, bool]] = MappingProxyType(
+    {  # Day of 1958-01-01, what TAI is ahead by [ns], whether leap seconds are to be added.
+        "mjd_utc": (_MJD_1958, 0, True),
+        "mjd_tai": (_MJD_1958, 0, False),
+        "mjd_tt": (_MJD_1958, -_TT_MINUS_TAI, False),
+        "jd_utc": (_JD_1958, 0, True),
+        "jd_tai": (_JD_1958, 0, False),
+        "jd_tt": (_JD_1958, -_TT_MINUS_TAI, False),
+        "cds": (0, 0, True),
+    }
+)
+_TEXTS: Mapping[str, int | None] = MappingProxyType(
+    {  # What is to be added to the text's clock [ns]; None: leap seconds.
+        "utc": None,
+        "tai": 0,
+        "gps": 19 * SECOND,
+        "tt": -_TT_MINUS_TAI,
+    }
+)
+TIME_KINDS = (*FREE_CLOCKS, *_TEXTS, *_NUMBERS, "gps_week", *_DAYS)
+"""Kinds of time stamps that `times_to_seconds` reads."""
+
+_COARSEST = 0.05  # Of the step between stamps: the most that their rounding may be.
+_FIRST_NS = 5113 * _DAY  # 1972-01-01: before, UTC had no whole leap seconds.
+_LAST_NS = 51865 * _DAY  # 2100-01-01
+
+
+@array_dataclass
+class TimeStamps:
+    """The times of one stream.
+
+    Parameters
+    ----------
+    ns : (rows,) array of int
+        Nanoseconds since 1958-01-01T00:00:00 TAI where `absolute`, else since the clock's own
+        zero; 0 where a stamp is missing.
+    missing : (rows,) array of bool
+        Rows without a stamp.
+    absolute : bool
+        Whether other absolute clocks share the scale.
+    resolution_s : float
+        The step in which the file can write a stamp [s].
+    zero_ns : int, optional
+        The stamp of the clock's own zero.
+
+    Examples
+    --------
+    >>> stamps = TimeStamps(np.array([10, 250_000_010]), np.array([False, False]), False, 1e-9)
+    >>> stamps.seconds_since(stamps.first_ns).tolist()
+    [0.0, 0.25]
+    """
+
+    ns: np.ndarray
+    missing: np.ndarray
+    absolute: bool
+    resolution_s: float
+    zero_ns: int = 0
+
+    @property
+    def first_ns(self) -> int:
+        """The earliest stamp [ns]; 0 where there is none."""
+        present = self.ns[~self.missing]
+        return int(present.min()) if present.size else 0
+
+    def seconds_since(self, epoch_ns: int) -> np.ndarray:
+        """(rows,) array of seconds since an epoch [ns] on the same scale; NaN for no stamp."""
+        return np.where(self.missing, math.nan, (self.ns - epoch_ns) / SECOND)
+
+
+def times_to_seconds(
+    table: RawTable,
+    names: Sequence[str],
+    kind: str,
+    *,
+    units: Sequence[str] = (),
+    form: str = "",
+    gps_rollovers: int | None = None,
+    first_day: int = 0,
+) -> TimeStamps:
+    """The stamps of a table on the common scale.
+
+    `names`: the column of the stamps, or columns that are added: date and time of the day, seconds
+    and nanoseconds, week and seconds of the week, day and milliseconds of the day. `kind`: one of
+    `TIME_KINDS`: "s", "ms", "us", "ns", "min", "h", "day" (a clock's own zero); "utc", "tai",
+    "gps", "tt" (texts, calendar or day of year); "gps_s" to "gps_ns", "gps_week", "tai_s" to
+    "tai_ns" (since 1958), "unix_s" to "unix_ns"; "mjd_utc", "jd_utc" and these with tai, tt; "cds"
+    (days of UTC since 1958). `units`: what each column counts, such as "s/65536"; empty: kind and
+    names say it. `form`: how dates are written, in directives of `strptime`; "" for the forms that
+    are told. `gps_rollovers`: for weeks that are cut to ten bits: how often they began anew, such
+    as 2 from 2019-04-07. `first_day`: for "cds": the days from 1958-01-01 to the day that it calls
+    0.
+
+    Examples
+    --------
+    >>> from bayes_inertia.tables.raw_table import RawColumn
+    >>> week = RawTable("w.csv", {"w": RawColumn(np.array([2086])), "s": RawColumn(np.array([18]))})
+    >>> text = RawTable("t.csv", {"t": RawColumn(np.array(["2019-12-29T00:00:00Z"]))})
+    >>> gps = times_to_seconds(week, ["w", "s"], "gps_week")
+    >>> gps.ns - times_to_seconds(text, ["t"], "utc").ns
+    array([0])
+    """
+    _check_kind(table, names, kind, units)
+    if kind in _TEXTS:
+        ns, missing = _from_texts(table, names, kind, units, form)
+        resolution = 1.0 / SECOND
+    else:
+        ns, missing, resolution = _from_counts(table, names, kind, units, gps_rollovers, first_day)
+    absolute = kind not in FREE_CLOCKS
+    stamps = TimeStamps(np.where(missing, 0, ns), missing, absolute, resolution)
+    _check_years(table, names, kind, stamps)
+    _check_steps(table, names, stamps)
+    return stamps
+
+
+def dates_of(number: float, kind: str) -> np.datetime64 | None:
+    """The date in UTC of a count of one of `COUNTED_CLOCKS`; None outside the years that are read.
+
+    Examples
+    --------
+    >>> str(dates_of(1456401618.0, "gps_s"))[:19]
+    '2026-03-01T12:00:00'
+    """
+    unit, start, leaps = _NUMBERS[kind]
+    if not _FIRST_NS <= number * unit + start < _LAST_NS:
+        return None
+    ns = round(number * unit) + start
+    return np.datetime64("1958-01-01", "ns") + np.timedelta64(ns if leaps else tai_to_utc(ns), "ns")
+
+
+def _check_kind(table: RawTable, names: Sequence[str], kind: str, units: Sequence[str]) -> None:
+    if kind not in TIME_KINDS:
+        raise CampaignError(
+            f"{kind!r} is no kind of time stamp",
+            where=table.label,
+            advice=f"write one of {', '.join(TIME_KINDS)}",
+        )
+    wanted = 2 if kind == "gps_week" else 1
+    if len(names) < wanted:
+        two = "the week and the seconds of the week"
+        raise CampaignError(
+            f"{len(names)} columns are named for stamps of the kind {kind!r}",
+            where=table.label,
+            advice=f"name {f'two columns, {two}' if wanted == 2 else 'one column'}",
+        )
+    if units and len(units) != len(names):
+        raise CampaignError(
+            f"{len(units)} units for {len(names)} columns of the time",
+            where=table.label,
+            advice='give one a column, such as names = ["sec", "nanosec"], units = ["s", "ns"]',
+        )
+
+
+def _from_texts(
+    table: RawTable, names: Sequence[str], kind: str, units: Sequence[str], form: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps (rows,) written as dates, on the TAI scale, and the rows without one."""
+    name, column = names[0], table.column(names[0])
+    counted: list[str] = []
+    if len(names) > 1 or form:
+        cells, counted = written_dates(table, names, units, form)
+    elif column.is_text:
+        cells = column.values.tolist()
+    elif column.values.dtype.kind == "f" and np.isnan(column.values).all():
+        return np.zeros(table.rows, dtype=np.int64), np.ones(table.rows, dtype=bool)
+    else:
+        raise CampaignError(
+            f"holds numbers, not the dates that {kind!r} means",
+            where=f"{table.label}, column {name}",
+            advice=f"state another kind of stamp: one of {', '.join(TIME_KINDS)}; or add how they "
+            'are written, such as format = "%Y%m%d%H%M%S"',
+        )
+    ns, missing = _dates_in_tai(table, name, kind, cells, form)
+    if counted:
+        # Of hours, minutes and seconds none divides a day.
+        of_day = ["day", *(units[names.index(n)] if units else unit_in_name(n) for n in counted)]
+        sizes = sizes_of(table, [name, *counted], of_day, "day")
+        parts, empty, _ = added_parts(table, [name, *counted], sizes, of_date=True)
+        ns, missing = ns + parts, missing | empty
+    return ns, missing
+
+
+def _dates_in_tai(
+    table: RawTable, name: str, kind: str, cells: list[str], form: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Dates (rows,) on the TAI scale, and the rows without one."""
+    pattern = form_of_format(form, f"{table.label}, format") if form else None
+    ns = np.zeros(table.rows, dtype=np.int64)
+    leap = np.zeros(table.rows, dtype=bool)
+    missing = np.zeros(table.rows, dtype=bool)
+    # A clock that is not UTC has no zone: text_to_ns refuses it by its row.
+    zoned = cells[0].endswith("Z") if cells else False
+    alike = plain_dates(cells) if not form and (kind == "utc" or not zoned) else None
+    if alike is not None:
+        ns, cells = alike, []
+    for row, cell in enumerate(cells):
+        place = partial(table.place, row, name)
+        text = cell.strip().removesuffix(kind.upper()) if kind != "utc" else cell
+        read = text_to_ns(text, utc=kind == "utc", place=place, form=pattern)
+        if read is None:
+            missing[row] = True
+        else:
+            ns[row], leap[row] = read
+    ahead = _TEXTS[kind]
+    if ahead is not None:
+        return ns + ahead, missing
+    # The second 23:59:60 is written as 23:59:59 with a mark: it still counts the old offset.
+    return utc_to_tai(ns) + leap * SECOND, missing
+
+
+def _from_counts(
+    table: RawTable,
+    names: Sequence[str],
+    kind: str,
+    units: Sequence[str],
+    rollovers: int | None,
+    first_day: int,
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Stamps (rows,) that count from a moment, rows without one, and their resolution [s]."""
+    size, start, leaps = _NUMBERS.get(kind, (FREE_CLOCKS.get(kind, _DAY), 0, False))
+    first = next(unit for unit, value in FREE_CLOCKS.items() if value == size)
+    if kind == "gps_week":
+        first, start = "week", _GPS_1980
+    sizes = sizes_of(table, names, units, first)
+    zero, ahead, leaps_of_day = _DAYS.get(kind, (0, 0, False))
+    if kind == "gps_week":
+        ns, missing, resolution = *weeks_ns(table, names[0], rollovers), 1e-9
+    else:
+        ns, missing, resolution = exact_ns(table, names[0], sizes[0], zero - first_day)
+    # A day is counted on at its start: what a leap second adds comes after.
+    ns = (utc_to_tai(ns) if leaps_of_day else ns) + ahead
+    if len(names) > 1:
+        parts, empty, resolution = added_parts(table, names, sizes)
+        ns, missing = ns + parts, missing | empty
+    ns = ns + start
+    return (utc_to_tai(ns) if leaps else ns), missing, resolution
+
+
+def _check_years(table: RawTable, names: Sequence[str], kind: str, stamps: TimeStamps) -> None:
+    if not stamps.absolute:
+        return
+    wrong = ((stamps.ns < _FIRST_NS) | (stamps.ns >= _LAST_NS)) & ~stamps.missing
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        year = 1958 + stamps.ns[row] / (365.25 * _DAY)
+        raise CampaignError(
+            f"as {kind!r} the stamp lies in the year {year:.0f}",
+            where=table.place(row, names[0]),
+            advice="state the kind and unit that the column has; stamps from 1972 to 2099 are read",
+        )
+
+
+def _check_steps(table: RawTable, names: Sequence[str], stamps: TimeStamps) -> None:
+    """Refuse stamps that are rounded so coarsely that their steps are lost."""
+    present = np.sort(stamps.ns[~stamps.missing])
+    if present.size < 3:
+        return
+    step = float(present[-1] - present[0]) / SECOND / (present.size - 1)
+    single = table.column(names[-1]).single
+    if stamps.resolution_s > _COARSEST * step and (step > 0.0 or single):
+        bits = "32-bit floats" if single else "this kind of number"
+        raise CampaignError(
+            f"{bits} can write these stamps only every {stamps.resolution_s:.2g} s, "
+            f"but rows follow each other every {step:.2g} s",
+            where=f"{table.label}, column {names[-1]}",
+            advice="export the times as 64-bit floats, integers or text, or as seconds from the "
+            "first row",
+        )

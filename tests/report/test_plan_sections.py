@@ -1,0 +1,95 @@
+"""The pages of `design` and `compare`: the answer, sds in one power a column, one colour a plan."""
+
+import re
+from html import unescape
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+
+from bayes_inertia.design.comparison import Contender
+from bayes_inertia.design.margins import Margin
+from bayes_inertia.design.simulated_fits import AchievedErrors
+from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.physics.parameters import BASE_NAMES
+from bayes_inertia.report.page import render_page
+from bayes_inertia.report.pictures.design import draw_comparison
+from bayes_inertia.report.plan_sections import comparison_sections, design_sections
+
+SDS = np.array([2.7e-4, 7e-5, 1.8e-4, 5.7e-5, 5.6e-5, 6.2e-5, 9.2e-5, 9.1e-5, 2.2e-4])
+WORSE = np.array([1.0, 1.0, 1.0, 2.0, 1.0, 1.0, 1.0, 1.0, 0.5])
+UNITS = dict(zip(BASE_NAMES, ["kg m^2"] * 6 + [""] * 3, strict=True))
+
+
+def contender(name: str, expected: np.ndarray, achieved: AchievedErrors | None = None) -> Contender:
+    """A plan of five slews, whatever it is called."""
+    plan = paper_like_plan()
+    margin = Margin("torque of wheel_x", "slew 1", 0.01, 0.02, "N m", 0.5)
+    return Contender(name, plan, expected, achieved, 1855.0, 330.0, 0.1, 0.01, (margin,))
+
+
+PLAN = contender("4 slews for cross_terms", SDS)
+PAPER = contender("five slews like the paper's", SDS * WORSE)
+
+
+def content_of(**changes) -> dict:
+    """A design.json, as far as its page needs it."""
+    named = dict(zip(BASE_NAMES, SDS.tolist(), strict=True))
+    paper = dict(zip(BASE_NAMES, (SDS * WORSE).tolist(), strict=True))
+    margin = {"left": 0.5, "kept": True, "says": "torque of wheel_x: 0.01 N m, 0.02 N m allowed"}
+    return {
+        "goal": {"says": "largest sd of a product of inertia", "unit": "kg m^2"},
+        "value": 6.2e-5,
+        "reference_value": 1.2e-4,
+        "kept": True,
+        "after": False,
+        "sd_before": dict.fromkeys(BASE_NAMES, 0.03),
+        "expected_sd": named,
+        "reference_sd": paper,
+        "flown_margins": [margin],
+        "active_limits": ["rate"],
+    } | changes
+
+
+def text_of(sections) -> str:
+    page = re.sub(r"<(style|script)\b.*?</\1>", "", render_page("t", sections), flags=re.S)
+    return re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]*>", " ", page)))
+
+
+def test_a_design_says_each_sd_now_and_after_the_plan_and_what_gets_worse():
+    text = text_of(design_sections(content_of(), (PLAN, PAPER), UNITS))
+    assert "inertia: 6.2 × 10⁻⁵ kg m²; 1.2 × 10⁻⁴ kg m² with slews like the paper's." in text
+    assert "Known worse than with slews like the paper's: K3 (2.0 times)." in text
+    assert "sd now after the plan × 10⁻⁵ after the paper's slews × 10⁻⁵ times sharper" in text
+    assert "Jxy kg m² 0.030 5.7 11 526" in text
+    assert "Now: the prior." in text
+
+
+@pytest.mark.parametrize(("kept", "level"), [(True, "good"), (False, "bad")])
+def test_a_broken_limit_is_no_green_plan(kept, level):
+    result = design_sections(content_of(kept=kept), (PLAN, PAPER), UNITS)[0]
+    assert result.context["level"] == level
+    assert ("do not fly it" in result.context["sentence"]) != kept
+
+
+def test_a_comparison_names_the_best_plan_and_what_it_loses():
+    rng = np.random.default_rng(0)
+    errors, one = SDS * rng.normal(size=(20, 9)), np.ones(20)
+    achieved = AchievedErrors(errors, np.tile(SDS, (20, 1)), one, one, one)
+    flown = contender("4 slews for cross_terms", SDS, achieved)
+    text = text_of(comparison_sections((PAPER, flown)))
+    best = "4 slews for cross terms: products of inertia to 6.2 × 10⁻⁵ kg m² (1 sd)"
+    assert f"{best}; 1.1 × 10⁻⁴ kg m² with five slews like the paper's." in text
+    assert "Known worse than another plan" not in text
+    assert "Known worse than with another plan: K3 (2.0 times)." in text
+    assert "in 20 simulated campaigns" in text
+    assert "Known worse" not in text_of(comparison_sections((PLAN,)))
+
+
+def test_a_plan_has_one_colour_whatever_stands_beside_it():
+    colors = []
+    for order in ((PLAN, PAPER), (PAPER, PLAN)):
+        bars = draw_comparison(order).axes[0].containers
+        colors.append({bar.get_label(): to_hex(bar.patches[0].get_facecolor()) for bar in bars})
+    assert colors[0] == colors[1]
+    assert len(set(colors[0].values())) == 2

@@ -1,0 +1,88 @@
+"""The card on top of a report: one verdict, J and K, the next slew, the origin."""
+
+import re
+
+import pytest
+
+from bayes_inertia.report.diagnosis_wording import could_hide_text
+from bayes_inertia.report.fit_sections import standard_sections
+from bayes_inertia.report.formatting import number
+from bayes_inertia.report.page import page_facts, render, render_page
+from bayes_inertia.report.result_section import result_sections
+
+FORECAST = {
+    "axis": "y",
+    "angle_deg": 60.0,
+    "before": (0.0207, 0.02086, 0.02103),
+    "after": (3e-5, 6.5e-5, 1.4e-4),
+}
+HIDDEN = {
+    "parameter": "Jxy",
+    "shift": 8.7e-4,
+    "sd": 1.1e-4,
+    "unit": "kg m^2",
+    "effect": "wheel_misalignment",
+    "unseen": False,
+}
+
+
+def diagnosis_of(verdict: str) -> dict:
+    """As much of a diagnosis as its verdict needs."""
+    empty = ("named", "ambiguous_with", "disagreement", "steps", "candidates", "skipped", "dirt")
+    content = {key: [] for key in empty}
+    return content | {"verdict": verdict, "noise": {}, "unknown": None, "could_hide": [HIDDEN]}
+
+
+def test_the_card_shows_the_tensor_in_rows_with_the_quoted_sds(made):
+    posterior = made("good")
+    page = render_page("t", result_sections(posterior))
+    rows = posterior.summary()["parameters"]
+    cells = re.findall(r"<td><b>([^<]*)</b> <span>± ([^<]*)</span></td>", page)
+    names = ["Jxx", "Jxy", "Jxz", "Jxy", "Jyy", "Jyz", "Jxz", "Jyz", "Jzz", "K1", "K2", "K3"]
+    sds = [rows[name]["quoted_sd"] for name in names]
+    means = [rows[name]["mean"] for name in names]
+    expected = [(number(m, sd), number(sd, sd)) for m, sd in zip(means, sds, strict=True)]
+    assert cells == expected
+
+
+@pytest.mark.parametrize(
+    ("kind", "status"),
+    [("good", "Trusted"), ("one_slew", "Use with care"), ("thrown", "Refused")],
+)
+def test_a_page_has_one_verdict(pages, kind, status):
+    assert re.findall(r'class="status">([^<]*)<', pages[kind]) == [status]
+    assert len(re.findall(r'<p class="sentence', pages[kind])) == 1
+
+
+def test_a_diagnosis_that_finds_nothing_makes_no_refused_fit_green(made):
+    card, _ = result_sections(made("thrown"), diagnosis_of("consistent"))
+    assert (card.context["level"], card.context["status"]) == ("bad", "Refused")
+    assert card.context["quoted"] is False
+    assert {cell["sd"] for row in card.context["matrices"][0]["rows"] for cell in row} == {""}
+
+
+def test_the_next_slew_is_forecast_of_what_may_be_used_only(made):
+    card, _ = result_sections(made("good"), None, FORECAST)
+    assert "ends 4,303 arcsec off" in card.pictures[0].caption
+    assert "13 arcsec with those of this fit (95 %: below 29)" in card.pictures[0].caption
+    assert result_sections(made("thrown"), None, FORECAST)[0].pictures == ()
+    assert standard_sections(made("good"), forecast=FORECAST)[0].pictures != ()
+
+
+def test_a_bound_stands_once_below_the_verdict_with_its_condition_and_unit(made):
+    page = render_page("t", result_sections(made("good"), diagnosis_of("consistent")))
+    said = "If there is wheel misalignment, too weak to be found, Jxy may be off by up to"
+    assert page.count(said) == 1
+    assert "8.7 × 10⁻⁴ kg m² (7.9 of the model's sds)" in could_hide_text([HIDDEN])
+    assert page.index('class="sentence') < page.index(said) < page.index('class="matrices')
+
+
+def test_the_head_says_where_a_result_comes_from_and_leaves_out_what_is_not_known(made):
+    mission = {"name": "MOST", "operator": "an <operator>", "document": "AOCS-12"}
+    facts = page_facts(mission, sha256="0123456789abcdef", version="0.5.0")
+    assert list(facts) == ["mission", "operator", "document", "SHA-256", "bayes-inertia"]
+    assert facts["SHA-256"] == "0123456789ab"
+    page = render(made("good"), origin={"date": "2026-11-26", "data": "campaign_3"})
+    head = re.search(r'<p class="facts">(.*?)</p>', page)[1]
+    assert re.findall(r"<b>([^<]*)</b>", head) == ["2026-11-26", "campaign_3", "0.1.0"]
+    assert "an &lt;operator&gt;" in render_page("t", [], facts)
