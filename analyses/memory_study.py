@@ -1,13 +1,16 @@
-"""Does memory stay flat, fit after fit and diagnosis after diagnosis, in one process?
+"""Does memory stay flat, and is the next campaign quick?
 
     python analyses/memory_study.py [--fits 100] [--diagnoses 30] [--slews 50] [--steps 2304]
+                                    [--commands 1]
 
 Each fit and each diagnosis is of another small simulated campaign: another spacecraft, and other
 slews and rows, so that no shape recurs. Each series runs in a process of its own, and so does one
 fit of many slews at 10 Hz, of which the peak counts, and one posterior with
 as many draws as a fit takes at most (drawn around the estimate instead of sampled: what is held and
 written is the same). The memory of a process
-is what is resident (Linux: RSS), after each tenth of its tasks, and its peak so far. It writes
+is what is resident (Linux: RSS), after each tenth of its tasks, and its peak so far. The commands
+`fit` and `diagnose` are run for two campaigns of other lengths and numbers of slews, with a folder
+of compiled code that is empty at first. It writes
 analyses/results/memory.json and memory.md; a series of length 0 keeps what was measured before.
 A fit takes 3 s of processor time, a diagnosis 8 s, the large fit two minutes.
 """
@@ -16,6 +19,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -27,9 +31,11 @@ from time import process_time
 import numpy as np
 import psutil
 
+from bayes_inertia.app.compiled_code import VARIABLE
 from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.app.investigation import investigate
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.closed_loop import fly_slews
 from bayes_inertia.flight.mission import most_like_mission
@@ -55,7 +61,7 @@ _SMALL_PERIOD, _LARGE_PERIOD = 1.0, 0.1  # [s] between rows.
 # Of small campaigns [s]: rows from 160 to 540, that is three sizes of compiled programs.
 _SHORTEST, _LONGER, _LENGTHS = 160.0, 20.0, 19
 _POINTS = 10  # of a series.
-KINDS = ("fits", "diagnoses", "slews", "steps")
+KINDS = ("fits", "diagnoses", "slews", "steps", "commands")
 
 
 def small_plan(k: int) -> Plan:
@@ -154,6 +160,29 @@ def peak_of_many_draws(steps: int) -> dict:
     }
 
 
+def times_of_commands(_: int) -> dict:
+    """Processor time [s] of each command: the first campaign, and one of another length."""
+    first = paper_like_plan()
+    other = replace(first, slews=first.slews[:-1], rest_before=16.0, settle=30.0)
+    seconds = {}
+    with TemporaryDirectory() as folder:
+        own = {key: value for key, value in os.environ.items() if not key.startswith("JAX_")}
+        environment = own | {VARIABLE: str(Path(folder) / "compiled")}
+        for k, plan in enumerate((first, other)):
+            write_campaign(flown(plan, k), Path(folder) / str(k))
+        for command in ("fit", "diagnose"):
+            for k in range(2):
+                words = [command, str(k), "-o", f"{command}_{k}", "--quiet"]
+                program = [str(Path(sys.executable).with_name("bayes-inertia")), *words]
+                before = resource.getrusage(resource.RUSAGE_CHILDREN)
+                subprocess.run(program, cwd=folder, env=environment, check=True)
+                after = resource.getrusage(resource.RUSAGE_CHILDREN)
+                took = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+                seconds.setdefault(command, []).append(round(took, 1))
+                print(*words, seconds, file=sys.stderr, flush=True)
+    return {"count": 1, "seconds": seconds}
+
+
 def page(results: dict) -> str:
     """What was measured, as a page."""
     options = " ".join(f"--{kind} {done['count']}" for kind, done in results.items())
@@ -199,6 +228,21 @@ def page(results: dict) -> str:
             "streaming them would gain the difference at most.",
             "",
         ]
+    if "commands" in results:
+        lines += [
+            "## The next campaign",
+            "",
+            "Processor time of a command with an empty folder of compiled code, and then with a "
+            "campaign of other slews and of another length. The diagnosis finds what the fit left.",
+            "",
+            "| command | first campaign [s] | next one [s] |",
+            "|---|---:|---:|",
+            *(
+                f"| `{command}` | {first} | {following} |"
+                for command, (first, following) in results["commands"]["seconds"].items()
+            ),
+            "",
+        ]
     return "\n".join(lines)
 
 
@@ -209,13 +253,18 @@ def main() -> None:
     parser.add_argument("--diagnoses", type=int, default=30)
     parser.add_argument("--slews", type=int, default=50)
     parser.add_argument("--steps", type=int, default=Settings().max_steps)
+    parser.add_argument("--commands", type=int, default=1)
     parser.add_argument("--only", choices=KINDS, help=argparse.SUPPRESS)
     parser.add_argument("--out", type=Path, default=RESULTS)
     given = parser.parse_args()
     if given.only:
         count = getattr(given, given.only)
-        peaks = {"slews": peak_of_large_fit, "steps": peak_of_many_draws}
-        done = peaks[given.only](count) if given.only in peaks else series(given.only, count)
+        single = {
+            "slews": peak_of_large_fit,
+            "steps": peak_of_many_draws,
+            "commands": times_of_commands,
+        }
+        done = single[given.only](count) if given.only in single else series(given.only, count)
         print(json.dumps(done))
         return
     file = given.out / "memory.json"

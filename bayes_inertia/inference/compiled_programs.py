@@ -40,13 +40,8 @@ def forget_surplus(
     of a function's programs, and `jax.clear_caches` would forget those of all functions: hence
     `_cache_size`.
 
-    Parameters
-    ----------
-    programs : iterable of KeptProgram and of compiled functions of JAX
-    most : int
-        Programs that a function of JAX may keep.
-    most_bytes : int
-        Of all programs of the others together.
+    `most`: programs that each compiled function of JAX may keep. `most_bytes`: [bytes] of all
+    programs of every `KeptProgram` together.
 
     Examples
     --------
