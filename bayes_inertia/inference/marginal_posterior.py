@@ -245,7 +245,7 @@ def _pieces(marginal: Marginal) -> list[_Pull]:
         )
     )
     pulls = (
-        _Pull(p.point, marginal.ridge_bias, *of_slew(k, (ridge, columns)), p.data, p.white)
+        _Pull(p.point, marginal.ridge_bias, of_slew(k, ridge), of_slew(k, columns), p.data, p.white)
         for k, p in enumerate(pieces)
     )
     return [jax.tree.map(on_device, pull) for pull in pulls]
