@@ -151,28 +151,9 @@ def _numbers(structure: Structure, white: Whitening) -> Residuals:
     return Residuals(3 * rows, 3 * fixes, wheels * rows)
 
 
-def sensitivities(
-    structure: Structure,
-    point: Point,
-    data: Data,
-    white: Whitening,
-    columns: Array | None = None,
-) -> Sensitivities:
-    """Residuals and their exact derivatives.
-
-    `columns` (p,): with respect to which of (theta, bias, each slew's own nuisances), d + 3 +
-    n_local numbers; None for all.
-    """
-    program = partial(_filtered, _plain_sensitivities, structure)
-    if is_traced(point, data, white):
-        return program(point, data, white, columns)
-    parts = [program(*piece, columns) for piece in slew_pieces(point, data, white)]
-    return of_all_slews(parts, Sensitivities(*[_numbers(structure, white)] * 2))
-
-
 @KeptProgram
 def _plain_sensitivities(
-    structure: Structure, point: Point, data: Data, white: Whitening, columns: Array | None
+    structure: Structure, point: Point, data: Data, white: Whitening, columns: Array
 ) -> Sensitivities:
     d, b = len(point.theta), len(point.bias)
 
@@ -184,9 +165,7 @@ def _plain_sensitivities(
             )
             return whitened(structure, prediction, telemetry, white_of_slew)
 
-        directions = (
-            jnp.eye(len(x)) if columns is None else jax.nn.one_hot(columns, len(x), dtype=x.dtype)
-        )
+        directions = jax.nn.one_hot(columns, len(x), dtype=x.dtype)
         value, jacobian = jax.vmap(lambda v: jax.jvp(parts, (x,), (v,)), out_axes=(None, -1))(
             directions
         )
