@@ -17,8 +17,9 @@ from bayes_inertia.inference.likelihood import PROGRAMS as OF_LIKELIHOOD
 from bayes_inertia.inference.marginal_posterior import PROGRAMS as OF_POSTERIOR
 
 # [bytes] of all large programs together, as the compiler describes them; in memory they take 27
-# times as much, 0.4 GB. A diagnosis needs 7 MB: two sizes of slews may take turns.
-MOST_BYTES = 14 * 2**20
+# times as much, 0.3 GB. A diagnosis needs 7 MB. Compiling takes 0.6 GB for a while, and a process
+# shall stay below 1.5 GB.
+MOST_BYTES = 10 * 2**20
 # Of each small function, for whose programs nobody knows the size.
 MOST_PROGRAMS = 24
 

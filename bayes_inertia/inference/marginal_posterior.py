@@ -42,6 +42,9 @@ from bayes_inertia.physics.slew_context import SlewContext
 
 LogDensity = Callable[[np.ndarray], np.ndarray]
 
+# Draws of `log_posterior`, however many: one program serves all.
+_AT_ONCE = 32
+
 
 class Marginal(NamedTuple):
     """Everything the marginal log posterior needs, frozen at an optimum: a pytree of JAX.
@@ -212,9 +215,9 @@ def log_posterior_of(structure: Structure, marginal: Marginal, theta: Array) -> 
 def log_posterior(structure: Structure, marginal: Marginal, thetas: np.ndarray) -> np.ndarray:
     """The compiled marginal log posterior.
 
-    `thetas` (batch, d). Returns (batch,).
+    `thetas` (n, d). Returns (n,).
     """
-    return _compiled(structure, marginal)(np.asarray(thetas))
+    return log_density_of(structure, marginal, batch=_AT_ONCE)(np.asarray(thetas))
 
 
 def _compiled(structure: Structure, marginal: Marginal) -> LogDensity:
