@@ -12,9 +12,9 @@ from typing import Any
 from bayes_inertia.inference.coefficients import PROGRAMS as OF_COEFFICIENTS
 from bayes_inertia.inference.filtered_evidence import PROGRAMS as OF_FILTERS
 from bayes_inertia.inference.hyperparameters import PROGRAMS as OF_EVIDENCE
-from bayes_inertia.inference.kept_programs import KeptProgram, return_freed_memory
 from bayes_inertia.inference.likelihood import PROGRAMS as OF_LIKELIHOOD
 from bayes_inertia.inference.marginal_posterior import PROGRAMS as OF_POSTERIOR
+from bayes_inertia.maths.kept_programs import KeptProgram, return_freed_memory
 
 # [bytes] of all large programs together, as the compiler describes them; in memory they take 27
 # times as much, 0.3 GB. A diagnosis needs 7 MB. Compiling takes 0.6 GB for a while, and a process

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.inference.compiled_programs import MOST_BYTES, forget_surplus
-from bayes_inertia.inference.kept_programs import KeptProgram
 from bayes_inertia.inference.likelihood import PROGRAMS
 from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.physics.forward_model import Model
 
 
