@@ -14,12 +14,13 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.after_campaign import draw_bodies, plan_after
 from bayes_inertia.design.feasibility import axes_of_control
 from bayes_inertia.design.numerics import NUMERICS
-from bayes_inertia.flight.final_errors import predict_correction_slew
+from bayes_inertia.flight.final_errors import PROGRAMS, predict_correction_slew
 from bayes_inertia.flight.follow_on import following_plan, spacecraft_at
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.flight.plan import Plan, PlannedSlew
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
+from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.maths.values import AnyArray, array_dataclass
 from bayes_inertia.physics.effect import Effect
@@ -28,6 +29,8 @@ from bayes_inertia.physics.parameters import ParameterSpace
 from bayes_inertia.physics.slew_input import idle_slew
 
 _SLEW_ANGLE = np.radians(NUMERICS.corrected_turn_deg)
+# Programs of flights that are kept: before and after, for two sets of effects.
+_MOST_PROGRAMS = 4
 
 Values = dict[str, dict[str, AnyArray]]
 
@@ -202,6 +205,7 @@ def _inertia_afterwards(
 
 def _quantiles(case: _Case, plan: Plan, mission: Mission) -> tuple[float, float, float]:
     """Quantiles 5 %, 50 % and 95 % of the correction slew [rad] in one case."""
+    forget_surplus(PROGRAMS, most=_MOST_PROGRAMS)
     controller = Controller(case.believed.inertia_B, case.believed.scale_factor)
     angles = predict_correction_slew(
         case.thetas[:, :9], plan, mission, controller, values=case.values

@@ -16,11 +16,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.each_slew import of_all_slews, of_slew
-from bayes_inertia.inference.kept_programs import KeptProgram
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.noise_memory import innovations
 from bayes_inertia.maths import inertia_tensor, quaternion
+from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.channels.channel import Channel, SensorAtFit
 from bayes_inertia.physics.model_data import Data
@@ -141,6 +142,7 @@ def tangents(
     [rad/s]; `wheel_momentum` (slews, n, wheels) [N m s]; `turn, change` (slews, n, 3, 6): change of
     attitude [rad, body axes] and rate [rad/s] per change of the start state.
     """
+    forget_surplus((_tangents,))
     grid = data.arrays.slews.context.time.shape[1]
     parts = [
         _tangents(structure, theta, of_slew(k, local), alone) for k, alone in enumerate(data.pieces)

@@ -8,8 +8,7 @@ the slew's angle: `bayes_inertia.flight.closed_loop` says why.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +30,9 @@ from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.spacecraft import Controller, without_spin
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.physics.active_effects import ActiveEffects
+from bayes_inertia.physics.effect import Effect
 
 
 def predict_final_errors(
@@ -69,14 +70,15 @@ def predict_final_errors(
     grid = integration_grid(planned_campaign(plan, mission).subset([index]), craft.effects)
     plant = _plants(thetas, plan, mission, controller, index, rng)
     tracked = craft.star_tracker is not None
+    active = _active_in_draws(values, mission, n)
     errors = _final_errors(
+        _Flights(active.effects, grid.substeps),
         jax.tree.map(lambda x: x[0], grid.slews),
         slew_schedule(plan, index, grid.n_rows, tracked=tracked),
         plant,
         control_law(craft, controller),
         sensor_noise((n,) if rng else (1,), craft, controller, plan, grid.n_rows, rng),
-        _active_in_draws(values, mission, n),
-        grid.substeps,
+        active.values,
     )
     return np.asarray(errors)
 
@@ -136,15 +138,28 @@ def _active_in_draws(
     return ActiveEffects(craft.effects, jax.tree.map(jnp.asarray, drawn))
 
 
-@partial(jax.jit, static_argnames="substeps")
-def _final_errors(slew, schedule, plants, law, noise, active, substeps):
+class _Flights(NamedTuple):
+    """What decides, with the shapes of arrays, the code of many flights of one slew."""
+
+    effects: tuple[Effect, ...]
+    substeps: int
+
+
+@KeptProgram
+def _final_errors(flights: _Flights, slew, schedule, plants, law, noise, values):
     """Final errors (n, 3) [rad] of all draws; noise of one draw serves all."""
 
-    def of_draw(plant, active, noise):
-        return fly_slew(slew, schedule, plant, law, noise, active, substeps=substeps).final_error_B
+    def of_draw(plant, values, noise):
+        active = ActiveEffects(flights.effects, values)
+        flown = fly_slew(slew, schedule, plant, law, noise, active, substeps=flights.substeps)
+        return flown.final_error_B
 
     if len(noise.rate) == 1:
         return jax.vmap(of_draw, in_axes=(0, 0, None))(
-            plants, active, jax.tree.map(lambda x: x[0], noise)
+            plants, values, jax.tree.map(lambda x: x[0], noise)
         )
-    return jax.vmap(of_draw)(plants, active, noise)
+    return jax.vmap(of_draw)(plants, values, noise)
+
+
+# What is compiled for each set of effects.
+PROGRAMS = (_final_errors,)

@@ -1,7 +1,7 @@
-"""How many compiled programs a process keeps: few, whatever shapes of campaigns come.
+"""How much compiled code a process keeps: no more than so many bytes, whatever campaigns come.
 
-JAX keeps thousands, a program for each shape that a function was ever called with. A process that
-fits campaign after campaign would grow with every new shape.
+JAX keeps thousands of programs, one for each shape that a function was ever called with. A process
+that fits campaign after campaign would grow with every new set of effects.
 """
 
 from __future__ import annotations
@@ -14,8 +14,13 @@ from bayes_inertia.inference.filtered_evidence import PROGRAMS as OF_FILTERS
 from bayes_inertia.inference.hyperparameters import PROGRAMS as OF_EVIDENCE
 from bayes_inertia.inference.likelihood import PROGRAMS as OF_LIKELIHOOD
 from bayes_inertia.inference.marginal_posterior import PROGRAMS as OF_POSTERIOR
+from bayes_inertia.maths.kept_programs import KeptProgram, return_freed_memory
 
-# Of each function. A diagnosis needs up to a dozen: drives, noises, flexible modes.
+# [bytes] of all large programs together, as the compiler describes them; in memory they take 27
+# times as much, 0.3 GB. A diagnosis needs 7 MB. Compiling takes 0.6 GB for a while, and a process
+# shall stay below 1.5 GB.
+MOST_BYTES = 10 * 2**20
+# Of each small function, for whose programs nobody knows the size.
 MOST_PROGRAMS = 24
 
 
@@ -28,17 +33,30 @@ def forget_surplus(
         *OF_POSTERIOR,
     ),
     most: int = MOST_PROGRAMS,
+    most_bytes: int = MOST_BYTES,
 ) -> None:
-    """Forget the programs of every function that has more than so many of them.
+    """Forget large programs that were not called for longest, and functions with many small ones.
 
     What is needed again is compiled again, or comes from the cache on disk. JAX has no public count
     of a function's programs, and `jax.clear_caches` would forget those of all functions: hence
     `_cache_size`.
 
+    `most`: programs that each compiled function of JAX may keep. `most_bytes`: [bytes] of all
+    programs of every `KeptProgram` together.
+
     Examples
     --------
     >>> forget_surplus()
     """
+    programs = list(programs)
     for program in programs:
-        if program._cache_size() > most:
+        if not isinstance(program, KeptProgram) and program._cache_size() > most:
             program.clear_cache()
+    kept = [program for program in programs if isinstance(program, KeptProgram)]
+    every = [(*entry, program) for program in kept for entry in program.sizes()]
+    surplus = sum(size for _, size, *_ in every) - most_bytes
+    for _, size, form, program in sorted(every, key=lambda entry: entry[0]):
+        if surplus > 0:
+            program.forget(form)
+            surplus -= size
+    return_freed_memory()

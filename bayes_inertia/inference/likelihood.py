@@ -25,8 +25,9 @@ from bayes_inertia.physics.nuisances import Nuisances
 from bayes_inertia.physics.packing import Telemetry
 from bayes_inertia.physics.prediction import Structure, predict, predict_all
 
-# Sensitivities are taken so many columns at a time.
-_COLUMNS_AT_ONCE = 48
+# Sensitivities are taken so many columns at a time: as many as a plain fit has, or more where a
+# model has more. Of one slew at a time, twice as many hardly take longer.
+_COLUMNS_AT_ONCE = (24, 48)
 
 
 # Whitened residuals (slews, numbers) of each channel, measured minus predicted, in sigmas; zero
@@ -139,28 +140,9 @@ def _numbers(structure: Structure, white: Whitenings) -> Residuals:
     return tuple(w.factors.shape[1] * w.factors.shape[2] * c.compared for c, w in pairs)
 
 
-def sensitivities(
-    structure: Structure,
-    point: Point,
-    data: Data,
-    white: Whitenings,
-    columns: Array | None = None,
-) -> Sensitivities:
-    """Residuals and their exact derivatives.
-
-    `columns` (p,): with respect to which of (theta, bias, each slew's own nuisances), d + 3 +
-    n_local numbers; None for all.
-    """
-    program = partial(_filtered, _plain_sensitivities, structure)
-    if is_traced(point, data, white):
-        return program(point, data, white, columns)
-    parts = [program(*piece, columns) for piece in slew_pieces(point, data, white)]
-    return of_all_slews(parts, Sensitivities(*[_numbers(structure, white)] * 2))
-
-
 @KeptProgram
 def _plain_sensitivities(
-    structure: Structure, point: Point, data: Data, white: Whitenings, columns: Array | None
+    structure: Structure, point: Point, data: Data, white: Whitenings, columns: Array
 ) -> Sensitivities:
     d, b = len(point.theta), len(point.bias)
 
@@ -172,9 +154,7 @@ def _plain_sensitivities(
             )
             return whitened(structure, prediction, telemetry, white_of_slew)
 
-        directions = (
-            jnp.eye(len(x)) if columns is None else jax.nn.one_hot(columns, len(x), dtype=x.dtype)
-        )
+        directions = jax.nn.one_hot(columns, len(x), dtype=x.dtype)
         value, jacobian = jax.vmap(lambda v: jax.jvp(parts, (x,), (v,)), out_axes=(None, -1))(
             directions
         )
@@ -228,12 +208,14 @@ def padded_sensitivities(
     of_effects = np.repeat(np.array(structure.only_sensed, dtype=bool), structure.coefficients)
     sensed[len(columns) - len(of_effects) :] = of_effects
     moving = np.flatnonzero(~sensed)
-    padding = -len(moving) % _COLUMNS_AT_ONCE
+    few, many = _COLUMNS_AT_ONCE
+    width = few if d + 3 + structure.n_start <= few else many
+    padding = -len(moving) % width
     groups = columns[np.concatenate([moving, np.repeat(moving[-1:], padding)])]
     pieces = slew_pieces(point, model.data, white)
     programs = [
         partial(_filtered, _plain_sensitivities, structure, *piece, on_device(group))
-        for group in groups.reshape(-1, _COLUMNS_AT_ONCE)
+        for group in groups.reshape(-1, width)
         for piece in pieces
     ]
     if sensed.any():

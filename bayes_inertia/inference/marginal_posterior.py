@@ -30,8 +30,8 @@ from bayes_inertia.inference.coefficients import (
 )
 from bayes_inertia.inference.each_slew import of_slew, slew_pieces
 from bayes_inertia.inference.kept_programs import KeptProgram
-from bayes_inertia.inference.likelihood import Residuals, filtered, residuals, whitened
-from bayes_inertia.inference.noise_model import Whitenings, without_memory
+from bayes_inertia.inference.likelihood import Residuals, residuals, whitened
+from bayes_inertia.inference.noise_model import Whitenings
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import filled, on_device, padded_size, repeated
@@ -41,6 +41,9 @@ from bayes_inertia.physics.prediction import Structure, predict_all
 from bayes_inertia.physics.slew_context import SlewContext
 
 LogDensity = Callable[[np.ndarray], np.ndarray]
+
+# Draws of `log_posterior`, however many: one program serves all.
+_AT_ONCE = 32
 
 
 class Marginal(NamedTuple):
@@ -114,6 +117,7 @@ class _Nuisances(NamedTuple):
     ridge_bias: Array
     ridge_local: Array
     root: Array
+    prior: dict
     coefficients: CoefficientPart | None
     unexplained: Array | float
     contexts: SlewContext | None
@@ -130,9 +134,7 @@ def _pull_at(structure: Structure, pull: _Pull, theta: Array) -> tuple[Array, Ar
     # Residuals depend on what the coefficients are, not on their prior.
     point = point_on_ridge(pull, theta.at[fixed].set(pull.optimum.theta[fixed]))
     prediction = predict_all(structure, point.theta, point.local, point.bias, pull.data)
-    plain = without_memory(pull.white)
-    r = whitened(structure, prediction, pull.data.arrays.telemetry, plain)
-    r = filtered(r, pull.white)
+    r = whitened(structure, prediction, pull.data.arrays.telemetry, pull.white)
     chi2: Any = sum(jnp.sum(channel**2) for channel in r)
     return chi2, pulled(r, pull.columns, jnp)
 
@@ -181,28 +183,19 @@ def _safe(thetas: Array, optimum: Array) -> Array:
 
 @KeptProgram
 def _densities(
-    structure: Structure,
-    nuisances: _Nuisances,
-    prior: dict,
-    thetas: Array,
-    chi2: Array,
-    gradient: Array,
+    structure: Structure, nuisances: _Nuisances, thetas: Array, chi2: Array, gradient: Array
 ) -> Array:
     """Log densities (batch,), from the data's pull at physical thetas."""
-    return jax.vmap(partial(_density, structure, nuisances, prior))(thetas, chi2, gradient)
+    return jax.vmap(partial(_density, structure, nuisances))(thetas, chi2, gradient)
 
 
 def _density(
-    structure: Structure,
-    nuisances: _Nuisances,
-    prior: dict,
-    theta: Array,
-    chi2: Array,
-    gradient: Array,
+    structure: Structure, nuisances: _Nuisances, theta: Array, chi2: Array, gradient: Array
 ) -> Array:
     physical = inertia_tensor.is_physical(theta[:6])
     safe = jnp.where(physical, theta, nuisances.optimum.theta)
-    value = _log_integral(structure, nuisances, safe, chi2, gradient) + log_prior(prior, theta)
+    value = _log_integral(structure, nuisances, safe, chi2, gradient)
+    value = value + log_prior(nuisances.prior, theta)
     return jnp.where(physical & jnp.isfinite(value), value, -jnp.inf)
 
 
@@ -215,17 +208,16 @@ def log_posterior_of(structure: Structure, marginal: Marginal, theta: Array) -> 
     """
     pull = _Pull(*(getattr(marginal, key) for key in _Pull._fields))
     safe = _safe(theta[None], jnp.asarray(marginal.optimum.theta))[0]
-    of_data = _pull_at(structure, pull, safe)
     nuisances = _nuisances(marginal, marginal.data.arrays.slews.context)
-    return _density(structure, nuisances, marginal.prior, theta, *of_data)
+    return _density(structure, nuisances, theta, *_pull_at(structure, pull, safe))
 
 
 def log_posterior(structure: Structure, marginal: Marginal, thetas: np.ndarray) -> np.ndarray:
     """The compiled marginal log posterior.
 
-    `thetas` (batch, d). Returns (batch,).
+    `thetas` (n, d). Returns (n,).
     """
-    return _compiled(structure, marginal)(np.asarray(thetas))
+    return log_density_of(structure, marginal, batch=_AT_ONCE)(np.asarray(thetas))
 
 
 def _compiled(structure: Structure, marginal: Marginal) -> LogDensity:
@@ -238,8 +230,7 @@ def _compiled(structure: Structure, marginal: Marginal) -> LogDensity:
         pulls = [_pulls(structure, piece, safe) for piece in pieces]
         chi2 = sum(np.asarray(of_slew) for of_slew, _ in pulls)
         gradient = np.concatenate([np.asarray(slopes) for _, slopes in pulls], axis=1)
-        every = thetas, chi2, filled(gradient, slews)
-        return np.asarray(_densities(structure, nuisances, marginal.prior, *every))
+        return np.asarray(_densities(structure, nuisances, thetas, chi2, filled(gradient, slews)))
 
     return densities
 
@@ -249,25 +240,16 @@ def _pieces(marginal: Marginal) -> list[_Pull]:
     pieces = slew_pieces(marginal.optimum, marginal.data, marginal.white)
     ridge = np.asarray(marginal.ridge_local)
     columns = tuple(
-        filled(np.asarray(x), x.shape[1] // max(1, given.shape[1]) * padded.shape[1])
+        filled(np.asarray(x), round(x.shape[1] / max(1, given.shape[1]) * padded.shape[1]))
         for x, (given, _), (padded, _) in zip(
             marginal.columns, marginal.white, pieces[0].white, strict=True
         )
     )
-    return [
-        jax.tree.map(
-            on_device,
-            _Pull(
-                piece.point,
-                marginal.ridge_bias,
-                of_slew(k, ridge),
-                of_slew(k, columns),
-                piece.data,
-                piece.white,
-            ),
-        )
-        for k, piece in enumerate(pieces)
-    ]
+    pulls = (
+        _Pull(p.point, marginal.ridge_bias, of_slew(k, ridge), of_slew(k, columns), p.data, p.white)
+        for k, p in enumerate(pieces)
+    )
+    return [jax.tree.map(on_device, pull) for pull in pulls]
 
 
 def _nuisances(marginal: Marginal, contexts: SlewContext) -> _Nuisances:
@@ -295,11 +277,7 @@ def _padded_nuisances(marginal: Marginal) -> _Nuisances:
     return jax.tree.map(on_device, padded)
 
 
-@partial(jax.jit, static_argnums=0)
-def _compiled_elimination(
-    structure: Structure, nuisances: _Nuisances, theta: Array, chi2: Array, gradient: Array
-) -> tuple[EliminatedSlews, Array]:
-    return _elimination(structure, nuisances, theta, chi2, gradient)
+_compiled_elimination = jax.jit(_elimination, static_argnums=0)
 
 
 # What is compiled for each size of slew, largest first.

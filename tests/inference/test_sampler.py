@@ -14,6 +14,8 @@ from support.chains import SHORT, D, _chain
 from bayes_inertia.errors import SettingsError
 from bayes_inertia.inference.convergence import Diagnostics
 from bayes_inertia.inference.fit_context import FitContext
+from bayes_inertia.inference.likelihood import _plain_residuals, _plain_sensitivities
+from bayes_inertia.inference.marginal_posterior import _pulls
 from bayes_inertia.inference.noise_model import stated_noise_of
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.posterior_groups import build_posterior
@@ -79,11 +81,8 @@ def test_more_steps_are_taken_as_need_be_and_never_more_than_twice_as_many():
     )  # something else failed: go on a little
 
 
-def test_a_second_campaign_of_one_shape_compiles_nothing(flying, small_at, monkeypatch):
-    # What is kept on disk is another matter.
-    monkeypatch.setattr("bayes_inertia.inference.kept_programs._kept_entries", lambda: None)
-    estimate(Model(flying(12).campaign), starts=1)
-    sample(small_at, SHORT)
+def compiled_by(work) -> list[str]:
+    """What the compiler does meanwhile."""
     compiled = []
 
     def note(event: str, *_, **__) -> None:
@@ -92,13 +91,43 @@ def test_a_second_campaign_of_one_shape_compiles_nothing(flying, small_at, monke
 
     monitoring.register_event_duration_secs_listener(note)
     try:
-        sample(estimate(Model(flying(11).campaign), starts=1), SHORT)
-        assert compiled == []
-        # What is compiled anew is heard.
-        jax.jit(lambda x: 3.0 * x + 1.0)(1.0)
-        assert compiled != []
+        work()
     finally:
         monitoring.unregister_event_duration_listener(note)
+    return compiled
+
+
+def test_a_second_campaign_of_another_length_compiles_nothing(
+    flying, setup_type, small_at, monkeypatch
+):
+    # What is kept on disk is another matter.
+    monkeypatch.setattr("bayes_inertia.inference.kept_programs._kept_entries", lambda: None)
+    estimate(Model(flying(12).campaign), starts=1)
+    sample(small_at, SHORT)
+
+    def fit(setup):
+        sample(estimate(Model(flying(11, setup).campaign), starts=1), SHORT)
+
+    known = setup_type()
+    shorter = replace(known, rows=known.rows - 7, fix_rows=known.fix_rows[1:])
+    # Flying compiles too.
+    flying(11, shorter)
+    assert compiled_by(lambda: fit(known)) == []
+    assert compiled_by(lambda: fit(shorter)) == []
+    # What is compiled anew is heard.
+    assert compiled_by(lambda: jax.jit(lambda x: 3.0 * x + 1.0)(1.0)) != []
+
+
+@pytest.mark.parametrize("slews", [2, 4])
+def test_programs_of_one_slew_serve_campaigns_of_any_number(flying, setup_type, small_at, slews):
+    setup = setup_type()
+    turns = (*setup.turns, setup.turns[0])[:slews]
+    sample(estimate(small_at.model, starts=1), SHORT)
+    model = Model(flying(13, replace(setup, turns=turns)).campaign)
+    programs = (_plain_residuals, _plain_sensitivities, _pulls)
+    known = {form for program in programs for *_, form in program.sizes()}
+    sample(estimate(model, starts=1), SHORT)
+    assert {form for program in programs for *_, form in program.sizes()} <= known
 
 
 @pytest.mark.parametrize(

@@ -9,15 +9,19 @@ and where no such cache is set nothing is kept.
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import os
 import pickle
+import sys
 import warnings
 import zlib
 from collections.abc import Callable, Hashable
+from contextlib import suppress
 from functools import cache, update_wrapper
 from pathlib import Path
 from threading import Lock
+from time import perf_counter
 from typing import Any
 
 import jax
@@ -35,8 +39,8 @@ _NOT_KEPT = b""
 class KeptProgram:
     """A compiled function of a model's structure and of arrays.
 
-    Called by functions that JAX transforms it is one of them. It has the methods by which
-    `compiled_programs` counts and forgets.
+    Called by functions that JAX transforms it is one of them. `compiled_programs` asks for the size
+    of its programs and forgets them.
 
     Parameters
     ----------
@@ -56,7 +60,7 @@ class KeptProgram:
         update_wrapper(self, function)
         self._function = function
         self._traced: Any = jax.jit(function, static_argnums=0, **options)
-        self._ready: dict[Hashable, Callable[..., Any]] = {}
+        self._ready: dict[Hashable, _Ready] = {}
         self._preparing: dict[Hashable, Lock] = {}
 
     def __call__(self, structure: Any, *arrays: Any) -> Any:
@@ -65,18 +69,29 @@ class KeptProgram:
         if any(isinstance(x, jax.core.Tracer) for x in leaves):
             return self._traced(structure, *arrays)
         form = (structure, tree, tuple(_form(x) for x in leaves))
-        program = self._ready.get(form)
-        if program is None:
+        ready = self._ready.get(form)
+        if ready is None:
             # A program that two threads want is compiled by one.
             with self._preparing.setdefault(form, Lock()):
-                program = self._ready.get(form) or self._prepared(form, arrays)
-                self._ready[form] = program
-        return program(*arrays)
+                ready = self._ready.get(form) or _Ready(self._prepared(form, arrays))
+                self._ready[form] = ready
+        ready.used = perf_counter()
+        return ready.program(*arrays)
 
     def clear_cache(self) -> None:
         """Forget all programs of this process."""
         self._ready.clear()
         self._preparing.clear()
+        self._traced.clear_cache()
+
+    def sizes(self) -> list[tuple[float, int, Hashable]]:
+        """Of each program when it was last called, its size [bytes], and what it is called for."""
+        return [(ready.used, ready.size, form) for form, ready in list(self._ready.items())]
+
+    def forget(self, form: Hashable) -> None:
+        """Forget one program of this process."""
+        self._ready.pop(form, None)
+        self._preparing.pop(form, None)
         self._traced.clear_cache()
 
     def _cache_size(self) -> int:
@@ -103,7 +118,26 @@ class KeptProgram:
 
     def _compiled(self, form: tuple, arrays: tuple) -> Any:
         # Not by a call: two threads would compile the same program twice.
-        return self._traced.trace(form[0], *arrays).lower().compile()
+        compiled = self._traced.trace(form[0], *arrays).lower().compile()
+        self._traced.clear_cache()
+        return_freed_memory()
+        return compiled
+
+
+class _Ready:
+    """A program of this process, its size [bytes], and when it was last called."""
+
+    def __init__(self, program: Any) -> None:
+        modules = program.runtime_executable().hlo_modules()
+        self.size = sum(len(module.as_serialized_hlo_module_proto()) for module in modules)
+        self.program, self.used = program, perf_counter()
+
+
+def return_freed_memory() -> None:
+    """Give back to the system what the compiler has freed: 100 MB and more for each program."""
+    if sys.platform == "linux":
+        with suppress(OSError, AttributeError):  # Of other C libraries than glibc.
+            ctypes.CDLL(None).malloc_trim(0)
 
 
 def _kept_entries() -> Any:

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayes_inertia.inference import kept_programs
-from bayes_inertia.inference.kept_programs import KeptProgram
+from bayes_inertia.maths import kept_programs
+from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import by_name
 
@@ -21,7 +21,7 @@ FACTOR = """
 import sys
 import jax, jax.numpy as jnp, numpy as np
 jax.config.update("jax_compilation_cache_dir", sys.argv[1])
-from bayes_inertia.inference.kept_programs import KeptProgram
+from bayes_inertia.maths.kept_programs import KeptProgram
 traced = []
 def factor(structure, matrix):
     traced.append(1)
