@@ -18,6 +18,7 @@ class Layout:
     # `commands/import_raw.py`
     longest_list: int = 200  # Letters of the columns of one file; the mapping has them all.
     spans_shown: int = 6
+    files_named: int = 6  # Of more the next command names none.
     # [s]; shorter parts of a log that no slew needs are not worth a word.
     shortest_span_s: float = 1.0
 

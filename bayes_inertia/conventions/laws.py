@@ -187,7 +187,7 @@ def conservation(told: Told) -> LawData | None:
     if told.torques:
         added, by_prior = told_impulse(slews, moving, told.torques)
         total = total - told.reading.time * added
-        uncertain = np.concatenate([uncertain, limits.GAIN_SD * added[..., None]], axis=-1)
+        uncertain = np.concatenate([uncertain, LIMITS.gain_sd * added[..., None]], axis=-1)
         doubt = told.reading.time * np.sqrt(np.mean(by_prior**2, axis=1))
     free = np.broadcast_to(np.eye(3), (*total.shape, 3))
     if slews.momentum is None and told.campaign.wheels:

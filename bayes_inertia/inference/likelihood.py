@@ -12,12 +12,12 @@ from jax import Array
 from jax.flatten_util import ravel_pytree
 
 from bayes_inertia.inference.each_slew import is_traced, of_all_slews, slew_pieces
-from bayes_inertia.inference.kept_programs import KeptProgram
 from bayes_inertia.inference.noise_memory import Memory, innovations
 from bayes_inertia.inference.noise_model import Whitenings, n_data, without_memory
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.at_once import at_once
 from bayes_inertia.maths.device_arrays import on_device
+from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.model_data import Data

@@ -29,12 +29,12 @@ from bayes_inertia.inference.coefficients import (
     root_change,
 )
 from bayes_inertia.inference.each_slew import of_slew, slew_pieces
-from bayes_inertia.inference.kept_programs import KeptProgram
 from bayes_inertia.inference.likelihood import Residuals, residuals, whitened
 from bayes_inertia.inference.noise_model import Whitenings
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import filled, on_device, padded_size, repeated
+from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.physics.model_data import Data
 from bayes_inertia.physics.parameters import log_prior
 from bayes_inertia.physics.prediction import Structure, predict_all

@@ -11,6 +11,7 @@ from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.maths import quaternion
+from bayes_inertia.physics.channels import channels_of
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.packing import Arrays, bridged, pack
 from bayes_inertia.physics.parameters import ParameterSpace
@@ -29,7 +30,7 @@ def told_torques(
     if not acting:
         return {}
     spaces = [_space(effect, campaign) for effect in acting]
-    arrays = pack(campaign)
+    arrays = pack(campaign, channels_of(campaign, "commanded"))
     told = {}
     for k, slew in enumerate(campaign.slews):
         one: Arrays = jax.tree.map(lambda rows, k=k: rows[k], arrays)

@@ -80,6 +80,7 @@ class Layout:
         (110, 48, "MAXCOVERAGE"),
         (100, 32, "MAXCOVERAGE"),
     )
+    svg_dpi: int = 110  # of a rasterised artist: a page shows 96
     # Of a rasterised artist: few hues, each with its shades of transparency
     colours_in_svg: int = 64
 

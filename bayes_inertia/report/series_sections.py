@@ -15,6 +15,8 @@ from bayes_inertia.series.history import OF_PART, History, SeenJump
 CERTAIN, POSSIBLE = 0.95, 0.2
 # Elements of a jump that are told: further than this many sds from no change.
 _SEEN = 3.0
+# Sisters that make nothing so many times sharper are worth no word.
+_WORTH = 1.1
 FLEET_HEADS = (
     "parameter",
     "unit",
@@ -59,10 +61,8 @@ def jump_in_words(history: History, jump: SeenJump) -> str:
         for k in shown
     ]
     between = " and ".join(history.campaigns[jump.after : jump.after + 2])
-    return (
-        f"{jump.part} changed between {between} (probability {jump.probability:.3g}): "
-        f"{listed(sizes)}"
-    )
+    sure = "above 99.9" if jump.probability > 0.999 else f"{100.0 * jump.probability:.0f}"
+    return f"{jump.part} changed between {between} (probability {sure} %): {listed(sizes)}"
 
 
 def history_rows(history: History) -> list[tuple[str, ...]]:
@@ -109,10 +109,15 @@ def fleet_answer(fleet: Fleet, alone_sd: np.ndarray) -> str:
     gain = np.median(alone_sd / fleet.craft_sd, axis=0)
     best = int(np.argmax(gain))
     share = 100.0 * float(np.median(fleet.spread[:3] / fleet.mean[:3]))
+    worth = (
+        f"what is known of the sisters makes {BASE_NAMES[best]} of each {gain[best]:.2g} times "
+        "sharper"
+        if gain[best] > _WORTH
+        else "each is known as well without its sisters"
+    )
     return (
         f"the moments of inertia of {len(fleet.names)} spacecraft differ by {share:.2g} % (one "
-        f"sd); what is known of the sisters makes {BASE_NAMES[best]} of each "
-        f"{gain[best]:.2g} times sharper"
+        f"sd); {worth}"
     )
 
 

@@ -97,5 +97,7 @@ def _center_and_power(values: np.ndarray, sds: np.ndarray) -> tuple[float, int]:
 
 def _labels(axes: Axes, k: int, center: float, power: int) -> None:
     unit = "kg m^2" if k < OF_PART["K"].start else ""
-    axes.set_title(f"{BASE_NAMES[k]} less {center:.6g}")
-    axes.set_ylabel(unit_text(unit, power))
+    less = f" {'less' if center > 0.0 else 'plus'} {abs(center):.6g}" if center else ""
+    axes.set_title(f"{BASE_NAMES[k]}{less}")
+    if unit or power:
+        axes.set_ylabel(unit_text(unit, power))
