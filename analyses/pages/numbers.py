@@ -291,8 +291,8 @@ def machine() -> Iterator[tuple[str, str]]:
     for outcome in ("accepted", "refused"):
         cases = sum(row["cases"] for row in faults["counts"] if row["outcome"] == outcome)
         yield f"faults.{outcome}", f"{cases:,}"
-    yield "memory.fits", f"{memory['fits']['count']}"
-    yield "memory.resident", f"{memory['fits']['points'][-1][1]}"
+    yield "memory.diagnoses", f"{memory['diagnoses']['count']}"
+    yield "memory.peak", f"{np.ceil(memory['diagnoses']['points'][-1][2] / 102.4) / 10.0:.1f}"
     yield "memory.slews_peak", f"{memory['slews']['peak'] / 1000:.1f}"
     yield "engine.fit", f"{engine['fits']['fit']:.0f}"
     yield "engine.first", f"{engine['fits']['first']:.0f}"
@@ -300,6 +300,18 @@ def machine() -> Iterator[tuple[str, str]]:
     yield "engine.diagnosis", f"{engine['diagnoses']['diagnosis']:.0f}"
     yield "engine.kills", f"{len(engine['kills']['kills'])}"
     yield "engine.killed_fits", f"{engine['kills']['fits']}"
+
+
+def series() -> Iterator[tuple[str, str]]:
+    """Series of campaigns, and fleets."""
+    study = content("series_of_campaigns")
+    flown, fleets = study["flown"], study["fleets"]
+    yield "series.dated", f"{study['jumped']['right']}"
+    yield "series.quiet", f"{study['constant']['right']}"
+    yield "series.flown", f"{flown['dated'] + flown['quiet']}"
+    yield "series.flown_all", f"{flown['with_jump'] + flown['without_jump']}"
+    yield "series.fleet_low", f"{min(row['rms_z'] for row in fleets):.2f}"
+    yield "series.fleet_high", f"{max(row['rms_z'] for row in fleets):.2f}"
 
 
 def walk() -> Iterator[tuple[str, str]]:
@@ -378,6 +390,7 @@ GROUPS: tuple[Callable[[], Iterator[tuple[str, str]]], ...] = (
     machine,
     random_walk,
     readings,
+    series,
     walk,
     flying,
     installation,

@@ -51,6 +51,19 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
             "{peers.clean.package.moments} % (here)",
             "other_methods",
         ),
+        (
+            "Did J change from campaign to campaign?",
+            "a jump of 1 % is dated in {series.dated} of 100 series of six campaigns; none is "
+            "invented in {series.quiet} of 200; of {series.flown_all} that were flown and fitted "
+            "{series.flown} are right",
+            "series_of_campaigns",
+        ),
+        (
+            "Sister spacecraft",
+            "errors of J and K are {series.fleet_low} to {series.fleet_high} times their sd in "
+            "fleets of 5, 20 and 200",
+            "series_of_campaigns",
+        ),
         ("Ferguson's paper, redone", "each table and claim, with a verdict", "PAPER"),
     ),
     "What is missing": (
@@ -206,7 +219,7 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
         ("A cancelled job on SLURM", "the same bits at the end", "slurm"),
         (
             "Memory of one process",
-            "{memory.resident} MiB after {memory.fits} fits, flat; a fit "
+            "below {memory.peak} GiB over {memory.diagnoses} diagnoses of as many shapes; a fit "
             "of 50 slews at 10 Hz peaks "
             "at {memory.slews_peak} GB",
             "memory",
