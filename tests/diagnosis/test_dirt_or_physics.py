@@ -82,9 +82,9 @@ def kinds(diagnosis):
     return {(d.kind, d.channel, d.treated) for d in diagnosis.dirt}
 
 
-def test_a_fit_that_stopped_early_is_brought_to_its_end(clean):
+def test_a_fit_that_stopped_early_is_brought_to_its_end(flown):
     """Also where its noise is at the right level already."""
-    settled = optimizer.estimate(Model(clean), discount=False)
+    settled = optimizer.estimate(Model(flown.campaign), discount=False)
     beside = settled.theta + 30.0 * settled.sd
     early = optimizer.re_estimate(settled, beside, settled.free, tolerance=1e8)
     stated = dict.fromkeys(CHANNELS, 1.0)
