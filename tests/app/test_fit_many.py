@@ -51,6 +51,7 @@ def fitted(monkeypatch) -> list[int]:
             "reasons": [] if campaign.name != "bad" else ["far away"],
             "parameters": dict.fromkeys(BASE_NAMES, number),
             "derived": {"I1": number},
+            "likelihood": None,
             "fit": {"reduced_chi2": {"rate": 1.0, "attitude": None, "total": 1.01}, "n_data": 9},
             "diagnostics": {"nested_rhat_max": 1.0, "ess_bulk_min": 9.0, "ess_tail_min": 9.0},
         }

@@ -101,7 +101,7 @@ def test_a_second_campaign_of_another_length_compiles_nothing(
     flying, setup_type, small_at, monkeypatch
 ):
     # What is kept on disk is another matter.
-    monkeypatch.setattr("bayes_inertia.inference.kept_programs._kept_entries", lambda: None)
+    monkeypatch.setattr("bayes_inertia.maths.kept_programs._kept_entries", lambda: None)
     estimate(Model(flying(12).campaign), starts=1)
     sample(small_at, SHORT)
 

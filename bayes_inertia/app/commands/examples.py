@@ -26,7 +26,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
     ),
     "compare": ("compare campaign paper next/plan.toml -o out --simulated 20",),
     "history": ("history run_2026_03 run_2026_06 run_2026_09 -o history",),
-    "fleet": ("fit-many fleet -o fits --jobs 8", "fleet fits -o fleet_result"),
+    "fleet": ("fleet fits -o fleet_result",),
     "study": (
         "study campaign -o study --campaigns 200 --jobs 8",
         "study calibration -o calibration --fits 1000 --jobs 8",
