@@ -63,7 +63,12 @@ def test_what_differs_between_the_fixes_before_and_after_a_slew_is_not_noise():
         "attitude": rows,
         "momentum": [noise(400, 1.0, 1.0, 1.0)],
     }
-    model = SimpleNamespace(campaign=SimpleNamespace(slews=slews))
+    fixes = SimpleNamespace(
+        name="attitude",
+        stream=SimpleNamespace(is_series=False),
+        readings=lambda campaign, slew: SimpleNamespace(row=np.flatnonzero(slew.fixes)),
+    )
+    model = SimpleNamespace(campaign=SimpleNamespace(slews=slews), channels=(fixes,))
 
     def leaving(series):
         return SimpleNamespace(tested_residuals=SimpleNamespace(series=series), model=model)

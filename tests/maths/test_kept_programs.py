@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.experimental.compilation_cache import compilation_cache
 
 from bayes_inertia.maths import kept_programs
 from bayes_inertia.maths.kept_programs import KeptProgram
@@ -44,11 +45,13 @@ class OfAUser(Effect):
 
 @pytest.fixture
 def folder(tmp_path):
-    """Where JAX keeps compiled code."""
+    """Where JAX keeps compiled code; what it holds open of the folder before is let go."""
     before = jax.config.jax_compilation_cache_dir
     jax.config.update("jax_compilation_cache_dir", str(tmp_path))
+    compilation_cache.reset_cache()
     yield tmp_path
     jax.config.update("jax_compilation_cache_dir", before)
+    compilation_cache.reset_cache()
 
 
 class Counted:
