@@ -96,7 +96,7 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
         (
             "Twelve disturbances that the library does not hold",
             "no false certainty in {outside.tacho_open} of {outside.tacho} with and "
-            "{outside.no_tacho_open} of {outside.no_tacho} without tachometers: `unknown`, or a "
+            "{outside.no_tacho_open} of {outside.no_tacho} without tachometers: `unknown`, or an "
             "unmodelled disturbance among the answers",
             "naming",
         ),

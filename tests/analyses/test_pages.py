@@ -37,7 +37,7 @@ DEFINITIONS = {
         "20 s before, 30 s and more",
     ),
     "how_to/compiled_code.md": ("134 MB for each version", "a process keeps 10 MB of large"),
-    "how_to/series.md": ("A jump is said as one above 95 %",),
+    "how_to/series.md": ("a jump where that probability is above 95 %",),
     "how_to/dirty_telemetry.md": (
         "above 100 times the wheel's limit",
         "here 0.25 s",
@@ -74,7 +74,7 @@ DEFINITIONS = {
     ),
     "method/diagnosis.md": (
         "more than 3 in log evidence",
-        "undercuts in 2 % of campaigns",
+        "falls below it in 2 % of\ncampaigns",
         "weight of 1 % up to",
         "4 prior sds from zero",
         "about 5 in log evidence",
