@@ -23,10 +23,10 @@ test knows the effect, its size and its correlation time. Random processes are d
 Intervals are binomial, 95 % (Clopper and Pearson). Words: the
 [glossary](../../../docs/glossary.md#studies).
 
-The code was mended with some of these campaigns: random effects at 99 % below number 20, effects at
-10 and 30 times the size below number 10. Those after were new to it. Of older code are effects
-beside wandering noise, stated noise without tachometers below number 50, and clean campaigns from
-number 60 on."""
+Some of these campaigns served to improve the code: random effects at 99 % below number 20, effects
+at 10 and 30 times the size below number 10. The code had not seen those after. Three kinds were run
+with older code: effects beside wandering noise, stated noise without tachometers below number 50,
+and clean campaigns from number 60 on."""
 
 
 def write_page(folder: Path) -> None:
