@@ -34,13 +34,14 @@ def test_an_effect_of_its_own_in_each_slew_is_the_effect_where_all_slews_agree(c
     repeated = predict_all(
         many.structure, jnp.asarray([*one.space.mean[:9], *each]), *nothing(many)
     )
-    np.testing.assert_allclose(repeated.rate, same.rate, rtol=0, atol=1e-14)
+    rate = one.structure.place("rate")
+    np.testing.assert_allclose(repeated[rate], same[rate], rtol=0, atol=1e-14)
     each[: len(value)] = 0.0
     first_without = predict_all(
         many.structure, jnp.asarray([*one.space.mean[:9], *each]), *nothing(many)
     )
-    assert np.abs(first_without.rate[0] - same.rate[0]).max() > 1e-9
-    np.testing.assert_allclose(first_without.rate[1:], same.rate[1:], rtol=0, atol=1e-14)
+    assert np.abs(first_without[rate][0] - same[rate][0]).max() > 1e-9
+    np.testing.assert_allclose(first_without[rate][1:], same[rate][1:], rtol=0, atol=1e-14)
 
 
 def test_of_a_slew_to_come_an_effect_of_each_slew_claims_nothing(campaign):

@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import psutil
@@ -19,6 +20,7 @@ from support.cheap_tasks import Flaky, Slow, exact, work_of
 
 from bayes_inertia.errors import StudyError
 from bayes_inertia.studies.engine import run_work
+from bayes_inertia.studies.limits import LIMITS
 from bayes_inertia.studies.row_file import NAME
 from bayes_inertia.studies.workers import IN_PROCESS, open_workers
 
@@ -109,7 +111,8 @@ def test_a_lost_scheduler_is_reported_and_what_was_finished_is_kept(tmp_path):
 
 
 def test_no_scheduler_is_one_message(monkeypatch):
-    monkeypatch.setattr("bayes_inertia.studies.workers._CONNECT_SECONDS", 2.0)
+    soon = replace(LIMITS, connect_seconds=2.0)
+    monkeypatch.setattr("bayes_inertia.studies.workers.LIMITS", soon)
     with (
         pytest.raises(StudyError, match="no dask scheduler answers"),
         open_workers("dask", 1, "tcp://127.0.0.1:9"),
