@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -164,6 +165,17 @@ class RateSensor:
             "the sd and its correlation time belong together",
             "give bias_instability [rad/s] and bias_instability_time [s], or neither",
         )
+
+
+def body_rates(
+    sensor: RateSensor, readings: np.ndarray, scale_factor: Sequence[float] | np.ndarray
+) -> np.ndarray:
+    """Rates along body axes (..., 3) [rad/s] of readings (..., 3), with the prior's bias.
+
+    `scale_factor` (3,): K.
+    """
+    rate_S = np.asarray(scale_factor) * readings - np.asarray(sensor.bias)
+    return np.linalg.solve(sensor.axes, rate_S.T).T
 
 
 def _require_independent_axes(axes: np.ndarray) -> None:

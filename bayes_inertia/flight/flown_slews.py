@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import RateSensor
+from bayes_inertia.campaign.hardware import RateSensor, body_rates
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan, PlannedSlew
@@ -86,8 +86,7 @@ def _rate_B(slew: Slew, sensor: RateSensor) -> np.ndarray | None:
     filled = np.column_stack(
         [np.interp(slew.time, slew.time[np.isfinite(x)], x[np.isfinite(x)]) for x in slew.rate.T]
     )
-    unbiased = np.array(sensor.scale_factor) * filled - np.array(sensor.bias)
-    return np.linalg.solve(sensor.axes, unbiased.T).T
+    return body_rates(sensor, filled, sensor.scale_factor)
 
 
 def _rotation(slew: Slew, rate_B: np.ndarray | None) -> Rotation | None:

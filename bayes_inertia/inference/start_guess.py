@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import integrate
 
+from bayes_inertia.campaign.hardware import body_rates
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.forward_model import Model
 
@@ -46,8 +47,7 @@ def _start_momentum(
         return integrate.cumulative_trapezoid(values, time, axis=0, initial=0.0)
 
     time = slew.time[rows]
-    unbiased = scale_factor * readings - np.asarray(sensor.bias)
-    rate = np.linalg.solve(sensor.axes, unbiased.T).T
+    rate = body_rates(sensor, readings, scale_factor)
     taken_up = integrated(np.asarray(slew.wheel_torque), slew.time)[rows]
     reference = np.asarray(model.data.arrays.reference.wheel_momentum)[s]
     known = rate @ J + (taken_up + reference) @ axes.T

@@ -10,6 +10,7 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import body_rates
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.channels import channels_of
 from bayes_inertia.physics.effect import Effect
@@ -63,8 +64,7 @@ def _measured_motion(
     time = of.time - of.time[0]
     readings = np.where(campaign.valid_readings(of), np.asarray(of.rate), np.nan)
     read = np.stack([bridged(grid, time, column) for column in readings.T], axis=-1)
-    signal = read * np.array(sensor.scale_factor) - np.array(sensor.bias)
-    rate_B = signal @ np.linalg.inv(sensor.axes).T
+    rate_B = body_rates(sensor, read, sensor.scale_factor)
     turns = 0.5 * (rate_B[1:] + rate_B[:-1]) * np.diff(grid)[:, None]
     path = np.asarray(_accumulated(jnp.asarray(turns)))
     fixes = np.flatnonzero(of.fixes)

@@ -10,6 +10,7 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import body_rates
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
@@ -57,8 +58,7 @@ class RateChannel(Channel):
         _, readings = slew.complete_rates(campaign.valid_readings(slew))
         some = readings[: max(1, min(8, len(readings) // 50))]
         first = some.mean(axis=0) if len(some) else np.zeros(3)
-        rate_S = np.array(sensor.scale_factor) * first - np.array(sensor.bias)
-        return {"rate_B": np.linalg.solve(sensor.axes, rate_S)}
+        return {"rate_B": body_rates(sensor, first, sensor.scale_factor)}
 
     def constants(self, campaign: Campaign) -> RateConstants:
         """Axes and prior bias; a further sensor's bias is a parameter."""
