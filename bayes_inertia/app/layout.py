@@ -28,9 +28,6 @@ class Layout:
     # Ratio of sds from which the worth of the recorded commands is said.
     worth_of_commands: float = 1.2
 
-    # `commands/run_result.py`
-    candidates_shown: int = 3
-
     # `compiled_code.py`
     # [bytes] of one version: some thirty shapes. What was not used for longest goes first; JAX
     # looks at every entry when it writes one, so that a larger cache would be slow.

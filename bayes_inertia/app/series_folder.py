@@ -13,12 +13,13 @@ import numpy as np
 
 from bayes_inertia.app import run_folder
 from bayes_inertia.app.result_folder import ResultFolder, write_page
+from bayes_inertia.conventions.check import refuse_impossible
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.likelihood_summary import (
     LikelihoodSummary,
+    means_and_sds,
     product,
     summary_from_json,
-    with_prior,
 )
 from bayes_inertia.inference.settings import usual_settings
 from bayes_inertia.maths.values import json_ready
@@ -42,11 +43,11 @@ _RESUME = "write it again with `bayes-inertia resume RUN`"
 
 def run_history(
     sources: Sequence[Path], folder: Path, *, seed: int = 0, progress: Progress = silent
-) -> History:
+) -> tuple[History, tuple[str, ...]]:
     """J and K over campaigns in the order given; writes history.json and history.html.
 
     `sources`: folders of runs, of fits of many, or of campaigns, which are fitted in `folder`/runs.
-    Campaigns whose result must not be used are left out.
+    Returns: the history; the campaigns that were left out, because their result must not be used.
     """
     told = [
         one
@@ -64,22 +65,26 @@ def run_history(
         )
     progress("weighing how J and K may have changed", 0, 0)
     history = history_of(usable)
-    left_out = [name for name, summary in told if summary is None]
+    left_out = tuple(name for name, summary in told if summary is None)
     content = history_json(history) | {"left_out": left_out}
     names = HISTORY, HISTORY_FORMAT, "history"
-    _write(folder, names, usable, content, history_sections(history), "J and K over campaigns")
-    return history
+    sections = history_sections(history, left_out)
+    _write(folder, names, usable, content, sections, "J and K over campaigns")
+    return history, left_out
 
 
 def run_fleet(
     fits: Path, folder: Path, *, seed: int = 0, progress: Progress = silent
-) -> tuple[Fleet, np.ndarray]:
-    """J and K of a fleet; writes fleet.json and fleet.html. Returns also each craft's sds alone.
+) -> tuple[Fleet, np.ndarray, tuple[str, ...]]:
+    """J and K of a fleet; writes fleet.json and fleet.html.
 
-    `fits`: what `fit-many` wrote. The first folder of a campaign's path is its spacecraft.
+    `fits`: what `fit-many` wrote. The first folder of a campaign's path is its spacecraft. Returns:
+    the fleet; sds (craft, 9) of each craft alone; the campaigns that were left out, because their
+    result must not be used.
     """
     crafts: dict[str, list[LikelihoodSummary]] = {}
-    for name, summary in _of_many(fits):
+    told_by = _of_many(fits)
+    for name, summary in told_by:
         if summary is not None:
             crafts.setdefault(name.split("/")[0], []).append(summary)
     if len(crafts) < 2:
@@ -91,14 +96,13 @@ def run_fleet(
     summaries = [replace(product(told), campaign=name) for name, told in crafts.items()]
     progress("sampling the spread of the fleet", 0, 0)
     fleet = fleet_of(summaries, FleetSettings(seed=seed))
-    posteriors = [with_prior(summary) for summary in summaries]
-    alone = np.array([mean for mean, _ in posteriors])
-    alone_sd = np.array([np.sqrt(np.diag(covariance)) for _, covariance in posteriors])
-    content = fleet_json(fleet, alone_sd)
-    sections = fleet_sections(fleet, alone, alone_sd)
+    alone, alone_sd = means_and_sds(summaries)
+    left_out = tuple(name for name, summary in told_by if summary is None)
+    content = fleet_json(fleet, alone_sd) | {"left_out": left_out}
+    sections = fleet_sections(fleet, alone, alone_sd, left_out)
     names = FLEET, FLEET_FORMAT, "fleet"
     _write(folder, names, summaries, content, sections, f"Fleet of {len(crafts)} spacecraft")
-    return fleet, alone_sd
+    return fleet, alone_sd, left_out
 
 
 def _write(
@@ -126,6 +130,8 @@ def _told(
     if (source / "summary.json").is_file():
         content = read_sealed_json(source / "summary.json", _RESUME)
         return [(str(content.get("campaign")), _summary(content, source))]
+    # As `fit` does: impossible data are no campaign of a series.
+    refuse_impossible(source)
     run_folder.start(source, run, settings=usual_settings((), seed=seed))
     posterior = run_folder.finish(run, report=False, progress=progress)
     return [(str(posterior.attributes.get("campaign")), posterior.likelihood)]
@@ -159,13 +165,15 @@ def _of_many(fits: Path) -> list[tuple[str, LikelihoodSummary | None]]:
     path = fits / "fits.parquet"
     if not path.is_file():
         raise CampaignError("no fits.parquet", where=str(fits), advice="run `fit-many` first")
-    rows = pq.read_table(path).to_pylist()
     return [
-        (row["campaign"], _summary({"likelihood": json.loads(row["likelihood"])}, fits))
-        if row.get("likelihood")
-        else (row["campaign"], _summary({}, fits))
-        for row in rows
+        (row["campaign"], _summary(_likelihood_in(row), fits))
+        for row in pq.read_table(path).to_pylist()
     ]
+
+
+def _likelihood_in(row: Mapping[str, Any]) -> dict[str, Any]:
+    """The key `likelihood` of summary.json, as a row of fits.parquet holds it."""
+    return {"likelihood": json.loads(row["likelihood"])} if row.get("likelihood") else {}
 
 
 def history_json(history: History) -> dict[str, Any]:

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.physics.parameters import N_BASE
 
-N_BASE = 9
 # A direction that data narrow by less than this share of the prior's precision is not told by
 # them: what stands there is rounding of the difference of two precisions.
 _LEAST_SHARE = 1e-6
@@ -117,3 +117,12 @@ def with_prior(summary: LikelihoodSummary) -> tuple[np.ndarray, np.ndarray]:
     pull = scaled @ ((summary.mean - summary.prior_mean) / summary.prior_sd)
     scale = summary.prior_sd
     return summary.prior_mean + scale * (covariance @ pull), covariance * np.outer(scale, scale)
+
+
+def means_and_sds(summaries: Sequence[LikelihoodSummary]) -> tuple[np.ndarray, np.ndarray]:
+    """Means and sds (summaries, 9) of the posteriors that summaries and their priors make."""
+    posteriors = [with_prior(summary) for summary in summaries]
+    return (
+        np.array([mean for mean, _ in posteriors]),
+        np.array([np.sqrt(np.diag(covariance)) for _, covariance in posteriors]),
+    )

@@ -20,8 +20,9 @@ from scipy import stats
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.gate_limits import OBSERVABLE_ABOVE
-from bayes_inertia.inference.likelihood_summary import N_BASE, LikelihoodSummary, summary_of
+from bayes_inertia.inference.likelihood_summary import LikelihoodSummary, summary_of
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.sealing import blaming, is_sealed, write_sealed
 from bayes_inertia.tables.isolated import check_readable
 

@@ -19,6 +19,7 @@ from bayes_inertia.physics.priors import Prior as Prior
 
 # J and K, first in every model, before the parameters of effects.
 BASE_NAMES = (*ELEMENTS, "K1", "K2", "K3")
+BASE_UNITS = (*("kg m^2" for _ in ELEMENTS), "", "", "")
 N_BASE = len(BASE_NAMES)
 
 

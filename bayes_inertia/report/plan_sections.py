@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.design.comparison import Contender
-from bayes_inertia.physics.parameters import BASE_NAMES
+from bayes_inertia.physics.parameters import BASE_NAMES, BASE_UNITS
 from bayes_inertia.report.formatting import (
     arcsec_text,
     listed,
@@ -26,7 +26,6 @@ from bayes_inertia.report.pictures.design import draw_comparison
 from bayes_inertia.report.section import Picture, Section, packaged
 
 _PAPER = "slews like the paper's"
-_BASE_UNITS = ("kg m^2",) * 6 + ("",) * 3
 
 
 def design_sections(
@@ -183,14 +182,14 @@ def comparison_sections(contenders: Sequence[Contender]) -> list[Section]:
 def _sds_section(contenders: Sequence[Contender]) -> Section:
     best, *others = sorted(contenders, key=lambda c: c.worst_cross_term)
     names = [plain(c.name) for c in contenders]
-    sizes = [_quantity(c.worst_cross_term, _BASE_UNITS[0]) for c in (best, *others)]
+    sizes = [_quantity(c.worst_cross_term, BASE_UNITS[0]) for c in (best, *others)]
     told = [f"; {size} with {plain(c.name)}" for c, size in zip(others, sizes[1:], strict=True)]
     least = np.min([c.expected for c in others or [best]], axis=0)
     ratios = dict(zip(BASE_NAMES, (best.expected / least).tolist(), strict=True))
     power, _ = sd_column([sd for c in contenders for sd in c.expected.tolist()])
     rows = [
         (name, unit_text(unit), *(_sd_cell(c, i, power) for c in contenders))
-        for i, (name, unit) in enumerate(zip(BASE_NAMES, _BASE_UNITS, strict=True))
+        for i, (name, unit) in enumerate(zip(BASE_NAMES, BASE_UNITS, strict=True))
     ]
     simulated = [c.achieved for c in contenders if c.achieved is not None]
     notes = ["Expected sds, each plan flown alone from the prior."]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from bayes_inertia.physics.parameters import BASE_NAMES
+from bayes_inertia.physics.parameters import BASE_NAMES, BASE_UNITS
 from bayes_inertia.report.formatting import listed, number, unit_text
 from bayes_inertia.report.pictures.series import draw_fleet, draw_history
 from bayes_inertia.report.section import Picture, Section, packaged
@@ -17,6 +19,7 @@ CERTAIN, POSSIBLE = 0.95, 0.2
 _SEEN = 3.0
 # Sisters that make nothing so many times sharper are worth no word.
 _WORTH = 1.1
+HISTORY_HEADS = ("parameter", "unit", "now", "sd", "change since the first")
 FLEET_HEADS = (
     "parameter",
     "unit",
@@ -27,6 +30,7 @@ FLEET_HEADS = (
     "sd of a craft alone",
     "with its sisters",
 )
+_SPREAD = "Spread: sd from craft to craft. The sds of a craft are medians over the fleet."
 _NOTE = (
     "Points: each campaign alone, one quoted sd. Band: 90 % of what all campaigns say together. "
     "Dashed: a jump that is at least possible."
@@ -71,11 +75,10 @@ def history_rows(history: History) -> list[tuple[str, ...]]:
     for k, name in enumerate(BASE_NAMES):
         mean, sd = history.mean[:, k], history.sd[:, k]
         both = float(np.hypot(sd[0], sd[-1]))
-        unit = "kg m^2" if k < OF_PART["K"].start else ""
         rows.append(
             (
                 name,
-                unit_text(unit),
+                unit_text(BASE_UNITS[k]),
                 number(mean[-1], sd[-1]),
                 number(sd[-1], sd[-1]),
                 number(mean[-1] - mean[0], both),
@@ -84,21 +87,30 @@ def history_rows(history: History) -> list[tuple[str, ...]]:
     return rows
 
 
-def history_sections(history: History) -> list[Section]:
-    """The page of `history`, the answer first."""
+def left_out_in_words(campaigns: Sequence[str]) -> tuple[str, ...]:
+    """A sentence on campaigns that were left out; none where none was."""
+    if not campaigns:
+        return ()
+    return (f"left out, because their result must not be used: {listed(campaigns)}",)
+
+
+def history_sections(history: History, left_out: Sequence[str] = ()) -> list[Section]:
+    """The page of `history`, the answer first; `left_out`: campaigns without a usable result."""
     possible = [j for j in history.jumps if j.probability > POSSIBLE]
-    certain = any(j.probability > CERTAIN for j in possible)
     chances = listed([f"{part} {100.0 * p:.0f} %" for part, p in history.wanders.items()])
     context = {
         "sentence": history_answer(history),
-        "level": "caution" if certain or possible else "good",
+        "level": "caution" if possible else "good",
         "more": f"Probability that it wanders from campaign to campaign: {chances}.",
         "kind": "many short",
-        "heads": ("parameter", "unit", "now", "sd", "change since the first"),
+        "heads": HISTORY_HEADS,
         "numbers": (2, 3, 4),
         "extra": (1,),
         "rows": history_rows(history),
-        "notes": tuple(jump_in_words(history, jump) for jump in possible),
+        "notes": (
+            *(jump_in_words(history, jump) for jump in possible),
+            *left_out_in_words(left_out),
+        ),
     }
     picture = Picture(draw_history(history, POSSIBLE), _NOTE, "J and K over the campaigns")
     return [Section("Result", packaged("table.html"), context, (picture,))]
@@ -125,7 +137,6 @@ def fleet_rows(fleet: Fleet, alone_sd: np.ndarray) -> list[tuple[str, ...]]:
     """Name, unit, fleet's mean and sd, spread with its interval, sd of a craft alone and now."""
     rows: list[tuple[str, ...]] = []
     for k, name in enumerate(BASE_NAMES):
-        unit = "kg m^2" if k < OF_PART["K"].start else ""
         spread = fleet.spread[k]
         interval = " to ".join(
             number(x, spread) for x in (fleet.spread_low[k], fleet.spread_high[k])
@@ -134,7 +145,7 @@ def fleet_rows(fleet: Fleet, alone_sd: np.ndarray) -> list[tuple[str, ...]]:
         rows.append(
             (
                 name,
-                unit_text(unit),
+                unit_text(BASE_UNITS[k]),
                 number(fleet.mean[k], fleet.sd[k]),
                 number(fleet.sd[k], fleet.sd[k]),
                 number(spread, spread),
@@ -145,8 +156,10 @@ def fleet_rows(fleet: Fleet, alone_sd: np.ndarray) -> list[tuple[str, ...]]:
     return rows
 
 
-def fleet_sections(fleet: Fleet, alone: np.ndarray, alone_sd: np.ndarray) -> list[Section]:
-    """The page of `fleet`, the answer first."""
+def fleet_sections(
+    fleet: Fleet, alone: np.ndarray, alone_sd: np.ndarray, left_out: Sequence[str] = ()
+) -> list[Section]:
+    """The page of `fleet`, the answer first; `left_out`: campaigns without a usable result."""
     context = {
         "sentence": fleet_answer(fleet, alone_sd),
         "level": "good",
@@ -156,9 +169,7 @@ def fleet_sections(fleet: Fleet, alone: np.ndarray, alone_sd: np.ndarray) -> lis
         "numbers": (2, 3, 4, 5, 6, 7),
         "extra": (1, 5),
         "rows": fleet_rows(fleet, alone_sd),
-        "notes": (
-            "Spread: sd from craft to craft. The sds of a craft are medians over the fleet.",
-        ),
+        "notes": (_SPREAD, *left_out_in_words(left_out)),
     }
     caption = (
         "Squares: each spacecraft from its own campaigns, one quoted sd. Dots: with what its "

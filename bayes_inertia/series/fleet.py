@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import emcee
 import numpy as np
 
-from bayes_inertia.inference.likelihood_summary import N_BASE, LikelihoodSummary
+from bayes_inertia.inference.likelihood_summary import LikelihoodSummary
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.series.history import unit_of
 
 # Sisters whose moments differ by more than all of them are none; below the other end no

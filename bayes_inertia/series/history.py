@@ -16,8 +16,9 @@ from typing import Literal
 import numpy as np
 from scipy.special import logsumexp
 
-from bayes_inertia.inference.likelihood_summary import N_BASE, LikelihoodSummary, with_prior
+from bayes_inertia.inference.likelihood_summary import LikelihoodSummary, means_and_sds
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.physics.parameters import N_BASE
 
 Part = Literal["J", "K"]
 OF_PART: Mapping[Part, slice] = MappingProxyType({"J": slice(0, 6), "K": slice(6, 9)})
@@ -202,8 +203,7 @@ def _neighbours(
     found = _other_walks(hypothesis, changes)
     if len(taken) == changes.most_jumps:
         return found
-    parts: tuple[Part, Part] = ("J", "K")
-    for after, part, sd in product(range(campaigns - 1), parts, changes.jumps):
+    for after, part, sd in product(range(campaigns - 1), OF_PART, changes.jumps):
         if (after, part) not in taken:
             jumps = sorted((*hypothesis.jumps, Jump(after, part, sd)), key=astuple)
             found.append(replace(hypothesis, jumps=tuple(jumps)))
@@ -231,11 +231,8 @@ def history_of(series: Sequence[LikelihoodSummary], changes: Changes = Changes()
     }
     likely = tuple(sorted((j for j in jumps if j is not None), key=lambda j: -j.probability))
     first = series[0]
-    own = [
-        with_prior(replace(s, prior_mean=first.prior_mean, prior_sd=first.prior_sd)) for s in series
-    ]
-    alone, alone_sd = (
-        np.array(x) for x in zip(*((m, np.sqrt(np.diag(C))) for m, C in own), strict=True)
+    alone, alone_sd = means_and_sds(
+        [replace(s, prior_mean=first.prior_mean, prior_sd=first.prior_sd) for s in series]
     )
     return History(names, mean, np.sqrt(spread), alone, alone_sd, likely, walks)
 

@@ -36,8 +36,6 @@ from bayes_inertia.report.layout import LAYOUT as REPORT_LAYOUT
 if TYPE_CHECKING:
     from bayes_inertia.design.comparison import Contender
 
-_INERTIA_UNIT = "kg m^2"
-
 
 def compare_command(
     campaign: CampaignFolder,
@@ -79,16 +77,17 @@ def compare_command(
 
 def show_comparison(contenders: Sequence[Contender], folder: Path) -> None:
     """Print plans side by side: expected and achieved sds, and what they cost."""
-    from bayes_inertia.physics.parameters import BASE_NAMES
+    from bayes_inertia.physics.parameters import BASE_NAMES, BASE_UNITS
     from bayes_inertia.report.formatting import unit_text
 
     console = plain_console()
     console.print(headed(_answer(contenders)))
-    units = [_INERTIA_UNIT if name.startswith("J") else "" for name in BASE_NAMES]
-    powers = unit_powers(pair for c in contenders for pair in zip(units, c.expected, strict=True))
+    powers = unit_powers(
+        pair for c in contenders for pair in zip(BASE_UNITS, c.expected, strict=True)
+    )
     names = [contender.name for contender in contenders]
     table = narrow_table(console, "", "unit", *names, wrapping=names)
-    for i, (name, unit) in enumerate(zip(BASE_NAMES, units, strict=True)):
+    for i, (name, unit) in enumerate(zip(BASE_NAMES, BASE_UNITS, strict=True)):
         cells = [_sd_cell(c, i, powers[unit]) for c in contenders]
         table.add_row(f"sd {name}", unit_text(unit, powers[unit]), *cells)
     for (heading, unit), cells in _cost_rows(contenders).items():
@@ -99,10 +98,10 @@ def show_comparison(contenders: Sequence[Contender], folder: Path) -> None:
 
 def _answer(contenders: Sequence[Contender]) -> str:
     """Which plan knows the products of inertia best, and what it knows worse than another."""
-    from bayes_inertia.physics.parameters import BASE_NAMES
+    from bayes_inertia.physics.parameters import BASE_NAMES, BASE_UNITS
 
     best, *others = sorted(contenders, key=lambda c: c.worst_cross_term)
-    sizes = [quantity(c.worst_cross_term, _INERTIA_UNIT) for c in (best, *others)]
+    sizes = [quantity(c.worst_cross_term, BASE_UNITS[0]) for c in (best, *others)]
     said = f"{best.name}: products of inertia to {sizes[0]} (1 sd, the worst)"
     if not others:
         return said

@@ -38,15 +38,19 @@ def history_command(
     with progress_bar() as progress:
         from bayes_inertia.app.series_folder import HISTORY, run_history
 
-        history = run_history(sources, out, seed=seed, progress=progress)
+        history, left_out = run_history(sources, out, seed=seed, progress=progress)
     if as_json:
         print_json_file(out / HISTORY[0])
     else:
         from bayes_inertia.report.formatting import typeset
-        from bayes_inertia.report.series_sections import history_answer, history_rows
+        from bayes_inertia.report.series_sections import (
+            HISTORY_HEADS,
+            history_answer,
+            history_rows,
+        )
 
-        heads = ("parameter", "unit", "now", "sd", "change since the first")
-        _show(typeset(history_answer(history)), heads, history_rows(history), HISTORY, out)
+        answer, rows = typeset(history_answer(history)), history_rows(history)
+        _show(answer, HISTORY_HEADS, rows, left_out, HISTORY, out)
     open_in_browser(out / HISTORY[1], open_page)
 
 
@@ -70,7 +74,7 @@ def fleet_command(
     with progress_bar() as progress:
         from bayes_inertia.app.series_folder import FLEET, run_fleet
 
-        fleet, alone_sd = run_fleet(fits, out, seed=seed, progress=progress)
+        fleet, alone_sd, left_out = run_fleet(fits, out, seed=seed, progress=progress)
     if as_json:
         print_json_file(out / FLEET[0])
     else:
@@ -78,7 +82,8 @@ def fleet_command(
         from bayes_inertia.report.series_sections import FLEET_HEADS, fleet_answer, fleet_rows
 
         rows = fleet_rows(fleet, alone_sd)
-        _show(typeset(fleet_answer(fleet, alone_sd)), FLEET_HEADS, rows, FLEET, out)
+        answer = typeset(fleet_answer(fleet, alone_sd))
+        _show(answer, FLEET_HEADS, rows, left_out, FLEET, out)
     open_in_browser(out / FLEET[1], open_page)
 
 
@@ -86,14 +91,19 @@ def _show(
     answer: str,
     heads: tuple[str, ...],
     rows: list[tuple[str, ...]],
+    left_out: tuple[str, ...],
     files: tuple[str, str],
     folder: Path,
 ) -> None:
-    """Print the answer, a row a parameter, and what was written."""
+    """Print the answer, a row a parameter, what was left out, and what was written."""
+    from bayes_inertia.report.series_sections import left_out_in_words
+
     console = plain_console()
     console.print(headed(answer))
     table = narrow_table(console, *heads, wrapping=heads[-1:])
     for row in rows:
         table.add_row(*row)
     console.print(table)
+    for sentence in left_out_in_words(left_out):
+        console.print(sentence)
     console.print(f"wrote {' and '.join(files)} in {folder}")

@@ -84,7 +84,7 @@ def study_command(
 
 def show_study(study: Study, folder: Path) -> None:
     """Print achieved beside stated sds, and how often intervals held the truth."""
-    from bayes_inertia.physics.parameters import BASE_NAMES
+    from bayes_inertia.physics.parameters import BASE_NAMES, BASE_UNITS
     from bayes_inertia.report.formatting import number, unit_text
 
     console, achieved = plain_console(), study.achieved
@@ -95,15 +95,14 @@ def show_study(study: Study, folder: Path) -> None:
     console.print(headed(verdict[0], flown, style=verdict[1]))
     table = narrow_table(console, "", "achieved sd", "stated sd", "unit", "in 68 %", "in 95 %")
     stated_sd = (achieved.stated**2).mean(0) ** 0.5
-    units = ["kg m^2" if name.startswith("J") else "" for name in BASE_NAMES]
-    powers = unit_powers(zip(units, achieved.sd, strict=True))
+    powers = unit_powers(zip(BASE_UNITS, achieved.sd, strict=True))
     coverages = zip(study.coverage(0.68), study.coverage(0.95), strict=True)
     for i, (name, coverage) in enumerate(zip(BASE_NAMES, coverages, strict=True)):
         shares = [
             f"{100 * share:.1f} % ({100 * low:.0f} to {100 * high:.0f})"
             for share, low, high in coverage
         ]
-        sd, error, unit = achieved.sd[i], achieved.sd_error[i], units[i]
+        sd, error, unit = achieved.sd[i], achieved.sd_error[i], BASE_UNITS[i]
         power = powers[unit]
         sds = f"{number(sd, error, power)} ± {number(error, error, power)}"
         stated = number(stated_sd[i], error, power)

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_inertia.physics.parameters import BASE_NAMES
+from bayes_inertia.physics.parameters import BASE_NAMES, BASE_UNITS
 from bayes_inertia.report.formatting import exponent, unit_text
 from bayes_inertia.report.pictures import style
 from bayes_inertia.series.fleet import Fleet
@@ -96,8 +96,7 @@ def _center_and_power(values: np.ndarray, sds: np.ndarray) -> tuple[float, int]:
 
 
 def _labels(axes: Axes, k: int, center: float, power: int) -> None:
-    unit = "kg m^2" if k < OF_PART["K"].start else ""
     less = f" {'less' if center > 0.0 else 'plus'} {abs(center):.6g}" if center else ""
     axes.set_title(f"{BASE_NAMES[k]}{less}")
-    if unit or power:
-        axes.set_ylabel(unit_text(unit, power))
+    if BASE_UNITS[k] or power:
+        axes.set_ylabel(unit_text(BASE_UNITS[k], power))

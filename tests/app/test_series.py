@@ -1,0 +1,106 @@
+"""`history` and `fleet`: from runs that were made to an answer, a file and a page."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from support.told_campaigns import PRIOR_MEAN, PRIOR_SD, campaign_of
+
+from bayes_inertia.app.cli import main
+from bayes_inertia.app.result_folder import write_json
+from bayes_inertia.sealing import sealed
+
+
+def call(*words) -> int:
+    try:
+        main([str(word) for word in words])
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    return 0
+
+
+@pytest.fixture
+def runs(tmp_path):
+    """Folders of runs: Jzz is 1 % smaller from the third on; the last one is refused."""
+    rng = np.random.default_rng(4)
+    truth = rng.normal(PRIOR_MEAN, 0.5 * PRIOR_SD)
+    after = truth * np.where(np.arange(9) == 2, 0.99, 1.0)
+    told = [
+        campaign_of(x, rng, name)
+        for x, name in zip((truth, truth, after, after), "abcd", strict=True)
+    ]
+    folders = []
+    for summary in (*told, None):
+        folder = tmp_path / f"run_{len(folders)}"
+        folder.mkdir()
+        name = "refused" if summary is None else summary.campaign
+        likelihood = None if summary is None else summary.json()
+        content = sealed({"campaign": name, "likelihood": likelihood})
+        write_json(folder / "summary.json", content)
+        folders.append(folder)
+    return folders
+
+
+def test_history_dates_a_change_and_says_what_it_leaves_out(runs, tmp_path, capsys):
+    out = tmp_path / "history"
+    assert call("history", *runs, "-o", out) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "J changed between b and c (probability above 99.9 %): Jzz by" in printed
+    assert "left out, because their result must not be used: refused" in printed
+    content = json.loads((out / "history.json").read_text())
+    assert content["left_out"] == ["refused"]
+    assert content["jumps"][0]["between"] == ["b", "c"]
+    page = (out / "history.html").read_text()
+    assert "must not be used: refused" in page
+
+
+def test_one_usable_campaign_is_no_series(runs, tmp_path, capsys):
+    assert call("history", runs[0], runs[-1], "-o", tmp_path / "history") == 2
+    assert "1 of 2 campaigns have a result that can be used" in capsys.readouterr().err
+
+
+def test_a_run_of_an_older_version_is_named(runs, tmp_path, capsys):
+    write_json(runs[1] / "summary.json", sealed({"campaign": "old"}))
+    assert call("history", *runs, "-o", tmp_path / "history") == 2
+    assert "run_1: the run was made by an older version" in capsys.readouterr().err
+
+
+def fits_in(folder, likelihoods: dict[str, object]):
+    folder.mkdir()
+    rows = {
+        "campaign": list(likelihoods),
+        "likelihood": list(map(json.dumps, likelihoods.values())),
+    }
+    pq.write_table(pa.table(rows), folder / "fits.parquet")
+    return folder
+
+
+def test_fleet_reads_what_fit_many_wrote(tmp_path, capsys):
+    rng = np.random.default_rng(5)
+    truth = PRIOR_MEAN + 5e-3 * rng.standard_normal((3, 9))
+    told = {
+        f"craft_{k}/campaign_{c}": campaign_of(x, rng).json()
+        for k, x in enumerate(truth)
+        for c in range(2)
+    }
+    fits = fits_in(tmp_path / "fits", told | {"craft_9/campaign_0": None})
+    assert call("fleet", fits, "-o", tmp_path / "fleet") == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "the moments of inertia of 3 spacecraft differ by" in printed
+    assert "left out, because their result must not be used: craft_9/campaign_0" in printed
+    content = json.loads((tmp_path / "fleet" / "fleet.json").read_text())
+    assert [craft["name"] for craft in content["spacecraft"]] == ["craft_0", "craft_1", "craft_2"]
+    for craft, x in zip(content["spacecraft"], truth, strict=True):
+        Jxx = craft["parameters"]["Jxx"]
+        assert abs(Jxx["mean"] - x[0]) < 5.0 * Jxx["quoted_sd"]
+
+
+def test_one_spacecraft_is_no_fleet(tmp_path, capsys):
+    told = campaign_of(PRIOR_MEAN, np.random.default_rng(6)).json()
+    fits = fits_in(tmp_path / "fits", {"craft/a": told, "craft/b": told})
+    assert call("fleet", fits, "-o", tmp_path / "fleet") == 2
+    assert "holds 1 spacecraft" in capsys.readouterr().err
