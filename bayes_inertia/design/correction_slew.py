@@ -29,8 +29,6 @@ from bayes_inertia.physics.parameters import ParameterSpace
 from bayes_inertia.physics.slew_input import idle_slew
 
 _SLEW_ANGLE = np.radians(NUMERICS.corrected_turn_deg)
-# Programs of flights that are kept: before and after, for two sets of effects.
-_MOST_PROGRAMS = 4
 
 Values = dict[str, dict[str, AnyArray]]
 
@@ -205,7 +203,7 @@ def _inertia_afterwards(
 
 def _quantiles(case: _Case, plan: Plan, mission: Mission) -> tuple[float, float, float]:
     """Quantiles 5 %, 50 % and 95 % of the correction slew [rad] in one case."""
-    forget_surplus(PROGRAMS, most=_MOST_PROGRAMS)
+    forget_surplus(PROGRAMS, most=NUMERICS.flight_programs)
     controller = Controller(case.believed.inertia_B, case.believed.scale_factor)
     angles = predict_correction_slew(
         case.thetas[:, :9], plan, mission, controller, values=case.values

@@ -27,6 +27,10 @@ class Numerics:
     # How far rounding to an operator's digits may reach into a reserve [fraction of the limit].
     rounding_slack: float = 2e-3
 
+    # `correction_slew.py`
+    # Programs of flights that are kept: before and after, for two sets of effects.
+    flight_programs: int = 4
+
     # `feasibility.py`
     # A slew that hardly turns [rad]: it shows what the start alone demands.
     negligible_angle: float = 1e-6
@@ -88,6 +92,11 @@ class Numerics:
     first_width: float = 0.3
     # What a violated limit adds to the logarithm of the goal, for each fraction of the limit.
     limit_penalty: float = 1e3
+
+    @property
+    def rows_of_slew(self) -> int:
+        """Rows of the grid of a slew."""
+        return sum(self.rows_of_phases) + 1
 
 
 NUMERICS = Numerics()

@@ -37,9 +37,5 @@ class Numerics:
     # Rows of telemetry of a slew; more is a plan with a slip of units.
     most_rows_of_slew: int = 5_000_000
 
-    # `planned_telemetry.py`
-    # Rows are padded to multiples of this, so that few shapes are compiled.
-    row_multiple: int = 32
-
 
 NUMERICS = Numerics()

@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.flight.mission import Mission
-from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.slew_profile import angle_and_rate
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.maths.jax_settings import require_usable_jax
+from bayes_inertia.physics.numerics import NUMERICS
 
 
 def planned_campaign(plan: Plan, mission: Mission, name: str | None = None) -> Campaign:

@@ -17,15 +17,13 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effect_declaration import check_declaration, guarded, require_of_effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.model_data import Data
+from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.prediction import Structure, predict_all
 from bayes_inertia.physics.simulator import LOOKING_BACK, MOVING_HOOKS
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.small_campaign import small_campaign
 
-_DRAWS = 8  # of the prior, where telemetry and derivatives are tried
-_SEED = 20250
-_DIFFERENCE_STEP = 1e-4  # of differences [prior sds]
 # Functions here run a few dozen times: compiling them well costs more than it saves.
 _COMPILED_QUICKLY = {"xla_backend_optimization_level": 0}
 
@@ -221,7 +219,7 @@ def _in_drive(effect: Effect, campaign: Campaign, drive: Drive, thorough: bool) 
 
 def _points(model: Model) -> np.ndarray:
     """Parameter vectors (points, d): the nulls first, then draws of the prior."""
-    draws = model.draw_prior(np.random.default_rng(_SEED), _DRAWS)
+    draws = model.draw_prior(np.random.default_rng(NUMERICS.checked_seed), NUMERICS.checked_draws)
     return np.concatenate([model.space.nulls[None], draws])
 
 
@@ -270,7 +268,7 @@ def _check_derivatives(trial: _Trial) -> dict[str, float]:
         "guard divisions, roots and norms with jnp.where on both sides",
     )
     sizes = np.linalg.norm(jacobian, axis=2).max(axis=0)
-    rng = np.random.default_rng(_SEED + 1)
+    rng = np.random.default_rng(NUMERICS.checked_seed + 1)
     for i in range(min(3, len(points))):
         _compare_with_difference(trial, i, jacobian[i], float(sizes.max()), rng)
     return dict(zip(space.names[N_BASE:], sizes.tolist(), strict=True))
@@ -282,21 +280,20 @@ def _compare_with_difference(
     """The derivative (d, numbers) at point i, along a random diagonal, against a difference."""
     space, x, at_null = trial.bench.model.space, trial.points[i], i == 0
     sd, lower = space.sd[N_BASE:], space.lower[N_BASE:]
+    step = NUMERICS.difference_step
     direction = rng.choice([-1.0, 1.0], size=len(sd))
     if at_null:  # where a prior ends at the null, the difference goes to the inside
-        direction = np.where(x - _DIFFERENCE_STEP * sd < lower, 1.0, direction)
-    move = _DIFFERENCE_STEP * sd * direction
+        direction = np.where(x - step * sd < lower, 1.0, direction)
+    move = step * sd * direction
     behind = trial.telemetry[0] if at_null else trial.pushed(x - move, x)[0]
-    length = _DIFFERENCE_STEP if at_null else 2.0 * _DIFFERENCE_STEP
+    length = step if at_null else 2.0 * step
     difference = np.array(trial.pushed(x + move, x)[0] - behind) / length
     expected = direction @ jacobian
     gap, size = (float(np.linalg.norm(v)) for v in (difference - expected, expected))
     # A difference to one side is less exact.
     allowed = 1e-2 * largest if at_null else 1e-3 * max(size, 1e-3 * largest)
     telemetry = trial.telemetry
-    rounding = (
-        1e-14 * float(np.abs(telemetry).max()) * np.sqrt(telemetry.shape[1]) / _DIFFERENCE_STEP
-    )
+    rounding = 1e-14 * float(np.abs(telemetry).max()) * np.sqrt(telemetry.shape[1]) / step
     where = "its null values" if at_null else _show(x)
     require_of_effect(
         gap <= allowed + rounding,

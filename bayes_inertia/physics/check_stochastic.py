@@ -10,14 +10,9 @@ from jax.scipy.linalg import block_diag
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effect_declaration import guarded, require_of_effect
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.random_inputs import prior_blocks
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
-
-_SEED = 20251
-# Eigenvalues of a correlation matrix below this are taken for zero.
-_SMALLEST_EIGENVALUE = 1e-12
-# Of the largest number of a covariance.
-_ROUNDING = 1e-9
 
 
 def coefficient_draw(model: Model) -> np.ndarray:
@@ -27,7 +22,7 @@ def coefficient_draw(model: Model) -> np.ndarray:
     """
     structure = model.structure
     local = np.zeros((model.n_slews, structure.n_local))
-    draw = np.random.default_rng(_SEED).standard_normal(local.shape)
+    draw = np.random.default_rng(NUMERICS.coefficient_seed).standard_normal(local.shape)
     local[:, structure.n_start :] = draw[:, structure.n_start :]
     return local
 
@@ -92,9 +87,10 @@ def _check_across_slews(effect: StochasticEffect, model: Model, theta: np.ndarra
         f"return {size} rows and columns: the coefficients of one block, slew by slew",
     )
     scale = max(float(np.abs(covariance).max()), 1e-300)
-    symmetric = np.abs(covariance - covariance.T).max() <= _ROUNDING * scale
+    rounding = NUMERICS.covariance_rounding * scale
+    symmetric = np.abs(covariance - covariance.T).max() <= rounding
     require_of_effect(
-        bool(symmetric and np.linalg.eigvalsh(covariance).min() >= -_ROUNDING * scale * size),
+        bool(symmetric and np.linalg.eigvalsh(covariance).min() >= -rounding * size),
         effect,
         "covariance_across_slews is no covariance",
         "return a symmetric matrix without negative eigenvalues",
@@ -123,4 +119,4 @@ def _is_definite(covariance: np.ndarray) -> bool:
     if not np.all(sd > 0.0):
         return False
     smallest = np.linalg.eigvalsh(covariance / np.outer(sd, sd)).min()
-    return bool(smallest > _SMALLEST_EIGENVALUE)
+    return bool(smallest > NUMERICS.zero_eigenvalue)
