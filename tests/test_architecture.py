@@ -144,7 +144,6 @@ DECIDING_MODULES = {
         "diagnosis.search",
         "diagnosis.rules",
         "design.designer",
-        "design.plan_search",
         "inference.gate_limits",
         "inference.gates",
         "inference.optimizer",

@@ -66,7 +66,7 @@ class Numerics:
     # Plans that one call of compiled code scores.
     plans_per_batch: int = 10
 
-    # `plan_search.py`
+    # `designer.py`, the search
     # Limits are kept this far away [fraction] in the search, so that rounding does not cross them.
     limit_clearance: float = 1e-3
     # Slack [fraction] that stands for a limit which does not exist: SLSQP cannot hold infinity.

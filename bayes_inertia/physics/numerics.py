@@ -15,8 +15,6 @@ class Numerics:
     checked_seed: int = 20250
     # Step of the differences that derivatives are held against [prior sds].
     difference_step: float = 1e-4
-
-    # `check_stochastic.py`
     coefficient_seed: int = 20251
     # Eigenvalues of a correlation matrix below this are taken for zero.
     zero_eigenvalue: float = 1e-12

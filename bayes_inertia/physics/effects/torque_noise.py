@@ -76,3 +76,26 @@ class TorqueNoise(StochasticEffect):
 
     def body_torque(self, p, slew, t, state):
         return self.signal(p, slew, t)
+
+
+@dataclass(frozen=True)
+class TorqueRemainder(TorqueNoise):
+    """A torque without a name: `torque_noise` whose size is known to a factor of 90 either way.
+
+    For fits that stay honest although the model is incomplete: what torques nobody thought of did
+    is taken from the information on J and K.
+
+    Parameters
+    ----------
+    median_sd, median_time, factor_sd, pieces
+        As `TorqueNoise`.
+
+    Examples
+    --------
+    >>> TorqueRemainder().factor_sd
+    2.3
+    """
+
+    name: ClassVar[str] = "torque_remainder"
+    signal_title: ClassVar[str] = "torque without a name"
+    factor_sd: float = 2.3
