@@ -28,8 +28,6 @@ from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import ParameterSpace
 from bayes_inertia.physics.slew_input import idle_slew
 
-_SLEW_ANGLE = np.radians(NUMERICS.corrected_turn_deg)
-
 Values = dict[str, dict[str, AnyArray]]
 
 
@@ -110,7 +108,7 @@ def correction_forecast(
     plan = replace(plan_after(final), orbit=orbit)
     forecasts = []
     for axis in np.eye(3):
-        one = replace(plan, slews=(PlannedSlew(tuple(axis), _SLEW_ANGLE),))
+        one = replace(plan, slews=(PlannedSlew(tuple(axis), NUMERICS.corrected_turn),))
         forecasts.append([_quantiles(case, one, mission)[1:] for case in cases])
     if not np.isfinite(forecasts).all():
         return None
@@ -135,7 +133,9 @@ def correction_with_update(
     mission = Mission(crafts[1], campaign.inertia)
     forecasts = []
     for axis in np.eye(3):
-        one = replace(following_plan(campaign), slews=(PlannedSlew(tuple(axis), _SLEW_ANGLE),))
+        one = replace(
+            following_plan(campaign), slews=(PlannedSlew(tuple(axis), NUMERICS.corrected_turn),)
+        )
         forecasts.append([_quantiles(_Case(draws, {}, craft), one, mission) for craft in crafts])
     if not np.isfinite(forecasts).all():
         return None

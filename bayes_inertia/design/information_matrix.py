@@ -104,9 +104,9 @@ def _information_of_slew(
         boresight_B=conditions.boresight_B,
         rate_axes=conditions.sensors.axes,
     )
-    field, position = environment_at(conditions.environment, start_time + time)
+    environment = environment_at(conditions.environment, start_time + time)
     path = Trajectory(time, attitude, rate_B, wheel_momentum, jnp.zeros((len(time), 0)))
-    planned = PlannedTrajectory(path, field, position)
+    planned = PlannedTrajectory(path, environment)
     sensitivity = telemetry_sensitivity(
         layout.structure, theta, context, planned, conditions.sensors, conditions.scale
     )

@@ -94,6 +94,11 @@ class Numerics:
     limit_penalty: float = 1e3
 
     @property
+    def corrected_turn(self) -> float:
+        """`corrected_turn_deg` in radians."""
+        return math.radians(self.corrected_turn_deg)
+
+    @property
     def rows_of_slew(self) -> int:
         """Rows of the grid of a slew."""
         return sum(self.rows_of_phases) + 1

@@ -31,7 +31,7 @@ from bayes_inertia.physics.channels.rate import RateConstants
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.nuisances import NuisanceScale
 from bayes_inertia.physics.prediction import Structure
-from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory
+from bayes_inertia.physics.slew_context import Environment, SlewContext, State, Trajectory
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
@@ -42,15 +42,12 @@ class PlannedTrajectory(NamedTuple):
     ----------
     path : Trajectory
         The motion on n rows, without states of effects.
-    magnetic_field_N : (n, 3) array
-        Inertial axes [T].
-    position_N : (n, 3) array
-        Inertial axes [m].
+    environment : Environment
+        Its columns (n, 3).
     """
 
     path: Trajectory
-    magnetic_field_N: Array
-    position_N: Array
+    environment: Environment
 
 
 class TelemetrySensitivity(NamedTuple):
@@ -241,9 +238,9 @@ def _torques_along(
     """Torques of an effect on the wheels (n, wheels) and on the body (n, 3) along the motion."""
 
     def instant(
-        t: Array, q: Array, w: Array, h: Array, field: Array, position: Array
+        t: Array, q: Array, w: Array, h: Array, environment: Environment
     ) -> tuple[Array, Array]:
-        state = State(q, w, h, jnp.zeros(0), locked_B, field, position)
+        state = State(q, w, h, jnp.zeros(0), locked_B, *environment)
         wheel_torque = effect.wheel_torque(p, context, t, state)
         return wheel_torque, effect.body_torque(p, context, t, state)
 
@@ -253,8 +250,7 @@ def _torques_along(
         path.attitude,
         path.rate_B,
         path.wheel_momentum,
-        planned.magnetic_field_N,
-        planned.position_N,
+        planned.environment,
     )
     return jax.vmap(instant)(*rows)
 

@@ -29,7 +29,6 @@ class Numerics:
     peak_rate_off_sigmas: float = 6.0
 
     # `orbit.py`
-    earth_gm: float = 3.986004418e14  # [m^3/s^2]
     earth_dipole: float = 7.75e15  # [T m^3], axial term of the geomagnetic field
     smallest_radius: float = 6.0e6  # [m]
 

@@ -55,9 +55,7 @@ def _planned_slew(
     n, axis = len(time), np.array(slew.axis_B)
     optional: dict[str, Any] = {}
     if plan.orbit is not None:
-        campaign_time = plan.starts[i] + time
-        optional["magnetic_field_N"] = plan.orbit.magnetic_field_N(campaign_time)
-        optional["position_N"] = plan.orbit.position_N(campaign_time)
+        optional |= plan.orbit.environment(plan.starts[i] + time)._asdict()
     if craft.star_tracker is not None:
         turned = Rotation.from_rotvec(angle[:n, None] * axis)
         optional["attitude"] = (Rotation.from_quat(start_attitude) * turned).as_quat()

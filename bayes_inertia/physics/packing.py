@@ -22,7 +22,7 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.physics.channels import Channel, Readings
 from bayes_inertia.physics.numerics import NUMERICS
-from bayes_inertia.physics.slew_context import SlewContext
+from bayes_inertia.physics.slew_context import Environment, SlewContext
 from bayes_inertia.physics.slew_input import SlewInput, Start
 
 
@@ -222,11 +222,9 @@ def _slew_input(campaign: Campaign, index: int, grid, sample, n_grid: int) -> Sl
         **_lost_commands(campaign, slew, held, n_grid),
         fix_group=_fix_groups(slew, grid, n_grid),
     )
-    field, position = (
-        _extend(_on_grid(slew, key, grid, 3), n_grid) for key in ("magnetic_field_N", "position_N")
-    )
+    environment = (_extend(_on_grid(slew, key, grid, 3), n_grid) for key in Environment._fields)
     momentum = _extend(_on_grid(slew, "wheel_momentum", grid, wheels), n_grid)
-    return SlewInput(context, momentum, field, position)
+    return SlewInput(context, momentum, Environment(*environment))
 
 
 def _lost_commands(campaign: Campaign, slew: Slew, held: np.ndarray, n: int) -> dict:

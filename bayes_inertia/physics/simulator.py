@@ -40,7 +40,7 @@ from bayes_inertia.physics.equations_of_motion import (
 )
 from bayes_inertia.physics.motion_step import StepInputs, state_slope, wheel_momentum_at
 from bayes_inertia.physics.numerics import NUMERICS
-from bayes_inertia.physics.slew_context import Trajectory
+from bayes_inertia.physics.slew_context import Environment, Trajectory
 from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
 from bayes_inertia.physics.step_drive import (
     KnownMomentum,
@@ -286,8 +286,8 @@ def _inputs(slew: SlewInput, known: KnownMomentum) -> StepInputs:
         return tuple(coefficients[:, k] for k in range(coefficients.shape[1]))
 
     wheel = tuple(known.cubic[:, k] for k in range(known.cubic.shape[1]))
-    environment = of_step(slew.magnetic_field_N), of_step(slew.position_N)
-    return StepInputs(steps.time, steps.length, wheel, *environment)
+    environment = Environment(*map(of_step, slew.environment))
+    return StepInputs(steps.time, steps.length, wheel, environment)
 
 
 def _spin(

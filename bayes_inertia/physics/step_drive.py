@@ -10,6 +10,7 @@ its own integral, which is known at every row.
 
 from __future__ import annotations
 
+from functools import cache
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -85,26 +86,35 @@ def moment_weights(grid: StepGrid, xp: ModuleType = jnp) -> Any:
     Returns (m, r + 1, 4): from values at the rows to coefficients of 1, s, s^2, s^3; s is the part
     of the step that has passed.
     """
-    degree = NUMERICS.drive_degree
-    # Gauss points of an interval: exact for polynomials of degree five.
-    points = 0.5 + 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
-    shares = np.array([5.0, 8.0, 5.0]) / 18.0
+    points, shares, legendre, norm = _moment_rule(degree := NUMERICS.drive_degree)
     at = grid.fraction[..., None] + grid.width[..., None] * points
     powers = at[..., None] ** np.arange(degree + 1)
-    # Legendre polynomials orthogonal on 0 to 1, as rows of coefficients of 1, s, s^2, s^3, and one
-    # over the mean square of each.
-    power = np.arange(degree + 1)
-    order = power[:, None]
-    shifted = comb(order, power) * comb(order + power, power) * (-1.0) ** (order - power)
-    legendre = powers @ shifted.T * (2.0 * power + 1.0)
-    left = xp.einsum("mr,q,mrql->mrl", grid.width, shares * (1.0 - points), legendre)
-    right = xp.einsum("mr,q,mrql->mrl", grid.width, shares * points, legendre)
+    values = powers @ legendre.T * norm
+    left = xp.einsum("mr,q,mrql->mrl", grid.width, shares * (1.0 - points), values)
+    right = xp.einsum("mr,q,mrql->mrl", grid.width, shares * points, values)
     none = xp.zeros_like(left[:, :1])
     weights = xp.concatenate([left, none], axis=1) + xp.concatenate([none, right], axis=1)
     # In padding time stands still, and so does what is given there.
     still = np.zeros((grid.fraction.shape[1] + 1, degree + 1))
     still[0, 0] = 1.0
-    return xp.where((grid.length > 0.0)[:, None, None], weights @ shifted, still)
+    return xp.where((grid.length > 0.0)[:, None, None], weights @ legendre, still)
+
+
+class _MomentRule(NamedTuple):
+    points: np.ndarray  # of Gauss in 0 to 1, with their shares exact for degree five
+    shares: np.ndarray
+    legendre: np.ndarray  # orthogonal on 0 to 1: each row the coefficients of 1, s, s^2, ...
+    norm: np.ndarray  # one over the mean square of each
+
+
+@cache
+def _moment_rule(degree: int) -> _MomentRule:
+    power = np.arange(degree + 1)
+    order = power[:, None]
+    legendre = comb(order, power) * comb(order + power, power) * (-1.0) ** (order - power)
+    points = 0.5 + 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
+    shares = np.array([5.0, 8.0, 5.0]) / 18.0
+    return _MomentRule(points, shares, legendre + 0.0, 2.0 * power + 1.0)  # no -0.0
 
 
 def polynomials(grid: StepGrid, pieces: Any, xp: ModuleType = jnp) -> Any:

@@ -44,8 +44,6 @@ from bayes_inertia.studies.work import Row, TaskFailure, Work, WorkResult
 Pipeline = Literal["right", "small_sd", "no_scale_factors", "flipped_sign"]
 
 QUANTITIES = (*BASE_NAMES, "I1", "I2", "I3", "correction slew", "log posterior")
-# The slew [rad] whose correction is predicted, about an axis that all of J and K bear on.
-_CORRECTED_ANGLE = np.radians(DESIGN_NUMERICS.corrected_turn_deg)
 
 
 @dataclass(frozen=True)
@@ -225,7 +223,9 @@ def _correction_slews(case: CalibrationCase, thetas: np.ndarray) -> np.ndarray:
     """Correction slew (n,) [rad] that each J and K (n, 9) predict, flown on the prior's mean."""
     mission = case.mission.at_prior_mean()
     craft = replace(mission.spacecraft, bias=(0.0, 0.0, 0.0))
-    plan = replace(case.plan, slews=(PlannedSlew(LIMITS.corrected_axis, _CORRECTED_ANGLE),))
+    plan = replace(
+        case.plan, slews=(PlannedSlew(LIMITS.corrected_axis, DESIGN_NUMERICS.corrected_turn),)
+    )
     controller = Controller(craft.inertia_B, craft.scale_factor)
     return predict_correction_slew(thetas, plan, replace(mission, spacecraft=craft), controller)
 
