@@ -20,8 +20,6 @@ from bayes_inertia.files import read_bytes, text_of, write_atomically
 
 SEAL_KEY = "content_sha256"
 _MARK = b"\nbayes-inertia sha256 "
-_SEAL_BYTES = len(_MARK) + 64 + 1
-_BLOCK = 2**20  # [bytes] read at once
 
 
 def write_sealed(path: Path, content: bytes | memoryview) -> Path:
@@ -49,14 +47,15 @@ def is_sealed(path: Path, advice: str) -> bool:
 
     Returns: false for a file without a seal: of an earlier version, or cut off.
     """
+    length = len(_MARK) + 2 * hashlib.sha256().digest_size + len("\n")
     try:
         size = path.stat().st_size
         with path.open("rb") as file:
-            file.seek(max(0, size - _SEAL_BYTES))
+            file.seek(max(0, size - length))
             seal = file.read()
-        if not (len(seal) == _SEAL_BYTES and seal.startswith(_MARK)):
+        if not (len(seal) == length and seal.startswith(_MARK)):
             return False
-        intact = _digest(path, size - _SEAL_BYTES).encode() == seal[len(_MARK) : -1]
+        intact = _digest(path, size - length).encode() == seal[len(_MARK) : -1]
     except OSError as error:
         what = f"cannot be read ({error.strerror or error})"
         raise CampaignError(what, where=str(path), advice="check the file") from error
@@ -67,11 +66,11 @@ def is_sealed(path: Path, advice: str) -> bool:
     return True
 
 
-def _digest(path: Path, size: int) -> str:
-    """SHA-256 of the first bytes of a file."""
+def _digest(path: Path, size: int, block_bytes: int = 2**20) -> str:
+    """SHA-256 of the first bytes of a file, of which so many are read at once."""
     digest = hashlib.sha256()
     with path.open("rb") as file:
-        while size > 0 and (block := file.read(min(size, _BLOCK))):
+        while size > 0 and (block := file.read(min(size, block_bytes))):
             digest.update(block)
             size -= len(block)
     return digest.hexdigest()

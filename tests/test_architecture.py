@@ -144,7 +144,6 @@ DECIDING_MODULES = {
         "diagnosis.search",
         "diagnosis.rules",
         "design.designer",
-        "design.plan_search",
         "inference.gate_limits",
         "inference.gates",
         "inference.optimizer",
@@ -361,7 +360,11 @@ NO_CODE = (
 
 def code_lines(path: Path) -> frozenset[int]:
     """Numbers of the lines of a file that hold code."""
-    source = path.read_text(encoding="utf-8")
+    return code_lines_of(path.read_text(encoding="utf-8"))
+
+
+@cache
+def code_lines_of(source: str) -> frozenset[int]:
     tokens = tokenize.generate_tokens(StringIO(source).readline)
     held = {t.start[0] + k for t in tokens if t.type not in NO_CODE for k in range(lines_of(t))}
     return frozenset(held - docstring_lines(ast.parse(source)))

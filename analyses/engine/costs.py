@@ -18,8 +18,7 @@ from analyses.engine.tasks import RowLikeAFit, nothing
 from bayes_inertia.app.fit_many_folder import fit_many
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.diagnosis.search import diagnose
-from bayes_inertia.studies.engine import run_work
-from bayes_inertia.studies.row_file import NAME
+from bayes_inertia.studies.engine import NAME, run_work
 from bayes_inertia.studies.work import Work
 from bayes_inertia.studies.workers import open_workers
 

@@ -20,8 +20,7 @@ from pathlib import Path
 import psutil
 
 from bayes_inertia.studies.calibration import cases_named
-from bayes_inertia.studies.engine import Execution
-from bayes_inertia.studies.row_file import NAME, RowFile
+from bayes_inertia.studies.engine import NAME, Execution, RowFile
 from bayes_inertia.studies.simulated_fits import simulated_fits
 from bayes_inertia.studies.work import Work, WorkResult
 

@@ -30,9 +30,6 @@ from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 from bayes_inertia.progress import Progress
 
-# Enough for limits of 95 %: samples of an effect with states of its own take minutes.
-DIAGNOSED_SETTINGS = Settings(walkers=32, target_ess=2_000.0)
-
 
 @dataclass(frozen=True)
 class NextFit:
@@ -139,7 +136,7 @@ def diagnose_and_fit(
         result.diagnosis.verdict, result.posterior.summary()["effects"]
         # ('named', ['wheel_command_lag'])
     """
-    settings = settings or DIAGNOSED_SETTINGS
+    settings = settings or STOCHASTIC_SETTINGS
     if seed is not None:
         settings = replace(settings, seed=seed)
     investigation = investigate(

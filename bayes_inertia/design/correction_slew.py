@@ -28,10 +28,6 @@ from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import ParameterSpace
 from bayes_inertia.physics.slew_input import idle_slew
 
-_SLEW_ANGLE = np.radians(NUMERICS.corrected_turn_deg)
-# Programs of flights that are kept: before and after, for two sets of effects.
-_MOST_PROGRAMS = 4
-
 Values = dict[str, dict[str, AnyArray]]
 
 
@@ -112,7 +108,7 @@ def correction_forecast(
     plan = replace(plan_after(final), orbit=orbit)
     forecasts = []
     for axis in np.eye(3):
-        one = replace(plan, slews=(PlannedSlew(tuple(axis), _SLEW_ANGLE),))
+        one = replace(plan, slews=(PlannedSlew(tuple(axis), NUMERICS.corrected_turn),))
         forecasts.append([_quantiles(case, one, mission)[1:] for case in cases])
     if not np.isfinite(forecasts).all():
         return None
@@ -137,7 +133,9 @@ def correction_with_update(
     mission = Mission(crafts[1], campaign.inertia)
     forecasts = []
     for axis in np.eye(3):
-        one = replace(following_plan(campaign), slews=(PlannedSlew(tuple(axis), _SLEW_ANGLE),))
+        one = replace(
+            following_plan(campaign), slews=(PlannedSlew(tuple(axis), NUMERICS.corrected_turn),)
+        )
         forecasts.append([_quantiles(_Case(draws, {}, craft), one, mission) for craft in crafts])
     if not np.isfinite(forecasts).all():
         return None
@@ -205,7 +203,7 @@ def _inertia_afterwards(
 
 def _quantiles(case: _Case, plan: Plan, mission: Mission) -> tuple[float, float, float]:
     """Quantiles 5 %, 50 % and 95 % of the correction slew [rad] in one case."""
-    forget_surplus(PROGRAMS, most=_MOST_PROGRAMS)
+    forget_surplus(PROGRAMS, most=NUMERICS.flight_programs)
     controller = Controller(case.believed.inertia_B, case.believed.scale_factor)
     angles = predict_correction_slew(
         case.thetas[:, :9], plan, mission, controller, values=case.values

@@ -1,12 +1,10 @@
 """Which slews to fly: the plan that determines what is asked for, within all limits.
 
-A thousand random plans are scored with the smooth information forecast. The best are improved with
-exact derivatives of goal and limits, averaged over draws of J and K from what is known. The winner
-is flown: margins of every limit come from closed-loop flights with noise, each with its own truth.
-
-What a design searches for: the problem, its limits, the plan to compare with, the truths.
-
-The best of the plans found, in digits that an operator can read.
+A thousand random plans are scored in batches with the smooth information forecast. The best are
+improved by sequential quadratic programming with exact derivatives of goal and limits, averaged
+over draws of J and K from what is known. The winner is flown: margins of every limit come from
+closed-loop flights with noise, each with its own truth. The plan is in digits that an operator can
+read. A plan's design variables are (slews, 5) as in `feasible_region`.
 """
 
 from __future__ import annotations
@@ -18,12 +16,13 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy import optimize
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.after_campaign import forecast_after, missions_after, plan_after
 from bayes_inertia.design.expected_accuracy import likely_missions
 from bayes_inertia.design.feasibility import require_feasible
-from bayes_inertia.design.feasible_region import FeasibleRegion, region_within
+from bayes_inertia.design.feasible_region import FeasibleRegion, draw_variables, region_within
 from bayes_inertia.design.goals import Goal, parse_goal
 from bayes_inertia.design.information_forecast import prepare_forecast
 from bayes_inertia.design.limits import Limits, hardware_limits
@@ -31,7 +30,6 @@ from bayes_inertia.design.margins import Margin, broken_limits, flown_margins, p
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_arrays import planned_slews, slew_arrays
 from bayes_inertia.design.plan_problem import PlanProblem
-from bayes_inertia.design.plan_search import improved_plans, random_plans
 from bayes_inertia.errors import DesignError
 from bayes_inertia.flight.follow_on import spacecraft_at
 from bayes_inertia.flight.mission import Mission
@@ -44,6 +42,96 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.named_effects import effects_named
 from bayes_inertia.physics.parameters import ParameterSpace
 from bayes_inertia.progress import Progress, silent
+
+
+def random_plans(
+    problem: PlanProblem, slews: int, n: int, seed: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Random plans with their scores.
+
+    Returns `x` (n, slews, 5); `log_values` (n,): logarithm of the goal's number of each; infinite
+    where it is no number; `least_slacks` (n,): the least that each leaves of any limit.
+    """
+    rng = np.random.default_rng([seed, 7])
+    body = problem.forecast.body(problem.thetas[0])
+    x = draw_variables(rng, n, slews, problem.region, problem.forecast.layout.times, body)
+    values, slacks, _ = problem.score(x)
+    return x, np.where(np.isfinite(values), values, np.inf), _least(slacks, n)
+
+
+def improved_plan(
+    problem: PlanProblem, x: np.ndarray, steps: int, truths: int
+) -> tuple[np.ndarray, tuple[float, ...]]:
+    """A plan improved by sequential quadratic programming (Kraft 1988).
+
+    `x` (slews, 5). `truths`: over how many of the first truths the goal is averaged. Returns `x`
+    (slews, 5): design variables of the improved plan; `history`: the smooth goal's number at every
+    evaluation.
+    """
+    shape, history = x.shape, []
+
+    def value(flat: np.ndarray) -> tuple[float, np.ndarray]:
+        log_value, gradient = problem.log_value_and_gradient(flat.reshape(shape), truths)
+        history.append(float(np.exp(log_value)))
+        return log_value, gradient.ravel()
+
+    def slacks(flat: np.ndarray) -> np.ndarray:
+        values = problem.slacks_and_jacobian(flat.reshape(shape))[0]
+        return np.minimum(values, NUMERICS.unlimited_slack) - NUMERICS.limit_clearance
+
+    def jacobian(flat: np.ndarray) -> np.ndarray:
+        slopes = problem.slacks_and_jacobian(flat.reshape(shape))[1]
+        return np.nan_to_num(slopes).reshape(-1, flat.size)
+
+    fractions = [(smallest, 1.0) for smallest in NUMERICS.smallest_fractions]
+    optimum = optimize.minimize(
+        value,
+        x.ravel(),
+        jac=True,
+        method="SLSQP",
+        bounds=([(-np.pi, np.pi)] * 3 + fractions) * len(x),
+        constraints={"type": "ineq", "fun": slacks, "jac": jacobian},
+        options={"maxiter": steps, "ftol": 1e-5},
+    )
+    return optimum.x.reshape(shape), tuple(history)
+
+
+def improved_plans(
+    problem: PlanProblem,
+    x: np.ndarray,
+    log_values: np.ndarray,
+    least_slacks: np.ndarray,
+    starts: int,
+    say: Progress = silent,
+) -> tuple[list[np.ndarray], tuple[tuple[float, ...], ...]]:
+    """Plans improved from the best of random ones.
+
+    `x` (n, slews, 5); `log_values` (n,); `least_slacks` (n,). Returns `plans` (slews, 5): best
+    first. The first is the best one, improved once more over all truths; `histories`: the smooth
+    goal's number during each descent.
+    """
+    order = np.lexsort((log_values, -np.minimum(least_slacks, 0.0)))[:starts]  # feasible ones first
+    descents: list[tuple[np.ndarray, tuple[float, ...]]] = []
+    for k in order:
+        say("improving the best, plans", len(descents), len(order) + 1)
+        descents.append(improved_plan(problem, x[k], NUMERICS.descent_steps, 1))
+    say("improving the best, plans", len(order), len(order) + 1)
+    best = [descents[k][0] for k in _ranked(problem, [plan for plan, _ in descents])]
+    final = improved_plan(problem, best[0], NUMERICS.descent_steps, len(problem.thetas))
+    return [final[0], *best], (*(history for _, history in descents), final[1])
+
+
+def _ranked(problem: PlanProblem, plans: list[np.ndarray]) -> np.ndarray:
+    """Order of plans, best first: feasible ones by the goal's number, then the nearest misses."""
+    log_values, slacks, _ = problem.score(np.array(plans))
+    return np.lexsort((log_values, -np.minimum(_least(slacks, len(plans)), 0.0)))
+
+
+def _least(slacks: dict[str, np.ndarray], n: int) -> np.ndarray:
+    """The least (n,) that each of n plans leaves of any limit."""
+    return np.min(
+        [values.reshape(n, -1).min(axis=1, initial=np.inf) for values in slacks.values()], axis=0
+    )
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.channels.rate import RateConstants
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.nuisances import NuisanceScale
+from bayes_inertia.physics.slew_context import Environment
 
 
 class InverseNoise(NamedTuple):
@@ -43,15 +44,12 @@ class EnvironmentTable(NamedTuple):
     ----------
     time : (k,) array
         Time in the campaign [s], ascending.
-    magnetic_field_N : (k, 3) array
-        Inertial axes [T].
-    position_N : (k, 3) array
-        Inertial axes [m].
+    values : Environment
+        Its columns (k, 3).
     """
 
     time: AnyArray
-    magnetic_field_N: AnyArray
-    position_N: AnyArray
+    values: Environment
 
 
 class FlightConditions(NamedTuple):
@@ -146,14 +144,13 @@ def orbit_environment(orbit: Orbit | None, duration: float) -> EnvironmentTable:
 
     Examples
     --------
-    >>> orbit_environment(None, 100.0).position_N.shape
+    >>> orbit_environment(None, 100.0).values.position_N.shape
     (200, 3)
     """
     time = np.linspace(0.0, duration, NUMERICS.orbit_points)
     none = np.zeros((len(time), 3))
-    if orbit is None:
-        return EnvironmentTable(time, none, none)
-    return EnvironmentTable(time, orbit.magnetic_field_N(time), orbit.position_N(time))
+    nothing = Environment(*(none for _ in Environment._fields))
+    return EnvironmentTable(time, nothing if orbit is None else orbit.environment(time))
 
 
 def last_environment(campaign: Campaign) -> EnvironmentTable:
@@ -162,23 +159,21 @@ def last_environment(campaign: Campaign) -> EnvironmentTable:
     Returns: two equal rows; zero for what the last slew did not measure.
     """
     last = campaign.slews[-1]
-    field, position = (
-        np.tile(_last_complete(values), (2, 1))
-        for values in (last.magnetic_field_N, last.position_N)
-    )
-    return EnvironmentTable(np.array([0.0, 1.0]), field, position)
+    given = (_last_complete(getattr(last, key)) for key in Environment._fields)
+    values = Environment(*(np.tile(row, (2, 1)) for row in given))
+    return EnvironmentTable(np.array([0.0, 1.0]), values)
 
 
-def environment_at(environment: EnvironmentTable, moments: Array) -> tuple[Array, Array]:
-    """Magnetic field and position at given times.
+def environment_at(table: EnvironmentTable, moments: Array) -> Environment:
+    """The environment at given times, its columns (n, 3).
 
-    `moments` (n,) [s]. Returns `magnetic_field_N` (n, 3) [T]; `position_N` (n, 3) [m].
+    `moments` (n,) [s].
     """
-    field, position = (
-        jnp.stack([jnp.interp(moments, environment.time, values[:, i]) for i in range(3)], -1)
-        for values in (environment.magnetic_field_N, environment.position_N)
-    )
-    return field, position
+
+    def at(values: AnyArray) -> Array:
+        return jnp.stack([jnp.interp(moments, table.time, values[:, i]) for i in range(3)], -1)
+
+    return Environment(*map(at, table.values))
 
 
 def _inverse_noise(campaign: Campaign) -> InverseNoise:

@@ -30,7 +30,6 @@ GOALS = {
         "prior sd",
     ),
 }
-_REFERENCE_ANGLE = math.radians(NUMERICS.corrected_turn_deg)
 
 
 @dataclass(frozen=True)
@@ -171,16 +170,13 @@ def correction_sensitivity() -> np.ndarray:
     >>> correction_sensitivity().shape
     (13, 3, 3)
     """
+    turn = NUMERICS.corrected_turn
     axes = np.array([a for a in product((-1.0, 0.0, 1.0), repeat=3) if a > (0.0, 0.0, 0.0)])
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     out = []
     for a in axes:
         cross = np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
-        sine, versine = math.sin(_REFERENCE_ANGLE), 1.0 - math.cos(_REFERENCE_ANGLE)
-        turned = (
-            _REFERENCE_ANGLE * np.eye(3)
-            - versine * cross
-            + (_REFERENCE_ANGLE - sine) * cross @ cross
-        )
+        sine, versine = math.sin(turn), 1.0 - math.cos(turn)
+        turned = turn * np.eye(3) - versine * cross + (turn - sine) * cross @ cross
         out.append(turned @ np.diag(a))
     return np.array(out)

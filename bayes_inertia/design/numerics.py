@@ -27,6 +27,10 @@ class Numerics:
     # How far rounding to an operator's digits may reach into a reserve [fraction of the limit].
     rounding_slack: float = 2e-3
 
+    # `correction_slew.py`
+    # Programs of flights that are kept: before and after, for two sets of effects.
+    flight_programs: int = 4
+
     # `feasibility.py`
     # A slew that hardly turns [rad]: it shows what the start alone demands.
     negligible_angle: float = 1e-6
@@ -62,7 +66,7 @@ class Numerics:
     # Plans that one call of compiled code scores.
     plans_per_batch: int = 10
 
-    # `plan_search.py`
+    # `designer.py`, the search
     # Limits are kept this far away [fraction] in the search, so that rounding does not cross them.
     limit_clearance: float = 1e-3
     # Slack [fraction] that stands for a limit which does not exist: SLSQP cannot hold infinity.
@@ -88,6 +92,16 @@ class Numerics:
     first_width: float = 0.3
     # What a violated limit adds to the logarithm of the goal, for each fraction of the limit.
     limit_penalty: float = 1e3
+
+    @property
+    def corrected_turn(self) -> float:
+        """`corrected_turn_deg` in radians."""
+        return math.radians(self.corrected_turn_deg)
+
+    @property
+    def rows_of_slew(self) -> int:
+        """Rows of the grid of a slew."""
+        return sum(self.rows_of_phases) + 1
 
 
 NUMERICS = Numerics()

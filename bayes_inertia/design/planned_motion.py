@@ -36,8 +36,6 @@ from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.jax_settings import require_usable_jax
 from bayes_inertia.maths.values import AnyArray
 
-ROWS = sum(NUMERICS.rows_of_phases) + 1
-
 
 class RigidBody(NamedTuple):
     """Rigid body with wheels.
@@ -61,7 +59,7 @@ class RigidBody(NamedTuple):
 
 
 class PlannedMotion(NamedTuple):
-    """Planned slews: n of them, `ROWS` rows each.
+    """Planned slews: n of them, `NUMERICS.rows_of_slew` rows each.
 
     Parameters
     ----------
@@ -185,7 +183,7 @@ def _rest_attitudes(rotation_B: Array, attitude: Array) -> Array:
 
 
 def _time_grid(slews: SlewArrays, angle: Array, times: PlanTimes) -> tuple[Array, float]:
-    """Times (n, ROWS) of all rows [s], and when the motion begins [s]."""
+    """Times (n, rows) of all rows [s], and when the motion begins [s]."""
     peak, ramp = _peak_and_ramp(angle, slews.rate, slews.acceleration, slews.smooth)
     coast = jnp.maximum(angle / peak - ramp, NUMERICS.shortest_coast)
     same = jnp.ones_like(ramp)
@@ -202,7 +200,8 @@ def _time_grid(slews: SlewArrays, angle: Array, times: PlanTimes) -> tuple[Array
         for length, rows in zip(lengths, NUMERICS.rows_of_phases, strict=True)
     ]
     # Sums as matrix products: they compile much faster than cumulative sums.
-    return jnp.concatenate(steps, 1) @ np.tri(ROWS, ROWS - 1, -1).T, times.rest_before
+    rows = NUMERICS.rows_of_slew
+    return jnp.concatenate(steps, 1) @ np.tri(rows, rows - 1, -1).T, times.rest_before
 
 
 def _wheel_momentum(body: RigidBody, origin: PlanStart, attitude: Array, rate_B: Array) -> Array:

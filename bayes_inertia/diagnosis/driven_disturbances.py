@@ -64,7 +64,7 @@ def drivers(response: TorqueResponse) -> dict[str, np.ndarray]:
             known[COMMAND] = np.asarray(slews.context.torque)
     if all(s.magnetic_field_N is not None for s in campaign.slews):
         known["magnetic field"] = np.asarray(
-            quaternion.to_body(jnp.asarray(response.attitude), slews.magnetic_field_N)
+            quaternion.to_body(jnp.asarray(response.attitude), slews.environment.magnetic_field_N)
         )
     return known
 

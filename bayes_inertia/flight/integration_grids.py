@@ -15,6 +15,7 @@ from bayes_inertia.physics.channels import channels_of
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.integration_plan import integration_plan
 from bayes_inertia.physics.packing import pack
+from bayes_inertia.physics.slew_context import Environment
 from bayes_inertia.physics.slew_input import SlewInput
 
 
@@ -74,6 +75,5 @@ def _padded(slews: SlewInput, missing: int) -> SlewInput:
     return slews._replace(
         context=context,
         momentum=pad(slews.momentum, "edge"),
-        magnetic_field_N=pad(slews.magnetic_field_N, "edge"),
-        position_N=pad(slews.position_N, "edge"),
+        environment=Environment(*(pad(x, "edge") for x in slews.environment)),
     )

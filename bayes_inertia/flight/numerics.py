@@ -29,17 +29,12 @@ class Numerics:
     peak_rate_off_sigmas: float = 6.0
 
     # `orbit.py`
-    earth_gm: float = 3.986004418e14  # [m^3/s^2]
     earth_dipole: float = 7.75e15  # [T m^3], axial term of the geomagnetic field
     smallest_radius: float = 6.0e6  # [m]
 
     # `plan.py`
     # Rows of telemetry of a slew; more is a plan with a slip of units.
     most_rows_of_slew: int = 5_000_000
-
-    # `planned_telemetry.py`
-    # Rows are padded to multiples of this, so that few shapes are compiled.
-    row_multiple: int = 32
 
 
 NUMERICS = Numerics()

@@ -9,6 +9,8 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.numerics import NUMERICS
+from bayes_inertia.physics.effects.gravity_gradient import GravityGradient
+from bayes_inertia.physics.slew_context import Environment
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,21 @@ class Orbit:
                 advice="give the distance from the Earth's centre",
             )
 
+    def environment(self, time: np.ndarray) -> Environment:
+        """What effects need, at times of the campaign.
+
+        Parameters
+        ----------
+        time : (n,) array
+            Times of the campaign [s].
+
+        Returns
+        -------
+        Environment
+            Its columns (n, 3).
+        """
+        return Environment(self.magnetic_field_N(time), self.position_N(time))
+
     def position_N(self, time: np.ndarray) -> np.ndarray:
         """Position at times of the campaign.
 
@@ -63,7 +80,7 @@ class Orbit:
         (n, 3) array
             From the Earth's centre, in inertial axes [m].
         """
-        u = self.argument + math.sqrt(NUMERICS.earth_gm / self.radius**3) * np.asarray(time)
+        u = self.argument + math.sqrt(GravityGradient.mu / self.radius**3) * np.asarray(time)
         cos_i, sin_i = math.cos(self.inclination), math.sin(self.inclination)
         cos_n, sin_n = math.cos(self.node), math.sin(self.node)
         to_node = np.array([cos_n, sin_n, 0.0])

@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.flight.mission import Mission
-from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.slew_profile import angle_and_rate
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.maths.jax_settings import require_usable_jax
+from bayes_inertia.physics.numerics import NUMERICS
 
 
 def planned_campaign(plan: Plan, mission: Mission, name: str | None = None) -> Campaign:
@@ -55,9 +55,7 @@ def _planned_slew(
     n, axis = len(time), np.array(slew.axis_B)
     optional: dict[str, Any] = {}
     if plan.orbit is not None:
-        campaign_time = plan.starts[i] + time
-        optional["magnetic_field_N"] = plan.orbit.magnetic_field_N(campaign_time)
-        optional["position_N"] = plan.orbit.position_N(campaign_time)
+        optional |= plan.orbit.environment(plan.starts[i] + time)._asdict()
     if craft.star_tracker is not None:
         turned = Rotation.from_rotvec(angle[:n, None] * axis)
         optional["attitude"] = (Rotation.from_quat(start_attitude) * turned).as_quat()

@@ -19,16 +19,22 @@ import jax
 
 from bayes_inertia.errors import SettingsError
 
-# glibc (malloc.h). Each thread of the compiler would keep what it freed in an arena of its own: a
-# diagnosis then holds up to 0.4 GB more.
-_M_ARENA_MAX, _ARENAS = -8, 2
-
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_cpu_enable_async_dispatch", False)
 
-if sys.platform == "linux" and "MALLOC_ARENA_MAX" not in os.environ:
+
+def _share_arenas(most: int = 2) -> None:
+    """Let the threads of the compiler share arenas, where what they freed lies.
+
+    With an arena each a diagnosis holds up to 0.4 GB more.
+    """
+    arena_max = -8  # M_ARENA_MAX of malloc.h, glibc
     with suppress(OSError, AttributeError):  # Of another C library.
-        ctypes.CDLL(None).mallopt(_M_ARENA_MAX, _ARENAS)
+        ctypes.CDLL(None).mallopt(arena_max, most)
+
+
+if sys.platform == "linux" and "MALLOC_ARENA_MAX" not in os.environ:
+    _share_arenas()
 
 _forked_late = Event()
 

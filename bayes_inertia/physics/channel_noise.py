@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, get_args
+from typing import Any, ClassVar, Literal, get_args
 
 from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.errors import SettingsError
@@ -18,14 +18,6 @@ from bayes_inertia.physics.parameters import LogNormal, Parameter, scalar
 NoiseFamily = Literal["gaussian", "student_t"]
 # Owner of the noise parameters in a parameter space: "noise.rate_scale".
 NOISE_OWNER = "noise"
-# Degrees of freedom of Student-t noise unless given: tails of a real sensor (Lange et al. 1989).
-USUAL_DEGREES = 4.0
-# Fewer degrees of freedom have no mean, and no outlier would tell anything any more.
-_LEAST_DEGREES = 1.0
-# Prior of sampled degrees of freedom: median, and sd of the logarithm (95 % from 1.3 to 29).
-_DEGREES_MEDIAN, _DEGREES_SPREAD = 6.0, 0.8
-# Prior sd of the logarithm of a sampled scale: 95 % of the stated sigmas are right to a factor 2.7.
-_SCALE_SPREAD = 0.5
 _SAMPLED = "sampled"
 
 
@@ -60,9 +52,13 @@ class ChannelNoise:
     """
 
     family: NoiseFamily = "gaussian"
-    degrees: float | None = USUAL_DEGREES
+    degrees: float | None = 4.0  # tails of a real sensor (Lange et al. 1989)
     scale_sampled: bool = False
-    scale_spread: float = _SCALE_SPREAD
+    scale_spread: float = 0.5  # 95 % of the stated sigmas are right to a factor 2.7
+    # Fewer degrees of freedom have no mean, and no outlier would tell anything any more.
+    least_degrees: ClassVar[float] = 1.0
+    # Prior of sampled degrees of freedom: 95 % from 1.3 to 29.
+    degrees_prior: ClassVar[LogNormal] = LogNormal(6.0, 0.8)
 
     def __post_init__(self) -> None:
         if self.family not in get_args(NoiseFamily):
@@ -71,11 +67,11 @@ class ChannelNoise:
                 where="noise",
                 advice=f"choose {' or '.join(get_args(NoiseFamily))}",
             )
-        if self.degrees is not None and not self.degrees >= _LEAST_DEGREES:
+        if self.degrees is not None and not self.degrees >= self.least_degrees:
             raise SettingsError(
                 f"{self.degrees} degrees of freedom",
                 where="noise",
-                advice=f"give {_LEAST_DEGREES:g} or more, or {_SAMPLED!r}",
+                advice=f"give {self.least_degrees:g} or more, or {_SAMPLED!r}",
             )
         if not 0.0 < self.scale_spread < float("inf"):
             raise SettingsError(
@@ -155,9 +151,9 @@ class NoiseModel:
                 prior = LogNormal(1.0, noise.scale_spread)
                 parameters.append(scalar(f"{channel}_scale", unit="", prior=prior, null=1.0))
             if noise.heavy and noise.degrees is None:
-                prior = LogNormal(_DEGREES_MEDIAN, _DEGREES_SPREAD)
-                null = _DEGREES_MEDIAN
-                parameters.append(scalar(f"{channel}_degrees", unit="", prior=prior, null=null))
+                prior = noise.degrees_prior
+                name, null = f"{channel}_degrees", prior.median
+                parameters.append(scalar(name, unit="", prior=prior, null=null))
         return tuple(parameters)
 
     def json(self) -> dict[str, Any]:

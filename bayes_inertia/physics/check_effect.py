@@ -10,22 +10,22 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.scipy.linalg import block_diag
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.physics.check_stochastic import check_coefficients, coefficient_draw
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effect_declaration import check_declaration, guarded, require_of_effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.model_data import Data
+from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.prediction import Structure, predict_all
+from bayes_inertia.physics.random_inputs import prior_blocks
 from bayes_inertia.physics.simulator import LOOKING_BACK, MOVING_HOOKS
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.small_campaign import small_campaign
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
-_DRAWS = 8  # of the prior, where telemetry and derivatives are tried
-_SEED = 20250
-_DIFFERENCE_STEP = 1e-4  # of differences [prior sds]
 # Functions here run a few dozen times: compiling them well costs more than it saves.
 _COMPILED_QUICKLY = {"xla_backend_optimization_level": 0}
 
@@ -221,7 +221,7 @@ def _in_drive(effect: Effect, campaign: Campaign, drive: Drive, thorough: bool) 
 
 def _points(model: Model) -> np.ndarray:
     """Parameter vectors (points, d): the nulls first, then draws of the prior."""
-    draws = model.draw_prior(np.random.default_rng(_SEED), _DRAWS)
+    draws = model.draw_prior(np.random.default_rng(NUMERICS.checked_seed), NUMERICS.checked_draws)
     return np.concatenate([model.space.nulls[None], draws])
 
 
@@ -270,7 +270,7 @@ def _check_derivatives(trial: _Trial) -> dict[str, float]:
         "guard divisions, roots and norms with jnp.where on both sides",
     )
     sizes = np.linalg.norm(jacobian, axis=2).max(axis=0)
-    rng = np.random.default_rng(_SEED + 1)
+    rng = np.random.default_rng(NUMERICS.checked_seed + 1)
     for i in range(min(3, len(points))):
         _compare_with_difference(trial, i, jacobian[i], float(sizes.max()), rng)
     return dict(zip(space.names[N_BASE:], sizes.tolist(), strict=True))
@@ -282,21 +282,20 @@ def _compare_with_difference(
     """The derivative (d, numbers) at point i, along a random diagonal, against a difference."""
     space, x, at_null = trial.bench.model.space, trial.points[i], i == 0
     sd, lower = space.sd[N_BASE:], space.lower[N_BASE:]
+    step = NUMERICS.difference_step
     direction = rng.choice([-1.0, 1.0], size=len(sd))
     if at_null:  # where a prior ends at the null, the difference goes to the inside
-        direction = np.where(x - _DIFFERENCE_STEP * sd < lower, 1.0, direction)
-    move = _DIFFERENCE_STEP * sd * direction
+        direction = np.where(x - step * sd < lower, 1.0, direction)
+    move = step * sd * direction
     behind = trial.telemetry[0] if at_null else trial.pushed(x - move, x)[0]
-    length = _DIFFERENCE_STEP if at_null else 2.0 * _DIFFERENCE_STEP
+    length = step if at_null else 2.0 * step
     difference = np.array(trial.pushed(x + move, x)[0] - behind) / length
     expected = direction @ jacobian
     gap, size = (float(np.linalg.norm(v)) for v in (difference - expected, expected))
     # A difference to one side is less exact.
     allowed = 1e-2 * largest if at_null else 1e-3 * max(size, 1e-3 * largest)
     telemetry = trial.telemetry
-    rounding = (
-        1e-14 * float(np.abs(telemetry).max()) * np.sqrt(telemetry.shape[1]) / _DIFFERENCE_STEP
-    )
+    rounding = 1e-14 * float(np.abs(telemetry).max()) * np.sqrt(telemetry.shape[1]) / step
     where = "its null values" if at_null else _show(x)
     require_of_effect(
         gap <= allowed + rounding,
@@ -314,3 +313,110 @@ def _compiled(function: Callable) -> Callable:
 
 def _show(point: np.ndarray) -> str:
     return "(" + ", ".join(f"{x:.4g}" for x in point) + ")"
+
+
+def coefficient_draw(model: Model) -> np.ndarray:
+    """Whitened nuisances with coefficients to try an effect with.
+
+    Returns (slews, n_local): zero but for the coefficients, which are standard normal.
+    """
+    structure = model.structure
+    local = np.zeros((model.n_slews, structure.n_local))
+    draw = np.random.default_rng(NUMERICS.coefficient_seed).standard_normal(local.shape)
+    local[:, structure.n_start :] = draw[:, structure.n_start :]
+    return local
+
+
+def check_coefficients(effect: Effect, model: Model, points: np.ndarray) -> None:
+    """Check the prior covariance of an effect's coefficients.
+
+    `points` (n, d): parameter vectors: the null first, then draws of the prior.
+    """
+    if not isinstance(effect, StochasticEffect):
+        return
+    require_of_effect(
+        bool(model.structure.coefficients),
+        effect,
+        "coefficient_count(campaign) is 0",
+        "pass a campaign in which it acts",
+    )
+    roots = guarded(effect, "coefficient_root(p, slew, count)", lambda: _roots(model, points))
+    count = roots.shape[-1]
+    has_parameters = points.shape[1] > model.space.slice_of("").stop
+    require_of_effect(
+        not has_parameters or not np.any(roots[0]),
+        effect,
+        "at its null values the covariance of the coefficients is not zero",
+        "let the root vanish there",
+    )
+    for k, root in enumerate(roots[1:].reshape(-1, count, count)):
+        require_of_effect(
+            bool(np.isfinite(root).all()),
+            effect,
+            f"coefficient_root is not finite (draw {k} of the prior)",
+            "keep it finite over the whole prior",
+        )
+        require_of_effect(
+            _is_definite(root @ root.T),
+            effect,
+            "the covariance of the coefficients is not positive definite",
+            "leave out coefficients that others determine, or give each a variance",
+        )
+    _check_across_slews(effect, model, points[-1])
+
+
+def _check_across_slews(effect: StochasticEffect, model: Model, theta: np.ndarray) -> None:
+    """Check the covariance of all slews, where the effect has one."""
+    structure, slews = model.structure, model.data.arrays.slews.context
+    active = structure.active_effects(jnp.asarray(theta))
+    ((_, p),) = active
+    given = guarded(
+        effect,
+        "covariance_across_slews(p, slews)",
+        lambda: effect.covariance_across_slews(p, slews),
+    )
+    if given is None:
+        return
+    covariance = np.asarray(given)
+    (blocks,) = jax.vmap(lambda slew: prior_blocks(active, structure.coefficients, slew))(slews)
+    size = blocks.shape[0] * blocks.shape[-1]
+    require_of_effect(
+        covariance.shape == (size, size),
+        effect,
+        f"covariance_across_slews has the shape {covariance.shape}",
+        f"return {size} rows and columns: the coefficients of one block, slew by slew",
+    )
+    scale = max(float(np.abs(covariance).max()), 1e-300)
+    rounding = NUMERICS.covariance_rounding * scale
+    symmetric = np.abs(covariance - covariance.T).max() <= rounding
+    require_of_effect(
+        bool(symmetric and np.linalg.eigvalsh(covariance).min() >= -rounding * size),
+        effect,
+        "covariance_across_slews is no covariance",
+        "return a symmetric matrix without negative eigenvalues",
+    )
+
+
+def _roots(model: Model, points: np.ndarray) -> np.ndarray:
+    """Roots (points, slews, k, k)."""
+    structure, contexts = model.structure, model.data.arrays.slews.context
+
+    def of_point(theta):
+        active = structure.active_effects(theta)
+
+        def of_slew(slew):
+            blocks = prior_blocks(active, structure.coefficients, slew)
+            return block_diag(*(root for effect in blocks for root in effect))
+
+        return jax.vmap(of_slew)(contexts)
+
+    return np.array(jax.jit(jax.vmap(of_point))(points))
+
+
+def _is_definite(covariance: np.ndarray) -> bool:
+    """Whether a covariance (k, k) has full rank, whatever the units of its rows."""
+    sd = np.sqrt(np.diag(covariance))
+    if not np.all(sd > 0.0):
+        return False
+    smallest = np.linalg.eigvalsh(covariance / np.outer(sd, sd)).min()
+    return bool(smallest > NUMERICS.zero_eigenvalue)

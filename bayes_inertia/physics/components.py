@@ -6,6 +6,7 @@ Compiled code handles a few scalars faster than arrays of three numbers.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import jax
@@ -15,21 +16,28 @@ from jax import Array
 
 Components = tuple[Array, ...]
 
-# Butcher 1964, sixth order in seven stages: fractions of the step, what each stage takes of those
-# before it, and the weights of the sum.
-_FRACTIONS = np.array([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0 / 3.0, 0.5, 0.5, 1.0])
-_STAGES = np.array(
-    [
-        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        [1.0 / 3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        [0.0, 2.0 / 3.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        [1.0 / 12.0, 1.0 / 3.0, -1.0 / 12.0, 0.0, 0.0, 0.0, 0.0],
-        [-1.0 / 16.0, 9.0 / 8.0, -3.0 / 16.0, -3.0 / 8.0, 0.0, 0.0, 0.0],
-        [0.0, 9.0 / 8.0, -3.0 / 8.0, -3.0 / 4.0, 0.5, 0.0, 0.0],
-        [9.0 / 44.0, -9.0 / 11.0, 63.0 / 44.0, 18.0 / 11.0, 0.0, -16.0 / 11.0, 0.0],
-    ]
-)
-_SUM = np.array([11.0, 0.0, 81.0, 81.0, -32.0, -32.0, 11.0]) / 120.0
+
+@dataclass(frozen=True, eq=False)
+class Tableau:
+    """An explicit Runge-Kutta method of s stages (Butcher's tableau)."""
+
+    fractions: np.ndarray  # (s,), of the step that have passed
+    stages: np.ndarray  # (s, s), what each stage takes of the slopes of those before it
+    weights: np.ndarray  # (s,), of the slopes in the step
+
+    @classmethod
+    def butcher_6(cls) -> Tableau:
+        """Sixth order in seven stages (J. C. Butcher, J. Austral. Math. Soc. 4, 1964)."""
+        third, half = 1.0 / 3.0, 0.5
+        stages = np.zeros((7, 7))
+        stages[1, :1] = third
+        stages[2, :2] = 0.0, 2.0 / 3.0
+        stages[3, :3] = 1.0 / 12.0, third, -1.0 / 12.0
+        stages[4, :4] = -1.0 / 16.0, 9.0 / 8.0, -3.0 / 16.0, -3.0 / 8.0
+        stages[5, :5] = 0.0, 9.0 / 8.0, -3.0 / 8.0, -3.0 / 4.0, half
+        stages[6, :6] = 9.0 / 44.0, -9.0 / 11.0, 63.0 / 44.0, 18.0 / 11.0, 0.0, -16.0 / 11.0
+        weights = np.array([11.0, 0.0, 81.0, 81.0, -32.0, -32.0, 11.0]) / 120.0
+        return cls(np.array([0.0, third, 2.0 / 3.0, third, half, half, 1.0]), stages, weights)
 
 
 def columns(rows: Array) -> Components:
@@ -140,9 +148,11 @@ def runge_kutta_6(slope: Callable[[Any, Any], Any], x: Any, step: Array) -> Any:
             lambda rows, now: jax.lax.dynamic_update_index_in_dim(rows, now, index, 0), slopes, k
         ), None
 
-    none = jax.tree.map(lambda a: jnp.zeros((len(_SUM), *jnp.shape(a))), x)
-    rows = (jnp.arange(len(_SUM)), jnp.asarray(_FRACTIONS), jnp.asarray(_STAGES))
-    return _moved(x, jax.lax.scan(stage, none, rows)[0], step * _SUM)
+    method = Tableau.butcher_6()
+    count = len(method.weights)
+    none = jax.tree.map(lambda a: jnp.zeros((count, *jnp.shape(a))), x)
+    rows = (jnp.arange(count), jnp.asarray(method.fractions), jnp.asarray(method.stages))
+    return _moved(x, jax.lax.scan(stage, none, rows)[0], step * method.weights)
 
 
 def _moved(x: Any, slopes: Any, shares: Array) -> Any:

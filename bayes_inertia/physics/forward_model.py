@@ -21,6 +21,7 @@ from bayes_inertia.physics.effects.lost_commands import LostCommands
 from bayes_inertia.physics.integration_plan import integration_plan
 from bayes_inertia.physics.model_data import Data
 from bayes_inertia.physics.nuisances import NuisanceScale
+from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.packing import Arrays, pack
 from bayes_inertia.physics.parameters import (
     BASE_NAMES,
@@ -35,9 +36,6 @@ from bayes_inertia.physics.random_inputs import coefficient_counts
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stated_noise import stated_noise
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
-
-# Slow shapes of tachometer noise that move the attitude; the rest acts only on its own sample.
-_TACHOMETER_MODES = 12
 
 
 @array_dataclass
@@ -255,7 +253,7 @@ def _structure(
         layout,
         campaign.inertia.includes_wheel_spin,
         len(campaign.wheels),
-        modes=_TACHOMETER_MODES if drive == "measured" else 0,
+        modes=NUMERICS.tachometer_modes if drive == "measured" else 0,
         refined=False,
         coefficients=coefficient_counts(campaign, effects),
         channels=channels_of(campaign, drive),

@@ -17,31 +17,11 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.packing import bridged, longest_step, refined_grid
 from bayes_inertia.physics.simulator import LOOKING_BACK, MOVING_HOOKS
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.step_drive import left_out, polynomials, step_ends, step_grid
-
-# Largest error of what a sensor is predicted to read, as a share of its noise.
-_OF_NOISE = 1.0 / 100.0
-# Error as a share of the turn times (f h)^6: the largest of 128 tumbling bodies with and without
-# wheels was 2.8e-4, half of them stayed below 2e-6.
-_ERROR_OF_STEP = 3e-4
-_LONGEST_TURN = 1.0  # f h at most [rad]
-# The largest rate and momentum of a slew are so many times this quantile: outliers do not count.
-_QUANTILE = 0.95
-_PEAK = 1.25
-# What the wheels do within a step moves the body by the angle that is integrated to first order,
-# times this and the turn of the step.
-_COUPLING = 0.1
-# Rows a step that are tried: few, for each is another program. Every size that slews of `_FEW_ROWS`
-# are padded to is a multiple of all (`padded_size`).
-_ROWS = (96, 48, 24, 12, 6, 3, 1)
-# One step of the integrator takes as long as so many rows of dense output.
-_ROWS_WORTH_A_STEP = 20.0
-# Slews of fewer rows are integrated row by row: steps of several rows take longer to compile than
-# they save.
-_FEW_ROWS = 256
 
 
 class IntegrationPlan(NamedTuple):
@@ -85,10 +65,10 @@ def integration_plan(
     spacing = min(longest, longest_step(campaign)) if looks_back else longest
     if any(_needs_each_row(effect, campaign) for effect in effects):
         return IntegrationPlan(spacing, 1)
-    if max(len(slew.time) for slew in campaign.slews) < _FEW_ROWS:
+    if max(len(slew.time) for slew in campaign.slews) < NUMERICS.rows_of_long_slew:
         return IntegrationPlan(spacing, 1)
     rows = _cheapest(campaign, spacing, longest)
-    for fewer in (r for r in _ROWS if r <= rows):
+    for fewer in (r for r in NUMERICS.rows_per_step if r <= rows):
         plan = IntegrationPlan(min(spacing, longest / fewer), fewer)
         if fewer == 1 or _follows_the_wheels(campaign, plan, drive, motion):
             return plan
@@ -147,7 +127,8 @@ def motion_scales(campaign: Campaign) -> MotionScales:
 
 def _largest(rows: np.ndarray) -> float:
     """The largest norm of rows (n, 3) but for outliers."""
-    return _PEAK * float(np.quantile(np.linalg.norm(rows, axis=1), _QUANTILE))
+    largest = np.quantile(np.linalg.norm(rows, axis=1), NUMERICS.largest_quantile)
+    return NUMERICS.largest_over_quantile * float(largest)
 
 
 def longest_smooth_step(campaign: Campaign, motion: MotionScales) -> float:
@@ -164,9 +145,9 @@ def longest_smooth_step(campaign: Campaign, motion: MotionScales) -> float:
     True
     """
     frequency = max(motion.frequency, 1e-9)
-    allowed = _OF_NOISE * _angle_noise(campaign, frequency)
-    angle = (allowed / (_ERROR_OF_STEP * max(motion.turn, 1e-6))) ** (1.0 / 6.0)
-    step = min(angle, _LONGEST_TURN) / frequency
+    allowed = NUMERICS.error_of_noise * _angle_noise(campaign, frequency)
+    angle = (allowed / (NUMERICS.error_of_step * max(motion.turn, 1e-6))) ** (1.0 / 6.0)
+    step = min(angle, NUMERICS.longest_turn) / frequency
     return float(2.0 ** (0.25 * np.floor(4.0 * np.log2(step))))
 
 
@@ -187,9 +168,9 @@ def _cheapest(campaign: Campaign, spacing: float, longest: float) -> int:
         between = min(spacing, longest / rows)
         points = max(float(np.maximum(1.0, np.ceil(g / between - 1e-9)).sum()) for g in gaps)
         steps = np.ceil(points / rows)
-        return float(steps * rows + _ROWS_WORTH_A_STEP * steps)
+        return float(steps * rows + NUMERICS.rows_worth_a_step * steps)
 
-    return min(_ROWS, key=cost)
+    return min(NUMERICS.rows_per_step, key=cost)
 
 
 def _follows_the_wheels(
@@ -198,10 +179,10 @@ def _follows_the_wheels(
     """Whether steps of so many rows do justice to what the wheels do within them."""
     if not campaign.wheels:
         return True
-    turn = _COUPLING * motion.frequency * plan.rows_per_step * plan.spacing
+    turn = NUMERICS.coupling_of_wheels * motion.frequency * plan.rows_per_step * plan.spacing
     frequency = max(motion.frequency, 1e-9)
-    allowed_rate = _OF_NOISE * float(min(campaign.rate_sensor.sigma)) / frequency
-    allowed_fix = _OF_NOISE * _angle_noise(campaign, frequency)
+    allowed_rate = NUMERICS.error_of_noise * float(min(campaign.rate_sensor.sigma)) / frequency
+    allowed_fix = NUMERICS.error_of_noise * _angle_noise(campaign, frequency)
     for angle, at_fix in _angles(campaign, plan, drive):
         error = angle * (angle + turn)
         if error.max(initial=0.0) > allowed_rate or error[at_fix].max(initial=0.0) > allowed_fix:

@@ -74,8 +74,7 @@ def _padded_inputs(slews: SlewInput) -> SlewInput:
     return slews._replace(
         context=context._replace(**on_grid),
         momentum=_padded(slews.momentum),
-        magnetic_field_N=_padded(slews.magnetic_field_N),
-        position_N=_padded(slews.position_N),
+        environment=jax.tree.map(_padded, slews.environment),
     )
 
 

@@ -27,7 +27,7 @@ from bayes_inertia.physics.equations_of_motion import (
     internal_momentum,
     rate_components,
 )
-from bayes_inertia.physics.slew_context import SlewContext, State
+from bayes_inertia.physics.slew_context import Environment, SlewContext, State
 from bayes_inertia.physics.slew_input import Drive, SlewInput
 from bayes_inertia.physics.step_drive import value
 
@@ -44,17 +44,14 @@ class StepInputs(NamedTuple):
     wheel : tuple of (wheels,) arrays
         Coefficients of the momentum that commands give the wheels (commanded drive), or of their
         momentum relative to the body (measured drive) [N m s].
-    field : tuple of (3,) arrays
-        Of the magnetic field in inertial axes [T].
-    position : tuple of (3,) arrays
-        Of the position in inertial axes [m].
+    environment : Environment
+        Of each of its vectors: a tuple of (3,) arrays.
     """
 
     time: Array
     length: Array
     wheel: tuple[Array, ...]
-    field: tuple[Array, ...]
-    position: tuple[Array, ...]
+    environment: Environment
 
 
 def wheel_momentum_at(
@@ -119,12 +116,12 @@ def _effect_slopes(
     relative = (
         momentum - mass.spin_inertia * (rate_B @ mass.axes_B) if drive == "commanded" else momentum
     )
-    field, position = value(inputs.field, fraction), value(inputs.position, fraction)
+    environment = [value(coefficients, fraction) for coefficients in inputs.environment]
     t = inputs.time + fraction * inputs.length
     external, wheel_torque, own_rates = jnp.zeros(3), jnp.zeros_like(relative), []
     for (effect, p), effect_states in zip(active, x.effect_states, strict=True):
         state = State(
-            jnp.stack(x.attitude), rate_B, relative, effect_states, mass.locked, field, position
+            jnp.stack(x.attitude), rate_B, relative, effect_states, mass.locked, *environment
         )
         if effect.acts("body_torque"):
             external = external + effect.body_torque(p, context, t, state)
@@ -142,23 +139,26 @@ def grid_rows(slew: SlewInput, torque: Array) -> dict:
     """What `advance` reads at each grid point.
 
     `torque` (n, wheels): torque delivered to the wheels and held over each step [N m]. Returns
-    `time` and `step` (n,) [s]; `torque`, `wheel`, `field` and `position` as components at the two
-    ends of each step.
+    `time` and `step` (n,) [s]; `torque`, `wheel` and `environment` as components at the two ends of
+    each step.
 
     Examples
     --------
     >>> from bayes_inertia.physics.slew_input import idle_slew
     >>> sorted(grid_rows(idle_slew([0.0, 1.0]), jnp.zeros((2, 0))))
-    ['field', 'position', 'step', 'time', 'torque', 'wheel']
+    ['environment', 'step', 'time', 'torque', 'wheel']
     """
-    inputs = {
-        "torque": torque,
-        "wheel": slew.momentum,
-        "field": slew.magnetic_field_N,
-        "position": slew.position_N,
+
+    def ends(x: Array) -> tuple[Components, Components]:
+        return columns(x), columns(following(x))
+
+    return {
+        "torque": ends(torque),
+        "wheel": ends(slew.momentum),
+        "environment": Environment(*map(ends, slew.environment)),
+        "time": slew.context.time,
+        "step": slew.context.step,
     }
-    rows: dict = {key: (columns(x), columns(following(x))) for key, x in inputs.items()}
-    return rows | {"time": slew.context.time, "step": slew.context.step}
 
 
 def advance(
@@ -193,8 +193,7 @@ def advance(
         row["time"],
         row["step"],
         given if drive == "commanded" else _line(row["wheel"]),
-        _line(row["field"]),
-        _line(row["position"]),
+        Environment(*map(_line, row["environment"])),
     )
 
     def slope(fraction: float, x: SlewState) -> SlewState:

@@ -29,7 +29,6 @@ from bayes_inertia.physics.effect import Effect
 
 ENTRY_POINTS = "bayes_inertia.effects"
 _REFERENCE = re.compile(r"(?P<source>.+):(?P<attribute>[A-Za-z_]\w*)(?:@(?P<digest>[0-9a-f]{16}))?")
-_DIGEST_LENGTH = 16
 
 
 @dataclass(frozen=True)
@@ -260,7 +259,7 @@ def _require_same(reference: EffectReference, digest: str) -> None:
 
 
 def _digest(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()[:_DIGEST_LENGTH]
+    return hashlib.sha256(data).hexdigest()[:16]  # as many as `_REFERENCE` takes
 
 
 def _first_line(error: BaseException) -> str:

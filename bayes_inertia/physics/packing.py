@@ -21,14 +21,9 @@ from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.physics.channels import Channel, Readings
-from bayes_inertia.physics.slew_context import SlewContext
+from bayes_inertia.physics.numerics import NUMERICS
+from bayes_inertia.physics.slew_context import Environment, SlewContext
 from bayes_inertia.physics.slew_input import SlewInput, Start
-
-# Rows and star-tracker fixes are padded to multiples of these so that campaigns of similar length
-# share compiled code.
-_ROW_MULTIPLE = 32
-_FIX_MULTIPLE = 8
-_MOST_POINTS = 1e6
 
 
 class Telemetry(NamedTuple):
@@ -85,7 +80,7 @@ def refined_grid(time: np.ndarray, max_step: float | None) -> tuple[np.ndarray, 
     if max_step is None:
         return time, np.arange(len(time))
     wanted = np.maximum(1.0, np.ceil(np.diff(time) / max_step - 1e-9))
-    if not wanted.sum() < _MOST_POINTS:
+    if not wanted.sum() < NUMERICS.most_grid_points:
         what = f"integrating {time[-1] - time[0]:.6g} s in steps of {max_step:.3g} s is too much"
         raise CampaignError(
             what,
@@ -117,8 +112,9 @@ def longest_step(campaign: Campaign) -> float:
     """
     readings = [s.complete_rates()[1] for s in campaign.slews]
     rates = np.concatenate([np.linalg.norm(r, axis=1) for r in readings])
-    fastest = 2.0 * float(np.quantile(rates, 0.95)) if len(rates) else 0.0
-    return float(2.0 ** np.floor(np.log2(0.05 / max(fastest, 1e-9))))
+    high = float(np.quantile(rates, NUMERICS.largest_quantile)) if len(rates) else 0.0
+    fastest = max(NUMERICS.fastest_over_quantile * high, 1e-9)
+    return float(2.0 ** np.floor(np.log2(NUMERICS.straight_turn / fastest)))
 
 
 def pack(
@@ -145,7 +141,7 @@ def pack(
     """
     step = longest_step(campaign) if max_step is None else max_step
     grids = [refined_grid(s.time - s.time[0], step) for s in campaign.slews]
-    multiple = rows_per_step * -(-_ROW_MULTIPLE // rows_per_step)
+    multiple = rows_per_step * -(-NUMERICS.row_multiple // rows_per_step)
     n_grid = _padded(max(len(g) for g, _ in grids), multiple)
     n_rows = _padded(max(len(s.time) for s in campaign.slews), multiple)
     inputs = [_slew_input(campaign, i, *grids[i], n_grid) for i in range(len(campaign.slews))]
@@ -226,11 +222,9 @@ def _slew_input(campaign: Campaign, index: int, grid, sample, n_grid: int) -> Sl
         **_lost_commands(campaign, slew, held, n_grid),
         fix_group=_fix_groups(slew, grid, n_grid),
     )
-    field, position = (
-        _extend(_on_grid(slew, key, grid, 3), n_grid) for key in ("magnetic_field_N", "position_N")
-    )
+    environment = (_extend(_on_grid(slew, key, grid, 3), n_grid) for key in Environment._fields)
     momentum = _extend(_on_grid(slew, "wheel_momentum", grid, wheels), n_grid)
-    return SlewInput(context, momentum, field, position)
+    return SlewInput(context, momentum, Environment(*environment))
 
 
 def _lost_commands(campaign: Campaign, slew: Slew, held: np.ndarray, n: int) -> dict:
@@ -258,7 +252,7 @@ def _stacked_readings(campaign: Campaign, channel: Channel, n_rows: int) -> list
     of_slews = [channel.readings(campaign, slew) for slew in campaign.slews]
     n = n_rows
     if not channel.stream.is_series:
-        n = _padded(max(len(readings.row) for readings in of_slews), _FIX_MULTIPLE)
+        n = _padded(max(len(readings.row) for readings in of_slews), NUMERICS.fix_multiple)
 
     def padded(values: np.ndarray, blank: Any) -> np.ndarray:
         spare = np.broadcast_to(blank, (n - len(values), *values.shape[1:]))

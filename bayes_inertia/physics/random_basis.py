@@ -11,10 +11,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jax import Array
 
+from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.slew_context import SlewContext
-
-# Of a variance, added to it: far below what telemetry can tell.
-_JITTER = 1e-9
 
 
 def slew_fraction(slew: SlewContext, t: Array) -> Array:
@@ -171,7 +169,7 @@ def matern_root(
     x = jnp.sqrt(2.0 * differentiable + 1.0) * apart / jnp.maximum(correlation_time, 1e-9)
     smooth = 1.0 + x + (x**2 / 3.0 if differentiable == 2 else 0.0)
     # Knots much closer than the correlation time are nearly one: keep the matrix definite.
-    definite = _JITTER * jnp.eye(knots)
+    definite = NUMERICS.jitter * jnp.eye(knots)
     return sd * jnp.linalg.cholesky(smooth * jnp.exp(-x) + definite)
 
 

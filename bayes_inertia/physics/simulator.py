@@ -39,7 +39,8 @@ from bayes_inertia.physics.equations_of_motion import (
     rate_of_momentum,
 )
 from bayes_inertia.physics.motion_step import StepInputs, state_slope, wheel_momentum_at
-from bayes_inertia.physics.slew_context import Trajectory
+from bayes_inertia.physics.numerics import NUMERICS
+from bayes_inertia.physics.slew_context import Environment, Trajectory
 from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
 from bayes_inertia.physics.step_drive import (
     KnownMomentum,
@@ -52,8 +53,6 @@ from bayes_inertia.physics.step_drive import (
     value,
 )
 
-# Steps of a block: a look at each takes as long as the step.
-_BLOCK = 16
 # Hooks that make more than the attitude change during a slew.
 MOVING_HOOKS = ("wheel_torque", "body_torque", "initial_state", "internal_momentum")
 # Hooks that decide how the body and its wheels move: all that the simulator calls.
@@ -253,7 +252,7 @@ def full_path(
 def _over_steps(step: Callable[[Any, Any], tuple[Any, Any]], first: Any, inputs: Any) -> Any:
     """As `jax.lax.scan`, but blocks of padding, whose steps have no length, cost nothing."""
     length = inputs.length if isinstance(inputs, StepInputs) else inputs[1]
-    size = math.gcd(len(length), _BLOCK)
+    size = math.gcd(len(length), NUMERICS.steps_of_block)
     number = len(length) // size
     blocks = jax.tree.map(lambda x: x.reshape(number, size, *x.shape[1:]), (inputs, length))
 
@@ -287,8 +286,8 @@ def _inputs(slew: SlewInput, known: KnownMomentum) -> StepInputs:
         return tuple(coefficients[:, k] for k in range(coefficients.shape[1]))
 
     wheel = tuple(known.cubic[:, k] for k in range(known.cubic.shape[1]))
-    environment = of_step(slew.magnetic_field_N), of_step(slew.position_N)
-    return StepInputs(steps.time, steps.length, wheel, *environment)
+    environment = Environment(*map(of_step, slew.environment))
+    return StepInputs(steps.time, steps.length, wheel, environment)
 
 
 def _spin(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from jax import Array
 
@@ -60,6 +60,25 @@ class SlewContext(NamedTuple):
     lost_command: Array | None = None
     lost_command_sd: Array | None = None
     fix_group: Array | None = None
+
+
+@array_tuple
+class Environment(NamedTuple):
+    """What surrounds the spacecraft, in inertial axes, zero where unknown.
+
+    Each is (3,), with leading axes of rows and slews where there are many, or whatever stands for
+    it there, such as the coefficients of a polynomial.
+
+    Parameters
+    ----------
+    magnetic_field_N : (3,) array
+        Magnetic field [T].
+    position_N : (3,) array
+        Position from the planet's centre [m].
+    """
+
+    magnetic_field_N: Any
+    position_N: Any
 
 
 @array_tuple

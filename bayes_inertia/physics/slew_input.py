@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.physics.slew_context import SlewContext
+from bayes_inertia.physics.slew_context import Environment, SlewContext
 
 Drive = Literal["commanded", "measured"]
 
@@ -57,10 +57,8 @@ class SlewInput(NamedTuple):
     momentum : (n, wheels) array
         Wheel momentum relative to the body that drives the `measured` mode [N m s]; the
         `commanded` drive does not use it.
-    magnetic_field_N : (n, 3) array
-        Magnetic field in inertial axes [T], zero where unknown.
-    position_N : (n, 3) array
-        Position from the Earth's centre in inertial axes [m], zero where unknown.
+    environment : Environment
+        Its columns (n, 3).
     slow_error : SlowError, optional
         What was taken off the readings to give `momentum`; draws of one slew then share what the
         integration makes of the readings.
@@ -71,8 +69,7 @@ class SlewInput(NamedTuple):
 
     context: SlewContext
     momentum: Array
-    magnetic_field_N: Array
-    position_N: Array
+    environment: Environment
     slow_error: SlowError | None = None
     output: OutputRows | None = None
 
@@ -163,4 +160,5 @@ def idle_slew(
         boresight_B=jnp.array([0.0, 0.0, 1.0]),
         rate_axes=jnp.eye(3),
     )
-    return SlewInput(context, jnp.zeros((n, wheels)), jnp.zeros((n, 3)), jnp.zeros((n, 3)))
+    nothing = Environment(*(jnp.zeros((n, 3)) for _ in Environment._fields))
+    return SlewInput(context, jnp.zeros((n, wheels)), nothing)

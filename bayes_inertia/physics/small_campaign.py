@@ -14,8 +14,6 @@ from bayes_inertia.maths.jax_settings import require_usable_jax
 from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import Start, idle_slew
 
-_ORBIT_RATE = 1.08e-3  # of a low Earth orbit [rad/s]
-
 
 def small_campaign() -> Campaign:
     """Three slews of a microsatellite without noise.
@@ -61,7 +59,7 @@ def _small_slew(index: int, push: np.ndarray, tensor: np.ndarray, axes: np.ndarr
         jnp.array([0.05, -0.04, 0.06]),
     )
     path = simulate_slew(slew, first, jnp.asarray(tensor))[0]
-    angle = (start + time) * _ORBIT_RATE
+    angle = (start + time) * 1.08e-3  # at the rate of a low Earth orbit [rad/s]
     in_orbit = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], -1)
     direction_N = in_orbit @ np.array([[0.9, 0.3, -0.3], [-0.3, 0.2, -0.93], [0, 0, 0]])
     return Slew(

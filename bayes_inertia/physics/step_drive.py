@@ -10,24 +10,17 @@ its own integral, which is known at every row.
 
 from __future__ import annotations
 
+from functools import cache
 from types import ModuleType
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from scipy.special import comb
 
+from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.slew_input import Drive, SlewInput
-
-DEGREE = 3
-# Shifted Legendre polynomials as rows of coefficients of 1, s, s^2, s^3; orthogonal on 0 to 1.
-_LEGENDRE = np.array(
-    [[1.0, 0.0, 0.0, 0.0], [-1.0, 2.0, 0.0, 0.0], [1.0, -6.0, 6.0, 0.0], [-1.0, 12.0, -30.0, 20.0]]
-)
-_NORM = np.array([1.0, 3.0, 5.0, 7.0])  # one over the mean square of each
-# Gauss points of an interval: exact for polynomials of degree five.
-_POINTS = 0.5 + 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
-_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
 
 
 class StepGrid(NamedTuple):
@@ -93,17 +86,35 @@ def moment_weights(grid: StepGrid, xp: ModuleType = jnp) -> Any:
     Returns (m, r + 1, 4): from values at the rows to coefficients of 1, s, s^2, s^3; s is the part
     of the step that has passed.
     """
-    at = grid.fraction[..., None] + grid.width[..., None] * _POINTS
-    powers = at[..., None] ** np.arange(DEGREE + 1)
-    legendre = powers @ _LEGENDRE.T * _NORM
-    left = xp.einsum("mr,q,mrql->mrl", grid.width, _WEIGHTS * (1.0 - _POINTS), legendre)
-    right = xp.einsum("mr,q,mrql->mrl", grid.width, _WEIGHTS * _POINTS, legendre)
+    points, shares, legendre, norm = _moment_rule(degree := NUMERICS.drive_degree)
+    at = grid.fraction[..., None] + grid.width[..., None] * points
+    powers = at[..., None] ** np.arange(degree + 1)
+    values = powers @ legendre.T * norm
+    left = xp.einsum("mr,q,mrql->mrl", grid.width, shares * (1.0 - points), values)
+    right = xp.einsum("mr,q,mrql->mrl", grid.width, shares * points, values)
     none = xp.zeros_like(left[:, :1])
     weights = xp.concatenate([left, none], axis=1) + xp.concatenate([none, right], axis=1)
     # In padding time stands still, and so does what is given there.
-    still = np.zeros((grid.fraction.shape[1] + 1, DEGREE + 1))
+    still = np.zeros((grid.fraction.shape[1] + 1, degree + 1))
     still[0, 0] = 1.0
-    return xp.where((grid.length > 0.0)[:, None, None], weights @ _LEGENDRE, still)
+    return xp.where((grid.length > 0.0)[:, None, None], weights @ legendre, still)
+
+
+class _MomentRule(NamedTuple):
+    points: np.ndarray  # of Gauss in 0 to 1, with their shares exact for degree five
+    shares: np.ndarray
+    legendre: np.ndarray  # orthogonal on 0 to 1: each row the coefficients of 1, s, s^2, ...
+    norm: np.ndarray  # one over the mean square of each
+
+
+@cache
+def _moment_rule(degree: int) -> _MomentRule:
+    power = np.arange(degree + 1)
+    order = power[:, None]
+    legendre = comb(order, power) * comb(order + power, power) * (-1.0) ** (order - power)
+    points = 0.5 + 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
+    shares = np.array([5.0, 8.0, 5.0]) / 18.0
+    return _MomentRule(points, shares, legendre + 0.0, 2.0 * power + 1.0)  # no -0.0
 
 
 def polynomials(grid: StepGrid, pieces: Any, xp: ModuleType = jnp) -> Any:
@@ -132,7 +143,7 @@ def left_out(grid: StepGrid, pieces: Any, coefficients: Any, xp: ModuleType = jn
     passed = xp.cumsum(area, axis=1) - area
     s = grid.fraction[..., None]
     of_cubic = xp.zeros_like(passed)
-    for power in range(DEGREE, -1, -1):
+    for power in range(NUMERICS.drive_degree, -1, -1):
         of_cubic = s * (coefficients[:, None, power] / (power + 1.0) + of_cubic)
     return grid.length[:, None, None] * (passed - of_cubic)
 
@@ -212,15 +223,16 @@ def known_momentum(
 ) -> KnownMomentum:
     """Wheel momentum that follows from held commands, or from tachometers.
 
-    `torque` (n, wheels): torque delivered to the wheels and held over each grid step [N m].
+        `torque` (n, wheels): torque delivered to the wheels and held over each grid step [N m].
 
-    Examples
-    --------
-    >>> from bayes_inertia.physics.slew_input import idle_slew
-    >>> slew = idle_slew([0.0, 1.0, 2.0, 3.0])
-    >>> torque = jnp.array([[1.0], [0.0], [0.0], [0.0]])
-    >>> known_momentum(slew, torque, "commanded", 2).at_rows[:, 0].tolist()
-    [0.0, 1.0, 1.0, 1.0]
+        Examples
+        --------
+        >>> from bayes_inertia.physics.numerics import NUMERICS
+    from bayes_inertia.physics.slew_input import idle_slew
+        >>> slew = idle_slew([0.0, 1.0, 2.0, 3.0])
+        >>> torque = jnp.array([[1.0], [0.0], [0.0], [0.0]])
+        >>> known_momentum(slew, torque, "commanded", 2).at_rows[:, 0].tolist()
+        [0.0, 1.0, 1.0, 1.0]
     """
     context = slew.context
     steps = step_grid(context.time, context.step, rows_per_step, xp)

@@ -104,8 +104,8 @@ def _torque(
         p = space.split(flat).get(effect.name, {})
         states = effect.initial_state(p, context, jnp.asarray(rate_B[0]))
 
-        def at(t, turned, rate, momentum, field, position):
-            state = State(turned, rate, momentum, states, jnp.asarray(J), field, position)
+        def at(t, turned, rate, momentum, environment):
+            state = State(turned, rate, momentum, states, jnp.asarray(J), *environment)
             return effect.body_torque(p, context, t, state)
 
         return jax.vmap(at)(
@@ -113,8 +113,7 @@ def _torque(
             jnp.asarray(attitude),
             jnp.asarray(rate_B),
             inputs.momentum,
-            inputs.magnetic_field_N,
-            inputs.position_N,
+            inputs.environment,
         )
 
     mean = jnp.asarray(space.mean)

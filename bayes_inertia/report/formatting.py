@@ -13,7 +13,6 @@ from typing import Any
 from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.report.layout import LAYOUT
 
-ARCSEC = math.pi / (180.0 * 3600.0)  # [rad]
 _CHANNEL_NAMES = {**{stream.name: stream.title for stream in STREAMS}, "total": "all channels"}
 NOT_GIVEN = "–"
 # What the last letter of a quantity's name says of its frame: `torque_N`, `rate_B`.
@@ -210,14 +209,23 @@ def vector_text(components: Sequence[float]) -> str:
     return with_minus_sign(", ".join(f"{x:.2f}" for x in components))
 
 
+def arcsec(angle: Any) -> Any:
+    """Angles [rad] in arc seconds.
+
+    >>> round(arcsec(math.pi / 180.0))
+    3600
+    """
+    return angle / (math.pi / (180.0 * 3600.0))
+
+
 def arcsec_text(angle: float) -> str:
     """An angle [rad] in whole arc seconds, below ten with two digits.
 
     >>> arcsec_text(8e-5), arcsec_text(8e-6)
     ('17', '1.7')
     """
-    arcsec = angle / ARCSEC
-    return f"{arcsec:,.0f}" if arcsec >= 10.0 else f"{arcsec:.2g}"
+    seconds = arcsec(angle)
+    return f"{seconds:,.0f}" if seconds >= 10.0 else f"{seconds:.2g}"
 
 
 def with_minus_sign(text: str) -> str:

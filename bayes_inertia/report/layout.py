@@ -101,6 +101,9 @@ class Layout:
     zoomed_sd_ratio: float = 0.12
     prior_strip_height: tuple[float, float] = (0.80, 0.98)  # height of that strip in axes fractions
 
+    # `pictures/series.py`, `pictures/telemetry.py`
+    sds_of_90_percent: float = 1.645  # half width of the central 90 % of a normal distribution
+
     # `pictures/steps.py`
     misfit_ticks: tuple[float, ...] = (0.5, 1, 2, 5, 10, 30, 100, 300, 1000, 1e4, 1e5, 1e6)
 
@@ -150,6 +153,13 @@ class Layout:
     # `section.py`
     largest_svg: int = 200_000  # bytes; beyond, a PNG with a palette is smaller and as good to read
     largest_png: int = 125_000  # bytes
+
+    # `series_sections.py`
+    # A change is told as one above this probability, and as a possible one above the other.
+    certain_change: float = 0.95
+    possible_change: float = 0.2
+    change_told_sd: float = 3.0  # elements of a jump that are told are as far from no change
+    sharper_by_sisters: float = 1.1  # sisters that make nothing so much sharper are worth no word
 
 
 LAYOUT = Layout()

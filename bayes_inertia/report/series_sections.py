@@ -8,17 +8,12 @@ import numpy as np
 
 from bayes_inertia.physics.parameters import BASE_NAMES, BASE_UNITS
 from bayes_inertia.report.formatting import listed, number, unit_text
+from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.series import draw_fleet, draw_history
 from bayes_inertia.report.section import Picture, Section, packaged
 from bayes_inertia.series.fleet import Fleet
 from bayes_inertia.series.history import OF_PART, History, SeenJump
 
-# A change is told as one above this probability, and as a possible one above the other.
-CERTAIN, POSSIBLE = 0.95, 0.2
-# Elements of a jump that are told: further than this many sds from no change.
-_SEEN = 3.0
-# Sisters that make nothing so many times sharper are worth no word.
-_WORTH = 1.1
 HISTORY_HEADS = ("parameter", "unit", "now", "sd", "change since the first")
 FLEET_HEADS = (
     "parameter",
@@ -39,8 +34,8 @@ _NOTE = (
 
 def history_answer(history: History) -> str:
     """One sentence: did J or K change?"""
-    certain = [jump for jump in history.jumps if jump.probability > CERTAIN]
-    wandering = [part for part, p in history.wanders.items() if p > CERTAIN]
+    certain = [jump for jump in history.jumps if jump.probability > LAYOUT.certain_change]
+    wandering = [part for part, p in history.wanders.items() if p > LAYOUT.certain_change]
     said = [jump_in_words(history, jump) for jump in certain]
     if wandering:
         said.append(
@@ -50,14 +45,14 @@ def history_answer(history: History) -> str:
     if said:
         return "; ".join(said)
     most = max((jump.probability for jump in history.jumps), default=0.0)
-    doubt = "" if most < POSSIBLE else ", but a jump is possible"
+    doubt = "" if most < LAYOUT.possible_change else ", but a jump is possible"
     return f"no change of J or K is seen over {len(history.campaigns)} campaigns{doubt}"
 
 
 def jump_in_words(history: History, jump: SeenJump) -> str:
     """When, what and by how much."""
     names = BASE_NAMES[OF_PART[jump.part]]
-    seen = [k for k in range(len(names)) if abs(jump.size[k]) > _SEEN * jump.sd[k]]
+    seen = [k for k in range(len(names)) if abs(jump.size[k]) > LAYOUT.change_told_sd * jump.sd[k]]
     shown = seen or [int(np.argmax(np.abs(jump.size / jump.sd)))]
     unit = f" {unit_text('kg m^2')}" if jump.part == "J" else ""
     sizes = [
@@ -96,7 +91,7 @@ def left_out_in_words(campaigns: Sequence[str]) -> tuple[str, ...]:
 
 def history_sections(history: History, left_out: Sequence[str] = ()) -> list[Section]:
     """The page of `history`, the answer first; `left_out`: campaigns without a usable result."""
-    possible = [j for j in history.jumps if j.probability > POSSIBLE]
+    possible = [j for j in history.jumps if j.probability > LAYOUT.possible_change]
     chances = listed([f"{part} {100.0 * p:.0f} %" for part, p in history.wanders.items()])
     context = {
         "sentence": history_answer(history),
@@ -112,7 +107,9 @@ def history_sections(history: History, left_out: Sequence[str] = ()) -> list[Sec
             *left_out_in_words(left_out),
         ),
     }
-    picture = Picture(draw_history(history, POSSIBLE), _NOTE, "J and K over the campaigns")
+    picture = Picture(
+        draw_history(history, LAYOUT.possible_change), _NOTE, "J and K over the campaigns"
+    )
     return [Section("Result", packaged("table.html"), context, (picture,))]
 
 
@@ -124,7 +121,7 @@ def fleet_answer(fleet: Fleet, alone_sd: np.ndarray) -> str:
     worth = (
         f"what is known of the sisters makes {BASE_NAMES[best]} of each {gain[best]:.2g} times "
         "sharper"
-        if gain[best] > _WORTH
+        if gain[best] > LAYOUT.sharper_by_sisters
         else "each is known as well without its sisters"
     )
     return (

@@ -18,10 +18,6 @@ from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.series.history import unit_of
 
-# Sisters whose moments differ by more than all of them are none; below the other end no
-# telemetry sees a spread, and matrices become singular.
-_LEAST, _LARGEST = np.log(1e-8), np.log(1.0)
-
 
 @dataclass(frozen=True)
 class FleetSettings:
@@ -38,6 +34,9 @@ class FleetSettings:
         Of the ensemble; the density has nine dimensions and one mode.
     seed : int
         What reproduces the draws.
+    least, largest : float
+        Limits of the spread. Sisters whose moments differ by more than all of them are none; below
+        the other end no telemetry sees a spread, and matrices become singular.
     """
 
     spread: float = 5e-3
@@ -46,6 +45,8 @@ class FleetSettings:
     steps: int = 400
     burn: int = 150
     seed: int = 0
+    least: float = 1e-8
+    largest: float = 1.0
 
 
 @array_dataclass
@@ -159,11 +160,12 @@ def _averaged(means: np.ndarray, variances: np.ndarray) -> tuple[np.ndarray, np.
 def _sampled_spreads(told: _Told, settings: FleetSettings) -> np.ndarray:
     """Draws (b, 9) of the logarithms of the fleet's sds."""
     middle, width = np.log(settings.spread), settings.spread_of_spread
+    least, largest = np.log(settings.least), np.log(settings.largest)
 
     def log_density(log_spread: np.ndarray) -> np.ndarray:
         prior = -0.5 * np.sum(((log_spread - middle) / width) ** 2, axis=1)
-        allowed = np.all((log_spread > _LEAST) & (log_spread < _LARGEST), axis=1)
-        inside = np.clip(log_spread, _LEAST, _LARGEST)
+        allowed = np.all((log_spread > least) & (log_spread < largest), axis=1)
+        inside = np.clip(log_spread, least, largest)
         return np.where(allowed, prior + told.conditional(inside).log_density, -np.inf)
 
     rng = np.random.Generator(np.random.MT19937(settings.seed))

@@ -22,8 +22,6 @@ from bayes_inertia.physics.parameters import N_BASE
 
 Part = Literal["J", "K"]
 OF_PART: Mapping[Part, slice] = MappingProxyType({"J": slice(0, 6), "K": slice(6, 9)})
-# J and K are averaged over the hypotheses that hold so much probability together.
-_HELD = 0.999
 
 
 @dataclass(frozen=True)
@@ -46,6 +44,8 @@ class Changes:
         Of one hypothesis.
     kept : int
         The neighbours of so many of the best hypotheses are tried, until no new one is among them.
+    held : float
+        J and K are averaged over the hypotheses that hold so much probability together.
     """
 
     walks: tuple[float, ...] = (1e-5, 1e-4, 1e-3, 1e-2)
@@ -54,6 +54,7 @@ class Changes:
     jump_probability: float = 0.02
     most_jumps: int = 3
     kept: int = 8
+    held: float = 0.999
 
 
 @dataclass(frozen=True)
@@ -213,7 +214,7 @@ def _neighbours(
 def history_of(series: Sequence[LikelihoodSummary], changes: Changes = Changes()) -> History:
     """J and K of one spacecraft at each of its campaigns, averaged over how they may change."""
     ways = weigh_changes(series, changes)
-    few = int(np.searchsorted(np.cumsum(ways.probability), _HELD)) + 1
+    few = int(np.searchsorted(np.cumsum(ways.probability), changes.held)) + 1
     weights = ways.probability[:few] / ways.probability[:few].sum()
     parts = [smoothed(series, hypothesis) for hypothesis in ways.hypotheses[:few]]
     means = np.array([mean for mean, _ in parts])

@@ -10,7 +10,7 @@ log posterior itself, which notices what all others miss (Modrak et al. 2023).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -43,10 +43,7 @@ from bayes_inertia.studies.work import Row, TaskFailure, Work, WorkResult
 
 Pipeline = Literal["right", "small_sd", "no_scale_factors", "flipped_sign"]
 
-SETTINGS = Settings(ensembles=2, walkers=50, steps=12, max_steps=12, threads=1)
 QUANTITIES = (*BASE_NAMES, "I1", "I2", "I3", "correction slew", "log posterior")
-# The slew [rad] whose correction is predicted, about an axis that all of J and K bear on.
-_CORRECTED_ANGLE = np.radians(DESIGN_NUMERICS.corrected_turn_deg)
 
 
 @dataclass(frozen=True)
@@ -139,10 +136,15 @@ class CalibrationFit:
     pipeline : {"right", "small_sd", "no_scale_factors", "flipped_sign"}
         The package's fit, or one that is wrong on purpose: sds times 0.75, K forgotten, products of
         inertia with the wrong sign.
+    settings : Settings
+        Of the sampler; its seed is the task's.
     """
 
     cases: Mapping[str, CalibrationCase]
     pipeline: Pipeline = "right"
+    settings: Settings = field(
+        default_factory=lambda: Settings(ensembles=2, walkers=50, steps=12, max_steps=12, threads=1)
+    )
 
     def __call__(self, task_id: str, seed: np.random.SeedSequence) -> Row:
         """Ranks, truths, means and sds of `QUANTITIES`; and what the fit says about itself."""
@@ -156,7 +158,7 @@ class CalibrationFit:
         number = int(fitting.generate_state(1)[0])
         model = Model(campaign, case.effects)
         estimate = optimizer.estimate(model, seed=number, starts=1)
-        settings = replace(SETTINGS, seed=number)
+        settings = replace(self.settings, seed=number)
         chains = sample(estimate, settings)
         # Each walker halfway and at its end: hardly correlated, nearly every step proposes anew.
         length, size = chains.samples.shape[2:]
@@ -183,13 +185,13 @@ def calibration_work(
     """A calibration as tasks "name/0", "name/1", ..., of which the cases have equally many."""
     each = -(-fits // len(cases))
     ids = tuple(f"{case.name}/{i}" for case in cases for i in range(each))
+    task = CalibrationFit({case.name: case for case in cases}, pipeline)
     options: dict[str, Any] = {
         "cases": {case.name: repr((case.plan, case.effects)) for case in cases},
-        "settings": repr(SETTINGS),
+        "settings": repr(task.settings),
         "ranked": LIMITS.ranked_draws,
         "pipeline": pipeline,
     }
-    task = CalibrationFit({case.name: case for case in cases}, pipeline)
     return Work("fits", task, ids, seed, options)
 
 
@@ -221,7 +223,9 @@ def _correction_slews(case: CalibrationCase, thetas: np.ndarray) -> np.ndarray:
     """Correction slew (n,) [rad] that each J and K (n, 9) predict, flown on the prior's mean."""
     mission = case.mission.at_prior_mean()
     craft = replace(mission.spacecraft, bias=(0.0, 0.0, 0.0))
-    plan = replace(case.plan, slews=(PlannedSlew(LIMITS.corrected_axis, _CORRECTED_ANGLE),))
+    plan = replace(
+        case.plan, slews=(PlannedSlew(LIMITS.corrected_axis, DESIGN_NUMERICS.corrected_turn),)
+    )
     controller = Controller(craft.inertia_B, craft.scale_factor)
     return predict_correction_slew(thetas, plan, replace(mission, spacecraft=craft), controller)
 

@@ -13,6 +13,7 @@ class Limits:
     # Nearly independent draws that the truth is ranked among: ranks 0 to 199. With 199 the central
     # intervals of 50, 90 and 95 % are whole numbers of ranks.
     ranked_draws: int = 199
+    # Axis of the slew whose correction is predicted: all of J and K bear on it.
     corrected_axis: tuple[float, float, float] = (1.0, 1.0, 1.0)
     # The wrong pipelines: sds too small by this factor; K held this firmly.
     small_sd: float = 0.75

@@ -13,8 +13,6 @@ import numpy as np
 from bayes_inertia.errors import SettingsError
 
 Row = Mapping[str, Any]
-# Tasks a Parquet file of version 0.4: part of the digest, so that its rows are still taken.
-_SHARD_SIZE = 25
 
 
 class Task(Protocol):
@@ -62,7 +60,9 @@ class Work:
     @property
     def digest(self) -> str:
         """Digest of everything but the tasks: rows of another digest are of another study."""
-        content = [self.name, self.seed, _SHARD_SIZE, dict(self.options)]
+        # Tasks a Parquet file of version 0.4: its rows are still taken.
+        shard_size = 25
+        content = [self.name, self.seed, shard_size, dict(self.options)]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 

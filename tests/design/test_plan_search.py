@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from bayes_inertia.design.designer import random_plans
 from bayes_inertia.design.feasible_region import region_within
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.information_forecast import prepare_forecast
@@ -18,7 +19,6 @@ from bayes_inertia.design.limits import (
 )
 from bayes_inertia.design.plan_arrays import slew_arrays
 from bayes_inertia.design.plan_problem import PlanProblem
-from bayes_inertia.design.plan_search import random_plans
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.effects import by_name

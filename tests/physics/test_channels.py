@@ -38,7 +38,7 @@ class FieldChannel(SeparateColumns):
         return (vector("bias", "xyz", unit="T", prior=Normal(0.0, 1e-7)),)
 
     def sensed(self, constants, bias, slew, trajectory):
-        return quaternion.to_body(trajectory.attitude, slew.magnetic_field_N)
+        return quaternion.to_body(trajectory.attitude, slew.environment.magnetic_field_N)
 
     def read(self, parameters, values):
         return values + parameters

@@ -39,9 +39,8 @@ ALLOWED = 0.01  # of the noise of each sensor
 
 
 # Compiled in half the time: each program runs once.
-_predict = jax.jit(
-    predict_all, static_argnums=0, compiler_options={"xla_backend_optimization_level": 0}
-)
+QUICKLY = {"xla_backend_optimization_level": 0}
+_predict = jax.jit(predict_all, static_argnums=0, compiler_options=QUICKLY)
 
 
 def errors(monkeypatch, campaign, effects=(), drive=None, parts=1) -> tuple[int, list[float]]:
@@ -135,8 +134,9 @@ def test_steps_and_rows_within_them_are_of_sixth_order(slew_of, drive):
     shape = 0.05 * np.sin(np.outer(0.25 * time, np.arange(1, wheels + 1)) + np.arange(wheels))
     slew = slew_of(time, shape, SKEWED, np.full(wheels, 0.02), 8.0 * shape)
 
+    run = jax.jit(simulate_slew, static_argnums=(4, 5), compiler_options=QUICKLY)
+
     def path(rows: int):
-        run = jax.jit(simulate_slew, static_argnums=(4, 5))
         return run(slew, start_with(wheels), jnp.asarray(J), None, drive, rows)[0]
 
     exact, sizes = path(1), np.array([12, 16, 24, 32])

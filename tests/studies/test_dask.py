@@ -19,9 +19,8 @@ import pytest
 from support.cheap_tasks import Flaky, Slow, exact, work_of
 
 from bayes_inertia.errors import StudyError
-from bayes_inertia.studies.engine import run_work
+from bayes_inertia.studies.engine import NAME, run_work
 from bayes_inertia.studies.limits import LIMITS
-from bayes_inertia.studies.row_file import NAME
 from bayes_inertia.studies.workers import IN_PROCESS, open_workers
 
 pytestmark = pytest.mark.slow

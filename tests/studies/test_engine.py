@@ -10,8 +10,7 @@ from support.cheap_tasks import Flaky, exact, numbers, work_of
 
 from bayes_inertia.errors import OutputError, SettingsError
 from bayes_inertia.folder_lock import working_in
-from bayes_inertia.studies.engine import run_work
-from bayes_inertia.studies.row_file import NAME
+from bayes_inertia.studies.engine import NAME, run_work
 from bayes_inertia.studies.work import Work, task_seed
 from bayes_inertia.studies.workers import IN_PROCESS, open_workers
 

@@ -11,8 +11,7 @@ import pytest
 from support.cheap_tasks import exact, work_of
 
 from bayes_inertia.errors import OutputError
-from bayes_inertia.studies.engine import run_work
-from bayes_inertia.studies.row_file import NAME, RowFile
+from bayes_inertia.studies.engine import NAME, RowFile, run_work
 from bayes_inertia.studies.work import Work
 from bayes_inertia.studies.workers import IN_PROCESS
 

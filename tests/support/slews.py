@@ -58,7 +58,7 @@ def run(slew, start, J_B=J, effects=(), values=None, drive="commanded"):
         step=longer(slew.context.step),
         torque=longer(slew.context.torque),
     )
-    slew = type(slew)(context, *(rows if rows is None else longer(rows) for rows in slew[1:]))
+    slew = type(slew)(context, *jax.tree.map(longer, tuple(slew[1:])))
     return jax.tree.map(
         lambda rows: rows[:n],
         _run(slew, start, jnp.asarray(J_B), ActiveEffects(effects, values or {}), drive)[0],

@@ -45,14 +45,14 @@ def diagnose_command(
             refuse_or_warn(campaign, progress, names_in(effects))
 
         from bayes_inertia.app import run_folder
-        from bayes_inertia.app.diagnosed_fit import DIAGNOSED_SETTINGS
+        from bayes_inertia.inference.settings import STOCHASTIC_SETTINGS
 
         run_folder.start(
             campaign,
             out,
             effects=names_in(effects),
             drive=drive,
-            settings=replace(DIAGNOSED_SETTINGS, seed=seed),
+            settings=replace(STOCHASTIC_SETTINGS, seed=seed),
             kind="diagnose",
             as_stated=as_stated,
         )

@@ -20,10 +20,9 @@ from bayes_inertia.physics.effects.inertia_change import InertiaChange
 from bayes_inertia.physics.effects.magnetic_dipole import MagneticDipole
 from bayes_inertia.physics.effects.rate_bias import RateBias
 from bayes_inertia.physics.effects.rate_bias_drift import RateBiasDrift
-from bayes_inertia.physics.effects.rate_bias_instability import RateBiasInstability
+from bayes_inertia.physics.effects.rate_bias_instability import RateBiasInstability, RateRemainder
 from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
 from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
-from bayes_inertia.physics.effects.rate_remainder import RateRemainder
 from bayes_inertia.physics.effects.rate_sensor_delay import RateSensorDelay
 from bayes_inertia.physics.effects.rate_sensor_misalignment import RateSensorMisalignment
 from bayes_inertia.physics.effects.rate_sensor_nonlinearity import RateSensorNonlinearity
@@ -32,8 +31,7 @@ from bayes_inertia.physics.effects.star_tracker_misalignment import StarTrackerM
 from bayes_inertia.physics.effects.star_tracker_shift import StarTrackerShift
 from bayes_inertia.physics.effects.star_tracker_time_offset import StarTrackerTimeOffset
 from bayes_inertia.physics.effects.tachometer_noise_walk import TachometerNoiseWalk
-from bayes_inertia.physics.effects.torque_noise import TorqueNoise
-from bayes_inertia.physics.effects.torque_remainder import TorqueRemainder
+from bayes_inertia.physics.effects.torque_noise import TorqueNoise, TorqueRemainder
 from bayes_inertia.physics.effects.viscous_torque import ViscousTorque
 from bayes_inertia.physics.effects.wheel_command_lag import WheelCommandLag
 from bayes_inertia.physics.effects.wheel_friction import WheelFriction

@@ -11,10 +11,6 @@ import numpy as np
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.parameters import LogNormal, Normal, scalar, vector
 
-# Steps per period at the prior's upper end (two sd): Runge-Kutta is then wrong by 4e-3 rad of
-# phase a period there, by 1e-4 at the median.
-_STEPS_A_PERIOD = 12.0
-
 
 @dataclass(frozen=True)
 class FlexibleMode(Effect):
@@ -58,6 +54,9 @@ class FlexibleMode(Effect):
     frequency_spread: float = 0.6
     damping: float = 0.005
     damping_spread: float = 0.7
+    # Steps per period at the prior's upper end (two sd): Runge-Kutta is then wrong by 4e-3 rad of
+    # phase a period there, by 1e-4 at the median.
+    steps_a_period: ClassVar[float] = 12.0
 
     def parameters(self, campaign):
         sigma = (
@@ -89,9 +88,8 @@ class FlexibleMode(Effect):
         return min(30.0 / campaign.scale_of_motion()[1], 0.125 / sampling)
 
     def max_step(self, campaign):
-        return 1.0 / (
-            _STEPS_A_PERIOD * self._median_frequency(campaign) * np.exp(2.0 * self.frequency_spread)
-        )
+        steps = self.steps_a_period * self._median_frequency(campaign)
+        return 1.0 / (steps * np.exp(2.0 * self.frequency_spread))
 
     def inertia(self, p, slew, inertia_B):
         return inertia_B - jnp.outer(p["coupling"], p["coupling"])

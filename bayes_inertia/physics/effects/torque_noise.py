@@ -15,9 +15,6 @@ from bayes_inertia.physics.random_basis import (
 )
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
-# Integration steps in each piece, at least.
-_STEPS_A_PIECE = 4
-
 
 @dataclass(frozen=True)
 class TorqueNoise(StochasticEffect):
@@ -56,6 +53,7 @@ class TorqueNoise(StochasticEffect):
     median_time: float | None = None
     factor_sd: float = 1.5
     pieces: int = 16
+    steps_a_piece: ClassVar[int] = 4  # integration steps in each piece, at least
 
     def parameters(self, campaign):
         sd = self.median_sd or 0.01 * torque_scale(campaign)
@@ -67,7 +65,7 @@ class TorqueNoise(StochasticEffect):
     def max_step(self, campaign):
         # An edge between pieces is displaced by less than a step.
         shortest = min(float(slew.time[-1] - slew.time[0]) for slew in campaign.slews)
-        return shortest / (_STEPS_A_PIECE * self.pieces)
+        return shortest / (self.steps_a_piece * self.pieces)
 
     def coefficient_root(self, p, slew, count):
         width = slew_duration(slew) / self.pieces
@@ -78,3 +76,26 @@ class TorqueNoise(StochasticEffect):
 
     def body_torque(self, p, slew, t, state):
         return self.signal(p, slew, t)
+
+
+@dataclass(frozen=True)
+class TorqueRemainder(TorqueNoise):
+    """A torque without a name: `torque_noise` whose size is known to a factor of 90 either way.
+
+    For fits that stay honest although the model is incomplete: what torques nobody thought of did
+    is taken from the information on J and K.
+
+    Parameters
+    ----------
+    median_sd, median_time, factor_sd, pieces
+        As `TorqueNoise`.
+
+    Examples
+    --------
+    >>> TorqueRemainder().factor_sd
+    2.3
+    """
+
+    name: ClassVar[str] = "torque_remainder"
+    signal_title: ClassVar[str] = "torque without a name"
+    factor_sd: float = 2.3

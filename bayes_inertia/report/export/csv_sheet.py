@@ -14,7 +14,7 @@ from bayes_inertia.report.export.content import (
     one_line,
     rounded,
 )
-from bayes_inertia.report.formatting import ARCSEC
+from bayes_inertia.report.formatting import arcsec
 
 _COLUMNS = (
     "parameter",
@@ -68,6 +68,6 @@ def _correction_rows(correction: ExportedCorrection) -> Iterator[list[str]]:
     """Rows "old" before and "new" after the upload."""
     pairs = zip(("median", "q95"), correction.before, correction.after, strict=True)
     for key, before, after in pairs:
-        cells = [f"{angle / ARCSEC:.3g}" for angle in (before, after, after - before)]
+        cells = [f"{arcsec(angle):.3g}" for angle in (before, after, after - before)]
         name = f"correction_slew_{correction.axis}_{key}"
         yield [name, "arcsec", cells[0], cells[1], "", cells[2], *[""] * 5]

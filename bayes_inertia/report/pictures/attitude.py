@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.report.formatting import ARCSEC
+from bayes_inertia.report.formatting import arcsec
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import posterior_data, style
 
@@ -24,7 +24,7 @@ def draw_attitude(posterior: Posterior) -> Figure | None:
     if misfit is None:
         return None
     figure, cells = style.grid(5.4, 2, 2, left=0.8, top=0.75, bottom=0.6, gap_x=0.75, gap_y=0.45)
-    rows = ((misfit.angle_B / ARCSEC, "misfit [arcsec]"), (misfit.whitened, "misfit [σ]"))
+    rows = ((arcsec(misfit.angle_B), "misfit [arcsec]"), (misfit.whitened, "misfit [σ]"))
     for r, (values, label) in enumerate(rows):
         for c, after in enumerate((False, True)):
             axes = figure.add_axes(cells[2 * r + c])

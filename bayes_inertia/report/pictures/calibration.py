@@ -12,8 +12,6 @@ from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
 
-_GROUPS = (("J", range(6)), ("K and moments", range(6, 12)), ("predictions", range(12, 14)))
-
 
 @array_dataclass
 class RankCurves:
@@ -45,9 +43,10 @@ def draw_calibration(cases: Sequence[RankCurves], names: Sequence[str]) -> Figur
     """
     size = (style.WIDTH, LAYOUT.calibration_row_height * len(cases) + 0.4)
     figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplots(len(cases), len(_GROUPS), sharex=True, sharey="row", squeeze=False)
+    groups = (("J", range(6)), ("K and moments", range(6, 12)), ("predictions", range(12, 14)))
+    axes = figure.subplots(len(cases), len(groups), sharex=True, sharey="row", squeeze=False)
     for row, case in zip(axes, cases, strict=True):
-        for panel, (title, members) in zip(row, _GROUPS, strict=True):
+        for panel, (title, members) in zip(row, groups, strict=True):
             _panel(panel, case, [(names[k], case.departures[k]) for k in members])
             panel.set_title(f"{case.title}: {title}", fontsize=8.0)
         row[0].set_ylabel("ECDF of ranks − uniform")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from bayes_inertia.report.formatting import ARCSEC, arcsec_text
+from bayes_inertia.report.formatting import arcsec, arcsec_text
 from bayes_inertia.report.pictures import style
 
 _ROWS = (
@@ -26,7 +26,7 @@ def draw_correction(forecast: Mapping[str, Any]) -> Figure:
     """
     figure, (place,) = style.grid(1.6, 1, 1, left=1.75, right=0.3, top=0.12, bottom=0.5)
     axes = figure.add_axes(place)
-    ends = np.array([forecast[key] for key, *_ in _ROWS]) / ARCSEC
+    ends = arcsec(np.array([forecast[key] for key, *_ in _ROWS]))
     for y, (key, _, color) in enumerate(_ROWS):
         low, middle, high = ends[y]
         axes.plot([low, high], [y, y], color=color, lw=7, alpha=0.35, solid_capstyle="butt")

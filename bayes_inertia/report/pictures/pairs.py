@@ -22,8 +22,6 @@ from bayes_inertia.report.formatting import (
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
 
-_RADIUS_90 = float(np.sqrt(2.0 * np.log(10.0)))  # of the 90 % ellipse of a bivariate normal
-
 
 @style.styled
 def draw_pairs(posterior: Posterior, max_parameters: int = 16) -> Figure:
@@ -125,7 +123,8 @@ def _diagonal(axes: Axes, z: np.ndarray) -> None:
 def _ellipses(axes: Axes, covariance: np.ndarray, **line: Any) -> None:
     """90 % ellipses of all pairs in cell units."""
     angle = np.linspace(0.0, 2.0 * np.pi, 61)
-    circle = _RADIUS_90 * np.stack([np.cos(angle), np.sin(angle)])
+    radius = float(np.sqrt(2.0 * np.log(10.0)))  # of a bivariate normal
+    circle = radius * np.stack([np.cos(angle), np.sin(angle)])
     paths = []
     for row in range(len(covariance)):
         for column in range(row):

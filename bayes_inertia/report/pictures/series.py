@@ -8,12 +8,10 @@ from matplotlib.figure import Figure
 
 from bayes_inertia.physics.parameters import BASE_NAMES, BASE_UNITS
 from bayes_inertia.report.formatting import exponent, unit_text
+from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
 from bayes_inertia.series.fleet import Fleet
 from bayes_inertia.series.history import OF_PART, History
-
-# Of a normal distribution: 90 % lie within so many sds.
-_NINETY = 1.645
 
 
 @style.styled
@@ -29,9 +27,8 @@ def draw_history(history: History, told: float) -> Figure:
         center, power = _center_and_power(history.mean[:, k], history.alone_sd[:, k])
         size = 10.0**power
         mean, sd = (history.mean[:, k] - center) / size, history.sd[:, k] / size
-        axes.fill_between(
-            x, mean - _NINETY * sd, mean + _NINETY * sd, color=style.SKY, alpha=0.35, lw=0
-        )
+        reach = LAYOUT.sds_of_90_percent * sd
+        axes.fill_between(x, mean - reach, mean + reach, color=style.SKY, alpha=0.35, lw=0)
         axes.plot(x, mean, color=style.BLUE)
         axes.errorbar(
             x,

@@ -82,8 +82,9 @@ def _rate_panel(
         axes.plot(
             x, scale(y), ".", ms=1.8, color=style.color(i), alpha=0.45, mew=0, rasterized=True
         )
-        _, high = style.envelope(time, predicted + 1.645 * spread)
-        x, low = style.envelope(time, predicted - 1.645 * spread)
+        reach = LAYOUT.sds_of_90_percent * spread
+        _, high = style.envelope(time, predicted + reach)
+        x, low = style.envelope(time, predicted - reach)
         if len(low) == len(high):
             axes.fill_between(
                 x, scale(low), scale(high), color=style.color(i), alpha=0.2, lw=0, rasterized=True
