@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from bayes_inertia.campaign.cells import all_empty, refuse_empty_columns, refuse_half_empty_rows
-from bayes_inertia.campaign.gaps import is_regular
 from bayes_inertia.campaign.schema import (
     ColumnsPart,
     MagneticFieldColumns,
@@ -15,6 +14,7 @@ from bayes_inertia.campaign.schema import (
 from bayes_inertia.campaign.sensors import BY_KEY
 from bayes_inertia.campaign.streams import Stream
 from bayes_inertia.campaign.units import to_si
+from bayes_inertia.faults.gaps import is_regular
 from bayes_inertia.tables.number_table import Table
 
 # Entry of [columns] -> field of `Slew`, of the environment.

@@ -32,19 +32,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bayes_inertia.campaign.dirt import Dirt, Treatment
-from bayes_inertia.campaign.gaps import (
-    Channels,
-    gap_note,
-    is_regular,
-    missing_rows,
-    unbroken_rows,
-    with_rows_at,
-    without_intervals,
-)
+from bayes_inertia.campaign.hardware import Wheel
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.campaign.short_gaps import with_short_gaps_filled
+from bayes_inertia.campaign.slew_parts import Channels, with_rows_at, without_intervals
+from bayes_inertia.faults.fault import Dirt, Treatment
+from bayes_inertia.faults.gaps import gap_note, is_regular, missing_rows, unbroken_rows
+from bayes_inertia.faults.limits import LIMITS as FAULTS
 
 Interval = tuple[float, float]
 
@@ -79,7 +74,7 @@ def with_known_torques(
         unknown = _unknown_intervals(time, torque, known, negligible)
         step = float(np.median(np.diff(time[known]))) if known.sum() > 1 else 0.0
         is_short = all(
-            a == -np.inf and b - time[0] <= LIMITS.longest_step * step for a, b in unknown
+            a == -np.inf and b - time[0] <= FAULTS.longest_step * step for a, b in unknown
         )
         if unknown and not is_short and every_wheel_is_read:
             dirt = [_record(unknown, "measured wheel momentum drives the model", "masked")]
@@ -138,7 +133,7 @@ def _unknown_intervals(
         if change * (at[k + 1] - at[k] - step) > negligible:
             unknown.append((float(at[k]), float(at[k + 1])))
     # A log of changes is not regular, and its last command holds.
-    if time[-1] > at[-1] + LIMITS.longest_step * step and is_regular(at):
+    if time[-1] > at[-1] + FAULTS.longest_step * step and is_regular(at):
         unknown.append((float(at[-1]), np.inf))
     return unknown
 
@@ -228,3 +223,41 @@ def _usual_errors(
         quiet = change <= limit
         usual[lost] = np.sqrt((squares * quiet).sum(0) / quiet.sum(0)), limit
     return usual
+
+
+def without_impossible_torques(
+    channels: dict[str, np.ndarray], wheels: Sequence[Wheel]
+) -> tuple[dict[str, np.ndarray], list[tuple[Dirt, np.ndarray]]]:
+    """Channels without commands that no wheel can follow: what was commanded then is unknown.
+
+    `channels`: channels (n, width) by the name of `Slew`, with "time". `wheels`: the wheels, with
+    their limits where they are known. Returns `channels`: the same with NaN for these commands;
+    `dirt`: A record without slew and rows, and the times [s] that it concerns; empty if there is
+    none.
+
+    Examples
+    --------
+    >>> wheel = Wheel("x", (1.0, 0.0, 0.0), 1e-3, max_torque=0.02)
+    >>> torque = np.full((60, 1), 0.01)
+    >>> torque[7] = 1e31
+    >>> given = {"time": np.arange(60.0), "wheel_torque": torque}
+    >>> np.flatnonzero(np.isnan(without_impossible_torques(given, [wheel])[0]["wheel_torque"]))
+    array([7])
+    """
+    torque = channels.get("wheel_torque")
+    if torque is None:
+        return channels, []
+    size = np.abs(np.nan_to_num(torque))
+    absurd = size > np.array([wheel.unattainable("torque") for wheel in wheels])
+    # The largest commands of a wrong unit go on where the others end: those are no dirt.
+    absurd &= size > FAULTS.impossible_factor * size[~absurd].max(initial=0.0)
+    # One number again and again is no command in another unit, but a mark of "no command".
+    marked = np.sum(absurd) >= FAULTS.fewest_of_marker and len(np.unique(torque[absurd])) == 1
+    most = FAULTS.share_of_marker if marked else FAULTS.few_impossible
+    if not absurd.any() or np.mean(absurd.any(axis=1)) > most:
+        return channels, []
+    note = f"commands up to {np.abs(torque[absurd]).max():.3g} N m, which no wheel can follow"
+    record = Dirt("outliers", "torque", "", (), "masked", note)
+    rows = absurd.any(axis=1)
+    kept = np.where(rows[:, None], np.nan, torque)
+    return {**channels, "wheel_torque": kept}, [(record, channels["time"][rows])]

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
 from bayes_inertia.campaign.checks import require, require_positive, triple, unit_vector
+from bayes_inertia.faults.limits import LIMITS
 from bayes_inertia.maths.values import Vector, array_dataclass
 
 
@@ -53,6 +55,12 @@ class Wheel:
         require_positive(self.spin_inertia, f"wheels.{self.name}.spin_inertia")
         for key in ("max_torque", "max_momentum", "momentum_sigma"):
             require_positive(getattr(self, key), f"wheels.{self.name}.{key}", optional=True)
+
+    def unattainable(self, what: Literal["torque", "momentum"]) -> float:
+        """The size of a torque [N m] or momentum [N m s] that the wheel cannot come near."""
+        limit = self.max_torque if what == "torque" else self.max_momentum
+        largest = LIMITS.largest_torque if what == "torque" else LIMITS.largest_momentum
+        return largest if limit is None else LIMITS.impossible_times_limit * limit
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.dirt import Dirt
-from bayes_inertia.campaign.gaps import gap_note, missing_rows, without_intervals
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.campaign.slew_parts import located, parts_of
+from bayes_inertia.campaign.slew_parts import located, parts_of, without_intervals
+from bayes_inertia.faults.fault import Dirt
+from bayes_inertia.faults.gaps import gap_note, missing_rows
 
 _CHANNELS = (*(stream.field for stream in STREAMS), "magnetic_field_N", "position_N")
 

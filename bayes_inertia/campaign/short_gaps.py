@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayes_inertia.campaign.dirt import Dirt
-from bayes_inertia.campaign.gaps import Channels, missing_rows, unbroken_rows, with_rows_at
 from bayes_inertia.campaign.limits import LIMITS
+from bayes_inertia.campaign.slew_parts import Channels, with_rows_at
+from bayes_inertia.faults.fault import Dirt
+from bayes_inertia.faults.gaps import missing_rows, unbroken_rows
 
 
 def with_short_gaps_filled(

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.schema import ColumnsPart
 from bayes_inertia.campaign.sensors import BY_KEY
-from bayes_inertia.campaign.stamps import regular_stamps
 from bayes_inertia.campaign.streams import Stream
-from bayes_inertia.campaign.uneven_stamps import StampSlope, regular_clock, slope_of_readings
+from bayes_inertia.campaign.units import to_si
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.faults.fault import Dirt
+from bayes_inertia.faults.held import HeldReadings, held_readings
+from bayes_inertia.faults.stamps import StampSlope, regular_clock, regular_stamps, slope_of_readings
 from bayes_inertia.tables.number_table import Table
 
 _READINGS = tuple(key for key, stream in BY_KEY.items() if stream.is_series)
@@ -135,3 +136,42 @@ def _of_jitter(rows: StreamRows, record: Dirt, slope: StampSlope) -> StreamRows:
         "time in [columns]"
     )
     return rows.at(rows.stamps, replace(record, note=record.note + advice))
+
+
+def counted_once(
+    slews: Sequence[Sequence[StreamRows]], columns: ColumnsPart
+) -> list[list[StreamRows]]:
+    """All streams with empty cells where a reading only repeats the one before.
+
+    Returns: the same with a record of kind "duplicate" where readings are held.
+    """
+    result = [list(streams) for streams in slews]
+    for key, sensor in BY_KEY.items():
+        places = [(i, k) for i, streams in enumerate(result) for k, rows in enumerate(streams)
+                  if key in rows.stream.keys]  # fmt: skip
+        if not places:
+            continue
+        names = getattr(columns, key).names
+        series = [(result[i][k].stamps, result[i][k].table.stack(names)) for i, k in places]
+        found = held_readings(series, by_axis=sensor.is_series)
+        for (i, k), held in zip(places, found, strict=True):
+            if held is not None:
+                result[i][k] = _without_repeats(result[i][k], names, held, sensor.name)
+    return result
+
+
+def _without_repeats(
+    rows: StreamRows, names: Sequence[str], held: HeldReadings, channel: str
+) -> StreamRows:
+    """Rows of a stream without the repeats in some of its columns, and with a record of them."""
+    repeated = np.flatnonzero(held.repeats.any(axis=1))
+    values = np.where(held.repeats, np.nan, rows.table.stack(names))
+    columns = {**rows.table.columns, **dict(zip(names, values.T, strict=True))}
+    poll = float(to_si(np.median(np.diff(rows.stamps)), "time", rows.stream.time.unit))
+    note = (
+        f"{held}: {len(repeated)} of {len(values)} rows repeat the one before and do not count; "
+        f"a reading may be up to {poll:.3g} s older than its stamp"
+    )
+    record = Dirt("duplicate", channel, "", tuple(repeated.tolist()), "masked", note)
+    table = replace(rows.table, columns=columns)
+    return replace(rows, table=table, dirt=(*rows.dirt, record))

@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.sensors import SensorStream, series_of
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.noise_seen import noise_ratios
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.conventions.rotations import angle_of, composed, turned_back
+from bayes_inertia.faults.fault import Dirt
+from bayes_inertia.faults.limits import LIMITS as FAULTS
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 
 
@@ -64,7 +65,7 @@ def _bias_at_rest(misfits: Misfits, reading: Reading) -> np.ndarray:
     bias = np.median(told, axis=0)
     spread = SD_OVER_MAD * np.median(np.abs(told - bias), axis=0) / np.sqrt(len(told))
     sensor = misfits.campaign.rate_sensor
-    noise = np.asarray(sensor.sigma) / np.sqrt(LIMITS.rows_for_noise * len(told))
+    noise = np.asarray(sensor.sigma) / np.sqrt(FAULTS.rows_for_noise * len(told))
     sd = np.sqrt(np.square(sensor.bias_sigma) + spread**2 + noise**2)
     return np.where(np.abs(bias) > LIMITS.stale_bias_sds * sd, bias, 0.0)
 
@@ -75,7 +76,7 @@ def _rest_rates(misfits: Misfits, reading: Reading) -> np.ndarray:
     speed = np.sqrt((moving.rate_B**2).sum(axis=-1))
     told = []
     for k in range(len(slews.time)):
-        limit = LIMITS.at_rest * speed[k].max()
+        limit = FAULTS.at_rest * speed[k].max()
         rows = np.flatnonzero(slews.fixes[k])
         for first, last in _rests(rows, speed[k] < limit):
             seconds = slews.time[k, last] - slews.time[k, first]

@@ -96,8 +96,6 @@ class Limits:
     late_chi2: float = 100.0
     # A wrong clock is off by this many rows at least: half a row is a matter of what a stamp means.
     late_steps: float = 0.7
-    # A star-tracker fix is taken in motion if the rate is this share of the slew's largest.
-    in_motion: float = 0.2
     # Residual in hundredths of the motion below which no clock is looked into.
     notable: float = 0.3
     # Noise seen in smooth rows that differs from the stated one by this factor is reported.
@@ -148,8 +146,6 @@ class Limits:
     lateness_prior_s: float = 1e3
 
     # `columns.py`
-    # Rows that tell a column's noise.
-    rows_for_noise: int = 30
     # More wheels than this leave momentum free that the body does not feel.
     wheels_felt: int = 3
     column_rarity: int = 5
@@ -159,8 +155,6 @@ class Limits:
     # `faults_at_rest.py`
     # A bias is stale if it is this many of its stated sds off, and this many of its own.
     stale_bias_sds: float = 5.0
-    # The body is at rest below this share of the slew's largest rate.
-    at_rest: float = 0.03
 
     # `doubts.py`
     factor_rarity: int = 3
@@ -177,9 +171,6 @@ class Limits:
     # Most: a motion that fills a sixth of the slew must not count as an outlier of its rests.
     far_moment: float = 2.0
     far_moment_quantile: float = 0.85
-
-    # `noise_seen.py`
-    second_difference_variance: float = 6.0  # variance of second differences of white unit noise
 
     # `sampled_slews.py`
     # A hole in a channel is a gap if it is this many usual steps long and this share of the slew.

@@ -7,24 +7,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors import SensorStream
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.maths.robust_scale import SD_OVER_MAD
-
-
-def smooth_noise(values: np.ndarray) -> float:
-    """Noise of readings (n,), from their second differences, which hardly see smooth motion.
-
-    `values` (n,): readings at even steps; NaN where there is none.
-
-    Examples
-    --------
-    >>> bool(0.8 < smooth_noise(np.random.default_rng(1).normal(size=500)) < 1.2)
-    True
-    """
-    values = values[np.isfinite(values)]
-    if len(values) < LIMITS.rows_for_noise:
-        return float("nan")
-    second = np.abs(np.diff(values, 2))
-    return float(SD_OVER_MAD * np.median(second) / LIMITS.second_difference_variance**0.5)
+from bayes_inertia.faults.noise import smooth_noise
 
 
 def noise_ratios(campaign: Campaign, stream: SensorStream) -> np.ndarray:

@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.limits import LIMITS as CAMPAIGN_LIMITS
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.maths.robust_scale import SD_OVER_MAD
+from bayes_inertia.faults.outliers import without_outliers
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +186,7 @@ class _Channel:
 
     def __init__(self, time: np.ndarray, values: np.ndarray):
         rows = np.flatnonzero(np.isfinite(values))
-        self.time, self.values = time[rows], _without_outliers(values[rows])
+        self.time, self.values = time[rows], without_outliers(values[rows])
         steps = np.diff(self.time)
         mean = 0.5 * (self.values[1:] + self.values[:-1])
         self.running = np.concatenate([[0.0], np.cumsum(mean * steps)])
@@ -215,18 +214,3 @@ class _Channel:
             left = max(begin, float(self.time[hole + 1]))
         parts.append((left, end))
         return [(a, b) for a, b in parts if b > a]
-
-
-def _without_outliers(values: np.ndarray) -> np.ndarray:
-    """Values whose single outliers are replaced by the median of them and their neighbours."""
-    if len(values) < 5:
-        return values
-    left, right = values[:-2], values[2:]
-    low, high = np.minimum(left, right), np.maximum(left, right)
-    middle = values[1:-1]
-    median = np.clip(middle, low, high)
-    off = np.abs(middle - 0.5 * (left + right))
-    usual = SD_OVER_MAD * float(np.median(off)) + 1e-12 * float(np.abs(values).max())
-    mended = np.array(values)
-    mended[1:-1] = np.where(off > CAMPAIGN_LIMITS.outlier_sds * usual, median, middle)
-    return mended

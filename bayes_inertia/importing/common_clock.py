@@ -11,8 +11,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from bayes_inertia.campaign.row_order import set_back_row
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.faults.row_order import set_back_row
 from bayes_inertia.importing.counter_wraps import counted_on
 from bayes_inertia.importing.file_share import ZERO_OF_FILE, FileShare
 from bayes_inertia.importing.logged_stream import LoggedStream, held, in_order, joined, left_out

@@ -15,12 +15,12 @@ import numpy as np
 
 from bayes_inertia.campaign.block_means import reduced
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.held import held_readings
-from bayes_inertia.campaign.known_offsets import known_offset
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.campaign.sensors import BY_KEY
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.errors import CampaignError, OutputError
+from bayes_inertia.faults.held import held_readings
+from bayes_inertia.faults.known_offsets import known_offset
 from bayes_inertia.files import read_bytes, text_of, write_new_files
 from bayes_inertia.importing.common_clock import Logs
 from bayes_inertia.importing.cut_picture import cut_picture

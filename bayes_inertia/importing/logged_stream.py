@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayes_inertia.campaign.row_order import set_back_row
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.faults.row_order import set_back_row
 from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.maths.values import array_dataclass
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.faults.noise_fit import rounding_sigmas
 from bayes_inertia.importing.attitude_forms import (
     AttitudeConvention,
     bad_attitude,
@@ -23,7 +24,6 @@ from bayes_inertia.importing.mapping_schema import (
     TorqueStream,
     ValidRows,
 )
-from bayes_inertia.importing.noise_fit import rounding_sigmas
 from bayes_inertia.importing.stated_facts import agreed_attitude, agreed_unit
 from bayes_inertia.importing.unit_factors import to_si_with, unit_factor
 from bayes_inertia.tables.raw_table import RawTable, number_of

@@ -9,9 +9,9 @@ import pytest
 from support.campaign_files import assert_same
 from support.dirty_example import dirty
 
-from bayes_inertia.campaign.held import held_readings
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.campaign.stuck import stuck_readings
+from bayes_inertia.faults.held import held_readings
+from bayes_inertia.faults.stuck import stuck_readings
 
 ROWS, STEP = 480, 0.25
 TIME = STEP * np.arange(ROWS)

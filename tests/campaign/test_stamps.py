@@ -7,7 +7,7 @@ import pytest
 from support.dirty_example import dirty, kinds
 
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.campaign.stamps import regular_stamps
+from bayes_inertia.faults.stamps import regular_stamps
 
 ROWS = np.arange(500)
 

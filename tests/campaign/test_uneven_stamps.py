@@ -8,8 +8,8 @@ from support.campaign_files import assert_teaches
 from support.dirty_example import EXAMPLE, dirty, kinds
 
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.campaign.uneven_stamps import regular_clock, slope_of_readings
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.faults.stamps import regular_clock, slope_of_readings
 
 STEP = 0.25
 ROWS = np.arange(600)

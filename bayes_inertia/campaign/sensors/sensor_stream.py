@@ -12,7 +12,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import CorrelatedNoise
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.campaign.stuck import stuck_readings
+from bayes_inertia.faults.fault import Series
 from bayes_inertia.tables.number_table import Table
 
 
@@ -87,14 +87,22 @@ class SensorStream(ABC):
         """Which readings (n, columns) count."""
         return np.isfinite(self.values(slew))
 
-    def impossible(self, campaign: Campaign, values: np.ndarray) -> np.ndarray:
-        """Which readings (n, columns) nothing can cause."""
-        return np.zeros(values.shape, dtype=bool)
+    def unattainable(self, campaign: Campaign) -> float | np.ndarray:
+        """Sizes of a reading (columns,) that nothing can reach."""
+        return np.inf
 
-    def stuck(self, campaign: Campaign, slew: Slew) -> np.ndarray:
-        """Which readings (n, columns) repeat those before them for too long."""
-        values = np.where(self.valid(campaign, slew), self.values(slew), np.nan)
-        return stuck_readings(values, self.sigma(campaign))
+    def series(self, campaign: Campaign, slew: Slew) -> Series:
+        """Readings of a slew that has them, as the detectors of faults take them."""
+        return Series(
+            slew.time,
+            self.values(slew),
+            self.valid(campaign, slew),
+            self.sigma(campaign),
+            self.unattainable(campaign),
+            self.unit,
+            f"{getattr(self.hardware(campaign), 'range', None) or np.inf:.4g} {self.unit}",
+            whole=not self.is_series,
+        )
 
     @abstractmethod
     def components(self, campaign: Campaign) -> tuple[str, ...]:

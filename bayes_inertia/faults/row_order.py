@@ -13,10 +13,10 @@ from typing import NoReturn
 
 import numpy as np
 
-from bayes_inertia.campaign.dirt import Dirt, DirtKind, Treatment
-from bayes_inertia.campaign.limits import LIMITS
-from bayes_inertia.campaign.stamps import regular_stamps
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.faults.fault import Dirt, DirtKind, Treatment
+from bayes_inertia.faults.limits import LIMITS
+from bayes_inertia.faults.stamps import regular_stamps
 from bayes_inertia.tables.number_table import Table
 
 _LEFT_OUT = "with a wrong stamp left out"

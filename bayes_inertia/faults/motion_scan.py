@@ -13,9 +13,8 @@ import numpy as np
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.importing.limits import LIMITS
-from bayes_inertia.importing.logged_stream import LoggedStream
-from bayes_inertia.maths.robust_scale import SD_OVER_MAD
+from bayes_inertia.faults.limits import LIMITS
+from bayes_inertia.faults.noise import step_noise
 from bayes_inertia.maths.values import array_dataclass
 
 
@@ -65,30 +64,34 @@ class MotionScan:
         return float(self.time[rows[0]]), float(self.time[rows[-1]])
 
 
-def scan_motion(rate: LoggedStream, *, threshold: float | None, pause: float) -> MotionScan:
+def scan_motion(
+    time: np.ndarray, values: np.ndarray, where: str, *, threshold: float | None, pause: float
+) -> MotionScan:
     """Find the motions in a log.
 
-    `pause` [s]. `threshold`: `high` [rad/s]; None: from the noise at rest and the largest rate.
+    `time` (n,) [s], `values` (n, 3) [rad/s]: the rates, NaN where there is none, and where they
+    are, for messages. `pause` [s]. `threshold`: `high` [rad/s]; None: from the
+    noise at rest and the largest rate.
 
     Examples
     --------
     >>> time = np.arange(0.0, 60.0, 0.5)
     >>> rates = np.outer(np.where((time > 20) & (time < 40), 0.1, 0.0), [1.0, 0.0, 0.0])
-    >>> log = LoggedStream("rate", time, rates, np.zeros(120, dtype=int), ("a.csv",))
-    >>> scan_motion(log, threshold=None, pause=30.0).motions.tolist()
+    >>> scan_motion(time, rates, "a.csv", threshold=None, pause=30.0).motions.tolist()
     [[19.5, 40.5]]
     """
-    segment = np.concatenate([[0], np.cumsum(np.diff(rate.time) > pause)])
-    rates, width = _smoothed(rate, segment)
+    segment = np.concatenate([[0], np.cumsum(np.diff(time) > pause)])
+    rates, width = _smoothed(time, values, segment)
     norm = np.linalg.norm(rates, axis=1)
     rest_rate = np.median(rates[norm <= np.quantile(norm, LIMITS.slowest_share)], axis=0)
     speed = np.linalg.norm(rates - rest_rate, axis=1)
-    floor = LIMITS.sigmas_of_rest * _noise(rate) / np.sqrt(width)
+    noise = float(np.linalg.norm([step_noise(axis) for axis in values.T]))
+    floor = LIMITS.sigmas_of_rest * noise / np.sqrt(width)
     largest = float(speed.max())
-    high = threshold or _threshold(floor, largest, rate)
+    high = threshold or _threshold(floor, largest, where)
     at_rest = speed[speed < high]
     if len(at_rest) < LIMITS.rests_for * len(speed):
-        _require_rest(float(np.linalg.norm(rest_rate)), float(norm.max()), rate)
+        _require_rest(float(np.linalg.norm(rest_rate)), float(norm.max()), where)
     level = float(np.median(at_rest)) if len(at_rest) else 0.0
     # Near the noise, so that a slew is over only when it has settled.
     low = min(
@@ -99,35 +102,36 @@ def scan_motion(rate: LoggedStream, *, threshold: float | None, pause: float) ->
             1e-3 * high,
         ),
     )
-    motions = _hysteresis(rate.time, speed, segment, low, high)
-    return MotionScan(rate.time, speed, segment, low, high, motions, rest_rate)
+    motions = _hysteresis(time, speed, segment, low, high)
+    return MotionScan(time, speed, segment, low, high, motions, rest_rate)
 
 
-def _require_rest(slowest: float, largest: float, rate: LoggedStream) -> None:
+def _require_rest(slowest: float, largest: float, where: str) -> None:
     """Refuse a log of a body that turns all the time."""
     if slowest > LIMITS.rests_below * largest:
         raise CampaignError(
             f"the body never rests: it turns by {slowest:.2g} rad/s at least, "
             f"{largest:.2g} rad/s at most",
-            where=f"rates in {', '.join(rate.files)}",
+            where=f"rates in {where}",
             advice="state [[slews]] with start and end, or give one file a slew",
         )
 
 
-def _smoothed(rate: LoggedStream, segment: np.ndarray) -> tuple[np.ndarray, int]:
+def _smoothed(time: np.ndarray, values: np.ndarray, segment: np.ndarray) -> tuple[np.ndarray, int]:
     """Rates (n, 3) without outliers and with less noise, and the rows averaged.
 
     Missing readings are bridged here, where rates are only looked at.
     """
-    width = max(LIMITS.averaged_rows, round(LIMITS.averaged_s / max(rate.step, 1e-9)))
-    width = min(width, len(rate.time))
-    smooth = np.empty_like(rate.values)
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    width = max(LIMITS.averaged_rows, round(LIMITS.averaged_s / max(step, 1e-9)))
+    width = min(width, len(time))
+    smooth = np.empty_like(values)
     for k in np.unique(segment):
         rows = np.flatnonzero(segment == k)
-        for axis in range(rate.values.shape[1]):
-            values = _bridged(rate.time[rows], rate.values[rows, axis])
-            values = median_filter(values, min(LIMITS.outlier_rows, len(rows)), mode="nearest")
-            smooth[rows, axis] = uniform_filter1d(values, width, mode="nearest")
+        for axis in range(values.shape[1]):
+            bridged = _bridged(time[rows], values[rows, axis])
+            bridged = median_filter(bridged, min(LIMITS.outlier_rows, len(rows)), mode="nearest")
+            smooth[rows, axis] = uniform_filter1d(bridged, width, mode="nearest")
     return smooth, width
 
 
@@ -138,22 +142,12 @@ def _bridged(time: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.interp(time, time[given], values[given])
 
 
-def _noise(rate: LoggedStream) -> float:
-    """Noise of a reading's norm [rad/s], from the differences of neighbours."""
-    spread = []
-    for axis in rate.values.T:
-        steps = np.abs(np.diff(axis))
-        steps = steps[np.isfinite(steps)]
-        spread.append(SD_OVER_MAD * np.median(steps) / np.sqrt(2.0) if len(steps) else 0.0)
-    return float(np.linalg.norm(spread))
-
-
-def _threshold(floor: float, largest: float, rate: LoggedStream) -> float:
+def _threshold(floor: float, largest: float, where: str) -> float:
     if largest <= LIMITS.visible_motion * floor or largest == 0.0:
         raise CampaignError(
             f"no slew is to be seen: the largest rate, {largest:.2g} rad/s, is hardly above the "
             f"noise, {floor:.2g} rad/s",
-            where=f"rates in {', '.join(rate.files)}",
+            where=f"rates in {where}",
             advice="give files that hold slews, check unit and scale, or state [[slews]] with "
             "start and end",
         )

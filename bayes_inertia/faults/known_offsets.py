@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from bayes_inertia.campaign.limits import LIMITS
+from bayes_inertia.faults.limits import LIMITS
 
 KNOWN_OFFSETS: Mapping[float, str] = MappingProxyType(
     {

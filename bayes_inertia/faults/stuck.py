@@ -11,8 +11,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bayes_inertia.campaign.limits import LIMITS
-from bayes_inertia.maths.robust_scale import SD_OVER_MAD
+from bayes_inertia.faults.fault import Fault, Series
+from bayes_inertia.faults.limits import LIMITS
+from bayes_inertia.faults.noise import second_difference_noise
 
 
 def stuck_readings(readings: np.ndarray, sigma: Sequence[float | None]) -> np.ndarray:
@@ -102,7 +103,7 @@ def _repetition(values: np.ndarray, sigma: float) -> float | None:
     bends = (values[:-2] - 2.0 * values[1:-1] + values[2:])[inner]
     if not len(bends):
         return None
-    noise = SD_OVER_MAD * float(np.median(np.abs(bends))) / math.sqrt(6.0)
+    noise = second_difference_noise(bends)
     step = resolution(values)
     if noise <= LIMITS.least_noise_to_judge * sigma or min(noise, sigma) <= 0.5 * step:
         return None
@@ -119,3 +120,15 @@ def _too_long(values: np.ndarray, chance: float) -> np.ndarray:
         needed = math.log(LIMITS.stuck_false_alarms / max(len(values), 1)) / math.log(chance)
         shortest = max(shortest, 1 + math.ceil(needed))
     return _run_lengths(values) >= shortest
+
+
+def detect(series: Series) -> list[Fault]:
+    """Readings that stand still for longer than noise allows."""
+    if series.whole:
+        stuck = stuck_fixes(series.values)
+        mask = np.repeat(stuck[:, None], series.values.shape[1], axis=1)
+    else:
+        mask = stuck_readings(np.where(series.valid, series.values, np.nan), series.sigma)
+    rows = int(mask.any(axis=1).sum())
+    note = f"{rows} rows with the same value to the last digit"
+    return [Fault("stuck", mask, "masked", note, masks=True)] if rows else []

@@ -17,8 +17,8 @@ from decimal import Decimal
 import numpy as np
 from scipy.optimize import nnls
 
-from bayes_inertia.campaign.quantisation import quantisation_sigma, quantisation_step
-from bayes_inertia.importing.limits import LIMITS
+from bayes_inertia.faults.limits import LIMITS
+from bayes_inertia.faults.quantisation import quantisation_sigma, quantisation_step
 from bayes_inertia.maths.values import array_dataclass
 
 

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
-from bayes_inertia.campaign.limits import LIMITS
-from bayes_inertia.campaign.stuck import resolution
+from bayes_inertia.faults.fault import Fault, Series, Treatment
+from bayes_inertia.faults.limits import LIMITS
+from bayes_inertia.faults.stuck import resolution
 
 
 def quantisation_step(values: np.ndarray) -> float | None:
@@ -41,3 +42,24 @@ def quantisation_sigma(step: float) -> float:
     3.464102
     """
     return step / math.sqrt(12.0)
+
+
+def detect(series: Series) -> list[Fault]:
+    """Rounding by a step larger than the stated noise, in the axis where it is worst."""
+    sigma = series.sigma
+    steps = {
+        k: step
+        for k, s in enumerate(sigma)
+        if s is not None and (step := quantisation_step(series.values[:, k])) and step > s
+    }
+    if not steps:
+        return []
+    k, step = max(steps.items(), key=lambda item: item[1] / (sigma[item[0]] or np.inf))
+    held = quantisation_sigma(step) <= (sigma[k] or 0.0)
+    note = (
+        f"readings are multiples of {step:.3g} {series.unit}, whose rounding error "
+        f"{quantisation_sigma(step):.3g} the stated noise {sigma[k]:.3g} "
+        f"{'holds' if held else 'does not hold'}"
+    )
+    treated: Treatment = "modelled" if held else "ignored"
+    return [Fault("quantised", np.zeros(series.values.shape, dtype=bool), treated, note)]

@@ -1,4 +1,4 @@
-"""Record of a telemetry fault: the spacecraft is not to blame.
+"""Series of readings, their faults, and the record of a fault: the spacecraft is not to blame.
 
 What reading a campaign does about each fault:
 
@@ -61,8 +61,11 @@ three simulated slews whose commands are smooth):
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
+
+import numpy as np
 
 DirtKind = Literal[
     "outliers",
@@ -127,3 +130,44 @@ class Dirt:
             "treated": self.treated,
             "note": self.note,
         }
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Readings of one sensor in the order of time, as every detector takes them.
+
+    `time` (n,) [s]; `values` (n, k), NaN where there is none; `valid` (n, k): which count, those in
+    the sensor's range. `sigma` (k,): stated noise, None where it is not stated. `unattainable`
+    (k,): sizes that nothing reaches. `limit`: the range in words. `whole`: whether a row is one
+    reading, as a fix is.
+    """
+
+    time: np.ndarray
+    values: np.ndarray
+    valid: np.ndarray
+    sigma: Sequence[float | None]
+    unattainable: float | np.ndarray = np.inf
+    unit: str = ""
+    limit: str = ""
+    whole: bool = False
+
+    @property
+    def rows(self) -> np.ndarray:
+        """Rows (m,) that hold a reading."""
+        return np.flatnonzero(np.isfinite(self.values).any(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Fault:
+    """A fault of the readings of a series that `mask` (n, k) marks; `masks`: whether they go."""
+
+    kind: DirtKind
+    mask: np.ndarray
+    treated: Treatment
+    note: str
+    masks: bool = False
+
+    def record(self, channel: str, slew: str) -> Dirt:
+        """The record of the fault in a channel of a slew."""
+        rows = tuple(np.flatnonzero(self.mask.any(axis=1)).tolist())
+        return Dirt(self.kind, channel, slew, rows, self.treated, self.note)

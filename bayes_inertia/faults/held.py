@@ -14,13 +14,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from bayes_inertia.campaign.dirt import Dirt
-from bayes_inertia.campaign.limits import LIMITS
-from bayes_inertia.campaign.schema import ColumnsPart
-from bayes_inertia.campaign.sensors import BY_KEY
-from bayes_inertia.campaign.stream_clocks import StreamRows
-from bayes_inertia.campaign.stuck import resolution
-from bayes_inertia.campaign.units import to_si
+from bayes_inertia.faults.limits import LIMITS
+from bayes_inertia.faults.stuck import resolution
 from bayes_inertia.maths.values import array_dataclass
 
 _WORDS = ("once", "twice", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
@@ -99,45 +94,6 @@ def _beside(axes: Sequence[HeldReadings | None]) -> HeldReadings | None:
     none = np.zeros_like(held[0].repeats)
     repeats = [none if axis is None else axis.repeats for axis in axes]
     return HeldReadings(np.hstack(repeats), np.concatenate([axis.lengths for axis in held]))
-
-
-def counted_once(
-    slews: Sequence[Sequence[StreamRows]], columns: ColumnsPart
-) -> list[list[StreamRows]]:
-    """All streams with empty cells where a reading only repeats the one before.
-
-    Returns: the same with a record of kind "duplicate" where readings are held.
-    """
-    result = [list(streams) for streams in slews]
-    for key, sensor in BY_KEY.items():
-        places = [(i, k) for i, streams in enumerate(result) for k, rows in enumerate(streams)
-                  if key in rows.stream.keys]  # fmt: skip
-        if not places:
-            continue
-        names = getattr(columns, key).names
-        series = [(result[i][k].stamps, result[i][k].table.stack(names)) for i, k in places]
-        found = held_readings(series, by_axis=sensor.is_series)
-        for (i, k), held in zip(places, found, strict=True):
-            if held is not None:
-                result[i][k] = _without(result[i][k], names, held, sensor.name)
-    return result
-
-
-def _without(
-    rows: StreamRows, names: Sequence[str], held: HeldReadings, channel: str
-) -> StreamRows:
-    """Rows of a stream without the repeats in some of its columns, and with a record of them."""
-    repeated = np.flatnonzero(held.repeats.any(axis=1))
-    values = np.where(held.repeats, np.nan, rows.table.stack(names))
-    columns = {**rows.table.columns, **dict(zip(names, values.T, strict=True))}
-    poll = float(to_si(np.median(np.diff(rows.stamps)), "time", rows.stream.time.unit))
-    note = (
-        f"{held}: {len(repeated)} of {len(values)} rows repeat the one before and do not count; "
-        f"a reading may be up to {poll:.3g} s older than its stamp"
-    )
-    record = Dirt("duplicate", channel, "", tuple(repeated.tolist()), "masked", note)
-    table = replace(rows.table, columns=columns)
-    return replace(rows, table=table, dirt=(*rows.dirt, record))
 
 
 def _held_rows(
