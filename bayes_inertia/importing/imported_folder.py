@@ -12,16 +12,17 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.schema import FORMAT
-from bayes_inertia.campaign.writer import array_of_tables
+from bayes_inertia.campaign.writer import numbered, toml_text
 from bayes_inertia.importing.common_clock import Logs
 from bayes_inertia.importing.mapped_lines import RECORD_FILE
 from bayes_inertia.importing.mapping import rate_sensor_axes, streams_that_hold
 from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.importing.rest_noise import RestNoise
 from bayes_inertia.importing.slew_cutting import SlewCut
-from bayes_inertia.importing.slew_tables import SlewTables, csv_of
+from bayes_inertia.importing.slew_tables import SlewTables
 from bayes_inertia.importing.written_columns import written_columns
 from bayes_inertia.tables.leap_seconds import tai_to_utc
+from bayes_inertia.tables.number_table import Table
 from bayes_inertia.version import __version__
 
 RECORD_FORMAT = "bayes-inertia-import/1"
@@ -35,107 +36,68 @@ def description_text(
 
     `noises`: what the rests show; it stands in comments beside what is stated.
     """
-    import tomlkit
-
-    seen = {noise.key: f"seen at rest: {noise.toml()} {noise.unit}" for noise in noises}
-    document = tomlkit.document()
-    document.add(tomlkit.comment(f"Written by bayes-inertia import; {RECORD_FILE} says from what."))
-    document["format"], document["name"] = FORMAT, mapping.name
-    document["inertia"] = _table(mapping.inertia.model_dump())
-    if mapping.wheels:
-        document["wheels"] = array_of_tables(
-            _table(wheel.model_dump(), seen, f"wheels.{wheel.name}") for wheel in mapping.wheels
-        )
-    sensor = {**mapping.rate_sensor.model_dump(), "axes": rate_sensor_axes(mapping)}
-    document["rate_sensor"] = _table(sensor, seen, "rate_sensor")
-    if mapping.star_tracker is not None:
-        document["star_tracker"] = _table(mapping.star_tracker.model_dump(), seen, "star_tracker")
-    document["columns"] = _columns(mapping, slews)
-    document["slews"] = array_of_tables(
-        _slew(tables, files)
-        for tables, files in zip(slews, _file_names(mapping, slews), strict=True)
+    tracker = mapping.star_tracker
+    return toml_text(
+        {
+            "format": FORMAT,
+            "name": mapping.name,
+            "inertia": mapping.inertia.model_dump(),
+            "wheels": [wheel.model_dump() for wheel in mapping.wheels],
+            "rate_sensor": mapping.rate_sensor.model_dump() | {"axes": rate_sensor_axes(mapping)},
+            "star_tracker": None if tracker is None else tracker.model_dump(),
+            "columns": _columns(mapping, slews),
+            "slews": [
+                _slew(tables, files)
+                for tables, files in zip(slews, _file_names(mapping, slews), strict=True)
+            ],
+        },
+        f"Written by bayes-inertia import; {RECORD_FILE} says from what.",
+        {noise.key: f"seen at rest: {noise.toml()} {noise.unit}" for noise in noises},
     )
-    return tomlkit.dumps(document)
 
 
-def _table(
-    entries: Mapping[str, Any], seen: Mapping[str, str] | None = None, path: str = ""
-) -> Any:
-    """A table without the entries that are None, with what is seen beside what is stated."""
-    import tomlkit
-
-    table = tomlkit.table()
-    for key, value in entries.items():
-        if value is None:
-            continue
-        table[key] = value
-        comment = (seen or {}).get(f"{path}.{key}")
-        if comment:
-            table[key].comment(comment)
-    return table
-
-
-def _inline(entries: Mapping[str, Any]) -> Any:
-    import tomlkit
-
-    table = tomlkit.inline_table()
-    table.update(entries)
-    return table
-
-
-def _columns(mapping: MappingPart, slews: Sequence[SlewTables]) -> Any:
-    import tomlkit
-
+def _columns(mapping: MappingPart, slews: Sequence[SlewTables]) -> dict[str, Any]:
     held = {key for tables in slews for key in tables.streams}
-    table = tomlkit.table()
-    table["time"] = _inline({"names": ["t_s"], "unit": "s"})
+    entries: dict[str, Any] = {"time": {"names": ["t_s"], "unit": "s"}}
     for key, written in written_columns(mapping).items():
         if key in held:
-            entry = {"names": list(written.names), **written.sense}
+            entries[key] = {"names": list(written.names), **written.sense}
             if all(stream.time.regular for stream in streams_that_hold(mapping, key)):
-                entry["time"] = _inline({"names": ["t_s"], "unit": "s", "regular": True})
-            table[key] = _inline(entry)
-    return table
+                entries[key]["time"] = entries["time"] | {"regular": True}
+    return entries
 
 
-def _slew(tables: SlewTables, files: Mapping[str, str]) -> Any:
+def _slew(tables: SlewTables, files: Mapping[str, str]) -> dict[str, Any]:
     window = tables.window
-    entries = {
+    return {
         "name": window.name,
-        "files": _inline(files),
+        "files": dict(files),
         "start": round(tables.start, 9),
         "axis": window.axis,
         # 15 digits return the degrees that were stated.
         "angle_deg": None if window.angle_deg is None else float(f"{window.angle_deg:.15g}"),
     }
-    return _table(entries)
 
 
 def _file_names(mapping: MappingPart, slews: Sequence[SlewTables]) -> list[dict[str, str]]:
     """For each slew the name of the table of each stream."""
-    digits = max(2, len(str(len(slews))))
     written = written_columns(mapping)
     return [
-        {
-            key: f"slew_{k:0{digits}d}_{written[key].suffix}.csv"
-            for key in written
-            if key in tables.streams
-        }
-        for k, tables in enumerate(slews, 1)
+        {key: f"{slew}_{w.suffix}.csv" for key, w in written.items() if key in tables.streams}
+        for slew, tables in zip(numbered(len(slews), "slew_{}"), slews, strict=True)
     ]
 
 
-def table_texts(mapping: MappingPart, slews: Sequence[SlewTables]) -> dict[str, str]:
-    """The tables of all slews.
-
-    Returns: texts of CSV by the name of the file.
-    """
-    written = written_columns(mapping)
-    return {
-        file: csv_of(tables.streams[key], written[key])
-        for tables, files in zip(slews, _file_names(mapping, slews), strict=True)
-        for key, file in files.items()
-    }
+def tables_of(mapping: MappingPart, slews: Sequence[SlewTables]) -> dict[str, Table]:
+    """The tables of all slews, by file."""
+    written, made = written_columns(mapping), {}
+    for tables, files in zip(slews, _file_names(mapping, slews), strict=True):
+        for key, file in files.items():
+            stream = tables.streams[key]
+            cells = written[key].cells(stream.values).T
+            columns = {"t_s": stream.time} | dict(zip(written[key].names, cells, strict=True))
+            made[file] = Table(file, columns, lines=np.arange(len(stream.time)) + 2)
+    return made
 
 
 def raw_place(where: str, mapping: MappingPart, slews: Sequence[SlewTables]) -> str:

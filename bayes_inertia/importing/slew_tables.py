@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +9,6 @@ import numpy as np
 from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.logged_stream import LoggedStream
 from bayes_inertia.importing.slew_cutting import SlewWindow
-from bayes_inertia.importing.written_columns import WrittenColumns
 
 
 @dataclass(frozen=True)
@@ -94,31 +92,3 @@ def _at_every_step(torque: LoggedStream) -> bool:
     return len(steps) >= LIMITS.fewest_alike_steps and bool(
         np.quantile(steps, LIMITS.most_alike_steps) < 1.5 * torque.step
     )
-
-
-def csv_of(stream: LoggedStream, columns: WrittenColumns) -> str:
-    """A stream as a table of CSV with all digits; an element without a reading is an empty cell.
-
-    Parameters
-    ----------
-    stream : LoggedStream
-        The stream.
-    columns : WrittenColumns
-        How it is written.
-
-    Returns
-    -------
-    str
-        The table.
-
-    Examples
-    --------
-    >>> speeds = np.array([[1.0, np.nan]])
-    >>> stream = LoggedStream("wheel_speed", np.array([0.5]), speeds, np.zeros(1, dtype=int), ())
-    >>> csv_of(stream, WrittenColumns("speed", ("a", "b"), {}, (0, 1), (1.0, 1.0)))
-    't_s,a,b\\n0.5,1.0,\\n'
-    """
-    rows: list[list[str]] = [["t_s", *columns.names]]
-    table = np.column_stack([stream.time, columns.cells(stream.values)]).tolist()
-    rows += [["" if math.isnan(cell) else repr(cell) for cell in row] for row in table]
-    return "".join(",".join(row) + "\n" for row in rows)
