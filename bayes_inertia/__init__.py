@@ -25,7 +25,7 @@ _PUBLIC = {
     # Campaigns: what was flown.
     "Campaign": "campaign.campaign",
     "Dirt": "faults.fault",
-    "InertiaPrior": "campaign.inertia_prior",
+    "InertiaPrior": "campaign.hardware",
     "CorrelatedNoise": "campaign.hardware",
     "RateSensor": "campaign.hardware",
     "Slew": "campaign.slew",
@@ -40,7 +40,7 @@ _PUBLIC = {
     # Raw logs of any mission.
     "DroppedPart": "importing.slew_cutting",
     "ImportedCampaign": "importing.import_logs",
-    "NoiseFit": "faults.noise_fit",
+    "NoiseFit": "faults.noise",
     "RestNoise": "importing.rest_noise",
     "SlewCut": "importing.slew_cutting",
     "SlewWindow": "importing.slew_cutting",

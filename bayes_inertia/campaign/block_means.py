@@ -36,7 +36,7 @@ def reduced(campaign: Campaign, block: int | None = None) -> Campaign:
     Examples
     --------
     >>> from bayes_inertia.campaign.hardware import RateSensor
-    >>> from bayes_inertia.campaign.inertia_prior import InertiaPrior
+    >>> from bayes_inertia.campaign.hardware import InertiaPrior
     >>> slew = Slew("a", 0.0, np.arange(60.0), rate=np.full((60, 3), 1e-6))
     >>> prior, sensor = InertiaPrior(np.eye(3), 0.1, 0.1), RateSensor(sigma=1e-5)
     >>> means = reduced(Campaign("c", prior, (), sensor, None, (slew,)), block=4)
@@ -117,7 +117,7 @@ def longest_block(campaign: Campaign) -> int:
     Examples
     --------
     >>> from bayes_inertia.campaign.hardware import RateSensor
-    >>> from bayes_inertia.campaign.inertia_prior import InertiaPrior
+    >>> from bayes_inertia.campaign.hardware import InertiaPrior
     >>> slew = Slew("a", 0.0, np.arange(60.0) / 4e3, rate=np.full((60, 3), 10.0))
     >>> prior, sensor = InertiaPrior(np.eye(3), 0.1, 0.1), RateSensor(sigma=0.01)
     >>> longest_block(Campaign("c", prior, (), sensor, None, (slew,)))

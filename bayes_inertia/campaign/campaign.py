@@ -8,9 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.campaign.checks import require
-from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel, require
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.saturated import in_range

@@ -12,19 +12,22 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.channels import stream_from_table
 from bayes_inertia.campaign.commands import with_known_torques, without_impossible_torques
-from bayes_inertia.campaign.description import parse_description
-from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.limits import LIMITS
-from bayes_inertia.campaign.momentum_gaps import with_known_momentum
-from bayes_inertia.campaign.schema import CampaignPart, ColumnsPart, SlewPart
+from bayes_inertia.campaign.schema import CampaignPart, ColumnsPart, SlewPart, parse_description
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.campaign.slew_parts import located, parts_of
-from bayes_inertia.campaign.stream_clocks import StreamRows, counted_once, on_their_clocks
-from bayes_inertia.campaign.streams import Stream, streams_of, union
+from bayes_inertia.campaign.slew_parts import located, parts_of, with_known_momentum
+from bayes_inertia.campaign.streams import (
+    Stream,
+    StreamRows,
+    counted_once,
+    on_their_clocks,
+    stream_from_table,
+    streams_of,
+    union,
+)
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.row_order import ordered_rows

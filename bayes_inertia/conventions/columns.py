@@ -14,15 +14,13 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.conventions.hypothesis import Mistake
+from bayes_inertia.conventions.laws import Misfits, worst
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.linear_fit import worst
-from bayes_inertia.conventions.misfits import Misfits
-from bayes_inertia.conventions.reading import Reading
+from bayes_inertia.conventions.reading import Mistake, Reading
 from bayes_inertia.conventions.search import Remedy
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 from bayes_inertia.faults.noise import smooth_noise
-from bayes_inertia.faults.stuck import resolution
+from bayes_inertia.faults.quantisation import resolution
 
 Columns = Mapping[str, Mapping[str, Any]]
 

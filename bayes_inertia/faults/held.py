@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from bayes_inertia.faults.limits import LIMITS
-from bayes_inertia.faults.stuck import resolution
+from bayes_inertia.faults.quantisation import resolution
 from bayes_inertia.maths.values import array_dataclass
 
 _WORDS = ("once", "twice", "three", "four", "five", "six", "seven", "eight", "nine", "ten")

@@ -8,7 +8,21 @@ import numpy as np
 
 from bayes_inertia.faults.fault import Fault, Series, Treatment
 from bayes_inertia.faults.limits import LIMITS
-from bayes_inertia.faults.stuck import resolution
+
+
+def resolution(values: np.ndarray) -> float:
+    """The smallest step between different values; 0 if there are no two.
+
+    `values` (n,). Returns: in their unit; rounding of the last binary digits is no step.
+
+    Examples
+    --------
+    >>> resolution(np.array([0.75, 0.25, 0.25, 0.5]))
+    0.25
+    """
+    steps = np.diff(np.unique(values))
+    steps = steps[steps > 1e-12 * np.abs(values).max(initial=0.0)]
+    return float(steps.min()) if len(steps) else 0.0
 
 
 def quantisation_step(values: np.ndarray) -> float | None:

@@ -14,6 +14,7 @@ import numpy as np
 from bayes_inertia.faults.fault import Fault, Series
 from bayes_inertia.faults.limits import LIMITS
 from bayes_inertia.faults.noise import second_difference_noise
+from bayes_inertia.faults.quantisation import resolution
 
 
 def stuck_readings(readings: np.ndarray, sigma: Sequence[float | None]) -> np.ndarray:
@@ -64,21 +65,6 @@ def stuck_fixes(attitude: np.ndarray) -> np.ndarray:
     if others.sum() >= LIMITS.fewest_fixes_beside_runs and np.all(runs[others] == 1):
         stuck[rows] = ~others
     return stuck
-
-
-def resolution(values: np.ndarray) -> float:
-    """The smallest step between different values; 0 if there are no two.
-
-    `values` (n,). Returns: in their unit; rounding of the last binary digits is no step.
-
-    Examples
-    --------
-    >>> resolution(np.array([0.75, 0.25, 0.25, 0.5]))
-    0.25
-    """
-    steps = np.diff(np.unique(values))
-    steps = steps[steps > 1e-12 * np.abs(values).max(initial=0.0)]
-    return float(steps.min()) if len(steps) else 0.0
 
 
 def _given(values: np.ndarray) -> np.ndarray:

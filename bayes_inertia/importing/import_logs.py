@@ -27,6 +27,7 @@ from bayes_inertia.importing.imported_folder import (
     description_text,
     raw_place,
     record_text,
+    slew_tables,
     tables_of,
     zero_of_clock,
 )
@@ -43,7 +44,6 @@ from bayes_inertia.importing.mapping import parse_mapping, streams_that_hold
 from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.importing.rest_noise import RestNoise, rest_noise
 from bayes_inertia.importing.slew_cutting import SlewCut, cut_into_slews
-from bayes_inertia.importing.slew_tables import slew_tables
 from bayes_inertia.progress import Progress, silent
 from bayes_inertia.tables.number_table import Table
 

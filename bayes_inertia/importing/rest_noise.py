@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.faults.motion_scan import MotionScan
-from bayes_inertia.faults.noise_fit import NoiseFit, fit_noise
+from bayes_inertia.faults.noise import NoiseFit, fit_noise
 from bayes_inertia.faults.outliers import outliers_at_rest
 from bayes_inertia.faults.quantisation import quantisation_sigma
 from bayes_inertia.faults.stuck import stuck_fixes

@@ -15,7 +15,7 @@ from bayes_inertia.importing.common_clock import Logs
 from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.log_reader import utc_ns
 from bayes_inertia.importing.mapping_schema import CutPart, MappedSlew, MappingPart
-from bayes_inertia.tables.leap_seconds import SECOND
+from bayes_inertia.tables.stamp_parts import SECOND
 
 
 @dataclass(frozen=True)

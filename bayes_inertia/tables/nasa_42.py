@@ -19,8 +19,7 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes
 from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.raw_table import RawColumn, RawTable, StatedAttitude
-from bayes_inertia.tables.text_cells import decoded
-from bayes_inertia.tables.text_form import TextOptions
+from bayes_inertia.tables.text_cells import TextOptions, decoded
 from bayes_inertia.tables.text_table import read_text_table
 
 _UNITS: Mapping[str, tuple[int, str]] = MappingProxyType(

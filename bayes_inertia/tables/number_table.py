@@ -20,8 +20,8 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes, text_of
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.tables.array_files import FileArrays
+from bayes_inertia.tables.array_tables import parquet_arrays
 from bayes_inertia.tables.isolated import read_arrays
-from bayes_inertia.tables.plain_arrays import parquet_arrays
 from bayes_inertia.tables.raw_table import no_column, row_name, shortened
 from bayes_inertia.tables.text_cells import content_lines, split_rows
 

@@ -17,11 +17,14 @@ from bayes_inertia.tables.raw_table import EMPTY_CELLS, RawColumn, RawTable, num
 from bayes_inertia.tables.text_cells import (
     COMMENTS,
     CellRow,
+    TextForm,
+    TextOptions,
     content_lines,
+    is_reading,
     split_rows,
+    told_form,
     whole_lines,
 )
-from bayes_inertia.tables.text_form import TextForm, TextOptions, is_reading, told_form
 
 _BRACKETS = re.compile(r".*?\s*[\[(<]([^\[\]()<>]*)[\])>]\s*")
 _UNIT_WORDS = frozenset(

@@ -16,10 +16,9 @@ from types import MappingProxyType
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.tables.leap_seconds import SECOND, has_leap_second
 from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.raw_table import EMPTY_CELLS, RawColumn, RawTable
-from bayes_inertia.tables.stamp_parts import unit_in_name
+from bayes_inertia.tables.stamp_parts import SECOND, has_leap_second, unit_in_name
 
 _CLOCK = (
     r"(?:[T ,]+|(?<=\d)-|\s*//\s*)(?P<hour>\d{1,2}):(?P<minute>\d{2})"

@@ -17,8 +17,7 @@ from support.campaign_files import (
 )
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.writer import write_campaign

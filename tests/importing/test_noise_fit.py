@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bayes_inertia.faults.noise_fit import fit_noise, rounding_sigmas
+from bayes_inertia.faults.noise import fit_noise, rounding_sigmas
 
 RUNS = 40
 SAMPLES = 1500

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.cells import all_empty
 from bayes_inertia.campaign.hardware import StarTracker
-from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
+from bayes_inertia.campaign.sensors.sensor_stream import SensorStream, all_empty
 from bayes_inertia.campaign.slew import bad_quaternion
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.tables.number_table import Table

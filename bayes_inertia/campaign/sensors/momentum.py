@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.cells import refuse_empty_columns
-from bayes_inertia.campaign.schema import SpeedColumns
-from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
-from bayes_inertia.campaign.units import to_si
+from bayes_inertia.campaign.schema import SpeedColumns, to_si
+from bayes_inertia.campaign.sensors.sensor_stream import SensorStream, refuse_empty_columns
 from bayes_inertia.tables.number_table import Table
 
 

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.cells import refuse_empty_columns
 from bayes_inertia.campaign.hardware import CorrelatedNoise, RateSensor
-from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
+from bayes_inertia.campaign.schema import to_si
+from bayes_inertia.campaign.sensors.sensor_stream import SensorStream, refuse_empty_columns
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.campaign.units import to_si
 from bayes_inertia.faults.limits import LIMITS
 from bayes_inertia.faults.saturated import in_range
 from bayes_inertia.tables.number_table import Table
