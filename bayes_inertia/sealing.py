@@ -24,6 +24,20 @@ _SEAL_BYTES = len(_MARK) + 64 + 1
 _BLOCK = 2**20  # [bytes] read at once
 
 
+def sha256_of(*parts: bytes | memoryview | str) -> str:
+    """The SHA-256 of parts one after another, text as UTF-8: every digest of this package.
+
+    Examples
+    --------
+    >>> sha256_of("ab", b"c")[:8]
+    'ba7816bf'
+    """
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(part.encode() if isinstance(part, str) else part)
+    return digest.hexdigest()
+
+
 def write_sealed(path: Path, content: bytes | memoryview) -> Path:
     """Write a file with the digest of its content behind it, atomically.
 
@@ -34,7 +48,7 @@ def write_sealed(path: Path, content: bytes | memoryview) -> Path:
     ...     is_sealed(write_sealed(Path(folder, "a.h5"), b"content"), "")
     True
     """
-    seal = _MARK + hashlib.sha256(content).hexdigest().encode() + b"\n"
+    seal = _MARK + sha256_of(content).encode() + b"\n"
 
     def write(temporary: Path) -> None:
         with temporary.open("wb") as file:
@@ -93,7 +107,7 @@ def _json_digest(content: Mapping[str, Any]) -> str:
     """The same for every layout and order of keys."""
     plain = json.loads(json.dumps(content))
     text = json.dumps(plain, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()
+    return sha256_of(text)
 
 
 def read_sealed_json(path: Path, advice: str) -> dict[str, Any]:

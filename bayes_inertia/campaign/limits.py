@@ -22,6 +22,11 @@ class Limits:
     # Steps of rounding beyond so many sigmas make errors that last, which a mean does not reduce.
     coarse_rounding: float = 1.0
 
+    # `checked_toml.py`
+    # Keys that are alike to this degree are one word misspelt; less alike ones are other physics,
+    # such as body_torque and wheel_torque (0.61).
+    misspelt: float = 0.7
+
     # `commands.py`
     # Pieces of one gap, and of all gaps of one slew: every piece costs one unknown a wheel.
     most_lost_in_gap: int = 8

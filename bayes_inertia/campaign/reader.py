@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
@@ -39,6 +38,7 @@ from bayes_inertia.files import (
     text_of,
     write_atomically,
 )
+from bayes_inertia.sealing import sha256_of
 from bayes_inertia.tables.number_table import Table, read_table
 
 # A record without rows, and the times [s] that it concerns.
@@ -131,12 +131,9 @@ def campaign_sha256(path: str | Path) -> str:
     It changes with any byte of those files, and with nothing else: not with the folder's place,
     not with other files in it.
     """
-    digest = hashlib.sha256()
-    for name, data in _files(path):
-        # Names and lengths delimit the parts, so that no two campaigns share one stream of bytes.
-        digest.update(f"{name}\0{len(data)}\0".encode())
-        digest.update(data)
-    return digest.hexdigest()
+    # Names and lengths delimit the parts, so that no two campaigns share one stream of bytes.
+    parts = ((f"{name}\0{len(data)}\0", data) for name, data in _files(path))
+    return sha256_of(*(piece for part in parts for piece in part))
 
 
 def copy_campaign(path: str | Path, folder: str | Path) -> Path:

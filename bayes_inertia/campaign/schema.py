@@ -26,8 +26,6 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from bayes_inertia.campaign.checked_toml import parse_toml
 from bayes_inertia.errors import CampaignError
 
-DEGREE = math.pi / 180.0  # [rad]
-
 UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
         "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
@@ -35,16 +33,22 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "wheel_momentum": {"N m s": 1.0, "mN m s": 1e-3, "uN m s": 1e-6},
         "wheel_speed": {
             "rad/s": 1.0,
-            "deg/s": DEGREE,
+            "deg/s": math.pi / 180.0,
             "rpm": 2.0 * math.pi / 60.0,
             "Hz": 2.0 * math.pi,  # turns
         },
-        "rate": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": DEGREE, "deg/h": DEGREE / 3600.0},
+        "rate": {
+            "rad/s": 1.0,
+            "mrad/s": 1e-3,
+            "deg/s": math.pi / 180.0,
+            "deg/h": math.pi / 180.0 / 3600.0,
+        },
         "magnetic_field": {"T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "G": 1e-4},
         "position": {"m": 1.0, "km": 1e3},
     }
 )
 """For each quantity of `[columns]`, the factor from each accepted unit to SI."""
+DEGREE = UNITS["rate"]["deg/s"]  # [rad]
 
 
 def to_si(values: np.ndarray, quantity: str, unit: str) -> np.ndarray:

@@ -13,7 +13,6 @@ The campaign folder that an import writes: description, tables, record, picture.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import re
@@ -36,6 +35,7 @@ from bayes_inertia.importing.mapping_schema import AttitudeStream, MappingPart, 
 from bayes_inertia.importing.rest_noise import RestNoise
 from bayes_inertia.importing.slew_cutting import SlewCut, SlewWindow
 from bayes_inertia.importing.unit_factors import unit_factor
+from bayes_inertia.sealing import sha256_of
 from bayes_inertia.tables.number_table import Table
 from bayes_inertia.tables.stamp_parts import tai_to_utc
 from bayes_inertia.version import __version__
@@ -361,11 +361,11 @@ def record_text(
     record = {
         "format": RECORD_FORMAT,
         "version": __version__,
-        "raw_files": {path.name: _sha256(path.read_bytes()) for path in files},
+        "raw_files": {path.name: sha256_of(path.read_bytes()) for path in files},
         "unused_files": list(logs.unused),
         "mapping": {
             "name": mapping_data[0],
-            "sha256": _sha256(mapping_data[1]),
+            "sha256": sha256_of(mapping_data[1]),
             "text": mapping_data[1].decode("utf-8", errors="replace"),
         },
         "clock": {"zero": zero_of_clock(logs), "unit": "s"},
@@ -388,10 +388,6 @@ def record_text(
         "noise_at_rest": [_noise(noise) for noise in noises],
     }
     return json.dumps(record, indent=1, allow_nan=False) + "\n"
-
-
-def _sha256(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()
 
 
 def zero_of_clock(logs: Logs) -> str:

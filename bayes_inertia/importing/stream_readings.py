@@ -48,10 +48,6 @@ AttitudeForm = Literal["quaternion", "euler", "dcm", "mrp"]
 COLUMNS_OF_FORM = {"quaternion": 4, "euler": 3, "dcm": 9, "mrp": 3}
 """Number of columns that each form of an attitude has."""
 
-_CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
-# Weights of a sum that tells attitudes apart.
-_KEY = np.array([1.0, np.pi, np.e, np.sqrt(2.0)])
-
 
 @dataclass(frozen=True)
 class AttitudeConvention:
@@ -98,7 +94,8 @@ def to_quaternions(values: np.ndarray, convention: AttitudeConvention) -> np.nda
     rows = np.isfinite(values).all(axis=1)
     if rows.any():
         quaternions[rows] = _inertial_to_body(values[rows], convention)
-    return quaternions * _CONJUGATE if convention.maps == "body_to_inertial" else quaternions
+    turned = convention.maps == "body_to_inertial"
+    return quaternions * np.array([-1.0, -1.0, -1.0, 1.0]) if turned else quaternions
 
 
 def _inertial_to_body(values: np.ndarray, convention: AttitudeConvention) -> np.ndarray:
@@ -161,7 +158,9 @@ def standing_mark(quaternions: np.ndarray, time: np.ndarray) -> np.ndarray:
     rows = np.flatnonzero(np.isfinite(quaternions).all(axis=1) & np.isfinite(time))
     q, steps = quaternions[rows], np.diff(time[rows])
     usual = 1.5 * float(np.median(steps)) if len(steps) else 0.0
-    _, first, counts = np.unique(q @ _KEY, return_index=True, return_counts=True)
+    # Weights of a sum that tells attitudes apart.
+    key = np.array([1.0, np.pi, np.e, np.sqrt(2.0)])
+    _, first, counts = np.unique(q @ key, return_index=True, return_counts=True)
     for row in first[np.argsort(-counts)[: LIMITS.most_common_attitudes]]:
         same = (q == q[row]).all(axis=1)
         # After a pause a body may be anywhere.

@@ -6,7 +6,6 @@ the end the file is written anew, in the order of the tasks.
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 import re
@@ -17,7 +16,7 @@ from typing import Any
 
 from bayes_inertia.errors import OutputError
 from bayes_inertia.files import read_bytes, write_atomically
-from bayes_inertia.sealing import SEAL_KEY, sealed
+from bayes_inertia.sealing import SEAL_KEY, sealed, sha256_of
 from bayes_inertia.studies.work import Row, TaskFailure, WorkResult
 
 NAME = "rows.jsonl"
@@ -114,7 +113,7 @@ def _rows_of_0_4(folder: Path, study: str) -> Iterator[tuple[str, Row]]:
         data = read_bytes(path)
         for stated in list(re.finditer(rb"bayes-inertia-sha256:([0-9a-f]{64})", data))[-1:]:
             bare = data[: stated.start(1)] + b"0" * 64 + data[stated.end(1) :]
-            if hashlib.sha256(bare).hexdigest().encode() == stated[1]:
+            if sha256_of(bare).encode() == stated[1]:
                 table = pq.read_table(io.BytesIO(data))
                 if json.loads(table.schema.metadata[b"bayes_inertia"])["study"] == study:
                     yield from ((row.pop("task"), row) for row in table.to_pylist())

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from functools import cache
@@ -23,8 +24,24 @@ import numpy as np
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.tables.raw_table import RawTable
 
-SECOND = 10**9  # [ns]
-_MJD_1958 = 36204
+
+@dataclass(frozen=True)
+class TimeScales:
+    """Zeros of clocks, and what scales are apart; in ns since 1958-01-01 of TAI but for days."""
+
+    second: int = 10**9
+    day: int = 86400 * second
+    mjd_1958: int = 36204  # [day]
+    jd_1958: float = 2436204.5  # [day]
+    tai_1970: int = 4383 * day
+    gps_1980: int = 8040 * day + 19 * second
+    tt_minus_tai: int = 32_184_000_000
+    first: int = 5113 * day  # 1972-01-01: before, UTC had no whole leap seconds.
+    last: int = 51865 * day  # 2100-01-01
+
+
+SCALES = TimeScales()
+SECOND = SCALES.second
 
 
 @cache
@@ -38,7 +55,7 @@ def leap_table() -> tuple[np.ndarray, np.ndarray]:
         # An old table is still right for all seconds that it lists.
         warnings.simplefilter("ignore")
         table = iers.LeapSeconds.open(iers.IERS_LEAP_SECOND_FILE)
-    days = np.asarray(table["mjd"], dtype=np.int64) - _MJD_1958
+    days = np.asarray(table["mjd"], dtype=np.int64) - SCALES.mjd_1958
     return days * (86400 * SECOND), np.asarray(table["tai_utc"], dtype=np.int64) * SECOND
 
 

@@ -27,6 +27,7 @@ from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.raw_table import RawColumn, RawTable
 from bayes_inertia.tables.stamp_parts import (
+    SCALES,
     SECOND,
     UNIT_WORDS,
     added_parts,
@@ -204,34 +205,26 @@ def stamp_units(table: RawTable, names: Sequence[str]) -> list[str]:
     return units
 
 
-_DAY = 86400 * SECOND  # [ns]
-# Zero of each clock, in TAI nanoseconds since 1958-01-01T00:00:00 TAI.
-_TAI_1970 = 4383 * _DAY
-_GPS_1980 = 8040 * _DAY + 19 * SECOND
-_MJD_1958 = 36204
-_JD_1958 = 2436204.5
-_TT_MINUS_TAI = 32_184_000_000  # [ns]
-
 FREE_CLOCKS: Mapping[str, int] = MappingProxyType(
     {"ns": 1, "us": 1000, "ms": 10**6, "s": SECOND, "min": 60 * SECOND, "h": 3600 * SECOND}
-    | {"day": _DAY}
+    | {"day": SCALES.day}
 )
 """Kinds of stamps from a clock's own zero, and their nanoseconds."""
 
 _NUMBERS: Mapping[str, tuple[int, int, bool]] = MappingProxyType(
     {  # Nanoseconds a unit, zero of the clock, whether leap seconds are to be added.
-        "gps_s": (SECOND, _GPS_1980, False),
-        "gps_ms": (10**6, _GPS_1980, False),
-        "gps_us": (1000, _GPS_1980, False),
-        "gps_ns": (1, _GPS_1980, False),
+        "gps_s": (SECOND, SCALES.gps_1980, False),
+        "gps_ms": (10**6, SCALES.gps_1980, False),
+        "gps_us": (1000, SCALES.gps_1980, False),
+        "gps_ns": (1, SCALES.gps_1980, False),
         "tai_s": (SECOND, 0, False),
         "tai_ms": (10**6, 0, False),
         "tai_us": (1000, 0, False),
         "tai_ns": (1, 0, False),
-        "unix_s": (SECOND, _TAI_1970, True),
-        "unix_ms": (10**6, _TAI_1970, True),
-        "unix_us": (1000, _TAI_1970, True),
-        "unix_ns": (1, _TAI_1970, True),
+        "unix_s": (SECOND, SCALES.tai_1970, True),
+        "unix_ms": (10**6, SCALES.tai_1970, True),
+        "unix_us": (1000, SCALES.tai_1970, True),
+        "unix_ns": (1, SCALES.tai_1970, True),
     }
 )
 COUNTED_CLOCKS = tuple(_NUMBERS)
@@ -239,12 +232,12 @@ COUNTED_CLOCKS = tuple(_NUMBERS)
 
 _DAYS: Mapping[str, tuple[float, int, bool]] = MappingProxyType(
     {  # Day of 1958-01-01, what TAI is ahead by [ns], whether leap seconds are to be added.
-        "mjd_utc": (_MJD_1958, 0, True),
-        "mjd_tai": (_MJD_1958, 0, False),
-        "mjd_tt": (_MJD_1958, -_TT_MINUS_TAI, False),
-        "jd_utc": (_JD_1958, 0, True),
-        "jd_tai": (_JD_1958, 0, False),
-        "jd_tt": (_JD_1958, -_TT_MINUS_TAI, False),
+        "mjd_utc": (SCALES.mjd_1958, 0, True),
+        "mjd_tai": (SCALES.mjd_1958, 0, False),
+        "mjd_tt": (SCALES.mjd_1958, -SCALES.tt_minus_tai, False),
+        "jd_utc": (SCALES.jd_1958, 0, True),
+        "jd_tai": (SCALES.jd_1958, 0, False),
+        "jd_tt": (SCALES.jd_1958, -SCALES.tt_minus_tai, False),
         "cds": (0, 0, True),
     }
 )
@@ -253,14 +246,11 @@ _TEXTS: Mapping[str, int | None] = MappingProxyType(
         "utc": None,
         "tai": 0,
         "gps": 19 * SECOND,
-        "tt": -_TT_MINUS_TAI,
+        "tt": -SCALES.tt_minus_tai,
     }
 )
 TIME_KINDS = (*FREE_CLOCKS, *_TEXTS, *_NUMBERS, "gps_week", *_DAYS)
 """Kinds of time stamps that `times_to_seconds` reads."""
-
-_FIRST_NS = 5113 * _DAY  # 1972-01-01: before, UTC had no whole leap seconds.
-_LAST_NS = 51865 * _DAY  # 2100-01-01
 
 
 @array_dataclass
@@ -359,7 +349,7 @@ def dates_of(number: float, kind: str) -> np.datetime64 | None:
     '2026-03-01T12:00:00'
     """
     unit, start, leaps = _NUMBERS[kind]
-    if not _FIRST_NS <= number * unit + start < _LAST_NS:
+    if not SCALES.first <= number * unit + start < SCALES.last:
         return None
     ns = round(number * unit) + start
     return np.datetime64("1958-01-01", "ns") + np.timedelta64(ns if leaps else tai_to_utc(ns), "ns")
@@ -454,10 +444,10 @@ def _from_counts(
     first_day: int,
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Stamps (rows,) that count from a moment, rows without one, and their resolution [s]."""
-    size, start, leaps = _NUMBERS.get(kind, (FREE_CLOCKS.get(kind, _DAY), 0, False))
+    size, start, leaps = _NUMBERS.get(kind, (FREE_CLOCKS.get(kind, SCALES.day), 0, False))
     first = next(unit for unit, value in FREE_CLOCKS.items() if value == size)
     if kind == "gps_week":
-        first, start = "week", _GPS_1980
+        first, start = "week", SCALES.gps_1980
     sizes = sizes_of(table, names, units, first)
     zero, ahead, leaps_of_day = _DAYS.get(kind, (0, 0, False))
     if kind == "gps_week":
@@ -476,10 +466,10 @@ def _from_counts(
 def _check_years(table: RawTable, names: Sequence[str], kind: str, stamps: TimeStamps) -> None:
     if not stamps.absolute:
         return
-    wrong = ((stamps.ns < _FIRST_NS) | (stamps.ns >= _LAST_NS)) & ~stamps.missing
+    wrong = ((stamps.ns < SCALES.first) | (stamps.ns >= SCALES.last)) & ~stamps.missing
     if wrong.any():
         row = int(np.argmax(wrong))
-        year = 1958 + stamps.ns[row] / (365.25 * _DAY)
+        year = 1958 + stamps.ns[row] / (365.25 * SCALES.day)
         raise CampaignError(
             f"as {kind!r} the stamp lies in the year {year:.0f}",
             where=table.place(row, names[0]),
