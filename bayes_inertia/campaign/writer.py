@@ -224,9 +224,10 @@ def toml_text(
         elif isinstance(value, Mapping) and value:
             document[key] = _table(value, key, remarks or {})
         elif value:
-            document[key] = tomlkit.aot()
+            listed = tomlkit.aot()
             for part in value:
-                document[key].append(_table(part, f"{key}.{part['name']}", remarks or {}))
+                listed.append(_table(part, f"{key}.{part['name']}", remarks or {}))
+            document[key] = listed
     return tomlkit.dumps(document)
 
 

@@ -138,7 +138,7 @@ class Series:
 
     `time` (n,) [s]; `values` (n, k), NaN where there is none; `valid` (n, k): which count, those in
     the sensor's range. `sigma` (k,): stated noise, None where it is not stated. `unattainable`
-    (k,): sizes that nothing reaches. `limit`: the range in words. `whole`: whether a row is one
+    (k,): sizes that nothing passes. `limit`: the range in words. `whole`: whether a row is one
     reading, as a fix is.
     """
 

@@ -16,7 +16,7 @@ def detect(series: Series) -> list[Fault]:
     >>> detect(Series(np.arange(2.0), values, values < 1e3, [1.0], 1e3))[0].mask[:, 0].tolist()
     [False, True]
     """
-    mask = np.abs(np.nan_to_num(series.values)) >= series.unattainable
+    mask = np.abs(np.nan_to_num(series.values)) > series.unattainable
     if not mask.any():
         return []
     worst = float(np.nanmax(np.abs(np.where(mask, series.values, np.nan))))

@@ -43,8 +43,8 @@ class RateStream(SensorStream):
         return campaign.rate_sensor if self.field else super().hardware(campaign)
 
     def unattainable(self, campaign: Campaign) -> float:
-        """What no spacecraft turns at."""
-        return LIMITS.fastest_rate
+        """The last number below what no spacecraft turns at."""
+        return float(np.nextafter(LIMITS.fastest_rate, 0.0))
 
     def components(self, campaign: Campaign) -> tuple[str, ...]:
         """The sensor's axes."""

@@ -92,7 +92,7 @@ class SensorStream(ABC):
         return np.isfinite(self.values(slew))
 
     def unattainable(self, campaign: Campaign) -> float | np.ndarray:
-        """Sizes of a reading (columns,) that nothing can reach."""
+        """Sizes of a reading (columns,) that nothing can pass."""
         return np.inf
 
     def series(self, campaign: Campaign, slew: Slew) -> Series:
