@@ -14,6 +14,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from bayes_inertia.files import vocabulary
 from bayes_inertia.importing.questions import UNKNOWN
 from bayes_inertia.tables.raw_table import RawColumn, RawTable
 from bayes_inertia.tables.stamp_parts import UNIT_WORDS, unit_in_name, words_of
@@ -26,51 +27,12 @@ from bayes_inertia.tables.time_stamps import (
     time_names,
 )
 
-# Columns of one quantity differ in such a word only.
-_MEMBERS = (
-    ("x", "y", "z"),
-    ("1", "2", "3", "4", "5", "6"),
-    ("0", "1", "2", "3", "4", "5"),
-    ("01", "02", "03", "04", "05", "06"),
-    ("00", "01", "02", "03"),
-    ("p", "q", "r"),
-    ("roll", "pitch", "yaw"),
-    ("phi", "theta", "psi"),
-    ("a", "b", "c", "d"),
-)
-_QUATERNIONS: tuple[tuple[tuple[str, ...], str], ...] = (
-    # Members, and where the scalar stands if their names say it.
-    (("s", "x", "y", "z"), "first"),
-    (("w", "x", "y", "z"), "first"),
-    (("x", "y", "z", "s"), "last"),
-    (("x", "y", "z", "w"), "last"),
-    (("1", "2", "3", "c"), "last"),
-    (("0", "1", "2", "3"), ""),
-    (("1", "2", "3", "4"), ""),
-    (("00", "01", "02", "03"), ""),
-)
+_WORDS = vocabulary("importing")["columns"]
 # Quantities of the same sensors and estimators that are none of a campaign.
 _OTHER = re.compile(r".*(acc|linear|deriv|covar|reset|delta).*")
 _SETPOINT = re.compile(r".*setpoint.*")  # What a controller wants, unless it is a wheel's command.
 # Names that leave the quantity to the name of the file, as a message of ROS or PX4 does.
 _ANY_VECTOR = frozenset({"xyz", "vector", "value", "data"})
-# The first that fits a family's words and file decides.
-_KINDS: tuple[tuple[str, re.Pattern[str]], ...] = (
-    (
-        "wheel_momentum",
-        re.compile(r"hwhl|h_?w|h\d?|(.*wheel|.*whl|.*rw|ang)?_?moms?|.*(momentum|momenta|nms).*"),
-    ),
-    ("wheel_speed", re.compile(r".*(rpm|tach|speed|omega_?w|whl_?w|rw_?omega).*")),
-    ("wheel_torque", re.compile(r"u|tau|.*(torq|trq|mnm|nm$|cmd|command|motor|current).*")),
-    ("magnetic_field", re.compile(r"b|.*(mag|bfield|b_[nb]|tesla|nt$|ut$).*")),
-    ("position", re.compile(r"r|.*(pos|r_[bn]|eci|orbit).*")),
-    (
-        "rate",
-        re.compile(
-            r"w|g|om|.*(gyro|gyr|omega|rate|ang(ular)?_?vel|angular$|wx|wbn|wn|dps|degs|imu).*"
-        ),
-    ),
-)
 
 
 @dataclass(frozen=True)
@@ -175,7 +137,7 @@ def _matrices(columns: Mapping[str, RawColumn], file: str) -> list[ColumnFamily]
 def _quaternions(columns: Mapping[str, RawColumn], file: str) -> list[ColumnFamily]:
     result = []
     taken: set[str] = set()
-    for members, scalar in _QUATERNIONS:
+    for members, scalar in _WORDS["quaternions"]:
         for template, names, _ in _groups(columns, members):
             word = re.sub(r"[./]0$", "", template.partition("*")[0]).strip("_ [./")
             is_quaternion = re.fullmatch(r".*(q|quat|quaternion|att|orientation|beta)[a-z_]*", word)
@@ -192,7 +154,9 @@ def _vectors(columns: Mapping[str, RawColumn], file: str) -> list[ColumnFamily]:
     """Three columns a vector, or one a wheel."""
     result: list[ColumnFamily] = []
     taken: set[str] = set()
-    candidates = [(members, *group) for members in _MEMBERS for group in _groups(columns, members)]
+    candidates = [
+        (members, *group) for members in _WORDS["members"] for group in _groups(columns, members)
+    ]
     # Of [0] to [3] all four are meant, not [1] to [3].
     for members, template, names, unit in sorted(candidates, key=lambda c: -len(c[2])):
         names = [name for name in names if name not in taken]
@@ -243,34 +207,24 @@ def _vector(
 
 def _kind(text: str, unit: str, file: str, members: Sequence[str]) -> str | None:
     """Content of a template, by its unit, its words, and the name of its file."""
-    of_unit = {
-        "rpm": "wheel_speed",
-        "mnm": "wheel_torque",
-        "nm": "wheel_torque",
-        "nms": "wheel_momentum",
-        "mnms": "wheel_momentum",
-        "nt": "magnetic_field",
-        "ut": "magnetic_field",
-        "t": "magnetic_field",
-        "km": "position",
-        "m": "position",
-    }
-    if unit in of_unit:
-        return of_unit[unit]
+    if unit in _WORDS["of_unit"]:
+        return str(_WORDS["of_unit"][unit])
     of_wheels = re.search(r"wheel|whl|rw|hwhl", f"{text} {file}")
     if unit in ("rads", "degs") or (of_wheels and re.search("omega|rate", text)):
         return "wheel_speed" if of_wheels else "rate"
-    for holds, words in _KINDS:
-        if words.fullmatch(text) and (of_wheels or not holds.startswith("wheel") or len(text) > 2):
+    for holds, words in _WORDS["kinds"].items():
+        if re.fullmatch(words, text) and (
+            of_wheels or not holds.startswith("wheel") or len(text) > 2
+        ):
             return holds
     if members[0] == "p" and not text:
         return "rate"
     stem = re.sub(r"[^a-z]", "", file.partition(".")[0])
-    for holds, words in _KINDS:
+    for holds, words in _WORDS["kinds"].items():
         vector = text in _ANY_VECTOR and not holds.startswith("wheel")
         other = _OTHER.fullmatch(stem) or (not of_wheels and _SETPOINT.fullmatch(stem))
-        if (len(text) <= 2 or vector) and words.fullmatch(stem) and not other:
-            return holds
+        if (len(text) <= 2 or vector) and re.fullmatch(words, stem) and not other:
+            return str(holds)
     return None
 
 

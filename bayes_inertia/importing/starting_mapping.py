@@ -19,17 +19,16 @@ The hardware's part of a mapping to be filled in: inertia, wheels, sensors.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import tomlkit
 
 from bayes_inertia.errors import OutputError
-from bayes_inertia.files import write_atomically
+from bayes_inertia.files import vocabulary, write_atomically
 from bayes_inertia.importing.column_families import (
     ClockGuess,
     ColumnFamily,
@@ -231,42 +230,6 @@ def _time(group: FileGroup, path: tuple[str, ...]) -> list[str]:
     return [*questions, f"{line}  # {guess.why}" if guess.why else line]
 
 
-_NOTATIONS: tuple[tuple[str, re.Pattern[str], str, Mapping[str, str]], ...] = tuple(
-    (holds, re.compile(pattern), why, MappingProxyType(says))
-    for holds, pattern, why, says in (
-        ("rate", r"omega_BN_B", "Basilisk's", {"unit": "rad/s", "frame": "body"}),
-        (
-            "attitude",
-            r"sigma_BN",
-            "Basilisk's",
-            {"maps": "inertial_to_body", "frame": "body"},
-        ),
-        ("wheel_speed", r"wheelSpeeds", "Basilisk's", {"unit": "rad/s", "relative_to": "body"}),
-        ("wheel_torque", r"motorTorque", "Basilisk's", {"unit": "N m", "acts_on": "wheel"}),
-        ("rate", r"wbn\[", "42's", {"frame": "body"}),
-        ("wheel_momentum", r"Hwhl\[", "42's", {"relative_to": "inertial"}),
-        (
-            "rate",
-            r"vehicle_angular_velocity|gyro_rad",
-            "PX4's",
-            {"unit": "rad/s", "frame": "body"},
-        ),
-        ("rate", r"angular_velocity", "ROS's", {"unit": "rad/s"}),
-        (
-            "attitude",
-            r"vehicle_attitude",
-            "PX4's",
-            {"scalar": "first", "maps": "inertial_to_body", "frame": "body"},
-        ),
-        ("attitude", r"orientation", "ROS's", {"maps": "inertial_to_body"}),
-        ("time", r"timestamp_sample|vehicle_[a-z_]+_\d+/timestamp", "PX4's", {"kind": "us"}),
-        ("rate", r"_B(\b|_|\[)|[Bb]ody", "a usual", {"frame": "body"}),
-        ("magnetic_field", r"_(N|eci|ECI)(\b|_|\[)|inertial", "a usual", {"frame": "inertial"}),
-        ("position", r"_(N|eci|ECI)(\b|_|\[)|inertial", "a usual", {"frame": "inertial"}),
-    )
-)
-
-
 def notation_of(holds: str, name: str) -> dict[str, tuple[str, str]]:
     """Content of a column by the notation of its name.
 
@@ -278,9 +241,10 @@ def notation_of(holds: str, name: str) -> dict[str, tuple[str, str]]:
     >>> notation_of("rate", "omega_BN_B[0]")["frame"], notation_of("rate", "gx_dps")
     (('body', "Basilisk's notation"), {})
     """
-    for of, pattern, whose, says in _NOTATIONS:
-        if of == holds and pattern.search(name):
-            return {key: (value, f"{whose} notation") for key, value in says.items()}
+    for notation in vocabulary("importing")["notations"]:
+        if notation["holds"] == holds and re.search(notation["name"], name):
+            why = f"{notation['whose']} notation"
+            return {key: (value, why) for key, value in notation["says"].items()}
     return {}
 
 

@@ -22,6 +22,7 @@ from types import MappingProxyType
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.files import by_word, vocabulary
 from bayes_inertia.tables.raw_table import RawTable
 
 
@@ -93,25 +94,7 @@ def has_leap_second(day_end_ns: int) -> bool:
     return bool(np.isin(day_end_ns, start[1:]))
 
 
-UNIT_WORDS: Mapping[str, str] = MappingProxyType(
-    {
-        word: unit
-        for unit, words in {
-            "s": "s sec secs second seconds sod sow tow",
-            "ms": "ms msec msecs millis millisec millisecs millisecond milliseconds itow",
-            "us": "us µs μs usec usecs micros microsec microsecs microsecond microseconds",
-            "ns": "ns nsec nsecs nanos nanosec nanosecs nanosecond nanoseconds ftow",
-            "min": "min mins minute minutes",
-            "h": "h hr hrs hour hours",
-            "day": "day days dom mjd jd",
-            "week": "week weeks wn",
-            "year": "year years yr",
-            "month": "month months mon mo",
-            "doy": "doy yday",
-        }.items()
-        for word in words.split()
-    }
-)
+UNIT_WORDS = MappingProxyType(by_word(vocabulary("tables")["units_of_time"]))
 """Words in the names of columns, and the unit of time that each says."""
 
 _SIZES: Mapping[str, int] = MappingProxyType(

@@ -23,6 +23,7 @@ from types import MappingProxyType
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.files import by_word, vocabulary
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.raw_table import RawColumn, RawTable
@@ -49,19 +50,7 @@ from bayes_inertia.tables.time_texts import (
 )
 
 # What ends a name, without signs and in small letters -> unit.
-_UNITS: Mapping[str, str] = MappingProxyType(
-    {
-        "radps": "rad/s", "radpers": "rad/s", "rads": "rad/s", "radpersec": "rad/s",
-        "mradps": "mrad/s", "mrads": "mrad/s",
-        "dps": "deg/s", "degps": "deg/s", "degs": "deg/s", "degpers": "deg/s",
-        "degpersec": "deg/s", "degsec": "deg/s", "degh": "deg/h", "dph": "deg/h",
-        "rpm": "rpm",
-        "mnms": "mN m s", "unms": "uN m s", "nms": "N m s",
-        "mnm": "mN m", "unm": "uN m", "nm": "N m",
-        "nt": "nT", "ut": "uT", "km": "km", "m": "m", "t": "T",
-        "deg": "deg", "rad": "rad",
-    }
-)  # fmt: skip
+_UNITS = MappingProxyType(by_word(vocabulary("tables")["endings"]))
 _TIME = re.compile(
     r"(t|time|times|utc|tai|gps|epoch|timestamps?|tow|week|met|sclk|unix|posix|mjd|jd|date|datetime|"
     r"(unix|gps|posix|time)(time|stamp)[a-z]*|sec|s)"
