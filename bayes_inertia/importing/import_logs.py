@@ -131,7 +131,7 @@ def import_logs(
     say("measuring the noise at rest", 0, 0)
     noises = rest_noise(logs, cut.scan, parsed)
     _require_noises(parsed, noises, label)
-    say("writing the campaign, and reading it back", 0, 0)
+    say("writing the campaign", 0, 0)
     # Tables keep the rows of the logs: the campaign counts each reading once, and says so.
     slews = [slew_tables(window, written.streams) for window in cut.windows]
     paths = sorted({Path(file) for file in files})
@@ -148,9 +148,10 @@ def import_logs(
         raise CampaignError(error.what, where=where, advice=error.advice) from None
     if parsed.reduce == "block_means":
         description, tables, campaign = reduced_content(description, tables, campaign)
+    *tables_first, last = files_of(description, tables).items()
+    beside = [(name, text.encode("utf-8")) for name, text in content.items()]
     # The description comes last: an interrupted import leaves no campaign.
-    beside = {name: text.encode("utf-8") for name, text in content.items()}
-    target = write_new_files(folder, beside | files_of(description, tables), holds="campaign")
+    target = write_new_files(folder, dict([*tables_first, *beside, last]), holds="campaign")
     return ImportedCampaign(target, logs, cut, tuple(noises), campaign)
 
 
