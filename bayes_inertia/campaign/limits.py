@@ -39,18 +39,22 @@ class Limits:
     smooth_quantile: float = 0.9
     # of a step: the last lost row stands at least so long before the next command
     whole_step: float = 0.2
+    most_rows_on_a_curve: int = 3  # in one gap
+    curve_error_safety: float = 2.0
+    # All curves of a slew may err by this many errors that all readings together do not tell.
+    times_negligible: float = 2.0
 
-    # `fix_groups.py`
+    # `slew.py`
     # Two fixes further apart than this share of the slew, or than so many usual spacings, are of
     # two groups.
     fix_group_share: float = 0.1
     fix_group_spacings: float = 5.0
+    # Rows with a reading of every axis are enough to tell the motion if they are this share of all.
+    enough_complete_rows: float = 0.1
 
-    # `gaps.py`
+    # `slew_parts.py`
     fewest_rates_of_part: int = 10  # of a part of a slew
     same_row: float = 0.01  # of a step: a row so close to a lost command takes it
-
-    # `momentum_gaps.py`
     # The line may be wrong by this much of the rates' noise, and of the star tracker's: the
     # estimate of it errs on the large side, and one slew in many is concerned.
     momentum_line_of_rate_noise: float = 0.1
@@ -62,16 +66,6 @@ class Limits:
     negligible_of_rate_noise: float = 0.02
     negligible_of_attitude_noise: float = 0.1
     shortest_slew: float = 1e-9  # [s]; what is divided by it stays finite
-
-    # `short_gaps.py`
-    most_rows_on_a_curve: int = 3  # in one gap
-    curve_error_safety: float = 2.0
-    # All curves of a slew may err by this many errors that all readings together do not tell.
-    times_negligible: float = 2.0
-
-    # `slew.py`
-    # Rows with a reading of every axis are enough to tell the motion if they are this share of all.
-    enough_complete_rows: float = 0.1
 
     # `streams.py`
     same_time: float = 1e-9  # [s]; stamps closer than this are one time

@@ -152,11 +152,9 @@ class Limits:
     # A star tracker that turns by this much [rad] while all rates stand still.
     turned_at_rest: float = 0.02
 
-    # `faults_at_rest.py`
+    # `doubts.py`
     # A bias is stale if it is this many of its stated sds off, and this many of its own.
     stale_bias_sds: float = 5.0
-
-    # `doubts.py`
     factor_rarity: int = 3
     # A wheel that moves less than this share of the one that moves most tells no factor.
     idle_wheel: float = 0.1
@@ -166,13 +164,13 @@ class Limits:
     # 10.
     one_factor: float = 0.03
 
-    # `linear_fit.py`
+    # `laws.py`
     # Moments further off than this many times what most of their slew are off are trusted less.
     # Most: a motion that fills a sixth of the slew must not count as an outlier of its rests.
     far_moment: float = 2.0
     far_moment_quantile: float = 0.85
 
-    # `sampled_slews.py`
+    # `motion.py`
     # A hole in a channel is a gap if it is this many usual steps long and this share of the slew.
     gap_steps: float = 6.0
     gap_share: float = 0.04

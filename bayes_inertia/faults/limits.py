@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Limits:
-    """Fields by the file that reads them."""
+    """Fields by the file that reads them, or by the question that several wings ask."""
 
     # `gaps.py`
     # A step this many times the median lacks a row.
@@ -36,11 +36,11 @@ class Limits:
     # A break in time is longer than so many steps.
     break_steps: float = 5.0
 
-    # `impossible.py`
+    # What nothing reaches
     fastest_rate: float = 1e3  # [rad/s]; small bodies are torn apart by a tenth of it
     largest_momentum: float = 1e6  # [N m s]; the largest gyros of space stations hold 5e3
     largest_torque: float = 1e6  # [N m]
-    # of the commands; where more are impossible, it is their unit that is wrong
+    # Commands that no wheel can follow, as a share; where more are impossible, their unit is wrong.
     few_impossible: float = 0.02
     share_of_marker: float = 0.5  # of the commands, where all of them are one number
     # times that number must stand: fewer may be commands of a short slew
@@ -82,7 +82,7 @@ class Limits:
     multiple_tolerance: float = 0.01  # [steps]
     fewest_values: int = 3  # different ones
 
-    # `rest.py`
+    # `motion_scan.py`
     averaged_s: float = 1.0  # [s] the running mean, but at least so many rows
     averaged_rows: int = 5
     outlier_rows: int = 5  # The running median: two rows in a row may be outliers.
@@ -102,9 +102,10 @@ class Limits:
     # `high` is at most this share of the largest rate.
     largest_threshold: float = 0.1
     sigmas_of_rest: float = 3.0
-    # A star-tracker fix is taken in motion if the rate is this share of the slew's largest.
+    # The conventions check, with the motion that the laws see: a fix is taken in motion if the
+    # rate is this share of the slew's largest,
     in_motion: float = 0.2
-    # The body is at rest below this share of the slew's largest rate.
+    # and the body is at rest below this share.
     at_rest: float = 0.03
 
     # `row_order.py`

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 class Limits:
     """Fields by the file that reads them."""
 
-    # `attitude_forms.py`
+    # `stream_readings.py`
     # Largest element of M M^T - 1 of a matrix that counts as a rotation.
     not_orthogonal: float = 1e-3
     # A jump between two rows that no body makes, if it comes back to the very same attitude [rad].
@@ -18,8 +18,14 @@ class Limits:
     most_common_attitudes: int = 4
     # Rows looked at for what rounding does to an attitude.
     attitudes_of_rounding: int = 50
+    # Quaternions of one length, but for this share of it, are counts; this share of the rows must
+    # be.
+    even_length: float = 1e-3
+    most_even_rows: float = 0.9
+    # A column with less than this share of the readings of the fullest is worth a word.
+    complete_column: float = 0.95
 
-    # `counter_wraps.py`
+    # `common_clock.py`
     counter_bits: tuple[int, ...] = (16, 24, 31, 32)
     # Across a wrap rows follow each other within this many steps: one may be lost, stamps jitter.
     wrap_nearest: float = 0.2
@@ -54,7 +60,7 @@ class Limits:
     # Smallest determinant of three axes that do not lie in one plane.
     independent_axes: float = 1e-3
 
-    # `mapping_text.py`
+    # `questions.py`
     comment_width: int = 96  # Of a comment.
 
     # `rest_noise.py`
@@ -81,7 +87,7 @@ class Limits:
     # A motion that turns less than this share of the largest one is no slew.
     small_turn: float = 0.03
 
-    # `slew_tables.py`
+    # `imported_folder.py`
     # Rows of a table are written to the nanosecond.
     decimals_of_time: int = 9
     # Commands are logged at every step if this share of so many steps is alike.
@@ -90,14 +96,6 @@ class Limits:
 
     # `starting_mapping.py`
     most_packets: int = 40  # More different values are a counter, or texts.
-
-    # `stream_readings.py`
-    # Quaternions of one length, but for this share of it, are counts; this share of the rows must
-    # be.
-    even_length: float = 1e-3
-    most_even_rows: float = 0.9
-    # A column with less than this share of the readings of the fullest is worth a word.
-    complete_column: float = 0.95
 
     # `unit_factors.py`
     # Letters: Newton and Hertz are names, which have no capitals; kNms is none.
