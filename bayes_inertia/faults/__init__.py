@@ -22,6 +22,6 @@ its readings; `Dirt` is the record of a fault, by slew and row, as summary.json 
 | when did the body rest | `motion_scan` | import |
 
 `campaign.inspection` holds the order in which a campaign's streams are looked at. What only a model
-can tell (outliers of residuals, coloured noise, a wrong unit) is decided in `inference.cleaning` and
-in `conventions`.
+can tell (outliers of residuals, coloured noise, a wrong unit) is decided in `inference.cleaning`
+and in `conventions`.
 """
