@@ -40,7 +40,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bayes_inertia.campaign.hardware import Wheel
+from bayes_inertia.campaign.hardware import Wheel, unattainable
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.campaign.slew_parts import Channels, with_rows_at, without_intervals
@@ -384,7 +384,7 @@ def without_impossible_torques(
     if torque is None:
         return channels, []
     size = np.abs(np.nan_to_num(torque))
-    absurd = size > np.array([wheel.unattainable("torque") for wheel in wheels])
+    absurd = size > np.array([unattainable(wheel, "torque") for wheel in wheels])
     # The largest commands of a wrong unit go on where the others end: those are no dirt.
     absurd &= size > FAULTS.impossible_factor * size[~absurd].max(initial=0.0)
     # One number again and again is no command in another unit, but a mark of "no command".

@@ -223,11 +223,12 @@ class Wheel:
         for key in ("max_torque", "max_momentum", "momentum_sigma"):
             require_positive(getattr(self, key), f"wheels.{self.name}.{key}", optional=True)
 
-    def unattainable(self, what: Literal["torque", "momentum"]) -> float:
-        """The size of a torque [N m] or momentum [N m s] that the wheel cannot come near."""
-        limit = self.max_torque if what == "torque" else self.max_momentum
-        largest = LIMITS.largest_torque if what == "torque" else LIMITS.largest_momentum
-        return largest if limit is None else LIMITS.impossible_times_limit * limit
+
+def unattainable(wheel: Wheel, what: Literal["torque", "momentum"]) -> float:
+    """The size of a torque [N m] or momentum [N m s] that a wheel cannot come near."""
+    limit = wheel.max_torque if what == "torque" else wheel.max_momentum
+    largest = LIMITS.largest_torque if what == "torque" else LIMITS.largest_momentum
+    return largest if limit is None else LIMITS.impossible_times_limit * limit
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,8 @@ High-rate streams of an imported campaign as block means, where the mapping asks
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 
@@ -141,11 +142,8 @@ def import_logs(
     if cut.scan is not None:
         content[PICTURE_FILE] = cut_picture(cut, _zero_in_words(logs))
     content[RECORD_FILE] = record_text(paths, (Path(mapping).name, data), logs, cut, noises)
-    try:
+    with _blaming_logs(lambda where: raw_place(where, parsed, slews)):
         campaign = campaign_of(description, label, tables)
-    except CampaignError as error:
-        where = raw_place(error.where, parsed, slews)
-        raise CampaignError(error.what, where=where, advice=error.advice) from None
     if parsed.reduce == "block_means":
         description, tables, campaign = reduced_content(description, tables, campaign)
     *tables_first, last = files_of(description, tables).items()
@@ -153,6 +151,16 @@ def import_logs(
     # The description comes last: an interrupted import leaves no campaign.
     target = write_new_files(folder, dict([*tables_first, *beside, last]), holds="campaign")
     return ImportedCampaign(target, logs, cut, tuple(noises), campaign)
+
+
+@contextmanager
+def _blaming_logs(raw: Callable[[str], str]) -> Iterator[None]:
+    """Say of what is wrong with a table where it stands in the raw logs."""
+    try:
+        yield
+    except CampaignError as error:
+        where = raw(error.where)
+        raise CampaignError(error.what, where=where, advice=error.advice) from None
 
 
 def _refuse_occupied(folder: Path, mapping: bytes) -> None:

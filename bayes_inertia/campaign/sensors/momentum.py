@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import unattainable
 from bayes_inertia.campaign.schema import SpeedColumns, to_si
 from bayes_inertia.campaign.sensors.sensor_stream import SensorStream, refuse_empty_columns
 from bayes_inertia.tables.number_table import Table
@@ -34,7 +35,7 @@ class MomentumStream(SensorStream):
 
     def unattainable(self, campaign: Campaign) -> np.ndarray:
         """Far beyond each wheel's limit, or what no wheel can hold."""
-        return np.array([wheel.unattainable("momentum") for wheel in campaign.wheels])
+        return np.array([unattainable(wheel, "momentum") for wheel in campaign.wheels])
 
     def hardware(self, campaign: Campaign) -> None:
         """None: tachometers are described by their wheels."""
