@@ -24,8 +24,8 @@ def with_dirt_masked(campaign: Campaign) -> Campaign:
 
     Examples
     --------
-    >>> from bayes_inertia.campaign.hardware import RateSensor
-    >>> from bayes_inertia.campaign.hardware import InertiaPrior
+    >>> from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor
+    >>> from bayes_inertia.campaign.slew import Slew
     >>> rate = np.random.default_rng(1).normal(scale=1e-5, size=(90, 3))
     >>> rate[40:60] = rate[40]
     >>> slew = Slew("a", 0.0, np.arange(90.0), rate=rate)
