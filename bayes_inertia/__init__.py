@@ -24,8 +24,8 @@ from bayes_inertia.version import __version__ as __version__
 _PUBLIC = {
     # Campaigns: what was flown.
     "Campaign": "campaign.campaign",
-    "Dirt": "campaign.dirt",
-    "InertiaPrior": "campaign.inertia_prior",
+    "Dirt": "faults.fault",
+    "InertiaPrior": "campaign.hardware",
     "CorrelatedNoise": "campaign.hardware",
     "RateSensor": "campaign.hardware",
     "Slew": "campaign.slew",
@@ -40,7 +40,7 @@ _PUBLIC = {
     # Raw logs of any mission.
     "DroppedPart": "importing.slew_cutting",
     "ImportedCampaign": "importing.import_logs",
-    "NoiseFit": "importing.noise_fit",
+    "NoiseFit": "faults.noise",
     "RestNoise": "importing.rest_noise",
     "SlewCut": "importing.slew_cutting",
     "SlewWindow": "importing.slew_cutting",

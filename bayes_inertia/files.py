@@ -6,8 +6,11 @@ import contextlib
 import os
 import reprlib
 import secrets
+import tomllib
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path, PureWindowsPath
+from typing import Any
 
 from bayes_inertia.errors import CampaignError, OutputError
 
@@ -263,3 +266,27 @@ def text_of(data: bytes, label: str) -> str:
         raise CampaignError(
             "is not UTF-8 text", where=f"{label}, line {line}", advice="save it as plain UTF-8 text"
         ) from error
+
+
+@cache
+def vocabulary(wing: str) -> dict[str, Any]:
+    """The words of a wing: the content of its `vocabulary.toml`.
+
+    Examples
+    --------
+    >>> vocabulary("tables")["nasa_42"]["wbn"]
+    [3, 'rad/s']
+    """
+    path = Path(__file__).parent / wing / "vocabulary.toml"
+    return tomllib.loads(path.read_text(encoding="utf-8"))
+
+
+def by_word(words_of: Mapping[str, str]) -> dict[str, str]:
+    """Each word by what it means, of words in one text by their meaning.
+
+    Examples
+    --------
+    >>> by_word({"deg": "deg degree"})
+    {'deg': 'deg', 'degree': 'deg'}
+    """
+    return {word: meaning for meaning, words in words_of.items() for word in words.split()}

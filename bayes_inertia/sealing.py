@@ -22,6 +22,20 @@ SEAL_KEY = "content_sha256"
 _MARK = b"\nbayes-inertia sha256 "
 
 
+def sha256_of(*parts: bytes | memoryview | str) -> str:
+    """The SHA-256 of parts one after another, text as UTF-8: every digest of this package.
+
+    Examples
+    --------
+    >>> sha256_of("ab", b"c")[:8]
+    'ba7816bf'
+    """
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(part.encode() if isinstance(part, str) else part)
+    return digest.hexdigest()
+
+
 def write_sealed(path: Path, content: bytes | memoryview) -> Path:
     """Write a file with the digest of its content behind it, atomically.
 
@@ -32,7 +46,7 @@ def write_sealed(path: Path, content: bytes | memoryview) -> Path:
     ...     is_sealed(write_sealed(Path(folder, "a.h5"), b"content"), "")
     True
     """
-    seal = _MARK + hashlib.sha256(content).hexdigest().encode() + b"\n"
+    seal = _MARK + sha256_of(content).encode() + b"\n"
 
     def write(temporary: Path) -> None:
         with temporary.open("wb") as file:
@@ -92,7 +106,7 @@ def _json_digest(content: Mapping[str, Any]) -> str:
     """The same for every layout and order of keys."""
     plain = json.loads(json.dumps(content))
     text = json.dumps(plain, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()
+    return sha256_of(text)
 
 
 def read_sealed_json(path: Path, advice: str) -> dict[str, Any]:

@@ -21,8 +21,7 @@ import pytest
 from filelock import FileLock
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.physics.effect import Effect

@@ -22,7 +22,7 @@ MAX_FUNCTION_LINES = 40
 
 # Which wings each wing may import. Inside a wing its files may use each other.
 OPEN_TO_ALL = ("errors", "files", "folder_lock", "progress", "sealing", "version")
-BELOW_PHYSICS = ("campaign", "tables", "maths")
+BELOW_PHYSICS = ("campaign", "faults", "tables", "maths")
 BELOW_DESIGN = ("inference", "flight", "physics", *BELOW_PHYSICS)
 MIDDLE = ("observability", "diagnosis", "design", "series")
 ARROWS = {
@@ -34,7 +34,8 @@ ARROWS = {
     "sealing": ("errors", "files"),
     "maths": OPEN_TO_ALL,
     "tables": ("maths", *OPEN_TO_ALL),
-    "campaign": ("tables", "maths", *OPEN_TO_ALL),
+    "faults": ("tables", "maths", *OPEN_TO_ALL),
+    "campaign": ("faults", "tables", "maths", *OPEN_TO_ALL),
     "importing": (*BELOW_PHYSICS, *OPEN_TO_ALL),
     "conventions": (*BELOW_PHYSICS, *OPEN_TO_ALL),
     "physics": (*BELOW_PHYSICS, *OPEN_TO_ALL),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 
 import h5py
@@ -16,6 +17,7 @@ from bayes_inertia.sealing import (
     is_sealed,
     read_sealed_json,
     sealed,
+    sha256_of,
     write_sealed,
 )
 
@@ -119,3 +121,8 @@ def test_a_seal_of_a_large_file(tmp_path):
     path = tmp_path / "large"
     write_sealed(path, bytes(3 * 2**20))
     assert is_sealed(path, "")
+
+
+def test_every_digest_is_the_sha256_of_its_bytes():
+    digest = hashlib.sha256("aµb".encode()).hexdigest()
+    assert sha256_of("aµ", b"b") == sha256_of("aµb") == digest

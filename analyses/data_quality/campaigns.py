@@ -22,8 +22,7 @@ from analyses.naming.fixed_shape_campaigns import (
     without_tachometers,
 )
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.diagnosis.score_test import score_tests
 from bayes_inertia.errors import EffectError

@@ -32,8 +32,7 @@ from analyses import results_of
 from analyses.engine.evaluation_kernel import slew_kernel
 from bayes_inertia.campaign.block_means import longest_block, reduced
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import RateSensor, Wheel
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, Wheel
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.files import write_atomically

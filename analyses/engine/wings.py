@@ -24,6 +24,7 @@ FLOORS = (
     ("inference", "flight"),
     ("physics", "importing", "conventions"),
     ("campaign",),
+    ("faults",),
     ("tables",),
     ("maths",),
 )
@@ -40,6 +41,7 @@ SAYS = {
     "importing": "raw logs to a campaign",
     "conventions": "units, signs, axes, clocks",
     "campaign": "what was flown: files to records",
+    "faults": "what is wrong with telemetry",
     "tables": "any file to columns",
     "maths": "quaternions, inertia tensors",
 }

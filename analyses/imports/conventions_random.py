@@ -14,8 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from analyses.imports.conventions_spacecraft import Craft
-from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.flight.plan import Plan, PlannedSlew

@@ -41,8 +41,7 @@ from analyses.imports.conventions_spacecraft import (
     simulated_slew,
     thrown,
 )
-from bayes_inertia.campaign.hardware import RateSensor, StarTracker
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.physics.slew_input import Start, idle_slew

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from analyses.imports.distortions_log import RawLog, Stream
-from bayes_inertia.campaign.units import UNITS
+from bayes_inertia.campaign.schema import UNITS
 
 Distorted = tuple[RawLog, str]
 Kind = Callable[[RawLog, np.random.Generator], Distorted]

@@ -24,7 +24,7 @@ from analyses.paper.ferguson import (
     tensor,
 )
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.hardware import InertiaPrior
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.inference.laplace import Estimate

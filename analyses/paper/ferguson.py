@@ -23,8 +23,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan

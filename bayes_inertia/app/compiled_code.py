@@ -9,7 +9,6 @@ folder fails. A library leaves JAX's cache as its user set it: only the commands
 
 from __future__ import annotations
 
-import hashlib
 import os
 import platform
 import re
@@ -24,6 +23,7 @@ from time import time
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import say
 from bayes_inertia.errors import OutputError
+from bayes_inertia.sealing import sha256_of
 from bayes_inertia.version import __version__
 
 # "off", or the folder to keep compiled code in.
@@ -93,7 +93,7 @@ def cache_folder() -> Path | None:
 
     root = Path(wanted).expanduser() if wanted else user_cache_path("bayes-inertia") / "compiled"
     made_for = f"{sys.version_info[:2]} {_processor()}"
-    digest = hashlib.sha256(made_for.encode()).hexdigest()
+    digest = sha256_of(made_for)
     return root.absolute() / f"{__version__}-{digest[:8]}"
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 from collections.abc import Sequence
@@ -25,6 +24,7 @@ from bayes_inertia.maths.values import json_ready
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.progress import Progress
+from bayes_inertia.sealing import sha256_of
 from bayes_inertia.studies.engine import Execution, Notice
 from bayes_inertia.studies.work import Row, TaskFailure, Work, WorkResult
 from bayes_inertia.studies.workers import Engine
@@ -234,7 +234,7 @@ def _digest(path: Path) -> str:
     try:
         return campaign_sha256(path)
     except BayesInertiaError as error:
-        return "unreadable-" + hashlib.sha256(str(error).encode()).hexdigest()
+        return "unreadable-" + sha256_of(str(error))
 
 
 def _row_of(summary: dict[str, Any]) -> dict[str, Any]:

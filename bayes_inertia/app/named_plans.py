@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +14,7 @@ from bayes_inertia.flight.follow_on import following_plan, spacecraft_at
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan, paper_like_plan
 from bayes_inertia.flight.plan_file import read_plan
+from bayes_inertia.sealing import sha256_of
 
 PAPER = "paper"
 
@@ -40,7 +40,7 @@ def plans_named(texts: Sequence[str], campaign: Campaign) -> dict[str, Plan]:
 
 def plan_sha256(plan: Plan) -> str:
     """Digest of a plan: two plans of one digest are flown alike."""
-    return hashlib.sha256(repr(plan).encode()).hexdigest()
+    return sha256_of(repr(plan))
 
 
 def prior_mission(campaign: Campaign) -> Mission:

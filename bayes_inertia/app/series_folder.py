@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -32,7 +31,7 @@ from bayes_inertia.report.series_sections import (
     history_answer,
     history_sections,
 )
-from bayes_inertia.sealing import read_sealed_json
+from bayes_inertia.sealing import read_sealed_json, sha256_of
 from bayes_inertia.series.fleet import Fleet, FleetSettings, fleet_of
 from bayes_inertia.series.history import OF_PART, History, history_of
 
@@ -115,7 +114,7 @@ def _write(
 ) -> None:
     (file, page), form, work = names
     text = json.dumps([summary.json() for summary in summaries])
-    digest = hashlib.sha256(text.encode()).hexdigest()
+    digest = sha256_of(text)
     owner = ResultFolder(folder, work, file, form, digest, {}, (page,))
     owner.claim(json_ready(content))
     write_page(folder / page, title, (), folder, sections, digest)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from bayes_inertia.conventions.told_torque import ToldTorque
+from bayes_inertia.conventions.motion import ToldTorque
 
 
 def torques_of(campaign: Path, effects: Sequence[str]) -> dict[str, ToldTorque]:

@@ -17,8 +17,9 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.limits import LIMITS
-from bayes_inertia.campaign.quantisation import quantisation_step
 from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.faults.limits import LIMITS as FAULTS
+from bayes_inertia.faults.quantisation import quantisation_step
 
 
 def reduced(campaign: Campaign, block: int | None = None) -> Campaign:
@@ -35,7 +36,7 @@ def reduced(campaign: Campaign, block: int | None = None) -> Campaign:
     Examples
     --------
     >>> from bayes_inertia.campaign.hardware import RateSensor
-    >>> from bayes_inertia.campaign.inertia_prior import InertiaPrior
+    >>> from bayes_inertia.campaign.hardware import InertiaPrior
     >>> slew = Slew("a", 0.0, np.arange(60.0), rate=np.full((60, 3), 1e-6))
     >>> prior, sensor = InertiaPrior(np.eye(3), 0.1, 0.1), RateSensor(sigma=1e-5)
     >>> means = reduced(Campaign("c", prior, (), sensor, None, (slew,)), block=4)
@@ -116,7 +117,7 @@ def longest_block(campaign: Campaign) -> int:
     Examples
     --------
     >>> from bayes_inertia.campaign.hardware import RateSensor
-    >>> from bayes_inertia.campaign.inertia_prior import InertiaPrior
+    >>> from bayes_inertia.campaign.hardware import InertiaPrior
     >>> slew = Slew("a", 0.0, np.arange(60.0) / 4e3, rate=np.full((60, 3), 10.0))
     >>> prior, sensor = InertiaPrior(np.eye(3), 0.1, 0.1), RateSensor(sigma=0.01)
     >>> longest_block(Campaign("c", prior, (), sensor, None, (slew,)))
@@ -149,7 +150,7 @@ def _blocks(slew: Slew, length: int) -> np.ndarray:
     """Rows (blocks, length) of whole blocks at equal steps, in runs of five blocks and more."""
     rows = np.flatnonzero(np.isfinite(np.asarray(slew.rate)).any(axis=1))
     steps = np.diff(slew.time[rows])
-    breaks = steps > LIMITS.longest_step * np.median(steps)
+    breaks = steps > FAULTS.longest_step * np.median(steps)
     if slew.wheel_torque is not None:
         breaks |= np.any(np.diff(slew.wheel_torque[rows], axis=0) != 0.0, axis=1)
     runs = np.split(rows, np.flatnonzero(breaks) + 1)

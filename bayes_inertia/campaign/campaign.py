@@ -8,12 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.campaign.checks import require
-from bayes_inertia.campaign.dirt import Dirt
-from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
-from bayes_inertia.campaign.limits import LIMITS
+from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel, require
 from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.faults.fault import Dirt
+from bayes_inertia.faults.saturated import in_range
 
 
 @dataclass(frozen=True)
@@ -192,7 +190,7 @@ class Campaign:
         (n, 3) array of bool
             False where a reading is missing or saturated.
         """
-        return readings_in_range(np.asarray(slew.rate), self.rate_sensor)
+        return in_range(np.asarray(slew.rate), self.rate_sensor.range)
 
     def largest_rate(self, quantile: float = 0.98) -> float:
         """The largest rate that the campaign believably turned at.
@@ -243,12 +241,6 @@ class Campaign:
             duration,
             float(np.trace(self.inertia.tensor) / 3.0),
         )
-
-
-def readings_in_range(rate: np.ndarray, sensor: RateSensor) -> np.ndarray:
-    """Which readings (n, 3) of a rate sensor are possible numbers inside its range."""
-    limit = min(LIMITS.saturated * (sensor.range or np.inf), LIMITS.fastest_rate)
-    return np.isfinite(rate) & (np.abs(np.nan_to_num(rate)) < limit)
 
 
 def _require_different(key: str, names: list[str]) -> None:

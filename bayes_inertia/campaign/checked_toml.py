@@ -15,6 +15,7 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
+from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.errors import CampaignError
 
 
@@ -88,9 +89,6 @@ def _urgency(problem: dict) -> tuple:
     return problem["loc"] != ("format",), problem["type"] != "extra_forbidden", len(problem["loc"])
 
 
-# Keys that are alike to this degree are one word misspelt; less alike ones are other physics, such
-# as body_torque and wheel_torque (0.61).
-_MISSPELT = 0.7
 _ADVICE_ON_SENSE = {
     "frame": "rotate the vectors into the inertial frame before they are stored",
     "relative_to": "subtract the body's own rate about the wheel axis first: "
@@ -197,7 +195,7 @@ class _Wording:
         words = sorted(lower.split("_"))
         near = [
             name for name in known if sorted(name.split("_")) == words
-        ] or difflib.get_close_matches(lower, known, 1, _MISSPELT)
+        ] or difflib.get_close_matches(lower, known, 1, LIMITS.misspelt)
         if near:
             return f'did you mean "{near[0]}"?'
         elsewhere = [

@@ -1,14 +1,183 @@
-"""The hardware that a campaign was flown with: wheels, rate sensor, star tracker."""
+"""The hardware that a campaign was flown with, its inertia as known before, and checks of both.
+
+Checks of the numbers that records of a campaign are given.
+
+Prior of the inertia tensor, as known before flight.
+
+The hardware that a campaign was flown with: wheels, rate sensor, star tracker.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any, Literal
 
 import numpy as np
 
-from bayes_inertia.campaign.checks import require, require_positive, triple, unit_vector
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.faults.limits import LIMITS
+from bayes_inertia.maths.tensor_elements import COLUMNS_OF_ELEMENTS, ROWS_OF_ELEMENTS
 from bayes_inertia.maths.values import Vector, array_dataclass
+
+
+def require(condition: bool, key: str, what: str, advice: str) -> None:
+    """Raise an error that names a key of the campaign, unless a condition holds.
+
+    Examples
+    --------
+    >>> require(1.0 > 0.0, "rate_sensor.sigma", "is not positive", "give a positive number")
+    """
+    if not condition:
+        raise CampaignError(what, where=f"key {key}", advice=advice)
+
+
+def unit_vector(value: Any, key: str) -> Vector:
+    """Three numbers of length 1, as plain floats.
+
+    `value` (3,): A vector whose length is 1 to within a percent.
+
+    Examples
+    --------
+    >>> unit_vector([0, 0, 1.001], "wheels.z.axis")
+    (0.0, 0.0, 1.0)
+    """
+    array = np.asarray(value, dtype=float)
+    is_vector = array.shape == (3,) and bool(np.all(np.isfinite(array)))
+    require(is_vector, key, f"{value!r} is not a vector", "give three finite numbers")
+    norm = math.hypot(*array.tolist())
+    require(
+        abs(norm - 1.0) < 0.01,
+        key,
+        f"the vector has length {norm:.6g}, not 1",
+        "give a unit vector in body axes",
+    )
+    x, y, z = unit_length(array).tolist()
+    return (x, y, z)
+
+
+def unit_length(vectors: np.ndarray) -> np.ndarray:
+    """Vectors divided by their length.
+
+    `vectors` (..., n). Returns (..., n): the same directions. A vector whose length is 1 to
+    rounding stays as it is, so that reading what was written changes no digit.
+
+    Examples
+    --------
+    >>> unit_length(np.array([0.0, 3.0, 4.0])).tolist()
+    [0.0, 0.6, 0.8]
+    """
+    norm = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.where(np.abs(norm - 1.0) < 1e-15, vectors, vectors / norm)
+
+
+def triple(value: Any, key: str) -> Vector:
+    """One number for each of three axes, as plain floats.
+
+    `value` (3,): one number for all axes, or one for each.
+
+    Examples
+    --------
+    >>> triple(2e-5, "rate_sensor.sigma")
+    (2e-05, 2e-05, 2e-05)
+    """
+    array = np.broadcast_to(np.asarray(value, dtype=float), (3,))
+    finite = bool(np.all(np.isfinite(array)))
+    require(finite, key, f"{value!r} is not finite", "give finite numbers")
+    x, y, z = array.tolist()
+    return (x, y, z)
+
+
+def require_positive(value: Any, key: str, *, optional: bool = False) -> None:
+    """Raise an error unless numbers are finite and positive.
+
+    Examples
+    --------
+    >>> require_positive(None, "wheels.x.max_torque", optional=True)
+    """
+    if value is None and optional:
+        return
+    positive = (
+        value is not None
+        and bool(np.all(np.isfinite(value)))
+        and bool(np.all(np.asarray(value) > 0.0))
+    )
+    require(positive, key, f"{value!r} is not positive", "give a positive number in SI units")
+
+
+@array_dataclass
+class InertiaPrior:
+    """Pre-flight knowledge of the inertia tensor.
+
+    Parameters
+    ----------
+    tensor : (3, 3) array
+        The tensor in body axes [kg m^2]; its products are tensor elements, Jxy = J[0, 1].
+    relative_sigma : float
+        Standard deviation of each diagonal element, as a fraction of it.
+    product_sigma : float
+        Standard deviation of each product of inertia [kg m^2].
+    includes_wheel_spin : bool, optional
+        Whether `tensor` holds the wheels' spin inertia (J_locked) or not (J).
+
+    Raises
+    ------
+    CampaignError
+        If no body has the tensor, or a standard deviation is not positive.
+
+    Examples
+    --------
+    >>> InertiaPrior(np.diag([3., 2., 2.]), 0.04, 0.03).sd.round(3).tolist()
+    [0.12, 0.08, 0.08, 0.03, 0.03, 0.03]
+    """
+
+    tensor: np.ndarray
+    relative_sigma: float
+    product_sigma: float
+    includes_wheel_spin: bool = False
+
+    def __post_init__(self) -> None:
+        tensor = np.array(self.tensor, dtype=float)
+        _require_physical(tensor)
+        object.__setattr__(self, "tensor", tensor)
+        require_positive(self.relative_sigma, "inertia.relative_sigma")
+        require_positive(self.product_sigma, "inertia.product_sigma")
+
+    @property
+    def elements(self) -> np.ndarray:
+        """Prior means (6,) of the elements Jxx, Jyy, Jzz, Jxy, Jxz, Jyz [kg m^2]."""
+        return self.tensor[ROWS_OF_ELEMENTS, COLUMNS_OF_ELEMENTS]
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Prior standard deviations (6,) of the elements [kg m^2]."""
+        return np.concatenate(
+            [self.relative_sigma * np.diag(self.tensor), np.full(3, self.product_sigma)]
+        )
+
+
+def _require_physical(tensor: np.ndarray) -> None:
+    """Raise `CampaignError` unless a body can have this tensor (3, 3)."""
+    key = "inertia.tensor"
+    shape = f"shape {tensor.shape} is not (3, 3)"
+    require(tensor.shape == (3, 3), key, shape, "give three rows of three numbers")
+    finite = bool(np.all(np.isfinite(tensor)))
+    require(finite, key, "an element is not finite", "give finite numbers")
+    require(
+        np.allclose(tensor, tensor.T, rtol=1e-9, atol=1e-9 * np.abs(tensor).max()),
+        key,
+        "the tensor is not symmetric",
+        "give J[i][j] = J[j][i], products as tensor elements",
+    )
+    moments = np.linalg.eigvalsh(tensor)
+    require(
+        bool(np.all(0.5 * moments.sum() > moments)),  # second moments of mass are positive
+        key,
+        f"no body has principal moments {', '.join(f'{m:.6g}' for m in moments)} kg m^2",
+        "each must be positive and at most the sum of the other two: "
+        "check the sign of the products and the units",
+    )
 
 
 @dataclass(frozen=True)
@@ -53,6 +222,13 @@ class Wheel:
         require_positive(self.spin_inertia, f"wheels.{self.name}.spin_inertia")
         for key in ("max_torque", "max_momentum", "momentum_sigma"):
             require_positive(getattr(self, key), f"wheels.{self.name}.{key}", optional=True)
+
+
+def unattainable(wheel: Wheel, what: Literal["torque", "momentum"]) -> float:
+    """The size of a torque [N m] or momentum [N m s] that a wheel cannot come near."""
+    limit = wheel.max_torque if what == "torque" else wheel.max_momentum
+    largest = LIMITS.largest_torque if what == "torque" else LIMITS.largest_momentum
+    return largest if limit is None else LIMITS.impossible_times_limit * limit
 
 
 @dataclass(frozen=True)

@@ -2,34 +2,34 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.channels import stream_from_table
-from bayes_inertia.campaign.commands import with_known_torques
-from bayes_inertia.campaign.description import parse_description
-from bayes_inertia.campaign.dirt import Dirt
-from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
-from bayes_inertia.campaign.held import counted_once
-from bayes_inertia.campaign.impossible import without_impossible_torques
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.commands import with_known_torques, without_impossible_torques
+from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.limits import LIMITS
-from bayes_inertia.campaign.momentum_gaps import with_known_momentum
-from bayes_inertia.campaign.row_order import ordered_rows
-from bayes_inertia.campaign.schema import CampaignPart, ColumnsPart, SlewPart
+from bayes_inertia.campaign.schema import CampaignPart, ColumnsPart, SlewPart, parse_description
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.campaign.slew_parts import located, parts_of
-from bayes_inertia.campaign.stream_clocks import StreamRows, on_their_clocks
-from bayes_inertia.campaign.streams import Stream, streams_of, union
+from bayes_inertia.campaign.slew_parts import located, parts_of, with_known_momentum
+from bayes_inertia.campaign.streams import (
+    Stream,
+    StreamRows,
+    counted_once,
+    on_their_clocks,
+    stream_from_table,
+    streams_of,
+    union,
+)
 from bayes_inertia.errors import CampaignError, OutputError
+from bayes_inertia.faults.fault import Dirt
+from bayes_inertia.faults.row_order import ordered_rows
 from bayes_inertia.files import (
     description_path,
     make_folder,
@@ -38,10 +38,13 @@ from bayes_inertia.files import (
     text_of,
     write_atomically,
 )
+from bayes_inertia.sealing import sha256_of
 from bayes_inertia.tables.number_table import Table, read_table
 
 # A record without rows, and the times [s] that it concerns.
 _TimedDirt = tuple[Dirt, np.ndarray]
+# The wanted columns of the table of a file and a slew.
+_TableReader = Callable[[str, Sequence[str], str], Table]
 
 
 def read_campaign(path: str | Path) -> Campaign:
@@ -78,21 +81,40 @@ def read_unmasked(path: str | Path, *, keep_commands: bool = False) -> Campaign:
     Returns: the campaign before impossible and stuck readings are masked.
     """
     description = description_path(path)
-    parsed = parse_description(text_of(read_bytes(description), str(description)), str(description))
-    tables = _table_paths(parsed, description)
+    label = str(description)
+    parsed = parse_description(text_of(read_bytes(description), label), label)
+    paths = _table_paths(parsed, description)
+
+    def table(file: str, names: Sequence[str], slew: str) -> Table:
+        return read_table(paths[file], names, group=slew)
+
+    return _assembled(parsed, label, table, keep_commands)
+
+
+def campaign_of(description: str, label: str, tables: Mapping[str, Table]) -> Campaign:
+    """The campaign that a folder with this description and these tables is; nothing is written."""
+    parsed = parse_description(description, label)
+    unmasked = _assembled(parsed, label, lambda file, names, _: tables[file].only(names))
+    return with_known_momentum(with_dirt_masked(unmasked))
+
+
+def _assembled(
+    parsed: CampaignPart, label: str, table: _TableReader, keep_commands: bool = False
+) -> Campaign:
+    """The campaign of a description, whose tables are asked for by file, columns and slew."""
     try:
         hardware = _hardware(parsed)
     except CampaignError as error:
-        raise error.inside(str(description)) from None
+        raise error.inside(label) from None
     slews, dirt = [], []
-    unplaced = [_streams(part, tables, parsed) for part in parsed.slews]
+    unplaced = [_streams(part, table, parsed) for part in parsed.slews]
     streams = on_their_clocks(counted_once(unplaced, parsed.columns), parsed.columns)
     for part, of_slew in zip(parsed.slews, streams, strict=True):
         channels, records = _channels(part, of_slew, parsed, hardware["wheels"])
         try:
             parts, unknown = _slews(part, channels, hardware, keep_commands)
         except CampaignError as error:
-            raise error.inside(str(description)) from None
+            raise error.inside(label) from None
         slews += parts
         dirt += located(records + unknown, parts)
     stated = {} if parsed.mission is None else parsed.mission.model_dump(exclude_none=True)
@@ -100,7 +122,7 @@ def read_unmasked(path: str | Path, *, keep_commands: bool = False) -> Campaign:
     try:
         return Campaign(name=parsed.name, **hardware)
     except CampaignError as error:
-        raise error.inside(str(description)) from None
+        raise error.inside(label) from None
 
 
 def campaign_sha256(path: str | Path) -> str:
@@ -109,12 +131,9 @@ def campaign_sha256(path: str | Path) -> str:
     It changes with any byte of those files, and with nothing else: not with the folder's place,
     not with other files in it.
     """
-    digest = hashlib.sha256()
-    for name, data in _files(path):
-        # Names and lengths delimit the parts, so that no two campaigns share one stream of bytes.
-        digest.update(f"{name}\0{len(data)}\0".encode())
-        digest.update(data)
-    return digest.hexdigest()
+    # Names and lengths delimit the parts, so that no two campaigns share one stream of bytes.
+    parts = ((f"{name}\0{len(data)}\0", data) for name, data in _files(path))
+    return sha256_of(*(piece for part in parts for piece in part))
 
 
 def copy_campaign(path: str | Path, folder: str | Path) -> Path:
@@ -191,16 +210,13 @@ def _hardware(parsed: CampaignPart) -> dict[str, Any]:
     }
 
 
-def _tables(part: SlewPart, paths: dict[str, Path], parsed: CampaignPart) -> dict[str, Table]:
+def _tables(part: SlewPart, table: _TableReader, parsed: CampaignPart) -> dict[str, Table]:
     """The tables of a slew by their names in the description, with the columns that count."""
     names: dict[str, dict[str, None]] = {}
     for stream in streams_of(part, parsed.columns):
         columns = names.setdefault(stream.file, {})
         columns |= dict.fromkeys(_columns(stream, parsed.columns))
-    tables = {
-        file: read_table(paths[file], list(columns), group=part.name)
-        for file, columns in names.items()
-    }
+    tables = {file: table(file, list(columns), part.name) for file, columns in names.items()}
     rows = len(tables[part.file_of("rate") or ""].columns[parsed.columns.rate.names[0]])
     if rows < 2:
         raise CampaignError(
@@ -217,14 +233,14 @@ def _columns(stream: Stream, columns: ColumnsPart) -> list[str]:
     return [stream.time.names[0], *names]
 
 
-def _streams(part: SlewPart, paths: dict[str, Path], parsed: CampaignPart) -> list[StreamRows]:
+def _streams(part: SlewPart, table: _TableReader, parsed: CampaignPart) -> list[StreamRows]:
     """The streams of a slew, their rows in the order of time."""
-    tables = _tables(part, paths, parsed)
+    tables = _tables(part, table, parsed)
     streams = []
     for stream in streams_of(part, parsed.columns):
         time, *names = _columns(stream, parsed.columns)
-        table, dirt = ordered_rows(tables[stream.file], time, names)
-        streams.append(StreamRows(stream, table, tuple(dirt)))
+        rows, dirt = ordered_rows(tables[stream.file], time, names)
+        streams.append(StreamRows(stream, rows, tuple(dirt)))
     return streams
 
 

@@ -1,4 +1,7 @@
-"""The telemetry of one slew."""
+"""The telemetry of one slew.
+
+Groups of star-tracker fixes: runs without a gap, usually one before and one after each slew.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.campaign.checks import require, unit_length, unit_vector
+from bayes_inertia.campaign.hardware import require, unit_length, unit_vector
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.values import Vector, array_dataclass
@@ -255,3 +258,26 @@ def _normalised(attitude: np.ndarray, key: str) -> np.ndarray:
             advice="repair the row or leave all four cells empty",
         )
     return unit_length(attitude)
+
+
+def fix_groups(slew: Slew) -> np.ndarray:
+    """The group of every star-tracker fix.
+
+    Returns (fixes,): numbers of groups from 0, in the order of time; empty without fixes.
+
+    Examples
+    --------
+    >>> attitude = np.tile([0.0, 0.0, 0.0, 1.0], (90, 1))
+    >>> attitude[2:88] = np.nan
+    >>> fix_groups(Slew("a", 0.0, np.arange(90.0), attitude=attitude)).tolist()
+    [0, 0, 1, 1]
+    """
+    time = slew.time[slew.fixes]
+    if not len(time):
+        return np.zeros(0, dtype=int)
+    steps = np.diff(time)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    apart = (steps > LIMITS.fix_group_share * slew.duration) | (
+        steps > LIMITS.fix_group_spacings * usual
+    )
+    return np.concatenate([[0], np.cumsum(apart)])

@@ -1,16 +1,28 @@
-"""Parts of a slew that was cut, and the records that belong to each."""
+"""Parts of a slew that was cut, the records of each, and cuts where momentum is unknown.
+
+Parts of a slew that was cut, and the records that belong to each.
+
+Gaps of the tachometers where measured momentum drives the model.
+
+A straight line bridges them, unless the torque changed so much that the star tracker or the rates
+could tell the difference: then the slew is cut, each part with a start of its own.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from bayes_inertia.campaign.dirt import Dirt
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.limits import LIMITS
+from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.faults.fault import Dirt
+from bayes_inertia.faults.gaps import gap_note, missing_rows
 
 
 def parts_of(slew: Slew, pieces: Sequence[dict[str, np.ndarray]]) -> list[Slew]:
@@ -74,3 +86,161 @@ def located(records: Sequence[tuple[Dirt, np.ndarray]], slews: Sequence[Slew]) -
 def _distances(slew: Slew, times: np.ndarray) -> np.ndarray:
     """From times to the telemetry of a slew [s]."""
     return np.maximum(np.maximum(slew.time[0] - times, times - slew.time[-1]), 0.0)
+
+
+Channels = dict[str, np.ndarray]
+"""Channels (n, width) of a slew by the name of `Slew`, with "time" (n,) [s]."""
+
+
+def with_rows_at(channels: Channels, times: np.ndarray, step: float) -> Channels:
+    """Copies of channels that have a row at each of some times.
+
+    `channels` [s]; `times` (m,) [s]. `step`: the regular step [s]; a row within `SAME_ROW` of it is
+    the row of a time.
+
+    Examples
+    --------
+    >>> given = {"time": np.array([0.0, 1.0, 3.0]), "rate": np.ones((3, 1))}
+    >>> with_rows_at(given, np.array([1.0, 2.0]), 1.0)["rate"][:, 0].tolist()
+    [1.0, 1.0, nan, 1.0]
+    """
+    time = channels["time"]
+    first = np.searchsorted(time, times - LIMITS.same_row * step)
+    near = time[np.minimum(first, len(time) - 1)] <= times + LIMITS.same_row * step
+    new = times[~((first < len(time)) & near)]
+    at = np.searchsorted(time, new)
+    grown = {
+        name: np.insert(values, at, np.nan, axis=0)
+        for name, values in channels.items()
+        if name != "time"
+    }
+    return {**grown, "time": np.insert(time, at, new)}
+
+
+def without_intervals(
+    channels: Channels, intervals: Sequence[tuple[float, float]]
+) -> list[Channels]:
+    """Channels cut where nothing may lead across.
+
+    `channels` [s]. `intervals`: from the last time before to the first time after each cut [s];
+    rows between are left out. Infinite where rows before the first time or after the last are left
+    out. Returns: the parts, in order; those with hardly any rate are left out.
+
+    Examples
+    --------
+    >>> parts = without_intervals({"time": np.arange(30.0)}, [(11.0, 14.0)])
+    >>> [(part["time"][0].item(), len(part["time"])) for part in parts]
+    [(0.0, 12), (14.0, 16)]
+    """
+    if not intervals:
+        return [channels]
+    inside = any(np.isfinite(interval).all() for interval in intervals)
+    fewest = LIMITS.fewest_rates_of_part if inside else 2
+    time = channels["time"]
+    part_of = np.zeros(len(time), dtype=int)
+    for after, before in intervals:
+        part_of[(time > after) & (time < before) & (part_of >= 0)] = -1
+        part_of[(time >= before) & (part_of >= 0)] += 1
+    parts = []
+    for part in range(len(intervals) + 1):
+        rows = part_of == part
+        rate = channels.get("rate")
+        useful = rows if rate is None else rows & np.isfinite(rate).any(axis=1)
+        if useful.sum() >= fewest:
+            parts.append({name: values[rows] for name, values in channels.items()})
+    return parts
+
+
+_CHANNELS = (*(stream.field for stream in STREAMS), "magnetic_field_N", "position_N")
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """Errors that do not matter, of momentum [N m s] and of its integral over time [N m s^2]."""
+
+    momentum: float
+    angular_impulse: float
+
+
+def with_known_momentum(campaign: Campaign) -> Campaign:
+    """The campaign with slews cut where the momentum that drives the model is unknown.
+
+    Returns: the same if commands drive it, or if straight lines bridge all gaps of the tachometers.
+    """
+    if campaign.has_commands or not campaign.wheels or not campaign.has_tachometers:
+        return campaign
+    inertia = float(np.linalg.eigvalsh(campaign.inertia.tensor)[0])
+    tracker = campaign.star_tracker
+    limits = _Limits(
+        momentum=LIMITS.momentum_line_of_rate_noise * inertia * min(campaign.rate_sensor.sigma),
+        angular_impulse=np.inf
+        if tracker is None
+        else LIMITS.momentum_line_of_attitude_noise * inertia * tracker.sigma_cross,
+    )
+    slews: list[Slew] = []
+    dirt: list[Dirt] = []
+    for slew in campaign.slews:
+        own = [(record, slew.time[list(record.rows)]) for record in campaign.dirt_of(slew.name)]
+        given = {name: getattr(slew, name) for name in ("time", *_CHANNELS)}
+        channels = {name: values for name, values in given.items() if values is not None}
+        cuts = _unknown_momentum(channels, limits)
+        parts = parts_of(slew, without_intervals(channels, cuts)) if cuts else [slew]
+        if cuts:
+            note = gap_note(len(cuts), max(b - a for a, b in cuts))
+            record = Dirt("gap", "momentum", "", (), "masked", f"{note}; the slew is cut there")
+            own.append((record, np.array(cuts).ravel()))
+        slews += parts
+        dirt += located(own, parts)
+    everywhere = campaign.dirt_of("")
+    return replace(campaign, slews=tuple(slews), dirt=(*dirt, *everywhere))
+
+
+def _unknown_momentum(
+    channels: dict[str, np.ndarray], limits: _Limits
+) -> list[tuple[float, float]]:
+    """Gaps of the tachometers in which a straight line may be visibly wrong."""
+    momentum, time = channels["wheel_momentum"], channels["time"]
+    rows = np.flatnonzero(np.isfinite(momentum).all(axis=1))
+    at = time[rows]
+    fixes = _fix_times(channels)
+    rated = time[np.isfinite(channels["rate"]).any(axis=1)]
+    found = []
+    for k in missing_rows(at)[0]:
+        begin, end = float(at[k]), float(at[k + 1])
+        bend, sag = _bend(at, momentum[rows], int(k))
+        spanned = bool(len(fixes)) and fixes[0] < end and fixes[-1] > begin
+        rates_inside = bool(np.any((rated > begin) & (rated < end)))
+        if (spanned and bend > limits.angular_impulse) or (rates_inside and sag > limits.momentum):
+            found.append((begin, end))
+    return found
+
+
+def _fix_times(channels: dict[str, np.ndarray]) -> np.ndarray:
+    attitude = channels.get("attitude")
+    if attitude is None:
+        return np.zeros(0)
+    return channels["time"][np.isfinite(attitude).all(axis=1)]
+
+
+def _bend(at: np.ndarray, momentum: np.ndarray, k: int) -> tuple[float, float]:
+    """Largest deviation of momentum from a straight line in the gap after reading k.
+
+    Returns the integral over the gap [N m s^2] and the largest distance [N m s] of a torque that
+    changes steadily from what it was before to what it was after, and of what it then lacks to
+    the change of momentum that was measured.
+    """
+    length = at[k + 1] - at[k]
+    n = LIMITS.readings_for_slope
+    slopes = []
+    for rows in (slice(max(0, k + 1 - n), k + 1), slice(k + 1, k + 1 + n)):
+        t, h = at[rows], momentum[rows]
+        enough = len(t) > 1
+        slopes.append(np.polyfit(t - t[0], h, 1)[0] if enough else np.zeros(momentum.shape[1]))
+    mean = (momentum[k + 1] - momentum[k]) / length
+    change = np.abs(slopes[1] - slopes[0])
+    lack = np.abs(mean - 0.5 * (slopes[0] + slopes[1]))
+    # After a wild stamp the gap is endless.
+    with np.errstate(over="ignore"):
+        bend = float((change / 12.0 + lack / 4.0).max() * length**2)
+        sag = float((change / 8.0 + lack / 2.0).max() * length)
+    return bend, sag

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import Wheel
 from bayes_inertia.campaign.schema import FORMAT
 from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import OutputError
 from bayes_inertia.files import write_new_files
+from bayes_inertia.tables.number_table import Table
 
 # Slew field -> key of [columns], its unit and sense, and its columns (a text: one a wheel).
 _CHANNELS: dict[str, tuple[str, Mapping[str, str], str | Sequence[str]]] = {
@@ -71,18 +71,27 @@ def write_campaign(campaign: Campaign, folder: str | Path) -> Path:
     ...     sorted(path.name for path in folder.iterdir())[:2]
     ['campaign.toml', 'slew_01.csv']
     """
-    content = {name: text.encode("utf-8") for name, text in _render(campaign).items()}
-    return write_new_files(folder, content, holds="campaign")
+    return write_new_files(folder, files_of(*content_of(campaign)), holds="campaign")
 
 
-def _render(campaign: Campaign) -> dict[str, str]:
-    """The files of the folder, by name, the description last."""
+def files_of(description: str, tables: Mapping[str, Table]) -> dict[str, bytes]:
+    """The files of a campaign folder by name, the description last."""
+    texts = {file: table.csv() for file, table in tables.items()} | {"campaign.toml": description}
+    return {name: text.encode("utf-8") for name, text in texts.items()}
+
+
+def content_of(campaign: Campaign) -> tuple[str, dict[str, Table]]:
+    """The text of a campaign's description, and its tables by file."""
     columns = _columns(campaign)
-    digits = max(2, len(str(len(campaign.slews))))
-    files = [f"slew_{i:0{digits}d}.csv" for i in range(1, len(campaign.slews) + 1)]
-    content = {file: _csv(slew, columns) for file, slew in zip(files, campaign.slews, strict=True)}
-    content["campaign.toml"] = _toml(campaign, columns, files)
-    return content
+    files = numbered(len(campaign.slews), "slew_{}.csv")
+    tables = {f: _table_of(slew, columns) for f, slew in zip(files, campaign.slews, strict=True)}
+    return _toml(campaign, columns, files), tables
+
+
+def numbered(count: int, name: str) -> list[str]:
+    """Names of files with numbers of one width, from 1."""
+    digits = max(2, len(str(count)))
+    return [name.format(f"{i:0{digits}d}") for i in range(1, count + 1)]
 
 
 def _columns(campaign: Campaign) -> dict[str, list[str]]:
@@ -144,125 +153,106 @@ def _columns_of(slew: Slew, columns: dict[str, list[str]]) -> dict[str, list[str
     }
 
 
-def _csv(slew: Slew, columns: dict[str, list[str]]) -> str:
-    columns = _columns_of(slew, columns)
-    parts = [slew.time[:, None]]
-    for channel, names in columns.items():
+def _table_of(slew: Slew, columns: dict[str, list[str]]) -> Table:
+    made = {"t_s": slew.time}
+    for channel, names in _columns_of(slew, columns).items():
         values = getattr(slew, channel)
         if channel == "wheel_torque" and values is not None and slew.lost_command is not None:
             values = np.where((slew.lost_command > 0)[:, None], np.nan, values)
-        parts.append(np.full((len(slew.time), len(names)), np.nan) if values is None else values)
-    header = ["t_s", *(name for names in columns.values() for name in names)]
-    return _lines(
-        [header, *([_cell(x) for x in row] for row in np.concatenate(parts, axis=1).tolist())]
-    )
-
-
-def _cell(value: float) -> str:
-    return "" if math.isnan(value) else repr(value)
-
-
-def _lines(rows: Iterable[list[str]]) -> str:
-    return "".join(",".join(row) + "\n" for row in rows)
-
-
-def _plain(value: Any) -> Any:
-    """Python numbers and lists, which is what TOML writers know."""
-    if isinstance(value, bool | str):
-        return value
-    return np.asarray(value, dtype=float).tolist()
+        if values is None:
+            values = np.full((len(slew.time), len(names)), np.nan)
+        made |= dict(zip(names, values.T, strict=True))
+    return Table(slew.name, made, lines=np.arange(len(slew.time)) + 2)
 
 
 def _toml(campaign: Campaign, columns: dict[str, list[str]], files: list[str]) -> str:
     """The text of campaign.toml."""
+    tracker = {} if campaign.star_tracker is None else dict(vars(campaign.star_tracker))
+    entries = {"time": {"names": ["t_s"], "unit": "s"}}
+    for channel, names in columns.items():
+        key, sense, _ = _CHANNELS[channel]
+        entries[key] = {"names": names, **sense}
+    return toml_text(
+        {
+            "format": FORMAT,
+            "name": campaign.name,
+            "mission": dict(campaign.mission),
+            "inertia": vars(campaign.inertia),
+            "wheels": [_renamed(vars(wheel), axis_B="axis") for wheel in campaign.wheels],
+            "rate_sensor": vars(campaign.rate_sensor),
+            "star_tracker": _renamed(tracker, boresight_B="boresight"),
+            "columns": entries,
+            "slews": [_slew(s, f, columns) for s, f in zip(campaign.slews, files, strict=True)],
+        }
+    )
+
+
+def _renamed(entries: Mapping[str, Any], **names: str) -> dict[str, Any]:
+    return {names.get(key, key): value for key, value in entries.items()}
+
+
+def _slew(slew: Slew, file: str, columns: dict[str, list[str]]) -> dict[str, Any]:
+    own = _columns_of(slew, columns)
+    whole = len(own) == len(columns)
+    return {
+        "name": slew.name,
+        "file": file if whole else None,
+        "start": slew.start,
+        "axis": slew.axis_B,
+        # 15 digits return the degrees that were read, so that copying a campaign changes nothing.
+        "angle_deg": None if slew.angle is None else float(f"{math.degrees(slew.angle):.15g}"),
+        "files": None if whole else {_CHANNELS[channel][0]: file for channel in own},
+    }
+
+
+def toml_text(
+    parts: Mapping[str, Any], comment: str = "", remarks: Mapping[str, str] | None = None
+) -> str:
+    """The text of a description, of which what is None or empty is left out.
+
+    `parts`: keys, tables of keys and lists of tables; tables inside of these stand on one line.
+    `comment`: the first line. `remarks`: behind keys, by the path of each.
+    """
     import tomlkit
 
     document = tomlkit.document()
-    document["format"], document["name"] = FORMAT, campaign.name
-    if campaign.mission:
-        document["mission"] = _table(**dict(campaign.mission))
-    tracker = campaign.star_tracker
-    document["inertia"] = _table(**vars(campaign.inertia))
-    if campaign.wheels:
-        document["wheels"] = array_of_tables(_wheel_table(wheel) for wheel in campaign.wheels)
-    document["rate_sensor"] = _table(**vars(campaign.rate_sensor))
-    if tracker is not None:
-        document["star_tracker"] = _table(
-            boresight=tracker.boresight_B,
-            sigma_cross=tracker.sigma_cross,
-            sigma_roll=tracker.sigma_roll,
-            low_frequency_sigma=tracker.low_frequency_sigma,
-        )
-    document["columns"] = _columns_toml(columns)
-    document["slews"] = array_of_tables(
-        _slew_table(slew, file, columns) for slew, file in zip(campaign.slews, files, strict=True)
-    )
+    if comment:
+        document.add(tomlkit.comment(comment))
+    for key, value in parts.items():
+        if isinstance(value, str):
+            document[key] = value
+        elif isinstance(value, Mapping) and value:
+            document[key] = _table(value, key, remarks or {})
+        elif value:
+            listed = tomlkit.aot()
+            for part in value:
+                listed.append(_table(part, f"{key}.{part['name']}", remarks or {}))
+            document[key] = listed
     return tomlkit.dumps(document)
 
 
-def _table(**entries: Any) -> Any:
-    """A table of TOML without the entries that are None."""
+def _table(entries: Mapping[str, Any], path: str, remarks: Mapping[str, str]) -> Any:
     import tomlkit
 
-    part = tomlkit.table()
+    table = tomlkit.table()
     for key, value in entries.items():
         if value is not None:
-            part[key] = _plain(value)
-    return part
-
-
-def array_of_tables(parts: Iterable[Any]) -> Any:
-    """An array of tables of TOML."""
-    import tomlkit
-
-    listed = tomlkit.aot()
-    for part in parts:
-        listed.append(part)
-    return listed
-
-
-def _wheel_table(wheel: Wheel) -> Any:
-    entries = vars(wheel).items()
-    return _table(**{"axis" if key == "axis_B" else key: value for key, value in entries})
-
-
-def _slew_table(slew: Slew, file: str, columns: dict[str, list[str]]) -> Any:
-    part = _table(
-        name=slew.name,
-        file=file,
-        start=slew.start,
-        axis=slew.axis_B,
-        angle_deg=_degrees(slew.angle),
-    )
-    own = _columns_of(slew, columns)
-    if len(own) < len(columns):
-        del part["file"]
-        part["files"] = _inline({_CHANNELS[channel][0]: file for channel in own})
-    return part
-
-
-def _inline(entries: dict[str, Any]) -> Any:
-    """An inline table of TOML."""
-    import tomlkit
-
-    table = tomlkit.inline_table()
-    table.update(entries)
+            table[key] = _plain(value)
+            if f"{path}.{key}" in remarks:
+                table[key].comment(remarks[f"{path}.{key}"])
     return table
 
 
-def _columns_toml(columns: dict[str, list[str]]) -> Any:
+def _plain(value: Any) -> Any:
+    """Numbers, lists and inline tables, which is what TOML writers know."""
     import tomlkit
 
-    part = tomlkit.table()
-    for key, entries in [("time", {"names": ["t_s"], "unit": "s"})] + [
-        (key, {"names": columns[channel], **sense})
-        for channel, (key, sense, _) in _CHANNELS.items()
-        if channel in columns
-    ]:
-        part[key] = _inline(entries)
-    return part
-
-
-def _degrees(angle: float | None) -> float | None:
-    # 15 digits return the degrees that were read, so that copying a campaign changes nothing.
-    return None if angle is None else float(f"{math.degrees(angle):.15g}")
+    if isinstance(value, bool | str):
+        return value
+    if isinstance(value, Mapping):
+        table = tomlkit.inline_table()
+        table.update({key: _plain(inner) for key, inner in value.items()})
+        return table
+    if isinstance(value, list):
+        return [_plain(inner) for inner in value]
+    return np.asarray(value, dtype=float).tolist()

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.units import UNITS
-from bayes_inertia.conventions.hypothesis import KeyChange, Mistake
+from bayes_inertia.campaign.schema import UNITS
 from bayes_inertia.conventions.limits import LIMITS
+from bayes_inertia.conventions.reading import KeyChange, Mistake
 
 Columns = Mapping[str, Mapping[str, Any]]
 

@@ -1,5 +1,7 @@
 """The whole check: a campaign as stated, what its data say of it, and which change mends it.
 
+Remedies of a campaign: a key, then a clock, then a fault of one stream alone.
+
 Keys that were written in the same wrong unit as a mended one: noises, and the prior's products.
 
 No law shows them. A stated noise that agrees with the noise of the readings while both are read in
@@ -19,33 +21,97 @@ from typing import Any, Literal
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.description import parse_description
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.reader import read_unmasked
-from bayes_inertia.campaign.schema import CampaignPart
+from bayes_inertia.campaign.schema import UNITS, CampaignPart, parse_description
 from bayes_inertia.campaign.sensors import BY_KEY, SensorStream
-from bayes_inertia.campaign.units import UNITS
 from bayes_inertia.conventions import wording
 from bayes_inertia.conventions.candidates import mistakes
-from bayes_inertia.conventions.clocks import Clocks, Columns, streams_apart
-from bayes_inertia.conventions.columns import copied_commands, faulty_columns
-from bayes_inertia.conventions.doubts import Factors, broken_limits, doubtful_places, factors
-from bayes_inertia.conventions.faults_at_rest import dirt_of
-from bayes_inertia.conventions.hypothesis import KeyChange, Mistake
-from bayes_inertia.conventions.invisible import invisible
-from bayes_inertia.conventions.laws import DRIVE
+from bayes_inertia.conventions.clocks import (
+    Clocks,
+    Columns,
+    clocks,
+    known_offsets,
+    shifted_misfit,
+    streams_apart,
+)
+from bayes_inertia.conventions.columns import copied_commands, faulty_columns, without_sign
+from bayes_inertia.conventions.doubts import (
+    Factors,
+    broken_limits,
+    dirt_of,
+    doubtful_places,
+    factors,
+)
+from bayes_inertia.conventions.laws import DRIVE, Misfits, noise_ratios, worst
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.linear_fit import worst
-from bayes_inertia.conventions.misfits import Misfits
-from bayes_inertia.conventions.noise_seen import noise_ratios
-from bayes_inertia.conventions.reading import Reading, stated_reading
-from bayes_inertia.conventions.remedies import what_mends
-from bayes_inertia.conventions.sampled_slews import sampled
-from bayes_inertia.conventions.search import Remedy, judged, misfit_of
-from bayes_inertia.conventions.told_torque import ToldTorque
+from bayes_inertia.conventions.motion import ToldTorque, sampled
+from bayes_inertia.conventions.reading import KeyChange, Mistake, Reading, stated_reading
+from bayes_inertia.conventions.search import Judgement, Remedy, judged, misfit_of
+from bayes_inertia.conventions.wording import invisible
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import description_path, read_bytes, text_of
 from bayes_inertia.maths.values import json_ready
+
+
+def what_mends(
+    misfits: Misfits,
+    judgement: Judgement,
+    singles: Sequence[Mistake],
+    columns: Columns,
+    differ: Factors | None,
+) -> tuple[tuple[Remedy, ...], Clocks]:
+    """All that makes the data consistent, the best first, and what is said of the clocks.
+
+    `columns` [columns]. Returns `remedies`: empty where nothing mends it; `clocks`: what the laws
+    say of the streams' clocks.
+    """
+    mending, clock = judgement.remedies, Clocks()
+    if not mending:
+        clock = clocks(misfits, judgement.reading, columns)
+        mending = _of_clocks(misfits, judgement.reading, clock)
+    # Two mistakes at once are less likely than one in a stream.
+    first = mending[0].mistake if mending else None
+    if first is None or (len(first.changes) > 1 and first not in singles):
+        return _of_streams(misfits, judgement.reading, columns, differ) or mending, clock
+    exact = _of_factor(misfits, judgement.reading, columns, differ)
+    better = [remedy for remedy in exact if remedy.after < LIMITS.clearly * mending[0].after]
+    return (*mending, *better), clock
+
+
+def _of_streams(
+    misfits: Misfits, reading: Reading, columns: Columns, differ: Factors | None
+) -> tuple[Remedy, ...]:
+    """Faults of one stream: its factor, its signs, or its clock by a known offset."""
+    if exact := _of_factor(misfits, reading, columns, differ):
+        return exact
+    before = worst(misfits.of(reading))
+    if before <= LIMITS.impossible:
+        return ()
+    unsigned = without_sign(misfits, reading, before)
+    return known_offsets(misfits, reading, columns) if unsigned is None else (unsigned,)
+
+
+def _of_factor(
+    misfits: Misfits, reading: Reading, columns: Columns, differ: Factors | None
+) -> tuple[Remedy, ...]:
+    """Spin inertias that are wrong by the factor between commands and tachometers."""
+    mistake = None if differ is None else differ.mistake(misfits.campaign, columns)
+    if mistake is None:
+        return ()
+    before, after = (worst(misfits.of(r)) for r in (reading, mistake.mend(reading)))
+    mends = after < min(LIMITS.pair_ordinary, before / LIMITS.improvement)
+    return (Remedy(mistake, before, after),) if mends else ()
+
+
+def _of_clocks(misfits: Misfits, reading: Reading, clock: Clocks) -> tuple[Remedy, ...]:
+    """Wrong clocks whose mending makes all laws hold."""
+    return tuple(
+        remedy
+        for remedy in clock.remedies
+        if shifted_misfit(misfits, reading, remedy) < LIMITS.ordinary
+    )
+
 
 FORMAT = "bayes-inertia-doctor/1"
 Verdict = Literal["consistent", "doubtful", "wrong"]

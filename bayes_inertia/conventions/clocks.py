@@ -16,16 +16,23 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.known_offsets import KNOWN_OFFSETS, likely_offsets
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.conventions.hypothesis import KeyChange, Mistake
-from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE, LawData
+from bayes_inertia.conventions.laws import (
+    CLOSURE,
+    CONSERVATION,
+    DRIVE,
+    LawData,
+    LinearFit,
+    Misfits,
+    fitted,
+    worst,
+)
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.linear_fit import LinearFit, fitted, worst
-from bayes_inertia.conventions.misfits import Misfits
-from bayes_inertia.conventions.reading import Reading
-from bayes_inertia.conventions.sampled_slews import SampledSlews, sampled
+from bayes_inertia.conventions.motion import SampledSlews, sampled
+from bayes_inertia.conventions.reading import KeyChange, Mistake, Reading
 from bayes_inertia.conventions.search import Remedy
+from bayes_inertia.faults.known_offsets import KNOWN_OFFSETS, likely_offsets
+from bayes_inertia.faults.limits import LIMITS as FAULTS
 
 Columns = Mapping[str, Mapping[str, Any]]
 
@@ -256,7 +263,7 @@ def fixes_in_motion(misfits: Misfits) -> bool:
     """
     slews = misfits.slews
     speed = np.sqrt((slews.rate**2).sum(axis=-1))
-    moving = speed > LIMITS.in_motion * speed.max(axis=1, keepdims=True)
+    moving = speed > FAULTS.in_motion * speed.max(axis=1, keepdims=True)
     return bool(((moving & slews.fixes).sum(axis=1) >= 2).any())
 
 

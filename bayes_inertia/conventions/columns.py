@@ -14,14 +14,13 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.stuck import resolution
-from bayes_inertia.conventions.hypothesis import Mistake
+from bayes_inertia.conventions.laws import Misfits, worst
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.linear_fit import worst
-from bayes_inertia.conventions.misfits import Misfits
-from bayes_inertia.conventions.noise_seen import smooth_noise
-from bayes_inertia.conventions.reading import Reading
+from bayes_inertia.conventions.reading import Mistake, Reading
 from bayes_inertia.conventions.search import Remedy
+from bayes_inertia.faults.limits import LIMITS as FAULTS
+from bayes_inertia.faults.noise import smooth_noise
+from bayes_inertia.faults.quantisation import resolution
 
 Columns = Mapping[str, Mapping[str, Any]]
 
@@ -93,7 +92,7 @@ class _Stream:
     def dead(self, k: int) -> bool:
         """Whether a column keeps one value to the last digit in every slew."""
         column = self.column(k)
-        return len(column) >= LIMITS.rows_for_noise and bool(np.all(column == column[0]))
+        return len(column) >= FAULTS.rows_for_noise and bool(np.all(column == column[0]))
 
     def noise(self, k: int) -> float:
         """Noise of a column, median of the slews; NaN where steps or smoothness hide it."""
@@ -160,7 +159,7 @@ def _copies(stream: _Stream, share: float | None = None) -> Iterator[str]:
         size = float(np.ptp(b)) if len(b) else 0.0
         if share is not None and len(a):
             close = share * float(np.ptp(a))
-        if not close > 0.0 or len(a) < LIMITS.rows_for_noise or size == 0.0:
+        if not close > 0.0 or len(a) < FAULTS.rows_for_noise or size == 0.0:
             continue
         a, b = a - a.mean(), (b - b.mean()) / size
         slope = float((a @ b) / (b @ b))

@@ -1,4 +1,10 @@
-"""Three laws that telemetry obeys whatever J and K are.
+"""Three laws that telemetry obeys whatever J and K are, and its misfits to them.
+
+One robust linear fit with priors, of all slews at once.
+
+Noise of the sensors as their own readings show it.
+
+Three laws that telemetry obeys whatever J and K are.
 
 Closure: the rate, integrated between star-tracker fixes, is the rotation between them.
 Conservation: J w + G h, in axes that do not turn, is constant within a slew.
@@ -6,24 +12,185 @@ Drive: the torque commands, integrated, are the momentum that the tachometers re
 
 Each is linear in what is uncertain (J, K, misalignment, bias, a constant torque, gains, friction),
 which is fitted with priors wide enough for anything physical.
+
+Misfits of telemetry to the three laws, under a reading of it.
+
+Misfits are in standard deviations of what noise and undisclosed physics may leave (`limits`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.sensors import SensorStream, series_of
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.linear_fit import LinearFit, fitted
-from bayes_inertia.conventions.motion import Motion
+from bayes_inertia.conventions.motion import (
+    Motion,
+    SampledSlews,
+    ToldTorque,
+    angle_of,
+    composed,
+    motion_of,
+    told_impulse,
+    turned_back,
+)
 from bayes_inertia.conventions.reading import Reading
-from bayes_inertia.conventions.rotations import angle_of, composed, turned_back
-from bayes_inertia.conventions.sampled_slews import SampledSlews
-from bayes_inertia.conventions.told_torque import ToldTorque, told_impulse
+from bayes_inertia.faults.noise import smooth_noise
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFit:
+    """Residuals of a linear fit.
+
+    Parameters
+    ----------
+    misfit : (S,) array
+        Root mean square residual of each slew [its sigma].
+    departure : float
+        Distance of the parameters from their priors [sd], root mean square over three of them.
+    values : (P,) array
+        Parameters, in prior standard deviations.
+    sds : (P,) array
+        What is left of those standard deviations.
+    by_component : (S, D) array
+        Root mean square residual of each component of each slew [its sigma].
+    """
+
+    misfit: np.ndarray
+    departure: float
+    values: np.ndarray
+    sds: np.ndarray
+    by_component: np.ndarray
+
+    def with_factors(self, which: slice, sds: np.ndarray) -> LinearFit:
+        """The same fit, some of whose parameters are factors, judged by their logarithms.
+
+        A tensor a thousand times too small is as far from its prior as one a thousand times too
+        large. A factor that is not positive counts as one of a thousandth.
+
+        `which`: the parameters; 1 - sd times value is the factor that the data would have.
+        """
+        values = np.array(self.values)
+        values[which] = np.log(np.maximum(1.0 - sds * values[which], 1e-3)) / sds
+        departure = float(np.sqrt(np.sum(values**2) / 3.0))
+        return replace(self, departure=departure)
+
+    @property
+    def worst(self) -> float:
+        """The larger of the worst slew's misfit and the departure from the priors [sd].
+
+        Infinite where numbers overflow.
+        """
+        largest = np.max(self.misfit, initial=self.departure)
+        return float("inf") if np.isnan(largest) else float(largest)
+
+
+def worst(fits: dict[str, LinearFit]) -> float:
+    """The worst misfit of all laws."""
+    return max((fit.worst for fit in fits.values()), default=0.0)
+
+
+def fitted(
+    data: np.ndarray,
+    regressors: np.ndarray,
+    free: np.ndarray,
+    sigma: np.ndarray,
+    mask: np.ndarray,
+) -> LinearFit:
+    """Fit data = regressors x + free c + error, with x from N(0, 1) and c free in every slew.
+
+    `data` (S, N, D); `free` (S, N, D, Q); `mask` (S, N). `regressors` (S, N, D, P): what a prior
+    standard deviation of each parameter does to them. `sigma` (S,): standard deviation of the norm
+    of a moment's error. Returns: after one round in which outlying moments lose weight.
+    """
+    count = np.maximum(mask.sum(axis=1, keepdims=True), 1)
+    weight = mask / np.sqrt(count)
+    fit, distance = _weighted(data, regressors, free, sigma, weight)
+    rows = zip(distance, mask, strict=True)
+    usual = np.array(
+        [np.quantile(d[m], LIMITS.far_moment_quantile) if m.any() else 1.0 for d, m in rows]
+    )
+    far = distance / np.maximum(LIMITS.far_moment * usual, 1e-3 * sigma)[:, None]
+    trust = 1.0 / (1.0 + far**2)
+    trust *= np.sqrt(count) / np.maximum(np.sqrt((trust**2 * mask).sum(1, keepdims=True)), 1e-9)
+    if trust.max(initial=0.0) > 1.1:
+        fit, _ = _weighted(data, regressors, free, sigma, weight * trust)
+    return fit
+
+
+def _weighted(
+    data: np.ndarray,
+    regressors: np.ndarray,
+    free: np.ndarray,
+    sigma: np.ndarray,
+    weight: np.ndarray,
+) -> tuple[LinearFit, np.ndarray]:
+    """The fit, and the distance (S, N) of each moment from it."""
+    slews, moments, width = data.shape
+    flat = (slews, moments * width, -1)
+    w = np.repeat(weight, width, axis=1)[..., None]
+    y = data.reshape(flat) * w
+    x = regressors.reshape(*flat[:2], regressors.shape[-1]) * w
+    if free.shape[-1]:
+        basis = np.linalg.qr(free.reshape(*flat[:2], free.shape[-1]) * w)[0]
+        turned = np.swapaxes(basis, 1, 2)
+        y = y - basis @ (turned @ y)
+        x = x - basis @ (turned @ x)
+    x, y = x / sigma[:, None, None], y / sigma[:, None, None]
+    # A slew tells at most one number a component, however often it is sampled.
+    normal = width * np.einsum("srp,srq->pq", x, x, optimize=True) + np.eye(x.shape[-1])
+    covariance = np.linalg.inv(normal)
+    values = covariance @ (width * np.einsum("srp,sro->p", x, y, optimize=True))
+    residual = (y - (x @ values)[..., None])[..., 0]
+    misfit = np.sqrt(np.einsum("sr,sr->s", residual, residual))
+    departure = float(np.sqrt(np.sum(values**2) / 3.0))
+    square = residual.reshape(data.shape) ** 2
+    norm = np.sqrt(square.sum(-1)) / np.maximum(weight, 1e-12)
+    sds = np.sqrt(np.diag(covariance))
+    fit = LinearFit(misfit, departure, values, sds, np.sqrt(square.sum(1)))
+    return fit, norm * sigma[:, None]
+
+
+def noise_ratios(campaign: Campaign, stream: SensorStream) -> np.ndarray:
+    """Noise in smooth rows over the stated noise, median over the slews.
+
+    Returns: one number an axis or wheel; empty or NaN where nothing is known.
+    """
+    stated = _stated(campaign, stream)
+    readings = [stream.of(slew) for slew in campaign.slews]
+    seen = [[smooth_noise(c) for c in v.T] for v in readings if v is not None and v.shape[1]]
+    if not seen or not len(stated):
+        return np.zeros(0)
+    ratios = np.array(seen) / stated
+    return np.array(
+        [np.median(r[np.isfinite(r)]) if np.isfinite(r).any() else np.nan for r in ratios.T]
+    )
+
+
+def believed_noise(campaign: Campaign, stream: SensorStream) -> np.ndarray:
+    """The stated noise, but never much more than the readings show.
+
+    So a reading in a smaller unit has less noise too, and cannot drown in a noise that was stated
+    in a larger one.
+
+    Returns: sd of each axis or wheel, 0 where nothing is stated.
+    """
+    stated = np.nan_to_num(_stated(campaign, stream))
+    ratio = noise_ratios(campaign, stream)
+    if len(ratio) != len(stated):
+        return stated
+    seen = np.where(np.isfinite(ratio), ratio, 1.0)
+    return stated * np.minimum(1.0, LIMITS.noise_believed * seen)
+
+
+def _stated(campaign: Campaign, stream: SensorStream) -> np.ndarray:
+    return np.array([np.nan if s is None else s for s in stream.sigma(campaign)], dtype=float)
+
 
 CLOSURE, CONSERVATION, DRIVE = "closure", "conservation", "drive"
 
@@ -315,3 +482,91 @@ LAWS: Mapping[str, Callable[[Told], LawData | None]] = MappingProxyType(
     {CLOSURE: closure, CONSERVATION: conservation, DRIVE: drive}
 )
 """The laws by name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Misfits:
+    """The three laws, for a campaign at some sixty moments a slew; results are kept.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Hardware and priors.
+    slews : SampledSlews
+        Its telemetry.
+    torques : mapping of str to ToldTorque
+        By the name of a slew: what effects that are named do to the body.
+    """
+
+    campaign: Campaign
+    slews: SampledSlews
+    torques: Mapping[str, ToldTorque] = field(default_factory=dict)
+    kept: dict = field(default_factory=dict)
+
+    def with_slews(self, slews: SampledSlews) -> Misfits:
+        """The same laws for other telemetry of the campaign."""
+        return Misfits(self.campaign, slews, self.torques)
+
+    def of(self, reading: Reading) -> dict[str, LinearFit]:
+        """The fit of every law that the telemetry can be held against.
+
+        Returns: by the name of the law; a law without telemetry is absent.
+        """
+        fits = {law: self.fit(law, reading) for law in LAWS}
+        return {law: fit for law, fit in fits.items() if fit is not None}
+
+    def mends(self, reading: Reading, limit: float) -> bool:
+        """Whether a reading brings every law below a limit; the cheap laws are asked first.
+
+        `limit` [sd].
+        """
+        return all(
+            fit is None or fit.worst < limit
+            for fit in (self.fit(law, reading) for law in (DRIVE, CLOSURE, CONSERVATION))
+        )
+
+    def motion(self, reading: Reading) -> Motion:
+        """The motion that the rates tell."""
+        key = ("motion", reading.rate.tobytes(), reading.time, reading.bias_B.tobytes())
+        if key not in self.kept:
+            self.kept[key] = motion_of(self.slews, reading)
+        return self.kept[key]
+
+    def law(self, law: str, reading: Reading, bias_sd: np.ndarray | None = None) -> LawData | None:
+        """One law as a linear problem.
+
+        `bias_sd` (3,): sd of the rate bias [rad/s] where it is supposed to be stale.
+        """
+        return LAWS[law](replace(self.told(reading), bias_sd=bias_sd))
+
+    def told(self, reading: Reading) -> Told:
+        """Telemetry in physical units, under a reading."""
+        if "noise" not in self.kept:
+            series = series_of(self.campaign)
+            self.kept["noise"] = {s.name: believed_noise(self.campaign, s) for s in series}
+        noise = self.kept["noise"]
+        motion = self.motion(reading)
+        return Told(self.campaign, self.slews, reading, motion, noise, torques=self.torques)
+
+    def fit(self, law: str, reading: Reading) -> LinearFit | None:
+        """The fit of one law; the same reading of the same channels is fitted once."""
+        arrays = (getattr(reading, part).tobytes() for part in self.parts_of(law))
+        key = (law, reading.time, *arrays)
+        if key not in self.kept:
+            data = self.law(law, reading)
+            self.kept[key] = None if data is None else data.fit()
+        return self.kept[key]
+
+    def parts_of(self, law: str) -> tuple[str, ...]:
+        """Which fields of a reading, besides time, a law depends on."""
+        parts: dict[str, tuple[str, ...]] = {
+            CLOSURE: ("rate", "bias_B", "attitude"),
+            CONSERVATION: ("rate", "bias_B", "axes_B", "inertia", self.wheel_channel),
+            DRIVE: ("torque", "momentum"),
+        }
+        return parts[law]
+
+    @property
+    def wheel_channel(self) -> str:
+        """Which field of a reading tells the wheels' momentum."""
+        return "torque" if self.slews.momentum is None else "momentum"

@@ -96,8 +96,6 @@ class Limits:
     late_chi2: float = 100.0
     # A wrong clock is off by this many rows at least: half a row is a matter of what a stamp means.
     late_steps: float = 0.7
-    # A star-tracker fix is taken in motion if the rate is this share of the slew's largest.
-    in_motion: float = 0.2
     # Residual in hundredths of the motion below which no clock is looked into.
     notable: float = 0.3
     # Noise seen in smooth rows that differs from the stated one by this factor is reported.
@@ -148,21 +146,15 @@ class Limits:
     lateness_prior_s: float = 1e3
 
     # `columns.py`
-    # Rows that tell a column's noise.
-    rows_for_noise: int = 30
     # More wheels than this leave momentum free that the body does not feel.
     wheels_felt: int = 3
     column_rarity: int = 5
     # A star tracker that turns by this much [rad] while all rates stand still.
     turned_at_rest: float = 0.02
 
-    # `faults_at_rest.py`
+    # `doubts.py`
     # A bias is stale if it is this many of its stated sds off, and this many of its own.
     stale_bias_sds: float = 5.0
-    # The body is at rest below this share of the slew's largest rate.
-    at_rest: float = 0.03
-
-    # `doubts.py`
     factor_rarity: int = 3
     # A wheel that moves less than this share of the one that moves most tells no factor.
     idle_wheel: float = 0.1
@@ -172,16 +164,13 @@ class Limits:
     # 10.
     one_factor: float = 0.03
 
-    # `linear_fit.py`
+    # `laws.py`
     # Moments further off than this many times what most of their slew are off are trusted less.
     # Most: a motion that fills a sixth of the slew must not count as an outlier of its rests.
     far_moment: float = 2.0
     far_moment_quantile: float = 0.85
 
-    # `noise_seen.py`
-    second_difference_variance: float = 6.0  # variance of second differences of white unit noise
-
-    # `sampled_slews.py`
+    # `motion.py`
     # A hole in a channel is a gap if it is this many usual steps long and this share of the slew.
     gap_steps: float = 6.0
     gap_share: float = 0.04

@@ -1,12 +1,18 @@
-"""Readings of telemetry under stated or supposed conventions: a few small matrices.
+"""Readings of telemetry under stated or supposed conventions, and a supposed mistake.
+
+Readings of telemetry under stated or supposed conventions: a few small matrices.
 
 Every convention acts linearly on what was read: units are factors, orders permutations, signs
 signs, frames rotations. So a wrong convention is undone without reading the files again.
+
+A supposed mistake: keys of campaign.toml that were written wrong, and what mending them does.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -64,4 +70,57 @@ def stated_reading(campaign: Campaign) -> Reading:
         axes_B=axes_B,
         inertia=prior.tensor + (0.0 if prior.includes_wheel_spin else 1.0) * spin,
         bias_B=np.linalg.inv(sensor.axes) @ np.asarray(sensor.bias),
+    )
+
+
+@dataclass(frozen=True)
+class KeyChange:
+    """One key of campaign.toml and the value it should have.
+
+    Parameters
+    ----------
+    key : str
+        Path of the key, such as "columns.rate.unit" or "wheels.x.axis".
+    stated, mended : object
+        Its value as written, and the value that it should have.
+    """
+
+    key: str
+    stated: Any
+    mended: Any
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """One mistake that somebody may have made.
+
+    Parameters
+    ----------
+    changes : tuple of KeyChange
+        What mends it; several keys where one mistake shows in several.
+    rarity : int
+        How seldom the mistake is made, from 1; of two that explain the data alike the more common
+        one is proposed.
+    mend : callable
+        From the reading as stated to the reading without the mistake.
+    words : str
+        What went wrong, as the end of a sentence that begins with "It looks as if".
+    companions : int, optional
+        How many of the changes, the last ones, only follow: noises in the same unit.
+    """
+
+    changes: tuple[KeyChange, ...]
+    rarity: int
+    mend: Callable[[Reading], Reading]
+    words: str
+    companions: int = 0
+
+
+def both(first: Mistake, second: Mistake) -> Mistake:
+    """Two mistakes at once."""
+    return Mistake(
+        changes=first.changes + second.changes,
+        rarity=first.rarity + second.rarity,
+        mend=lambda reading: second.mend(first.mend(reading)),
+        words=f"{first.words}, and {second.words}",
     )

@@ -22,13 +22,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayes_inertia.conventions.candidates import axes_mistake
-from bayes_inertia.conventions.hypothesis import Mistake, both
-from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE, wheel_momentum_B
+from bayes_inertia.conventions.laws import (
+    CLOSURE,
+    CONSERVATION,
+    DRIVE,
+    LinearFit,
+    Misfits,
+    wheel_momentum_B,
+    worst,
+)
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.linear_fit import LinearFit, worst
-from bayes_inertia.conventions.misfits import Misfits
-from bayes_inertia.conventions.reading import Reading
-from bayes_inertia.conventions.rotations import angle_of, composed, turned_back
+from bayes_inertia.conventions.motion import angle_of, composed, turned_back
+from bayes_inertia.conventions.reading import Mistake, Reading, both
 
 
 @dataclass(frozen=True)

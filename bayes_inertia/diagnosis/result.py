@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.wide_prior import BeyondPrior, beyond_prior
+from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.residual_tests import ChannelTest
 from bayes_inertia.inference.treatment import DirtTreatment, records_of_dirt

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.hardware import InertiaPrior
 from bayes_inertia.flight.spacecraft import (
     Controller,
     Spacecraft,

@@ -15,7 +15,7 @@ from typing import get_args
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bayes_inertia.campaign.checks import require
+from bayes_inertia.campaign.hardware import require
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.flight.slew_profile import Profile, ramp_factor

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from bayes_inertia.campaign.checked_toml import toml_document
-from bayes_inertia.campaign.units import DEGREE
+from bayes_inertia.campaign.schema import DEGREE
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import read_bytes, text_of, write_atomically
 from bayes_inertia.flight.orbit import Orbit

@@ -1,59 +1,38 @@
-"""Suggested contents of the columns of a raw table, from their names."""
+"""What columns of a raw table seem to hold, and which clock: told from names, units and sizes.
+
+Suggested contents of the columns of a raw table, from their names.
+
+Which clock a column of stamps seems to be read from, told from its name, unit and size.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
+import numpy as np
+
+from bayes_inertia.files import vocabulary
+from bayes_inertia.importing.questions import UNKNOWN
 from bayes_inertia.tables.raw_table import RawColumn, RawTable
-from bayes_inertia.tables.time_columns import split_unit, time_names
+from bayes_inertia.tables.stamp_parts import UNIT_WORDS, unit_in_name, words_of
+from bayes_inertia.tables.time_stamps import (
+    COUNTED_CLOCKS,
+    FREE_CLOCKS,
+    dates_of,
+    split_unit,
+    stamp_units,
+    time_names,
+)
 
-# Columns of one quantity differ in such a word only.
-_MEMBERS = (
-    ("x", "y", "z"),
-    ("1", "2", "3", "4", "5", "6"),
-    ("0", "1", "2", "3", "4", "5"),
-    ("01", "02", "03", "04", "05", "06"),
-    ("00", "01", "02", "03"),
-    ("p", "q", "r"),
-    ("roll", "pitch", "yaw"),
-    ("phi", "theta", "psi"),
-    ("a", "b", "c", "d"),
-)
-_QUATERNIONS: tuple[tuple[tuple[str, ...], str], ...] = (
-    # Members, and where the scalar stands if their names say it.
-    (("s", "x", "y", "z"), "first"),
-    (("w", "x", "y", "z"), "first"),
-    (("x", "y", "z", "s"), "last"),
-    (("x", "y", "z", "w"), "last"),
-    (("1", "2", "3", "c"), "last"),
-    (("0", "1", "2", "3"), ""),
-    (("1", "2", "3", "4"), ""),
-    (("00", "01", "02", "03"), ""),
-)
+_WORDS = vocabulary("importing")["columns"]
 # Quantities of the same sensors and estimators that are none of a campaign.
 _OTHER = re.compile(r".*(acc|linear|deriv|covar|reset|delta).*")
 _SETPOINT = re.compile(r".*setpoint.*")  # What a controller wants, unless it is a wheel's command.
 # Names that leave the quantity to the name of the file, as a message of ROS or PX4 does.
 _ANY_VECTOR = frozenset({"xyz", "vector", "value", "data"})
-# The first that fits a family's words and file decides.
-_KINDS: tuple[tuple[str, re.Pattern[str]], ...] = (
-    (
-        "wheel_momentum",
-        re.compile(r"hwhl|h_?w|h\d?|(.*wheel|.*whl|.*rw|ang)?_?moms?|.*(momentum|momenta|nms).*"),
-    ),
-    ("wheel_speed", re.compile(r".*(rpm|tach|speed|omega_?w|whl_?w|rw_?omega).*")),
-    ("wheel_torque", re.compile(r"u|tau|.*(torq|trq|mnm|nm$|cmd|command|motor|current).*")),
-    ("magnetic_field", re.compile(r"b|.*(mag|bfield|b_[nb]|tesla|nt$|ut$).*")),
-    ("position", re.compile(r"r|.*(pos|r_[bn]|eci|orbit).*")),
-    (
-        "rate",
-        re.compile(
-            r"w|g|om|.*(gyro|gyr|omega|rate|ang(ular)?_?vel|angular$|wx|wbn|wn|dps|degs|imu).*"
-        ),
-    ),
-)
 
 
 @dataclass(frozen=True)
@@ -158,7 +137,7 @@ def _matrices(columns: Mapping[str, RawColumn], file: str) -> list[ColumnFamily]
 def _quaternions(columns: Mapping[str, RawColumn], file: str) -> list[ColumnFamily]:
     result = []
     taken: set[str] = set()
-    for members, scalar in _QUATERNIONS:
+    for members, scalar in _WORDS["quaternions"]:
         for template, names, _ in _groups(columns, members):
             word = re.sub(r"[./]0$", "", template.partition("*")[0]).strip("_ [./")
             is_quaternion = re.fullmatch(r".*(q|quat|quaternion|att|orientation|beta)[a-z_]*", word)
@@ -175,7 +154,9 @@ def _vectors(columns: Mapping[str, RawColumn], file: str) -> list[ColumnFamily]:
     """Three columns a vector, or one a wheel."""
     result: list[ColumnFamily] = []
     taken: set[str] = set()
-    candidates = [(members, *group) for members in _MEMBERS for group in _groups(columns, members)]
+    candidates = [
+        (members, *group) for members in _WORDS["members"] for group in _groups(columns, members)
+    ]
     # Of [0] to [3] all four are meant, not [1] to [3].
     for members, template, names, unit in sorted(candidates, key=lambda c: -len(c[2])):
         names = [name for name in names if name not in taken]
@@ -226,32 +207,138 @@ def _vector(
 
 def _kind(text: str, unit: str, file: str, members: Sequence[str]) -> str | None:
     """Content of a template, by its unit, its words, and the name of its file."""
-    of_unit = {
-        "rpm": "wheel_speed",
-        "mnm": "wheel_torque",
-        "nm": "wheel_torque",
-        "nms": "wheel_momentum",
-        "mnms": "wheel_momentum",
-        "nt": "magnetic_field",
-        "ut": "magnetic_field",
-        "t": "magnetic_field",
-        "km": "position",
-        "m": "position",
-    }
-    if unit in of_unit:
-        return of_unit[unit]
+    if unit in _WORDS["of_unit"]:
+        return str(_WORDS["of_unit"][unit])
     of_wheels = re.search(r"wheel|whl|rw|hwhl", f"{text} {file}")
     if unit in ("rads", "degs") or (of_wheels and re.search("omega|rate", text)):
         return "wheel_speed" if of_wheels else "rate"
-    for holds, words in _KINDS:
-        if words.fullmatch(text) and (of_wheels or not holds.startswith("wheel") or len(text) > 2):
+    for holds, words in _WORDS["kinds"].items():
+        if re.fullmatch(words, text) and (
+            of_wheels or not holds.startswith("wheel") or len(text) > 2
+        ):
             return holds
     if members[0] == "p" and not text:
         return "rate"
     stem = re.sub(r"[^a-z]", "", file.partition(".")[0])
-    for holds, words in _KINDS:
+    for holds, words in _WORDS["kinds"].items():
         vector = text in _ANY_VECTOR and not holds.startswith("wheel")
         other = _OTHER.fullmatch(stem) or (not of_wheels and _SETPOINT.fullmatch(stem))
-        if (len(text) <= 2 or vector) and words.fullmatch(stem) and not other:
-            return holds
+        if (len(text) <= 2 or vector) and re.fullmatch(words, stem) and not other:
+            return str(holds)
     return None
+
+
+_CLOCKS: Mapping[str, str] = MappingProxyType(
+    {"gps": "gps", "tai": "tai", "unix": "unix", "posix": "unix", "epoch": "unix"}
+)
+# Logs of spacecraft are from these years.
+_FIRST, _LAST = np.datetime64("1995-01-01"), np.datetime64("2060-01-01")
+
+
+@dataclass(frozen=True)
+class ClockGuess:
+    """The clock of a column of stamps.
+
+    Parameters
+    ----------
+    kind : str
+        As a mapping names it; "?" where only the user can know it.
+    why : str
+        What shows it; "" for "?".
+    hint : str
+        What helps the user to answer; "" where nothing does.
+    """
+
+    kind: str
+    why: str = ""
+    hint: str = ""
+
+
+def guessed_clock(table: RawTable, names: Sequence[str]) -> ClockGuess:
+    """The clock of the columns of the time, as far as they show it.
+
+    Returns: its kind; "?" where name, unit and size leave more than one.
+
+    Examples
+    --------
+    >>> ms = RawTable("a.csv", {"unix_ms": RawColumn(np.array([1772366400000.0, 1772366400250.0]))})
+    >>> guessed_clock(ms, ["unix_ms"]).kind
+    'unix_ms'
+    """
+    if not names:
+        return ClockGuess(UNKNOWN)
+    if table.time_kind and list(table.time_names) == list(names):
+        return ClockGuess(table.time_kind, "the file states the kind")
+    units = stamp_units(table, names)
+    if units[0] == "week":
+        return ClockGuess("gps_week", "from the names of the columns")
+    column, words = table.column(names[0]), [word for name in names for word in words_of(name)]
+    if column.is_text or units[0] == "year":
+        last = str(table.column(names[-1]).values[0]).strip()
+        zoned = last.upper().endswith(("Z", "UTC")) or "utc" in words
+        return ClockGuess("utc", "the dates say so") if zoned else ClockGuess(UNKNOWN)
+    if len(names) > 1 and units[0] == "day":
+        return _of_days(column, words)
+    if len(names) > 1:
+        guess = _of_numbers(replace(column, unit="s"), words_of(names[0]))
+        unix = "unix_s" in _dates(column.values.astype(float), "s")
+        ros = [unit_in_name(names[1]), *words_of(names[0])[-1:]] in (["ns", "sec"], ["ns", "secs"])
+        if unix and (ros or "tv" in words):
+            return ClockGuess("unix_s", "ROS and POSIX name the columns so")
+        cuc = 'from the names of the columns; a CUC that counts from 1958 is "tai_s"'
+        return replace(guess, why=cuc) if guess.kind == "s" else guess
+    return _of_numbers(column, words)
+
+
+def _of_days(column: RawColumn, words: Sequence[str]) -> ClockGuess:
+    """The clock of a column of whole days beside one of parts of the day."""
+    days = column.values[np.isfinite(column.values)][:1]
+    if {"mjd", "jd"} & {*words}:
+        return _of_numbers(column, words)
+    date = np.datetime64(int(days[0]) - 4383, "D") if len(days) and abs(days[0]) < 1e5 else None
+    if date is not None and _FIRST < date < _LAST:
+        return ClockGuess("cds", f"the first day counted from 1958 is {date}")
+    return ClockGuess("day", "from the names of the columns")
+
+
+def _of_numbers(column: RawColumn, words: Sequence[str]) -> ClockGuess:
+    """The clock of a column of counts."""
+    numbers = column.values.astype(float)
+    numbers = numbers[np.isfinite(numbers)]
+    unit = UNIT_WORDS.get(column.unit.lower().strip(), "")
+    stated = bool(unit)
+    if not unit and len(words) > 1:
+        unit = UNIT_WORDS.get(words[-1], "")
+    dates = _dates(numbers, unit)
+    for day in ("mjd", "jd"):
+        scales = [scale for scale in ("utc", "tai", "tt") if scale in words]
+        if day in words:
+            named = [f"{day}_{scale}" for scale in scales]
+            kind = named[0] if len(named) == 1 else UNKNOWN
+            return ClockGuess(kind, "from the name of the column" if named else "")
+    clocks = {_CLOCKS[word] for word in words if word in _CLOCKS}
+    fitting = [kind for kind in dates if kind.partition("_")[0] in clocks]
+    if len(fitting) == 1:
+        return ClockGuess(fitting[0], "from the name and the size of the numbers")
+    if dates:
+        listed = ", ".join(f"{date} as {kind}" for kind, date in dates.items())
+        return ClockGuess(UNKNOWN, hint=f"The first row is {listed}.")
+    if unit in FREE_CLOCKS:
+        return ClockGuess(
+            unit, "the file states the unit" if stated else "from the name of the column"
+        )
+    return ClockGuess(UNKNOWN)
+
+
+def _dates(numbers: np.ndarray, unit: str) -> dict[str, str]:
+    """The kinds by which the first stamp is a date of spaceflight, and that date in UTC."""
+    if not len(numbers):
+        return {}
+    dates = {}
+    for kind in COUNTED_CLOCKS:
+        if unit and kind.rpartition("_")[2] != unit:
+            continue
+        date = dates_of(float(numbers[0]), kind)
+        if date is not None and _FIRST < date < _LAST:
+            dates[kind] = f"{date.astype('datetime64[s]')}Z"
+    return dates

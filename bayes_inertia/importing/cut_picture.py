@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from bayes_inertia.faults.motion_scan import MotionScan
 from bayes_inertia.importing.limits import LIMITS
-from bayes_inertia.importing.motion_scan import MotionScan
 from bayes_inertia.importing.slew_cutting import DroppedPart, SlewCut
 
 _SLEW, _DROPPED, _LINE = "#2a78d6", "#c2541b", "#4d4d4d"

@@ -5,9 +5,8 @@ High-rate streams of an imported campaign as block means, where the mapping asks
 
 from __future__ import annotations
 
-import os
-import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 
@@ -15,12 +14,12 @@ import numpy as np
 
 from bayes_inertia.campaign.block_means import reduced
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.held import held_readings
-from bayes_inertia.campaign.known_offsets import known_offset
-from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.campaign.reader import campaign_of
 from bayes_inertia.campaign.sensors import BY_KEY
-from bayes_inertia.campaign.writer import write_campaign
+from bayes_inertia.campaign.writer import content_of, files_of
 from bayes_inertia.errors import CampaignError, OutputError
+from bayes_inertia.faults.held import held_readings
+from bayes_inertia.faults.known_offsets import known_offset
 from bayes_inertia.files import read_bytes, text_of, write_new_files
 from bayes_inertia.importing.common_clock import Logs
 from bayes_inertia.importing.cut_picture import cut_picture
@@ -29,7 +28,8 @@ from bayes_inertia.importing.imported_folder import (
     description_text,
     raw_place,
     record_text,
-    table_texts,
+    slew_tables,
+    tables_of,
     zero_of_clock,
 )
 from bayes_inertia.importing.limits import LIMITS
@@ -45,8 +45,8 @@ from bayes_inertia.importing.mapping import parse_mapping, streams_that_hold
 from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.importing.rest_noise import RestNoise, rest_noise
 from bayes_inertia.importing.slew_cutting import SlewCut, cut_into_slews
-from bayes_inertia.importing.slew_tables import slew_tables
 from bayes_inertia.progress import Progress, silent
+from bayes_inertia.tables.number_table import Table
 
 
 @dataclass(frozen=True)
@@ -132,22 +132,35 @@ def import_logs(
     say("measuring the noise at rest", 0, 0)
     noises = rest_noise(logs, cut.scan, parsed)
     _require_noises(parsed, noises, label)
-    say("writing the campaign, and reading it back", 0, 0)
-    # Tables keep the rows of the logs: reading them back counts each reading once, and says so.
+    say("writing the campaign", 0, 0)
+    # Tables keep the rows of the logs: the campaign counts each reading once, and says so.
     slews = [slew_tables(window, written.streams) for window in cut.windows]
     paths = sorted({Path(file) for file in files})
-    content = table_texts(parsed, slews)
+    tables = tables_of(parsed, slews)
+    description = description_text(parsed, slews, noises)
+    content = {}
     if cut.scan is not None:
         content[PICTURE_FILE] = cut_picture(cut, _zero_in_words(logs))
     content[RECORD_FILE] = record_text(paths, (Path(mapping).name, data), logs, cut, noises)
-    # The description comes last: an interrupted import leaves no campaign.
-    content["campaign.toml"] = description_text(parsed, slews, noises)
-    encoded = {name: text.encode("utf-8") for name, text in content.items()}
-    campaign = _read_back(encoded, label, lambda where: raw_place(where, parsed, slews))
+    with _blaming_logs(lambda where: raw_place(where, parsed, slews)):
+        campaign = campaign_of(description, label, tables)
     if parsed.reduce == "block_means":
-        encoded, campaign = reduced_content(encoded, campaign)
-    target = write_new_files(folder, encoded, holds="campaign")
+        description, tables, campaign = reduced_content(description, tables, campaign)
+    *tables_first, last = files_of(description, tables).items()
+    beside = [(name, text.encode("utf-8")) for name, text in content.items()]
+    # The description comes last: an interrupted import leaves no campaign.
+    target = write_new_files(folder, dict([*tables_first, *beside, last]), holds="campaign")
     return ImportedCampaign(target, logs, cut, tuple(noises), campaign)
+
+
+@contextmanager
+def _blaming_logs(raw: Callable[[str], str]) -> Iterator[None]:
+    """Say of what is wrong with a table where it stands in the raw logs."""
+    try:
+        yield
+    except CampaignError as error:
+        where = raw(error.where)
+        raise CampaignError(error.what, where=where, advice=error.advice) from None
 
 
 def _refuse_occupied(folder: Path, mapping: bytes) -> None:
@@ -265,21 +278,6 @@ def _beside(stream: LoggedStream, rate: LoggedStream, cut: SlewCut) -> list[str]
     return [f"{beside} of {count} readings {BESIDE_RATES} and are left out; {said}"]
 
 
-def _read_back(
-    content: Mapping[str, bytes], label: str, raw_place: Callable[[str], str]
-) -> Campaign:
-    """The campaign that a folder with this content would be; what is wrong is the mapping's."""
-    with tempfile.TemporaryDirectory() as folder:
-        for name, data in content.items():
-            Path(folder, name).write_bytes(data)
-        try:
-            return read_campaign(folder)
-        except CampaignError as error:
-            where = error.where.replace(str(Path(folder, "campaign.toml")), label)
-            where = where.replace(f"{folder}{os.sep}", "")
-            raise CampaignError(error.what, where=raw_place(where), advice=error.advice) from None
-
-
 def _zero_in_words(logs: Logs) -> str:
     return zero_of_clock(logs) if logs.absolute else "the zero of the logs"
 
@@ -317,30 +315,20 @@ def _require_noises(mapping: MappingPart, noises: Sequence[RestNoise], label: st
     raise CampaignError("missing key", where=f"{label}, key {part}.{key}", advice=advice)
 
 
-DESCRIPTION = "campaign.toml"
-
-
 def reduced_content(
-    content: Mapping[str, bytes], campaign: Campaign
-) -> tuple[dict[str, bytes], Campaign]:
-    """A campaign folder with block means in place of its high-rate readings.
+    description: str, tables: dict[str, Table], campaign: Campaign
+) -> tuple[str, dict[str, Table], Campaign]:
+    """Description and tables with block means in place of high-rate readings, and their campaign.
 
-    Returns `content`: the files of the reduced campaign; other files (pictures, records) stay;
-    `campaign`: what they hold: the same campaign where blocks of two readings are too long.
+    The very ones where the motion does not allow blocks of two.
     """
     means = reduced(campaign)
     if means is campaign:
-        return dict(content), campaign
+        return description, tables, campaign
     sigma = campaign.rate_sensor.sigma[0] / means.rate_sensor.sigma[0]
-    readings = round(sigma**2)
-    with tempfile.TemporaryDirectory() as folder:
-        write_campaign(means, folder)
-        written = {path.name: path.read_bytes() for path in Path(folder).iterdir()}
-        campaign = read_campaign(folder)
     said = (
-        f"# Rates and wheel momentum are means of {readings} readings each, because the mapping\n"
-        '# says reduce = "block_means"; their noise is smaller by the root of that.\n'
+        f"# Rates and wheel momentum are means of {round(sigma**2)} readings each, because the "
+        'mapping\n# says reduce = "block_means"; their noise is smaller by the root of that.\n'
     )
-    written[DESCRIPTION] = said.encode() + written[DESCRIPTION]
-    kept = {name: data for name, data in content.items() if not name.endswith((".csv", ".toml"))}
-    return kept | written, campaign
+    description, tables = content_of(means)
+    return said + description, tables, campaign_of(description, means.name, tables)

@@ -1,28 +1,241 @@
-"""The campaign folder that an import writes: description, tables, record, picture."""
+"""The campaign folder that an import writes: columns, tables, description, record.
+
+Streams of an import as entries of `[columns]` of its campaign.
+
+Units and senses are those of the mapping, as far as the campaign format knows them. So the numbers
+in the tables are those of the logs, and what `doctor` says of a key of `[columns]` holds for the
+same key of the mapping.
+
+The telemetry of one slew as tables of a campaign folder: one a stream, its own times kept.
+
+The campaign folder that an import writes: description, tables, record, picture.
+"""
 
 from __future__ import annotations
 
-import hashlib
 import json
+import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from bayes_inertia.campaign.schema import FORMAT
-from bayes_inertia.campaign.writer import array_of_tables
+from bayes_inertia.campaign.schema import FORMAT, UNITS
+from bayes_inertia.campaign.writer import numbered, toml_text
 from bayes_inertia.importing.common_clock import Logs
+from bayes_inertia.importing.limits import LIMITS
+from bayes_inertia.importing.logged_stream import LoggedStream
 from bayes_inertia.importing.mapped_lines import RECORD_FILE
 from bayes_inertia.importing.mapping import rate_sensor_axes, streams_that_hold
-from bayes_inertia.importing.mapping_schema import MappingPart
+from bayes_inertia.importing.mapping_schema import AttitudeStream, MappingPart, TorqueStream
 from bayes_inertia.importing.rest_noise import RestNoise
-from bayes_inertia.importing.slew_cutting import SlewCut
-from bayes_inertia.importing.slew_tables import SlewTables, csv_of
-from bayes_inertia.importing.written_columns import written_columns
-from bayes_inertia.tables.leap_seconds import tai_to_utc
+from bayes_inertia.importing.slew_cutting import SlewCut, SlewWindow
+from bayes_inertia.importing.unit_factors import unit_factor
+from bayes_inertia.sealing import sha256_of
+from bayes_inertia.tables.number_table import Table
+from bayes_inertia.tables.stamp_parts import tai_to_utc
 from bayes_inertia.version import __version__
+
+_SI: Mapping[str, str] = MappingProxyType(
+    {
+        "rate": "rad/s",
+        "wheel_torque": "N m",
+        "wheel_momentum": "N m s",
+        "wheel_speed": "rad/s",
+        "magnetic_field": "T",
+        "position": "m",
+    }
+)
+# Suffix of the tables, and columns; "{}" stands for the number of the wheel.
+_NAMES: Mapping[str, tuple[str, tuple[str, ...]]] = MappingProxyType(
+    {
+        "rate": ("rate", ("w1", "w2", "w3")),
+        "wheel_torque": ("torque", ("u{}",)),
+        "wheel_momentum": ("momentum", ("h{}",)),
+        "wheel_speed": ("speed", ("speed{}",)),
+        "attitude": ("tracker", ("q1", "q2", "q3", "q4")),
+        "magnetic_field": ("field", ("Bx_N", "By_N", "Bz_N")),
+        "position": ("position", ("rx_N", "ry_N", "rz_N")),
+    }
+)
+
+
+@dataclass(frozen=True)
+class WrittenColumns:
+    """Entry of one stream.
+
+    Parameters
+    ----------
+    suffix : str
+        What the names of its tables end with.
+    names : tuple of str
+        The columns.
+    sense : dict of str to str
+        Unit and sense, as its entry in `[columns]` states them.
+    order : tuple of int
+        Which element of the stream stands in each column.
+    factors : tuple of float
+        What each column is multiplied by.
+    """
+
+    suffix: str
+    names: tuple[str, ...]
+    sense: dict[str, str]
+    order: tuple[int, ...]
+    factors: tuple[float, ...]
+
+    def cells(self, values: np.ndarray) -> np.ndarray:
+        """The columns of a stream's values.
+
+        `values` (n, width). Returns (n, columns).
+        """
+        return values[:, list(self.order)] * np.array(self.factors)
+
+
+def written_columns(mapping: MappingPart) -> dict[str, WrittenColumns]:
+    """Entries of the streams, by the key of `[columns]`.
+
+    Returns: in the order of `[columns]`, whether or not the mapping has the stream.
+    """
+    written = {}
+    for key, (suffix, templates) in _NAMES.items():
+        names = templates
+        if "{}" in templates[0]:
+            names = tuple(templates[0].format(k + 1) for k in range(len(mapping.wheels)))
+        if key == "attitude":
+            written[key] = _attitude(mapping, suffix)
+            continue
+        unit = _unit(mapping, key)
+        sense = {"unit": unit}
+        sign = 1.0
+        if key == "wheel_torque":
+            sense["acts_on"], sign = _acts_on(mapping)
+        elif key.startswith("wheel"):
+            sense["relative_to"] = "body"
+        elif key != "rate":
+            sense["frame"] = "inertial"
+        factors = (sign / UNITS[key][unit],) * len(names)
+        written[key] = WrittenColumns(suffix, names, sense, tuple(range(len(names))), factors)
+    return written
+
+
+def _unit(mapping: MappingPart, key: str) -> str:
+    """The unit that the mapping states, spelled as the campaign format does; else SI."""
+    stated = {getattr(stream, "unit", "") for stream in streams_that_hold(mapping, key)}
+    if len(stated) != 1 or "" in stated:
+        return _SI[key]
+    factor = unit_factor(key, stated.pop())
+    known = (unit for unit, size in UNITS[key].items() if math.isclose(size, factor, rel_tol=1e-9))
+    return next(known, _SI[key])
+
+
+def _acts_on(mapping: MappingPart) -> tuple[str, float]:
+    """The sense of torques, and their sign in it."""
+    streams = streams_that_hold(mapping, "wheel_torque")
+    senses = {stream.acts_on for stream in streams if isinstance(stream, TorqueStream)}
+    return ("body", -1.0) if senses == {"body"} else ("wheel", 1.0)
+
+
+def _attitude(mapping: MappingPart, suffix: str) -> WrittenColumns:
+    """Quaternions of the body with the scalar and the direction that the mapping states."""
+    scalar, maps = "last", "inertial_to_body"
+    for stream in streams_that_hold(mapping, "attitude"):
+        if isinstance(stream, AttitudeStream) and stream.frame == "body":
+            scalar = stream.scalar or scalar
+            maps = stream.maps or maps
+    order = (3, 0, 1, 2) if scalar == "first" else (0, 1, 2, 3)
+    names = tuple(f"q{k}" for k in ((0, 1, 2, 3) if scalar == "first" else (1, 2, 3, 4)))
+    sign = -1.0 if maps == "body_to_inertial" else 1.0
+    factors = tuple(1.0 if element == 3 else sign for element in order)
+    return WrittenColumns(suffix, names, {"scalar": scalar, "maps": maps}, order, factors)
+
+
+@dataclass(frozen=True)
+class SlewTables:
+    """One slew, ready to be written.
+
+    Parameters
+    ----------
+    window : SlewWindow
+        The part of the log.
+    start : float
+        Time of its first reading on the clock of the import [s].
+    streams : dict of str to LoggedStream
+        Readings of the slew with times from its start, by what they hold.
+    """
+
+    window: SlewWindow
+    start: float
+    streams: dict[str, LoggedStream]
+
+
+def slew_tables(window: SlewWindow, streams: dict[str, LoggedStream]) -> SlewTables:
+    """The readings of one slew, with times from its start.
+
+    The command in force when the slew begins stands in its first row.
+
+    Returns: only the streams that have a reading in the slew.
+
+    Examples
+    --------
+    >>> command = LoggedStream("wheel_torque", np.array([0.0, 2.0]), np.array([[1.0], [3.0]]),
+    ...                        np.zeros(2, dtype=int), ("a",))
+    >>> rate = LoggedStream("rate", np.arange(1.0, 4.0), np.zeros((3, 3)), np.zeros(3, int), ("b",))
+    >>> parts = slew_tables(SlewWindow("s", 1.0, 3.0), {"rate": rate, "wheel_torque": command})
+    >>> parts.streams["wheel_torque"].time.tolist(), parts.streams["wheel_torque"].values.tolist()
+    ([0.0, 1.0], [[1.0], [3.0]])
+    """
+    inside = {key: stream.between(window.start, window.end) for key, stream in streams.items()}
+    inside = {key: stream for key, stream in inside.items() if len(stream.time)}
+    start = min(float(stream.time[0]) for stream in inside.values())
+    if "wheel_torque" in streams:
+        inside["wheel_torque"] = _from_start(streams["wheel_torque"], start, window.end)
+    return SlewTables(
+        window,
+        start,
+        {
+            key: LoggedStream(
+                key,
+                np.round(stream.time - start, LIMITS.decimals_of_time),
+                stream.values,
+                stream.file,
+                stream.files,
+            )
+            for key, stream in inside.items()
+            if len(stream.time)
+        },
+    )
+
+
+def _from_start(torque: LoggedStream, start: float, end: float) -> LoggedStream:
+    """Commands of a slew, the first of which is the one in force at its start."""
+    later = torque.between(start, end)
+    before = np.flatnonzero(torque.time < start)
+    if not len(before) or (len(later.time) and later.time[0] == start):
+        return later
+    if not len(later.time) and _at_every_step(torque):
+        # None is in force: they were lost.
+        return later
+    first = torque.rows(before[-1:])
+    return LoggedStream(
+        torque.holds,
+        np.concatenate([[start], later.time]),
+        np.concatenate([first.values, later.values]),
+        np.concatenate([first.file, later.file]),
+        torque.files,
+    )
+
+
+def _at_every_step(torque: LoggedStream) -> bool:
+    steps = np.diff(torque.time)
+    return len(steps) >= LIMITS.fewest_alike_steps and bool(
+        np.quantile(steps, LIMITS.most_alike_steps) < 1.5 * torque.step
+    )
+
 
 RECORD_FORMAT = "bayes-inertia-import/1"
 PICTURE_FILE = "slews.svg"
@@ -35,107 +248,68 @@ def description_text(
 
     `noises`: what the rests show; it stands in comments beside what is stated.
     """
-    import tomlkit
-
-    seen = {noise.key: f"seen at rest: {noise.toml()} {noise.unit}" for noise in noises}
-    document = tomlkit.document()
-    document.add(tomlkit.comment(f"Written by bayes-inertia import; {RECORD_FILE} says from what."))
-    document["format"], document["name"] = FORMAT, mapping.name
-    document["inertia"] = _table(mapping.inertia.model_dump())
-    if mapping.wheels:
-        document["wheels"] = array_of_tables(
-            _table(wheel.model_dump(), seen, f"wheels.{wheel.name}") for wheel in mapping.wheels
-        )
-    sensor = {**mapping.rate_sensor.model_dump(), "axes": rate_sensor_axes(mapping)}
-    document["rate_sensor"] = _table(sensor, seen, "rate_sensor")
-    if mapping.star_tracker is not None:
-        document["star_tracker"] = _table(mapping.star_tracker.model_dump(), seen, "star_tracker")
-    document["columns"] = _columns(mapping, slews)
-    document["slews"] = array_of_tables(
-        _slew(tables, files)
-        for tables, files in zip(slews, _file_names(mapping, slews), strict=True)
+    tracker = mapping.star_tracker
+    return toml_text(
+        {
+            "format": FORMAT,
+            "name": mapping.name,
+            "inertia": mapping.inertia.model_dump(),
+            "wheels": [wheel.model_dump() for wheel in mapping.wheels],
+            "rate_sensor": mapping.rate_sensor.model_dump() | {"axes": rate_sensor_axes(mapping)},
+            "star_tracker": None if tracker is None else tracker.model_dump(),
+            "columns": _columns(mapping, slews),
+            "slews": [
+                _slew(tables, files)
+                for tables, files in zip(slews, _file_names(mapping, slews), strict=True)
+            ],
+        },
+        f"Written by bayes-inertia import; {RECORD_FILE} says from what.",
+        {noise.key: f"seen at rest: {noise.toml()} {noise.unit}" for noise in noises},
     )
-    return tomlkit.dumps(document)
 
 
-def _table(
-    entries: Mapping[str, Any], seen: Mapping[str, str] | None = None, path: str = ""
-) -> Any:
-    """A table without the entries that are None, with what is seen beside what is stated."""
-    import tomlkit
-
-    table = tomlkit.table()
-    for key, value in entries.items():
-        if value is None:
-            continue
-        table[key] = value
-        comment = (seen or {}).get(f"{path}.{key}")
-        if comment:
-            table[key].comment(comment)
-    return table
-
-
-def _inline(entries: Mapping[str, Any]) -> Any:
-    import tomlkit
-
-    table = tomlkit.inline_table()
-    table.update(entries)
-    return table
-
-
-def _columns(mapping: MappingPart, slews: Sequence[SlewTables]) -> Any:
-    import tomlkit
-
+def _columns(mapping: MappingPart, slews: Sequence[SlewTables]) -> dict[str, Any]:
     held = {key for tables in slews for key in tables.streams}
-    table = tomlkit.table()
-    table["time"] = _inline({"names": ["t_s"], "unit": "s"})
+    entries: dict[str, Any] = {"time": {"names": ["t_s"], "unit": "s"}}
     for key, written in written_columns(mapping).items():
         if key in held:
-            entry = {"names": list(written.names), **written.sense}
+            entries[key] = {"names": list(written.names), **written.sense}
             if all(stream.time.regular for stream in streams_that_hold(mapping, key)):
-                entry["time"] = _inline({"names": ["t_s"], "unit": "s", "regular": True})
-            table[key] = _inline(entry)
-    return table
+                entries[key]["time"] = entries["time"] | {"regular": True}
+    return entries
 
 
-def _slew(tables: SlewTables, files: Mapping[str, str]) -> Any:
+def _slew(tables: SlewTables, files: Mapping[str, str]) -> dict[str, Any]:
     window = tables.window
-    entries = {
+    return {
         "name": window.name,
-        "files": _inline(files),
+        "files": dict(files),
         "start": round(tables.start, 9),
         "axis": window.axis,
         # 15 digits return the degrees that were stated.
         "angle_deg": None if window.angle_deg is None else float(f"{window.angle_deg:.15g}"),
     }
-    return _table(entries)
 
 
 def _file_names(mapping: MappingPart, slews: Sequence[SlewTables]) -> list[dict[str, str]]:
     """For each slew the name of the table of each stream."""
-    digits = max(2, len(str(len(slews))))
     written = written_columns(mapping)
     return [
-        {
-            key: f"slew_{k:0{digits}d}_{written[key].suffix}.csv"
-            for key in written
-            if key in tables.streams
-        }
-        for k, tables in enumerate(slews, 1)
+        {key: f"{slew}_{w.suffix}.csv" for key, w in written.items() if key in tables.streams}
+        for slew, tables in zip(numbered(len(slews), "slew_{}"), slews, strict=True)
     ]
 
 
-def table_texts(mapping: MappingPart, slews: Sequence[SlewTables]) -> dict[str, str]:
-    """The tables of all slews.
-
-    Returns: texts of CSV by the name of the file.
-    """
-    written = written_columns(mapping)
-    return {
-        file: csv_of(tables.streams[key], written[key])
-        for tables, files in zip(slews, _file_names(mapping, slews), strict=True)
-        for key, file in files.items()
-    }
+def tables_of(mapping: MappingPart, slews: Sequence[SlewTables]) -> dict[str, Table]:
+    """The tables of all slews, by file."""
+    written, made = written_columns(mapping), {}
+    for tables, files in zip(slews, _file_names(mapping, slews), strict=True):
+        for key, file in files.items():
+            stream = tables.streams[key]
+            cells = written[key].cells(stream.values).T
+            columns = {"t_s": stream.time} | dict(zip(written[key].names, cells, strict=True))
+            made[file] = Table(file, columns, lines=np.arange(len(stream.time)) + 2)
+    return made
 
 
 def raw_place(where: str, mapping: MappingPart, slews: Sequence[SlewTables]) -> str:
@@ -187,11 +361,11 @@ def record_text(
     record = {
         "format": RECORD_FORMAT,
         "version": __version__,
-        "raw_files": {path.name: _sha256(path.read_bytes()) for path in files},
+        "raw_files": {path.name: sha256_of(path.read_bytes()) for path in files},
         "unused_files": list(logs.unused),
         "mapping": {
             "name": mapping_data[0],
-            "sha256": _sha256(mapping_data[1]),
+            "sha256": sha256_of(mapping_data[1]),
             "text": mapping_data[1].decode("utf-8", errors="replace"),
         },
         "clock": {"zero": zero_of_clock(logs), "unit": "s"},
@@ -214,10 +388,6 @@ def record_text(
         "noise_at_rest": [_noise(noise) for noise in noises],
     }
     return json.dumps(record, indent=1, allow_nan=False) + "\n"
-
-
-def _sha256(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()
 
 
 def zero_of_clock(logs: Logs) -> str:

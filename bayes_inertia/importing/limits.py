@@ -9,7 +9,7 @@ from dataclasses import dataclass
 class Limits:
     """Fields by the file that reads them."""
 
-    # `attitude_forms.py`
+    # `stream_readings.py`
     # Largest element of M M^T - 1 of a matrix that counts as a rotation.
     not_orthogonal: float = 1e-3
     # A jump between two rows that no body makes, if it comes back to the very same attitude [rad].
@@ -18,8 +18,14 @@ class Limits:
     most_common_attitudes: int = 4
     # Rows looked at for what rounding does to an attitude.
     attitudes_of_rounding: int = 50
+    # Quaternions of one length, but for this share of it, are counts; this share of the rows must
+    # be.
+    even_length: float = 1e-3
+    most_even_rows: float = 0.9
+    # A column with less than this share of the readings of the fullest is worth a word.
+    complete_column: float = 0.95
 
-    # `counter_wraps.py`
+    # `common_clock.py`
     counter_bits: tuple[int, ...] = (16, 24, 31, 32)
     # Across a wrap rows follow each other within this many steps: one may be lost, stamps jitter.
     wrap_nearest: float = 0.2
@@ -54,49 +60,14 @@ class Limits:
     # Smallest determinant of three axes that do not lie in one plane.
     independent_axes: float = 1e-3
 
-    # `mapping_text.py`
+    # `questions.py`
     comment_width: int = 96  # Of a comment.
-
-    # `motion_scan.py`
-    averaged_s: float = 1.0  # [s] the running mean, but at least so many rows
-    averaged_rows: int = 5
-    outlier_rows: int = 5  # The running median: two rows in a row may be outliers.
-    # Share of the readings that are slowest: the rate at rest is their median.
-    slowest_share: float = 0.2
-    # A body whose slowest rate is more than this share of its largest does not rest, unless it
-    # keeps that rate for this share of the time, as one that points to the Earth does.
-    rests_below: float = 0.2
-    rests_for: float = 0.3
-    # A log whose rates do not exceed their noise at rest by this factor shows no slew.
-    visible_motion: float = 8.0
-    # `low` is this factor above the median at rest, but at most this share of `high`.
-    low_above_rest: float = 4.0
-    low_over_high: float = 1.0 / 3.0
-    # A slower moment shorter than this, as between braking and settling, is no rest [s].
-    longest_dip_s: float = 5.0
-    # `high` is at most this share of the largest rate.
-    largest_threshold: float = 0.1
-    sigmas_of_rest: float = 3.0
-
-    # `noise_fit.py`
-    fewest_differences: int = 8
-    smallest_series: int = 6
-    # Largest improvement of chi^2 that chance may give to a kind of noise that is not there.
-    chance_improvement: float = 9.0
-    reweightings: int = 5
-    # Rows of a log that show the step of its rounding.
-    rows_of_rounding: int = 20_000
-    numbers_of_decimals: int = 200  # of a column; fewer than so many show no step
-    fewest_numbers: int = 3
-    # Readings whose differences are larger than this many sds of their rounding show other noise.
-    only_rounding: float = 3.0
 
     # `rest_noise.py`
     # Steps between readings of one series differ by at most this share of the median step.
     even_steps: float = 0.1
     # A stated noise further from the seen one than this factor is worth a word.
     noise_differs: float = 1.3
-    outlier_median_rows: int = 7  # of the running median by which an outlier is told
 
     # `slew_cutting.py`
     # Rest kept on each side of a slew unless the mapping says otherwise: as long as the motion, and
@@ -116,7 +87,7 @@ class Limits:
     # A motion that turns less than this share of the largest one is no slew.
     small_turn: float = 0.03
 
-    # `slew_tables.py`
+    # `imported_folder.py`
     # Rows of a table are written to the nanosecond.
     decimals_of_time: int = 9
     # Commands are logged at every step if this share of so many steps is alike.
@@ -125,14 +96,6 @@ class Limits:
 
     # `starting_mapping.py`
     most_packets: int = 40  # More different values are a counter, or texts.
-
-    # `stream_readings.py`
-    # Quaternions of one length, but for this share of it, are counts; this share of the rows must
-    # be.
-    even_length: float = 1e-3
-    most_even_rows: float = 0.9
-    # A column with less than this share of the readings of the fullest is worth a word.
-    complete_column: float = 0.95
 
     # `unit_factors.py`
     # Letters: Newton and Hertz are names, which have no capitals; kNms is none.

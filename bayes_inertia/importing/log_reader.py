@@ -11,10 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.importing.attitude_forms import standing_mark
 from bayes_inertia.importing.common_clock import Logs, on_one_clock
-from bayes_inertia.importing.file_share import SHARED_ZERO, ZERO_OF_FILE, FileShare
 from bayes_inertia.importing.limits import LIMITS
+from bayes_inertia.importing.logged_stream import SHARED_ZERO, ZERO_OF_FILE, FileShare
 from bayes_inertia.importing.mapping_schema import (
     AttitudeStream,
     MappedStream,
@@ -23,13 +22,12 @@ from bayes_inertia.importing.mapping_schema import (
     WheelStream,
 )
 from bayes_inertia.importing.questions import question_at
-from bayes_inertia.importing.stated_facts import agreed
-from bayes_inertia.importing.stream_readings import readings_of
+from bayes_inertia.importing.stream_readings import agreed, readings_of, standing_mark
 from bayes_inertia.progress import Progress, silent
-from bayes_inertia.tables.leap_seconds import SECOND, tai_to_utc
 from bayes_inertia.tables.raw_files import file_format, read_raw
 from bayes_inertia.tables.raw_table import RawColumn, RawTable
-from bayes_inertia.tables.text_form import TextOptions
+from bayes_inertia.tables.stamp_parts import SECOND, tai_to_utc
+from bayes_inertia.tables.text_cells import TextOptions
 from bayes_inertia.tables.time_stamps import FREE_CLOCKS, TimeStamps, times_to_seconds
 
 _WHEEL_OFF = "a wheel that is off: take it out of [[wheels]] and its columns out of every stream"

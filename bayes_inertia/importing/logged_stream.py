@@ -1,16 +1,70 @@
-"""One quantity of a raw log on the common clock, in SI units and with the package's senses."""
+"""One quantity of a raw log: its share in a file, and on the common clock in SI units.
+
+Share of one file in one stream, before the clocks are brought together.
+
+One quantity of a raw log on the common clock, in SI units and with the package's senses.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from bayes_inertia.campaign.row_order import set_back_row
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.faults.row_order import set_back_row
 from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.tables.raw_table import row_name
+from bayes_inertia.tables.time_stamps import TimeStamps
+
+SHARED_ZERO = "campaign"
+"""The `epoch` of clocks that share one unknown zero."""
+ZERO_OF_FILE = "file"
+"""The `epoch` of clocks that start anew in each file."""
+
+
+@array_dataclass
+class FileShare:
+    """One file's share of a stream, its stamps not yet on the common clock.
+
+    Parameters
+    ----------
+    stream : pydantic model
+        The `[[streams]]` of the mapping.
+    file : str
+        The file, as messages name it.
+    stamps : TimeStamps
+        The stamp of each row.
+    values : (rows, width) array
+        Readings in SI units and the package's senses; NaN where there is none.
+    rounding : tuple of float
+        Standard deviation of the rounding in the file, as of `LoggedStream`.
+    notes : tuple of str, optional
+        What a user should know of the file.
+    lines : (rows,) array of int, optional
+        Lines as a text editor shows them; None for files without lines.
+    """
+
+    stream: Any
+    file: str
+    stamps: TimeStamps
+    values: np.ndarray
+    rounding: tuple[float, ...]
+    notes: tuple[str, ...] = ()
+    lines: np.ndarray | None = None
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Stamps of the rows that have one, from the clock's own zero [ns]."""
+        return self.stamps.ns[~self.stamps.missing] - self.stamps.zero_ns
+
+    def place(self, row: int) -> str:
+        """Place of a row, for a message."""
+        return f"{self.file}, {row_name(self.lines, row)}"
+
 
 """Of the rows of a stream: the most that an import leaves out with no more than a note.
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
+
+from bayes_inertia.sealing import sha256_of
 
 RECORD_FILE = "import.json"
 """The record of an import, in the folder of its campaign."""
@@ -40,7 +41,7 @@ def mapped_lines(folder: Path, key: str) -> list[str]:
 def other_mapping(folder: Path, data: bytes) -> bool:
     """Whether a folder holds an import by a mapping other than this text."""
     try:
-        return bool(_record(folder)["mapping"]["sha256"] != hashlib.sha256(data).hexdigest())
+        return bool(_record(folder)["mapping"]["sha256"] != sha256_of(data))
     except (OSError, ValueError, KeyError, TypeError):
         return False
 

@@ -20,7 +20,6 @@ import numpy as np
 
 from bayes_inertia.campaign.checked_toml import checked_document, toml_document
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.importing.attitude_forms import COLUMNS_OF_FORM, AttitudeConvention, bad_attitude
 from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.mapped_lines import lines_of
 from bayes_inertia.importing.mapping_schema import (
@@ -31,6 +30,11 @@ from bayes_inertia.importing.mapping_schema import (
     WheelStream,
 )
 from bayes_inertia.importing.questions import refuse_open_questions
+from bayes_inertia.importing.stream_readings import (
+    COLUMNS_OF_FORM,
+    AttitudeConvention,
+    bad_attitude,
+)
 from bayes_inertia.importing.unit_factors import QUANTITIES, unit_factor
 from bayes_inertia.tables.time_stamps import FREE_CLOCKS
 

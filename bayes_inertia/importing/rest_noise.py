@@ -7,19 +7,17 @@ from dataclasses import dataclass
 from decimal import Decimal
 
 import numpy as np
-from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation
 
-from bayes_inertia.campaign.limits import LIMITS as CAMPAIGN_LIMITS
-from bayes_inertia.campaign.quantisation import quantisation_sigma
-from bayes_inertia.campaign.stuck import stuck_fixes
+from bayes_inertia.faults.motion_scan import MotionScan
+from bayes_inertia.faults.noise import NoiseFit, fit_noise
+from bayes_inertia.faults.outliers import outliers_at_rest
+from bayes_inertia.faults.quantisation import quantisation_sigma
+from bayes_inertia.faults.stuck import stuck_fixes
 from bayes_inertia.importing.common_clock import Logs
 from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.logged_stream import LoggedStream
 from bayes_inertia.importing.mapping_schema import MappingPart
-from bayes_inertia.importing.motion_scan import MotionScan
-from bayes_inertia.importing.noise_fit import NoiseFit, fit_noise
-from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 
 
 @dataclass(frozen=True)
@@ -170,25 +168,12 @@ def _attitudes(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[R
 def _fit(
     time: np.ndarray, values: np.ndarray, scan: MotionScan, rounding: float = 0.0
 ) -> NoiseFit | None:
-    given = _without_outliers(values)
+    given = np.isfinite(values)
+    # A few outliers would look like noise.
+    given[given] = ~outliers_at_rest(values[given])
     rows = _series(time, given, scan)
     step = float(np.median(np.diff(time[given]))) if given.sum() > 1 else 0.0
     return fit_noise([values[r] for r in rows], step, float(rounding))
-
-
-def _without_outliers(values: np.ndarray) -> np.ndarray:
-    """Which readings (n,) are numbers and no outliers: a few of these would look like noise."""
-    given = np.isfinite(values)
-    rows = np.flatnonzero(given)
-    if len(rows) < LIMITS.outlier_median_rows:
-        return given
-    away = np.abs(
-        values[rows] - median_filter(values[rows], LIMITS.outlier_median_rows, mode="nearest")
-    )
-    spread = SD_OVER_MAD * float(np.median(away))
-    # Readings that are rounded coarsely have no spread to judge by.
-    given[rows] = (away <= CAMPAIGN_LIMITS.outlier_sds * spread) | (spread == 0.0)
-    return given
 
 
 def _series(time: np.ndarray, given: np.ndarray, scan: MotionScan) -> list[np.ndarray]:

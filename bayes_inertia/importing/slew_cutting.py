@@ -10,12 +10,12 @@ import numpy as np
 
 from bayes_inertia.campaign.schema import Vector3
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.faults.motion_scan import MotionScan, scan_motion
 from bayes_inertia.importing.common_clock import Logs
 from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.log_reader import utc_ns
 from bayes_inertia.importing.mapping_schema import CutPart, MappedSlew, MappingPart
-from bayes_inertia.importing.motion_scan import MotionScan, scan_motion
-from bayes_inertia.tables.leap_seconds import SECOND
+from bayes_inertia.tables.stamp_parts import SECOND
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def cut_into_slews(logs: Logs, mapping: MappingPart, label: str) -> SlewCut:
         windows = [_with_motion(window, scan, _fixes(logs)) for window in windows]
         dropped = _left_over(windows, scan, "no slew is stated here") if mapping.slews else []
         return SlewCut(tuple(windows), tuple(dropped), scan, "slews" if mapping.slews else by)
-    scan = scan_motion(rate, threshold=cut.rest_rate, pause=pause)
+    scan = _scan(logs, cut, pause)
     windows, dropped = _at_rests(scan, logs, cut)
     if not windows:
         reasons = "; ".join(f"{d.start:.0f} to {d.end:.0f} s, {d.reason}" for d in dropped[:4])
@@ -119,9 +119,15 @@ def cut_into_slews(logs: Logs, mapping: MappingPart, label: str) -> SlewCut:
 
 def _scan_if_any(logs: Logs, cut: CutPart, pause: float) -> MotionScan | None:
     try:
-        return scan_motion(logs.streams["rate"], threshold=cut.rest_rate, pause=pause)
+        return _scan(logs, cut, pause)
     except CampaignError:  # Stated slews need no motion that stands out.
         return None
+
+
+def _scan(logs: Logs, cut: CutPart, pause: float) -> MotionScan:
+    rate = logs.streams["rate"]
+    files = ", ".join(rate.files)
+    return scan_motion(rate.time, rate.values, files, threshold=cut.rest_rate, pause=pause)
 
 
 def _stated(slew: MappedSlew, logs: Logs, label: str) -> SlewWindow:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from types import MappingProxyType
 from typing import Any
@@ -18,66 +18,19 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.files import by_word, vocabulary
 from bayes_inertia.importing.limits import LIMITS
 
-QUANTITIES: Mapping[str, tuple[str, str]] = MappingProxyType(
-    {
-        "time": ("s", "s, ms, us, ns, min or h"),
-        "angle": ("rad", "rad, deg, arcmin or arcsec"),
-        "rate": ("rad/s", "rad/s, mrad/s, deg/s, deg/h, arcsec/s or rpm"),
-        "wheel_speed": ("rad/s", "rad/s, deg/s, rpm or rev/s"),
-        "wheel_torque": ("N*m", "N m, mN m or uN m"),
-        "wheel_momentum": ("N*m*s", "N m s, mN m s, uN m s or kg m^2/s"),
-        "spin_inertia": ("kg*m**2", "kg m^2, g m^2 or kg cm^2"),
-        "magnetic_field": ("tesla", "T, mT, uT, nT or G"),
-        "position": ("m", "m or km"),
-    }
-)
+_SPELLED = vocabulary("importing")["units"]
+QUANTITIES: Mapping[str, Sequence[str]] = MappingProxyType(_SPELLED["quantities"])
 """For each quantity its SI unit (with radians) and the units that an error suggests."""
 
 _ONE = frozenset({"1", "-", "", "none", "unitless", "dimensionless"})
 
 # Whole words that pint reads otherwise or not at all, in small letters.
-_WORDS: Mapping[str, str] = MappingProxyType(
-    {
-        "dps": "deg/s",
-        "rps": "revolution/s",
-        "rev": "revolution",
-        "revs": "revolution",
-        "rpm": "revolution/minute",
-        "rph": "revolution/hour",
-        "cps": "revolution/s",
-        "radps": "rad/s",
-        "degps": "deg/s",
-        **dict.fromkeys(("r", "u", "tr", "rot", "rotation", "rotations", "round"), "revolution"),
-        "min": "minute",
-        "deg": "deg",
-        "degs": "deg",
-        "degree": "deg",
-        "degrees": "deg",
-        "rad": "rad",
-        "rads": "rad",
-        "radian": "rad",
-        "radians": "rad",
-        "sec": "s",
-        "secs": "s",
-        "second": "s",
-        "seconds": "s",
-        "asec": "arcsec",
-        "arcsec": "arcsec",
-        "amin": "arcmin",
-        "gauss": "(1e-4*tesla)",
-        "tesla": "tesla",
-    }
-)
-# Exact spellings, capitals and all: pint's gauss has the dimensions of the Gaussian system.
-_EXACT: Mapping[str, str] = MappingProxyType({"G": "(1e-4*tesla)", "mG": "(1e-7*tesla)"})
+_WORDS = MappingProxyType(by_word(_SPELLED["words"]))
 _NEWTON_METRE = re.compile(r"([munkcµμ]?)N([cm]?m)(s?)")
 _JOULE_SECOND = re.compile(r"([munkµμ]?)J(s)")
-# Words with a slash of their own take a prefix in brackets: mdps, krpm.
-_PREFIXES = {"k": "1e3", "m": "1e-3", "u": "1e-6", "µ": "1e-6", "μ": "1e-6", "n": "1e-9"}
-# What a word means where pint's own meaning does not fit the quantity.
-_SECOND_MEANINGS = {"as": "arcsec", "lb": "lbf", "oz": "ozf"}
 # Of a wheel these count turns; 1/s is left open.
 _TURNS = re.compile(r"(min|minute|hertz|Hz)\b")
 
@@ -108,16 +61,16 @@ def _powers_of_angle(value: Any) -> float:
 
 def _word(text: str) -> str:
     """One word of a unit in pint's spelling."""
-    if text in _EXACT:
-        return _EXACT[text]
+    if text in _SPELLED["exact"]:
+        return str(_SPELLED["exact"][text])
     if joined := _NEWTON_METRE.fullmatch(text):
         return f"{joined[1]}N*{joined[2]}" + ("*s" if joined[3] else "")
     if joined := _JOULE_SECOND.fullmatch(text):
         return f"{joined[1]}J*s"
     small = text.lower()
     inner = _WORDS.get(small[1:], "")
-    if small not in _WORDS and text[:1] in _PREFIXES and ("/" in inner or "(" in inner):
-        return f"({_PREFIXES[text[0]]}*({inner}))"
+    if small not in _WORDS and text[:1] in _SPELLED["prefixes"] and ("/" in inner or "(" in inner):
+        return f"({_SPELLED['prefixes'][text[0]]}*({inner}))"
     return _WORDS.get(small, small if len(text) >= LIMITS.shortest_unit_name else text)
 
 
@@ -190,8 +143,10 @@ def unit_factor(quantity: str, unit: str) -> float:
         try:
             factor = _factor(quantity, spelled)
         except pint.DimensionalityError:
-            words = "|".join(_SECOND_MEANINGS)
-            other = re.sub(rf"\b({words})\b", lambda word: _SECOND_MEANINGS[word[0]], spelled)
+            words = "|".join(_SPELLED["second_meanings"])
+            other = re.sub(
+                rf"\b({words})\b", lambda word: _SPELLED["second_meanings"][word[0]], spelled
+            )
             factor = _factor(quantity, other)
     except pint.DimensionalityError as error:
         article = "an" if quantity == "angle" else "a"

@@ -27,8 +27,8 @@ import numpy as np
 from scipy import ndimage, stats
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.sensors import stream_named
+from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.gate_limits import REJECT_BELOW
 from bayes_inertia.inference.laplace import Estimate, plain_series

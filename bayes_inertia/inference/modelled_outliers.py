@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
-from bayes_inertia.campaign.dirt import Dirt
+from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.inference.laplace import Estimate, plain_series
 from bayes_inertia.inference.noise_parameters import channel_rules
 from bayes_inertia.inference.outliers import FALSE_ALARM

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.quantisation import quantisation_sigma, quantisation_step
 from bayes_inertia.campaign.sensors import series_of
+from bayes_inertia.faults.quantisation import quantisation_sigma, quantisation_step
 
 # Rounding that adds less to the noise than this factor is left alone.
 ROUNDING_THAT_COUNTS = 1.005

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.dirt import Dirt, DirtKind
 from bayes_inertia.campaign.hardware import CorrelatedNoise, RateSensor
 from bayes_inertia.campaign.sensors import CHANNELS, STREAMS, stream_named, streams_of
 from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.faults.fault import Dirt, DirtKind
 from bayes_inertia.inference.noise_colour import Colour, ColourOfAxis
 from bayes_inertia.physics.slew_input import Drive
 

@@ -10,7 +10,6 @@ and where no such cache is set nothing is kept.
 from __future__ import annotations
 
 import ctypes
-import hashlib
 import os
 import pickle
 import sys
@@ -30,6 +29,7 @@ from jax.experimental import serialize_executable
 
 import bayes_inertia
 from bayes_inertia.maths.jax_settings import require_usable_jax
+from bayes_inertia.sealing import sha256_of
 
 _PACKAGE = bayes_inertia.__name__
 # What is kept of a program that cannot be read back: nobody tries again.
@@ -186,16 +186,14 @@ def _key(function: Callable[..., Any], form: tuple) -> str | None:
         _digest_of_package(),
     )
     name = f"{_PACKAGE}_{function.__name__.strip('_')}"
-    return f"{name}-{hashlib.sha256(pickle.dumps(what)).hexdigest()}"
+    return f"{name}-{sha256_of(pickle.dumps(what))}"
 
 
 @cache
 def _digest_of_package() -> str:
     """Of its code: what was traced from other code is another program."""
-    digest = hashlib.sha256()
-    for file in sorted(Path(__file__).parents[1].rglob("*.py")):
-        digest.update(file.read_bytes())
-    return digest.hexdigest()
+    files = sorted(Path(__file__).parents[1].rglob("*.py"))
+    return sha256_of(*(file.read_bytes() for file in files))
 
 
 def _packed(compiled: jax.stages.Compiled) -> bytes:

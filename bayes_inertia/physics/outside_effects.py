@@ -9,7 +9,6 @@ the class: a run that goes on with another file is refused.
 from __future__ import annotations
 
 import difflib
-import hashlib
 import importlib
 import importlib.util
 import re
@@ -26,6 +25,7 @@ from typing import Any
 from bayes_inertia.errors import EffectError
 from bayes_inertia.files import read_bytes, text_of
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.sealing import sha256_of
 
 ENTRY_POINTS = "bayes_inertia.effects"
 _REFERENCE = re.compile(r"(?P<source>.+):(?P<attribute>[A-Za-z_]\w*)(?:@(?P<digest>[0-9a-f]{16}))?")
@@ -259,7 +259,7 @@ def _require_same(reference: EffectReference, digest: str) -> None:
 
 
 def _digest(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()[:16]  # as many as `_REFERENCE` takes
+    return sha256_of(data)[:16]  # as many as `_REFERENCE` takes
 
 
 def _first_line(error: BaseException) -> str:

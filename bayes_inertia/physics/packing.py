@@ -16,8 +16,7 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.fix_groups import fix_groups
-from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.campaign.slew import Slew, fix_groups
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.physics.channels import Channel, Readings

@@ -6,7 +6,6 @@ Cells that know their column: a narrow screen shows rows as cards, each number w
 from __future__ import annotations
 
 import base64
-import hashlib
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,6 +18,7 @@ from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.fit_sections import standard_sections
 from bayes_inertia.report.section import Section, data_uri, packaged
+from bayes_inertia.sealing import sha256_of
 
 _MISSION_KEYS = ("name", "spacecraft", "operator", "document")
 
@@ -95,7 +95,7 @@ def render_page(
 
 def _policy_hash(text: str) -> str:
     """Hash of an inline style sheet or script, as a content security policy names it."""
-    digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
+    digest = base64.b64encode(bytes.fromhex(sha256_of(text))).decode("ascii")
     return f"sha256-{digest}"
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from bayes_inertia.errors import SettingsError
+from bayes_inertia.sealing import sha256_of
 
 Row = Mapping[str, Any]
 
@@ -63,7 +63,7 @@ class Work:
         # Tasks a Parquet file of version 0.4: its rows are still taken.
         shard_size = 25
         content = [self.name, self.seed, shard_size, dict(self.options)]
-        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+        return sha256_of(json.dumps(content, sort_keys=True))
 
 
 def task_seed(seed: int, task_id: str) -> np.random.SeedSequence:
@@ -76,7 +76,7 @@ def task_seed(seed: int, task_id: str) -> np.random.SeedSequence:
     """
     if task_id.isdecimal() and task_id == str(int(task_id)):
         return np.random.SeedSequence(seed, spawn_key=(int(task_id),))
-    words = np.frombuffer(hashlib.sha256(task_id.encode()).digest(), dtype="<u4")
+    words = np.frombuffer(bytes.fromhex(sha256_of(task_id)), dtype="<u4")
     return np.random.SeedSequence(seed, spawn_key=tuple(words.tolist()))
 
 

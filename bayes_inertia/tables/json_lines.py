@@ -20,7 +20,7 @@ from bayes_inertia.files import read_bytes
 from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.raw_table import RawColumn, RawTable
 from bayes_inertia.tables.text_cells import whole_lines
-from bayes_inertia.tables.time_columns import time_names
+from bayes_inertia.tables.time_stamps import time_names
 
 
 def read_json_lines(path: Path) -> RawTable:

@@ -15,6 +15,7 @@ class Limits:
 
     # `array_tables.py`
     most_columns: int = 64  # That one array or list may become; a picture is no telemetry.
+    largest_arrays: int = 4 * 2**30  # [bytes] of all arrays of a NumPy file together.
 
     # `isolated.py`
     # Processor time for any file, once its library is loaded; more for a large one.
@@ -35,17 +36,12 @@ class Limits:
     longest_vector: int = 16  # Numbers of one reading, as of a matrix; more are rows of a table.
     few_objects: int = 3  # Objects; of fewer none tells that the last one breaks off.
 
-    # `long_table.py`
+    # `raw_files.py`
     most_parameters: int = 2000  # More parameters than these are texts of another kind.
+    head_bytes: int = 1024  # Bytes by which a format is told.
 
     # `nasa_42.py`
     least_digits: int = 6  # Significant digits below which a note says so.
-
-    # `plain_arrays.py`
-    largest_arrays: int = 4 * 2**30  # [bytes] of all arrays of a NumPy file together.
-
-    # `raw_files.py`
-    head_bytes: int = 1024  # Bytes by which a format is told.
 
     # `raw_table.py`
     # Names of columns that a message lists, and the characters of one.
@@ -56,8 +52,6 @@ class Limits:
     encoding_sample_bytes: int = 2**20  # By which an encoding is told.
     # Lines that losses of power may cut in a short file; in a long one, every 20th.
     most_cut_lines: int = 3
-
-    # `text_form.py`
     sample_rows: int = 200  # Rows by which a file and its columns are judged.
     trust_in_one_column: float = 0.5
 

@@ -16,39 +16,14 @@ from types import MappingProxyType
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.files import read_bytes
+from bayes_inertia.files import read_bytes, vocabulary
 from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.raw_table import RawColumn, RawTable, StatedAttitude
-from bayes_inertia.tables.text_cells import decoded
-from bayes_inertia.tables.text_form import TextOptions
+from bayes_inertia.tables.text_cells import TextOptions, decoded
 from bayes_inertia.tables.text_table import read_text_table
 
-_UNITS: Mapping[str, tuple[int, str]] = MappingProxyType(
-    {  # Number of columns (0: any), unit.
-        "time": (1, "s"),
-        "DynTime": (1, "s"),
-        "PosN": (3, "m"),
-        "VelN": (3, "m/s"),
-        "PosW": (3, "m"),
-        "VelW": (3, "m/s"),
-        "PosR": (3, "m"),
-        "VelR": (3, "m/s"),
-        "qbn": (4, ""),
-        "wbn": (3, "rad/s"),
-        "Hvn": (3, "N m s"),
-        "Hvb": (3, "N m s"),
-        "svn": (3, ""),
-        "svb": (3, ""),
-        "KE": (1, "J"),
-        "RPY": (3, "deg"),
-        "Hwhl": (0, "N m s"),
-        "MTB": (0, "A m^2"),
-        "Thr": (0, "N"),
-        "Acc": (0, "m/s^2"),
-        "Illum": (0, ""),
-        "Albedo": (0, ""),
-    }
-)
+# Number of columns (0: any), and unit, of each output.
+_UNITS = MappingProxyType(vocabulary("tables")["nasa_42"])
 _UTC = re.compile(r"\s*(\d{4}):(\d{1,2}):(\d{1,2}):(\d{1,2}):(\d{2}):(\d{2}\.\d+)\s*")
 _OPTIONS = TextOptions(delimiter="whitespace", decimal=".", header_line=-1, units_line=-1)
 

@@ -11,6 +11,7 @@ import math
 import re
 from array import array
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,8 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes, text_of
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.tables.array_files import FileArrays
+from bayes_inertia.tables.array_tables import parquet_arrays
 from bayes_inertia.tables.isolated import read_arrays
-from bayes_inertia.tables.plain_arrays import parquet_arrays
 from bayes_inertia.tables.raw_table import no_column, row_name, shortened
 from bayes_inertia.tables.text_cells import content_lines, split_rows
 
@@ -65,6 +66,27 @@ class Table:
         """(rows, len(names)) array of columns, in the file's own units."""
         return np.stack([self.columns[name] for name in names], axis=1)
 
+    def only(self, names: Sequence[str]) -> Table:
+        """The table with some of its columns, refused if a number is infinite."""
+        return replace(self, columns={name: self.columns[name] for name in names}).checked()
+
+    def checked(self) -> Table:
+        """The table itself, refused if a number is infinite."""
+        for name, values in self.columns.items():
+            if np.isinf(values).any():
+                raise CampaignError(
+                    "an infinite value",
+                    where=self.place(int(np.argmax(np.isinf(values))), name),
+                    advice="leave the cell empty, or remove the row",
+                )
+        return self
+
+    def csv(self) -> str:
+        """Text of CSV with all digits; NaN becomes an empty cell."""
+        cells = np.stack(list(self.columns.values()), axis=1).tolist()
+        rows = [["" if math.isnan(cell) else repr(cell) for cell in row] for row in cells]
+        return "".join(",".join(row) + "\n" for row in [list(self.columns), *rows])
+
 
 def read_table(path: Path, names: Sequence[str], group: str = "") -> Table:
     """The columns of a .csv, .parquet, .h5, .hdf5 or .mat file, in the file's own units.
@@ -86,15 +108,7 @@ def read_table(path: Path, names: Sequence[str], group: str = "") -> Table:
             where=label,
             advice=f"export it as one of {', '.join(readers)}",
         )
-    table = reader()
-    for name, values in table.columns.items():
-        if np.isinf(values).any():
-            raise CampaignError(
-                "an infinite value",
-                where=table.place(int(np.argmax(np.isinf(values))), name),
-                advice="leave the cell empty, or remove the row",
-            )
-    return table
+    return reader().checked()
 
 
 def parse_csv(text: str, names: Sequence[str], label: str) -> Table:

@@ -1,4 +1,8 @@
-"""Stamps in several columns: what each column counts, and the sum of all.
+"""Stamps in several columns, and leap seconds.
+
+Leap seconds: UTC on the continuous scale of TAI.
+
+Stamps in several columns: what each column counts, and the sum of all.
 
 ROS 2 writes seconds and nanoseconds; CCSDS unsegmented codes (CUC) seconds and a binary fraction,
 segmented ones (CDS) days, milliseconds and microseconds; loggers a date and a time of the day.
@@ -9,35 +13,88 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
+from functools import cache
 from types import MappingProxyType
 
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.tables.leap_seconds import SECOND
+from bayes_inertia.files import by_word, vocabulary
 from bayes_inertia.tables.raw_table import RawTable
 
-UNIT_WORDS: Mapping[str, str] = MappingProxyType(
-    {
-        word: unit
-        for unit, words in {
-            "s": "s sec secs second seconds sod sow tow",
-            "ms": "ms msec msecs millis millisec millisecs millisecond milliseconds itow",
-            "us": "us µs μs usec usecs micros microsec microsecs microsecond microseconds",
-            "ns": "ns nsec nsecs nanos nanosec nanosecs nanosecond nanoseconds ftow",
-            "min": "min mins minute minutes",
-            "h": "h hr hrs hour hours",
-            "day": "day days dom mjd jd",
-            "week": "week weeks wn",
-            "year": "year years yr",
-            "month": "month months mon mo",
-            "doy": "doy yday",
-        }.items()
-        for word in words.split()
-    }
-)
+
+@dataclass(frozen=True)
+class TimeScales:
+    """Zeros of clocks, and what scales are apart; in ns since 1958-01-01 of TAI but for days."""
+
+    second: int = 10**9
+    day: int = 86400 * second
+    mjd_1958: int = 36204  # [day]
+    jd_1958: float = 2436204.5  # [day]
+    tai_1970: int = 4383 * day
+    gps_1980: int = 8040 * day + 19 * second
+    tt_minus_tai: int = 32_184_000_000
+    first: int = 5113 * day  # 1972-01-01: before, UTC had no whole leap seconds.
+    last: int = 51865 * day  # 2100-01-01
+
+
+SCALES = TimeScales()
+SECOND = SCALES.second
+
+
+@cache
+def leap_table() -> tuple[np.ndarray, np.ndarray]:
+    """UTC [ns since 1958] at each change of TAI - UTC [ns], and that, (changes,), of astropy."""
+    import warnings
+
+    from astropy.utils import iers
+
+    with warnings.catch_warnings(), iers.conf.set_temp("auto_download", False):
+        # An old table is still right for all seconds that it lists.
+        warnings.simplefilter("ignore")
+        table = iers.LeapSeconds.open(iers.IERS_LEAP_SECOND_FILE)
+    days = np.asarray(table["mjd"], dtype=np.int64) - SCALES.mjd_1958
+    return days * (86400 * SECOND), np.asarray(table["tai_utc"], dtype=np.int64) * SECOND
+
+
+def utc_to_tai(utc_ns: np.ndarray) -> np.ndarray:
+    """TAI of UTC from 1972 on, (rows,) array of ns since 1958 each; a day of UTC has 86400 s.
+
+    Examples
+    --------
+    >>> new_year = np.array([21550 * 86400 * SECOND])  # 2017-01-01
+    >>> ((utc_to_tai(new_year) - utc_to_tai(new_year - 1)) / SECOND).round(6).tolist()
+    [1.0]
+    """
+    start, offset = leap_table()
+    held = np.searchsorted(start, utc_ns, side="right") - 1
+    return utc_ns + np.where(held >= 0, offset[np.maximum(held, 0)], 0)
+
+
+def tai_to_utc(tai_ns: int) -> int:
+    """UTC of TAI [ns since 1958]; a day of UTC has 86400 s.
+
+    Examples
+    --------
+    >>> moment = 21550 * 86400 * SECOND
+    >>> tai_to_utc(int(utc_to_tai(np.array(moment)))) == moment
+    True
+    """
+    start, offset = leap_table()
+    held = int(np.searchsorted(start + offset, tai_ns, side="right")) - 1
+    return tai_ns - (int(offset[held]) if held >= 0 else 0)
+
+
+def has_leap_second(day_end_ns: int) -> bool:
+    """Whether the UTC day before this midnight [ns since 1958] ends with a second 23:59:60."""
+    start, _ = leap_table()
+    return bool(np.isin(day_end_ns, start[1:]))
+
+
+UNIT_WORDS = MappingProxyType(by_word(vocabulary("tables")["units_of_time"]))
 """Words in the names of columns, and the unit of time that each says."""
 
 _SIZES: Mapping[str, int] = MappingProxyType(

@@ -1,4 +1,9 @@
-"""Bytes of a text file as rows of cells, each with its line."""
+"""Text files: bytes as rows of cells, each with its line, and the form of the cells.
+
+Bytes of a text file as rows of cells, each with its line.
+
+Form of a text file: stated by a mapping, or recognised from its rows.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +11,14 @@ import codecs
 import csv
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.tables.limits import LIMITS
+from bayes_inertia.tables.raw_table import EMPTY_CELLS, number_of
+from bayes_inertia.tables.time_texts import is_date
 
 WHITESPACE = "whitespace"
 COMMENTS = ("#", "%", "//")
@@ -172,3 +181,96 @@ def split_rows(
             where=f"{label}, line {taken[0] if taken else 1}",
             advice="close every quote, or remove the quotes",
         ) from error
+
+
+_DELIMITERS = ("\t", ";", ",", "|", WHITESPACE)
+# A table of one column is the last resort: every file is one by some delimiter. White space comes
+# after signs, for it takes the empty cells of a table with tabs away.
+_TRUST = MappingProxyType({WHITESPACE: 0.8})
+# Not a whole row that a time begins.
+_ZONE = r"(\s?[A-Za-z]{1,4})?([+-]\d\d:?\d\d)?"
+_TIME = re.compile(
+    rf"\d{{4}}[-/]\d{{1,3}}([-/]\d{{1,2}})?[T ]\d[\d:]*([.,]\d*)?{_ZONE}|"
+    rf"\d{{1,3}}:\d{{2}}(:\d{{2}}([.,]\d*)?{_ZONE})?"
+)
+
+
+@dataclass(frozen=True)
+class TextOptions:
+    """Form of a text file as a mapping states it; everything else is recognised from the file.
+
+    Parameters
+    ----------
+    delimiter : str, optional
+        What separates cells, such as ";", "\\t" or "whitespace"; "" to tell from the file.
+    decimal : str, optional
+        "." or ","; "" to tell from the file.
+    encoding : str, optional
+        Such as "latin-1"; "" to tell from the file.
+    comment : str, optional
+        What a comment row begins with; "" for "#" and "%".
+    header_line : int, optional
+        Line of the column names, from 1; 0 to tell from the file, -1 for a file without names,
+        whose columns are then called c1, c2, ...
+    units_line : int, optional
+        Line of the units, from 1; 0 to tell from the file, -1 for none.
+    """
+
+    delimiter: str = ""
+    decimal: str = ""
+    encoding: str = ""
+    comment: str = ""
+    header_line: int = 0
+    units_line: int = 0
+
+
+class TextForm(NamedTuple):
+    """Separator of the cells of a text (a character, or "whitespace"), and the decimal sign."""
+
+    delimiter: str
+    decimal: str
+
+
+def is_reading(cell: str, decimal: str) -> bool:
+    """Whether a cell holds a number or a time; an empty one does not."""
+    if number_of(cell, decimal) == number_of(cell, decimal):
+        return not (decimal == "," and "." in cell and "," in cell)
+    return bool(_TIME.fullmatch(cell)) or is_date(cell)
+
+
+def told_form(lines: Sequence[tuple[int, str]], options: TextOptions, label: str) -> TextForm:
+    """Separator of a file's cells: the one that gives most rows of one length with readings."""
+    middle = max(len(lines) - LIMITS.sample_rows, 0) // 2
+    sample = list(lines[:10]) + list(lines[max(middle, 10) : middle + LIMITS.sample_rows])
+    best, best_score = TextForm(",", "."), -1.0
+    for delimiter in [options.delimiter] if options.delimiter else _DELIMITERS:
+        try:
+            rows = [row.cells for row in split_rows(sample, delimiter, label)]
+        except CampaignError:  # A quote that is not closed: the reading itself will say where.
+            rows = [tuple(line.split(delimiter)) for _, line in sample]
+        for decimal in [options.decimal] if options.decimal else (".", ","):
+            trust = _TRUST.get(delimiter, 1.0) * (
+                1.0 if _width(rows) > 1 else LIMITS.trust_in_one_column
+            )
+            score = trust * _score(rows, decimal)
+            if score > best_score + 1e-9:
+                best, best_score = TextForm(delimiter, decimal), score
+    return best
+
+
+def _width(rows: Sequence[tuple[str, ...]]) -> int:
+    """The most common number of cells."""
+    lengths = [len(cells) for cells in rows]
+    return max(set(lengths), key=lengths.count, default=0)
+
+
+def _score(rows: Sequence[tuple[str, ...]], decimal: str) -> float:
+    """Score of rows as a table: of one length, and with readings in the lower half."""
+    width = _width(rows)
+    regular = [cells for cells in rows if len(cells) == width]
+    cells = [cell for row in regular[len(regular) // 2 :] for cell in row]
+    if not rows:
+        return 0.0
+    full = [cell for cell in cells if cell.lower() not in EMPTY_CELLS]
+    readings = sum(is_reading(cell, decimal) for cell in full) / max(len(full), 1)
+    return readings * len(regular) / len(rows)

@@ -11,25 +11,23 @@ from pathlib import Path
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.files import read_bytes
+from bayes_inertia.files import read_bytes, vocabulary
 from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.raw_table import EMPTY_CELLS, RawColumn, RawTable, number_of
 from bayes_inertia.tables.text_cells import (
     COMMENTS,
     CellRow,
+    TextForm,
+    TextOptions,
     content_lines,
+    is_reading,
     split_rows,
+    told_form,
     whole_lines,
 )
-from bayes_inertia.tables.text_form import TextForm, TextOptions, is_reading, told_form
 
 _BRACKETS = re.compile(r".*?\s*[\[(<]([^\[\]()<>]*)[\])>]\s*")
-_UNIT_WORDS = frozenset(
-    """s sec secs ms us µs μs ns min h hr rad deg mrad urad arcsec arcmin mas rpm rps rev dps turn
-    N mN uN µN μN m mm km kg g cm Nm mNm uNm µNm Nms mNms uNms T mT uT nT µT G V A mA degC K Hz
-    count counts raw bool utc tai gps iso unix date time none degrees radians seconds degree
-    second radian °""".split()  # noqa: SIM905
-)
+_UNIT_WORDS = frozenset(vocabulary("tables")["units"]["words"].split())
 
 
 def read_text_table(path: Path, options: TextOptions) -> RawTable:

@@ -16,10 +16,9 @@ from types import MappingProxyType
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.tables.leap_seconds import SECOND, has_leap_second
 from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.raw_table import EMPTY_CELLS, RawColumn, RawTable
-from bayes_inertia.tables.stamp_parts import unit_in_name
+from bayes_inertia.tables.stamp_parts import SECOND, has_leap_second, unit_in_name
 
 _CLOCK = (
     r"(?:[T ,]+|(?<=\d)-|\s*//\s*)(?P<hour>\d{1,2}):(?P<minute>\d{2})"
@@ -64,7 +63,6 @@ _DIRECTIVES: Mapping[str, str] = MappingProxyType(
 )
 _CALENDAR = ("year", "month", "day", "doy")
 _PLAIN = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}:\d{2}(\.\d{1,9})?Z?")
-_FIRST_DAY = date(1958, 1, 1).toordinal()
 _ADVICE = (
     "write times as 2024-05-01T12:34:56.789, with Z or an offset such as +01:00 where it is UTC, "
     "by day of year, 2024-122T12:34:56.789, or as 01 May 2024 12:34:56.789; or add their form to "
@@ -212,8 +210,13 @@ def _day_number(given: Mapping[str, str]) -> int:
         last = date(year, 12, 31).timetuple().tm_yday
         if not 1 <= count <= last:
             raise ValueError("no such day")
-        return date(year, 1, 1).toordinal() + count - 1 - _FIRST_DAY
-    return date(year, _month(given["month"]), int(given["day"])).toordinal() - _FIRST_DAY
+        return date(year, 1, 1).toordinal() + count - 1 - _first_day()
+    return date(year, _month(given["month"]), int(given["day"])).toordinal() - _first_day()
+
+
+def _first_day() -> int:
+    """The day from which all times count."""
+    return date(LIMITS.years[0], 1, 1).toordinal()
 
 
 @cache

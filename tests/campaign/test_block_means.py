@@ -12,8 +12,13 @@ from scipy.integrate import solve_ivp
 import bayes_inertia
 from bayes_inertia.campaign.block_means import longest_block, reduced, without_surplus_rows
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import CorrelatedNoise, RateSensor, StarTracker, Wheel
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.hardware import (
+    CorrelatedNoise,
+    InertiaPrior,
+    RateSensor,
+    StarTracker,
+    Wheel,
+)
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.campaign.slew import Slew
 

@@ -11,13 +11,13 @@ from support.campaign_files import assert_same, assert_teaches, edited, refusal
 from support.dirty_example import SLEWING, dirty, kinds, without_rows
 
 import bayes_inertia as bi
+from bayes_inertia.campaign.commands import without_impossible_torques
 from bayes_inertia.campaign.hardware import Wheel
-from bayes_inertia.campaign.impossible import without_impossible_torques
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.campaign.stuck import stuck_readings
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.faults.stuck import stuck_readings
 
 
 @pytest.fixture(scope="module")

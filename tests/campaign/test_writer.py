@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,12 +17,12 @@ from support.campaign_files import (
     unit,
 )
 
+import bayes_inertia
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
-from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
+from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel
+from bayes_inertia.campaign.reader import campaign_of, campaign_sha256, read_campaign
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.campaign.writer import write_campaign
+from bayes_inertia.campaign.writer import content_of, write_campaign
 from bayes_inertia.errors import CampaignError, OutputError
 
 
@@ -200,3 +201,13 @@ def test_the_shortest_step_that_numbers_hold_is_read(tmp_path):
     campaign = Campaign("", prior, (), sensor, tracker, (slew,))
     again = read_campaign(write_campaign(campaign, tmp_path / "short"))
     assert again.slews[0].time.tolist() == slew.time.tolist()
+
+
+def test_tables_in_memory_are_the_campaign_that_the_folder_is(tmp_path):
+    """Nothing is lost or rounded between the tables that are handed on and those on the disk."""
+    campaign = read_campaign(Path(bayes_inertia.__file__).parent / "example")
+    description, tables = content_of(campaign)
+    folder = write_campaign(campaign, tmp_path / "written")
+    handed_on = campaign_of(description, str(folder / "campaign.toml"), tables)
+    assert_same(handed_on, read_campaign(folder))
+    assert handed_on == read_campaign(folder)

@@ -14,7 +14,7 @@ import bayes_inertia
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.conventions.check import check_conventions
 from bayes_inertia.conventions.columns import faulty_columns
-from bayes_inertia.conventions.invisible import invisible_in_brief
+from bayes_inertia.conventions.wording import invisible_in_brief
 from tests.support.wrong_conventions import with_keys
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"

@@ -12,9 +12,9 @@ import bayes_inertia
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.conventions.check import check_conventions
-from bayes_inertia.conventions.misfits import Misfits
+from bayes_inertia.conventions.laws import Misfits
+from bayes_inertia.conventions.motion import sampled
 from bayes_inertia.conventions.reading import stated_reading
-from bayes_inertia.conventions.sampled_slews import sampled
 from bayes_inertia.conventions.search import with_own_bias
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"

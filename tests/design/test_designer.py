@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.hardware import InertiaPrior
 from bayes_inertia.design.designer import design_plan, next_slew, set_up_design
 from bayes_inertia.design.expected_accuracy import estimate_at_truth
 from bayes_inertia.design.goals import parse_goal

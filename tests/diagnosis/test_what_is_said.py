@@ -7,9 +7,9 @@ import pytest
 
 from bayes_inertia.app.diagnosis_json import to_json
 from bayes_inertia.app.investigation import Investigation
-from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.diagnosis.residual_scan import Window, scan_residuals
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
+from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict, headline
 from bayes_inertia.report.diagnosis_wording import together_texts

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bayes_inertia.importing.attitude_forms import (
+from bayes_inertia.importing.stream_readings import (
     AttitudeConvention,
     bad_attitude,
     from_tracker_axes,

@@ -7,9 +7,9 @@ import pytest
 from support.campaign_files import assert_teaches
 from support.raw_logs import edited_mapping, log_columns, write_csv
 
-from bayes_inertia.campaign.known_offsets import known_offset
-from bayes_inertia.campaign.row_order import set_back_row
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.faults.known_offsets import known_offset
+from bayes_inertia.faults.row_order import set_back_row
 from bayes_inertia.importing.import_logs import import_logs
 from bayes_inertia.importing.mapped_lines import streams_beside
 

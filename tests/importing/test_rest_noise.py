@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bayes_inertia.importing.motion_scan import MotionScan
-from bayes_inertia.importing.rest_noise import _fit, _without_outliers
+from bayes_inertia.faults.motion_scan import MotionScan
+from bayes_inertia.faults.outliers import outliers_at_rest
+from bayes_inertia.importing.rest_noise import _fit
 
 ROWS = 2000
 TIME = 0.25 * np.arange(ROWS)
@@ -33,4 +34,4 @@ def test_outliers_are_not_taken_for_noise():
 def test_rounded_readings_are_kept():
     rng = np.random.default_rng(12)
     rounded = np.round(rng.normal(0.0, 0.2, ROWS))
-    assert _without_outliers(rounded).all()
+    assert not outliers_at_rest(rounded).any()

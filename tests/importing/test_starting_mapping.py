@@ -11,8 +11,7 @@ from support.raw_logs import log_columns, write_csv
 from bayes_inertia.app.cli import main
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError, OutputError
-from bayes_inertia.importing.clock_guess import guessed_clock, stamp_units
-from bayes_inertia.importing.column_families import families, time_names
+from bayes_inertia.importing.column_families import families, guessed_clock, stamp_units, time_names
 from bayes_inertia.importing.import_logs import import_logs
 from bayes_inertia.importing.mapping import parse_mapping
 from bayes_inertia.importing.questions import open_questions

@@ -19,8 +19,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import bayes_inertia
-from bayes_inertia.campaign.hardware import RateSensor
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
 from bayes_inertia.inference.point import Point

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.hardware import InertiaPrior
 from bayes_inertia.errors import EffectError, SettingsError
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.maths import inertia_tensor

@@ -11,8 +11,7 @@ import pytest
 from scipy.special import gamma, kv
 from support.effects import thrown_body
 
-from bayes_inertia.campaign.fix_groups import fix_groups
-from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.campaign.slew import Slew, fix_groups
 from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.channel_noise import ChannelNoise, NoiseModel
 from bayes_inertia.physics.check_effect import check_effect

@@ -6,8 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import RateSensor
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import (

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import RateSensor, Wheel
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, Wheel
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.physics.small_campaign import small_campaign
 

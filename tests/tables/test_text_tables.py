@@ -11,7 +11,7 @@ import pytest
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.tables.raw_files import read_raw, tables_in
 from bayes_inertia.tables.raw_table import RawTable
-from bayes_inertia.tables.text_form import TextOptions
+from bayes_inertia.tables.text_cells import TextOptions
 from bayes_inertia.tables.text_table import parse_text
 
 ROWS = 20

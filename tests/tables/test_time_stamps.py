@@ -10,9 +10,9 @@ from astropy.time import Time
 from astropy.utils import iers
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.tables.leap_seconds import SECOND
 from bayes_inertia.tables.raw_table import RawColumn, RawTable
-from bayes_inertia.tables.text_form import TextOptions
+from bayes_inertia.tables.stamp_parts import SECOND
+from bayes_inertia.tables.text_cells import TextOptions
 from bayes_inertia.tables.text_table import parse_text
 from bayes_inertia.tables.time_stamps import TIME_KINDS, times_to_seconds
 
@@ -233,9 +233,9 @@ def test_no_network_is_asked(monkeypatch):
 
     monkeypatch.setattr(socket, "create_connection", refuse)
     monkeypatch.setattr(socket.socket, "connect", refuse)
-    from bayes_inertia.tables import leap_seconds
+    from bayes_inertia.tables import stamp_parts
 
-    leap_seconds.leap_table.cache_clear()
+    stamp_parts.leap_table.cache_clear()
     assert ns_of("utc", ["2024-01-01T00:00:00"]).size == 1
 
 

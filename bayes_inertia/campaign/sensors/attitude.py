@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.cells import all_empty
 from bayes_inertia.campaign.hardware import StarTracker
-from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
-from bayes_inertia.campaign.slew import Slew, bad_quaternion
-from bayes_inertia.campaign.stuck import stuck_fixes
+from bayes_inertia.campaign.sensors.sensor_stream import SensorStream, all_empty
+from bayes_inertia.campaign.slew import bad_quaternion
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.tables.number_table import Table
 
@@ -49,11 +47,6 @@ class AttitudeStream(SensorStream):
             quaternion = quaternion[:, [1, 2, 3, 0]]
         # The inverse rotation is the conjugate; the scalar's sign is kept.
         return quaternion * ([-1.0, -1.0, -1.0, 1.0] if entry.maps == "body_to_inertial" else 1.0)
-
-    def stuck(self, campaign: Campaign, slew: Slew) -> np.ndarray:
-        """Whole fixes."""
-        attitude = self.values(slew)
-        return np.repeat(stuck_fixes(attitude)[:, None], attitude.shape[1], axis=1)
 
     def components(self, campaign: Campaign) -> tuple[str, ...]:
         """Body axes of the small rotation."""

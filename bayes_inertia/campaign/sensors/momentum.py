@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.cells import refuse_empty_columns
-from bayes_inertia.campaign.impossible import impossible_momentum
-from bayes_inertia.campaign.schema import SpeedColumns
-from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
-from bayes_inertia.campaign.units import to_si
+from bayes_inertia.campaign.hardware import unattainable
+from bayes_inertia.campaign.schema import SpeedColumns, to_si
+from bayes_inertia.campaign.sensors.sensor_stream import SensorStream, refuse_empty_columns
 from bayes_inertia.tables.number_table import Table
 
 
@@ -35,9 +33,12 @@ class MomentumStream(SensorStream):
             return to_si(values, "wheel_speed", entry.unit) * spin_inertias
         return to_si(values, "wheel_momentum", entry.unit)
 
-    def impossible(self, campaign: Campaign, values: np.ndarray) -> np.ndarray:
-        """Those that no wheel can hold."""
-        return impossible_momentum(values, campaign.wheels)
+    def unattainable(self, campaign: Campaign) -> np.ndarray:
+        """Far beyond each wheel's limit, or what no wheel can hold."""
+        return np.array([unattainable(wheel, "momentum") for wheel in campaign.wheels])
+
+    def hardware(self, campaign: Campaign) -> None:
+        """None: tachometers are described by their wheels."""
 
     def components(self, campaign: Campaign) -> tuple[str, ...]:
         """The wheels."""

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.campaign.campaign import Campaign, readings_in_range
-from bayes_inertia.campaign.cells import refuse_empty_columns
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import CorrelatedNoise, RateSensor
-from bayes_inertia.campaign.impossible import impossible_rates
-from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
+from bayes_inertia.campaign.schema import to_si
+from bayes_inertia.campaign.sensors.sensor_stream import SensorStream, refuse_empty_columns
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.campaign.units import to_si
+from bayes_inertia.faults.limits import LIMITS
+from bayes_inertia.faults.saturated import in_range
 from bayes_inertia.tables.number_table import Table
 
 
@@ -36,15 +36,15 @@ class RateStream(SensorStream):
         """Those inside the sensor's range."""
         if self.field:
             return campaign.valid_readings(slew)
-        return readings_in_range(self.values(slew), self.hardware(campaign))
+        return in_range(self.values(slew), self.hardware(campaign).range)
 
     def hardware(self, campaign: Campaign) -> RateSensor:
         """The sensor."""
         return campaign.rate_sensor if self.field else super().hardware(campaign)
 
-    def impossible(self, campaign: Campaign, values: np.ndarray) -> np.ndarray:
-        """Those that no spacecraft can turn at."""
-        return impossible_rates(values)
+    def unattainable(self, campaign: Campaign) -> float:
+        """The last number below what no spacecraft turns at."""
+        return float(np.nextafter(LIMITS.fastest_rate, 0.0))
 
     def components(self, campaign: Campaign) -> tuple[str, ...]:
         """The sensor's axes."""

@@ -1,4 +1,7 @@
-"""A sensor's stream of readings, as a campaign knows it: its column, words and stated noise."""
+"""A sensor's stream of readings, as a campaign knows it: its column, words and stated noise.
+
+Empty cells of columns: which are refused, and where.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,8 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import CorrelatedNoise
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.campaign.stuck import stuck_readings
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.faults.fault import Series
 from bayes_inertia.tables.number_table import Table
 
 
@@ -87,14 +91,22 @@ class SensorStream(ABC):
         """Which readings (n, columns) count."""
         return np.isfinite(self.values(slew))
 
-    def impossible(self, campaign: Campaign, values: np.ndarray) -> np.ndarray:
-        """Which readings (n, columns) nothing can cause."""
-        return np.zeros(values.shape, dtype=bool)
+    def unattainable(self, campaign: Campaign) -> float | np.ndarray:
+        """Sizes of a reading (columns,) that nothing can pass."""
+        return np.inf
 
-    def stuck(self, campaign: Campaign, slew: Slew) -> np.ndarray:
-        """Which readings (n, columns) repeat those before them for too long."""
-        values = np.where(self.valid(campaign, slew), self.values(slew), np.nan)
-        return stuck_readings(values, self.sigma(campaign))
+    def series(self, campaign: Campaign, slew: Slew) -> Series:
+        """Readings of a slew that has them, as the detectors of faults take them."""
+        return Series(
+            slew.time,
+            self.values(slew),
+            self.valid(campaign, slew),
+            self.sigma(campaign),
+            self.unattainable(campaign),
+            self.unit,
+            f"{getattr(self.hardware(campaign), 'range', None) or np.inf:.4g} {self.unit}",
+            whole=not self.is_series,
+        )
 
     @abstractmethod
     def components(self, campaign: Campaign) -> tuple[str, ...]:
@@ -111,3 +123,36 @@ class SensorStream(ABC):
     @abstractmethod
     def louder(self, campaign: Campaign, factor: float) -> Campaign:
         """The campaign with this sensor's stated noise multiplied."""
+
+
+def all_empty(table: Table, names: Sequence[str]) -> bool:
+    """Whether columns hold no number."""
+    return bool(np.isnan(table.stack(names)).all())
+
+
+def refuse_empty_columns(table: Table, names: Sequence[str]) -> None:
+    """Refuse a column that holds no number."""
+    for name in names:
+        if np.isnan(table.columns[name]).all():
+            raise CampaignError(
+                "every cell is empty",
+                where=f"{table.label}, column {name}",
+                advice="export it again, or leave the slew out",
+            )
+
+
+def refuse_half_empty_rows(table: Table, names: Sequence[str], advice: str) -> None:
+    """Refuse columns that are empty everywhere, and rows of which some cells are given."""
+    refuse_empty_columns(table, names)
+    empty = np.isnan(table.stack(names))
+    _refuse_empty_cells(table, names, empty & ~empty.all(axis=1, keepdims=True), advice)
+
+
+def _refuse_empty_cells(table: Table, names: Sequence[str], empty: np.ndarray, advice: str) -> None:
+    if empty.any():
+        row = int(np.argmax(empty.any(axis=1)))
+        raise CampaignError(
+            "the cell is empty",
+            where=table.place(row, names[int(np.argmax(empty[row]))]),
+            advice=advice,
+        )

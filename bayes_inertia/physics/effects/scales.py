@@ -20,7 +20,7 @@ def torque_scale(campaign: Campaign) -> float:
     --------
     >>> import numpy as np
     >>> from bayes_inertia.campaign.hardware import RateSensor
-    >>> from bayes_inertia.campaign.inertia_prior import InertiaPrior
+    >>> from bayes_inertia.campaign.hardware import InertiaPrior
     >>> from bayes_inertia.campaign.slew import Slew
     >>> slew = Slew("a", 0.0, np.array([0.0, 10.0]), rate=np.array([[0.1, 0.0, 0.0]] * 2))
     >>> prior = InertiaPrior(2.0 * np.eye(3), 0.1, 0.1)

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from bayes_inertia.campaign.fix_groups import fix_groups
+from bayes_inertia.campaign.slew import fix_groups
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.parameters import LogNormal, scalar
 from bayes_inertia.physics.random_basis import independent

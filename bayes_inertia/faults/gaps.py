@@ -1,0 +1,96 @@
+"""Gaps in telemetry: rows that a regular stream lacks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayes_inertia.faults.fault import Fault, Series
+from bayes_inertia.faults.limits import LIMITS
+
+
+def missing_rows(time: np.ndarray) -> tuple[np.ndarray, float]:
+    """Times at which a regular stream lacks rows.
+
+    `time` (n,) [s]. Returns `before` (m,): the rows before the gaps; none if the stream is not
+    regular, as a log of changes is; `step`: the median step [s]; 0 with fewer than two rows.
+
+    Examples
+    --------
+    >>> missing_rows(np.array([0., 1., 2., 3., 4., 7., 8.]))
+    (array([4]), 1.0)
+    """
+    steps = np.diff(time)
+    if not len(steps):
+        return np.zeros(0, dtype=int), 0.0
+    step = float(np.median(steps))
+    if not is_regular(time):
+        return np.zeros(0, dtype=int), step
+    return np.flatnonzero(steps > LIMITS.longest_step * step), step
+
+
+def is_regular(time: np.ndarray) -> bool:
+    """Whether rows come at one step, but for jitter and gaps.
+
+    `time` (n,) [s].
+
+    Examples
+    --------
+    >>> is_regular(np.arange(9.0)), is_regular(np.arange(9.0) ** 2)
+    (True, False)
+    """
+    steps = np.diff(time)
+    if len(steps) < LIMITS.fewest_steps:
+        return False
+    step = np.median(steps)
+    return bool(np.mean(np.abs(steps - step) <= LIMITS.step_jitter * step) >= LIMITS.regular_steps)
+
+
+def unbroken_rows(time: np.ndarray, steps: int, step: float) -> np.ndarray:
+    """Rows that so many regular steps follow.
+
+    `time` (n,) [s]; `step` [s]. Returns (m,).
+
+    Examples
+    --------
+    >>> unbroken_rows(np.array([0.0, 1.0, 2.0, 4.0, 5.0]), 2, 1.0).tolist()
+    [0]
+    """
+    even = np.abs(np.diff(time) - step) <= LIMITS.step_jitter * step
+    if len(even) < steps:
+        return np.zeros(0, dtype=int)
+    return np.flatnonzero(np.convolve(even, np.ones(steps), "valid") > steps - 0.5)
+
+
+def detect(series: Series) -> list[Fault]:
+    """Gaps in readings, at most one fault: the rows before them.
+
+    They cost information and nothing else: the motion is integrated across them.
+
+    Examples
+    --------
+    >>> values = np.zeros((7, 1))
+    >>> time = np.array([0., 1., 2., 3., 4., 7., 8.])
+    >>> detect(Series(time, values, values == 0.0, [1.0]))[0].note
+    '1 gap, the longest of 3 s'
+    """
+    rows = series.rows
+    before, _ = missing_rows(series.time[rows])
+    if series.whole or not len(before):
+        return []
+    mask = np.zeros(series.values.shape, dtype=bool)
+    mask[rows[before]] = True
+    longest = float(np.diff(series.time[rows])[before].max())
+    return [Fault("gap", mask, "ignored", gap_note(len(before), longest))]
+
+
+def gap_note(count: int, longest: float) -> str:
+    """Number and length of gaps, in words.
+
+    `longest` [s]. Returns: such as "3 gaps, the longest of 2.5 s".
+
+    Examples
+    --------
+    >>> gap_note(3, 2.5)
+    '3 gaps, the longest of 2.5 s'
+    """
+    return f"{count} gap{'' if count == 1 else 's'}, the longest of {longest:.3g} s"

@@ -1,0 +1,73 @@
+"""Known offsets between clocks, by which a stream beside its slews finds back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
+
+import numpy as np
+
+from bayes_inertia.faults.limits import LIMITS
+
+KNOWN_OFFSETS: Mapping[float, str] = MappingProxyType(
+    {
+        18.0: "GPS time is ahead of UTC",
+        37.0: "TAI is ahead of UTC",
+        19.0: "TAI is ahead of GPS time",
+        32.184: "TT is ahead of TAI",
+        51.184: "TT is ahead of GPS time",
+        69.184: "TT is ahead of UTC",
+        64.184: "TT was ahead of UTC until 2005",
+    }
+)
+"""What clocks of different scales differ by [s], the most common first, and why."""
+
+
+def known_offset(
+    times: np.ndarray, spans: Sequence[tuple[float, float]]
+) -> tuple[float, str, int] | None:
+    """The known offset that puts readings beside slews which they all miss.
+
+    `times` (n,) [s]; `spans` [s]. Returns `seconds`: what is to be added to the times; `inside`:
+    how many readings then lie in a slew.
+
+    Examples
+    --------
+    >>> known_offset(np.array([3605.0, 3690.0]), [(0.0, 99.0)])
+    (-3600.0, '1 h, as of a time zone', 2)
+    """
+    best, most = None, LIMITS.meant_offset_share * len(times)
+    for size, why in likely_offsets():
+        # Several scales may do, of which the best is meant; zones come after them.
+        if best is not None and size not in KNOWN_OFFSETS:
+            break
+        for seconds in (-size, size):
+            moved = times + seconds
+            inside = sum(int(((moved >= a) & (moved <= b)).sum()) for a, b in spans)
+            if inside > most:
+                best, most = (seconds, why, inside), inside
+    return best
+
+
+def likely_offsets() -> Iterator[tuple[float, str]]:
+    """Known offsets of clocks: scales, time zones, and both.
+
+    Returns `seconds`: an offset, the most common first [s].
+
+    Examples
+    --------
+    >>> next(iter(likely_offsets()))
+    (18.0, 'GPS time is ahead of UTC')
+    """
+    yield from KNOWN_OFFSETS.items()
+    zones = [
+        part + k
+        for part in LIMITS.parts_of_hour
+        for k in range(LIMITS.largest_time_zone_h + 1)
+        if part + k
+    ]
+    yield from ((LIMITS.hour * zone, f"{zone:g} h, as of a time zone") for zone in zones)
+    for zone in zones:
+        for small, of in KNOWN_OFFSETS.items():
+            yield LIMITS.hour * zone - small, f"{zone:g} h, and {of}"
+            yield LIMITS.hour * zone + small, f"{zone:g} h, and {of}"

@@ -1,0 +1,183 @@
+"""When the body moved and when it rested, told from the rates.
+
+The rates are freed of single outliers (running median) and of noise (running mean), then held
+against the rate at rest. A motion is where they pass `high`; it lasts as long as they stay above
+`low` (hysteresis), so that noise at its edges does not cut it into pieces.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from scipy.ndimage import median_filter, uniform_filter1d
+
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.faults.limits import LIMITS
+from bayes_inertia.faults.noise import step_noise
+from bayes_inertia.maths.values import array_dataclass
+
+
+@array_dataclass
+class MotionScan:
+    """The rates over time and the motions in them.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Times of the rate readings [s].
+    speed : (n,) array
+        Norm of the smoothed rates, relative to the rate at rest [rad/s].
+    segment : (n,) array of int
+        Counts up after each pause of the log.
+    low, high : float
+        The thresholds [rad/s].
+    motions : (m, 2) array
+        Start and end of each motion [s].
+    rest_rate : (3,) array
+        Rate readings at rest [rad/s].
+    """
+
+    time: np.ndarray
+    speed: np.ndarray
+    segment: np.ndarray
+    low: float
+    high: float
+    motions: np.ndarray
+    rest_rate: np.ndarray
+
+    @property
+    def at_rest(self) -> np.ndarray:
+        """Which rows (n,) lie in no motion."""
+        rest = np.ones(len(self.time), dtype=bool)
+        for start, end in self.motions:
+            rest &= (self.time < start) | (self.time > end)
+        return rest
+
+    def segment_span(self, moment: float) -> tuple[float, float]:
+        """First and last time of the part of the log, between pauses, that a moment lies in.
+
+        `moment` [s]. Returns [s].
+        """
+        row = min(int(np.searchsorted(self.time, moment)), len(self.time) - 1)
+        rows = np.flatnonzero(self.segment == self.segment[row])
+        return float(self.time[rows[0]]), float(self.time[rows[-1]])
+
+
+def scan_motion(
+    time: np.ndarray, values: np.ndarray, where: str, *, threshold: float | None, pause: float
+) -> MotionScan:
+    """Find the motions in a log.
+
+    `time` (n,) [s], `values` (n, 3) [rad/s]: the rates, NaN where there is none, and where they
+    are, for messages. `pause` [s]. `threshold`: `high` [rad/s]; None: from the
+    noise at rest and the largest rate.
+
+    Examples
+    --------
+    >>> time = np.arange(0.0, 60.0, 0.5)
+    >>> rates = np.outer(np.where((time > 20) & (time < 40), 0.1, 0.0), [1.0, 0.0, 0.0])
+    >>> scan_motion(time, rates, "a.csv", threshold=None, pause=30.0).motions.tolist()
+    [[19.5, 40.5]]
+    """
+    segment = np.concatenate([[0], np.cumsum(np.diff(time) > pause)])
+    rates, width = _smoothed(time, values, segment)
+    norm = np.linalg.norm(rates, axis=1)
+    rest_rate = np.median(rates[norm <= np.quantile(norm, LIMITS.slowest_share)], axis=0)
+    speed = np.linalg.norm(rates - rest_rate, axis=1)
+    noise = float(np.linalg.norm([step_noise(axis) for axis in values.T]))
+    floor = LIMITS.sigmas_of_rest * noise / np.sqrt(width)
+    largest = float(speed.max())
+    high = threshold or _threshold(floor, largest, where)
+    at_rest = speed[speed < high]
+    if len(at_rest) < LIMITS.rests_for * len(speed):
+        _require_rest(float(np.linalg.norm(rest_rate)), float(norm.max()), where)
+    level = float(np.median(at_rest)) if len(at_rest) else 0.0
+    # Near the noise, so that a slew is over only when it has settled.
+    low = min(
+        high,
+        max(
+            min(LIMITS.low_over_high * high, LIMITS.low_above_rest * level),
+            2.0 * level,
+            1e-3 * high,
+        ),
+    )
+    motions = _hysteresis(time, speed, segment, low, high)
+    return MotionScan(time, speed, segment, low, high, motions, rest_rate)
+
+
+def _require_rest(slowest: float, largest: float, where: str) -> None:
+    """Refuse a log of a body that turns all the time."""
+    if slowest > LIMITS.rests_below * largest:
+        raise CampaignError(
+            f"the body never rests: it turns by {slowest:.2g} rad/s at least, "
+            f"{largest:.2g} rad/s at most",
+            where=f"rates in {where}",
+            advice="state [[slews]] with start and end, or give one file a slew",
+        )
+
+
+def _smoothed(time: np.ndarray, values: np.ndarray, segment: np.ndarray) -> tuple[np.ndarray, int]:
+    """Rates (n, 3) without outliers and with less noise, and the rows averaged.
+
+    Missing readings are bridged here, where rates are only looked at.
+    """
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    width = max(LIMITS.averaged_rows, round(LIMITS.averaged_s / max(step, 1e-9)))
+    width = min(width, len(time))
+    smooth = np.empty_like(values)
+    for k in np.unique(segment):
+        rows = np.flatnonzero(segment == k)
+        for axis in range(values.shape[1]):
+            bridged = _bridged(time[rows], values[rows, axis])
+            bridged = median_filter(bridged, min(LIMITS.outlier_rows, len(rows)), mode="nearest")
+            smooth[rows, axis] = uniform_filter1d(bridged, width, mode="nearest")
+    return smooth, width
+
+
+def _bridged(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    given = np.isfinite(values)
+    if not given.any():
+        return np.zeros_like(values)
+    return np.interp(time, time[given], values[given])
+
+
+def _threshold(floor: float, largest: float, where: str) -> float:
+    if largest <= LIMITS.visible_motion * floor or largest == 0.0:
+        raise CampaignError(
+            f"no slew is to be seen: the largest rate, {largest:.2g} rad/s, is hardly above the "
+            f"noise, {floor:.2g} rad/s",
+            where=f"rates in {where}",
+            advice="give files that hold slews, check unit and scale, or state [[slews]] with "
+            "start and end",
+        )
+    # Half way between noise and slew, on a logarithmic scale.
+    return float(
+        min(np.sqrt(max(floor, 1e-4 * largest) * largest), LIMITS.largest_threshold * largest)
+    )
+
+
+def _hysteresis(
+    time: np.ndarray, speed: np.ndarray, segment: np.ndarray, low: float, high: float
+) -> np.ndarray:
+    """Start and end (m, 2) of the runs above `low` that pass `high`."""
+    above = _without_dips(time, speed > low, segment)
+    new = np.concatenate([[True], (np.diff(above) != 0) | (np.diff(segment) != 0)])
+    starts = np.flatnonzero(new)
+    ends = np.append(starts[1:], len(time)) - 1
+    runs = [
+        (time[i], time[j])
+        for i, j in zip(starts, ends, strict=True)
+        if above[i] and speed[i : j + 1].max() > high
+    ]
+    return np.array(runs).reshape(-1, 2)
+
+
+def _without_dips(time: np.ndarray, above: np.ndarray, segment: np.ndarray) -> np.ndarray:
+    """Which rows are above, short dips between two of them included."""
+    rows = np.flatnonzero(above)
+    closed = above.copy()
+    for i, j in pairwise(rows.tolist()):
+        if j - i > 1 and time[j] - time[i] < LIMITS.longest_dip_s and segment[i] == segment[j]:
+            closed[i:j] = True
+    return closed

@@ -1,0 +1,36 @@
+"""Single readings far from their neighbours, before any model: one limit for all that read logs.
+
+`inference/outliers.py` judges residuals of a fit, with a false-alarm rate.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayes_inertia.faults.limits import LIMITS
+from bayes_inertia.maths.robust_scale import SD_OVER_MAD
+
+
+def outliers_at_rest(values: np.ndarray) -> np.ndarray:
+    """Which readings (n,) are far from the running median, as no noise at rest is."""
+    from scipy.ndimage import median_filter
+
+    if len(values) < LIMITS.outlier_median_rows:
+        return np.zeros(len(values), dtype=bool)
+    away = np.abs(values - median_filter(values, LIMITS.outlier_median_rows, mode="nearest"))
+    spread = SD_OVER_MAD * float(np.median(away))
+    # Readings that are rounded coarsely have no spread to judge by.
+    return (away > LIMITS.outlier_sds * spread) & (spread != 0.0)
+
+
+def without_outliers(values: np.ndarray) -> np.ndarray:
+    """Readings (n,) of a motion, outliers replaced by the median of them and their neighbours."""
+    if len(values) < LIMITS.fewest_with_outliers:
+        return values
+    left, right, middle = values[:-2], values[2:], values[1:-1]
+    off = np.abs(middle - 0.5 * (left + right))
+    usual = SD_OVER_MAD * float(np.median(off)) + 1e-12 * float(np.abs(values).max())
+    median = np.clip(middle, np.minimum(left, right), np.maximum(left, right))
+    mended = np.array(values)
+    mended[1:-1] = np.where(off > LIMITS.outlier_sds * usual, median, middle)
+    return mended

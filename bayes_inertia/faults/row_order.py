@@ -1,0 +1,311 @@
+"""Rows of a table as time orders them: sent twice, out of order, or with a stamp that is wrong.
+
+Rows that only came late are put in their place. A row that was sent twice, or in parts, becomes
+one. A single stamp that fits nowhere is left out. What needs knowledge of the clock is refused.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NoReturn
+
+import numpy as np
+
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.faults.fault import Dirt, DirtKind, Treatment
+from bayes_inertia.faults.limits import LIMITS
+from bayes_inertia.faults.stamps import regular_stamps
+from bayes_inertia.tables.number_table import Table
+
+_LEFT_OUT = "with a wrong stamp left out"
+
+
+def set_back_row(stamps: np.ndarray, contents: np.ndarray) -> int | None:
+    """The row at which a clock was set back and ran on from there.
+
+    Rows that only came late fill a hole among the others, or were sent again with the same content.
+    A few rows (three) out of order are no clock that was set back.
+
+    `stamps` (n,); `contents` (n, width). Returns: the row, counted from 0; None where no clock was
+    set back.
+
+    Examples
+    --------
+    >>> late, again = np.array([0.0, 1, 4, 5, 2, 3, 6]), np.r_[0:30, 0.1:30.1]
+    >>> set_back_row(late, np.zeros((7, 1))), set_back_row(again, np.zeros((60, 1)))
+    (None, 30)
+    """
+    if not np.any(np.diff(stamps) < 0.0):
+        return None
+    late = _late_rows(stamps)
+    # Of the rows in order: two sessions together have steps that none of them has.
+    steps = np.diff(np.unique(np.delete(stamps, late)))
+    step = float(np.median(steps)) if len(steps) else 0.0
+    strange = ~_explained(stamps, late, contents, step)
+    for run in np.split(np.arange(len(late)), np.flatnonzero(np.diff(late) > 1) + 1):
+        if strange[run].sum() <= LIMITS.late_row_farthest:
+            continue
+        # The clock went back at the run's start, or where the rows after it go on.
+        first, last = max(int(late[run[0]]), 1), min(int(late[run[-1]]) + 2, len(stamps))
+        row = first + int(np.argmin(np.diff(stamps[first - 1 : last])))
+        beside = (
+            stamps[max(row - LIMITS.rows_in_order, 0) : row],
+            stamps[row : row + LIMITS.rows_in_order],
+        )
+        astray = sum(int((np.diff(rows) < 0.0).sum()) for rows in beside)
+        if astray <= 1 and stamps[row - 1] - stamps[row] > LIMITS.late_row_farthest * step:
+            return row
+    return None
+
+
+def _explained(
+    stamps: np.ndarray, late: np.ndarray, contents: np.ndarray, step: float
+) -> np.ndarray:
+    """Which late rows (m,) fill a hole among the others, or repeat one of them, cell by cell."""
+    others = np.delete(np.arange(len(stamps)), late)
+    kept = stamps[others]  # Never goes back.
+    at = np.searchsorted(kept, stamps[late])
+    same = others[np.minimum(at, len(kept) - 1)]
+    again = (stamps[same] == stamps[late]) & np.all(
+        (contents[same] == contents[late]) | np.isnan(contents[same]) | np.isnan(contents[late]),
+        axis=1,
+    )
+    bounds = np.concatenate([[-np.inf], kept, [np.inf]])
+    new = np.flatnonzero(~again)
+    new = new[np.lexsort((stamps[late[new]], at[new]))]
+    # Each hole's late rows in order: the first and the last are a step away from its edges.
+    hole, starts, counts = np.unique(at[new], return_index=True, return_counts=True)
+    times = stamps[late[new]]
+    fits = np.ones(len(hole), dtype=bool)
+    for edge in (
+        times[starts] - bounds[hole],
+        bounds[hole + 1] - times[starts + counts - 1],
+    ):
+        # At an end of the log one side is open.
+        fits &= np.isinf(edge) | (
+            (edge >= LIMITS.late_row_nearest * step) & (edge <= LIMITS.late_row_farthest * step)
+        )
+    fills = np.zeros(len(late), dtype=bool)
+    fills[new] = np.repeat(fits, counts)
+    return again | fills
+
+
+def ordered_rows(table: Table, time: str, names: Sequence[str]) -> tuple[Table, list[Dirt]]:
+    """The rows of a table in the order of their strictly increasing times.
+
+    Returns `table`: the same table if its times increase strictly; else its rows in order; `dirt`:
+    what was done; `rows` counts the rows of the table that is returned, `slew` is empty.
+
+    Examples
+    --------
+    >>> late = Table("a", {"t": np.array([0., 2., 1., 3.]), "w": np.array([5., 7., 6., 8.])})
+    >>> ordered_rows(late, "t", ["w"])[0].columns["w"].tolist()
+    [5.0, 6.0, 7.0, 8.0]
+    """
+    stamps = table.columns[time]
+    _refuse_empty_times(table, time)
+    with np.errstate(over="ignore"):
+        steps = np.diff(stamps)
+    _refuse_coarse_times(table, time, steps)
+    records: list[Dirt] = []
+    if not np.all(steps > 0.0):
+        table, records = _in_order(table, time, names)
+    far = _far_off_rows(table, time)
+    if not len(far):
+        return table, records
+    table = _rows(table, np.delete(np.arange(len(table.columns[time])), far))
+    return table, [_dirt("clock", far, len(table.columns[time]), "masked", _LEFT_OUT), *records]
+
+
+def _in_order(table: Table, time: str, names: Sequence[str]) -> tuple[Table, list[Dirt]]:
+    """Rows whose times go back somewhere, in order; and what was done."""
+    row = set_back_row(table.columns[time], table.stack(names))
+    if row is not None:
+        _refuse_jump(table, time, row)
+    table, kept, wrong = _without_wrong_stamps(table, time)
+    stamps = table.columns[time]
+    late = kept[_late_rows(stamps[kept])]
+    late = late[~np.isin(stamps[late], np.delete(stamps, late))]  # others were only sent again
+    order = kept[np.argsort(stamps[kept], kind="stable")]
+    joined, doubled = _joined(_rows(table, order), time, names)
+    times = joined.columns[time]
+    mended = np.intersect1d(wrong, kept)
+    lost = np.setdiff1d(wrong, kept)
+    before_lost = stamps[np.maximum(lost - 1, 0)]
+    records: list[tuple[DirtKind, np.ndarray, Treatment, str]] = [
+        ("clock", stamps[mended], "modelled", "with a wrong stamp given that between neighbours"),
+        ("clock", before_lost, "masked", _LEFT_OUT),
+        ("clock", stamps[late], "ignored", "out of order put in place"),
+        ("duplicate", times[doubled], "masked", "with the time of another joined with it"),
+    ]
+    return joined, [
+        _dirt(kind, np.searchsorted(times, at), len(times), treated, note)
+        for kind, at, treated, note in records
+        if len(at)
+    ]
+
+
+def _dirt(kind: DirtKind, rows: np.ndarray, length: int, treated: Treatment, note: str) -> Dirt:
+    clipped = np.unique(np.clip(rows, 0, length - 1))
+    text = f"{_rows_text(len(rows))} {note}"
+    return Dirt(kind, "time", "", tuple(clipped.tolist()), treated, text)
+
+
+def _rows_text(count: int) -> str:
+    return "1 row" if count == 1 else f"{count} rows"
+
+
+def _rows(table: Table, rows: np.ndarray) -> Table:
+    return replace(
+        table,
+        columns={name: values[rows] for name, values in table.columns.items()},
+        lines=None if table.lines is None else table.lines[rows],
+    )
+
+
+def _refuse_empty_times(table: Table, time: str) -> None:
+    empty = np.isnan(table.columns[time])
+    if empty.any():
+        raise CampaignError(
+            "every cell is empty" if empty.all() else "the cell is empty",
+            where=f"{table.label}, column {time}"
+            if empty.all()
+            else table.place(int(np.argmax(empty)), time),
+            advice="every row needs its time: remove or repair the row",
+        )
+
+
+def _refuse_coarse_times(table: Table, time: str, steps: np.ndarray) -> None:
+    if time not in table.single or not len(steps):
+        return
+    resolution = float(np.spacing(np.float32(np.abs(table.columns[time]).max())))
+    if resolution <= LIMITS.coarse_stamp * abs(float(np.median(steps))):
+        return
+    # A regular clock may be known better than its stamps.
+    _, record = regular_stamps(table.columns[time]) if np.all(steps > 0.0) else (None, None)
+    if record is None or record.treated != "modelled":
+        raise CampaignError(
+            "times stored with 32 bits are too coarse for their spacing",
+            where=f"{table.label}, column {time}",
+            advice="store time with 64 bits, or count it from the start of the slew",
+        )
+
+
+def _far_off_rows(table: Table, time: str) -> np.ndarray:
+    """Rows whose stamps lie so far from the others that no slew is meant; few, or refused."""
+    stamps = table.columns[time]
+    steps = np.diff(np.unique(stamps))
+    if len(steps) < 2:
+        return np.zeros(0, dtype=int)
+    limit = max(
+        LIMITS.far_off_durations * len(stamps) * float(np.median(steps)), LIMITS.longest_break
+    )
+    with np.errstate(over="ignore"):
+        distance = np.abs(stamps - np.median(stamps))
+    far = np.flatnonzero(distance > limit)
+    if len(far) > LIMITS.most_glitches * len(stamps):
+        row = int(far[0])
+        raise CampaignError(
+            f"the time {float(stamps[row])!r} is far from most others, which lie around "
+            f"{float(np.median(stamps)):.6g}",
+            where=table.place(row, time),
+            advice="remove the rows with wrong times, or give each slew a file of its own",
+        )
+    return far
+
+
+def _late_rows(stamps: np.ndarray) -> np.ndarray:
+    """The fewest rows without which times never go back; they came late or carry wrong stamps."""
+    tails: list[float] = []
+    length = np.empty(len(stamps), dtype=int)
+    for i, stamp in enumerate(stamps.tolist()):
+        # The longest non-decreasing subsequence; equal times are another matter.
+        length[i] = at = bisect_right(tails, stamp)
+        tails[at : at + 1] = [stamp]
+    in_order = np.zeros(len(stamps), dtype=bool)
+    wanted, bound = len(tails) - 1, np.inf
+    for i in range(len(stamps) - 1, -1, -1):
+        if length[i] == wanted and stamps[i] <= bound:
+            in_order[i] = True
+            wanted, bound = wanted - 1, stamps[i]
+    return np.flatnonzero(~in_order)
+
+
+def _without_wrong_stamps(table: Table, time: str) -> tuple[Table, np.ndarray, np.ndarray]:
+    """The table with single wrong stamps mended, the rows (n,) to keep, and the wrong ones (m,).
+
+    Between neighbours two steps apart a regular clock leaves one place; else the row is lost.
+    """
+    stamps = table.columns[time]
+    rows = np.arange(len(stamps))
+    late = _late_rows(stamps)
+    steps = np.diff(np.unique(stamps))
+    step = float(np.median(steps)) if len(steps) else 0.0
+    wrong = late[~_fits(stamps, late, step)]
+    if not len(wrong):
+        return table, rows, wrong
+    if np.any(np.diff(wrong) == 1) or len(wrong) > LIMITS.most_glitches * len(stamps):
+        _refuse_jump(table, time, int(wrong[0]))
+    inner = wrong[(wrong > 0) & (wrong < len(stamps) - 1)]
+    hole = stamps[inner + 1] - stamps[inner - 1]
+    regular = inner[np.abs(hole - 2.0 * step) <= LIMITS.glitch_tolerance * step]
+    mended = stamps.copy()
+    mended[regular] = 0.5 * (stamps[regular - 1] + stamps[regular + 1])
+    table = replace(table, columns={**table.columns, time: mended})
+    return table, np.setdiff1d(rows, np.setdiff1d(wrong, regular)), wrong
+
+
+def _fits(stamps: np.ndarray, late: np.ndarray, step: float) -> np.ndarray:
+    """Which late rows fill a hole among the others, or repeat the time of one of them."""
+    others = np.delete(stamps, late)
+    inside = (stamps[late] >= others.min() - LIMITS.late_row_farthest * step) & (
+        stamps[late] <= others.max() + LIMITS.late_row_farthest * step
+    )
+    bounds = np.concatenate([[-np.inf], np.unique(stamps), [np.inf]])
+    at = np.searchsorted(bounds, stamps[late])
+    nearest = np.minimum(stamps[late] - bounds[at - 1], bounds[at + 1] - stamps[late])
+    fills = (
+        inside
+        & (nearest >= LIMITS.late_row_nearest * step)
+        & (nearest <= LIMITS.late_row_farthest * step)
+    )
+    return fills | np.isin(stamps[late], others)
+
+
+def _refuse_jump(table: Table, time: str, row: int) -> NoReturn:
+    stamps = table.columns[time]
+    row = row if row and stamps[row] < stamps[row - 1] else int(np.argmax(np.diff(stamps) < 0)) + 1
+    now, before = float(stamps[row]), float(stamps[row - 1])
+    raise CampaignError(
+        f"the time goes back from {before!r} to {now!r} (after {table.row(row - 1)})",
+        where=table.place(row, time),
+        advice=f"if the clock was set back by {before - now:.6g}, add that to the times from this "
+        "row on; else remove the rows with wrong times",
+    )
+
+
+def _joined(table: Table, time: str, names: Sequence[str]) -> tuple[Table, np.ndarray]:
+    """One row a time: rows of one time are joined if no cell is given twice with two values."""
+    stamps = table.columns[time]
+    is_new = np.concatenate([[True], np.diff(stamps) > 0.0])
+    if is_new.all():
+        return table, np.zeros(0, dtype=int)
+    first, group = np.flatnonzero(is_new), np.cumsum(is_new) - 1
+    columns = {name: values[first].copy() for name, values in table.columns.items()}
+    for row in np.flatnonzero(~is_new).tolist():
+        for name in names:
+            value, kept = table.columns[name][row], columns[name][group[row]]
+            if np.isnan(kept):
+                columns[name][group[row]] = value
+            elif not np.isnan(value) and value != kept:
+                raise CampaignError(
+                    f"the time {float(stamps[row])!r} is repeated with another content "
+                    f"(after {table.row(row - 1)})",
+                    where=table.place(row, time),
+                    advice="remove the row that is wrong, or mend its time",
+                )
+    lines = None if table.lines is None else table.lines[first]
+    joined = replace(table, columns={**table.columns, **columns}, lines=lines)
+    return joined, group[~is_new]

@@ -1,0 +1,289 @@
+"""Stamps of a regular clock: rounded, jittering about it, or uneven.
+
+Stamps that jitter about a regular clock, and whether the readings jitter with them.
+
+A stamp that is off by e moves a reading y by y' e only if the reading was taken at the stamp. So
+the readings themselves tell: regress their short-term part on that of y' e. A slope of 1 says that
+sampling is uneven and the stamps are right; 0 says that sampling is regular and the stamps jitter.
+
+Stamps of a regular clock that were rounded, and stamps that are uneven by more than that.
+
+Stamps of 32 bits, or with few digits, step from one multiple of their resolution to another. Where
+one regular clock lies within half a resolution of every stamp, its times are the better ones.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_inertia.faults.fault import Dirt
+from bayes_inertia.faults.gaps import is_regular
+from bayes_inertia.faults.limits import LIMITS
+from bayes_inertia.maths.robust_scale import SD_OVER_MAD
+
+
+@dataclass(frozen=True)
+class StampSlope:
+    """Slope of readings against the jitter of their stamps.
+
+    Parameters
+    ----------
+    value : float
+        1 where they were taken at the stamps, 0 where at the times of a regular clock.
+    sd : float
+        Its standard deviation; infinite where there is no motion.
+    """
+
+    value: float
+    sd: float
+
+    @property
+    def sampling_is_regular(self) -> bool:
+        """Whether the readings show that the stamps jitter, not the sampling."""
+        return self.value + LIMITS.sure_sds * self.sd < 0.5
+
+    @property
+    def sampling_is_uneven(self) -> bool:
+        """Whether the readings show that they were taken at their stamps."""
+        return self.value - LIMITS.sure_sds * self.sd > 0.5
+
+
+def row_numbers(time: np.ndarray) -> np.ndarray:
+    """Numbers of rows on a regular clock, as far as single steps tell.
+
+    `time` (n,). Returns (n,).
+
+    Examples
+    --------
+    >>> row_numbers(np.array([0.0, 1.02, 1.99, 4.0])).tolist()
+    [0.0, 1.0, 2.0, 4.0]
+    """
+    steps = np.diff(time)
+    step = float(np.median(steps))
+    near = steps[np.abs(steps - step) < 0.5 * step]
+    return np.concatenate([[0.0], np.cumsum(np.round(steps / np.mean(near)))])
+
+
+def clock_through(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """The regular clock that lies nearest to stamps.
+
+    `time` (n,). Returns `fitted` (n,): times of the clock, counted from the first stamp; `rows`
+    (n,): numbers of the rows on it; they do not increase everywhere where no clock fits.
+
+    Examples
+    --------
+    >>> fitted, rows, step = clock_through(np.array([5.0, 6.0, 7.0, 9.0]))
+    >>> fitted.round(9).tolist(), [round(row) for row in rows], round(float(step), 9)
+    ([0.0, 1.0, 2.0, 4.0], [0, 1, 2, 4], 1.0)
+    """
+    rows = row_numbers(time)
+    for _ in range(2):
+        slope, start = np.polyfit(rows, time - time[0], 1)
+        fitted = start + slope * rows
+        rows = np.round((time - time[0] - start) / slope)
+    return fitted, rows, slope
+
+
+def regular_clock(time: np.ndarray) -> tuple[np.ndarray | None, str]:
+    """Times of the regular clock about which stamps jitter.
+
+    `time` (n,). Returns `time` (n,): times of the clock; None where no regular clock explains the
+    stamps; `problem`: why there is none; "" where there is one.
+
+    Examples
+    --------
+    >>> stamps = 0.5 * np.arange(99.0) + 0.02 * np.sin(np.arange(99.0) ** 2)
+    >>> clock, _ = regular_clock(stamps)
+    >>> bool(np.ptp(np.diff(clock)) < 1e-9)
+    True
+    """
+    if len(time) < LIMITS.fewest_stamps:
+        return None, f"there are only {len(time)} rows"
+    fitted, rows, slope = clock_through(time)
+    away = time - time[0] - fitted
+    if np.any(np.diff(rows) < 1.0) or np.abs(away).max() > LIMITS.largest_jitter * slope:
+        return None, f"a stamp is {np.abs(away).max():.3g} off a clock with steps of {slope:.4g}"
+    means = (
+        away[: len(away) // LIMITS.jitter_block * LIMITS.jitter_block]
+        .reshape(-1, LIMITS.jitter_block)
+        .mean(axis=1)
+    )
+    wander, white = (
+        float(np.sqrt(np.mean(means**2))),
+        float(np.sqrt(np.mean(away**2) / LIMITS.jitter_block)),
+    )
+    if wander > LIMITS.jitter_wander * white:
+        return None, f"the stamps wander by {wander:.3g} about a clock with steps of {slope:.4g}"
+    return fitted + time[0], ""
+
+
+def slope_of_readings(
+    slews: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
+) -> StampSlope:
+    """Whether readings move with the jitter of their stamps.
+
+    `slews`: for each slew the stamps (n,), the times of the regular clock (n,), and readings (n,
+    width) of any unit, NaN where there is none.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> clock = 0.25 * np.arange(400.0)
+    >>> stamps = clock + 0.02 * rng.uniform(-1.0, 1.0, 400)
+    >>> readings = np.sin(clock)[:, None] + 1e-4 * rng.normal(size=(400, 1))
+    >>> slope_of_readings([(stamps, clock, readings)]).sampling_is_regular
+    True
+    """
+    products, squares = [], []
+    for stamps, clock, readings in slews:
+        for column in readings.T:
+            x, y = _short_term(stamps, clock, column)
+            if len(x):
+                # A column counts by its own scatter; the slope is small beside the readings' noise.
+                scale = np.sqrt(np.mean(y**2)) or 1.0
+                products.append((x / scale, y / scale))
+                squares.append(float(np.sum((x / scale) ** 2)))
+    total = sum(squares)
+    if not total > 0.0:
+        return StampSlope(0.0, np.inf)
+    value = sum(float(x @ y) for x, y in products) / total
+    scores = [x * (y - value * x) for x, y in products]
+    # Neighbours share readings: sums of blocks are nearly independent.
+    blocks = [
+        score[k : k + LIMITS.jitter_block].sum()
+        for score in scores
+        for k in range(0, len(score), LIMITS.jitter_block)
+    ]
+    return StampSlope(value, float(np.sqrt(np.sum(np.square(blocks))) / total))
+
+
+def _short_term(
+    stamps: np.ndarray, clock: np.ndarray, readings: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Change of readings by jitter, and the readings, both less a curve through neighbours."""
+    present = np.isfinite(readings)
+    stamps, clock, readings = stamps[present], clock[present], readings[present]
+    if len(readings) < LIMITS.line_rows + LIMITS.curve_rows:
+        return np.zeros(0), np.zeros(0)
+    step = float(np.median(np.diff(clock)))
+    even = np.abs(np.diff(clock) - step) < 1e-3 * step
+    rate = np.convolve(readings, _weights(LIMITS.line_rows, 1)[::-1], "valid") / step
+    trim = LIMITS.line_rows // 2
+    moved = rate * (stamps - clock)[trim:-trim]
+    x, y = (
+        np.convolve(v, _residual_weights()[::-1], "valid") for v in (moved, readings[trim:-trim])
+    )
+    width = LIMITS.line_rows + LIMITS.curve_rows - 2
+    whole = np.convolve(even, np.ones(width), "valid") > width - 0.5
+    x, y = x[whole], y[whole]
+    spread = SD_OVER_MAD * float(np.median(np.abs(y))) if len(y) else 0.0
+    return x, np.clip(
+        y, -LIMITS.most_counted_sds * spread, LIMITS.most_counted_sds * spread
+    ) if spread > 0.0 else y
+
+
+def _weights(width: int, order: int) -> np.ndarray:
+    """Weights of a least-squares parabola (order 0) or line (order 1: its slope) at the middle."""
+    at = np.arange(width) - width // 2
+    powers = np.stack([at**p for p in range(3 - order)], axis=1).astype(float)
+    return np.asarray(np.linalg.pinv(powers)[order])
+
+
+def _residual_weights() -> np.ndarray:
+    own = np.zeros(LIMITS.curve_rows)
+    own[LIMITS.curve_rows // 2] = 1.0
+    return own - _weights(LIMITS.curve_rows, 0)
+
+
+def regular_stamps(time: np.ndarray, unit: str = "s") -> tuple[np.ndarray, Dirt | None]:
+    """Times of the regular clock that rounded stamps show; else the stamps.
+
+    `time` (n,): stamps, in the unit they were written in, strictly increasing. Returns `time` (n,):
+    the clock's times if its steps are lost in rounding, else the stamps; `dirt`: what was done,
+    without slew; None if stamps are even, or come from several clocks.
+
+    Examples
+    --------
+    >>> stamps, record = regular_stamps(np.round(0.48 * np.arange(99), 1))
+    >>> bool(np.abs(np.diff(stamps) - 0.48).max() < 1e-3), record.treated
+    (True, 'modelled')
+    """
+    if len(time) < LIMITS.fewest_stamps:
+        return time, None
+    steps = np.diff(time)
+    step = float(np.median(steps))
+    if _alternate(steps, step):
+        return time, None
+    resolution = _resolution(time, step)
+    grid = None if resolution is None else _grid(time, step, resolution)
+    if grid is not None:
+        note = f"stamps are multiples of {resolution:.4g} {unit}; a regular clock's times are taken"
+        return grid, Dirt("clock", "time", "", (), "modelled", note)
+    deviation = np.abs(steps - step)
+    if not is_regular(time) or np.mean(deviation > LIMITS.uneven_step * step) < LIMITS.uneven_share:
+        return time, None
+    uneven = float(np.sqrt(np.mean(deviation[deviation < 0.5 * step] ** 2)))
+    note = f"stamps are uneven: steps of {step:.4g} {unit} vary by {uneven:.3g} {unit} rms"
+    return time, Dirt("clock", "time", "", (), "ignored", note)
+
+
+def _alternate(steps: np.ndarray, step: float) -> bool:
+    """Whether long and short steps take turns: rounding or a true pattern, nobody can tell."""
+    return bool(np.mean(np.abs(steps[2:] - steps[:-2]) < 1e-6 * step) > 0.9) and bool(
+        np.mean(np.abs(steps[1:] - steps[:-1]) > 1e-6 * step) > 0.9
+    )
+
+
+def _resolution(time: np.ndarray, step: float) -> float | None:
+    """The decimal or binary unit of which all stamps are multiples, if it is coarse enough.
+
+    Stamps of 32 bits have the finest unit at their smallest times and the coarsest at their
+    largest; the latter is the one that every stamp is rounded to at least as well as.
+    """
+    largest = float(np.abs(time).max())
+    # A wild stamp overflows, and is none of 32 bits.
+    with np.errstate(over="ignore"):
+        single = time.astype(np.float32).astype(float)
+    if np.array_equal(single, time):
+        resolution = float(np.spacing(np.float32(largest)))
+        if resolution > LIMITS.fine_resolution * step:
+            return resolution if resolution <= LIMITS.coarse_resolution * step else None
+    fuzz = 4.0 * float(np.spacing(largest)) + 1e-9 * step
+    for resolution in _round_numbers(
+        LIMITS.fine_resolution * step, LIMITS.coarse_resolution * step
+    ):
+        if np.all(np.abs(time - resolution * np.round(time / resolution)) <= fuzz):
+            return resolution
+    return None
+
+
+def _round_numbers(least: float, most: float) -> list[float]:
+    """Powers of ten and of two between two numbers, the largest first."""
+    powers = [
+        base ** float(n)
+        for base in (2.0, 10.0)
+        for n in range(math.ceil(math.log(least, base)), math.floor(math.log(most, base)) + 1)
+    ]
+    return sorted(powers, reverse=True)
+
+
+def _grid(time: np.ndarray, step: float, resolution: float) -> np.ndarray | None:
+    """Times of the regular clock within half a resolution of every stamp; None without one.
+
+    Rows may be missing. An even clock whose steps are multiples of the resolution is left alone.
+    """
+    steps = np.diff(time)
+    near = steps[np.abs(steps - step) < 0.5 * step]
+    if np.ptp(near) < 0.5 * resolution:
+        return None
+    fitted, rows, _ = clock_through(time)
+    if (
+        np.any(np.diff(rows) < 1.0)
+        or np.abs(fitted + time[0] - time).max() > LIMITS.half_resolution * resolution
+    ):
+        return None
+    return fitted + time[0]
