@@ -389,3 +389,41 @@ def _turn_seen(
     rate_B = np.linalg.solve(campaign.rate_sensor.axes, scaled).T
     mean = 0.5 * (rate_B[1:] + rate_B[:-1]) * np.diff(time)[:, None]
     return np.concatenate([np.zeros((1, 3)), np.cumsum(mean, axis=0)])[rows]
+
+
+def with_modelled_outliers(estimate: Estimate) -> Estimate:
+    """The estimate with a record of each outlier in the channels of heavy noise; none is left out.
+
+    A reading counts as one where Gaussian noise of the spread that the middle of its channel shows
+    would not reach once in a thousand campaigns.
+
+    `estimate`: with the noise that its model was asked for. Returns: the same but for the records
+    of its campaign; the very object where there is none.
+    """
+    records = _modelled(estimate)
+    if not records:
+        return estimate
+    campaign = estimate.model.campaign
+    campaign = replace(campaign, dirt=(*campaign.dirt, *records))
+    return replace(estimate, model=replace(estimate.model, campaign=campaign))
+
+
+def _modelled(estimate: Estimate) -> tuple[Dirt, ...]:
+    """One record a channel and slew."""
+    model, slews, records = estimate.model, estimate.model.campaign.slews, []
+    heavy = [c for c in model.channels if model.noise.of(c.name).heavy]
+    series = plain_series(estimate) if heavy else {}
+    for channel in heavy:
+        title = model.noise.of(channel.name).density.title
+        numbers = np.concatenate([np.abs(z[np.isfinite(z)]) for z in series[channel.name]])
+        spread = SD_OVER_MAD * float(np.median(numbers))
+        limit = spread * float(stats.norm.isf(0.5 * FALSE_ALARM / len(numbers)))
+        for slew, z in zip(slews, series[channel.name], strict=True):
+            # Star-tracker fixes stand one after the other, without the rows between them.
+            given = channel.readings(model.campaign, slew).row
+            rows = given[(np.abs(np.nan_to_num(z[: len(given)])) > limit).any(axis=1)]
+            if len(rows):
+                note = f"{len(rows)} row{'s' if len(rows) > 1 else ''} in {title} noise"
+                listed = tuple(int(row) for row in rows)
+                records.append(Dirt("outliers", channel.name, slew.name, listed, "modelled", note))
+    return tuple(records)

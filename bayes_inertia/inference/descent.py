@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from bayes_inertia.inference.hyperparameters import (
     most_probable,
     without_hyperparameters,
 )
-from bayes_inertia.inference.likelihood import Information, information_blocks
+from bayes_inertia.inference.likelihood import information_blocks
 from bayes_inertia.inference.noise_model import Whitenings, n_data
 from bayes_inertia.inference.objective import (
     in_chart,
@@ -80,35 +80,21 @@ def _to_minimum(
     model: Model, point: Point, white: Whitenings, free: np.ndarray, **stop: Any
 ) -> tuple[Point, float]:
     """The minimum with the sizes of stochastic effects as they are."""
-    return minimum_from(
-        model,
-        point,
-        free,
-        lambda x: negative_log_posterior(model, x, white),
-        lambda x: information_blocks(model, x, white, free),
-        expected=0.5 * max(float(n_data(model, white).sum()), 1.0),
-        **stop,
-    )
-
-
-def minimum_from(
-    model: Model,
-    point: Point,
-    free: np.ndarray,
-    objective: Callable[[Point], float],
-    information: Callable[[Point], Information],
-    **stop: Any,
-) -> tuple[Point, float]:
-    """The minimum of an objective that a descent in the chart of J reaches.
-
-    `free` (f,). `objective`: from a point to what is to be small. `information`: from a point to
-    the normal equations there, without priors.
-    """
     return dogleg(
-        objective,
-        lambda x: in_chart(x, *normal_equations(model, x, information(x))),
+        lambda x: negative_log_posterior(model, x, white),
+        lambda x: in_chart(
+            x, *normal_equations(model, x, information_blocks(model, x, white, free))
+        ),
         lambda x, step: moved(model, x, step, free),
         point,
         step_sizes(model, point, free),
+        expected=_expected(model, white),
         **stop,
     )
+
+
+def _expected(model: Model, white: Whitenings) -> float:
+    """What noise alone makes of the objective; of other densities it has no such meaning."""
+    if any(each.density is not None for each in white):
+        return np.inf
+    return 0.5 * max(float(n_data(model, white).sum()), 1.0)

@@ -240,8 +240,8 @@ def _pieces(marginal: Marginal) -> list[_Pull]:
     pieces = slew_pieces(marginal.optimum, marginal.data, marginal.white)
     ridge = np.asarray(marginal.ridge_local)
     columns = tuple(
-        filled(np.asarray(x), round(x.shape[1] / max(1, given.shape[1]) * padded.shape[1]))
-        for x, (given, _), (padded, _) in zip(
+        filled(np.asarray(x), round(x.shape[1] / max(1, len(given[0])) * len(padded[0])))
+        for x, (given, *_), (padded, *_) in zip(
             marginal.columns, marginal.white, pieces[0].white, strict=True
         )
     )

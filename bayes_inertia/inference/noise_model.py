@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jax import Array
 
+from bayes_inertia.inference.channel_density import ChannelDensity, Densities
 from bayes_inertia.inference.effect_noise import effects_between_knots
 from bayes_inertia.inference.noise_filter import noise_memory
 from bayes_inertia.inference.noise_memory import Memory
@@ -25,10 +26,13 @@ class Whitening(NamedTuple):
         As the channel's `whitened` takes them.
     memory : Memory, optional
         What the noise keeps of the readings before; None where it is white.
+    density : ChannelDensity, optional
+        How whitened residuals count; None where they are Gaussian of unit scale.
     """
 
     factors: Array
     memory: Memory | None = None
+    density: ChannelDensity | None = None
 
 
 # Of each channel of a model.
@@ -67,8 +71,14 @@ def noise_between_knots(model: Model, theta: np.ndarray) -> tuple[ReadingNoise, 
 
 
 def without_memory(white: Whitenings) -> Whitenings:
-    """The same noise as if it were white."""
-    return tuple(each._replace(memory=None) for each in white)
+    """The same noise as if it were white and Gaussian."""
+    return tuple(each._replace(memory=None, density=None) for each in white)
+
+
+def of_densities(white: Whitenings, densities: Densities) -> Whitenings:
+    """The same noise with other densities."""
+    pairs = zip(white, densities, strict=True)
+    return tuple(each._replace(density=density) for each, density in pairs)
 
 
 def remembers(white: Whitenings) -> bool:

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.likelihood import Information, residuals, unpadded_sensitivities
 from bayes_inertia.inference.noise_model import Whitenings
 from bayes_inertia.inference.point import N_BIAS, Point
@@ -26,12 +27,18 @@ _SUPPORT_MARGIN = 1e-9
 
 
 def negative_log_posterior(model: Model, point: Point, white: Whitenings) -> float:
-    """Half the sum of all whitened squares, priors included."""
+    """Half the sum of all whitened squares (losses, of other densities), priors included."""
     if not bool(_is_physical(point.theta[:6])):
         return np.inf
     r = residuals(model.structure, point, model.data, white)
+    valid = measured(model)
     with np.errstate(over="ignore"):  # A step too far gives an infinite objective.
-        chi2 = sum(float(np.sum(np.square(channel))) for channel in r)
+        chi2 = sum(
+            float(np.sum(np.square(z)))
+            if noise.density is None
+            else 2.0 * noise.density.loss(z, ok.reshape(z.shape), point.theta)
+            for z, noise, ok in zip(r, white, valid, strict=True)
+        )
     prior = np.asarray(_prior_residual(model.space.constants(), point.theta))
     nuisances = float(point.bias @ point.bias), float(np.sum(point.local**2))
     return 0.5 * (chi2 + float(prior @ prior) + nuisances[0] + nuisances[1])

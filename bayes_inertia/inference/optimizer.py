@@ -18,17 +18,19 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_inertia.errors import EstimateError
+from bayes_inertia.inference.channel_density import Densities, densities_of
 from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.descent import descend, roughly
 from bayes_inertia.inference.gentle_descents import GENTLE_STOP, GENTLE_WEIGHT, gentle_descents
 from bayes_inertia.inference.hyperparameters import information_with_learnt, without_hyperparameters
 from bayes_inertia.inference.laplace import Estimate, Starts
-from bayes_inertia.inference.noise_estimate import with_noise_model
+from bayes_inertia.inference.likelihood import information_blocks
 from bayes_inertia.inference.noise_model import (
     Whitenings,
     discounted,
     n_data,
     noise_between_knots,
+    of_densities,
     whitening,
 )
 from bayes_inertia.inference.objective import normal_equations
@@ -36,7 +38,10 @@ from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_series import residual_series
 from bayes_inertia.inference.residual_tests import dispersion
 from bayes_inertia.inference.start_guess import guess_nuisances
+from bayes_inertia.inference.tested_residuals import effective_parameters
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
+from bayes_inertia.maths.linear_algebra import inverse
+from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 from bayes_inertia.physics.forward_model import Model
 
 # The discount has settled once no slew's factor changes by more than this share; rounds at most.
@@ -116,7 +121,7 @@ def estimate(
     counts = Starts(agreeing, len(descents))
     fitted = _estimate_of(model, *best, full, free, counts)
     if not model.noise.is_stated:
-        return with_noise_model(fitted)
+        return _with_densities(fitted)
     too_large = [test.too_large for test in fitted.tests.values()]
     if not discount or not any(too_large):
         return fitted
@@ -147,7 +152,7 @@ def re_estimate(
         shaped = without_hyperparameters(model, free)
         point, _ = descend(model, guess, white, shaped, **GENTLE_STOP)
     settled = _optimum_with_noise(model, point, discount, free, rounds=1, tolerance=tolerance)
-    return with_noise_model(_estimate_of(model, *settled, discount, free, Starts(1, 1)))
+    return _with_densities(_estimate_of(model, *settled, discount, free, Starts(1, 1)))
 
 
 def without_effect(previous: Estimate, name: str) -> Estimate:
@@ -319,6 +324,79 @@ def _estimate_of(
     blocks = information_with_learnt(model, point, white, free)
     hessian, _ = normal_equations(model, point, blocks)
     return Estimate(model, point, stated, white, factors, blocks, hessian, objective, starts)
+
+
+# A descent with inflated scales need not be exact: its end is only a beginning.
+_ROUGH = {"steps": 12, "tolerance": 1e-2}
+# Scale that residuals show beyond what is stated before a descent begins with it.
+_INFLATED = 1.3
+# Rounds in which the noise follows J (measured drive) and the numbers that fitting took away.
+_ROUNDS_OF_DENSITIES = 3
+
+
+def _with_densities(fitted: Estimate) -> Estimate:
+    """The estimate under the densities that its model was asked for.
+
+    It begins at the maximum with Gaussian noise of the stated sigma. Heavy densities begin with the
+    scale that the residuals have there, so that outliers far off lose their pull step by step.
+
+    Returns: the very object where the noise is as stated.
+    """
+    model, free = fitted.model, fitted.free
+    if model.noise.is_stated:
+        return fitted
+    densities, spread = densities_of(model), _spread(fitted)
+    point = _at_noise_of_residuals(fitted, densities, spread)
+    begin = _inflated(densities, spread, point.theta)
+    if begin != densities:
+        white = of_densities(whitening(model, point.theta), begin)
+        point, _ = descend(model, point, white, free, **_ROUGH)
+    for _ in range(_ROUNDS_OF_DENSITIES):
+        stated = whitening(model, point.theta)
+        white = of_densities(stated, densities)
+        point, objective = descend(model, point, white, free)
+        blocks = information_blocks(model, point, white, free)
+        hessian, _ = normal_equations(model, point, blocks)
+        paid = effective_parameters(model, point, blocks, inverse(hessian))
+        densities = tuple(
+            replace(
+                x, lost=n * float(x.family.moments(float(x.shape_of(point.theta))).per_parameter)
+            )
+            for x, n in zip(densities, paid.tolist(), strict=True)
+        )
+    factor = np.tile(blocks.weight, (model.n_slews, 1))
+    white = discounted(stated, factor)
+    return Estimate(model, point, stated, white, factor, blocks, hessian, objective, fitted.starts)
+
+
+def _spread(fitted: Estimate) -> list[float]:
+    """Standard deviation that the middle of each channel's residuals has."""
+    spread = []
+    for slews in fitted.residual_series.values():
+        numbers = np.concatenate([np.zeros(0), *(slew[np.isfinite(slew)] for slew in slews)])
+        middle = SD_OVER_MAD * float(np.median(np.abs(numbers))) if len(numbers) else 1.0
+        spread.append(max(middle, 1e-3))
+    return spread
+
+
+def _at_noise_of_residuals(fitted: Estimate, densities: Densities, spread: list[float]) -> Point:
+    """The point with sampled scales near those that the residuals have."""
+    theta = fitted.theta.copy()
+    for channel, density, sd in zip(fitted.model.channels, densities, spread, strict=True):
+        if density.scale_at is not None and density.scale_at in fitted.free:
+            width = 3.0 * fitted.model.noise.of(channel.name).scale_spread
+            theta[density.scale_at] = np.clip(sd, np.exp(-width), np.exp(width))
+    return replace(fitted.point, theta=theta)
+
+
+def _inflated(densities: Densities, spread: list[float], theta: np.ndarray) -> Densities:
+    """Heavy densities with the scales with which a descent should begin."""
+    begin = []
+    for density, sd in zip(densities, spread, strict=True):
+        ratio = sd / float(density.scale_of(theta))
+        large = density.family.heavy and ratio > _INFLATED
+        begin.append(replace(density, inflation=ratio) if large else density)
+    return tuple(begin)
 
 
 # Ends of gentle descents nearer than this [prior sd] are one.

@@ -10,17 +10,16 @@ from functools import partial
 
 import numpy as np
 
+from bayes_inertia.inference.channel_density import ChannelDensity, densities_of
 from bayes_inertia.inference.channel_rows import channel_rows
+from bayes_inertia.inference.density_marginal import conditional_point_with_densities
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.marginal_posterior import conditional_point
-from bayes_inertia.inference.noise_marginal import conditional_point_with_noise, noise_marginal
 from bayes_inertia.inference.noise_memory import correlated_noise
 from bayes_inertia.inference.noise_model import remembers, stated_noise_of, without_memory
-from bayes_inertia.inference.noise_parameters import NoiseRules, channel_rules, noise_values
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.sampler import Chains
-from bayes_inertia.inference.student_t import log_norm, tail_of
 from bayes_inertia.maths.values import AnyArray
 
 # Draws of each ensemble kept for telemetry-sized groups.
@@ -98,7 +97,7 @@ def _noise_of(
     """Where it is not as stated, the noise of draws, in stated sigmas."""
     if estimate.model.noise.is_stated:
         return None
-    return partial(unit_noise, channel_rules(estimate.model), thetas, rng=rng)
+    return partial(unit_noise, _by_channel(estimate), thetas, rng=rng)
 
 
 def drawn_nuisances(estimate: Estimate) -> Callable[[np.ndarray, np.ndarray], Point]:
@@ -107,7 +106,7 @@ def drawn_nuisances(estimate: Estimate) -> Callable[[np.ndarray, np.ndarray], Po
     Returns: from theta (d,) and standard normal numbers (3 + slews n_local,) to a point.
     """
     if not estimate.model.noise.is_stated:
-        return conditional_point_with_noise(estimate, noise_marginal(estimate))
+        return conditional_point_with_densities(estimate)
     return partial(conditional_point, estimate.model.structure, marginal(estimate))
 
 
@@ -116,7 +115,12 @@ def _losses(estimate: Estimate, theta: np.ndarray, channel: str, z: np.ndarray) 
     if estimate.model.noise.is_stated:
         return 0.5 * np.square(z).sum(-1)
     valid = channel_rows(estimate.model)[channel].valid
-    return losses(channel_rules(estimate.model), theta, channel, z, valid)
+    return losses(_by_channel(estimate)[channel], theta, z, valid)
+
+
+def _by_channel(estimate: Estimate) -> dict[str, ChannelDensity]:
+    names = (channel.name for channel in estimate.model.channels)
+    return dict(zip(names, densities_of(estimate.model), strict=True))
 
 
 def thinned_draws(chains: Chains, rng: np.random.Generator) -> np.ndarray:
@@ -184,7 +188,7 @@ def with_measurement_noise(
 
 
 def unit_noise(
-    rules: NoiseRules,
+    densities: dict[str, ChannelDensity],
     thetas: np.ndarray,
     channel: str,
     shape: tuple[int, ...],
@@ -192,29 +196,26 @@ def unit_noise(
 ) -> np.ndarray:
     """Noise of one channel in stated sigmas.
 
-    `thetas` (n, d): draws whose scale and degrees of freedom count, in the order of the first axes.
-    `shape`: (ensembles, draws, ...) of the noise, ensembles times draws being n.
+    `thetas` (n, d): draws whose scale and shape count, in the order of the first axes. `shape`:
+    (ensembles, draws, ...) of the noise, ensembles times draws being n.
     """
-    c = [rule.channel for rule in rules].index(channel)
-    rows = [noise_values(rules, theta) for theta in thetas]
+    density = densities[channel]
     width = (*shape[:2], *(1 for _ in shape[2:]))
-    scale = np.array([scales[c] for scales, _ in rows], float).reshape(width)
-    degrees = np.array([nu[c] for _, nu in rows], float).reshape(width)
-    if rules[c].heavy:
-        return scale * rng.standard_t(np.broadcast_to(degrees, shape))
-    return scale * rng.standard_normal(shape)
+    scale, own = (
+        np.array([of(theta) for theta in thetas], float).reshape(width)
+        for of in (density.scale_of, density.shape_of)
+    )
+    return scale * density.family.draw(rng, own, shape)
 
 
 def losses(
-    rules: NoiseRules, theta: np.ndarray, channel: str, z: np.ndarray, valid: np.ndarray
+    density: ChannelDensity, theta: np.ndarray, z: np.ndarray, valid: np.ndarray
 ) -> np.ndarray:
     """Minus the log densities of one channel's measurements, less those of its stated sigmas.
 
-    `theta` (d,); `z` (slews, rows, components); `valid` (slews, rows, components). Returns (slews,
-    rows): summed over the components of each row, without log(2 pi)/2 and log sigma.
+    `z`, `valid` (slews, rows, components). Returns (slews, rows): summed over the components of
+    each row, without log(2 pi)/2 and log sigma.
     """
-    c = [rule.channel for rule in rules].index(channel)
-    scales, degrees = noise_values(rules, theta)
-    loss = np.asarray(tail_of(rules[c].heavy, z / scales[c], degrees[c]).loss)
-    loss = loss + np.log(scales[c]) + (log_norm(degrees[c]) if rules[c].heavy else 0.0)
+    scale, shape = float(density.scale_of(theta)), float(density.shape_of(theta))
+    loss = np.asarray(density.family.loss(z / scale, shape)) + np.log(scale)
     return np.where(valid, loss, 0.0).sum(-1)

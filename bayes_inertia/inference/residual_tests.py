@@ -98,6 +98,20 @@ def channel_tests(
     return tests
 
 
+def scale_test(scale: float, spread: float, test: ChannelTest) -> ChannelTest:
+    """The test of a channel whose scale is sampled: against the prior of the scale.
+
+    Its squares tell nothing any more. They are counted in stated sigmas, and so is the interval.
+    `spread`: prior sd of the scale's logarithm.
+    """
+    if test.reduced_chi2 is None:
+        return test
+    p_scale = float(2.0 * stats.norm.sf(abs(np.log(scale)) / spread))
+    central_99 = float(stats.norm.isf(0.005))
+    low, high = np.exp(2.0 * spread * central_99 * np.array([-1.0, 1.0])).tolist()
+    return ChannelTest(scale**2 * test.reduced_chi2, (low, high), p_scale, test.p_white)
+
+
 def _columns(slews: list[np.ndarray]) -> list[np.ndarray]:
     """Series of single components that are long enough to correlate."""
     columns = [slew[np.isfinite(slew[:, i]), i] for slew in slews for i in range(slew.shape[1])]

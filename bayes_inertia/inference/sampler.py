@@ -24,10 +24,10 @@ from bayes_inertia.inference.convergence import (
     autocorrelation_time,
     diagnose_chains,
 )
+from bayes_inertia.inference.density_marginal import log_density_with_densities
 from bayes_inertia.inference.gate_limits import AUTOCORRELATION_TIMES
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.marginal_posterior import LogDensity, log_density_of
-from bayes_inertia.inference.noise_marginal import log_density_with_noise
 from bayes_inertia.inference.proposal import (
     Proposal,
     find_proposal,
@@ -123,7 +123,7 @@ def sample(
 def log_density_at(estimate: Estimate, most: int = 32) -> LogDensity:
     """The compiled density that is sampled around an estimate."""
     if not estimate.model.noise.is_stated:
-        return log_density_with_noise(estimate, batch=min(most, batch_size(estimate)))
+        return log_density_with_densities(estimate, batch=min(most, batch_size(estimate)))
     structure = estimate.model.structure
     few = compressed(structure, marginal(estimate))
     telemetry = few.data.pieces[0].arrays.telemetry

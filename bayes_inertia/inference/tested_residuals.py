@@ -15,11 +15,11 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_inertia.inference.effect_noise import noise_of_effects
-from bayes_inertia.inference.hat_matrix import hat_traces
 from bayes_inertia.inference.likelihood import Information
 from bayes_inertia.inference.noise_filter import noise_memory
 from bayes_inertia.inference.noise_model import Whitenings, stated_noise_of
-from bayes_inertia.inference.point import Point
+from bayes_inertia.inference.objective import block_index
+from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.inference.residual_series import residual_series
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Model
@@ -83,3 +83,39 @@ def _filtered_series(
         of_channel = stated_noise_of(model, channel, point.theta)
         white.append(stated_white._replace(memory=noise_memory(model, channel, of_channel, noise)))
     return residual_series(model, replace(point, local=local), tuple(white))
+
+
+def hat_traces(
+    information: Information,
+    n_local: int,
+    covariance: np.ndarray,
+    counted: np.ndarray | None = None,
+    *,
+    nuisances: np.ndarray | None = None,
+) -> np.ndarray:
+    """Trace of the hat matrix over each channel's rows.
+
+    `covariance` (unknowns, unknowns) [free]; `counted` (f,) [free]. `nuisances` (n_local,): which
+    of a slew's nuisances are paid for; all by default. The others act all the same. Returns (3,).
+    """
+    total = np.zeros(information.n_data.shape[1])
+    for s, block in enumerate(information.matrix):
+        index = block_index(len(information.free) + N_BIAS, n_local, s)
+        if counted is not None:
+            keep = np.concatenate([counted, np.ones(len(index) - len(counted), bool)])
+            index, block = index[keep], block[:, keep][:, :, keep]
+        paid = np.ones(len(index), bool)
+        if nuisances is not None:
+            paid[-n_local:] = nuisances
+        total += np.einsum("cpq,qp->c", block[:, paid], covariance[np.ix_(index, index[paid])])
+    return total
+
+
+def effective_parameters(
+    model: Model, point: Point, information: Information, covariance: np.ndarray
+) -> np.ndarray:
+    """How many parameters of location each channel pays for (channels,)."""
+    if model.noise.is_stated:
+        return hat_traces(information, point.n_local, covariance)
+    located = np.array([model.space.names[i] not in model.noise.names for i in information.free])
+    return hat_traces(information, point.n_local, covariance, located)
