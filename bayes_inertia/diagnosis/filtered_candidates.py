@@ -15,8 +15,12 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.signal_evidence import GainOfSizes, SignalEvidence
-from bayes_inertia.inference.filtered_evidence import FilteredEvidence
-from bayes_inertia.inference.filtered_sizes import EvidencePeak, evidence_peak, noise_level_used
+from bayes_inertia.inference.filtered_evidence import (
+    EvidencePeak,
+    FilteredEvidence,
+    evidence_peak,
+    noise_level_used,
+)
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.noise_model import noise_between_knots
 from bayes_inertia.physics.parameters import LogNormal

@@ -9,7 +9,6 @@ import numpy as np
 from scipy import stats
 
 from bayes_inertia.inference.convergence import Diagnostics
-from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.gate_limits import (
     AUTOCORRELATION_TIMES,
     ESS_AT_LEAST,
@@ -18,6 +17,7 @@ from bayes_inertia.inference.gate_limits import (
     PRIOR_SD_AT_MOST,
 )
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.settings import FitContext
 from bayes_inertia.physics.effects import REMAINDERS
 from bayes_inertia.physics.parameters import N_BASE
 

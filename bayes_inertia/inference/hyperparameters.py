@@ -4,6 +4,10 @@ The parameters of a stochastic effect fix the prior of its coefficients and noth
 posterior of both has no useful maximum (it grows where coefficients become likely), so they are
 moved by the evidence: the data's probability with everything else integrated out, to first order
 around a point (MacKay 1992, "Bayesian interpolation"; type II maximum likelihood with a prior).
+
+Parameters that are learnt by evidence, in prior sds from the centres of their priors.
+
+Unknowns of a linearised fit, scaled and ordered for elimination slew by slew.
 """
 
 from __future__ import annotations
@@ -29,17 +33,93 @@ from bayes_inertia.inference.coefficients import (
     root_change,
     times,
 )
-from bayes_inertia.inference.learnt_parameters import LearntParameters
 from bayes_inertia.inference.likelihood import Information, information_blocks
 from bayes_inertia.inference.noise_model import Whitenings
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.inference.point import N_BIAS, Point
-from bayes_inertia.inference.shared_unknowns import shared_first
 from bayes_inertia.maths.device_arrays import filled, on_device, padded_size, repeated
 from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.prediction import Structure
 from bayes_inertia.physics.slew_context import SlewContext
+
+
+class SharedFirst(NamedTuple):
+    """Unknowns in prior sds, in the order in which they are eliminated: what slews share first.
+
+    Parameters
+    ----------
+    scale : (f + 3 + n_local,) array
+        One prior sd of (theta[free], bias, own nuisances).
+    order : (f + 3 + n_local,) array of int
+        Where each stands among those: the bias, theta[free], own nuisances.
+    precision, gradient : (3 + f,) arrays
+        Of the prior of what slews share, in that order.
+    """
+
+    scale: np.ndarray
+    order: np.ndarray
+    precision: np.ndarray
+    gradient: np.ndarray
+
+
+def shared_first(model: Model, point: Point, free: np.ndarray) -> SharedFirst:
+    """How unknowns are scaled and ordered, so that the matrix of what slews share is well scaled.
+
+    `free` (f,).
+    """
+    slope, distance = (rows[free] for rows in prior_rows(model, point.theta))
+    unit = np.where(slope != 0.0, slope, 1.0)
+    f, end = len(free), len(free) + N_BIAS + point.n_local
+    return SharedFirst(
+        np.concatenate([1.0 / unit, np.ones(N_BIAS + point.n_local)]),
+        np.r_[f : f + N_BIAS, :f, f + N_BIAS : end],
+        np.concatenate([np.ones(N_BIAS), (slope / unit) ** 2]),
+        np.concatenate([point.bias, slope * distance / unit]),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class LearntParameters:
+    """Which parameters are learnt, and how they are counted.
+
+    Parameters
+    ----------
+    model : Model
+    learnt : (h,) array of int
+        Their indices.
+    """
+
+    model: Model
+    learnt: np.ndarray
+
+    @cached_property
+    def priors(self) -> dict[str, np.ndarray]:
+        """Of these parameters, as `ParameterSpace.constants`."""
+        constants = self.model.space.constants().items()
+        return {key: np.asarray(values)[self.learnt] for key, values in constants}
+
+    def standardised(self, theta: np.ndarray) -> np.ndarray:
+        """The learnt parameters of all.
+
+        `theta` (..., d). Returns (..., h).
+        """
+        value, logarithmic = np.asarray(theta)[..., self.learnt], self.priors["logarithmic"]
+        value = np.where(logarithmic, np.log(np.where(logarithmic, value, 1.0)), value)
+        return (value - self.priors["mean"]) / self.priors["scale"]
+
+    def put(self, theta: np.ndarray, standardised: np.ndarray) -> np.ndarray:
+        """All parameters, with other values of the learnt ones.
+
+        `theta` (d,); `standardised` (..., h). Returns (..., d).
+        """
+        priors, standardised = self.priors, np.asarray(standardised)
+        value, logarithmic = priors["mean"] + priors["scale"] * standardised, priors["logarithmic"]
+        value = np.where(logarithmic, np.exp(np.where(logarithmic, value, 0.0)), value)
+        result = np.broadcast_to(theta, (*standardised.shape[:-1], len(theta))).copy()
+        result[..., self.learnt] = np.clip(value, priors["lower"], priors["upper"])
+        return result
+
 
 # So many prior sds from its centre a parameter may move.
 _FARTHEST = 8.0

@@ -21,16 +21,17 @@ from bayes_inertia.inference.noise_model import (
 )
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.inference.point import N_BIAS, Point
-from bayes_inertia.inference.residual_series import residual_series
-from bayes_inertia.inference.residual_tests import ChannelTest, channel_tests, scale_test
-from bayes_inertia.inference.rounding import has_one_error, rounding_steps
-from bayes_inertia.inference.slew_scatter import SlewScatter
-from bayes_inertia.inference.slew_shares import SlewShares
-from bayes_inertia.inference.tested_residuals import (
+from bayes_inertia.inference.residual_tests import (
+    ChannelTest,
     TestedResiduals,
+    channel_tests,
     effective_parameters,
     filtered_residuals,
+    residual_series,
+    scale_test,
 )
+from bayes_inertia.inference.rounding import has_one_error, rounding_steps
+from bayes_inertia.inference.slew_shares import SlewScatter, SlewShares
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve

@@ -4,21 +4,179 @@ First-order processes beside white noise: correlated noise that was measured in 
 rates; what the campaign states of the gyro's bias, a random walk (RRW) and a Gauss-Markov process
 that stands for its instability (BI); what an effect was estimated to add, all of it or what it does
 between the knots that a fit knows. Farrenkopf 1978; IEEE Std 952-1997, annexes B and C.
+
+First-order processes that a model's effects add to readings, and the nuisances for them.
+
+Correlated noise of the rate sensor, as what each reading's noise keeps of those before it.
+
+Noise that remembers is a sum of first-order processes beside white noise. A Kalman filter with one
+state for each process and axis tells them apart. Its gains follow from the times and from which
+readings are missing alone, so that its innovations are a linear map of the residuals: white, of
+unit variance, and everything that follows from residuals and their derivatives stays as it is
+(Anderson and Moore 1979, section 9.2). Exact for any size, any correlation time and any gap.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from bayes_inertia.inference.channel_rows import row_times
-from bayes_inertia.inference.noise_memory import Memory
+from bayes_inertia.maths.device_arrays import filled, padded_size
+from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.reading_noise import ReadingNoise
 from bayes_inertia.physics.stated_noise import stated_reading_noise
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
+
+
+class Memory(NamedTuple):
+    """The filter that whitens correlated noise.
+
+    Parameters
+    ----------
+    decay : (slews, n, 3, processes) array
+        What is left of each process at the next row.
+    gain : (slews, n, 3, processes) array
+        Share of an innovation that belongs to a process; 0 where nothing was measured.
+    scale : (slews, n, 3) array
+        One over the standard deviation of the innovations; 1 where nothing was measured.
+    """
+
+    # Of numpy on the host, of JAX in compiled code.
+    decay: AnyArray
+    gain: AnyArray
+    scale: AnyArray
+
+
+def innovations(rate: Any, memory: Memory) -> Any:
+    """Whitened residuals without what the residuals before them let expect.
+
+    `rate` (slews, n, 3, ...): whitened residuals, or columns of their derivatives; zero where
+    nothing was measured. Of numpy, or of JAX in compiled code. Returns (slews, n, 3, ...).
+
+    Examples
+    --------
+    >>> decay, gain = np.full((1, 2, 3, 1), 0.6), np.ones((1, 2, 3, 1))
+    >>> memory = Memory(decay, gain, np.full((1, 2, 3), 1.25))
+    >>> innovations(np.ones((1, 2, 3)), memory)[0, :, 0].tolist()
+    [1.25, 0.5]
+    """
+    if not isinstance(rate, np.ndarray):
+        return _innovations(rate, memory)
+    # Slews, rows and columns in few sizes.
+    slews, n, axes = rate.shape[:3]
+    columns = rate.reshape(slews, n, axes, -1)
+    size = (
+        padded_size(slews, 1, often=True),
+        padded_size(n),
+        padded_size(columns.shape[-1], 1, often=True),
+    )
+
+    def padded(rows: Any) -> Any:
+        return filled(filled(np.asarray(rows), size[0], 0), padded_size(n))
+
+    new = _innovations(filled(padded(columns), size[1], -1), Memory(*map(padded, memory)))
+    return np.asarray(new)[:slews, :n, :, : columns.shape[-1]].reshape(rate.shape)
+
+
+@jax.jit
+def _innovations(rate: Array, memory: Memory) -> Array:
+    rows, known = memory.scale.ndim - 2, memory.scale.ndim
+    # Columns stand last, side by side in memory: a step is one pass over them.
+    columns = rate.reshape(*rate.shape[:known], -1)
+
+    def step(expected: Array, row: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+        reading, decay, gain = row
+        new = reading - expected.sum(-2)
+        return decay[..., None] * (expected + gain[..., None] * new[..., None, :]), new
+
+    reading, decay, gain = (jnp.moveaxis(x, rows, 0) for x in (columns, memory.decay, memory.gain))
+    nothing = jnp.zeros((*decay.shape[1:], columns.shape[-1]))
+    _, new = jax.lax.scan(step, nothing, (reading, decay, gain))
+    measured = (memory.gain.sum(-1) > 0.0)[..., None]
+    whitened = memory.scale[..., None] * jnp.where(measured, jnp.moveaxis(new, 0, rows), columns)
+    return whitened.reshape(rate.shape)
+
+
+def correlated_noise(white_noise: np.ndarray, memory: Memory) -> np.ndarray:
+    """Noise whose innovations are given: the inverse of `innovations`.
+
+    `white_noise` (..., slews, n, 3). Returns (..., slews, n, 3): correlated noise, in units of the
+    white noise's sigma.
+    """
+    decay, gain, scale = (np.asarray(x) for x in memory)
+    noise = white_noise / scale
+    expected = np.zeros((*noise.shape[:-2], 3, decay.shape[-1]))
+    for row in range(noise.shape[-2]):
+        new = noise[..., row, :].copy()
+        noise[..., row, :] += expected.sum(-1)
+        expected = decay[:, row] * (expected + gain[:, row] * new[..., None])
+    return noise
+
+
+class EffectNoise(NamedTuple):
+    """What one effect adds to readings.
+
+    Parameters
+    ----------
+    effect : str
+        Its name.
+    noise : ReadingNoise
+        The process.
+    coefficients : slice
+        Which of a slew's own nuisances stand for it.
+    """
+
+    effect: str
+    noise: ReadingNoise
+    coefficients: slice
+
+
+def noise_of_effects(model: Model, theta: np.ndarray) -> tuple[EffectNoise, ...]:
+    """What a model's effects add to readings that are compared.
+
+    `theta` (d,).
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> model = Model(small_campaign())
+    >>> noise_of_effects(model, model.space.mean)
+    ()
+    """
+    structure, start, found = model.structure, model.structure.n_start, []
+    if not any(structure.coefficients):
+        return ()
+    active = structure.active_effects(jnp.asarray(theta))
+    for (effect, p), count in zip(active, structure.coefficients, strict=False):
+        noise = effect.reading_noise(p) if isinstance(effect, StochasticEffect) else None
+        if count and noise is not None and _is_read(model, noise):
+            plain = noise._replace(size=float(noise.size), time=float(noise.time))
+            found.append(EffectNoise(effect.name, plain, slice(start, start + count)))
+        start += count
+    return tuple(found)
+
+
+def effects_between_knots(model: Model, theta: np.ndarray) -> tuple[EffectNoise, ...]:
+    """Those of `noise_of_effects` whose coefficients are values of the rates' errors on knots.
+
+    `theta` (d,). Returns: what they do between knots is filtered out of the readings.
+    """
+    every = noise_of_effects(model, theta)
+    return tuple(each for each in every if each.noise.channel == "rate" and each.noise.knots)
+
+
+def _is_read(model: Model, noise: ReadingNoise) -> bool:
+    """Whether readings with this noise are compared, and the noise is there at all."""
+    channel = model.channels[model.structure.place(noise.channel)]
+    return channel.compared and float(noise.size) > 0.0
 
 
 class _Process(NamedTuple):

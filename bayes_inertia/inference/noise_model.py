@@ -8,9 +8,7 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.inference.channel_density import ChannelDensity, Densities
-from bayes_inertia.inference.effect_noise import effects_between_knots
-from bayes_inertia.inference.noise_filter import noise_memory
-from bayes_inertia.inference.noise_memory import Memory
+from bayes_inertia.inference.noise_filter import Memory, effects_between_knots, noise_memory
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.forward_model import Model

@@ -20,8 +20,14 @@ import numpy as np
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.channel_density import Densities, densities_of
 from bayes_inertia.inference.compiled_programs import forget_surplus
-from bayes_inertia.inference.descent import descend, roughly
-from bayes_inertia.inference.gentle_descents import GENTLE_STOP, GENTLE_WEIGHT, gentle_descents
+from bayes_inertia.inference.descent import (
+    GENTLE_STOP,
+    GENTLE_WEIGHT,
+    descend,
+    gentle_descents,
+    guess_nuisances,
+    roughly,
+)
 from bayes_inertia.inference.hyperparameters import information_with_learnt, without_hyperparameters
 from bayes_inertia.inference.laplace import Estimate, Starts
 from bayes_inertia.inference.likelihood import information_blocks
@@ -35,10 +41,7 @@ from bayes_inertia.inference.noise_model import (
 )
 from bayes_inertia.inference.objective import normal_equations
 from bayes_inertia.inference.point import Point
-from bayes_inertia.inference.residual_series import residual_series
-from bayes_inertia.inference.residual_tests import dispersion
-from bayes_inertia.inference.start_guess import guess_nuisances
-from bayes_inertia.inference.tested_residuals import effective_parameters
+from bayes_inertia.inference.residual_tests import dispersion, effective_parameters, residual_series
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD

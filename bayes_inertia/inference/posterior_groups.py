@@ -17,7 +17,6 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.each_slew import of_slew
-from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.gate_limits import criteria
 from bayes_inertia.inference.gates import check_gates
 from bayes_inertia.inference.laplace import Estimate, principal_sd
@@ -25,6 +24,7 @@ from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.posterior import FORMAT, Posterior
 from bayes_inertia.inference.predicted_telemetry import predicted_telemetry
 from bayes_inertia.inference.sampler import Chains
+from bayes_inertia.inference.settings import FitContext
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.parameters import log_prior

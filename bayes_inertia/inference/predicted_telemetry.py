@@ -16,7 +16,7 @@ from bayes_inertia.inference.density_marginal import conditional_point_with_dens
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.marginal_posterior import conditional_point
-from bayes_inertia.inference.noise_memory import correlated_noise
+from bayes_inertia.inference.noise_filter import correlated_noise
 from bayes_inertia.inference.noise_model import remembers, stated_noise_of, without_memory
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.sampler import Chains

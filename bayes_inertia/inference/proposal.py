@@ -1,21 +1,213 @@
 """The sampler's independence move: from what it proposes, and where ensembles begin.
 
 Proposal moves for emcee that know the shape of the posterior.
+
+Proposals where stochastic effects have sizes: sizes by their evidence, the rest given sizes.
+
+To first order the data give J and K a normal distribution for each set of sizes. It is narrow
+where sizes are small and wide where they are large, which no single ellipsoid resembles. Sizes
+themselves are few: a short ensemble explores their evidence, which costs no simulation.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property, partial
+
 import emcee
+import jax
+import jax.numpy as jnp
 import numpy as np
 from emcee.moves import MHMove
-from scipy import linalg
+from scipy import linalg, stats
 
 from bayes_inertia.errors import EstimateError
-from bayes_inertia.inference.evidence_move import EvidenceMove, explored_sizes
-from bayes_inertia.inference.hyperparameters import evidence_at
+from bayes_inertia.inference.hyperparameters import Evidence, GivenSizes, evidence_at, given_sizes
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.marginal_posterior import LogDensity
 from bayes_inertia.maths.linear_algebra import cholesky_factor
+
+# The ensemble that explores the evidence.
+_WALKERS, _STEPS, _WARM_UP = 64, 60, 20
+# Sizes that are evaluated at once.
+_BATCH = 16
+# Sizes are proposed from what was explored, and at times more widely: no walker stays where the
+# exploration was thin.
+_WIDE_SHARE, _WIDE_DEGREES = 0.2, 5.0
+# Steps of the sizes by their evidence in each proposal, and from draws of the exploration.
+_SIZE_STEPS, _SIZE_STEPS_OF_DRAWS = 2, 6
+
+
+@dataclass(frozen=True, eq=False)
+class SizeProposal:
+    """Where sizes are proposed: what was explored, smoothed, and a wide distribution around it.
+
+    Parameters
+    ----------
+    explored : scipy.stats.gaussian_kde
+        Of the sizes [prior sd].
+    """
+
+    explored: stats.gaussian_kde
+
+    @cached_property
+    def _wide(self) -> stats._multivariate.multivariate_t_frozen:
+        data = self.explored.dataset
+        return stats.multivariate_t(data.mean(1), np.atleast_2d(np.cov(data)), df=_WIDE_DEGREES)
+
+    def draw(self, random: np.random.RandomState, n: int) -> np.ndarray:
+        """Standardised sizes (n, h)."""
+        near = self.explored.resample(n, seed=random).T
+        far = np.reshape(self._wide.rvs(n, random_state=random), near.shape)
+        return np.where(random.random_sample((n, 1)) < _WIDE_SHARE, far, near)
+
+    def log_density(self, standardised: np.ndarray) -> np.ndarray:
+        """Log density (n,) of standardised sizes (n, h)."""
+        near = self.explored.logpdf(standardised.T) + np.log1p(-_WIDE_SHARE)
+        return np.logaddexp(
+            near, np.atleast_1d(self._wide.logpdf(standardised)) + np.log(_WIDE_SHARE)
+        )
+
+
+class EvidenceMove(MHMove):
+    """Propose every walker anew: sizes by their evidence, then the rest given these sizes.
+
+    The sizes take a few Metropolis steps that keep the distribution of the linearised model; what
+    is accepted or not in the end is only what that model leaves out, so that the density sampled
+    is exact (Tierney 1994, section 2.3.3; Liu 2001, section 5.4).
+
+    Parameters
+    ----------
+    evidence : Evidence
+        Around the maximum; all its parameters are free.
+    sizes : SizeProposal
+        Where sizes are proposed.
+    degrees : float
+        Of freedom of the proposals given sizes; fewer have heavier tails.
+    """
+
+    def __init__(self, evidence: Evidence, sizes: SizeProposal, degrees: float = 20.0):
+        self.evidence, self.sizes, self.degrees = evidence, sizes, float(degrees)
+        super().__init__(self._propose, ndim=len(evidence.point.theta))
+
+    def log_density(self, x: np.ndarray, degrees: float | None = None) -> np.ndarray:
+        """Log density of the linearised model, up to a constant.
+
+        `x` (n, d). `degrees`: of freedom, given sizes; those of this move where none are given.
+        Returns (n,).
+        """
+        given = _given(self.evidence, self.evidence.standardised(x))
+        return self._log_density(x, given, self.degrees if degrees is None else degrees)
+
+    def with_degrees(self, degrees: float) -> EvidenceMove:
+        """The same sizes and the same normal distribution given them, with other tails."""
+        return EvidenceMove(self.evidence, self.sizes, degrees)
+
+    def draw(self, random: np.random.RandomState, n: int, *, stretch: float = 1.0) -> np.ndarray:
+        """Draw from the linearised model.
+
+        `stretch`: multiplies their distance from the mean (for over-dispersed starts). Returns (n,
+        d).
+        """
+        standardised = self.sizes.draw(random, n)
+        standardised, given = self._moved(
+            standardised, _given(self.evidence, standardised), random, _SIZE_STEPS_OF_DRAWS
+        )
+        if stretch != 1.0:
+            centre = self.sizes.explored.dataset.mean(1)
+            standardised = centre + stretch * (standardised - centre)
+            given = _given(self.evidence, standardised)
+        return self._drawn(standardised, given, random, stretch)
+
+    def _moved(
+        self, standardised: np.ndarray, given: GivenSizes, random: np.random.RandomState, steps: int
+    ) -> tuple[np.ndarray, GivenSizes]:
+        """Sizes after steps of an independence sampler of their evidence."""
+        weight = np.asarray(given.log_evidence) - self.sizes.log_density(standardised)
+        for _ in range(steps):
+            new = self.sizes.draw(random, len(standardised))
+            new_given = _given(self.evidence, new)
+            new_weight = np.asarray(new_given.log_evidence) - self.sizes.log_density(new)
+            taken = np.log(random.random_sample(len(standardised))) < new_weight - weight
+            standardised = np.where(taken[:, None], new, standardised)
+            weight = np.where(taken, new_weight, weight)
+            given = jax.tree.map(partial(_where, taken), new_given, given)
+        return standardised, given
+
+    def _drawn(
+        self,
+        standardised: np.ndarray,
+        given: GivenSizes,
+        random: np.random.RandomState,
+        stretch: float = 1.0,
+    ) -> np.ndarray:
+        """Points (n, d) with these sizes."""
+        z = random.standard_normal(given.mean.shape)
+        z = stretch * z * np.sqrt(self.degrees / random.chisquare(self.degrees, size=(len(z), 1)))
+        off = np.linalg.solve(np.swapaxes(given.root, 1, 2), z[..., None])[..., 0]
+        theta = self.evidence.theta(standardised)
+        frozen = self.evidence.frozen
+        theta[:, np.asarray(frozen.free)] = given.mean + off * np.asarray(frozen.scale)
+        return theta
+
+    def _log_density(self, x: np.ndarray, given: GivenSizes, degrees: float) -> np.ndarray:
+        """Of the sizes, by their evidence, and of the rest given them."""
+        frozen = self.evidence.frozen
+        off = (x[:, np.asarray(frozen.free)] - given.mean) / np.asarray(frozen.scale)
+        z2 = np.sum(np.einsum("nji,nj->ni", given.root, off) ** 2, 1)
+        log_det = np.sum(np.log(np.diagonal(given.root, axis1=1, axis2=2)), 1)
+        rest = log_det - 0.5 * (degrees + off.shape[1]) * np.log1p(z2 / degrees)
+        sizes = x[:, np.asarray(frozen.learnt)][:, np.asarray(frozen.priors["logarithmic"])]
+        return given.log_evidence - np.sum(np.log(sizes), 1) + rest
+
+    def _propose(
+        self, coords: np.ndarray, random: np.random.RandomState
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Proposals and the log ratio of their densities, as emcee asks for them."""
+        standardised = self.evidence.standardised(coords)
+        before = _given(self.evidence, standardised)
+        standardised, given = self._moved(standardised, before, random, _SIZE_STEPS)
+        proposed = self._drawn(standardised, given, random)
+        factors = self._log_density(coords, before, self.degrees) - self._log_density(
+            proposed, given, self.degrees
+        )
+        return proposed, factors
+
+
+def _where(taken: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
+    """The new row where it was taken, else the old one."""
+    return np.where(taken.reshape(-1, *(1 for _ in old.shape[1:])), new, old)
+
+
+def _given(evidence: Evidence, standardised: np.ndarray) -> GivenSizes:
+    """The rest given sizes, as numpy, in batches of one shape."""
+    n = len(standardised)
+    padded = np.concatenate([standardised, np.repeat(standardised[-1:], -n % _BATCH, axis=0)])
+    structure, frozen = evidence.model.structure, evidence.frozen
+    parts = [
+        given_sizes(structure, frozen, jnp.asarray(padded[i : i + _BATCH]))
+        for i in range(0, len(padded), _BATCH)
+    ]
+    return jax.tree.map(lambda *values: np.concatenate(values)[:n], *parts)
+
+
+def explored_sizes(evidence: Evidence, random: np.random.RandomState) -> SizeProposal:
+    """The distribution of sizes by their evidence, explored by a short ensemble."""
+    begin = evidence.standardised(evidence.point.theta)
+    walkers = max(_WALKERS, 2 * len(begin))
+    starts = begin + 0.3 * random.standard_normal((walkers, len(begin)))
+    sampler = emcee.EnsembleSampler(
+        walkers,
+        len(begin),
+        lambda standardised: _given(evidence, standardised).log_evidence,
+        vectorize=True,
+        moves=emcee.moves.DEMove(),
+    )
+    sampler.random_state = random.get_state()
+    sampler.run_mcmc(starts, _STEPS)
+    random.set_state(sampler.random_state)
+    explored = sampler.get_chain(discard=_WARM_UP, thin=2, flat=True)
+    return SizeProposal(stats.gaussian_kde(explored.T))
 
 
 class IndependenceMove(MHMove):

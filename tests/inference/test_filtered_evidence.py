@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.filtered_evidence import FilteredEvidence
-from bayes_inertia.inference.filtered_sizes import evidence_peak, noise_level_used
+from bayes_inertia.inference.filtered_evidence import (
+    FilteredEvidence,
+    evidence_peak,
+    noise_level_used,
+)
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.physics.effects import RateBiasInstability
 from bayes_inertia.physics.forward_model import Model

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_inertia.inference.slew_scatter import CHANCE, SlewScatter
-from bayes_inertia.inference.slew_shares import SlewShares
+from bayes_inertia.inference.slew_shares import CHANCE, SlewScatter, SlewShares
 
 SLEWS, UNKNOWNS, CAMPAIGNS = 5, 4, 400
 
