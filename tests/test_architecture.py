@@ -145,7 +145,7 @@ DECIDING_MODULES = {
         "diagnosis.rules",
         "design.designer",
         "design.plan_search",
-        "inference.gate_limits",
+        "inference.limits",
         "inference.gates",
         "inference.optimizer",
         "inference.residual_tests",

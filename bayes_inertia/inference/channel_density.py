@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.physics.channel_noise import NOISE_OWNER
 from bayes_inertia.physics.densities import Density
 from bayes_inertia.physics.forward_model import Model
@@ -59,9 +60,6 @@ class ChannelDensity:
         Factor on the scale, above 1 while a descent begins among outliers.
     lost : float
         By how much fitting lowered the sum of y psi(y): the scale is that of the numbers left.
-    least_curvature : float
-        Mean curvature is taken for no less than this share of what the family lets expect: a
-        matrix of outliers alone is no matrix to descend by.
     """
 
     family: Density
@@ -70,7 +68,6 @@ class ChannelDensity:
     shape_at: int | None = None
     inflation: float = 1.0
     lost: float = 0.0
-    least_curvature: float = 0.3
 
     def scale_of(self, theta: Any) -> Any:
         """The factor on the stated sigmas."""
@@ -89,7 +86,7 @@ class ChannelDensity:
     def pull(self, r: Array, valid: np.ndarray, theta: np.ndarray) -> Pull:
         """How residuals (slews, numbers) in stated sigmas pull; `valid`: was measured."""
         scale, shape = float(self.scale_of(theta)), float(self.shape_of(theta))
-        parts = _pull(self.family, r, valid, scale, shape, self.least_curvature)
+        parts = _pull(self.family, r, valid, scale, shape)
         slope, curvature, squares, towards = (np.asarray(part) for part in parts)
         numbers = valid.sum(1)
         kept = numbers * (1.0 - self.lost / max(numbers.sum(), 1))
@@ -153,25 +150,21 @@ def _summed(family: Density, r: Array, valid: Array, scale: Array, shape: Array)
 
 
 @partial(jax.jit, static_argnums=0)
-def _pull(
-    family: Density, r: Array, valid: Array, scale: Array, shape: Array, least: Array
-) -> tuple[Array, ...]:
+def _pull(family: Density, r: Array, valid: Array, scale: Array, shape: Array) -> tuple[Array, ...]:
     """Slope by each residual, mean curvature, sums of y psi(y) and slope towards the shape."""
     y = r / scale
     slope = family.slope(y, shape)
     towards = family.towards_shape(y, shape) if family.shape else jnp.zeros_like(y)
     return (
         slope / scale,
-        mean_curvature(family, y, valid, shape, least),
+        mean_curvature(family, y, valid, shape),
         jnp.sum(slope * y, -1),
         jnp.sum(jnp.where(valid, towards, 0.0), -1),
     )
 
 
-def mean_curvature(
-    family: Density, y: Array, valid: Array, shape: Array, least: float | Array
-) -> Array:
+def mean_curvature(family: Density, y: Array, valid: Array, shape: Array) -> Array:
     """Mean curvature of a channel's log density, no less than a share of what is expected."""
     curvature = jnp.where(valid, family.curvature(y, shape), 0.0)
-    expected = family.moments(shape).location
-    return jnp.maximum(jnp.sum(curvature) / jnp.maximum(jnp.sum(valid), 1), least * expected)
+    least = LIMITS.least_curvature * family.moments(shape).location
+    return jnp.maximum(jnp.sum(curvature) / jnp.maximum(jnp.sum(valid), 1), least)

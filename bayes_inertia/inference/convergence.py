@@ -8,11 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from emcee.autocorr import integrated_time
 
-from bayes_inertia.inference.gate_limits import (
-    AUTOCORRELATION_TIMES,
-    ESS_AT_LEAST,
-    NESTED_RHAT_BELOW,
-)
+from bayes_inertia.inference.limits import LIMITS
 
 
 @dataclass(frozen=True)
@@ -105,10 +101,10 @@ def diagnose_chains(
     by_tau = ensembles * walkers * draws / max(tau, 1.0)
     bulk = min(float(ess(tree, method="bulk")["theta"].min()), by_tau)
     tail = float(ess(tree, method="tail")["theta"].min())
-    many = np.minimum(bulk, tail) >= ESS_AT_LEAST
-    long = draws >= AUTOCORRELATION_TIMES * tau
+    many = np.minimum(bulk, tail) >= LIMITS.ess_at_least
+    long = draws >= LIMITS.autocorrelation_times * tau
     return Diagnostics(
-        converged=bool(rhat < NESTED_RHAT_BELOW and many and long),
+        converged=bool(rhat < LIMITS.nested_rhat_below and many and long),
         nested_rhat_max=rhat,
         ess_bulk_min=bulk,
         ess_tail_min=tail,

@@ -35,6 +35,7 @@ from bayes_inertia.inference.coefficients import (
 )
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.likelihood import Residuals, whitened
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.marginal_posterior import (
     LogDensity,
     Marginal,
@@ -45,9 +46,6 @@ from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.parameters import log_prior
 from bayes_inertia.physics.prediction import Structure, predict_all
-
-# Quasi-Newton steps towards the nuisances' best values; Gaussian noise needs none.
-_STEPS = 4
 
 
 class DensityMarginal(NamedTuple):
@@ -113,9 +111,8 @@ class _Channel(NamedTuple):
 
     def mean_matrix(self) -> Array:
         """Its second derivative (slews, k, k), with the mean curvature of the numbers."""
-        density, y = self.density, self.residual / self.scale
-        least = density.least_curvature
-        mean = mean_curvature(density.family, y, self.valid, self.shape, least)
+        family, y = self.density.family, self.residual / self.scale
+        mean = mean_curvature(family, y, self.valid, self.shape)
         return mean * self.gram / self.scale**2
 
     def matrix(self, step: Array) -> Array:
@@ -171,7 +168,7 @@ def nuisance_optimum(
 
     if not any(each.family.heavy for each in densities):
         return NuisanceOptimum(point, at(point, mean))
-    for _ in range(_STEPS):
+    for _ in range(LIMITS.nuisance_steps):
         shared, local = steps_given(at(point, mean))
         point = Point(theta, point.bias + shared, local)
     rough, exact = at(point, mean), at(point, None)

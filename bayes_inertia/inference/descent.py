@@ -34,6 +34,7 @@ from bayes_inertia.inference.hyperparameters import (
     without_hyperparameters,
 )
 from bayes_inertia.inference.likelihood import information_blocks, residuals
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import Whitenings, discounted, n_data, whitening
 from bayes_inertia.inference.objective import (
     in_chart,
@@ -74,12 +75,6 @@ def _evaluate(model: Model, point: Point) -> None:
     residuals(model.structure, point, model.data, white)
 
 
-# Rounds of learning sizes, at most, and the change [prior sd] after which they have settled.
-_ROUNDS, _SETTLED = 8, 0.02
-# Tolerance of the objective while sizes or noise are learnt; a descent as asked for follows.
-_TOLERANCE_OF_ROUNDS = 1e-3
-
-
 def descend(
     model: Model, point: Point, white: Whitenings, free: np.ndarray, **stop: Any
 ) -> tuple[Point, float]:
@@ -93,9 +88,9 @@ def descend(
     if len(shaped) < len(free):
         rough = roughly(stop)
         point, _ = _to_minimum(model, point, white, shaped, **rough)
-        for _ in range(_ROUNDS):
+        for _ in range(LIMITS.most_rounds_of_sizes):
             point, change = _sizes_learnt(model, point, white, free)
-            if change < _SETTLED:
+            if change < LIMITS.settled:
                 break
             point, _ = _to_minimum(model, point, white, shaped, **rough)
     return _to_minimum(model, point, white, shaped, **stop)
@@ -109,7 +104,7 @@ def roughly(stop: Mapping[str, Any]) -> dict[str, Any]:
     >>> roughly({"steps": 60, "tolerance": 1e-7})
     {'steps': 60, 'tolerance': 0.001}
     """
-    return {**stop, "tolerance": max(stop.get("tolerance", 0.0), _TOLERANCE_OF_ROUNDS)}
+    return {**stop, "tolerance": max(stop.get("tolerance", 0.0), LIMITS.tolerance_of_rounds)}
 
 
 def _sizes_learnt(
@@ -196,16 +191,6 @@ def _start_momentum(
     return -np.linalg.solve(normal, columns.T @ unexplained)
 
 
-# Weight of the data's information in the first, gentle descent of every start.
-GENTLE_WEIGHT = 1e-4
-# Where a gentle descent may stop: its end is only a beginning.
-GENTLE_STOP = {"steps": 60, "tolerance": 1e-3}
-# Reduced chi^2 above which a gentle descent has lost its way.
-_LOST_REDUCED_CHI2 = 1e3
-# Starts that are tried at most until one has not lost its way.
-_MOST_STARTS = 12
-
-
 def gentle_descents(
     model: Model, seed: int, starts: int, start: np.ndarray | None, free: np.ndarray
 ) -> list[tuple[float, Point]]:
@@ -248,8 +233,8 @@ def _descents(
         return [_gentle_descent(model, start, free)]
     descents: list[tuple[float, Point]] = []
     readings = sum(3 * len(s.time) for s in model.campaign.slews)
-    near = _LOST_REDUCED_CHI2 * GENTLE_WEIGHT * 0.5 * readings
-    draws = model.draw_prior(np.random.default_rng(seed), max(starts, _MOST_STARTS) - 1)
+    near = LIMITS.lost_reduced_chi2 * LIMITS.gentle_weight * 0.5 * readings
+    draws = model.draw_prior(np.random.default_rng(seed), max(starts, LIMITS.most_starts) - 1)
     for k, theta in enumerate([model.space.mean, *draws]):
         if k >= starts and descents and min(o for o, _ in descents) < near:
             break
@@ -272,18 +257,18 @@ def _gentle_descent(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[
     are guessed again at the J that was reached.
     """
     theta = np.asarray(theta, float)
-    weights = np.full((model.n_slews, len(model.channels)), GENTLE_WEIGHT)
+    weights = np.full((model.n_slews, len(model.channels)), LIMITS.gentle_weight)
     white = discounted(whitening(model, theta), weights)
     core = free[free < N_BASE]
     first = Point(theta, np.zeros(N_BIAS), guess_nuisances(model, theta))
-    point, objective = descend(model, first, white, core, **GENTLE_STOP)
+    point, objective = descend(model, first, white, core, **LIMITS.gentle_stop)
     if np.any(first.local):
         guess = Point(point.theta, point.bias, guess_nuisances(model, point.theta))
-        second, lower = descend(model, guess, white, core, **GENTLE_STOP)
+        second, lower = descend(model, guess, white, core, **LIMITS.gentle_stop)
         if lower < objective:
             point, objective = second, lower
     if len(core) < len(free):
-        point, objective = descend(model, point, white, free, **GENTLE_STOP)
+        point, objective = descend(model, point, white, free, **LIMITS.gentle_stop)
     return objective, point
 
 

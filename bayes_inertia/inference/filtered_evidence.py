@@ -30,6 +30,7 @@ from bayes_inertia.inference.hyperparameters import (
     without_hyperparameters,
 )
 from bayes_inertia.inference.likelihood import unpadded_sensitivities
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_filter import (
     Memory,
     effects_between_knots,
@@ -191,16 +192,6 @@ def _integral(rows: _Rows, of_rates: Array) -> Array:
 PROGRAMS = (_log_evidence, _of_white_noise)
 
 
-# Step of the differences on the way to the peak, and of those that tell its width [prior sd].
-_STEP, _WIDE_STEP = 0.01, 0.1
-_FARTHEST = 8.0  # prior sds from the centre
-# Of the log evidence: less decides nothing.
-_TOLERANCE = 1e-3
-# A move counts in prior sds, or in fifths of a parameter's own sd where these are larger.
-_OWN_SHARE = 0.2
-# Least curvature along every direction [prior sd^-2]: a fourth of the prior's.
-_LEAST_CURVATURE = 0.25
-
 # From standardised parameters (h,) to the processes that they stand for.
 Processes = Callable[[np.ndarray], tuple[ReadingNoise, ...]]
 
@@ -229,7 +220,7 @@ class EvidencePeak:
     @cached_property
     def curvature(self) -> np.ndarray:
         """Minus its second derivatives (h, h), no less than a quarter along every direction."""
-        return _lifted(-quadratic_at(self.values, self.at, _WIDE_STEP).hessian)
+        return _lifted(-quadratic_at(self.values, self.at, LIMITS.width_step).hessian)
 
 
 def evidence_peak(
@@ -264,17 +255,17 @@ def evidence_peak(
 
     def equations(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         nonlocal curvature
-        near = quadratic_at(values, x, _STEP, value=-known[x.tobytes()])
+        near = quadratic_at(values, x, LIMITS.peak_step, value=-known[x.tobytes()])
         curvature = _lifted(-near.hessian)
         return curvature, -near.gradient
 
     at, lowest = dogleg(
         negative,
         equations,
-        lambda x, step: np.clip(x + step, -_FARTHEST, _FARTHEST),
+        lambda x, step: np.clip(x + step, -LIMITS.farthest_sd, LIMITS.farthest_sd),
         np.asarray(begin, float),
         np.ones(len(begin)),
-        tolerance=_TOLERANCE,
+        tolerance=LIMITS.evidence_tolerance,
     )
     return EvidencePeak(at, -lowest, np.sqrt(np.diag(np.linalg.inv(curvature))), values)
 
@@ -282,7 +273,7 @@ def evidence_peak(
 def _lifted(curvature: np.ndarray) -> np.ndarray:
     """The nearest matrix without a direction that is flatter than a peak may be."""
     powers, directions = np.linalg.eigh(curvature)
-    return (directions * np.maximum(powers, _LEAST_CURVATURE)) @ directions.T
+    return (directions * np.maximum(powers, LIMITS.least_evidence_curvature)) @ directions.T
 
 
 def filtered_parameters(model: Model, theta: np.ndarray) -> np.ndarray:
@@ -319,7 +310,7 @@ def with_filtered_sizes(
     level = noise_level_used(model, point, white)
     evidence = FilteredEvidence(model, point, white, free, level, filtered)
     peak = evidence_peak(evidence, processes, begin, np.ones(len(learnt)))
-    change = float(np.max(np.abs(peak.at - begin) / np.maximum(peak.sd / _OWN_SHARE, 1.0)))
+    change = float(np.max(np.abs(peak.at - begin) / np.maximum(peak.sd / LIMITS.own_share, 1.0)))
     return with_sizes(model, point, parameters.put(point.theta, peak.at)), change
 
 

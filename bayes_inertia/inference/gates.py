@@ -9,14 +9,8 @@ import numpy as np
 from scipy import stats
 
 from bayes_inertia.inference.convergence import Diagnostics
-from bayes_inertia.inference.gate_limits import (
-    AUTOCORRELATION_TIMES,
-    ESS_AT_LEAST,
-    NESTED_RHAT_BELOW,
-    PRIOR_P_VALUE_ABOVE,
-    PRIOR_SD_AT_MOST,
-)
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.settings import FitContext
 from bayes_inertia.physics.effects import REMAINDERS
 from bayes_inertia.physics.parameters import N_BASE
@@ -49,7 +43,6 @@ _FACTORS_ON_J: tuple[tuple[str, float], ...] = (
     ("J in g m^2 stated as kg m^2", 1e-3),
     ("J in kg cm^2 stated as kg m^2", 1e-4),
 )
-_NEAR_A_FACTOR = 0.2
 
 
 def check_gates(
@@ -84,9 +77,10 @@ def _converged(diagnostics: Diagnostics) -> dict[str, Any]:
     effective = min(diagnostics.ess_bulk_min, diagnostics.ess_tail_min)
     says = (
         f"the ensembles {'agree' if passed else 'have not converged'}: "
-        f"nested R-hat {diagnostics.nested_rhat_max:.4f} (below {NESTED_RHAT_BELOW}), "
-        f"effective samples {effective:.0f} (at least {ESS_AT_LEAST:.0f}), "
-        f"chains {length:.0f} autocorrelation times long (at least {AUTOCORRELATION_TIMES:.0f})"
+        f"nested R-hat {diagnostics.nested_rhat_max:.4f} (below {LIMITS.nested_rhat_below}), "
+        f"effective samples {effective:.0f} (at least {LIMITS.ess_at_least:.0f}), "
+        f"chains {length:.0f} autocorrelation times long "
+        f"(at least {LIMITS.autocorrelation_times:.0f})"
     )
     return {"name": "converged", "passed": passed, "says": says}
 
@@ -123,17 +117,17 @@ def prior_gate(estimate: Estimate) -> dict[str, Any]:
     space, theta = estimate.model.space, estimate.theta
     distance = ((theta - space.mean) / space.sd)[:N_BASE]
     p_value = float(stats.chi2.sf(distance @ distance, N_BASE))
-    far = np.flatnonzero(np.abs(distance) > PRIOR_SD_AT_MOST)
+    far = np.flatnonzero(np.abs(distance) > LIMITS.prior_sd_at_most)
     worst = int(np.argmax(np.abs(distance)))
     place = (
         f"{space.names[worst]} = {theta[worst]:.4g} lies {abs(distance[worst]):.1f} prior sd "
         f"from its prior mean {space.mean[worst]:.4g}"
     )
-    passed = not len(far) and p_value > PRIOR_P_VALUE_ABOVE
+    passed = not len(far) and p_value > LIMITS.prior_p_value_above
     if passed:
         says = f"J and K are where the prior allows them: {place}"
     else:
-        rest = f", and {len(far) - 1} more of J and K beyond {PRIOR_SD_AT_MOST:g}"
+        rest = f", and {len(far) - 1} more of J and K beyond {LIMITS.prior_sd_at_most:g}"
         together = "" if len(far) else f"; all of J and K together have p = {p_value:.1g}"
         says = (
             f"the result contradicts what was known before: {place}"
@@ -147,8 +141,8 @@ def _cause_of_contradiction(estimate: Estimate) -> str:
     space, theta = estimate.model.space, estimate.theta
     scale = theta[6:N_BASE] / space.mean[6:N_BASE]
     size = float(np.sum(theta[:3]) / np.sum(space.mean[:3]))
-    causes = [c for c, f in _FACTORS_ON_K if np.all(np.abs(scale / f - 1) < _NEAR_A_FACTOR)]
-    causes += [c for c, f in _FACTORS_ON_J if abs(size / f - 1) < _NEAR_A_FACTOR]
+    causes = [c for c, f in _FACTORS_ON_K if np.all(np.abs(scale / f - 1) < LIMITS.near_a_factor)]
+    causes += [c for c, f in _FACTORS_ON_J if abs(size / f - 1) < LIMITS.near_a_factor]
     if causes:
         return f"This is what {' or '.join(causes)} would do: check the units in campaign.toml"
     return (

@@ -34,6 +34,7 @@ from bayes_inertia.inference.coefficients import (
     times,
 )
 from bayes_inertia.inference.likelihood import Information, information_blocks
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import Whitenings
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.inference.point import N_BIAS, Point
@@ -119,14 +120,6 @@ class LearntParameters:
         result = np.broadcast_to(theta, (*standardised.shape[:-1], len(theta))).copy()
         result[..., self.learnt] = np.clip(value, priors["lower"], priors["upper"])
         return result
-
-
-# So many prior sds from its centre a parameter may move.
-_FARTHEST = 8.0
-# Step of the differences that give the evidence's curvature [prior sd].
-_STEP = 0.02
-# A posterior sd is at least this share of the prior's where differences are too rough to tell.
-_LEAST_SHARE = 0.02
 
 
 def without_hyperparameters(model: Model, free: np.ndarray) -> np.ndarray:
@@ -345,7 +338,7 @@ def most_probable(evidence: Evidence) -> tuple[Point, float]:
     much the parameters moved, the largest [prior sd].
     """
     begin = evidence.standardised(evidence.point.theta)
-    bounds = [(-_FARTHEST, _FARTHEST)] * len(begin)
+    bounds = [(-LIMITS.farthest_sd, LIMITS.farthest_sd)] * len(begin)
     best = optimize.minimize(
         evidence.negative_log, begin, jac=True, method="L-BFGS-B", bounds=bounds
     )
@@ -401,9 +394,9 @@ def _curvature(evidence: Evidence) -> np.ndarray:
     at = evidence.standardised(evidence.point.theta)
     slopes = [
         [evidence.negative_log(at + side * unit)[1] for side in (1.0, -1.0)]
-        for unit in _STEP * np.eye(len(at))
+        for unit in LIMITS.slope_step * np.eye(len(at))
     ]
-    hessian = np.array([(up - down) / (2.0 * _STEP) for up, down in slopes])
+    hessian = np.array([(up - down) / (2.0 * LIMITS.slope_step) for up, down in slopes])
     powers, directions = np.linalg.eigh(0.5 * (hessian + hessian.T))
-    powers = np.clip(powers, 0.25, _LEAST_SHARE**-2)
+    powers = np.clip(powers, LIMITS.least_evidence_curvature, LIMITS.least_sd_of_size**-2)
     return (directions * powers) @ directions.T

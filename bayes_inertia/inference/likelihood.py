@@ -14,6 +14,7 @@ from jax.flatten_util import ravel_pytree
 from bayes_inertia.inference.channel_density import Pull
 from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.each_slew import is_traced, of_all_slews, slew_pieces
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_filter import Memory, innovations
 from bayes_inertia.inference.noise_model import (
     Whitening,
@@ -31,11 +32,6 @@ from bayes_inertia.physics.model_data import Data
 from bayes_inertia.physics.nuisances import Nuisances
 from bayes_inertia.physics.packing import Telemetry
 from bayes_inertia.physics.prediction import Structure, predict, predict_all
-
-# Sensitivities are taken so many columns at a time: as many as a plain fit has, or more where a
-# model has more. Of one slew at a time, twice as many hardly take longer.
-_COLUMNS_AT_ONCE = (24, 48)
-
 
 # Whitened residuals (slews, numbers) of each channel, measured minus predicted, in sigmas; zero
 # where nothing was measured. Or derivatives of these, with further axes.
@@ -218,7 +214,7 @@ def padded_sensitivities(
     of_effects = np.repeat(np.array(structure.only_sensed, dtype=bool), structure.coefficients)
     sensed[len(columns) - len(of_effects) :] = of_effects
     moving = np.flatnonzero(~sensed)
-    few, many = _COLUMNS_AT_ONCE
+    few, many = LIMITS.columns_at_once
     width = few if d + 3 + structure.n_start <= few else many
     padding = -len(moving) % width
     groups = columns[np.concatenate([moving, np.repeat(moving[-1:], padding)])]

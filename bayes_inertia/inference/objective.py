@@ -12,18 +12,13 @@ import numpy as np
 
 from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.likelihood import Information, residuals, unpadded_sensitivities
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import Whitenings
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.linear_algebra import solve
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import prior_residual
-
-# Second moment over trace: no step comes closer to a body without thickness. Beyond, rounding
-# rules.
-_SMALLEST_SECOND_MOMENT = 1e-7
-# Steps keep this distance [prior sd] from the end of a prior's support.
-_SUPPORT_MARGIN = 1e-9
 
 
 def negative_log_posterior(model: Model, point: Point, white: Whitenings) -> float:
@@ -104,10 +99,10 @@ def moved(model: Model, point: Point, step: np.ndarray, free: np.ndarray) -> Poi
     theta[free] += step[:f]
     chart = np.array(_to_chart(point.theta[:6])) + step[:6]
     chart[:3] = np.maximum(
-        chart[:3], 0.5 * np.log(_SMALLEST_SECOND_MOMENT * np.sum(point.theta[:3]))
+        chart[:3], 0.5 * np.log(LIMITS.smallest_second_moment * np.sum(point.theta[:3]))
     )
     theta[:6] = np.asarray(_from_chart(chart))
-    margin = _SUPPORT_MARGIN * model.space.sd
+    margin = LIMITS.support_margin * model.space.sd
     theta[6:] = np.clip(theta, model.space.lower + margin, model.space.upper - margin)[6:]
     return Point(
         theta,

@@ -20,17 +20,11 @@ import numpy as np
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.channel_density import Densities, densities_of
 from bayes_inertia.inference.compiled_programs import forget_surplus
-from bayes_inertia.inference.descent import (
-    GENTLE_STOP,
-    GENTLE_WEIGHT,
-    descend,
-    gentle_descents,
-    guess_nuisances,
-    roughly,
-)
+from bayes_inertia.inference.descent import descend, gentle_descents, guess_nuisances, roughly
 from bayes_inertia.inference.hyperparameters import information_with_learnt, without_hyperparameters
 from bayes_inertia.inference.laplace import Estimate, Starts
 from bayes_inertia.inference.likelihood import information_blocks
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import (
     Whitenings,
     discounted,
@@ -46,16 +40,6 @@ from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 from bayes_inertia.physics.forward_model import Model
-
-# The discount has settled once no slew's factor changes by more than this share; rounds at most.
-_DISCOUNT_SETTLED = 0.02
-_DISCOUNT_ROUNDS = 10
-# Tolerance of the objective on the way there; the last descent is exact.
-_TOLERANCE_OF_DISCOUNT = 1e-4
-# Descents with processes that are filtered between their knots: each with the sizes before it.
-_ROUNDS_OF_SIZES = 2
-# Squares that exceed what noise predicts by so many sds are worth another descent.
-_SURPLUS_SD = 3.0
 
 
 @on_one_blas_thread
@@ -150,10 +134,10 @@ def re_estimate(
     model, discount = previous.model, previous.discount
     point, free = replace(previous.point, theta=np.asarray(theta, float)), np.asarray(free)
     if weak_data_first:
-        white = discounted(whitening(model, point.theta), GENTLE_WEIGHT * discount)
+        white = discounted(whitening(model, point.theta), LIMITS.gentle_weight * discount)
         guess = replace(point, local=guess_nuisances(model, point.theta))
         shaped = without_hyperparameters(model, free)
-        point, _ = descend(model, guess, white, shaped, **GENTLE_STOP)
+        point, _ = descend(model, guess, white, shaped, **LIMITS.gentle_stop)
     settled = _optimum_with_noise(model, point, discount, free, rounds=1, tolerance=tolerance)
     return _with_densities(_estimate_of(model, *settled, discount, free, Starts(1, 1)))
 
@@ -228,7 +212,9 @@ def _begin_of_discount(
         stated = whitening(model, optimum.theta)
         return optimum, np.where(channels, _dispersions(model, optimum, stated), 1.0)
     # The gentle descent's end is nearer than the point that the model's errors have overruled.
-    return gentle_end, np.where(channels, GENTLE_WEIGHT, np.ones((model.n_slews, len(channels))))
+    return gentle_end, np.where(
+        channels, LIMITS.gentle_weight, np.ones((model.n_slews, len(channels)))
+    )
 
 
 def _discounted_fit(
@@ -240,12 +226,12 @@ def _discounted_fit(
     starts: Starts,
 ) -> Estimate:
     """Repeat the estimate, each slew counted as its own residuals scatter, until both agree."""
-    for _ in range(_DISCOUNT_ROUNDS):
+    for _ in range(LIMITS.most_rounds_of_discount):
         point, _, stated = _optimum_with_noise(
-            model, point, factors, free, rounds=1, tolerance=_TOLERANCE_OF_DISCOUNT
+            model, point, factors, free, rounds=1, tolerance=LIMITS.tolerance_of_discount
         )
         previous, factors = factors, np.where(channels, _dispersions(model, point, stated), 1.0)
-        if np.all(np.abs(np.log(factors / previous)) < _DISCOUNT_SETTLED):
+        if np.all(np.abs(np.log(factors / previous)) < LIMITS.settled):
             break
     return _estimate_of(
         model, *_optimum_with_noise(model, point, factors, free), factors, free, starts
@@ -276,7 +262,7 @@ def _optimum_with_noise(
     stated, objective = whitening(model, point.theta), np.inf
     rounds = rounds if model.structure.drive == "measured" else 1
     if noise_between_knots(model, point.theta):
-        rounds = max(rounds, _ROUNDS_OF_SIZES)
+        rounds = max(rounds, LIMITS.rounds_between_knots)
     for round_ in range(1, rounds + 1):
         # Before the last round the noise is known roughly, too.
         to = stop if round_ == rounds else roughly(stop)
@@ -309,7 +295,7 @@ def _is_as_noise_makes_it(model: Model, settled: tuple[Point, float, Whitenings]
     """
     _, objective, stated = settled
     readings = n_data(model, stated).sum()
-    expected = readings + _SURPLUS_SD * np.sqrt(2.0 * readings)
+    expected = readings + LIMITS.surplus_sd * np.sqrt(2.0 * readings)
     return model.noise.is_stated and bool(2.0 * objective < expected)
 
 
@@ -329,14 +315,6 @@ def _estimate_of(
     return Estimate(model, point, stated, white, factors, blocks, hessian, objective, starts)
 
 
-# A descent with inflated scales need not be exact: its end is only a beginning.
-_ROUGH = {"steps": 12, "tolerance": 1e-2}
-# Scale that residuals show beyond what is stated before a descent begins with it.
-_INFLATED = 1.3
-# Rounds in which the noise follows J (measured drive) and the numbers that fitting took away.
-_ROUNDS_OF_DENSITIES = 3
-
-
 def _with_densities(fitted: Estimate) -> Estimate:
     """The estimate under the densities that its model was asked for.
 
@@ -353,8 +331,8 @@ def _with_densities(fitted: Estimate) -> Estimate:
     begin = _inflated(densities, spread, point.theta)
     if begin != densities:
         white = of_densities(whitening(model, point.theta), begin)
-        point, _ = descend(model, point, white, free, **_ROUGH)
-    for _ in range(_ROUNDS_OF_DENSITIES):
+        point, _ = descend(model, point, white, free, **LIMITS.rough_stop)
+    for _ in range(LIMITS.rounds_of_densities):
         stated = whitening(model, point.theta)
         white = of_densities(stated, densities)
         point, objective = descend(model, point, white, free)
@@ -397,15 +375,9 @@ def _inflated(densities: Densities, spread: list[float], theta: np.ndarray) -> D
     begin = []
     for density, sd in zip(densities, spread, strict=True):
         ratio = sd / float(density.scale_of(theta))
-        large = density.family.heavy and ratio > _INFLATED
+        large = density.family.heavy and ratio > LIMITS.inflated
         begin.append(replace(density, inflation=ratio) if large else density)
     return tuple(begin)
-
-
-# Ends of gentle descents nearer than this [prior sd] are one.
-_SAME_PLACE_SD = 0.1
-# Ends whose (gentle) objective is this much above the best are not followed.
-_MAX_OBJECTIVE_EXCESS = 1.0
 
 
 def distinct_optima(model: Model, descents: list[tuple[float, Point]]) -> list[tuple[Point, int]]:
@@ -422,11 +394,11 @@ def distinct_optima(model: Model, descents: list[tuple[float, Point]]) -> list[t
         same = [
             g
             for g in groups
-            if np.max(np.abs(_unknowns_in_prior_sd(model, g[0]) - place)) < _SAME_PLACE_SD
+            if np.max(np.abs(_unknowns_in_prior_sd(model, g[0]) - place)) < LIMITS.same_place_sd
         ]
         if same:
             same[0].append(point)
-        elif objective <= descents[0][0] + _MAX_OBJECTIVE_EXCESS:
+        elif objective <= descents[0][0] + LIMITS.most_objective_excess:
             groups.append([point])
     return [(group[0], len(group)) for group in groups]
 

@@ -15,15 +15,13 @@ from bayes_inertia.inference.channel_rows import channel_rows
 from bayes_inertia.inference.density_marginal import conditional_point_with_densities
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.likelihood import residuals
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.marginal_posterior import conditional_point
 from bayes_inertia.inference.noise_filter import correlated_noise
 from bayes_inertia.inference.noise_model import remembers, stated_noise_of, without_memory
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.sampler import Chains
 from bayes_inertia.maths.values import AnyArray
-
-# Draws of each ensemble kept for telemetry-sized groups.
-_DRAWS_OF_EACH_ENSEMBLE = 16
 
 
 def predicted_telemetry(
@@ -36,7 +34,7 @@ def predicted_telemetry(
     densities of the measurements, under "rate_point", "attitude_point", "momentum_point".
     """
     thinned = thinned_draws(chains, rng)
-    shape = (len(chains.samples), _DRAWS_OF_EACH_ENSEMBLE)
+    shape = (len(chains.samples), LIMITS.telemetry_draws)
     predicted: dict[str, np.ndarray] = {}
     pointwise: dict[str, np.ndarray] = {}
     norms = _log_norms(estimate)
@@ -129,9 +127,9 @@ def thinned_draws(chains: Chains, rng: np.random.Generator) -> np.ndarray:
     Returns (ensembles draws, d).
     """
     ensembles, walkers, draws, _ = chains.samples.shape
-    steps = np.linspace(0, draws - 1, _DRAWS_OF_EACH_ENSEMBLE).astype(int)
-    chosen = chains.samples[:, rng.integers(0, walkers, _DRAWS_OF_EACH_ENSEMBLE), steps]
-    return chosen.reshape(ensembles * _DRAWS_OF_EACH_ENSEMBLE, -1)
+    steps = np.linspace(0, draws - 1, LIMITS.telemetry_draws).astype(int)
+    chosen = chains.samples[:, rng.integers(0, walkers, LIMITS.telemetry_draws), steps]
+    return chosen.reshape(ensembles * LIMITS.telemetry_draws, -1)
 
 
 def _predicted(estimate: Estimate, gaps: Sequence[AnyArray]) -> dict[str, np.ndarray]:

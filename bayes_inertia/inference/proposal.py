@@ -24,18 +24,9 @@ from scipy import linalg, stats
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.hyperparameters import Evidence, GivenSizes, evidence_at, given_sizes
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.marginal_posterior import LogDensity
 from bayes_inertia.maths.linear_algebra import cholesky_factor
-
-# The ensemble that explores the evidence.
-_WALKERS, _STEPS, _WARM_UP = 64, 60, 20
-# Sizes that are evaluated at once.
-_BATCH = 16
-# Sizes are proposed from what was explored, and at times more widely: no walker stays where the
-# exploration was thin.
-_WIDE_SHARE, _WIDE_DEGREES = 0.2, 5.0
-# Steps of the sizes by their evidence in each proposal, and from draws of the exploration.
-_SIZE_STEPS, _SIZE_STEPS_OF_DRAWS = 2, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,19 +44,21 @@ class SizeProposal:
     @cached_property
     def _wide(self) -> stats._multivariate.multivariate_t_frozen:
         data = self.explored.dataset
-        return stats.multivariate_t(data.mean(1), np.atleast_2d(np.cov(data)), df=_WIDE_DEGREES)
+        return stats.multivariate_t(
+            data.mean(1), np.atleast_2d(np.cov(data)), df=LIMITS.wide_degrees
+        )
 
     def draw(self, random: np.random.RandomState, n: int) -> np.ndarray:
         """Standardised sizes (n, h)."""
         near = self.explored.resample(n, seed=random).T
         far = np.reshape(self._wide.rvs(n, random_state=random), near.shape)
-        return np.where(random.random_sample((n, 1)) < _WIDE_SHARE, far, near)
+        return np.where(random.random_sample((n, 1)) < LIMITS.wide_share, far, near)
 
     def log_density(self, standardised: np.ndarray) -> np.ndarray:
         """Log density (n,) of standardised sizes (n, h)."""
-        near = self.explored.logpdf(standardised.T) + np.log1p(-_WIDE_SHARE)
+        near = self.explored.logpdf(standardised.T) + np.log1p(-LIMITS.wide_share)
         return np.logaddexp(
-            near, np.atleast_1d(self._wide.logpdf(standardised)) + np.log(_WIDE_SHARE)
+            near, np.atleast_1d(self._wide.logpdf(standardised)) + np.log(LIMITS.wide_share)
         )
 
 
@@ -111,7 +104,7 @@ class EvidenceMove(MHMove):
         """
         standardised = self.sizes.draw(random, n)
         standardised, given = self._moved(
-            standardised, _given(self.evidence, standardised), random, _SIZE_STEPS_OF_DRAWS
+            standardised, _given(self.evidence, standardised), random, LIMITS.steps_of_draws
         )
         if stretch != 1.0:
             centre = self.sizes.explored.dataset.mean(1)
@@ -166,7 +159,7 @@ class EvidenceMove(MHMove):
         """Proposals and the log ratio of their densities, as emcee asks for them."""
         standardised = self.evidence.standardised(coords)
         before = _given(self.evidence, standardised)
-        standardised, given = self._moved(standardised, before, random, _SIZE_STEPS)
+        standardised, given = self._moved(standardised, before, random, LIMITS.steps_of_proposal)
         proposed = self._drawn(standardised, given, random)
         factors = self._log_density(coords, before, self.degrees) - self._log_density(
             proposed, given, self.degrees
@@ -182,11 +175,13 @@ def _where(taken: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
 def _given(evidence: Evidence, standardised: np.ndarray) -> GivenSizes:
     """The rest given sizes, as numpy, in batches of one shape."""
     n = len(standardised)
-    padded = np.concatenate([standardised, np.repeat(standardised[-1:], -n % _BATCH, axis=0)])
+    padded = np.concatenate(
+        [standardised, np.repeat(standardised[-1:], -n % LIMITS.sizes_at_once, axis=0)]
+    )
     structure, frozen = evidence.model.structure, evidence.frozen
     parts = [
-        given_sizes(structure, frozen, jnp.asarray(padded[i : i + _BATCH]))
-        for i in range(0, len(padded), _BATCH)
+        given_sizes(structure, frozen, jnp.asarray(padded[i : i + LIMITS.sizes_at_once]))
+        for i in range(0, len(padded), LIMITS.sizes_at_once)
     ]
     return jax.tree.map(lambda *values: np.concatenate(values)[:n], *parts)
 
@@ -194,7 +189,7 @@ def _given(evidence: Evidence, standardised: np.ndarray) -> GivenSizes:
 def explored_sizes(evidence: Evidence, random: np.random.RandomState) -> SizeProposal:
     """The distribution of sizes by their evidence, explored by a short ensemble."""
     begin = evidence.standardised(evidence.point.theta)
-    walkers = max(_WALKERS, 2 * len(begin))
+    walkers = max(LIMITS.size_walkers, 2 * len(begin))
     starts = begin + 0.3 * random.standard_normal((walkers, len(begin)))
     sampler = emcee.EnsembleSampler(
         walkers,
@@ -204,9 +199,9 @@ def explored_sizes(evidence: Evidence, random: np.random.RandomState) -> SizePro
         moves=emcee.moves.DEMove(),
     )
     sampler.random_state = random.get_state()
-    sampler.run_mcmc(starts, _STEPS)
+    sampler.run_mcmc(starts, LIMITS.size_steps)
     random.set_state(sampler.random_state)
-    explored = sampler.get_chain(discard=_WARM_UP, thin=2, flat=True)
+    explored = sampler.get_chain(discard=LIMITS.size_warm_up, thin=2, flat=True)
     return SizeProposal(stats.gaussian_kde(explored.T))
 
 
@@ -295,24 +290,6 @@ class IndependenceMove(MHMove):
 
 Proposal = IndependenceMove | EvidenceMove
 
-# Below this expected acceptance the Laplace approximation is too poor to propose from.
-_POOR_ACCEPTANCE = 0.35
-# Degrees of freedom among which the tails of a proposal are chosen. The heaviest tails cost most
-# proposals where the posterior is nearly normal; none are lighter than the last, whose density
-# still falls off less steeply than a normal one.
-_TAILS = (8.0, 20.0, 60.0, 200.0)
-# Draws by which a proposal's acceptance is judged, and pilots at most until one is good enough.
-_JUDGED_DRAWS, _MOST_PILOTS = 256, 4
-_PILOT_STEPS, _PILOT_WARM_UP, _PILOT_WALKERS = 400, 200, 64
-# The independence move gets as large a share of the steps as it would be accepted, within these:
-# walkers that sit where the proposal is too thin are rejected again and again, and the other move
-# frees them.
-_LEAST_SHARE, _LARGEST_SHARE = 0.5, 0.95
-# Starts are spread this many times wider than the proposal.
-_OVER_DISPERSION = 2.0
-# Rounds of draws at most until all starts have a finite density.
-_MOST_DRAWS = 200
-
 
 def find_proposal(
     estimate: Estimate, log_density: LogDensity, random: np.random.RandomState
@@ -331,24 +308,24 @@ def find_proposal(
         evidence = evidence_at(estimate.model, estimate.point, estimate.white, everything)
         move = EvidenceMove(evidence, explored_sizes(evidence, random))
     spent = 0
-    for _ in range(_MOST_PILOTS):
-        draws = move.draw(random, _JUDGED_DRAWS)
+    for _ in range(LIMITS.most_pilots):
+        draws = move.draw(random, LIMITS.judged_draws)
         spent += len(draws)
         move, acceptance = _with_best_tails(move, draws, log_density(draws))
-        if acceptance > _POOR_ACCEPTANCE:
-            return move, float(np.clip(acceptance, _LEAST_SHARE, _LARGEST_SHARE)), spent
-        n = walkers_needed(_PILOT_WALKERS, len(estimate.theta))
+        if acceptance > LIMITS.poor_acceptance:
+            return move, float(np.clip(acceptance, LIMITS.least_share, LIMITS.largest_share)), spent
+        n = walkers_needed(LIMITS.pilot_walkers, len(estimate.theta))
         starts = finite_starts(move, log_density, random, n)
         pilot = emcee.EnsembleSampler(
             len(starts), starts.shape[1], log_density, vectorize=True, moves=emcee.moves.DEMove()
         )
         pilot.random_state = random.get_state()
-        pilot.run_mcmc(starts, _PILOT_STEPS)
+        pilot.run_mcmc(starts, LIMITS.pilot_steps)
         random.set_state(pilot.random_state)
-        spent += (_PILOT_STEPS + 1) * len(starts)
-        kept = pilot.get_chain(discard=_PILOT_WARM_UP, flat=True)
+        spent += (LIMITS.pilot_steps + 1) * len(starts)
+        kept = pilot.get_chain(discard=LIMITS.pilot_warm_up, flat=True)
         move = IndependenceMove(kept.mean(0), np.cov(kept.T), 8.0, logarithmic)
-    return move, _LEAST_SHARE, spent
+    return move, LIMITS.least_share, spent
 
 
 def _with_best_tails(
@@ -361,7 +338,7 @@ def _with_best_tails(
     own = move.log_density(draws)
     acceptances = {
         degrees: _expected_acceptance(log_density - own, move.log_density(draws, degrees) - own)
-        for degrees in _TAILS
+        for degrees in LIMITS.tails
     }
     best = max(acceptances, key=lambda degrees: acceptances[degrees])
     return move.with_degrees(best), acceptances[best]
@@ -389,8 +366,8 @@ def finite_starts(
     Returns (n, d).
     """
     kept: list[np.ndarray] = []
-    for _ in range(_MOST_DRAWS):
-        drawn = move.draw(random, n, stretch=_OVER_DISPERSION)
+    for _ in range(LIMITS.most_draws):
+        drawn = move.draw(random, n, stretch=LIMITS.over_dispersion)
         kept.extend(drawn[np.isfinite(log_density(drawn))])
         if len(kept) >= n:
             return np.array(kept[:n])

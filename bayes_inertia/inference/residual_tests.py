@@ -28,8 +28,8 @@ from emcee.autocorr import integrated_time
 from scipy import stats
 
 from bayes_inertia.inference.channel_rows import measured
-from bayes_inertia.inference.gate_limits import REJECT_BELOW
 from bayes_inertia.inference.likelihood import Information, residuals
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_filter import noise_memory, noise_of_effects
 from bayes_inertia.inference.noise_model import Whitenings, stated_noise_of
 from bayes_inertia.inference.objective import block_index
@@ -51,10 +51,6 @@ def residual_series(model: Model, point: Point, white: Whitenings) -> dict[str, 
         shaped = np.where(valid, np.asarray(values).reshape(valid.shape), np.nan)
         series[channel.name] = list(shaped)
     return series
-
-
-# Lags [rows] over which correlation is tested.
-_LAGS = 10
 
 
 @dataclass(frozen=True)
@@ -81,12 +77,12 @@ class ChannelTest:
     @property
     def rejected(self) -> bool:
         """Whether the residuals are not what the model and the stated noise predict."""
-        return any(p is not None and p < REJECT_BELOW for p in (self.p_chi2, self.p_white))
+        return any(p is not None and p < LIMITS.reject_below for p in (self.p_chi2, self.p_white))
 
     @property
     def too_large(self) -> bool:
         """Whether they are larger or smoother than predicted (smaller ones are no danger)."""
-        smooth = self.p_white is not None and self.p_white < REJECT_BELOW
+        smooth = self.p_white is not None and self.p_white < LIMITS.reject_below
         return smooth or (
             self.rejected and self.reduced_chi2 is not None and self.reduced_chi2 > 1.0
         )
@@ -149,7 +145,7 @@ def scale_test(scale: float, spread: float, test: ChannelTest) -> ChannelTest:
 def _columns(slews: list[np.ndarray]) -> list[np.ndarray]:
     """Series of single components that are long enough to correlate."""
     columns = [slew[np.isfinite(slew[:, i]), i] for slew in slews for i in range(slew.shape[1])]
-    return [c for c in columns if len(c) > 5 * _LAGS]
+    return [c for c in columns if len(c) > 5 * LIMITS.lags]
 
 
 def whiteness(slews: list[np.ndarray]) -> float | None:
@@ -184,10 +180,10 @@ def _ljung_box(columns: list[np.ndarray]) -> float:
     for x in columns:
         x = x - x.mean()
         n, power = len(x), float(x @ x)
-        products = np.array([x[lag:] @ x[:-lag] for lag in range(1, _LAGS + 1)])
+        products = np.array([x[lag:] @ x[:-lag] for lag in range(1, LIMITS.lags + 1)])
         correlation = products / max(power, 1e-300)
-        total += n * (n + 2) * float(np.sum(correlation**2 / (n - np.arange(1, _LAGS + 1))))
-    return float(stats.chi2.sf(total, _LAGS * len(columns)))
+        total += n * (n + 2) * float(np.sum(correlation**2 / (n - np.arange(1, LIMITS.lags + 1))))
+    return float(stats.chi2.sf(total, LIMITS.lags * len(columns)))
 
 
 def _highest_line(columns: list[np.ndarray]) -> float:

@@ -5,10 +5,10 @@ keeps the ensembles moving where that approximation is poor, and a pilot run the
 Chains are kept in emcee's own HDF5 format, one file an ensemble, and a killed run
 goes on bit for bit.
 
-A kill at any moment leaves a file that can be read. emcee's `HDFBackend` writes into the same file at every step. A kill while it does leaves, now and
-then, a file that cannot be opened or a random state that belongs to another step. Chains are kept
-in memory instead, and their file is replaced from time to time; steps since then are computed
-again, to the same bits.
+A kill at any moment leaves a file that can be read. emcee's `HDFBackend` writes into the same file
+at every step, and a kill while it does leaves, now and then, a file that cannot be opened or a
+random state that belongs to another step. Chains are kept in memory instead, and their file is
+replaced from time to time; steps since then are computed again, to the same bits.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from bayes_inertia.inference.convergence import (
     diagnose_chains,
 )
 from bayes_inertia.inference.density_marginal import log_density_with_densities
-from bayes_inertia.inference.gate_limits import AUTOCORRELATION_TIMES
 from bayes_inertia.inference.laplace import Estimate, marginal
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.marginal_posterior import LogDensity, log_density_of
 from bayes_inertia.inference.proposal import (
     Proposal,
@@ -130,14 +130,6 @@ def save_chain(chain: Backend, path: Path) -> None:
     write_sealed(path, content.getbuffer())
 
 
-_LEAST_WARM_UP_STEPS = 8
-_LEAST_STEPS_BETWEEN_SAVES = 8
-# This many times more draws than seem enough are taken.
-_STEPS_MARGIN = 1.1
-# Rows of a batch, of the slews evaluated at once, whose trajectories fit the processor's cache.
-_CACHED_ROWS = 150_000
-
-
 @array_dataclass
 class Chains:
     """Samples of the posterior.
@@ -172,7 +164,7 @@ def batch_size(estimate: Estimate) -> int:
 
 
 def _batch(rows: int) -> int:
-    return int(np.clip(2 ** int(np.log2(max(1.0, _CACHED_ROWS / rows))), 8, 32))
+    return int(np.clip(2 ** int(np.log2(max(1.0, LIMITS.cached_rows / rows))), 8, 32))
 
 
 def sample(
@@ -241,12 +233,12 @@ def steps_wanted(diagnostics: Diagnostics, settings: Settings) -> int:
         return steps
     times = max(
         settings.target_ess / max(effective, 1.0),
-        AUTOCORRELATION_TIMES * diagnostics.tau_max / draws,
+        LIMITS.autocorrelation_times * diagnostics.tau_max / draws,
     )
-    wanted = diagnostics.discarded + _STEPS_MARGIN * draws * times
+    wanted = diagnostics.discarded + LIMITS.steps_margin * draws * times
     # Of chains that do not move nothing can be foreseen.
     wanted = wanted if np.isfinite(wanted) else np.inf
-    most = int(np.clip(np.ceil(wanted), steps + _LEAST_WARM_UP_STEPS, 2 * steps))
+    most = int(np.clip(np.ceil(wanted), steps + LIMITS.least_warm_up_steps, 2 * steps))
     return min(most, settings.max_steps)
 
 
@@ -322,7 +314,7 @@ def _is_saved_after(steps: int) -> bool:
     """Whether a chain of so many steps is written: its file is replaced whole, so that a long chain
     waits for a sixteenth of its length.
     """
-    return steps % max(_LEAST_STEPS_BETWEEN_SAVES, 2 ** (steps.bit_length() - 5)) == 0
+    return steps % max(LIMITS.least_steps_between_saves, 2 ** (steps.bit_length() - 5)) == 0
 
 
 def _collect(
@@ -336,9 +328,9 @@ def _collect(
     # on that.
     chain = np.stack([s.get_chain()[:steps] for s in samplers])  # (ensembles, steps, walkers, d)
     lp = np.stack([s.get_log_prob()[:steps] for s in samplers])
-    warm_up = min(_LEAST_WARM_UP_STEPS, chain.shape[1] // 2)
+    warm_up = min(LIMITS.least_warm_up_steps, chain.shape[1] // 2)
     tau = max(autocorrelation_time(c[warm_up:]) for c in chain)
-    discard = min(max(_LEAST_WARM_UP_STEPS, int(np.ceil(5.0 * tau))), chain.shape[1] // 2)
+    discard = min(max(LIMITS.least_warm_up_steps, int(np.ceil(5.0 * tau))), chain.shape[1] // 2)
     kept = np.moveaxis(chain[:, discard:], 1, 2)
     evaluations = spent + int(chain.shape[0] * chain.shape[2] * (chain.shape[1] + 1))
     # Not emcee's own count, which holds the further steps too.

@@ -22,6 +22,7 @@ import numpy as np
 from scipy import stats
 
 from bayes_inertia.inference.likelihood import Information
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve
 from bayes_inertia.maths.values import array_dataclass
 
@@ -90,16 +91,6 @@ def slew_shares(
     )
 
 
-# Directions of a slew in which others leave less than this share of its information untested:
-# rounding, not disagreement, is what it would show there.
-_UNTESTED = 1e-9
-
-
-# Slews are said to disagree where noise makes so much disagreement once in a hundred campaigns. At
-# once in twenty, or widened always, intervals are wider and hold no more often.
-CHANCE = 0.01
-
-
 class Dispersion(NamedTuple):
     """Disagreement of the slews, pooled over slews and parameters: the Birge ratio.
 
@@ -120,7 +111,7 @@ class Dispersion(NamedTuple):
     @property
     def factor(self) -> float:
         """Factor on sds; slews that disagree no more than chance allows change none."""
-        return float(np.sqrt(self.ratio)) if self.p_value < CHANCE else 1.0
+        return float(np.sqrt(self.ratio)) if self.p_value < LIMITS.disagree_below else 1.0
 
     def json(self) -> dict[str, float]:
         """As it stands in summary.json."""
@@ -204,11 +195,11 @@ def _pull(
 ) -> _Pull:
     """Whiten the pull of one slew; all scaled to unit sds, `scale` (n_shared,)."""
     values, vectors = np.linalg.eigh(matrix)
-    seen = values > _UNTESTED * values.max()
+    seen = values > LIMITS.untested * values.max()
     root = vectors[:, seen] * np.sqrt(values[seen])
     pull = (vectors[:, seen] / np.sqrt(values[seen])).T @ gradient
     tested, directions = np.linalg.eigh(np.eye(len(pull)) - root.T @ covariance @ root)
-    tested, kept = np.maximum(tested, 0.0), tested > _UNTESTED
+    tested, kept = np.maximum(tested, 0.0), tested > LIMITS.untested
     # The pull of a slew is smaller than its error: it drew the fit towards itself.
     corrected = (directions[:, kept] / np.sqrt(tested[kept])) @ directions[:, kept].T
     weights = scale[:, None] * (covariance @ root) @ corrected

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from bayes_inertia.inference import each_slew, hyperparameters, marginal_posterior
+from bayes_inertia.inference import each_slew, hyperparameters, marginal_posterior, noise_filter
 from bayes_inertia.inference.laplace import marginal
 from bayes_inertia.inference.likelihood import information_blocks, unpadded_sensitivities
 from bayes_inertia.inference.marginal_posterior import conditional_point, log_posterior
