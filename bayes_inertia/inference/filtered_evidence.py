@@ -45,7 +45,7 @@ from bayes_inertia.maths.device_arrays import filled, on_device, padded_size
 from bayes_inertia.maths.least_squares import dogleg
 from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.reading_noise import ReadingNoise
+from bayes_inertia.physics.processes import Process
 
 
 class _Rows(NamedTuple):
@@ -136,7 +136,7 @@ class FilteredEvidence:
         return filled(filled(rows, self._size, 0), padded_size(rows.shape[1]))
 
     def log_evidence(
-        self, settings: Sequence[Sequence[ReadingNoise]], *, as_stated: bool = False
+        self, settings: Sequence[Sequence[Process]], *, as_stated: bool = False
     ) -> np.ndarray:
         """The log evidence for sets of processes beside what the campaign states.
 
@@ -193,7 +193,7 @@ PROGRAMS = (_log_evidence, _of_white_noise)
 
 
 # From standardised parameters (h,) to the processes that they stand for.
-Processes = Callable[[np.ndarray], tuple[ReadingNoise, ...]]
+Processes = Callable[[np.ndarray], tuple[Process, ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,7 +302,7 @@ def with_filtered_sizes(
     for each in effects_between_knots(model, point.theta):
         filtered[each.coefficients] = True
 
-    def processes(x: np.ndarray) -> tuple[ReadingNoise, ...]:
+    def processes(x: np.ndarray) -> tuple[Process, ...]:
         at = effects_between_knots(model, parameters.put(point.theta, x))
         return tuple(each.noise._replace(knots=0) for each in at)
 

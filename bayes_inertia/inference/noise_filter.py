@@ -1,19 +1,10 @@
-"""The filter for correlated noise of readings: what the noise consists of, and the gains.
+"""The filter that whitens correlated noise of readings: a sum of first-order processes.
 
-First-order processes beside white noise: correlated noise that was measured in the residuals of the
-rates; what the campaign states of the gyro's bias, a random walk (RRW) and a Gauss-Markov process
-that stands for its instability (BI); what an effect was estimated to add, all of it or what it does
-between the knots that a fit knows. Farrenkopf 1978; IEEE Std 952-1997, annexes B and C.
-
-First-order processes that a model's effects add to readings, and the nuisances for them.
-
-Correlated noise of the rate sensor, as what each reading's noise keeps of those before it.
-
-Noise that remembers is a sum of first-order processes beside white noise. A Kalman filter with one
-state for each process and axis tells them apart. Its gains follow from the times and from which
-readings are missing alone, so that its innovations are a linear map of the residuals: white, of
-unit variance, and everything that follows from residuals and their derivatives stays as it is
-(Anderson and Moore 1979, section 9.2). Exact for any size, any correlation time and any gap.
+A Kalman filter with one state for each process and axis tells them apart. Its gains follow from the
+times and from which readings are missing alone, so that its innovations are a linear map of the
+residuals: white, of unit variance, and everything that follows from residuals and their derivatives
+stays as it is (Anderson and Moore 1979, section 9.2). Exact for any size, any correlation time and
+any gap. What the processes are: `physics.processes`.
 """
 
 from __future__ import annotations
@@ -31,7 +22,7 @@ from bayes_inertia.maths.device_arrays import filled, padded_size
 from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.reading_noise import ReadingNoise
+from bayes_inertia.physics.processes import Process, RowTimes, StateSpace, gauss_markov
 from bayes_inertia.physics.stated_noise import stated_reading_noise
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
@@ -128,14 +119,14 @@ class EffectNoise(NamedTuple):
     ----------
     effect : str
         Its name.
-    noise : ReadingNoise
+    noise : Process
         The process.
     coefficients : slice
         Which of a slew's own nuisances stand for it.
     """
 
     effect: str
-    noise: ReadingNoise
+    noise: Process
     coefficients: slice
 
 
@@ -173,35 +164,17 @@ def effects_between_knots(model: Model, theta: np.ndarray) -> tuple[EffectNoise,
     return tuple(each for each in every if each.noise.channel == "rate" and each.noise.knots)
 
 
-def _is_read(model: Model, noise: ReadingNoise) -> bool:
+def _is_read(model: Model, noise: Process) -> bool:
     """Whether readings with this noise are compared, and the noise is there at all."""
     channel = model.channels[model.structure.place(noise.channel)]
     return channel.compared and float(noise.size) > 0.0
-
-
-class _Process(NamedTuple):
-    """A first-order process in each of c components, in units of one reading's variance.
-
-    Parameters
-    ----------
-    start : (slews, c) array
-        Variance at a slew's first row.
-    decay : (slews, n, c) array
-        What is left at the next row.
-    fresh : (slews, n, c) array
-        Variance that is new by then.
-    """
-
-    start: np.ndarray
-    decay: np.ndarray
-    fresh: np.ndarray
 
 
 def noise_memory(
     model: Model,
     channel: Channel,
     noise: np.ndarray,
-    more: Sequence[ReadingNoise] = (),
+    more: Sequence[Process] = (),
     *,
     measured: bool = True,
 ) -> Memory | None:
@@ -220,7 +193,7 @@ def noise_memories(
     model: Model,
     channel: Channel,
     noise: np.ndarray,
-    settings: Sequence[Sequence[ReadingNoise]],
+    settings: Sequence[Sequence[Process]],
     *,
     measured: bool = True,
     white: float = 1.0,
@@ -235,14 +208,14 @@ def noise_memories(
     settings = [_of(channel, processes) for processes in settings]
     if correlated is None and not stated and not settings[0]:
         return None
-    variance = channel.variance(noise)
+    rows, variance = _rows(model), channel.variance(noise)
     whites = np.full(len(variance), white)
-    common = [_process(model, each, variance) for each in stated]
+    common = [each.in_rows(rows, variance) for each in stated]
     if correlated is not None:
         share = np.array(correlated.share)
         whites = whites - share
-        common.append(_gauss_markov(model, share, np.array(correlated.time)))
-    more = [[_process(model, each, variance) for each in processes] for processes in settings]
+        common.append(gauss_markov(rows, share, np.array(correlated.time)))
+    more = [[each.in_rows(rows, variance) for each in processes] for processes in settings]
     # Sets are filtered as if they were further slews.
     joined = [_joined(parts) for parts in zip(*([*common, *own] for own in more), strict=True)]
     readings = model.data.arrays.telemetry.readings[model.structure.place(channel.name)]
@@ -251,85 +224,22 @@ def noise_memories(
     return Memory(*(np.reshape(x, (len(settings), len(valid), *x.shape[1:])) for x in filtered))
 
 
-def _joined(processes: Sequence[_Process]) -> _Process:
+def _joined(processes: Sequence[StateSpace]) -> StateSpace:
     """Processes one after the other, along the axis of slews."""
-    return _Process(*(np.concatenate(parts) for parts in zip(*processes, strict=True)))
+    return StateSpace(*(np.concatenate(parts) for parts in zip(*processes, strict=True)))
 
 
-def _of(channel: Channel, noise: Sequence[ReadingNoise]) -> list[ReadingNoise]:
+def _of(channel: Channel, noise: Sequence[Process]) -> list[Process]:
     return [each for each in noise if each.channel == channel.name]
 
 
-def _process(model: Model, noise: ReadingNoise, variance: np.ndarray) -> _Process:
-    """The process in units of one reading's variance (c,)."""
-    power = float(noise.size) ** 2 / variance
-    if noise.knots:
-        return _between_knots(model, noise, power)
-    if np.isinf(noise.time):
-        return _random_walk(model, power)
-    return _gauss_markov(model, power, np.full(len(variance), float(noise.time)))
-
-
-def _steps(model: Model) -> np.ndarray:
-    """Time (slews, n) from each row to the next [s], zero after the last."""
-    times = row_times(model)
-    return np.diff(times, axis=1, append=times[:, -1:])
-
-
-def _gauss_markov(model: Model, variance: np.ndarray, time: np.ndarray) -> _Process:
-    """A stationary process of these variances and correlation times (c,) [s]."""
-    decay = np.exp(-_steps(model)[..., None] / time)
-    start = np.broadcast_to(variance, (len(decay), len(variance)))
-    return _Process(start, decay, variance * (1.0 - decay**2))
-
-
-def _random_walk(model: Model, growth: np.ndarray) -> _Process:
-    """A Wiener process whose variance grows by `growth` (c,) a second.
-
-    It is zero in the middle of the campaign, as in `random_walk_root`.
-    """
-    steps, times = _steps(model), row_times(model)
-    context = model.data.arrays.slews.context
+def _rows(model: Model) -> RowTimes:
+    times, context = row_times(model), model.data.arrays.slews.context
     away = np.abs(np.asarray(context.start) + times[:, 0] - np.asarray(context.middle))
-    first = away + times[:, -1] - times[:, 0]
-    fresh = steps[..., None] * growth
-    return _Process(first[:, None] * growth, np.ones_like(fresh), fresh)
+    return RowTimes(times, away)
 
 
-def _between_knots(model: Model, noise: ReadingNoise, power: np.ndarray) -> _Process:
-    """What straight lines between knots leave of a process: Brownian bridges from knot to knot.
-
-    Their density is the variance of the change from one knot to the next, over the time between
-    them. For a random walk that is exact. For a Gauss-Markov process the variance is, and a bridge
-    is close where knots are not far apart.
-    """
-    times = row_times(model)
-    spacing = np.maximum(times[:, -1:] - times[:, :1], 1e-9) / (noise.knots - 1)
-    place = (times - times[:, :1]) / spacing
-    # A row at a knot must not fall into the interval before it by rounding.
-    knot = np.floor(place + 1e-9)
-    since = np.maximum(place - knot, 0.0) * spacing
-    left = spacing - since
-    if np.isinf(noise.time):
-        growth = np.ones_like(spacing)
-    else:
-        growth = -2.0 * np.expm1(-spacing / noise.time) / spacing
-    variance = growth * since * left / spacing
-    same = np.diff(knot, axis=1, append=knot[:, -1:]) == 0.0
-    next_left, next_variance = (np.roll(x, -1, axis=1) for x in (left, variance))
-    decay = np.where(same, next_left / left, 0.0)
-    decay[:, -1] = 1.0
-    fresh = np.maximum(next_variance - decay**2 * variance, 0.0)
-    fresh[:, -1] = 0.0
-    shape = (*times.shape, len(power))
-    return _Process(
-        variance[:, :1] * power,
-        np.broadcast_to(decay[..., None], shape),
-        fresh[..., None] * power,
-    )
-
-
-def _filter(processes: list[_Process], white: np.ndarray, valid: np.ndarray) -> Memory:
+def _filter(processes: list[StateSpace], white: np.ndarray, valid: np.ndarray) -> Memory:
     """The filter for processes beside white noise (c,); `valid` (slews, n, c): was measured."""
     decay = np.stack([process.decay for process in processes], -1)
     fresh = np.stack([process.fresh for process in processes], -1)

@@ -12,7 +12,7 @@ from bayes_inertia.inference.noise_filter import Memory, effects_between_knots, 
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.reading_noise import ReadingNoise
+from bayes_inertia.physics.processes import Process
 
 
 class Whitening(NamedTuple):
@@ -60,7 +60,7 @@ def stated_noise_of(model: Model, channel: Channel, theta: np.ndarray) -> np.nda
     return channel.noise(model.campaign, theta, model.structure.drive)
 
 
-def noise_between_knots(model: Model, theta: np.ndarray) -> tuple[ReadingNoise, ...]:
+def noise_between_knots(model: Model, theta: np.ndarray) -> tuple[Process, ...]:
     """What a fit's effects add to the readings and its coefficients do not hold.
 
     `theta` (d,).

@@ -37,7 +37,7 @@ from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.reading_noise import ReadingNoise
+from bayes_inertia.physics.processes import Process
 
 
 def residual_series(model: Model, point: Point, white: Whitenings) -> dict[str, list[np.ndarray]]:
@@ -272,7 +272,7 @@ def _filtered_series(
     model: Model,
     point: Point,
     stated: Whitenings,
-    noise: list[ReadingNoise],
+    noise: list[Process],
     filtered: np.ndarray,
 ) -> dict[str, list[np.ndarray]]:
     """Residuals without the coefficients of these processes, the processes filtered out."""
