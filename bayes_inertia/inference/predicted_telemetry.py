@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from bayes_inertia.inference.channel_density import ChannelDensity, densities_of
-from bayes_inertia.inference.channel_rows import channel_rows
+from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.density_marginal import conditional_point_with_densities
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.likelihood import residuals
@@ -47,11 +47,12 @@ def predicted_telemetry(
                 pointwise[c] = np.empty((len(thinned), *values.shape[:2]), np.float32)
             predicted[c][k] = values
             pointwise[c][k] = norms[c] - lost[c]
+    densities = _by_channel(estimate)
     for c, values in predicted.items():
         for of_ensemble in np.split(np.arange(len(thinned)), shape[0]):
-            unit = _noise_of(estimate, thinned[of_ensemble], rng)
+            unit = partial(unit_noise, densities, thinned[of_ensemble], rng=rng)
             block = {c: values[of_ensemble][None]}
-            values[of_ensemble] = with_measurement_noise(estimate, block, rng, unit)[c][0]
+            values[of_ensemble] = with_measurement_noise(estimate, block, unit)[c][0]
     return (
         {c: values.reshape(*shape, *values.shape[1:]) for c, values in predicted.items()},
         {f"{c}_point": p.reshape(*shape, *p.shape[1:]) for c, p in pointwise.items()},
@@ -67,7 +68,7 @@ def _of_draws(
     """
     point_of, structure = drawn_nuisances(estimate), estimate.model.structure
     normal_numbers = estimate.point.bias.size + estimate.point.local.size
-    names = [channel.name for channel in estimate.model.channels]
+    densities = _by_channel(estimate)
     for theta in thetas:
         point = point_of(theta, rng.standard_normal(normal_numbers))
         new = residuals(structure, point, estimate.model.data, estimate.stated)
@@ -77,25 +78,12 @@ def _of_draws(
             plain = without_memory(estimate.stated)
             gaps = residuals(structure, point, estimate.model.data, plain)
         channels = _predicted(estimate, gaps)
-        pairs = ((name, r) for name, r in zip(names, new, strict=True) if name in channels)
-        yield (
-            channels,
-            {
-                name: _losses(
-                    estimate, theta, name, np.asarray(r).reshape(*channels[name].shape[:2], -1)
-                )
-                for name, r in pairs
-            },
-        )
-
-
-def _noise_of(
-    estimate: Estimate, thetas: np.ndarray, rng: np.random.Generator
-) -> Callable[[str, tuple[int, ...]], np.ndarray] | None:
-    """Where it is not as stated, the noise of draws, in stated sigmas."""
-    if estimate.model.noise.is_stated:
-        return None
-    return partial(unit_noise, _by_channel(estimate), thetas, rng=rng)
+        lost = {
+            name: losses(densities[name], theta, np.asarray(r).reshape(valid.shape), valid)
+            for name, r, valid in zip(densities, new, measured(estimate.model), strict=True)
+            if name in channels
+        }
+        yield channels, lost
 
 
 def drawn_nuisances(estimate: Estimate) -> Callable[[np.ndarray, np.ndarray], Point]:
@@ -106,14 +94,6 @@ def drawn_nuisances(estimate: Estimate) -> Callable[[np.ndarray, np.ndarray], Po
     if not estimate.model.noise.is_stated:
         return conditional_point_with_densities(estimate)
     return partial(conditional_point, estimate.model.structure, marginal(estimate))
-
-
-def _losses(estimate: Estimate, theta: np.ndarray, channel: str, z: np.ndarray) -> np.ndarray:
-    """Minus log densities of rows (slews, rows), from their residuals in stated sigmas."""
-    if estimate.model.noise.is_stated:
-        return 0.5 * np.square(z).sum(-1)
-    valid = channel_rows(estimate.model)[channel].valid
-    return losses(_by_channel(estimate)[channel], theta, z, valid)
 
 
 def _by_channel(estimate: Estimate) -> dict[str, ChannelDensity]:
@@ -137,11 +117,11 @@ def _predicted(estimate: Estimate, gaps: Sequence[AnyArray]) -> dict[str, np.nda
     model, predicted = estimate.model, {}
     readings = model.data.arrays.telemetry.readings
     parts = zip(model.channels, readings, estimate.stated, gaps, strict=True)
-    for channel, measured, white, gap in parts:
-        if channel.compared and measured.values.size:
-            residual = np.asarray(gap).reshape(measured.valid.shape)
+    for channel, given, white, gap in parts:
+        if channel.compared and given.values.size:
+            residual = np.asarray(gap).reshape(given.valid.shape)
             error = channel.unwhitened(np.asarray(white.factors), residual)
-            predicted[channel.name] = channel.moved(np.asarray(measured.values), -error)
+            predicted[channel.name] = channel.moved(np.asarray(given.values), -error)
     return predicted
 
 
@@ -161,27 +141,25 @@ def _log_norms(estimate: Estimate) -> dict[str, np.ndarray]:
 def with_measurement_noise(
     estimate: Estimate,
     predicted: dict[str, np.ndarray],
-    rng: np.random.Generator,
-    unit: Callable[[str, tuple[int, ...]], np.ndarray] | None = None,
+    unit: Callable[[str, tuple[int, ...]], np.ndarray],
 ) -> dict[str, np.ndarray]:
     """Predictions with the noise that the likelihood counts.
 
     `predicted` (..., slews, rows, components). `estimate`: its campaign states the noise; in the
     measured drive its J and K say how tachometer noise shakes the rates. `unit`: noise in stated
-    sigmas, of a channel and a shape; standard normal unless given.
+    sigmas, of a channel and a shape.
     """
     model, noisy = estimate.model, {}
-    unit = unit or (lambda channel, shape: rng.standard_normal(shape))
     readings = model.data.arrays.telemetry.readings
-    for channel, measured, white in zip(model.channels, readings, estimate.stated, strict=True):
+    for channel, given, white in zip(model.channels, readings, estimate.stated, strict=True):
         if (values := predicted.get(channel.name)) is None:
             continue
-        noise = unit(channel.name, (*values.shape[:-1], measured.valid.shape[-1]))
+        noise = unit(channel.name, (*values.shape[:-1], given.valid.shape[-1]))
         if white.memory is not None:
             noise = correlated_noise(noise, white.memory)
         stated = stated_noise_of(model, channel, estimate.theta)
         values = channel.moved(values, channel.drawn(stated, noise))
-        noisy[channel.name] = channel.known(measured._replace(values=values))
+        noisy[channel.name] = channel.known(given._replace(values=values))
     return noisy
 
 
