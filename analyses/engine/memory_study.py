@@ -44,7 +44,7 @@ from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.convergence import diagnose_chains
+from bayes_inertia.inference.gates import diagnose_chains
 from bayes_inertia.inference.posterior_groups import build_posterior
 from bayes_inertia.inference.sampler import Chains
 from bayes_inertia.inference.settings import FitContext, Settings

@@ -19,12 +19,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.inference.channel_density import (
-    ChannelDensity,
-    Densities,
-    densities_of,
-    mean_curvature,
-)
 from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.coefficients import (
     EliminatedSlews,
@@ -41,6 +35,12 @@ from bayes_inertia.inference.marginal_posterior import (
     Marginal,
     in_batches,
     point_on_ridge,
+)
+from bayes_inertia.inference.noise_model import (
+    ChannelDensity,
+    Densities,
+    densities_of,
+    mean_curvature,
 )
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor

@@ -1,18 +1,14 @@
-"""A descent of the negative log posterior; sizes of stochastic effects are learnt on the way.
+"""Descents of the negative log posterior; sizes of stochastic effects are learnt on the way.
 
-First descents of the optimizer, with the data counted weakly: a wide basin of attraction.
+The first ones count the data weakly: a wide basin of attraction. They begin with a guess of the
+wheel momentum that nothing measures. Without external torque the total momentum L = J w + A (h+U),
+with U the integral of the wheel torques, is constant in inertial space. Seen from the body,
+J (w(t) - w(0)) + A U(t) + integral of w x (J w + A U) = -(integral of w) x A h: linear in the
+momentum h at the beginning. From there the simulation is near the data; from zero momentum most
+descents lose their way.
 
-Where the optimizer begins: a wheel momentum that nothing measures, from the motion.
-
-Without external torque the total momentum L = J w + A (h + U), with U the integral of the wheel
-torques, is constant in inertial space. Seen from the body, J (w(t) - w(0)) + A U(t) + integral of
-w x (J w + A U) = -(integral of w) x A h: linear in the momentum h at the beginning. From there
-the simulation is near the data; from zero momentum most descents lose their way.
-
-Compile what a fit with effects without a fixed shape needs, while something else is done.
-
-The compiler needs no interpreter lock: it works beside an optimizer that is busy with a smaller
-model, or with other programs of the same one. A program that two threads want is compiled once.
+Programs of a model with stochastic effects compile meanwhile: the compiler needs no interpreter
+lock, and a program that two threads want is compiled once.
 """
 
 from __future__ import annotations

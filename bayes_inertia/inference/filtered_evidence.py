@@ -4,9 +4,7 @@ On knots a process has few numbers and its evidence is cheap, but what it does b
 most of its size where it is strong. Here nothing is left out: for each size and time the readings,
 and all their derivatives, are filtered (`noise_filter`), and everything that was fitted is
 integrated out to first order. The evidence is the density of the innovations (Schweppe 1965,
-"Evaluation of likelihood functions for Gaussian signals").
-
-Sizes and times of first-order processes in the rates, by evidence that filters all of them.
+"Evaluation of likelihood functions for Gaussian signals"); sizes and times go to its peak.
 """
 
 from __future__ import annotations

@@ -4,10 +4,7 @@ The parameters of a stochastic effect fix the prior of its coefficients and noth
 posterior of both has no useful maximum (it grows where coefficients become likely), so they are
 moved by the evidence: the data's probability with everything else integrated out, to first order
 around a point (MacKay 1992, "Bayesian interpolation"; type II maximum likelihood with a prior).
-
-Parameters that are learnt by evidence, in prior sds from the centres of their priors.
-
-Unknowns of a linearised fit, scaled and ordered for elimination slew by slew.
+They are counted in prior sds from the centres of their priors.
 """
 
 from __future__ import annotations

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from bayes_inertia.inference.channel_density import densities_of
 from bayes_inertia.inference.coefficients import CoefficientPart, prior_roots
 from bayes_inertia.inference.likelihood import Information, Residuals
 from bayes_inertia.inference.linearised_fit import LinearisedFit
@@ -16,6 +15,7 @@ from bayes_inertia.inference.marginal_posterior import Marginal
 from bayes_inertia.inference.noise_filter import noise_memory
 from bayes_inertia.inference.noise_model import (
     Whitenings,
+    densities_of,
     noise_between_knots,
     stated_noise_of,
 )

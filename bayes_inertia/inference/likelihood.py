@@ -11,12 +11,12 @@ import numpy as np
 from jax import Array
 from jax.flatten_util import ravel_pytree
 
-from bayes_inertia.inference.channel_density import Pull
 from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.each_slew import is_traced, of_all_slews, slew_pieces
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_filter import Memory, innovations
 from bayes_inertia.inference.noise_model import (
+    Pull,
     Whitening,
     Whitenings,
     n_data,

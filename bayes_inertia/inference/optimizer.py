@@ -18,7 +18,6 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_inertia.errors import EstimateError
-from bayes_inertia.inference.channel_density import Densities, densities_of
 from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.descent import descend, gentle_descents, guess_nuisances, roughly
 from bayes_inertia.inference.hyperparameters import information_with_learnt, without_hyperparameters
@@ -26,7 +25,9 @@ from bayes_inertia.inference.laplace import Estimate, Starts
 from bayes_inertia.inference.likelihood import information_blocks
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import (
+    Densities,
     Whitenings,
+    densities_of,
     discounted,
     n_data,
     noise_between_knots,

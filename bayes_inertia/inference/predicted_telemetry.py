@@ -10,7 +10,6 @@ from functools import partial
 
 import numpy as np
 
-from bayes_inertia.inference.channel_density import ChannelDensity, densities_of
 from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.density_marginal import conditional_point_with_densities
 from bayes_inertia.inference.laplace import Estimate, marginal
@@ -18,7 +17,13 @@ from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.marginal_posterior import conditional_point
 from bayes_inertia.inference.noise_filter import correlated_noise
-from bayes_inertia.inference.noise_model import remembers, stated_noise_of, without_memory
+from bayes_inertia.inference.noise_model import (
+    ChannelDensity,
+    densities_of,
+    remembers,
+    stated_noise_of,
+    without_memory,
+)
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.sampler import Chains
 from bayes_inertia.maths.values import AnyArray

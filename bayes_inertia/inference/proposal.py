@@ -1,9 +1,6 @@
 """The sampler's independence move: from what it proposes, and where ensembles begin.
 
-Proposal moves for emcee that know the shape of the posterior.
-
-Proposals where stochastic effects have sizes: sizes by their evidence, the rest given sizes.
-
+Where stochastic effects have sizes, these are proposed by their evidence and the rest given sizes.
 To first order the data give J and K a normal distribution for each set of sizes. It is narrow
 where sizes are small and wide where they are large, which no single ellipsoid resembles. Sizes
 themselves are few: a short ensemble explores their evidence, which costs no simulation.

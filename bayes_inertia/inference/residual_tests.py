@@ -5,10 +5,6 @@ understates the uncertainty by far: n correlated numbers carry the information o
 with chi^2 their mean square and tau their integrated autocorrelation time. `dispersion` measures
 that factor slew by slew; the estimate then counts each slew with its inverse.
 
-Whitened residuals as series over time.
-
-The residuals whose size and whiteness are tested.
-
 A fit takes away what it can explain. A few J, K and start states take little from many readings,
 and the number of parameters that each channel pays for makes up for it. Free shapes over time take
 much, and what they leave is not white: the fast part that a reduced basis lacks remains, the slow

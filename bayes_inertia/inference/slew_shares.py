@@ -1,10 +1,8 @@
-"""What each slew tells of the unknowns that all slews share, its own nuisances eliminated.
+"""What each slew tells of the unknowns that all slews share, and how far slews disagree about it.
 
 The nuisances of one slew meet those of another only through what is shared. The normal matrix of
 the shared unknowns is therefore a sum over slews (Schur complement, block by block), and leaving
 slews out costs a small matrix, however many nuisances there are.
-
-How far slews disagree about what they share, and what that makes of its uncertainty.
 
 At the optimum each slew pulls: its gradient g_s of the shared unknowns, its own nuisances
 eliminated, would vanish if it agreed with all others. Under the model g_s has the covariance

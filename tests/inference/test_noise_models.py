@@ -15,7 +15,6 @@ from support.noisy_campaigns import importance_moments, spiked, with_student_t_r
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError, SettingsError
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.channel_density import densities_of
 from bayes_inertia.inference.cleaning import clean_fit, with_modelled_outliers
 from bayes_inertia.inference.coefficients import SlewEquations, eliminated, steps_given
 from bayes_inertia.inference.density_marginal import (
@@ -26,6 +25,7 @@ from bayes_inertia.inference.density_marginal import (
 from bayes_inertia.inference.laplace import marginal
 from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.marginal_posterior import log_posterior
+from bayes_inertia.inference.noise_model import densities_of
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.predicted_telemetry import losses
 from bayes_inertia.physics.channel_noise import (

@@ -12,7 +12,7 @@ from jax import monitoring
 from support.chains import SHORT, D, _chain
 
 from bayes_inertia.errors import SettingsError
-from bayes_inertia.inference.convergence import Diagnostics
+from bayes_inertia.inference.gates import Diagnostics
 from bayes_inertia.inference.likelihood import _plain_residuals, _plain_sensitivities
 from bayes_inertia.inference.marginal_posterior import _pulls
 from bayes_inertia.inference.noise_model import stated_noise_of
