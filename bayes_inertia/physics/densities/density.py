@@ -67,7 +67,7 @@ class Density(ABC):
     name: ClassVar[str]
     title: ClassVar[str]
     shape: ClassVar[Shape | None] = None
-    # Outliers are part of it: none is left out.
+    # Its tails are heavy: outliers are part of it, and none is left out. All but the Gaussian.
     heavy: ClassVar[bool] = True
 
     @abstractmethod
