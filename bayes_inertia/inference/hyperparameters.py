@@ -378,7 +378,8 @@ def information_with_learnt(
     p, slews = len(free) + point.n_local + N_BIAS, model.n_slews
     known = np.flatnonzero(~np.isin(np.arange(p), np.searchsorted(free, evidence.learnt)))
     learnt = np.searchsorted(free, evidence.learnt)
-    matrix, gradient = np.zeros((slews, 3, p, p)), np.zeros((slews, 3, p))
+    channels = plain.matrix.shape[1]
+    matrix, gradient = np.zeros((slews, channels, p, p)), np.zeros((slews, channels, p))
     matrix[..., known[:, None], known] = plain.matrix
     gradient[..., known] = plain.gradient
     matrix[:, 0][:, learnt[:, None], learnt] = own / slews
