@@ -89,7 +89,7 @@ _PUBLIC = {
     "Colour": "inference.noise_colour",
     "ColourOfAxis": "inference.noise_colour",
     "DirtTreatment": "inference.treatment",
-    "FitContext": "inference.fit_context",
+    "FitContext": "inference.settings",
     "Posterior": "inference.posterior",
     "Settings": "inference.sampler",
     "estimate": "inference.optimizer",

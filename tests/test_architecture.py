@@ -145,7 +145,7 @@ DECIDING_MODULES = {
         "diagnosis.search",
         "diagnosis.rules",
         "design.designer",
-        "inference.gate_limits",
+        "inference.limits",
         "inference.gates",
         "inference.optimizer",
         "inference.residual_tests",

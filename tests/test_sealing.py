@@ -11,7 +11,7 @@ import pytest
 from support.campaign_files import assert_teaches
 
 from bayes_inertia.errors import CampaignError, OutputError
-from bayes_inertia.inference.chain_file import load_chain, save_chain
+from bayes_inertia.inference.sampler import load_chain, save_chain
 from bayes_inertia.sealing import (
     blaming,
     is_sealed,

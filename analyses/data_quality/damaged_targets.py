@@ -206,7 +206,7 @@ def _read_run(path: Path) -> None:
 
 
 def _read_chain(path: Path) -> None:
-    from bayes_inertia.inference.chain_file import load_chain
+    from bayes_inertia.inference.sampler import load_chain
 
     load_chain(path, 64, 9)
 

@@ -19,8 +19,7 @@ from bayes_inertia.diagnosis.quoted_parameters import quoted_parameters
 from bayes_inertia.errors import BayesInertiaError
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import clean_fit
-from bayes_inertia.inference.convergence import Diagnostics
-from bayes_inertia.inference.gates import check_gates
+from bayes_inertia.inference.gates import Diagnostics, check_gates
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
 from bayes_inertia.physics.forward_model import Model

@@ -44,11 +44,10 @@ from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.convergence import diagnose_chains
-from bayes_inertia.inference.fit_context import FitContext
+from bayes_inertia.inference.gates import diagnose_chains
 from bayes_inertia.inference.posterior_groups import build_posterior
 from bayes_inertia.inference.sampler import Chains
-from bayes_inertia.inference.settings import Settings
+from bayes_inertia.inference.settings import FitContext, Settings
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.version import __version__
 

@@ -14,14 +14,12 @@ from bayes_inertia.diagnosis.flexible_mode_search import restarted_with_mode
 from bayes_inertia.diagnosis.model_averaging import AlternativeParameters, averaged_posterior
 from bayes_inertia.diagnosis.undetected_averaging import all_alternatives, undetected_alternatives
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.cleaning import clean_fit
-from bayes_inertia.inference.fit_context import FitContext
+from bayes_inertia.inference.cleaning import clean_fit, with_modelled_outliers
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.modelled_outliers import with_modelled_outliers
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.posterior_groups import build_posterior
 from bayes_inertia.inference.sampler import sample
-from bayes_inertia.inference.settings import Settings, usual_settings
+from bayes_inertia.inference.settings import FitContext, Settings, usual_settings
 from bayes_inertia.inference.treatment import DirtTreatment
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.physics.channel_noise import NoiseModel

@@ -18,8 +18,7 @@ from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.conventions.check import refuse_impossible
 from bayes_inertia.errors import BayesInertiaError, CampaignError
 from bayes_inertia.files import write_atomically
-from bayes_inertia.inference.fit_context import FitContext
-from bayes_inertia.inference.settings import Settings, usual_settings
+from bayes_inertia.inference.settings import FitContext, Settings, usual_settings
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.slew_input import Drive

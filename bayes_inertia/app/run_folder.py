@@ -26,9 +26,8 @@ from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_c
 from bayes_inertia.errors import CampaignError, EffectError, SettingsError
 from bayes_inertia.files import write_atomically
 from bayes_inertia.folder_lock import working_in
-from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.inference.settings import Settings, usual_settings
+from bayes_inertia.inference.settings import FitContext, Settings, usual_settings
 from bayes_inertia.physics.channel_noise import NoiseModel, noise_model_from_json
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY

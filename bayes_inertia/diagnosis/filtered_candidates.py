@@ -15,12 +15,16 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.signal_evidence import GainOfSizes, SignalEvidence
-from bayes_inertia.inference.filtered_evidence import FilteredEvidence
-from bayes_inertia.inference.filtered_sizes import EvidencePeak, evidence_peak, noise_level_used
+from bayes_inertia.inference.filtered_evidence import (
+    EvidencePeak,
+    FilteredEvidence,
+    evidence_peak,
+    noise_level_used,
+)
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.noise_model import noise_between_knots
 from bayes_inertia.physics.parameters import LogNormal
-from bayes_inertia.physics.reading_noise import ReadingNoise
+from bayes_inertia.physics.processes import Process
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 # Log evidence on knots above which the whole process is filtered.
@@ -94,7 +98,7 @@ def filtered_candidate(
     mean = np.array([prior.mean for prior in priors.values()])
     scale = np.array([prior.scale for prior in priors.values()])
 
-    def processes(x: np.ndarray) -> tuple[ReadingNoise, ...]:
+    def processes(x: np.ndarray) -> tuple[Process, ...]:
         p = dict(zip(priors, jnp.exp(mean + scale * x), strict=True))
         noise = effect.reading_noise(p)
         return () if noise is None else (noise._replace(knots=0),)

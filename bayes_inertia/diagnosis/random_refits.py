@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_inertia.diagnosis.evidence import COMPARISON_TOLERANCE
+from bayes_inertia.inference.descent import compiled_meanwhile
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import move_to, re_estimate
-from bayes_inertia.inference.precompilation import compiled_meanwhile
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.stochastic_effect import StochasticEffect

@@ -30,22 +30,18 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors import stream_named
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.gate_limits import REJECT_BELOW
 from bayes_inertia.inference.laplace import Estimate, plain_series
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_colour import Colour, colour_of, is_alike_everywhere
 from bayes_inertia.inference.noise_level import bursts_of, noise_factors
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.outliers import (
-    FALSE_ALARM,
-    NEIGHBOURS,
-    READINGS_AROUND,
     away_from_switches,
     distance_from_both_sides,
     lesser_distance,
     outlying_readings,
 )
 from bayes_inertia.inference.rounding import (
-    ROUNDING_THAT_COUNTS,
     factor_of_rounding,
     has_one_error,
     is_coarse,
@@ -55,13 +51,6 @@ from bayes_inertia.inference.rounding import (
 from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 from bayes_inertia.physics.forward_model import Model
-
-# Outliers hide each other; so often they are looked for again.
-_ROUNDS_OF_MASKS = 3
-# Readings that noise may remember. Slower residuals look like a constant torque, and are none.
-_LONGEST_COLOUR = 25.0
-# Noise beyond what is stated and rounded by this factor has another cause.
-_MORE_THAN_ROUNDING = 1.15
 
 
 @dataclass(frozen=True)
@@ -124,7 +113,7 @@ def without_outliers(
     fit: CleanFit, stated: Campaign, repeat: Callable[[CleanFit, DirtTreatment], CleanFit]
 ) -> CleanFit:
     """The fit with every outlier masked."""
-    for _ in range(_ROUNDS_OF_MASKS):
+    for _ in range(LIMITS.rounds_of_masks):
         masked = masks_at(fit.estimate, stated, fit.treatment)
         if masked == fit.treatment.masked:
             break
@@ -205,9 +194,9 @@ def rounded_channels(estimate: Estimate) -> dict[str, float]:
     for channel, steps in rounding_steps(estimate.model.campaign).items():
         factor = factor_of_rounding(steps)
         louder = measured[channel] > 1.0 + 0.5 * (factor - 1.0)
-        if factor > ROUNDING_THAT_COUNTS and (is_coarse(steps) or louder):
+        if factor > LIMITS.rounding_that_counts and (is_coarse(steps) or louder):
             level = level_of_rounded(measured[channel], steps)
-            if level < _MORE_THAN_ROUNDING * factor:
+            if level < LIMITS.more_than_rounding * factor:
                 rounded[channel] = level
     return rounded
 
@@ -242,7 +231,7 @@ def _with_colour(fit: CleanFit) -> DirtTreatment:
     if fit.treatment.colour is not None or fit.estimate.model.noise.of("rate").heavy:
         return fit.treatment
     colour = colour_seen(fit.estimate)
-    if colour is None or max(colour.times) > _LONGEST_COLOUR * colour.spacing:
+    if colour is None or max(colour.times) > LIMITS.longest_colour * colour.spacing:
         return fit.treatment
     return replace(fit.treatment, colour=colour)
 
@@ -254,7 +243,7 @@ def colour_seen(estimate: Estimate, *, slow: bool = False) -> Colour | None:
     what they are is not alike everywhere.
     """
     tests = estimate.tests["rate"]
-    if tests.p_white is None or tests.p_white >= REJECT_BELOW:
+    if tests.p_white is None or tests.p_white >= LIMITS.reject_below:
         return None
     return colour_of(estimate.model.campaign.slews, plain_series(estimate)["rate"], slow=slow)
 
@@ -273,16 +262,6 @@ def _with_level(fit: CleanFit) -> DirtTreatment:
         if factor > 1.0 and (in_bursts or is_alike_everywhere(slews, series[channel])):
             level[channel] = level.get(channel, 1.0) * factor
     return replace(fit.treatment, level=level)
-
-
-# More outliers than this share of all fixes are no outliers but their noise.
-_MOST_OUTLIERS = 0.15
-# Fewer fixes tell nothing.
-_FEWEST_FIXES = 3
-# What two or a few others let expect scatters itself: distances count by so much less.
-_SCATTER_OF_MEDIAN, _SCATTER_OF_LINE = 1.25, 1.5
-# Rates are smoothed over so many readings before they are integrated.
-_SMOOTHED_OVER = 9
 
 
 def outlying_fixes(
@@ -308,27 +287,27 @@ def outlying_fixes(
             distance[part] = _distances(slew[part], slew[part] - turn[part], time[part])
     every = np.concatenate(distances)
     every = every[np.isfinite(every)]
-    if len(every) < READINGS_AROUND:
+    if len(every) < LIMITS.readings_around:
         return [np.zeros(len(slew), bool) for slew in slews]
-    limit = stats.norm.isf(0.5 * FALSE_ALARM / len(every))
+    limit = stats.norm.isf(0.5 * LIMITS.reject_below / len(every))
     # A quarter more: what others let expect scatters itself. Never below what is stated. Zeros do
     # not count: they are fixes between the others.
     beyond = np.abs(every[every != 0.0])
-    scatter = float(np.median(beyond)) if len(beyond) >= READINGS_AROUND else 0.0
-    scale = _SCATTER_OF_MEDIAN * max(1.0, SD_OVER_MAD * scatter)
+    scatter = float(np.median(beyond)) if len(beyond) >= LIMITS.readings_around else 0.0
+    scale = LIMITS.scatter_of_median * max(1.0, SD_OVER_MAD * scatter)
     flags = [(np.abs(np.nan_to_num(d)) > limit * scale).any(axis=1) for d in distances]
     for flag, parts in zip(flags, bursts, strict=True):
         for part in parts:
             flag[part] &= 3 * int(flag[part].sum()) <= len(part)
     share = sum(int(flag.sum()) for flag in flags) / max(1, sum(map(len, flags)))
-    return [flag & (share <= _MOST_OUTLIERS) for flag in flags]
+    return [flag & (share <= LIMITS.most_outlying_fixes) for flag in flags]
 
 
 def _distances(burst: np.ndarray, unturned: np.ndarray, time: np.ndarray) -> np.ndarray:
     """How far each fix (m, 3) lies from what the others of its burst let expect."""
-    if len(burst) < _FEWEST_FIXES:
+    if len(burst) < LIMITS.fewest_fixes:
         return np.full(burst.shape, np.nan)
-    if len(burst) >= 2 * NEIGHBOURS + 1:
+    if len(burst) >= 2 * LIMITS.neighbours + 1:
         drifting, still = (
             np.stack([distance_from_both_sides(axis) for axis in x.T], 1) for x in (burst, unturned)
         )
@@ -341,7 +320,7 @@ def _distances(burst: np.ndarray, unturned: np.ndarray, time: np.ndarray) -> np.
             apart = np.abs(unturned[others[1]] - unturned[others[0]])
             still = np.where(apart < 0.5 * np.abs(still), still, 0.0)
         line = np.polynomial.polynomial.polyfit(time[others] - time[i], burst[others], 1)
-        drifting = (burst[i] - line[0]) / _SCATTER_OF_LINE
+        drifting = (burst[i] - line[0]) / LIMITS.scatter_of_line
         distance[i] = lesser_distance(still, drifting)
     return distance
 
@@ -382,10 +361,50 @@ def _turn_seen(
     filled = white + np.where(given[..., None], 0.0, np.eye(3))
     gap = np.linalg.solve(filled, np.nan_to_num(residuals)[..., None])[..., 0]
     smooth = [
-        np.interp(time, time[k], ndimage.median_filter(axis[k], _SMOOTHED_OVER, mode="nearest"))
+        np.interp(
+            time, time[k], ndimage.median_filter(axis[k], LIMITS.smoothed_over, mode="nearest")
+        )
         for axis, k in zip(gap.T, given.T, strict=True)
     ]
     scaled = np.stack(smooth) * np.asarray(estimate.theta[6:9])[:, None]
     rate_B = np.linalg.solve(campaign.rate_sensor.axes, scaled).T
     mean = 0.5 * (rate_B[1:] + rate_B[:-1]) * np.diff(time)[:, None]
     return np.concatenate([np.zeros((1, 3)), np.cumsum(mean, axis=0)])[rows]
+
+
+def with_modelled_outliers(estimate: Estimate) -> Estimate:
+    """The estimate with a record of each outlier in the channels of heavy noise; none is left out.
+
+    A reading counts as one where Gaussian noise of the spread that the middle of its channel shows
+    would not reach once in a thousand campaigns.
+
+    `estimate`: with the noise that its model was asked for. Returns: the same but for the records
+    of its campaign; the very object where there is none.
+    """
+    records = _modelled(estimate)
+    if not records:
+        return estimate
+    campaign = estimate.model.campaign
+    campaign = replace(campaign, dirt=(*campaign.dirt, *records))
+    return replace(estimate, model=replace(estimate.model, campaign=campaign))
+
+
+def _modelled(estimate: Estimate) -> tuple[Dirt, ...]:
+    """One record a channel and slew."""
+    model, slews, records = estimate.model, estimate.model.campaign.slews, []
+    heavy = [c for c in model.channels if model.noise.of(c.name).heavy]
+    series = plain_series(estimate) if heavy else {}
+    for channel in heavy:
+        title = model.noise.of(channel.name).density.title
+        numbers = np.concatenate([np.abs(z[np.isfinite(z)]) for z in series[channel.name]])
+        spread = SD_OVER_MAD * float(np.median(numbers))
+        limit = spread * float(stats.norm.isf(0.5 * LIMITS.reject_below / len(numbers)))
+        for slew, z in zip(slews, series[channel.name], strict=True):
+            # Star-tracker fixes stand one after the other, without the rows between them.
+            given = channel.readings(model.campaign, slew).row
+            rows = given[(np.abs(np.nan_to_num(z[: len(given)])) > limit).any(axis=1)]
+            if len(rows):
+                note = f"{len(rows)} row{'s' if len(rows) > 1 else ''} in {title} noise"
+                listed = tuple(int(row) for row in rows)
+                records.append(Dirt("outliers", channel.name, slew.name, listed, "modelled", note))
+    return tuple(records)

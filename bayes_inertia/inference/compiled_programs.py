@@ -13,15 +13,9 @@ from bayes_inertia.inference.coefficients import PROGRAMS as OF_COEFFICIENTS
 from bayes_inertia.inference.filtered_evidence import PROGRAMS as OF_FILTERS
 from bayes_inertia.inference.hyperparameters import PROGRAMS as OF_EVIDENCE
 from bayes_inertia.inference.likelihood import PROGRAMS as OF_LIKELIHOOD
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.marginal_posterior import PROGRAMS as OF_POSTERIOR
 from bayes_inertia.maths.kept_programs import KeptProgram, return_freed_memory
-
-# [bytes] of all large programs together, as the compiler describes them; in memory they take 27
-# times as much, 0.3 GB. A diagnosis needs 7 MB. Compiling takes 0.6 GB for a while, and a process
-# shall stay below 1.5 GB.
-MOST_BYTES = 10 * 2**20
-# Of each small function, for whose programs nobody knows the size.
-MOST_PROGRAMS = 24
 
 
 def forget_surplus(
@@ -32,8 +26,8 @@ def forget_surplus(
         *OF_LIKELIHOOD,
         *OF_POSTERIOR,
     ),
-    most: int = MOST_PROGRAMS,
-    most_bytes: int = MOST_BYTES,
+    most: int = LIMITS.most_programs,
+    most_bytes: int = LIMITS.most_bytes,
 ) -> None:
     """Forget large programs that were not called for longest, and functions with many small ones.
 

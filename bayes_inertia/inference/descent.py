@@ -1,20 +1,37 @@
-"""A descent of the negative log posterior; sizes of stochastic effects are learnt on the way."""
+"""Descents of the negative log posterior; sizes of stochastic effects are learnt on the way.
+
+The first ones count the data weakly: a wide basin of attraction. They begin with a guess of the
+wheel momentum that nothing measures. Without external torque the total momentum L = J w + A (h+U),
+with U the integral of the wheel torques, is constant in inertial space. Seen from the body,
+J (w(t) - w(0)) + A U(t) + integral of w x (J w + A U) = -(integral of w) x A h: linear in the
+momentum h at the beginning. From there the simulation is near the data; from zero momentum most
+descents lose their way.
+
+Programs of a model with stochastic effects compile meanwhile: the compiler needs no interpreter
+lock, and a program that two threads want is compiled once.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+from scipy import integrate
 
-from bayes_inertia.inference.filtered_sizes import filtered_parameters, with_filtered_sizes
+from bayes_inertia.campaign.hardware import body_rates
+from bayes_inertia.errors import EstimateError
+from bayes_inertia.inference.filtered_evidence import filtered_parameters, with_filtered_sizes
 from bayes_inertia.inference.hyperparameters import (
     evidence_at,
     most_probable,
     without_hyperparameters,
 )
-from bayes_inertia.inference.likelihood import Information, information_blocks
-from bayes_inertia.inference.noise_model import Whitenings, n_data
+from bayes_inertia.inference.likelihood import information_blocks, residuals
+from bayes_inertia.inference.limits import LIMITS
+from bayes_inertia.inference.noise_model import Whitenings, discounted, n_data, whitening
 from bayes_inertia.inference.objective import (
     in_chart,
     moved,
@@ -22,14 +39,36 @@ from bayes_inertia.inference.objective import (
     normal_equations,
     step_sizes,
 )
-from bayes_inertia.inference.point import Point
+from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.least_squares import dogleg
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.parameters import N_BASE
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
-# Rounds of learning sizes, at most, and the change [prior sd] after which they have settled.
-_ROUNDS, _SETTLED = 8, 0.02
-# Tolerance of the objective while sizes or noise are learnt; a descent as asked for follows.
-_TOLERANCE_OF_ROUNDS = 1e-3
+
+@contextmanager
+def compiled_meanwhile(model: Model, point: Point) -> Iterator[None]:
+    """Compile a fit with effects without a fixed shape while the body of `with` runs.
+
+    `model`: of others nothing is compiled: their few programs are needed at once. `point`: where it
+    is evaluated once for that; the results are thrown away.
+    """
+    if not model.structure.hyperparameters:
+        yield
+        return
+    with ThreadPoolExecutor(1) as pool:
+        # Whatever fails here fails again where its result is asked for.
+        pool.submit(_evaluate, model, point)
+        yield
+
+
+def _evaluate(model: Model, point: Point) -> None:
+    """Derivatives and evidence first: they take longest to compile."""
+    white = whitening(model, point.theta)
+    evidence = evidence_at(model, point, white, np.arange(model.space.size))
+    evidence.negative_log(evidence.standardised(point.theta))
+    residuals(model.structure, point, model.data, white)
 
 
 def descend(
@@ -45,9 +84,9 @@ def descend(
     if len(shaped) < len(free):
         rough = roughly(stop)
         point, _ = _to_minimum(model, point, white, shaped, **rough)
-        for _ in range(_ROUNDS):
+        for _ in range(LIMITS.most_rounds_of_sizes):
             point, change = _sizes_learnt(model, point, white, free)
-            if change < _SETTLED:
+            if change < LIMITS.settled:
                 break
             point, _ = _to_minimum(model, point, white, shaped, **rough)
     return _to_minimum(model, point, white, shaped, **stop)
@@ -61,7 +100,7 @@ def roughly(stop: Mapping[str, Any]) -> dict[str, Any]:
     >>> roughly({"steps": 60, "tolerance": 1e-7})
     {'steps': 60, 'tolerance': 0.001}
     """
-    return {**stop, "tolerance": max(stop.get("tolerance", 0.0), _TOLERANCE_OF_ROUNDS)}
+    return {**stop, "tolerance": max(stop.get("tolerance", 0.0), LIMITS.tolerance_of_rounds)}
 
 
 def _sizes_learnt(
@@ -80,35 +119,158 @@ def _to_minimum(
     model: Model, point: Point, white: Whitenings, free: np.ndarray, **stop: Any
 ) -> tuple[Point, float]:
     """The minimum with the sizes of stochastic effects as they are."""
-    return minimum_from(
-        model,
-        point,
-        free,
-        lambda x: negative_log_posterior(model, x, white),
-        lambda x: information_blocks(model, x, white, free),
-        expected=0.5 * max(float(n_data(model, white).sum()), 1.0),
-        **stop,
-    )
-
-
-def minimum_from(
-    model: Model,
-    point: Point,
-    free: np.ndarray,
-    objective: Callable[[Point], float],
-    information: Callable[[Point], Information],
-    **stop: Any,
-) -> tuple[Point, float]:
-    """The minimum of an objective that a descent in the chart of J reaches.
-
-    `free` (f,). `objective`: from a point to what is to be small. `information`: from a point to
-    the normal equations there, without priors.
-    """
     return dogleg(
-        objective,
-        lambda x: in_chart(x, *normal_equations(model, x, information(x))),
+        lambda x: negative_log_posterior(model, x, white),
+        lambda x: in_chart(
+            x, *normal_equations(model, x, information_blocks(model, x, white, free))
+        ),
         lambda x, step: moved(model, x, step, free),
         point,
         step_sizes(model, point, free),
+        expected=_expected(model, white),
         **stop,
     )
+
+
+def _expected(model: Model, white: Whitenings) -> float:
+    """What noise alone makes of the objective; of other densities it has no such meaning."""
+    if any(each.density is not None for each in white):
+        return np.inf
+    return 0.5 * max(float(n_data(model, white).sum()), 1.0)
+
+
+def guess_nuisances(model: Model, theta: np.ndarray) -> np.ndarray:
+    """Nuisances to begin from.
+
+    `theta` (d,). Returns (slews, n_local): in prior sd: zero, but for wheel momenta that are not
+    measured.
+    """
+    local = np.zeros((model.n_slews, model.structure.n_local))
+    campaign = model.campaign
+    unmeasured = campaign.wheels and not campaign.has_tachometers
+    if model.structure.drive == "commanded" and unmeasured:
+        prior_sd = np.asarray(model.data.scale.local[6:])
+        J = inertia_tensor.tensor(theta[:6])
+        for s in range(model.n_slews):
+            local[s, 6 : 6 + len(prior_sd)] = _start_momentum(model, J, theta[6:9], s, prior_sd)
+    return local
+
+
+def _start_momentum(
+    model: Model, J: np.ndarray, scale_factor: np.ndarray, s: int, prior_sd: np.ndarray
+) -> np.ndarray:
+    """Wheel momentum (wheels,) at the start of slew s beyond the reference, in prior sd."""
+    campaign, slew = model.campaign, model.campaign.slews[s]
+    sensor, axes = campaign.rate_sensor, campaign.wheel_axes_B
+    rows, readings = slew.complete_rates(campaign.valid_readings(slew))
+    if len(rows) < 2:
+        return np.zeros(len(prior_sd))
+
+    def integrated(values: np.ndarray, time: np.ndarray) -> np.ndarray:
+        return integrate.cumulative_trapezoid(values, time, axis=0, initial=0.0)
+
+    time = slew.time[rows]
+    rate = body_rates(sensor, readings, scale_factor)
+    taken_up = integrated(np.asarray(slew.wheel_torque), slew.time)[rows]
+    reference = np.asarray(model.data.arrays.reference.wheel_momentum)[s]
+    known = rate @ J + (taken_up + reference) @ axes.T
+    unexplained = known - known[0] + integrated(np.cross(rate, known), time)
+    turned = integrated(rate, time)
+    columns = np.cross(turned[:, :, None], (axes * prior_sd)[None], axis=1)
+    # What no momentum explains comes from errors of J and K, alike over the slew: all its rows
+    # count as one. Momentum along the axis of the slew, which leaves hardly a trace, is then left
+    # to the prior.
+    columns, unexplained = columns.reshape(-1, len(prior_sd)), unexplained.ravel()
+    scatter = unexplained - columns @ np.linalg.lstsq(columns, unexplained, rcond=1e-6)[0]
+    weight = float(np.sum(scatter**2)) + 1e-300
+    normal = columns.T @ columns + weight * np.eye(len(prior_sd))
+    return -np.linalg.solve(normal, columns.T @ unexplained)
+
+
+def gentle_descents(
+    model: Model, seed: int, starts: int, start: np.ndarray | None, free: np.ndarray
+) -> list[tuple[float, Point]]:
+    """Objective and end of each gentle descent.
+
+    Effects without a fixed shape stay away: while the data count weakly they have nothing to
+    explain, and their many coefficients cost time.
+
+    `start` (d,); `free` (f,). `starts`: how many, the first at the prior mean, others drawn from
+    the prior; more where none comes near the data.
+    """
+    if not model.structure.hyperparameters:
+        return _descents(model, seed, starts, start, free)
+    effects = tuple(e for e in model.effects if not isinstance(e, StochasticEffect))
+    plain = Model(model.campaign, effects, model.structure.drive, model.noise)
+    place = {name: i for i, name in enumerate(model.space.names)}
+    shared = np.array([place[name] for name in plain.space.names])
+    begin = None if start is None else np.asarray(start)[shared]
+    whole = model.space.mean if start is None else np.array(start, float)
+    silent = np.zeros((model.n_slews, model.structure.n_local))
+    with compiled_meanwhile(model, Point(whole, np.zeros(N_BIAS), silent)):
+        descents = _descents(plain, seed, starts, begin, np.flatnonzero(np.isin(shared, free)))
+    return [(objective, _widened(model, whole, shared, end)) for objective, end in descents]
+
+
+def _widened(model: Model, theta: np.ndarray, shared: np.ndarray, point: Point) -> Point:
+    """A point of the model without stochastic effects in the model with them, all silent."""
+    theta = np.array(theta)
+    theta[shared] = point.theta
+    local = np.zeros((model.n_slews, model.structure.n_local))
+    local[:, : point.local.shape[1]] = point.local
+    return Point(theta, point.bias, local)
+
+
+def _descents(
+    model: Model, seed: int, starts: int, start: np.ndarray | None, free: np.ndarray
+) -> list[tuple[float, Point]]:
+    """From the prior mean and from draws, more while none comes near the data."""
+    if start is not None:
+        return [_gentle_descent(model, start, free)]
+    descents: list[tuple[float, Point]] = []
+    readings = sum(3 * len(s.time) for s in model.campaign.slews)
+    near = LIMITS.lost_reduced_chi2 * LIMITS.gentle_weight * 0.5 * readings
+    draws = model.draw_prior(np.random.default_rng(seed), max(starts, LIMITS.most_starts) - 1)
+    for k, theta in enumerate([model.space.mean, *draws]):
+        if k >= starts and descents and min(o for o, _ in descents) < near:
+            break
+        objective, point = _gentle_descent(model, _inside_support(model, theta), free)
+        if np.isfinite(objective):
+            descents.append((objective, point))
+    if not descents:
+        raise EstimateError(
+            "no start of the optimizer gave finite residuals",
+            advice="check units and signs of the telemetry columns",
+        )
+    return descents
+
+
+def _gentle_descent(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[float, Point]:
+    """Objective and end of a descent with the data counted weakly.
+
+    J, K and the nuisances move first: far from the optimum an effect would take over what they
+    have to explain. Nuisances guessed at a J far from the truth can end in a local optimum: they
+    are guessed again at the J that was reached.
+    """
+    theta = np.asarray(theta, float)
+    weights = np.full((model.n_slews, len(model.channels)), LIMITS.gentle_weight)
+    white = discounted(whitening(model, theta), weights)
+    core = free[free < N_BASE]
+    first = Point(theta, np.zeros(N_BIAS), guess_nuisances(model, theta))
+    point, objective = descend(model, first, white, core, **LIMITS.gentle_stop)
+    if np.any(first.local):
+        guess = Point(point.theta, point.bias, guess_nuisances(model, point.theta))
+        second, lower = descend(model, guess, white, core, **LIMITS.gentle_stop)
+        if lower < objective:
+            point, objective = second, lower
+    if len(core) < len(free):
+        point, objective = descend(model, point, white, free, **LIMITS.gentle_stop)
+    return objective, point
+
+
+def _inside_support(model: Model, theta: np.ndarray) -> np.ndarray:
+    """A prior draw moved a little into the support of priors that end at their null."""
+    theta = np.array(theta, float)
+    margin = 0.1 * model.space.sd
+    theta[6:] = np.clip(theta, model.space.lower + margin, model.space.upper - margin)[6:]
+    return theta

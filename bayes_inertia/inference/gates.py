@@ -1,25 +1,132 @@
-"""What must hold before the numbers of a fit are used: all gates, their limits, and their words."""
+"""What must hold before the numbers of a fit are used: all gates, and their words.
+
+Chains are trusted by nested R-hat over ensembles, effective sample sizes and length.
+"""
 
 from __future__ import annotations
 
+import warnings
+from dataclasses import dataclass
 from math import pi
 from typing import Any
 
 import numpy as np
+from emcee.autocorr import integrated_time
 from scipy import stats
 
-from bayes_inertia.inference.convergence import Diagnostics
-from bayes_inertia.inference.fit_context import FitContext
-from bayes_inertia.inference.gate_limits import (
-    AUTOCORRELATION_TIMES,
-    ESS_AT_LEAST,
-    NESTED_RHAT_BELOW,
-    PRIOR_P_VALUE_ABOVE,
-    PRIOR_SD_AT_MOST,
-)
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.limits import LIMITS
+from bayes_inertia.inference.settings import FitContext
 from bayes_inertia.physics.effects import REMAINDERS
 from bayes_inertia.physics.parameters import N_BASE
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """Whether the sample can be trusted.
+
+    Parameters
+    ----------
+    converged : bool
+        Whether R-hat, effective samples and length pass their gates.
+    nested_rhat_max : float
+        Of the worst parameter; walkers of one ensemble count as one chain.
+    ess_bulk_min, ess_tail_min : float
+        Effective samples of the worst parameter.
+    tau_max : float
+        Longest integrated autocorrelation time [steps].
+    evaluations : int
+        Of the posterior density, pilot included.
+    ess_per_evaluation : float
+        Effective samples an evaluation.
+    seconds : float
+        Wall time [s].
+    acceptance : float
+        Share of the proposals that were accepted.
+    discarded : int
+        Steps of warm-up.
+    steps : int
+        Steps of each ensemble, warm-up included.
+    """
+
+    converged: bool
+    nested_rhat_max: float
+    ess_bulk_min: float
+    ess_tail_min: float
+    tau_max: float
+    evaluations: int
+    ess_per_evaluation: float
+    seconds: float
+    acceptance: float
+    discarded: int
+    steps: int
+
+
+def autocorrelation_time(chain: np.ndarray) -> float:
+    """The largest integrated autocorrelation time of all parameters of an ensemble.
+
+    `chain` (steps, walkers, d): A walker that has not moved yet has none: the chain then counts as
+    one draw. Returns [steps].
+
+    Examples
+    --------
+    >>> autocorrelation_time(np.random.default_rng(1).normal(size=(500, 4, 2))) < 2.0
+    True
+    >>> autocorrelation_time(np.ones((500, 4, 2)))
+    500.0
+    """
+    if np.any(np.all(chain == chain[:1], axis=0)):
+        return float(len(chain))
+    return float(np.max(integrated_time(chain, quiet=True, tol=0)))
+
+
+def diagnose_chains(
+    samples: np.ndarray,
+    *,
+    tau: float,
+    evaluations: int,
+    seconds: float,
+    acceptance: float,
+    discarded: int,
+) -> Diagnostics:
+    """Convergence of samples.
+
+    Plain R-hat over walkers raises false alarms on perfect ensembles and misses one that is stuck
+    (Margossian et al. 2024); ensembles are what is independent here.
+
+    `samples` (ensembles, walkers, draws, d); `tau` [steps]; `seconds` [s].
+    """
+    from arviz_base import from_dict
+    from arviz_stats import ess, rhat_nested
+
+    ensembles, walkers, draws, d = samples.shape
+    with warnings.catch_warnings():
+        # Walkers are many by design.
+        warnings.filterwarnings("ignore", "Found chain dimension to be longer", UserWarning)
+        flat = samples.reshape(ensembles * walkers, draws, d)
+        tree = from_dict({"posterior": {"theta": flat}})
+    superchains = np.repeat(range(ensembles), walkers).tolist()
+    rhat = float(rhat_nested(tree, superchain_ids=superchains)["theta"].max())
+    # emcee's walkers are not independent: believe the smaller of both counts.
+    by_tau = ensembles * walkers * draws / max(tau, 1.0)
+    bulk = min(float(ess(tree, method="bulk")["theta"].min()), by_tau)
+    tail = float(ess(tree, method="tail")["theta"].min())
+    many = np.minimum(bulk, tail) >= LIMITS.ess_at_least
+    long = draws >= LIMITS.autocorrelation_times * tau
+    return Diagnostics(
+        converged=bool(rhat < LIMITS.nested_rhat_below and many and long),
+        nested_rhat_max=rhat,
+        ess_bulk_min=bulk,
+        ess_tail_min=tail,
+        tau_max=tau,
+        evaluations=evaluations,
+        ess_per_evaluation=min(bulk, tail) / evaluations,
+        seconds=seconds,
+        acceptance=acceptance,
+        discarded=discarded,
+        steps=draws + discarded,
+    )
+
 
 _MISFIT_NOTE = (
     "the diagnosis found that something is missing which no candidate explains; J and K are "
@@ -49,7 +156,6 @@ _FACTORS_ON_J: tuple[tuple[str, float], ...] = (
     ("J in g m^2 stated as kg m^2", 1e-3),
     ("J in kg cm^2 stated as kg m^2", 1e-4),
 )
-_NEAR_A_FACTOR = 0.2
 
 
 def check_gates(
@@ -84,9 +190,10 @@ def _converged(diagnostics: Diagnostics) -> dict[str, Any]:
     effective = min(diagnostics.ess_bulk_min, diagnostics.ess_tail_min)
     says = (
         f"the ensembles {'agree' if passed else 'have not converged'}: "
-        f"nested R-hat {diagnostics.nested_rhat_max:.4f} (below {NESTED_RHAT_BELOW}), "
-        f"effective samples {effective:.0f} (at least {ESS_AT_LEAST:.0f}), "
-        f"chains {length:.0f} autocorrelation times long (at least {AUTOCORRELATION_TIMES:.0f})"
+        f"nested R-hat {diagnostics.nested_rhat_max:.4f} (below {LIMITS.nested_rhat_below}), "
+        f"effective samples {effective:.0f} (at least {LIMITS.ess_at_least:.0f}), "
+        f"chains {length:.0f} autocorrelation times long "
+        f"(at least {LIMITS.autocorrelation_times:.0f})"
     )
     return {"name": "converged", "passed": passed, "says": says}
 
@@ -123,17 +230,17 @@ def prior_gate(estimate: Estimate) -> dict[str, Any]:
     space, theta = estimate.model.space, estimate.theta
     distance = ((theta - space.mean) / space.sd)[:N_BASE]
     p_value = float(stats.chi2.sf(distance @ distance, N_BASE))
-    far = np.flatnonzero(np.abs(distance) > PRIOR_SD_AT_MOST)
+    far = np.flatnonzero(np.abs(distance) > LIMITS.prior_sd_at_most)
     worst = int(np.argmax(np.abs(distance)))
     place = (
         f"{space.names[worst]} = {theta[worst]:.4g} lies {abs(distance[worst]):.1f} prior sd "
         f"from its prior mean {space.mean[worst]:.4g}"
     )
-    passed = not len(far) and p_value > PRIOR_P_VALUE_ABOVE
+    passed = not len(far) and p_value > LIMITS.prior_p_value_above
     if passed:
         says = f"J and K are where the prior allows them: {place}"
     else:
-        rest = f", and {len(far) - 1} more of J and K beyond {PRIOR_SD_AT_MOST:g}"
+        rest = f", and {len(far) - 1} more of J and K beyond {LIMITS.prior_sd_at_most:g}"
         together = "" if len(far) else f"; all of J and K together have p = {p_value:.1g}"
         says = (
             f"the result contradicts what was known before: {place}"
@@ -147,8 +254,8 @@ def _cause_of_contradiction(estimate: Estimate) -> str:
     space, theta = estimate.model.space, estimate.theta
     scale = theta[6:N_BASE] / space.mean[6:N_BASE]
     size = float(np.sum(theta[:3]) / np.sum(space.mean[:3]))
-    causes = [c for c, f in _FACTORS_ON_K if np.all(np.abs(scale / f - 1) < _NEAR_A_FACTOR)]
-    causes += [c for c, f in _FACTORS_ON_J if abs(size / f - 1) < _NEAR_A_FACTOR]
+    causes = [c for c, f in _FACTORS_ON_K if np.all(np.abs(scale / f - 1) < LIMITS.near_a_factor)]
+    causes += [c for c, f in _FACTORS_ON_J if abs(size / f - 1) < LIMITS.near_a_factor]
     if causes:
         return f"This is what {' or '.join(causes)} would do: check the units in campaign.toml"
     return (

@@ -4,6 +4,7 @@ The parameters of a stochastic effect fix the prior of its coefficients and noth
 posterior of both has no useful maximum (it grows where coefficients become likely), so they are
 moved by the evidence: the data's probability with everything else integrated out, to first order
 around a point (MacKay 1992, "Bayesian interpolation"; type II maximum likelihood with a prior).
+They are counted in prior sds from the centres of their priors.
 """
 
 from __future__ import annotations
@@ -29,24 +30,93 @@ from bayes_inertia.inference.coefficients import (
     root_change,
     times,
 )
-from bayes_inertia.inference.learnt_parameters import LearntParameters
 from bayes_inertia.inference.likelihood import Information, information_blocks
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import Whitenings
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.inference.point import N_BIAS, Point
-from bayes_inertia.inference.shared_unknowns import shared_first
 from bayes_inertia.maths.device_arrays import filled, on_device, padded_size, repeated
 from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.prediction import Structure
 from bayes_inertia.physics.slew_context import SlewContext
 
-# So many prior sds from its centre a parameter may move.
-_FARTHEST = 8.0
-# Step of the differences that give the evidence's curvature [prior sd].
-_STEP = 0.02
-# A posterior sd is at least this share of the prior's where differences are too rough to tell.
-_LEAST_SHARE = 0.02
+
+class SharedFirst(NamedTuple):
+    """Unknowns in prior sds, in the order in which they are eliminated: what slews share first.
+
+    Parameters
+    ----------
+    scale : (f + 3 + n_local,) array
+        One prior sd of (theta[free], bias, own nuisances).
+    order : (f + 3 + n_local,) array of int
+        Where each stands among those: the bias, theta[free], own nuisances.
+    precision, gradient : (3 + f,) arrays
+        Of the prior of what slews share, in that order.
+    """
+
+    scale: np.ndarray
+    order: np.ndarray
+    precision: np.ndarray
+    gradient: np.ndarray
+
+
+def shared_first(model: Model, point: Point, free: np.ndarray) -> SharedFirst:
+    """How unknowns are scaled and ordered, so that the matrix of what slews share is well scaled.
+
+    `free` (f,).
+    """
+    slope, distance = (rows[free] for rows in prior_rows(model, point.theta))
+    unit = np.where(slope != 0.0, slope, 1.0)
+    f, end = len(free), len(free) + N_BIAS + point.n_local
+    return SharedFirst(
+        np.concatenate([1.0 / unit, np.ones(N_BIAS + point.n_local)]),
+        np.r_[f : f + N_BIAS, :f, f + N_BIAS : end],
+        np.concatenate([np.ones(N_BIAS), (slope / unit) ** 2]),
+        np.concatenate([point.bias, slope * distance / unit]),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class LearntParameters:
+    """Which parameters are learnt, and how they are counted.
+
+    Parameters
+    ----------
+    model : Model
+    learnt : (h,) array of int
+        Their indices.
+    """
+
+    model: Model
+    learnt: np.ndarray
+
+    @cached_property
+    def priors(self) -> dict[str, np.ndarray]:
+        """Of these parameters, as `ParameterSpace.constants`."""
+        constants = self.model.space.constants().items()
+        return {key: np.asarray(values)[self.learnt] for key, values in constants}
+
+    def standardised(self, theta: np.ndarray) -> np.ndarray:
+        """The learnt parameters of all.
+
+        `theta` (..., d). Returns (..., h).
+        """
+        value, logarithmic = np.asarray(theta)[..., self.learnt], self.priors["logarithmic"]
+        value = np.where(logarithmic, np.log(np.where(logarithmic, value, 1.0)), value)
+        return (value - self.priors["mean"]) / self.priors["scale"]
+
+    def put(self, theta: np.ndarray, standardised: np.ndarray) -> np.ndarray:
+        """All parameters, with other values of the learnt ones.
+
+        `theta` (d,); `standardised` (..., h). Returns (..., d).
+        """
+        priors, standardised = self.priors, np.asarray(standardised)
+        value, logarithmic = priors["mean"] + priors["scale"] * standardised, priors["logarithmic"]
+        value = np.where(logarithmic, np.exp(np.where(logarithmic, value, 0.0)), value)
+        result = np.broadcast_to(theta, (*standardised.shape[:-1], len(theta))).copy()
+        result[..., self.learnt] = np.clip(value, priors["lower"], priors["upper"])
+        return result
 
 
 def without_hyperparameters(model: Model, free: np.ndarray) -> np.ndarray:
@@ -265,7 +335,7 @@ def most_probable(evidence: Evidence) -> tuple[Point, float]:
     much the parameters moved, the largest [prior sd].
     """
     begin = evidence.standardised(evidence.point.theta)
-    bounds = [(-_FARTHEST, _FARTHEST)] * len(begin)
+    bounds = [(-LIMITS.farthest_sd, LIMITS.farthest_sd)] * len(begin)
     best = optimize.minimize(
         evidence.negative_log, begin, jac=True, method="L-BFGS-B", bounds=bounds
     )
@@ -308,7 +378,8 @@ def information_with_learnt(
     p, slews = len(free) + point.n_local + N_BIAS, model.n_slews
     known = np.flatnonzero(~np.isin(np.arange(p), np.searchsorted(free, evidence.learnt)))
     learnt = np.searchsorted(free, evidence.learnt)
-    matrix, gradient = np.zeros((slews, 3, p, p)), np.zeros((slews, 3, p))
+    channels = plain.matrix.shape[1]
+    matrix, gradient = np.zeros((slews, channels, p, p)), np.zeros((slews, channels, p))
     matrix[..., known[:, None], known] = plain.matrix
     gradient[..., known] = plain.gradient
     matrix[:, 0][:, learnt[:, None], learnt] = own / slews
@@ -321,9 +392,9 @@ def _curvature(evidence: Evidence) -> np.ndarray:
     at = evidence.standardised(evidence.point.theta)
     slopes = [
         [evidence.negative_log(at + side * unit)[1] for side in (1.0, -1.0)]
-        for unit in _STEP * np.eye(len(at))
+        for unit in LIMITS.slope_step * np.eye(len(at))
     ]
-    hessian = np.array([(up - down) / (2.0 * _STEP) for up, down in slopes])
+    hessian = np.array([(up - down) / (2.0 * LIMITS.slope_step) for up, down in slopes])
     powers, directions = np.linalg.eigh(0.5 * (hessian + hessian.T))
-    powers = np.clip(powers, 0.25, _LEAST_SHARE**-2)
+    powers = np.clip(powers, LIMITS.least_evidence_curvature, LIMITS.least_sd_of_size**-2)
     return (directions * powers) @ directions.T

@@ -9,24 +9,29 @@ import jax
 import numpy as np
 
 from bayes_inertia.inference.coefficients import CoefficientPart, prior_roots
-from bayes_inertia.inference.hat_matrix import hat_traces
 from bayes_inertia.inference.likelihood import Information, Residuals
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.marginal_posterior import Marginal
 from bayes_inertia.inference.noise_filter import noise_memory
 from bayes_inertia.inference.noise_model import (
     Whitenings,
+    densities_of,
     noise_between_knots,
     stated_noise_of,
 )
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.inference.point import N_BIAS, Point
-from bayes_inertia.inference.residual_series import residual_series
-from bayes_inertia.inference.residual_tests import ChannelTest, channel_tests
+from bayes_inertia.inference.residual_tests import (
+    ChannelTest,
+    TestedResiduals,
+    channel_tests,
+    effective_parameters,
+    filtered_residuals,
+    residual_series,
+    scale_test,
+)
 from bayes_inertia.inference.rounding import has_one_error, rounding_steps
-from bayes_inertia.inference.slew_scatter import SlewScatter
-from bayes_inertia.inference.slew_shares import SlewShares
-from bayes_inertia.inference.tested_residuals import TestedResiduals, filtered_residuals
+from bayes_inertia.inference.slew_shares import SlewScatter, SlewShares
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve
@@ -65,13 +70,14 @@ class Estimate:
     white : tuple of Whitening
         The noise as it was used (equal unless discounted).
     discount : (slews, channels) array
-        Factor of each slew's and channel's information, 1 where the model explains the data.
+        Factor of each slew's and channel's information, 1 where the model explains the data. Where
+        the noise is not as stated: a reading's over that of Gaussian noise of the stated sigma.
     information : Information
         Normal equations by slew and channel at `point`, with the noise as used.
     hessian : (f + 3 + slews n_local,) squared array
         Of the negative log posterior (Gauss-Newton), theta in physical units.
     objective : float
-        Half the sum of all whitened squares, priors included.
+        Half the sum of all whitened squares (losses, of other densities), priors included.
     starts : Starts
         How many of the optimizer's starts ended here, of how many.
     """
@@ -94,7 +100,7 @@ class Estimate:
     @property
     def discounted(self) -> bool:
         """Whether misfit made any slew count for less than its stated noise says."""
-        return bool(np.any(self.discount < 1.0))
+        return self.model.noise.is_stated and bool(np.any(self.discount < 1.0))
 
     @cached_property
     def joint_covariance(self) -> np.ndarray:
@@ -133,7 +139,7 @@ class Estimate:
     @cached_property
     def effective_parameters(self) -> np.ndarray:
         """How many parameters each channel pays for (3,): trace of the hat matrix over its rows."""
-        return hat_traces(self.information, self.point.n_local, self.joint_covariance)
+        return effective_parameters(self.model, self.point, self.information, self.joint_covariance)
 
     @cached_property
     def tested_residuals(self) -> TestedResiduals:
@@ -148,11 +154,29 @@ class Estimate:
 
     @cached_property
     def tests(self) -> dict[str, ChannelTest]:
-        """Reduced chi^2 against the STATED noise and whiteness, by channel and in total."""
-        tested = self.tested_residuals
-        dof = self.information.n_data.sum(0) - tested.parameters
-        rounded = [c for c, s in rounding_steps(self.model.campaign).items() if has_one_error(s)]
-        return channel_tests(self.model.channels, tested.series, tested.chi2.sum(0), dof, rounded)
+        """Reduced chi^2 against the STATED noise and whiteness, by channel and in total.
+
+        Where the noise is not as stated, residuals are judged by their own distribution.
+        """
+        model, tested = self.model, self.tested_residuals
+        numbers = self.information.n_data.sum(0)
+        series, chi2, dof = dict(tested.series), tested.chi2.sum(0), numbers - tested.parameters
+        noises, densities = [model.noise.of(c.name) for c in model.channels], densities_of(model)
+        for c, (name, own) in enumerate(zip(series, densities, strict=True)):
+            if not noises[c].is_stated:
+                series[name], chi2[c], dof[c] = own.judged(
+                    series[name], self.theta, numbers[c], tested.parameters[c]
+                )
+        # Errors of coarse rounding are not white. Where the noise of a rounded channel is not as
+        # stated, whiteness is the last test left: it is kept.
+        steps = rounding_steps(model.campaign)
+        rounded = [c for c, s in steps.items() if has_one_error(s) and model.noise.of(c).is_stated]
+        tests = channel_tests(model.channels, series, chi2, dof, rounded)
+        for name, noise, own in zip(series, noises, densities, strict=True):
+            if noise.scale_sampled:
+                scale = float(own.scale_of(self.theta))
+                tests[name] = scale_test(scale, noise.scale_spread, tests[name])
+        return tests
 
     @cached_property
     def robust_sd(self) -> np.ndarray | None:

@@ -11,9 +11,17 @@ import numpy as np
 from jax import Array
 from jax.flatten_util import ravel_pytree
 
+from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.each_slew import is_traced, of_all_slews, slew_pieces
-from bayes_inertia.inference.noise_memory import Memory, innovations
-from bayes_inertia.inference.noise_model import Whitenings, n_data, without_memory
+from bayes_inertia.inference.limits import LIMITS
+from bayes_inertia.inference.noise_filter import Memory, innovations
+from bayes_inertia.inference.noise_model import (
+    Pull,
+    Whitening,
+    Whitenings,
+    n_data,
+    without_memory,
+)
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.at_once import at_once
 from bayes_inertia.maths.device_arrays import on_device
@@ -24,11 +32,6 @@ from bayes_inertia.physics.model_data import Data
 from bayes_inertia.physics.nuisances import Nuisances
 from bayes_inertia.physics.packing import Telemetry
 from bayes_inertia.physics.prediction import Structure, predict, predict_all
-
-# Sensitivities are taken so many columns at a time: as many as a plain fit has, or more where a
-# model has more. Of one slew at a time, twice as many hardly take longer.
-_COLUMNS_AT_ONCE = (24, 48)
-
 
 # Whitened residuals (slews, numbers) of each channel, measured minus predicted, in sigmas; zero
 # where nothing was measured. Or derivatives of these, with further axes.
@@ -64,6 +67,8 @@ class Information(NamedTuple):
         Numbers measured.
     free : (f,) array of int
         Indices of the parameters that may move.
+    weight : (channels,) array, optional
+        Information of a reading over that of Gaussian noise of its sigma.
     """
 
     matrix: np.ndarray
@@ -71,6 +76,7 @@ class Information(NamedTuple):
     chi2: np.ndarray
     n_data: np.ndarray
     free: np.ndarray
+    weight: np.ndarray | float = 1.0
 
 
 def whitened(
@@ -208,7 +214,7 @@ def padded_sensitivities(
     of_effects = np.repeat(np.array(structure.only_sensed, dtype=bool), structure.coefficients)
     sensed[len(columns) - len(of_effects) :] = of_effects
     moving = np.flatnonzero(~sensed)
-    few, many = _COLUMNS_AT_ONCE
+    few, many = LIMITS.columns_at_once
     width = few if d + 3 + structure.n_start <= few else many
     padding = -len(moving) % width
     groups = columns[np.concatenate([moving, np.repeat(moving[-1:], padding)])]
@@ -248,11 +254,10 @@ def unpadded_sensitivities(
     return Sensitivities(padded.residuals, tuple(j[..., :p] for j in padded.jacobian))
 
 
-def _normal_equations(s: Sensitivities) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    pairs = list(zip(s.jacobian, s.residuals, strict=True))
-    matrix = np.stack([np.swapaxes(j, 1, 2) @ j for j, _ in pairs], 1)
-    gradient = np.stack([np.einsum("snp,sn->sp", j, r) for j, r in pairs], 1)
-    return matrix, gradient, np.stack([np.sum(r**2, -1) for _, r in pairs], 1)
+def _pull(noise: Whitening, r: AnyArray, valid: np.ndarray, theta: np.ndarray) -> Pull:
+    if noise.density is None:
+        return Pull(r, 1.0, np.sum(r**2, -1))
+    return noise.density.pull(r, valid.reshape(r.shape), theta)
 
 
 def information_blocks(
@@ -263,9 +268,22 @@ def information_blocks(
     `free` (f,): indices of the parameters that may move; None for all.
     """
     free = np.arange(model.space.size) if free is None else np.asarray(free)
-    matrix, gradient, chi2 = _normal_equations(padded_sensitivities(model, point, white, free))
+    s = padded_sensitivities(model, point, white, free)
+    noise = zip(white, s.residuals, measured(model), strict=True)
+    pulls = [_pull(each, r, valid, point.theta) for each, r, valid in noise]
+    pairs = list(zip(s.jacobian, pulls, strict=True))
+    matrix = np.stack([pull.weight * (np.swapaxes(j, 1, 2) @ j) for j, pull in pairs], 1)
+    gradient = np.stack([np.einsum("snp,sn->sp", j, pull.slope) for j, pull in pairs], 1)
+    for c, (each, pull) in enumerate(zip(white, pulls, strict=True)):
+        if each.density is not None and pull.noise is not None:
+            (slope, information), (kept, at) = pull.noise, each.density.noise_columns(free)
+            gradient[:, c, at] += slope[:, kept]
+            matrix[:, c, at[:, None], at] += information[:, kept][:, :, kept]
+    chi2 = np.stack([pull.chi2 for pull in pulls], 1)
+    weight = np.array([pull.weight for pull in pulls])
     p = len(free) + 3 + model.structure.n_local
-    return Information(matrix[..., :p, :p], gradient[..., :p], chi2, n_data(model, white), free)
+    numbers = n_data(model, white)
+    return Information(matrix[..., :p, :p], gradient[..., :p], chi2, numbers, free, weight)
 
 
 # What is compiled for each size of slew, largest first.

@@ -11,12 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.parameters import N_BASE
 
-# A direction that data narrow by less than this share of the prior's precision is not told by
-# them: what stands there is rounding of the difference of two precisions.
-_LEAST_SHARE = 1e-6
 _ARRAYS = ("mean", "precision", "prior_mean", "prior_sd")
 
 
@@ -80,7 +78,7 @@ def summary_of(
     powers, directions = np.linalg.eigh(0.5 * (scaled + scaled.T))
     # The prior's precision is one in these units.
     told = 1.0 / powers - 1.0
-    told = np.where(told > _LEAST_SHARE, told, 0.0)
+    told = np.where(told > LIMITS.told_share, told, 0.0)
     along = directions.T @ ((mean - prior_mean) / prior_sd)
     shift = directions @ (np.where(told > 0.0, along / np.maximum(powers * told, 1e-300), 0.0))
     precision = (directions * told) @ directions.T / np.outer(prior_sd, prior_sd)
@@ -105,7 +103,7 @@ def product(summaries: Sequence[LikelihoodSummary]) -> LikelihoodSummary:
     precision = np.sum([s.precision for s in summaries], axis=0)
     pull = np.sum([s.precision @ (s.mean - first.prior_mean) for s in summaries], axis=0)
     scaled = precision * np.outer(first.prior_sd, first.prior_sd)
-    shift = np.linalg.lstsq(scaled, pull * first.prior_sd, rcond=_LEAST_SHARE**2)[0]
+    shift = np.linalg.lstsq(scaled, pull * first.prior_sd, rcond=LIMITS.told_share**2)[0]
     mean = first.prior_mean + first.prior_sd * shift
     return LikelihoodSummary(first.campaign, mean, precision, first.prior_mean, first.prior_sd)
 

@@ -30,6 +30,7 @@ from bayes_inertia.inference.coefficients import (
 )
 from bayes_inertia.inference.each_slew import of_slew, slew_pieces
 from bayes_inertia.inference.likelihood import Residuals, residuals, whitened
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import Whitenings
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.maths import inertia_tensor
@@ -41,9 +42,6 @@ from bayes_inertia.physics.prediction import Structure, predict_all
 from bayes_inertia.physics.slew_context import SlewContext
 
 LogDensity = Callable[[np.ndarray], np.ndarray]
-
-# Draws of `log_posterior`, however many: one program serves all.
-_AT_ONCE = 32
 
 
 class Marginal(NamedTuple):
@@ -217,7 +215,7 @@ def log_posterior(structure: Structure, marginal: Marginal, thetas: np.ndarray) 
 
     `thetas` (n, d). Returns (n,).
     """
-    return log_density_of(structure, marginal, batch=_AT_ONCE)(np.asarray(thetas))
+    return log_density_of(structure, marginal, batch=LIMITS.draws_at_once)(np.asarray(thetas))
 
 
 def _compiled(structure: Structure, marginal: Marginal) -> LogDensity:
@@ -240,8 +238,8 @@ def _pieces(marginal: Marginal) -> list[_Pull]:
     pieces = slew_pieces(marginal.optimum, marginal.data, marginal.white)
     ridge = np.asarray(marginal.ridge_local)
     columns = tuple(
-        filled(np.asarray(x), round(x.shape[1] / max(1, given.shape[1]) * padded.shape[1]))
-        for x, (given, _), (padded, _) in zip(
+        filled(np.asarray(x), round(x.shape[1] / max(1, len(given[0])) * len(padded[0])))
+        for x, (given, *_), (padded, *_) in zip(
             marginal.columns, marginal.white, pieces[0].white, strict=True
         )
     )

@@ -15,29 +15,7 @@ import numpy as np
 from scipy import fft, optimize, stats
 
 from bayes_inertia.campaign.slew import Slew
-
-# Components of a longer period than this [readings, and share of a series] are left to the model,
-# and where effects compete with noise.
-_LONGEST_FAST = (100.0, 1.0 / 3.0)
-_LONGEST_SLOW = (1000.0, 1.0)
-# Spectra are averaged over so many bins of frequency.
-_BINS = 128
-# Stretches of fewer readings tell nothing.
-_FEWEST_READINGS = 24
-# Groups of stretches with fewer components are not compared.
-_FEWEST_COMPONENTS = 60
-# By how much the log likelihood must prefer correlated noise to white, in the clearest axis and in
-# every other.
-_CLEAR_LEAD = 12.0
-_LEAST_LEAD = 4.0
-# Correlation over one reading beyond which noise is a random walk for all that a slew can tell.
-_MOST_CORRELATION = 0.9985
-# Logits of share and correlation from which the noise is looked for: short and long memory.
-_STARTS = ((4.0, 0.5), (4.0, 2.5), (-1.0, 2.0), (-1.0, 5.0))
-# p-value below which noise at rest and in motion, or of the slews, is not alike.
-_ALIKE_ABOVE = 1e-3
-# Norm of the rates, as a share of the slew's largest, below which the body rests.
-_RESTS_BELOW = 0.05
+from bayes_inertia.inference.limits import LIMITS
 
 
 class ColourOfAxis(NamedTuple):
@@ -126,18 +104,18 @@ def colour_of(
             gain, parameters = gain + more[0], parameters + more[1]
     spacings = [float(np.median(np.diff(slew.time))) for slew in slews]
     uneven = max(spacings) > 1.5 * min(spacings)
-    if uneven or (alike and max(a.lead for a in axes) < _CLEAR_LEAD):
+    if uneven or (alike and max(a.lead for a in axes) < LIMITS.clear_lead):
         return None
-    if parameters and stats.chi2.sf(2.0 * gain, parameters) < _ALIKE_ABOVE:
+    if parameters and stats.chi2.sf(2.0 * gain, parameters) < LIMITS.reject_below:
         return None
-    clear = tuple(a if a.lead > _LEAST_LEAD else a._replace(share=0.0) for a in axes)
+    clear = tuple(a if a.lead > LIMITS.least_lead else a._replace(share=0.0) for a in axes)
     return Colour(clear, _spacing_of_readings(slews, residuals))
 
 
 def _whole(residuals: Sequence[np.ndarray], axis: int) -> list[np.ndarray]:
     """The readings of one axis, by slew."""
     series = [values[np.isfinite(values[:, axis]), axis] for values in residuals]
-    return [x for x in series if len(x) >= _FEWEST_READINGS]
+    return [x for x in series if len(x) >= LIMITS.fewest_readings]
 
 
 def _spacing_of_readings(slews: Sequence[Slew], residuals: Sequence[np.ndarray]) -> float:
@@ -159,7 +137,7 @@ def stretches_of(slews: Sequence[Slew], residuals: Sequence[np.ndarray]) -> list
         rows = np.flatnonzero(np.isfinite(values[: len(slew.time)]))
         rest = at_rest(slew)[rows]
         for part in np.split(np.arange(len(rows)), 1 + np.flatnonzero(np.diff(rest))):
-            if len(part) >= _FEWEST_READINGS:
+            if len(part) >= LIMITS.fewest_readings:
                 stretches.append(Stretch(slew.name, bool(rest[part[0]]), values[rows[part]]))
     return stretches
 
@@ -173,8 +151,8 @@ def at_rest(slew: Slew) -> np.ndarray:
     if not len(rows):
         return np.zeros(len(slew.time), bool)
     speed = np.interp(slew.time, slew.time[rows], np.linalg.norm(rates, axis=1))
-    rests = speed < _RESTS_BELOW * float(np.quantile(speed, 0.95))
-    width = 2 * (_FEWEST_READINGS // 4) + 1
+    rests = speed < LIMITS.rests_below * float(np.quantile(speed, 0.95))
+    width = 2 * (LIMITS.fewest_readings // 4) + 1
     counts = np.convolve(
         np.pad(rests.astype(float), width // 2, mode="edge"), np.ones(width), "valid"
     )
@@ -194,12 +172,12 @@ def gauss_markov_noise(series: Sequence[np.ndarray], *, slow: bool = False) -> C
     >>> bool(noise.lead > 100.0), round(noise.correlation, 1), round(noise.sd, 1)
     (True, 0.6, 1.0)
     """
-    angle, power = _fast_components(series, _LONGEST_SLOW if slow else _LONGEST_FAST)
-    return _best_noise(angle, power, _STARTS)
+    angle, power = _fast_components(series, LIMITS.longest_slow if slow else LIMITS.longest_fast)
+    return _best_noise(angle, power, LIMITS.colour_starts)
 
 
 def _fast_components(
-    series: Sequence[np.ndarray], longest: tuple[float, float] = _LONGEST_FAST
+    series: Sequence[np.ndarray], longest: tuple[float, float] = LIMITS.longest_fast
 ) -> tuple[np.ndarray, np.ndarray]:
     """Angular frequency [rad a reading] and power of the fast cosine components of series."""
     angles, powers = [], []
@@ -220,7 +198,7 @@ def _spectrum(x: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 def _share_and_correlation(x: np.ndarray) -> tuple[float, float]:
     share, correlation = 1.0 / (1.0 + np.exp(-np.asarray(x[1:])))
-    return float(share), float(_MOST_CORRELATION * correlation)
+    return float(share), float(LIMITS.most_correlation * correlation)
 
 
 def _best_noise(
@@ -229,12 +207,12 @@ def _best_noise(
     """The noise of greatest Whittle likelihood."""
     mean = float(power.mean())
     # Neighbouring components share a spectrum: a hundredth of the work.
-    place = np.minimum((angle * (_BINS / np.pi)).astype(int), _BINS - 1)
-    count = np.bincount(place, minlength=_BINS)
+    place = np.minimum((angle * (LIMITS.bins / np.pi)).astype(int), LIMITS.bins - 1)
+    count = np.bincount(place, minlength=LIMITS.bins)
     filled = count > 0
     count = count[filled]
-    middle = np.bincount(place, angle, _BINS)[filled] / count
-    average = np.bincount(place, power, _BINS)[filled] / count
+    middle = np.bincount(place, angle, LIMITS.bins)[filled] / count
+    average = np.bincount(place, power, LIMITS.bins)[filled] / count
 
     def cost(x: np.ndarray) -> float:
         spectrum = _spectrum(x, middle)
@@ -267,11 +245,11 @@ def _gain_apart(
 ) -> tuple[float, int]:
     """Log likelihood that a noise for each group gains on one for all, and parameters more."""
     parts = [_fast_components(readings) for readings in _grouped(stretches, key)]
-    parts = [part for part in parts if len(part[0]) >= _FEWEST_COMPONENTS]
+    parts = [part for part in parts if len(part[0]) >= LIMITS.fewest_components]
     if len(parts) < 2:
         return 0.0, 0
     share = np.clip(together.share, 1e-3, 1.0 - 1e-5)
-    correlation = np.clip(together.correlation / _MOST_CORRELATION, 1e-3, 1.0 - 1e-3)
+    correlation = np.clip(together.correlation / LIMITS.most_correlation, 1e-3, 1.0 - 1e-3)
     start = (float(np.log(share / (1 - share))), float(np.log(correlation / (1 - correlation))))
 
     def log_likelihood(part: tuple[np.ndarray, np.ndarray]) -> float:
@@ -296,13 +274,13 @@ def is_alike_everywhere(slews: Sequence[Slew], residuals: Sequence[np.ndarray]) 
         for key in ("rests", "slew"):
             more = _unlike(_grouped(stretches, key))
             statistic, freedom = statistic + more[0], freedom + more[1]
-    return not freedom or bool(stats.chi2.sf(statistic, freedom) > _ALIKE_ABOVE)
+    return not freedom or bool(stats.chi2.sf(statistic, freedom) > LIMITS.reject_below)
 
 
 def _unlike(groups: Sequence[Sequence[np.ndarray]]) -> tuple[float, int]:
     """Bartlett's test of equal variances of fast components: statistic, degrees of freedom."""
     parts = [_fast_components(group)[1] for group in groups]
-    parts = [part for part in parts if len(part) >= _FEWEST_COMPONENTS]
+    parts = [part for part in parts if len(part) >= LIMITS.fewest_components]
     if len(parts) < 2:
         return 0.0, 0
     every = np.concatenate(parts)

@@ -1,49 +1,180 @@
-"""The filter for correlated noise of readings: what the noise consists of, and the gains.
+"""The filter that whitens correlated noise of readings: a sum of first-order processes.
 
-First-order processes beside white noise: correlated noise that was measured in the residuals of the
-rates; what the campaign states of the gyro's bias, a random walk (RRW) and a Gauss-Markov process
-that stands for its instability (BI); what an effect was estimated to add, all of it or what it does
-between the knots that a fit knows. Farrenkopf 1978; IEEE Std 952-1997, annexes B and C.
+A Kalman filter with one state for each process and axis tells them apart. Its gains follow from the
+times and from which readings are missing alone, so that its innovations are a linear map of the
+residuals: white, of unit variance, and everything that follows from residuals and their derivatives
+stays as it is (Anderson and Moore 1979, section 9.2). Exact for any size, any correlation time and
+any gap. What the processes are: `physics.processes`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from bayes_inertia.inference.channel_rows import row_times
-from bayes_inertia.inference.noise_memory import Memory
+from bayes_inertia.maths.device_arrays import filled, padded_size
+from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.reading_noise import ReadingNoise
+from bayes_inertia.physics.processes import Process, RowTimes, StateSpace, gauss_markov
 from bayes_inertia.physics.stated_noise import stated_reading_noise
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
-class _Process(NamedTuple):
-    """A first-order process in each of c components, in units of one reading's variance.
+class Memory(NamedTuple):
+    """The filter that whitens correlated noise.
 
     Parameters
     ----------
-    start : (slews, c) array
-        Variance at a slew's first row.
-    decay : (slews, n, c) array
-        What is left at the next row.
-    fresh : (slews, n, c) array
-        Variance that is new by then.
+    decay : (slews, n, 3, processes) array
+        What is left of each process at the next row.
+    gain : (slews, n, 3, processes) array
+        Share of an innovation that belongs to a process; 0 where nothing was measured.
+    scale : (slews, n, 3) array
+        One over the standard deviation of the innovations; 1 where nothing was measured.
     """
 
-    start: np.ndarray
-    decay: np.ndarray
-    fresh: np.ndarray
+    # Of numpy on the host, of JAX in compiled code.
+    decay: AnyArray
+    gain: AnyArray
+    scale: AnyArray
+
+
+def innovations(rate: Any, memory: Memory) -> Any:
+    """Whitened residuals without what the residuals before them let expect.
+
+    `rate` (slews, n, 3, ...): whitened residuals, or columns of their derivatives; zero where
+    nothing was measured. Of numpy, or of JAX in compiled code. Returns (slews, n, 3, ...).
+
+    Examples
+    --------
+    >>> decay, gain = np.full((1, 2, 3, 1), 0.6), np.ones((1, 2, 3, 1))
+    >>> memory = Memory(decay, gain, np.full((1, 2, 3), 1.25))
+    >>> innovations(np.ones((1, 2, 3)), memory)[0, :, 0].tolist()
+    [1.25, 0.5]
+    """
+    if not isinstance(rate, np.ndarray):
+        return _innovations(rate, memory)
+    # Slews, rows and columns in few sizes.
+    slews, n, axes = rate.shape[:3]
+    columns = rate.reshape(slews, n, axes, -1)
+    size = (
+        padded_size(slews, 1, often=True),
+        padded_size(n),
+        padded_size(columns.shape[-1], 1, often=True),
+    )
+
+    def padded(rows: Any) -> Any:
+        return filled(filled(np.asarray(rows), size[0], 0), padded_size(n))
+
+    new = _innovations(filled(padded(columns), size[1], -1), Memory(*map(padded, memory)))
+    return np.asarray(new)[:slews, :n, :, : columns.shape[-1]].reshape(rate.shape)
+
+
+@jax.jit
+def _innovations(rate: Array, memory: Memory) -> Array:
+    rows, known = memory.scale.ndim - 2, memory.scale.ndim
+    # Columns stand last, side by side in memory: a step is one pass over them.
+    columns = rate.reshape(*rate.shape[:known], -1)
+
+    def step(expected: Array, row: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+        reading, decay, gain = row
+        new = reading - expected.sum(-2)
+        return decay[..., None] * (expected + gain[..., None] * new[..., None, :]), new
+
+    reading, decay, gain = (jnp.moveaxis(x, rows, 0) for x in (columns, memory.decay, memory.gain))
+    nothing = jnp.zeros((*decay.shape[1:], columns.shape[-1]))
+    _, new = jax.lax.scan(step, nothing, (reading, decay, gain))
+    measured = (memory.gain.sum(-1) > 0.0)[..., None]
+    whitened = memory.scale[..., None] * jnp.where(measured, jnp.moveaxis(new, 0, rows), columns)
+    return whitened.reshape(rate.shape)
+
+
+def correlated_noise(white_noise: np.ndarray, memory: Memory) -> np.ndarray:
+    """Noise whose innovations are given: the inverse of `innovations`.
+
+    `white_noise` (..., slews, n, 3). Returns (..., slews, n, 3): correlated noise, in units of the
+    white noise's sigma.
+    """
+    decay, gain, scale = (np.asarray(x) for x in memory)
+    noise = white_noise / scale
+    expected = np.zeros((*noise.shape[:-2], 3, decay.shape[-1]))
+    for row in range(noise.shape[-2]):
+        new = noise[..., row, :].copy()
+        noise[..., row, :] += expected.sum(-1)
+        expected = decay[:, row] * (expected + gain[:, row] * new[..., None])
+    return noise
+
+
+class EffectNoise(NamedTuple):
+    """What one effect adds to readings.
+
+    Parameters
+    ----------
+    effect : str
+        Its name.
+    noise : Process
+        The process.
+    coefficients : slice
+        Which of a slew's own nuisances stand for it.
+    """
+
+    effect: str
+    noise: Process
+    coefficients: slice
+
+
+def noise_of_effects(model: Model, theta: np.ndarray) -> tuple[EffectNoise, ...]:
+    """What a model's effects add to readings that are compared.
+
+    `theta` (d,).
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> model = Model(small_campaign())
+    >>> noise_of_effects(model, model.space.mean)
+    ()
+    """
+    structure, start, found = model.structure, model.structure.n_start, []
+    if not any(structure.coefficients):
+        return ()
+    active = structure.active_effects(jnp.asarray(theta))
+    for (effect, p), count in zip(active, structure.coefficients, strict=False):
+        noise = effect.reading_noise(p) if isinstance(effect, StochasticEffect) else None
+        if count and noise is not None and _is_read(model, noise):
+            plain = noise._replace(size=float(noise.size), time=float(noise.time))
+            found.append(EffectNoise(effect.name, plain, slice(start, start + count)))
+        start += count
+    return tuple(found)
+
+
+def effects_between_knots(model: Model, theta: np.ndarray) -> tuple[EffectNoise, ...]:
+    """Those of `noise_of_effects` whose coefficients are values of the rates' errors on knots.
+
+    `theta` (d,). Returns: what they do between knots is filtered out of the readings.
+    """
+    every = noise_of_effects(model, theta)
+    return tuple(each for each in every if each.noise.channel == "rate" and each.noise.knots)
+
+
+def _is_read(model: Model, noise: Process) -> bool:
+    """Whether readings with this noise are compared, and the noise is there at all."""
+    channel = model.channels[model.structure.place(noise.channel)]
+    return channel.compared and float(noise.size) > 0.0
 
 
 def noise_memory(
     model: Model,
     channel: Channel,
     noise: np.ndarray,
-    more: Sequence[ReadingNoise] = (),
+    more: Sequence[Process] = (),
     *,
     measured: bool = True,
 ) -> Memory | None:
@@ -62,7 +193,7 @@ def noise_memories(
     model: Model,
     channel: Channel,
     noise: np.ndarray,
-    settings: Sequence[Sequence[ReadingNoise]],
+    settings: Sequence[Sequence[Process]],
     *,
     measured: bool = True,
     white: float = 1.0,
@@ -77,14 +208,14 @@ def noise_memories(
     settings = [_of(channel, processes) for processes in settings]
     if correlated is None and not stated and not settings[0]:
         return None
-    variance = channel.variance(noise)
+    rows, variance = _rows(model), channel.variance(noise)
     whites = np.full(len(variance), white)
-    common = [_process(model, each, variance) for each in stated]
+    common = [each.in_rows(rows, variance) for each in stated]
     if correlated is not None:
         share = np.array(correlated.share)
         whites = whites - share
-        common.append(_gauss_markov(model, share, np.array(correlated.time)))
-    more = [[_process(model, each, variance) for each in processes] for processes in settings]
+        common.append(gauss_markov(rows, share, np.array(correlated.time)))
+    more = [[each.in_rows(rows, variance) for each in processes] for processes in settings]
     # Sets are filtered as if they were further slews.
     joined = [_joined(parts) for parts in zip(*([*common, *own] for own in more), strict=True)]
     readings = model.data.arrays.telemetry.readings[model.structure.place(channel.name)]
@@ -93,85 +224,22 @@ def noise_memories(
     return Memory(*(np.reshape(x, (len(settings), len(valid), *x.shape[1:])) for x in filtered))
 
 
-def _joined(processes: Sequence[_Process]) -> _Process:
+def _joined(processes: Sequence[StateSpace]) -> StateSpace:
     """Processes one after the other, along the axis of slews."""
-    return _Process(*(np.concatenate(parts) for parts in zip(*processes, strict=True)))
+    return StateSpace(*(np.concatenate(parts) for parts in zip(*processes, strict=True)))
 
 
-def _of(channel: Channel, noise: Sequence[ReadingNoise]) -> list[ReadingNoise]:
+def _of(channel: Channel, noise: Sequence[Process]) -> list[Process]:
     return [each for each in noise if each.channel == channel.name]
 
 
-def _process(model: Model, noise: ReadingNoise, variance: np.ndarray) -> _Process:
-    """The process in units of one reading's variance (c,)."""
-    power = float(noise.size) ** 2 / variance
-    if noise.knots:
-        return _between_knots(model, noise, power)
-    if np.isinf(noise.time):
-        return _random_walk(model, power)
-    return _gauss_markov(model, power, np.full(len(variance), float(noise.time)))
-
-
-def _steps(model: Model) -> np.ndarray:
-    """Time (slews, n) from each row to the next [s], zero after the last."""
-    times = row_times(model)
-    return np.diff(times, axis=1, append=times[:, -1:])
-
-
-def _gauss_markov(model: Model, variance: np.ndarray, time: np.ndarray) -> _Process:
-    """A stationary process of these variances and correlation times (c,) [s]."""
-    decay = np.exp(-_steps(model)[..., None] / time)
-    start = np.broadcast_to(variance, (len(decay), len(variance)))
-    return _Process(start, decay, variance * (1.0 - decay**2))
-
-
-def _random_walk(model: Model, growth: np.ndarray) -> _Process:
-    """A Wiener process whose variance grows by `growth` (c,) a second.
-
-    It is zero in the middle of the campaign, as in `random_walk_root`.
-    """
-    steps, times = _steps(model), row_times(model)
-    context = model.data.arrays.slews.context
+def _rows(model: Model) -> RowTimes:
+    times, context = row_times(model), model.data.arrays.slews.context
     away = np.abs(np.asarray(context.start) + times[:, 0] - np.asarray(context.middle))
-    first = away + times[:, -1] - times[:, 0]
-    fresh = steps[..., None] * growth
-    return _Process(first[:, None] * growth, np.ones_like(fresh), fresh)
+    return RowTimes(times, away)
 
 
-def _between_knots(model: Model, noise: ReadingNoise, power: np.ndarray) -> _Process:
-    """What straight lines between knots leave of a process: Brownian bridges from knot to knot.
-
-    Their density is the variance of the change from one knot to the next, over the time between
-    them. For a random walk that is exact. For a Gauss-Markov process the variance is, and a bridge
-    is close where knots are not far apart.
-    """
-    times = row_times(model)
-    spacing = np.maximum(times[:, -1:] - times[:, :1], 1e-9) / (noise.knots - 1)
-    place = (times - times[:, :1]) / spacing
-    # A row at a knot must not fall into the interval before it by rounding.
-    knot = np.floor(place + 1e-9)
-    since = np.maximum(place - knot, 0.0) * spacing
-    left = spacing - since
-    if np.isinf(noise.time):
-        growth = np.ones_like(spacing)
-    else:
-        growth = -2.0 * np.expm1(-spacing / noise.time) / spacing
-    variance = growth * since * left / spacing
-    same = np.diff(knot, axis=1, append=knot[:, -1:]) == 0.0
-    next_left, next_variance = (np.roll(x, -1, axis=1) for x in (left, variance))
-    decay = np.where(same, next_left / left, 0.0)
-    decay[:, -1] = 1.0
-    fresh = np.maximum(next_variance - decay**2 * variance, 0.0)
-    fresh[:, -1] = 0.0
-    shape = (*times.shape, len(power))
-    return _Process(
-        variance[:, :1] * power,
-        np.broadcast_to(decay[..., None], shape),
-        fresh[..., None] * power,
-    )
-
-
-def _filter(processes: list[_Process], white: np.ndarray, valid: np.ndarray) -> Memory:
+def _filter(processes: list[StateSpace], white: np.ndarray, valid: np.ndarray) -> Memory:
     """The filter for processes beside white noise (c,); `valid` (slews, n, c): was measured."""
     decay = np.stack([process.decay for process in processes], -1)
     fresh = np.stack([process.fresh for process in processes], -1)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.limits import LIMITS
 
 # Differences of white noise, by order: variance, and the number of independent values that one is
 # worth times two (from their correlations).
@@ -16,11 +17,8 @@ _DIFFERENCE_WORTH = {
     2: 2.0 * (1.0 + 2.0 * (16.0 + 1.0) / 36.0),
     4: 2.0 * (1.0 + 2.0 * (56.0**2 + 28.0**2 + 8.0**2 + 1.0) / 70.0**2),
 }
-_SIGNIFICANT_SIGMAS = 4.0
-_MIN_DIFFERENCES = 30  # squared second differences that a level needs
 _MEDIAN_OF_CHI2 = 0.454936  # with one degree of freedom
 _POWER_BELOW_3_SIGMA = 0.973337  # mean square of a standard normal number that is below 3 sigma
-_GAP_IN_SPACINGS = 3.0  # times the usual spacing of fixes
 
 
 def noise_factors(estimate: Estimate) -> dict[str, float]:
@@ -62,15 +60,17 @@ def white_factor(pieces: list[np.ndarray]) -> float:
     3.0
     """
     together = np.concatenate([np.zeros(0), *_squares(pieces, 2)])
-    if len(together) < _MIN_DIFFERENCES:
+    if len(together) < LIMITS.fewest_differences:
         return 1.0
     power = _clipped_power(together, 2)
-    scatter = _SIGNIFICANT_SIGMAS * np.sqrt(_DIFFERENCE_WORTH[2] / len(together))
+    scatter = LIMITS.significant_sigmas * np.sqrt(_DIFFERENCE_WORTH[2] / len(together))
     for component in _squares(pieces, 4):
-        if len(component) < _MIN_DIFFERENCES:
+        if len(component) < LIMITS.fewest_differences:
             continue
         component_power = _clipped_power(component, 4)
-        component_scatter = _SIGNIFICANT_SIGMAS * np.sqrt(_DIFFERENCE_WORTH[4] / len(component))
+        component_scatter = LIMITS.significant_sigmas * np.sqrt(
+            _DIFFERENCE_WORTH[4] / len(component)
+        )
         if component_power > power * (1.0 + component_scatter):
             power, scatter = component_power, component_scatter
     return float(np.sqrt(power)) if power > 1.0 + scatter else 1.0
@@ -99,7 +99,9 @@ def bursts_of(time: np.ndarray) -> list[np.ndarray]:
     gaps, every = np.diff(time), np.arange(len(time))
     if not len(gaps):
         return [every]
-    return np.split(every, 1 + np.flatnonzero(gaps > _GAP_IN_SPACINGS * np.quantile(gaps, 0.25)))
+    return np.split(
+        every, 1 + np.flatnonzero(gaps > LIMITS.gap_in_spacings * np.quantile(gaps, 0.25))
+    )
 
 
 def _clipped_power(squares: np.ndarray, order: int) -> float:

@@ -10,7 +10,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.likelihood import Information, residuals, unpadded_sensitivities
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import Whitenings
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.maths import inertia_tensor
@@ -18,20 +20,20 @@ from bayes_inertia.maths.linear_algebra import solve
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import prior_residual
 
-# Second moment over trace: no step comes closer to a body without thickness. Beyond, rounding
-# rules.
-_SMALLEST_SECOND_MOMENT = 1e-7
-# Steps keep this distance [prior sd] from the end of a prior's support.
-_SUPPORT_MARGIN = 1e-9
-
 
 def negative_log_posterior(model: Model, point: Point, white: Whitenings) -> float:
-    """Half the sum of all whitened squares, priors included."""
+    """Half the sum of all whitened squares (losses, of other densities), priors included."""
     if not bool(_is_physical(point.theta[:6])):
         return np.inf
     r = residuals(model.structure, point, model.data, white)
+    valid = measured(model)
     with np.errstate(over="ignore"):  # A step too far gives an infinite objective.
-        chi2 = sum(float(np.sum(np.square(channel))) for channel in r)
+        chi2 = sum(
+            float(np.sum(np.square(z)))
+            if noise.density is None
+            else 2.0 * noise.density.loss(z, ok.reshape(z.shape), point.theta)
+            for z, noise, ok in zip(r, white, valid, strict=True)
+        )
     prior = np.asarray(_prior_residual(model.space.constants(), point.theta))
     nuisances = float(point.bias @ point.bias), float(np.sum(point.local**2))
     return 0.5 * (chi2 + float(prior @ prior) + nuisances[0] + nuisances[1])
@@ -97,10 +99,10 @@ def moved(model: Model, point: Point, step: np.ndarray, free: np.ndarray) -> Poi
     theta[free] += step[:f]
     chart = np.array(_to_chart(point.theta[:6])) + step[:6]
     chart[:3] = np.maximum(
-        chart[:3], 0.5 * np.log(_SMALLEST_SECOND_MOMENT * np.sum(point.theta[:3]))
+        chart[:3], 0.5 * np.log(LIMITS.smallest_second_moment * np.sum(point.theta[:3]))
     )
     theta[:6] = np.asarray(_from_chart(chart))
-    margin = _SUPPORT_MARGIN * model.space.sd
+    margin = LIMITS.support_margin * model.space.sd
     theta[6:] = np.clip(theta, model.space.lower + margin, model.space.upper - margin)[6:]
     return Point(
         theta,

@@ -19,35 +19,28 @@ import numpy as np
 
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.compiled_programs import forget_surplus
-from bayes_inertia.inference.descent import descend, roughly
-from bayes_inertia.inference.gentle_descents import GENTLE_STOP, GENTLE_WEIGHT, gentle_descents
+from bayes_inertia.inference.descent import descend, gentle_descents, guess_nuisances, roughly
 from bayes_inertia.inference.hyperparameters import information_with_learnt, without_hyperparameters
 from bayes_inertia.inference.laplace import Estimate, Starts
-from bayes_inertia.inference.noise_estimate import with_noise_model
+from bayes_inertia.inference.likelihood import information_blocks
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import (
+    Densities,
     Whitenings,
+    densities_of,
     discounted,
     n_data,
     noise_between_knots,
+    of_densities,
     whitening,
 )
 from bayes_inertia.inference.objective import normal_equations
 from bayes_inertia.inference.point import Point
-from bayes_inertia.inference.residual_series import residual_series
-from bayes_inertia.inference.residual_tests import dispersion
-from bayes_inertia.inference.start_guess import guess_nuisances
+from bayes_inertia.inference.residual_tests import dispersion, effective_parameters, residual_series
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
+from bayes_inertia.maths.linear_algebra import inverse
+from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 from bayes_inertia.physics.forward_model import Model
-
-# The discount has settled once no slew's factor changes by more than this share; rounds at most.
-_DISCOUNT_SETTLED = 0.02
-_DISCOUNT_ROUNDS = 10
-# Tolerance of the objective on the way there; the last descent is exact.
-_TOLERANCE_OF_DISCOUNT = 1e-4
-# Descents with processes that are filtered between their knots: each with the sizes before it.
-_ROUNDS_OF_SIZES = 2
-# Squares that exceed what noise predicts by so many sds are worth another descent.
-_SURPLUS_SD = 3.0
 
 
 @on_one_blas_thread
@@ -116,7 +109,7 @@ def estimate(
     counts = Starts(agreeing, len(descents))
     fitted = _estimate_of(model, *best, full, free, counts)
     if not model.noise.is_stated:
-        return with_noise_model(fitted)
+        return _with_densities(fitted)
     too_large = [test.too_large for test in fitted.tests.values()]
     if not discount or not any(too_large):
         return fitted
@@ -142,12 +135,12 @@ def re_estimate(
     model, discount = previous.model, previous.discount
     point, free = replace(previous.point, theta=np.asarray(theta, float)), np.asarray(free)
     if weak_data_first:
-        white = discounted(whitening(model, point.theta), GENTLE_WEIGHT * discount)
+        white = discounted(whitening(model, point.theta), LIMITS.gentle_weight * discount)
         guess = replace(point, local=guess_nuisances(model, point.theta))
         shaped = without_hyperparameters(model, free)
-        point, _ = descend(model, guess, white, shaped, **GENTLE_STOP)
+        point, _ = descend(model, guess, white, shaped, **LIMITS.gentle_stop)
     settled = _optimum_with_noise(model, point, discount, free, rounds=1, tolerance=tolerance)
-    return with_noise_model(_estimate_of(model, *settled, discount, free, Starts(1, 1)))
+    return _with_densities(_estimate_of(model, *settled, discount, free, Starts(1, 1)))
 
 
 def without_effect(previous: Estimate, name: str) -> Estimate:
@@ -220,7 +213,9 @@ def _begin_of_discount(
         stated = whitening(model, optimum.theta)
         return optimum, np.where(channels, _dispersions(model, optimum, stated), 1.0)
     # The gentle descent's end is nearer than the point that the model's errors have overruled.
-    return gentle_end, np.where(channels, GENTLE_WEIGHT, np.ones((model.n_slews, len(channels))))
+    return gentle_end, np.where(
+        channels, LIMITS.gentle_weight, np.ones((model.n_slews, len(channels)))
+    )
 
 
 def _discounted_fit(
@@ -232,12 +227,12 @@ def _discounted_fit(
     starts: Starts,
 ) -> Estimate:
     """Repeat the estimate, each slew counted as its own residuals scatter, until both agree."""
-    for _ in range(_DISCOUNT_ROUNDS):
+    for _ in range(LIMITS.most_rounds_of_discount):
         point, _, stated = _optimum_with_noise(
-            model, point, factors, free, rounds=1, tolerance=_TOLERANCE_OF_DISCOUNT
+            model, point, factors, free, rounds=1, tolerance=LIMITS.tolerance_of_discount
         )
         previous, factors = factors, np.where(channels, _dispersions(model, point, stated), 1.0)
-        if np.all(np.abs(np.log(factors / previous)) < _DISCOUNT_SETTLED):
+        if np.all(np.abs(np.log(factors / previous)) < LIMITS.settled):
             break
     return _estimate_of(
         model, *_optimum_with_noise(model, point, factors, free), factors, free, starts
@@ -268,7 +263,7 @@ def _optimum_with_noise(
     stated, objective = whitening(model, point.theta), np.inf
     rounds = rounds if model.structure.drive == "measured" else 1
     if noise_between_knots(model, point.theta):
-        rounds = max(rounds, _ROUNDS_OF_SIZES)
+        rounds = max(rounds, LIMITS.rounds_between_knots)
     for round_ in range(1, rounds + 1):
         # Before the last round the noise is known roughly, too.
         to = stop if round_ == rounds else roughly(stop)
@@ -301,7 +296,7 @@ def _is_as_noise_makes_it(model: Model, settled: tuple[Point, float, Whitenings]
     """
     _, objective, stated = settled
     readings = n_data(model, stated).sum()
-    expected = readings + _SURPLUS_SD * np.sqrt(2.0 * readings)
+    expected = readings + LIMITS.surplus_sd * np.sqrt(2.0 * readings)
     return model.noise.is_stated and bool(2.0 * objective < expected)
 
 
@@ -321,10 +316,69 @@ def _estimate_of(
     return Estimate(model, point, stated, white, factors, blocks, hessian, objective, starts)
 
 
-# Ends of gentle descents nearer than this [prior sd] are one.
-_SAME_PLACE_SD = 0.1
-# Ends whose (gentle) objective is this much above the best are not followed.
-_MAX_OBJECTIVE_EXCESS = 1.0
+def _with_densities(fitted: Estimate) -> Estimate:
+    """The estimate under the densities that its model was asked for.
+
+    It begins at the maximum with Gaussian noise of the stated sigma. Heavy densities begin with the
+    scale that the residuals have there, so that outliers far off lose their pull step by step.
+
+    Returns: the very object where the noise is as stated.
+    """
+    model, free = fitted.model, fitted.free
+    if model.noise.is_stated:
+        return fitted
+    densities, spread = densities_of(model), _spread(fitted)
+    point = _at_noise_of_residuals(fitted, densities, spread)
+    begin = _inflated(densities, spread, point.theta)
+    if begin != densities:
+        white = of_densities(whitening(model, point.theta), begin)
+        point, _ = descend(model, point, white, free, **LIMITS.rough_stop)
+    for _ in range(LIMITS.rounds_of_densities):
+        stated = whitening(model, point.theta)
+        white = of_densities(stated, densities)
+        point, objective = descend(model, point, white, free)
+        blocks = information_blocks(model, point, white, free)
+        hessian, _ = normal_equations(model, point, blocks)
+        paid = effective_parameters(model, point, blocks, inverse(hessian))
+        densities = tuple(
+            replace(
+                x, lost=n * float(x.family.moments(float(x.shape_of(point.theta))).per_parameter)
+            )
+            for x, n in zip(densities, paid.tolist(), strict=True)
+        )
+    factor = np.tile(blocks.weight, (model.n_slews, 1))
+    white = discounted(stated, factor)
+    return Estimate(model, point, stated, white, factor, blocks, hessian, objective, fitted.starts)
+
+
+def _spread(fitted: Estimate) -> list[float]:
+    """Standard deviation that the middle of each channel's residuals has."""
+    spread = []
+    for slews in fitted.residual_series.values():
+        numbers = np.concatenate([np.zeros(0), *(slew[np.isfinite(slew)] for slew in slews)])
+        middle = SD_OVER_MAD * float(np.median(np.abs(numbers))) if len(numbers) else 1.0
+        spread.append(max(middle, 1e-3))
+    return spread
+
+
+def _at_noise_of_residuals(fitted: Estimate, densities: Densities, spread: list[float]) -> Point:
+    """The point with sampled scales near those that the residuals have."""
+    theta = fitted.theta.copy()
+    for channel, density, sd in zip(fitted.model.channels, densities, spread, strict=True):
+        if density.scale_at is not None and density.scale_at in fitted.free:
+            width = 3.0 * fitted.model.noise.of(channel.name).scale_spread
+            theta[density.scale_at] = np.clip(sd, np.exp(-width), np.exp(width))
+    return replace(fitted.point, theta=theta)
+
+
+def _inflated(densities: Densities, spread: list[float], theta: np.ndarray) -> Densities:
+    """Heavy densities with the scales with which a descent should begin."""
+    begin = []
+    for density, sd in zip(densities, spread, strict=True):
+        ratio = sd / float(density.scale_of(theta))
+        large = density.family.heavy and ratio > LIMITS.inflated
+        begin.append(replace(density, inflation=ratio) if large else density)
+    return tuple(begin)
 
 
 def distinct_optima(model: Model, descents: list[tuple[float, Point]]) -> list[tuple[Point, int]]:
@@ -341,11 +395,11 @@ def distinct_optima(model: Model, descents: list[tuple[float, Point]]) -> list[t
         same = [
             g
             for g in groups
-            if np.max(np.abs(_unknowns_in_prior_sd(model, g[0]) - place)) < _SAME_PLACE_SD
+            if np.max(np.abs(_unknowns_in_prior_sd(model, g[0]) - place)) < LIMITS.same_place_sd
         ]
         if same:
             same[0].append(point)
-        elif objective <= descents[0][0] + _MAX_OBJECTIVE_EXCESS:
+        elif objective <= descents[0][0] + LIMITS.most_objective_excess:
             groups.append([point])
     return [(group[0], len(group)) for group in groups]
 

@@ -15,27 +15,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy import stats
 
 from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
-
-# Readings on either side that a reading is compared with: runs of two are in the minority there.
-NEIGHBOURS = 5
-# Probability of an outlier anywhere in a channel of Gaussian noise.
-FALSE_ALARM = 1e-3
-# More outliers than this share of a channel's readings are no outliers but its noise.
-MOST_OUTLIERS = 0.03
-# The scale around a reading is taken from so many readings on either side, of which some must lie
-# beyond their neighbours at all.
-READINGS_AROUND = 12
-_FEWEST_AROUND = 5
-# MAD times 1.4826 of those distances in white unit noise that are not zero; their tail is normal.
-_SCALE_OF_WHITE = 0.94
-# Rounded readings may lie beyond their neighbours by as many steps.
-_STEPS_BEYOND = 1.6
-# A change of torque by this share of the slew's largest torque is a switch.
-_SWITCH = 0.2
-# Rows beside a switch in which nothing is taken for an outlier, if outliers gather there.
-_ROWS_AT_SWITCH = 3
-_GATHERED_P_VALUE = 1e-3
 
 
 def distance_from_both_sides(series: np.ndarray) -> np.ndarray:
@@ -72,8 +53,8 @@ def lesser_distance(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 def _median_before(series: np.ndarray) -> np.ndarray:
     """Median of the readings before each; NaN where there are fewer than three."""
-    padded = np.concatenate([np.full(NEIGHBOURS, np.nan), series[:-1]])
-    windows = sliding_window_view(padded, NEIGHBOURS).copy()
+    padded = np.concatenate([np.full(LIMITS.neighbours, np.nan), series[:-1]])
+    windows = sliding_window_view(padded, LIMITS.neighbours).copy()
     few = np.isfinite(windows).sum(axis=1) < 3
     windows[few] = 0.0
     return np.where(few, np.nan, np.nanmedian(windows, axis=1))
@@ -99,45 +80,45 @@ def outlying_readings(
     [[50, 0], [200, 1], [201, 1]]
     """
     n = sum(int(np.isfinite(slew).sum()) for slew in slews)
-    limit = stats.norm.isf(0.5 * FALSE_ALARM / max(n, 1))
+    limit = stats.norm.isf(0.5 * LIMITS.reject_below / max(n, 1))
     flags = [np.zeros(slew.shape, bool) for slew in slews]
     for component in range(slews[0].shape[1]):
         rows = [np.flatnonzero(np.isfinite(slew[:, component])) for slew in slews]
         distances = [
             distance_from_both_sides(slew[k, component])
-            if len(k) > 2 * NEIGHBOURS
+            if len(k) > 2 * LIMITS.neighbours
             else np.zeros(len(k))
             for slew, k in zip(slews, rows, strict=True)
         ]
         overall = _scale(np.concatenate(distances))
         for flag, k, distance in zip(flags, rows, distances, strict=True):
             scale = np.maximum(overall, _scale_around(distance))
-            least = _STEPS_BEYOND * steps[component] if steps is not None else 0.0
+            least = LIMITS.steps_beyond * steps[component] if steps is not None else 0.0
             flag[k, component] = np.abs(distance) > np.maximum(limit * scale, least)
     share = sum(int(flag.sum()) for flag in flags) / max(n, 1)
-    return [flag & (share <= MOST_OUTLIERS) for flag in flags]
+    return [flag & (share <= LIMITS.most_outliers) for flag in flags]
 
 
 def _scale(distance: np.ndarray) -> float:
     """Standard deviation of white noise that would lie so far beyond its neighbours."""
     beyond = np.abs(distance[distance != 0.0])
-    if len(beyond) < READINGS_AROUND:
+    if len(beyond) < LIMITS.readings_around:
         return np.inf
-    return float(np.median(beyond)) * SD_OVER_MAD / _SCALE_OF_WHITE
+    return float(np.median(beyond)) * SD_OVER_MAD / LIMITS.scale_of_white
 
 
 def _scale_around(distance: np.ndarray) -> np.ndarray:
     """As `_scale`, of the readings around each."""
-    width = 2 * READINGS_AROUND + 1
+    width = 2 * LIMITS.readings_around + 1
     if len(distance) < width:
         return np.zeros(len(distance))
     beyond = np.where(distance != 0.0, np.abs(distance), np.nan)
-    padded = np.pad(beyond, READINGS_AROUND, mode="reflect")
+    padded = np.pad(beyond, LIMITS.readings_around, mode="reflect")
     windows = sliding_window_view(padded, width)
-    some = np.isfinite(windows).sum(axis=1) >= _FEWEST_AROUND
+    some = np.isfinite(windows).sum(axis=1) >= LIMITS.fewest_around
     around = np.zeros(len(distance))
     around[some] = np.nanmedian(windows[some], axis=1)
-    return around * SD_OVER_MAD / _SCALE_OF_WHITE
+    return around * SD_OVER_MAD / LIMITS.scale_of_white
 
 
 def away_from_switches(slews: tuple[Slew, ...], flags: list[np.ndarray]) -> list[np.ndarray]:
@@ -150,7 +131,7 @@ def away_from_switches(slews: tuple[Slew, ...], flags: list[np.ndarray]) -> list
     hit = [flag.any(axis=1) for flag in flags]
     there = sum(int((rows & flag).sum()) for rows, flag in zip(near, hit, strict=True))
     total = sum(int(flag.sum()) for flag in hit)
-    if not total or stats.binom.sf(there - 1, total, share) > _GATHERED_P_VALUE:
+    if not total or stats.binom.sf(there - 1, total, share) > LIMITS.reject_below:
         return flags
     return [flag & ~rows[:, None] for flag, rows in zip(flags, near, strict=True)]
 
@@ -163,6 +144,6 @@ def _near_switch(slew: Slew, rows: int) -> np.ndarray:
     torque = slew.wheel_torque
     change = np.abs(np.diff(torque, axis=0)).max(axis=1, initial=0.0)
     largest = np.abs(torque).max(initial=0.0)
-    for row in np.flatnonzero(change > _SWITCH * largest) if largest > 0.0 else ():
-        near[max(0, row + 1 - _ROWS_AT_SWITCH) : row + 2 + _ROWS_AT_SWITCH] = True
+    for row in np.flatnonzero(change > LIMITS.switch * largest) if largest > 0.0 else ():
+        near[max(0, row + 1 - LIMITS.rows_at_switch) : row + 2 + LIMITS.rows_at_switch] = True
     return near

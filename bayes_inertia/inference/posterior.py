@@ -19,8 +19,8 @@ import numpy as np
 from scipy import stats
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.inference.gate_limits import OBSERVABLE_ABOVE
 from bayes_inertia.inference.likelihood_summary import LikelihoodSummary, summary_of
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.sealing import blaming, is_sealed, write_sealed
@@ -262,7 +262,7 @@ class Posterior:
             "unit": str(self.tree["posterior"][name].attrs.get("units", "")),
             "prior_sd": prior_sd,
             "contraction": contraction,
-            "observable": bool(contraction > OBSERVABLE_ABOVE),
+            "observable": bool(contraction > LIMITS.observable_above),
         }
 
     def _is_averaged(self, name: str) -> bool:

@@ -17,14 +17,14 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.each_slew import of_slew
-from bayes_inertia.inference.fit_context import FitContext
-from bayes_inertia.inference.gate_limits import criteria
 from bayes_inertia.inference.gates import check_gates
 from bayes_inertia.inference.laplace import Estimate, principal_sd
 from bayes_inertia.inference.likelihood import residuals
+from bayes_inertia.inference.limits import LIMITS, criteria
 from bayes_inertia.inference.posterior import FORMAT, Posterior
 from bayes_inertia.inference.predicted_telemetry import predicted_telemetry
 from bayes_inertia.inference.sampler import Chains
+from bayes_inertia.inference.settings import FitContext
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.parameters import log_prior
@@ -44,7 +44,6 @@ from bayes_inertia.physics.slew_context import SlewContext
 
 Groups = dict[str, dict[str, np.ndarray]]
 
-_PRIOR_DRAWS = 2000
 _LIBRARIES = ("bayes-inertia", "jax", "emcee", "arviz", "numpy", "scipy")
 _DIMENSIONS = {
     "principal_moment": ["axis"],
@@ -136,7 +135,7 @@ def _sampled(estimate: Estimate, chains: Chains, rng: np.random.Generator) -> Gr
     model = estimate.model
     ensembles, walkers, draws, d = chains.samples.shape
     flat = chains.samples.reshape(ensembles * walkers, draws, d)
-    prior = model.draw_prior(rng, _PRIOR_DRAWS)
+    prior = model.draw_prior(rng, LIMITS.prior_draws)
     density = chains.log_posterior.reshape(ensembles * walkers, draws)
     return {
         "posterior": {name: flat[..., i] for i, name in enumerate(model.space.names)},
@@ -246,10 +245,6 @@ def _attributes(estimate: Estimate, chains: Chains, context: FitContext) -> dict
     }
 
 
-# Instants of each slew at which a signal is kept.
-_INSTANTS = 101
-
-
 def drawable(estimate: Estimate) -> tuple[StochasticEffect, ...]:
     """Effects of a fit whose signal over time can be drawn."""
     effects = estimate.model.effects
@@ -262,7 +257,7 @@ def signal_times(estimate: Estimate) -> np.ndarray:
     Returns (slews, instants) [s].
     """
     slews = estimate.model.campaign.slews
-    return np.stack([np.linspace(s.time[0], s.time[-1], _INSTANTS) for s in slews])
+    return np.stack([np.linspace(s.time[0], s.time[-1], LIMITS.instants) for s in slews])
 
 
 def stochastic_signals(

@@ -10,21 +10,23 @@ from functools import partial
 
 import numpy as np
 
-from bayes_inertia.inference.channel_rows import channel_rows
+from bayes_inertia.inference.channel_rows import measured
+from bayes_inertia.inference.density_marginal import conditional_point_with_densities
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.likelihood import residuals
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.marginal_posterior import conditional_point
-from bayes_inertia.inference.noise_marginal import conditional_point_with_noise, noise_marginal
-from bayes_inertia.inference.noise_memory import correlated_noise
-from bayes_inertia.inference.noise_model import remembers, stated_noise_of, without_memory
-from bayes_inertia.inference.noise_parameters import NoiseRules, channel_rules, noise_values
+from bayes_inertia.inference.noise_filter import correlated_noise
+from bayes_inertia.inference.noise_model import (
+    ChannelDensity,
+    densities_of,
+    remembers,
+    stated_noise_of,
+    without_memory,
+)
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.sampler import Chains
-from bayes_inertia.inference.student_t import log_norm, tail_of
 from bayes_inertia.maths.values import AnyArray
-
-# Draws of each ensemble kept for telemetry-sized groups.
-_DRAWS_OF_EACH_ENSEMBLE = 16
 
 
 def predicted_telemetry(
@@ -37,7 +39,7 @@ def predicted_telemetry(
     densities of the measurements, under "rate_point", "attitude_point", "momentum_point".
     """
     thinned = thinned_draws(chains, rng)
-    shape = (len(chains.samples), _DRAWS_OF_EACH_ENSEMBLE)
+    shape = (len(chains.samples), LIMITS.telemetry_draws)
     predicted: dict[str, np.ndarray] = {}
     pointwise: dict[str, np.ndarray] = {}
     norms = _log_norms(estimate)
@@ -50,11 +52,12 @@ def predicted_telemetry(
                 pointwise[c] = np.empty((len(thinned), *values.shape[:2]), np.float32)
             predicted[c][k] = values
             pointwise[c][k] = norms[c] - lost[c]
+    densities = _by_channel(estimate)
     for c, values in predicted.items():
         for of_ensemble in np.split(np.arange(len(thinned)), shape[0]):
-            unit = _noise_of(estimate, thinned[of_ensemble], rng)
+            unit = partial(unit_noise, densities, thinned[of_ensemble], rng=rng)
             block = {c: values[of_ensemble][None]}
-            values[of_ensemble] = with_measurement_noise(estimate, block, rng, unit)[c][0]
+            values[of_ensemble] = with_measurement_noise(estimate, block, unit)[c][0]
     return (
         {c: values.reshape(*shape, *values.shape[1:]) for c, values in predicted.items()},
         {f"{c}_point": p.reshape(*shape, *p.shape[1:]) for c, p in pointwise.items()},
@@ -70,7 +73,7 @@ def _of_draws(
     """
     point_of, structure = drawn_nuisances(estimate), estimate.model.structure
     normal_numbers = estimate.point.bias.size + estimate.point.local.size
-    names = [channel.name for channel in estimate.model.channels]
+    densities = _by_channel(estimate)
     for theta in thetas:
         point = point_of(theta, rng.standard_normal(normal_numbers))
         new = residuals(structure, point, estimate.model.data, estimate.stated)
@@ -80,25 +83,12 @@ def _of_draws(
             plain = without_memory(estimate.stated)
             gaps = residuals(structure, point, estimate.model.data, plain)
         channels = _predicted(estimate, gaps)
-        pairs = ((name, r) for name, r in zip(names, new, strict=True) if name in channels)
-        yield (
-            channels,
-            {
-                name: _losses(
-                    estimate, theta, name, np.asarray(r).reshape(*channels[name].shape[:2], -1)
-                )
-                for name, r in pairs
-            },
-        )
-
-
-def _noise_of(
-    estimate: Estimate, thetas: np.ndarray, rng: np.random.Generator
-) -> Callable[[str, tuple[int, ...]], np.ndarray] | None:
-    """Where it is not as stated, the noise of draws, in stated sigmas."""
-    if estimate.model.noise.is_stated:
-        return None
-    return partial(unit_noise, channel_rules(estimate.model), thetas, rng=rng)
+        lost = {
+            name: losses(densities[name], theta, np.asarray(r).reshape(valid.shape), valid)
+            for name, r, valid in zip(densities, new, measured(estimate.model), strict=True)
+            if name in channels
+        }
+        yield channels, lost
 
 
 def drawn_nuisances(estimate: Estimate) -> Callable[[np.ndarray, np.ndarray], Point]:
@@ -107,16 +97,13 @@ def drawn_nuisances(estimate: Estimate) -> Callable[[np.ndarray, np.ndarray], Po
     Returns: from theta (d,) and standard normal numbers (3 + slews n_local,) to a point.
     """
     if not estimate.model.noise.is_stated:
-        return conditional_point_with_noise(estimate, noise_marginal(estimate))
+        return conditional_point_with_densities(estimate)
     return partial(conditional_point, estimate.model.structure, marginal(estimate))
 
 
-def _losses(estimate: Estimate, theta: np.ndarray, channel: str, z: np.ndarray) -> np.ndarray:
-    """Minus log densities of rows (slews, rows), from their residuals in stated sigmas."""
-    if estimate.model.noise.is_stated:
-        return 0.5 * np.square(z).sum(-1)
-    valid = channel_rows(estimate.model)[channel].valid
-    return losses(channel_rules(estimate.model), theta, channel, z, valid)
+def _by_channel(estimate: Estimate) -> dict[str, ChannelDensity]:
+    names = (channel.name for channel in estimate.model.channels)
+    return dict(zip(names, densities_of(estimate.model), strict=True))
 
 
 def thinned_draws(chains: Chains, rng: np.random.Generator) -> np.ndarray:
@@ -125,9 +112,9 @@ def thinned_draws(chains: Chains, rng: np.random.Generator) -> np.ndarray:
     Returns (ensembles draws, d).
     """
     ensembles, walkers, draws, _ = chains.samples.shape
-    steps = np.linspace(0, draws - 1, _DRAWS_OF_EACH_ENSEMBLE).astype(int)
-    chosen = chains.samples[:, rng.integers(0, walkers, _DRAWS_OF_EACH_ENSEMBLE), steps]
-    return chosen.reshape(ensembles * _DRAWS_OF_EACH_ENSEMBLE, -1)
+    steps = np.linspace(0, draws - 1, LIMITS.telemetry_draws).astype(int)
+    chosen = chains.samples[:, rng.integers(0, walkers, LIMITS.telemetry_draws), steps]
+    return chosen.reshape(ensembles * LIMITS.telemetry_draws, -1)
 
 
 def _predicted(estimate: Estimate, gaps: Sequence[AnyArray]) -> dict[str, np.ndarray]:
@@ -135,11 +122,11 @@ def _predicted(estimate: Estimate, gaps: Sequence[AnyArray]) -> dict[str, np.nda
     model, predicted = estimate.model, {}
     readings = model.data.arrays.telemetry.readings
     parts = zip(model.channels, readings, estimate.stated, gaps, strict=True)
-    for channel, measured, white, gap in parts:
-        if channel.compared and measured.values.size:
-            residual = np.asarray(gap).reshape(measured.valid.shape)
+    for channel, given, white, gap in parts:
+        if channel.compared and given.values.size:
+            residual = np.asarray(gap).reshape(given.valid.shape)
             error = channel.unwhitened(np.asarray(white.factors), residual)
-            predicted[channel.name] = channel.moved(np.asarray(measured.values), -error)
+            predicted[channel.name] = channel.moved(np.asarray(given.values), -error)
     return predicted
 
 
@@ -159,32 +146,30 @@ def _log_norms(estimate: Estimate) -> dict[str, np.ndarray]:
 def with_measurement_noise(
     estimate: Estimate,
     predicted: dict[str, np.ndarray],
-    rng: np.random.Generator,
-    unit: Callable[[str, tuple[int, ...]], np.ndarray] | None = None,
+    unit: Callable[[str, tuple[int, ...]], np.ndarray],
 ) -> dict[str, np.ndarray]:
     """Predictions with the noise that the likelihood counts.
 
     `predicted` (..., slews, rows, components). `estimate`: its campaign states the noise; in the
     measured drive its J and K say how tachometer noise shakes the rates. `unit`: noise in stated
-    sigmas, of a channel and a shape; standard normal unless given.
+    sigmas, of a channel and a shape.
     """
     model, noisy = estimate.model, {}
-    unit = unit or (lambda channel, shape: rng.standard_normal(shape))
     readings = model.data.arrays.telemetry.readings
-    for channel, measured, white in zip(model.channels, readings, estimate.stated, strict=True):
+    for channel, given, white in zip(model.channels, readings, estimate.stated, strict=True):
         if (values := predicted.get(channel.name)) is None:
             continue
-        noise = unit(channel.name, (*values.shape[:-1], measured.valid.shape[-1]))
+        noise = unit(channel.name, (*values.shape[:-1], given.valid.shape[-1]))
         if white.memory is not None:
             noise = correlated_noise(noise, white.memory)
         stated = stated_noise_of(model, channel, estimate.theta)
         values = channel.moved(values, channel.drawn(stated, noise))
-        noisy[channel.name] = channel.known(measured._replace(values=values))
+        noisy[channel.name] = channel.known(given._replace(values=values))
     return noisy
 
 
 def unit_noise(
-    rules: NoiseRules,
+    densities: dict[str, ChannelDensity],
     thetas: np.ndarray,
     channel: str,
     shape: tuple[int, ...],
@@ -192,29 +177,26 @@ def unit_noise(
 ) -> np.ndarray:
     """Noise of one channel in stated sigmas.
 
-    `thetas` (n, d): draws whose scale and degrees of freedom count, in the order of the first axes.
-    `shape`: (ensembles, draws, ...) of the noise, ensembles times draws being n.
+    `thetas` (n, d): draws whose scale and shape count, in the order of the first axes. `shape`:
+    (ensembles, draws, ...) of the noise, ensembles times draws being n.
     """
-    c = [rule.channel for rule in rules].index(channel)
-    rows = [noise_values(rules, theta) for theta in thetas]
+    density = densities[channel]
     width = (*shape[:2], *(1 for _ in shape[2:]))
-    scale = np.array([scales[c] for scales, _ in rows], float).reshape(width)
-    degrees = np.array([nu[c] for _, nu in rows], float).reshape(width)
-    if rules[c].heavy:
-        return scale * rng.standard_t(np.broadcast_to(degrees, shape))
-    return scale * rng.standard_normal(shape)
+    scale, own = (
+        np.array([of(theta) for theta in thetas], float).reshape(width)
+        for of in (density.scale_of, density.shape_of)
+    )
+    return scale * density.family.draw(rng, own, shape)
 
 
 def losses(
-    rules: NoiseRules, theta: np.ndarray, channel: str, z: np.ndarray, valid: np.ndarray
+    density: ChannelDensity, theta: np.ndarray, z: np.ndarray, valid: np.ndarray
 ) -> np.ndarray:
     """Minus the log densities of one channel's measurements, less those of its stated sigmas.
 
-    `theta` (d,); `z` (slews, rows, components); `valid` (slews, rows, components). Returns (slews,
-    rows): summed over the components of each row, without log(2 pi)/2 and log sigma.
+    `z`, `valid` (slews, rows, components). Returns (slews, rows): summed over the components of
+    each row, without log(2 pi)/2 and log sigma.
     """
-    c = [rule.channel for rule in rules].index(channel)
-    scales, degrees = noise_values(rules, theta)
-    loss = np.asarray(tail_of(rules[c].heavy, z / scales[c], degrees[c]).loss)
-    loss = loss + np.log(scales[c]) + (log_norm(degrees[c]) if rules[c].heavy else 0.0)
+    scale, shape = float(density.scale_of(theta)), float(density.shape_of(theta))
+    loss = np.asarray(density.family.loss(z / scale, shape)) + np.log(scale)
     return np.where(valid, loss, 0.0).sum(-1)

@@ -1,21 +1,205 @@
 """The sampler's independence move: from what it proposes, and where ensembles begin.
 
-Proposal moves for emcee that know the shape of the posterior.
+Where stochastic effects have sizes, these are proposed by their evidence and the rest given sizes.
+To first order the data give J and K a normal distribution for each set of sizes. It is narrow
+where sizes are small and wide where they are large, which no single ellipsoid resembles. Sizes
+themselves are few: a short ensemble explores their evidence, which costs no simulation.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property, partial
+
 import emcee
+import jax
+import jax.numpy as jnp
 import numpy as np
 from emcee.moves import MHMove
-from scipy import linalg
+from scipy import linalg, stats
 
 from bayes_inertia.errors import EstimateError
-from bayes_inertia.inference.evidence_move import EvidenceMove, explored_sizes
-from bayes_inertia.inference.hyperparameters import evidence_at
+from bayes_inertia.inference.hyperparameters import Evidence, GivenSizes, evidence_at, given_sizes
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.marginal_posterior import LogDensity
 from bayes_inertia.maths.linear_algebra import cholesky_factor
+
+
+@dataclass(frozen=True, eq=False)
+class SizeProposal:
+    """Where sizes are proposed: what was explored, smoothed, and a wide distribution around it.
+
+    Parameters
+    ----------
+    explored : scipy.stats.gaussian_kde
+        Of the sizes [prior sd].
+    """
+
+    explored: stats.gaussian_kde
+
+    @cached_property
+    def _wide(self) -> stats._multivariate.multivariate_t_frozen:
+        data = self.explored.dataset
+        return stats.multivariate_t(
+            data.mean(1), np.atleast_2d(np.cov(data)), df=LIMITS.wide_degrees
+        )
+
+    def draw(self, random: np.random.RandomState, n: int) -> np.ndarray:
+        """Standardised sizes (n, h)."""
+        near = self.explored.resample(n, seed=random).T
+        far = np.reshape(self._wide.rvs(n, random_state=random), near.shape)
+        return np.where(random.random_sample((n, 1)) < LIMITS.wide_share, far, near)
+
+    def log_density(self, standardised: np.ndarray) -> np.ndarray:
+        """Log density (n,) of standardised sizes (n, h)."""
+        near = self.explored.logpdf(standardised.T) + np.log1p(-LIMITS.wide_share)
+        return np.logaddexp(
+            near, np.atleast_1d(self._wide.logpdf(standardised)) + np.log(LIMITS.wide_share)
+        )
+
+
+class EvidenceMove(MHMove):
+    """Propose every walker anew: sizes by their evidence, then the rest given these sizes.
+
+    The sizes take a few Metropolis steps that keep the distribution of the linearised model; what
+    is accepted or not in the end is only what that model leaves out, so that the density sampled
+    is exact (Tierney 1994, section 2.3.3; Liu 2001, section 5.4).
+
+    Parameters
+    ----------
+    evidence : Evidence
+        Around the maximum; all its parameters are free.
+    sizes : SizeProposal
+        Where sizes are proposed.
+    degrees : float
+        Of freedom of the proposals given sizes; fewer have heavier tails.
+    """
+
+    def __init__(self, evidence: Evidence, sizes: SizeProposal, degrees: float = 20.0):
+        self.evidence, self.sizes, self.degrees = evidence, sizes, float(degrees)
+        super().__init__(self._propose, ndim=len(evidence.point.theta))
+
+    def log_density(self, x: np.ndarray, degrees: float | None = None) -> np.ndarray:
+        """Log density of the linearised model, up to a constant.
+
+        `x` (n, d). `degrees`: of freedom, given sizes; those of this move where none are given.
+        Returns (n,).
+        """
+        given = _given(self.evidence, self.evidence.standardised(x))
+        return self._log_density(x, given, self.degrees if degrees is None else degrees)
+
+    def with_degrees(self, degrees: float) -> EvidenceMove:
+        """The same sizes and the same normal distribution given them, with other tails."""
+        return EvidenceMove(self.evidence, self.sizes, degrees)
+
+    def draw(self, random: np.random.RandomState, n: int, *, stretch: float = 1.0) -> np.ndarray:
+        """Draw from the linearised model.
+
+        `stretch`: multiplies their distance from the mean (for over-dispersed starts). Returns (n,
+        d).
+        """
+        standardised = self.sizes.draw(random, n)
+        standardised, given = self._moved(
+            standardised, _given(self.evidence, standardised), random, LIMITS.steps_of_draws
+        )
+        if stretch != 1.0:
+            centre = self.sizes.explored.dataset.mean(1)
+            standardised = centre + stretch * (standardised - centre)
+            given = _given(self.evidence, standardised)
+        return self._drawn(standardised, given, random, stretch)
+
+    def _moved(
+        self, standardised: np.ndarray, given: GivenSizes, random: np.random.RandomState, steps: int
+    ) -> tuple[np.ndarray, GivenSizes]:
+        """Sizes after steps of an independence sampler of their evidence."""
+        weight = np.asarray(given.log_evidence) - self.sizes.log_density(standardised)
+        for _ in range(steps):
+            new = self.sizes.draw(random, len(standardised))
+            new_given = _given(self.evidence, new)
+            new_weight = np.asarray(new_given.log_evidence) - self.sizes.log_density(new)
+            taken = np.log(random.random_sample(len(standardised))) < new_weight - weight
+            standardised = np.where(taken[:, None], new, standardised)
+            weight = np.where(taken, new_weight, weight)
+            given = jax.tree.map(partial(_where, taken), new_given, given)
+        return standardised, given
+
+    def _drawn(
+        self,
+        standardised: np.ndarray,
+        given: GivenSizes,
+        random: np.random.RandomState,
+        stretch: float = 1.0,
+    ) -> np.ndarray:
+        """Points (n, d) with these sizes."""
+        z = random.standard_normal(given.mean.shape)
+        z = stretch * z * np.sqrt(self.degrees / random.chisquare(self.degrees, size=(len(z), 1)))
+        off = np.linalg.solve(np.swapaxes(given.root, 1, 2), z[..., None])[..., 0]
+        theta = self.evidence.theta(standardised)
+        frozen = self.evidence.frozen
+        theta[:, np.asarray(frozen.free)] = given.mean + off * np.asarray(frozen.scale)
+        return theta
+
+    def _log_density(self, x: np.ndarray, given: GivenSizes, degrees: float) -> np.ndarray:
+        """Of the sizes, by their evidence, and of the rest given them."""
+        frozen = self.evidence.frozen
+        off = (x[:, np.asarray(frozen.free)] - given.mean) / np.asarray(frozen.scale)
+        z2 = np.sum(np.einsum("nji,nj->ni", given.root, off) ** 2, 1)
+        log_det = np.sum(np.log(np.diagonal(given.root, axis1=1, axis2=2)), 1)
+        rest = log_det - 0.5 * (degrees + off.shape[1]) * np.log1p(z2 / degrees)
+        sizes = x[:, np.asarray(frozen.learnt)][:, np.asarray(frozen.priors["logarithmic"])]
+        return given.log_evidence - np.sum(np.log(sizes), 1) + rest
+
+    def _propose(
+        self, coords: np.ndarray, random: np.random.RandomState
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Proposals and the log ratio of their densities, as emcee asks for them."""
+        standardised = self.evidence.standardised(coords)
+        before = _given(self.evidence, standardised)
+        standardised, given = self._moved(standardised, before, random, LIMITS.steps_of_proposal)
+        proposed = self._drawn(standardised, given, random)
+        factors = self._log_density(coords, before, self.degrees) - self._log_density(
+            proposed, given, self.degrees
+        )
+        return proposed, factors
+
+
+def _where(taken: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
+    """The new row where it was taken, else the old one."""
+    return np.where(taken.reshape(-1, *(1 for _ in old.shape[1:])), new, old)
+
+
+def _given(evidence: Evidence, standardised: np.ndarray) -> GivenSizes:
+    """The rest given sizes, as numpy, in batches of one shape."""
+    n = len(standardised)
+    padded = np.concatenate(
+        [standardised, np.repeat(standardised[-1:], -n % LIMITS.sizes_at_once, axis=0)]
+    )
+    structure, frozen = evidence.model.structure, evidence.frozen
+    parts = [
+        given_sizes(structure, frozen, jnp.asarray(padded[i : i + LIMITS.sizes_at_once]))
+        for i in range(0, len(padded), LIMITS.sizes_at_once)
+    ]
+    return jax.tree.map(lambda *values: np.concatenate(values)[:n], *parts)
+
+
+def explored_sizes(evidence: Evidence, random: np.random.RandomState) -> SizeProposal:
+    """The distribution of sizes by their evidence, explored by a short ensemble."""
+    begin = evidence.standardised(evidence.point.theta)
+    walkers = max(LIMITS.size_walkers, 2 * len(begin))
+    starts = begin + 0.3 * random.standard_normal((walkers, len(begin)))
+    sampler = emcee.EnsembleSampler(
+        walkers,
+        len(begin),
+        lambda standardised: _given(evidence, standardised).log_evidence,
+        vectorize=True,
+        moves=emcee.moves.DEMove(),
+    )
+    sampler.random_state = random.get_state()
+    sampler.run_mcmc(starts, LIMITS.size_steps)
+    random.set_state(sampler.random_state)
+    explored = sampler.get_chain(discard=LIMITS.size_warm_up, thin=2, flat=True)
+    return SizeProposal(stats.gaussian_kde(explored.T))
 
 
 class IndependenceMove(MHMove):
@@ -103,24 +287,6 @@ class IndependenceMove(MHMove):
 
 Proposal = IndependenceMove | EvidenceMove
 
-# Below this expected acceptance the Laplace approximation is too poor to propose from.
-_POOR_ACCEPTANCE = 0.35
-# Degrees of freedom among which the tails of a proposal are chosen. The heaviest tails cost most
-# proposals where the posterior is nearly normal; none are lighter than the last, whose density
-# still falls off less steeply than a normal one.
-_TAILS = (8.0, 20.0, 60.0, 200.0)
-# Draws by which a proposal's acceptance is judged, and pilots at most until one is good enough.
-_JUDGED_DRAWS, _MOST_PILOTS = 256, 4
-_PILOT_STEPS, _PILOT_WARM_UP, _PILOT_WALKERS = 400, 200, 64
-# The independence move gets as large a share of the steps as it would be accepted, within these:
-# walkers that sit where the proposal is too thin are rejected again and again, and the other move
-# frees them.
-_LEAST_SHARE, _LARGEST_SHARE = 0.5, 0.95
-# Starts are spread this many times wider than the proposal.
-_OVER_DISPERSION = 2.0
-# Rounds of draws at most until all starts have a finite density.
-_MOST_DRAWS = 200
-
 
 def find_proposal(
     estimate: Estimate, log_density: LogDensity, random: np.random.RandomState
@@ -139,24 +305,24 @@ def find_proposal(
         evidence = evidence_at(estimate.model, estimate.point, estimate.white, everything)
         move = EvidenceMove(evidence, explored_sizes(evidence, random))
     spent = 0
-    for _ in range(_MOST_PILOTS):
-        draws = move.draw(random, _JUDGED_DRAWS)
+    for _ in range(LIMITS.most_pilots):
+        draws = move.draw(random, LIMITS.judged_draws)
         spent += len(draws)
         move, acceptance = _with_best_tails(move, draws, log_density(draws))
-        if acceptance > _POOR_ACCEPTANCE:
-            return move, float(np.clip(acceptance, _LEAST_SHARE, _LARGEST_SHARE)), spent
-        n = walkers_needed(_PILOT_WALKERS, len(estimate.theta))
+        if acceptance > LIMITS.poor_acceptance:
+            return move, float(np.clip(acceptance, LIMITS.least_share, LIMITS.largest_share)), spent
+        n = walkers_needed(LIMITS.pilot_walkers, len(estimate.theta))
         starts = finite_starts(move, log_density, random, n)
         pilot = emcee.EnsembleSampler(
             len(starts), starts.shape[1], log_density, vectorize=True, moves=emcee.moves.DEMove()
         )
         pilot.random_state = random.get_state()
-        pilot.run_mcmc(starts, _PILOT_STEPS)
+        pilot.run_mcmc(starts, LIMITS.pilot_steps)
         random.set_state(pilot.random_state)
-        spent += (_PILOT_STEPS + 1) * len(starts)
-        kept = pilot.get_chain(discard=_PILOT_WARM_UP, flat=True)
+        spent += (LIMITS.pilot_steps + 1) * len(starts)
+        kept = pilot.get_chain(discard=LIMITS.pilot_warm_up, flat=True)
         move = IndependenceMove(kept.mean(0), np.cov(kept.T), 8.0, logarithmic)
-    return move, _LEAST_SHARE, spent
+    return move, LIMITS.least_share, spent
 
 
 def _with_best_tails(
@@ -169,7 +335,7 @@ def _with_best_tails(
     own = move.log_density(draws)
     acceptances = {
         degrees: _expected_acceptance(log_density - own, move.log_density(draws, degrees) - own)
-        for degrees in _TAILS
+        for degrees in LIMITS.tails
     }
     best = max(acceptances, key=lambda degrees: acceptances[degrees])
     return move.with_degrees(best), acceptances[best]
@@ -197,8 +363,8 @@ def finite_starts(
     Returns (n, d).
     """
     kept: list[np.ndarray] = []
-    for _ in range(_MOST_DRAWS):
-        drawn = move.draw(random, n, stretch=_OVER_DISPERSION)
+    for _ in range(LIMITS.most_draws):
+        drawn = move.draw(random, n, stretch=LIMITS.over_dispersion)
         kept.extend(drawn[np.isfinite(log_density(drawn))])
         if len(kept) >= n:
             return np.array(kept[:n])

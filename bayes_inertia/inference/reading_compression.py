@@ -25,6 +25,7 @@ from numpy.polynomial.legendre import legvander
 from scipy.linalg import qr
 from scipy.special import factorial2
 
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.marginal_posterior import Marginal
 from bayes_inertia.inference.noise_model import Whitening
 from bayes_inertia.maths import inertia_tensor
@@ -33,14 +34,7 @@ from bayes_inertia.physics.prediction import Structure
 from bayes_inertia.physics.slew_input import SlewInput
 from bayes_inertia.physics.step_drive import KnownMomentum, known_momentum
 
-# Functions of which the model holds less than this share of one reading's noise are left out.
-_NEGLIGIBLE = 1e-6
 _DEGREE = 5  # of the dense output
-# Nuisances and parameters may make what the model holds of a function so many times as large.
-_MARGIN = 10.0
-# Rows a step with which compression is tried, and the share of them that is worth it.
-_FEWEST_ROWS = 12
-_WORTHWHILE = 0.6
 
 
 class _Channel(NamedTuple):
@@ -116,7 +110,7 @@ def why_not_compressed(structure: Structure, marginal: Marginal) -> str | None:
 
     Returns: the reason; None where nothing speaks against combining them.
     """
-    if structure.rows_per_step < _FEWEST_ROWS:
+    if structure.rows_per_step < LIMITS.fewest_rows:
         return "integration steps span few rows"
     acting = any(effect.acts("delivered_torque") for effect in structure.effects)
     if acting or not structure.has_sparse_output:
@@ -187,10 +181,10 @@ def _chosen_rows(structure: Structure, marginal: Marginal, valid: np.ndarray) ->
     known = _known(structure, slews)
     counts = valid.reshape(known.steps.fraction.shape)[..., None]
     basis, size, _ = np.linalg.svd(_functions(structure, marginal, known) * counts, False)
-    rank = (size > _NEGLIGIBLE * np.sqrt(r)).sum(axis=-1)
+    rank = (size > LIMITS.negligible * np.sqrt(r)).sum(axis=-1)
     # Few numbers of rows, for each is another program.
     q = padded_size(int(rank.max()), 4, often=True)
-    if q > _WORTHWHILE * r:
+    if q > LIMITS.worthwhile * r:
         return None
     chosen = np.zeros((*rank.shape, q), int)
     to_all = np.zeros((*rank.shape, r, q))
@@ -216,13 +210,13 @@ def _functions(structure: Structure, marginal: Marginal, known: KnownMomentum) -
     wheels = known.at_rows.reshape(known.left_out.shape) * motion.per_momentum
     parts = [
         legendre * motion.rate,
-        _MARGIN * kicked.reshape(*fraction.shape, kicked[0, 0, 0].size),
+        LIMITS.compression_margin * kicked.reshape(*fraction.shape, kicked[0, 0, 0].size),
         wheels,
     ]
     if structure.drive == "measured":
         modes = np.asarray(marginal.data.arrays.telemetry.tachometer_modes)
         sd = np.asarray(marginal.data.scale.local)[6:].max(initial=0.0)
-        size = _MARGIN * sd * motion.per_momentum.max(initial=0.0)
+        size = LIMITS.compression_margin * sd * motion.per_momentum.max(initial=0.0)
         parts.append(size * modes.reshape(*fraction.shape, modes.shape[-1]))
     return np.concatenate(parts, axis=-1)
 

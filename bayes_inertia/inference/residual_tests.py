@@ -4,23 +4,49 @@ Where residuals are larger than the stated noise, or correlated in time, the sta
 understates the uncertainty by far: n correlated numbers carry the information of n / (chi^2 tau),
 with chi^2 their mean square and tau their integrated autocorrelation time. `dispersion` measures
 that factor slew by slew; the estimate then counts each slew with its inverse.
+
+A fit takes away what it can explain. A few J, K and start states take little from many readings,
+and the number of parameters that each channel pays for makes up for it. Free shapes over time take
+much, and what they leave is not white: the fast part that a reduced basis lacks remains, the slow
+one is overfitted. Where such a shape is a first-order process of the readings it is not taken away
+but filtered out, like any other correlated noise (Mehra 1970, "On the identification of variances
+and adaptive Kalman filtering": innovations are white if the model is right).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from emcee.autocorr import integrated_time
 from scipy import stats
 
-from bayes_inertia.inference.gate_limits import REJECT_BELOW
+from bayes_inertia.inference.channel_rows import measured
+from bayes_inertia.inference.likelihood import Information, residuals
+from bayes_inertia.inference.limits import LIMITS
+from bayes_inertia.inference.noise_filter import noise_memory, noise_of_effects
+from bayes_inertia.inference.noise_model import Whitenings, stated_noise_of
+from bayes_inertia.inference.objective import block_index
+from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.channels import Channel
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.processes import Process
 
-# Lags [rows] over which correlation is tested.
-_LAGS = 10
+
+def residual_series(model: Model, point: Point, white: Whitenings) -> dict[str, list[np.ndarray]]:
+    """Residuals as series over time.
+
+    Returns (rows, components): by channel and slew; NaN where nothing was measured.
+    """
+    flat = residuals(model.structure, point, model.data, white)
+    series = {}
+    for channel, values, valid in zip(model.structure.channels, flat, measured(model), strict=True):
+        shaped = np.where(valid, np.asarray(values).reshape(valid.shape), np.nan)
+        series[channel.name] = list(shaped)
+    return series
 
 
 @dataclass(frozen=True)
@@ -47,12 +73,12 @@ class ChannelTest:
     @property
     def rejected(self) -> bool:
         """Whether the residuals are not what the model and the stated noise predict."""
-        return any(p is not None and p < REJECT_BELOW for p in (self.p_chi2, self.p_white))
+        return any(p is not None and p < LIMITS.reject_below for p in (self.p_chi2, self.p_white))
 
     @property
     def too_large(self) -> bool:
         """Whether they are larger or smoother than predicted (smaller ones are no danger)."""
-        smooth = self.p_white is not None and self.p_white < REJECT_BELOW
+        smooth = self.p_white is not None and self.p_white < LIMITS.reject_below
         return smooth or (
             self.rejected and self.reduced_chi2 is not None and self.reduced_chi2 > 1.0
         )
@@ -98,10 +124,24 @@ def channel_tests(
     return tests
 
 
+def scale_test(scale: float, spread: float, test: ChannelTest) -> ChannelTest:
+    """The test of a channel whose scale is sampled: against the prior of the scale.
+
+    Its squares tell nothing any more. They are counted in stated sigmas, and so is the interval.
+    `spread`: prior sd of the scale's logarithm.
+    """
+    if test.reduced_chi2 is None:
+        return test
+    p_scale = float(2.0 * stats.norm.sf(abs(np.log(scale)) / spread))
+    central_99 = float(stats.norm.isf(0.005))
+    low, high = np.exp(2.0 * spread * central_99 * np.array([-1.0, 1.0])).tolist()
+    return ChannelTest(scale**2 * test.reduced_chi2, (low, high), p_scale, test.p_white)
+
+
 def _columns(slews: list[np.ndarray]) -> list[np.ndarray]:
     """Series of single components that are long enough to correlate."""
     columns = [slew[np.isfinite(slew[:, i]), i] for slew in slews for i in range(slew.shape[1])]
-    return [c for c in columns if len(c) > 5 * _LAGS]
+    return [c for c in columns if len(c) > 5 * LIMITS.lags]
 
 
 def whiteness(slews: list[np.ndarray]) -> float | None:
@@ -136,10 +176,10 @@ def _ljung_box(columns: list[np.ndarray]) -> float:
     for x in columns:
         x = x - x.mean()
         n, power = len(x), float(x @ x)
-        products = np.array([x[lag:] @ x[:-lag] for lag in range(1, _LAGS + 1)])
+        products = np.array([x[lag:] @ x[:-lag] for lag in range(1, LIMITS.lags + 1)])
         correlation = products / max(power, 1e-300)
-        total += n * (n + 2) * float(np.sum(correlation**2 / (n - np.arange(1, _LAGS + 1))))
-    return float(stats.chi2.sf(total, _LAGS * len(columns)))
+        total += n * (n + 2) * float(np.sum(correlation**2 / (n - np.arange(1, LIMITS.lags + 1))))
+    return float(stats.chi2.sf(total, LIMITS.lags * len(columns)))
 
 
 def _highest_line(columns: list[np.ndarray]) -> float:
@@ -178,3 +218,98 @@ def dispersion(slew: np.ndarray, *, bursts: bool = False) -> float:
     varying = [x for x in _columns([slew]) if np.ptp(x) > 0.0]
     taus = [float(integrated_time(x, quiet=True, tol=0)[0]) for x in varying]
     return max(1.0, size * max(1.0, float(np.mean(taus)) if taus else 1.0))
+
+
+@array_dataclass
+class TestedResiduals:
+    """Residuals that are white and of unit variance where the model is right.
+
+    Parameters
+    ----------
+    series : dict of list of (rows, components) arrays
+        By channel and slew, in stated sigmas; NaN where nothing was measured.
+    chi2 : (slews, channels) array
+        Sums of squares by slew and channel.
+    parameters : (channels,) array
+        How many parameters each channel pays for.
+    """
+
+    series: dict[str, list[np.ndarray]]
+    chi2: np.ndarray
+    parameters: np.ndarray
+
+
+def filtered_residuals(
+    model: Model,
+    point: Point,
+    stated: Whitenings,
+    information: Information,
+    covariance: np.ndarray,
+) -> TestedResiduals | None:
+    """What to test of an estimate in which effects add first-order processes to readings.
+
+    `covariance` (unknowns, unknowns) [free]. Returns: none where there is no such effect: residuals
+    are tested as they are.
+    """
+    of_effects = noise_of_effects(model, point.theta)
+    if not of_effects:
+        return None
+    filtered = np.zeros(point.n_local, bool)
+    for each in of_effects:
+        filtered[each.coefficients] = True
+    whole = [each.noise._replace(knots=0) for each in of_effects]
+    series = _filtered_series(model, point, stated, whole, filtered)
+    chi2 = [[float(np.nansum(np.square(x))) for x in of_slews] for of_slews in series.values()]
+    parameters = hat_traces(information, point.n_local, covariance, nuisances=~filtered)
+    return TestedResiduals(series, np.array(chi2).T, parameters)
+
+
+def _filtered_series(
+    model: Model,
+    point: Point,
+    stated: Whitenings,
+    noise: list[Process],
+    filtered: np.ndarray,
+) -> dict[str, list[np.ndarray]]:
+    """Residuals without the coefficients of these processes, the processes filtered out."""
+    local, white = np.where(filtered, 0.0, point.local), []
+    for channel, stated_white in zip(model.channels, stated, strict=True):
+        of_channel = stated_noise_of(model, channel, point.theta)
+        white.append(stated_white._replace(memory=noise_memory(model, channel, of_channel, noise)))
+    return residual_series(model, replace(point, local=local), tuple(white))
+
+
+def hat_traces(
+    information: Information,
+    n_local: int,
+    covariance: np.ndarray,
+    counted: np.ndarray | None = None,
+    *,
+    nuisances: np.ndarray | None = None,
+) -> np.ndarray:
+    """Trace of the hat matrix over each channel's rows.
+
+    `covariance` (unknowns, unknowns) [free]; `counted` (f,) [free]. `nuisances` (n_local,): which
+    of a slew's nuisances are paid for; all by default. The others act all the same. Returns (3,).
+    """
+    total = np.zeros(information.n_data.shape[1])
+    for s, block in enumerate(information.matrix):
+        index = block_index(len(information.free) + N_BIAS, n_local, s)
+        if counted is not None:
+            keep = np.concatenate([counted, np.ones(len(index) - len(counted), bool)])
+            index, block = index[keep], block[:, keep][:, :, keep]
+        paid = np.ones(len(index), bool)
+        if nuisances is not None:
+            paid[-n_local:] = nuisances
+        total += np.einsum("cpq,qp->c", block[:, paid], covariance[np.ix_(index, index[paid])])
+    return total
+
+
+def effective_parameters(
+    model: Model, point: Point, information: Information, covariance: np.ndarray
+) -> np.ndarray:
+    """How many parameters of location each channel pays for (channels,)."""
+    if model.noise.is_stated:
+        return hat_traces(information, point.n_local, covariance)
+    located = np.array([model.space.names[i] not in model.noise.names for i in information.free])
+    return hat_traces(information, point.n_local, covariance, located)

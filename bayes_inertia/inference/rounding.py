@@ -12,13 +12,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors import series_of
 from bayes_inertia.faults.quantisation import quantisation_sigma, quantisation_step
-
-# Rounding that adds less to the noise than this factor is left alone.
-ROUNDING_THAT_COUNTS = 1.005
-# Steps beyond so many sigmas leave errors that are not independent.
-_COARSE = 2.5
-# Coarsely rounded readings are louder than their rounding where they are so by this factor.
-_LOUDER_THAN_COARSE = 1.5
+from bayes_inertia.inference.limits import LIMITS
 
 
 def rounding_steps(campaign: Campaign) -> dict[str, np.ndarray]:
@@ -72,7 +66,9 @@ def has_one_error(steps: np.ndarray) -> bool:
 
     `steps` (components,): [sigma of the noise as used, which holds the rounding].
     """
-    return bool(np.any(steps > _COARSE / np.hypot(1.0, quantisation_sigma(_COARSE))))
+    return bool(
+        np.any(steps > LIMITS.coarse_step / np.hypot(1.0, quantisation_sigma(LIMITS.coarse_step)))
+    )
 
 
 def level_of_rounded(measured: float, steps: np.ndarray) -> float:
@@ -88,5 +84,5 @@ def level_of_rounded(measured: float, steps: np.ndarray) -> float:
     (2.0, 1.1)
     """
     factor = factor_of_rounding(steps)
-    trusted = not is_coarse(steps) or measured > _LOUDER_THAN_COARSE * factor
+    trusted = not is_coarse(steps) or measured > LIMITS.louder_than_coarse * factor
     return max(factor, measured) if trusted else factor

@@ -2,32 +2,39 @@
 
 The Laplace approximation gives an independence move; the differential evolution move beside it
 keeps the ensembles moving where that approximation is poor, and a pilot run then replaces it.
-Chains are kept in emcee's own HDF5 format, one file an ensemble (`chain_file`), and a killed run
+Chains are kept in emcee's own HDF5 format, one file an ensemble, and a killed run
 goes on bit for bit.
+
+A kill at any moment leaves a file that can be read. emcee's `HDFBackend` writes into the same file
+at every step, and a kill while it does leaves, now and then, a file that cannot be opened or a
+random state that belongs to another step. Chains are kept in memory instead, and their file is
+replaced from time to time; steps since then are computed again, to the same bits.
 """
 
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from io import BytesIO
 from pathlib import Path
 from threading import Event
 from time import perf_counter
 
 import emcee
 import numpy as np
+from emcee.backends import Backend, HDFBackend
 from threadpoolctl import threadpool_limits
 
+from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import make_folder, remove_leftovers
-from bayes_inertia.inference.chain_file import load_chain, save_chain
-from bayes_inertia.inference.convergence import (
+from bayes_inertia.inference.density_marginal import log_density_with_densities
+from bayes_inertia.inference.gates import (
     Diagnostics,
     autocorrelation_time,
     diagnose_chains,
 )
-from bayes_inertia.inference.gate_limits import AUTOCORRELATION_TIMES
 from bayes_inertia.inference.laplace import Estimate, marginal
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.marginal_posterior import LogDensity, log_density_of
-from bayes_inertia.inference.noise_marginal import log_density_with_noise
 from bayes_inertia.inference.proposal import (
     Proposal,
     find_proposal,
@@ -38,13 +45,89 @@ from bayes_inertia.inference.reading_compression import compressed
 from bayes_inertia.inference.settings import Settings
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.progress import Progress
+from bayes_inertia.sealing import is_sealed, write_sealed
+from bayes_inertia.tables.isolated import check_readable
 
-_LEAST_WARM_UP_STEPS = 8
-_LEAST_STEPS_BETWEEN_SAVES = 8
-# This many times more draws than seem enough are taken.
-_STEPS_MARGIN = 1.1
-# Rows of a batch, of the slews evaluated at once, whose trajectories fit the processor's cache.
-_CACHED_ROWS = 150_000
+_ADVICE = "delete it, and this ensemble begins again"
+
+
+def load_chain(path: Path, walkers: int, d: int) -> Backend:
+    """The chain that a file holds, in memory.
+
+    Examples
+    --------
+    >>> load_chain(Path("no/such/file.h5"), 8, 2).shape
+    (8, 2)
+    """
+    chain = Backend()
+    chain.reset(walkers, d)
+    if not path.exists():
+        return chain
+    try:
+        if not is_sealed(path, _ADVICE):
+            # Of an earlier version, or damaged: then it could end this process.
+            check_readable(path, "check", _ADVICE)
+        _load(path, chain, walkers, d)
+    except CampaignError as error:
+        raise OutputError(error.what, where=error.where, advice=error.advice) from error
+    except OutputError:
+        raise
+    except Exception as error:  # The libraries raise whatever they stumble over.
+        raise OutputError(f"not a chain ({error})", where=str(path), advice=_ADVICE) from error
+    return chain
+
+
+def _load(path: Path, chain: Backend, walkers: int, d: int) -> None:
+    """Put what a file holds into an empty chain."""
+    kept = HDFBackend(str(path), read_only=True)
+    shape = tuple(map(int, kept.shape))
+    if shape != (walkers, d):
+        what = f"holds an ensemble of shape {shape}, wanted is {(walkers, d)}"
+        raise OutputError(what, where=str(path), advice=_ADVICE)
+    steps = int(kept.iteration)
+    if steps <= 0:
+        return
+    chain.chain, chain.log_prob = kept.get_chain(), kept.get_log_prob()
+    chain.accepted, chain.random_state = kept.accepted, kept.random_state
+    chain.iteration = steps
+    whole = chain.chain.shape == (steps, walkers, d) and chain.log_prob.shape == (steps, walkers)
+    if not (whole and chain.accepted.shape == (walkers,) and np.isfinite(chain.chain).all()):
+        raise OutputError("not a chain (incomplete)", where=str(path), advice=_ADVICE)
+    np.random.RandomState().set_state(chain.random_state)  # Or an exception.
+
+
+def save_chain(chain: Backend, path: Path) -> None:
+    """Replace a file by what a chain holds now; emcee's `HDFBackend` reads it.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder, "a.h5")
+    ...     save_chain(load_chain(path, 8, 2), path)
+    ...     int(HDFBackend(str(path)).iteration)
+    0
+    """
+    import h5py
+
+    walkers, d = chain.shape
+    steps = chain.iteration
+    arrays = {
+        "accepted": chain.accepted,
+        "chain": chain.get_chain() if steps else np.zeros((0, walkers, d)),
+        "log_prob": chain.get_log_prob() if steps else np.zeros((0, walkers)),
+    }
+    # In memory: HDF5 can end the process where the disk has no room.
+    content = BytesIO()
+    with h5py.File(content, "w") as file:
+        group = file.create_group(HDFBackend("").name)
+        for name, values in arrays.items():
+            group[name] = values
+        sizes = {"nwalkers": walkers, "ndim": d, "iteration": steps}
+        group.attrs.update({"version": emcee.__version__, "has_blobs": False, **sizes})
+        for i, part in enumerate(chain.random_state or ()):
+            group.attrs[f"random_state_{i}"] = part
+    write_sealed(path, content.getbuffer())
 
 
 @array_dataclass
@@ -81,7 +164,7 @@ def batch_size(estimate: Estimate) -> int:
 
 
 def _batch(rows: int) -> int:
-    return int(np.clip(2 ** int(np.log2(max(1.0, _CACHED_ROWS / rows))), 8, 32))
+    return int(np.clip(2 ** int(np.log2(max(1.0, LIMITS.cached_rows / rows))), 8, 32))
 
 
 def sample(
@@ -123,7 +206,7 @@ def sample(
 def log_density_at(estimate: Estimate, most: int = 32) -> LogDensity:
     """The compiled density that is sampled around an estimate."""
     if not estimate.model.noise.is_stated:
-        return log_density_with_noise(estimate, batch=min(most, batch_size(estimate)))
+        return log_density_with_densities(estimate, batch=min(most, batch_size(estimate)))
     structure = estimate.model.structure
     few = compressed(structure, marginal(estimate))
     telemetry = few.data.pieces[0].arrays.telemetry
@@ -150,12 +233,12 @@ def steps_wanted(diagnostics: Diagnostics, settings: Settings) -> int:
         return steps
     times = max(
         settings.target_ess / max(effective, 1.0),
-        AUTOCORRELATION_TIMES * diagnostics.tau_max / draws,
+        LIMITS.autocorrelation_times * diagnostics.tau_max / draws,
     )
-    wanted = diagnostics.discarded + _STEPS_MARGIN * draws * times
+    wanted = diagnostics.discarded + LIMITS.steps_margin * draws * times
     # Of chains that do not move nothing can be foreseen.
     wanted = wanted if np.isfinite(wanted) else np.inf
-    most = int(np.clip(np.ceil(wanted), steps + _LEAST_WARM_UP_STEPS, 2 * steps))
+    most = int(np.clip(np.ceil(wanted), steps + LIMITS.least_warm_up_steps, 2 * steps))
     return min(most, settings.max_steps)
 
 
@@ -231,7 +314,7 @@ def _is_saved_after(steps: int) -> bool:
     """Whether a chain of so many steps is written: its file is replaced whole, so that a long chain
     waits for a sixteenth of its length.
     """
-    return steps % max(_LEAST_STEPS_BETWEEN_SAVES, 2 ** (steps.bit_length() - 5)) == 0
+    return steps % max(LIMITS.least_steps_between_saves, 2 ** (steps.bit_length() - 5)) == 0
 
 
 def _collect(
@@ -245,9 +328,9 @@ def _collect(
     # on that.
     chain = np.stack([s.get_chain()[:steps] for s in samplers])  # (ensembles, steps, walkers, d)
     lp = np.stack([s.get_log_prob()[:steps] for s in samplers])
-    warm_up = min(_LEAST_WARM_UP_STEPS, chain.shape[1] // 2)
+    warm_up = min(LIMITS.least_warm_up_steps, chain.shape[1] // 2)
     tau = max(autocorrelation_time(c[warm_up:]) for c in chain)
-    discard = min(max(_LEAST_WARM_UP_STEPS, int(np.ceil(5.0 * tau))), chain.shape[1] // 2)
+    discard = min(max(LIMITS.least_warm_up_steps, int(np.ceil(5.0 * tau))), chain.shape[1] // 2)
     kept = np.moveaxis(chain[:, discard:], 1, 2)
     evaluations = spent + int(chain.shape[0] * chain.shape[2] * (chain.shape[1] + 1))
     # Not emcee's own count, which holds the further steps too.

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from bayes_inertia.inference.gate_limits import OBSERVABLE_ABOVE
+from bayes_inertia.inference.limits import LIMITS as GATES
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.observability.degeneracy import Degeneracy
 from bayes_inertia.observability.limits import LIMITS
@@ -83,7 +83,7 @@ class ParameterObservability:
             return "prior"
         if self.contraction >= LIMITS.determined_above:
             return "determined"
-        return "partly" if self.contraction > OBSERVABLE_ABOVE else "weakly"
+        return "partly" if self.contraction > GATES.observable_above else "weakly"
 
 
 @array_dataclass

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, ClassVar, Literal, get_args
+from typing import Any
 
 from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.errors import SettingsError
+from bayes_inertia.physics.densities import FAMILIES, Density
 from bayes_inertia.physics.parameters import LogNormal, Parameter, scalar
 
-NoiseFamily = Literal["gaussian", "student_t"]
 # Owner of the noise parameters in a parameter space: "noise.rate_scale".
 NOISE_OWNER = "noise"
 _SAMPLED = "sampled"
@@ -28,7 +28,7 @@ class ChannelNoise:
     Parameters
     ----------
     family : {"gaussian", "student_t"}
-        Distribution of each number over its stated sigma.
+        Distribution of each number over its stated sigma, of `physics.densities`.
     degrees : float or None
         Degrees of freedom of Student-t noise, at least 1; None if they are sampled. The stated
         sigma is then the scale of the distribution, not its standard deviation.
@@ -51,27 +51,24 @@ class ChannelNoise:
     bayes_inertia.errors.SettingsError: noise: no distribution is called 'cauchy'; ...
     """
 
-    family: NoiseFamily = "gaussian"
-    degrees: float | None = 4.0  # tails of a real sensor (Lange et al. 1989)
+    family: str = "gaussian"
+    degrees: float | None = 4.0  # Tails of a real sensor (Lange et al. 1989).
     scale_sampled: bool = False
     scale_spread: float = 0.5  # 95 % of the stated sigmas are right to a factor 2.7
-    # Fewer degrees of freedom have no mean, and no outlier would tell anything any more.
-    least_degrees: ClassVar[float] = 1.0
-    # Prior of sampled degrees of freedom: 95 % from 1.3 to 29.
-    degrees_prior: ClassVar[LogNormal] = LogNormal(6.0, 0.8)
 
     def __post_init__(self) -> None:
-        if self.family not in get_args(NoiseFamily):
+        if self.family not in FAMILIES:
             raise SettingsError(
                 f"no distribution is called {self.family!r}",
                 where="noise",
-                advice=f"choose {' or '.join(get_args(NoiseFamily))}",
+                advice=f"choose {' or '.join(FAMILIES)}",
             )
-        if self.degrees is not None and not self.degrees >= self.least_degrees:
+        shape = self.density.shape
+        if shape is not None and self.degrees is not None and not self.degrees >= shape.least:
             raise SettingsError(
-                f"{self.degrees} degrees of freedom",
+                f"{self.degrees} {shape.title}",
                 where="noise",
-                advice=f"give {self.least_degrees:g} or more, or {_SAMPLED!r}",
+                advice=f"give {shape.least:g} or more, or {_SAMPLED!r}",
             )
         if not 0.0 < self.scale_spread < float("inf"):
             raise SettingsError(
@@ -81,6 +78,11 @@ class ChannelNoise:
             )
 
     @property
+    def density(self) -> Density:
+        """The family."""
+        return FAMILIES[self.family]
+
+    @property
     def is_stated(self) -> bool:
         """Whether the noise is Gaussian and of the stated sigma."""
         return self.family == "gaussian" and not self.scale_sampled
@@ -88,7 +90,7 @@ class ChannelNoise:
     @property
     def heavy(self) -> bool:
         """Whether the noise has heavier tails than a Gaussian."""
-        return self.family == "student_t"
+        return self.density.heavy
 
 
 @dataclass(frozen=True, init=False)
@@ -150,10 +152,10 @@ class NoiseModel:
             if noise.scale_sampled:
                 prior = LogNormal(1.0, noise.scale_spread)
                 parameters.append(scalar(f"{channel}_scale", unit="", prior=prior, null=1.0))
-            if noise.heavy and noise.degrees is None:
-                prior = noise.degrees_prior
-                name, null = f"{channel}_degrees", prior.median
-                parameters.append(scalar(name, unit="", prior=prior, null=null))
+            shape = noise.density.shape
+            if shape is not None and noise.degrees is None:
+                prior, name = LogNormal(shape.median, shape.spread), f"{channel}_{shape.name}"
+                parameters.append(scalar(name, unit="", prior=prior, null=shape.median))
         return tuple(parameters)
 
     def json(self) -> dict[str, Any]:
@@ -184,9 +186,10 @@ class NoiseModel:
         for channel, noise in self.channels:
             if noise.is_stated:
                 continue
-            degrees = "sampled" if noise.degrees is None else f"{noise.degrees:g}"
-            family = f"Student-t, {degrees} degrees of freedom" if noise.heavy else "Gaussian"
-            joint = "," if noise.heavy else ""
+            number = "sampled" if noise.degrees is None else f"{noise.degrees:g}"
+            shape = noise.density.shape
+            family = noise.density.title + (f", {number} {shape.title}" if shape else "")
+            joint = "," if shape else ""
             scale = f"{joint} of sampled scale" if noise.scale_sampled else ""
             parts.append(f"{channel} {family}{scale}")
         return "; ".join(parts)
@@ -243,7 +246,8 @@ def _degrees(family: str, text: str) -> dict[str, float | None]:
     """Degrees of freedom as they stand behind a family's name."""
     if not text:
         return {}
-    if family != "student_t":
+    known = FAMILIES.get(family)
+    if known is None or known.shape is None:
         raise SettingsError(
             f"{family} has no degrees of freedom", where="--noise", advice=f"leave out :{text}"
         )

@@ -13,7 +13,7 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects.rate_bias_instability import RateBiasInstability
 from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
 from bayes_inertia.physics.effects.star_tracker_low_frequency import StarTrackerLowFrequency
-from bayes_inertia.physics.reading_noise import ReadingNoise
+from bayes_inertia.physics.processes import Process
 
 
 def stated_noise(campaign: Campaign, effects: Sequence[Effect]) -> tuple[Effect, ...]:
@@ -38,7 +38,7 @@ def stated_noise(campaign: Campaign, effects: Sequence[Effect]) -> tuple[Effect,
     return () if stated.name in [effect.name for effect in effects] else (stated,)
 
 
-def stated_reading_noise(campaign: Campaign, effects: Sequence[Effect]) -> tuple[ReadingNoise, ...]:
+def stated_reading_noise(campaign: Campaign, effects: Sequence[Effect]) -> tuple[Process, ...]:
     """How the bias of the gyro wanders by what the campaign states.
 
     `effects`: what a model estimates; a term of an effect's name is left to it.
@@ -52,10 +52,10 @@ def stated_reading_noise(campaign: Campaign, effects: Sequence[Effect]) -> tuple
     sensor, estimated = campaign.rate_sensor, {effect.name for effect in effects}
     stated = []
     if sensor.rate_random_walk is not None and RateRandomWalk.name not in estimated:
-        stated.append(ReadingNoise("rate", sensor.rate_random_walk))
+        stated.append(Process("rate", sensor.rate_random_walk))
     if sensor.bias_instability is not None and RateBiasInstability.name not in estimated:
         time = sensor.bias_instability_time or float("inf")
-        stated.append(ReadingNoise("rate", sensor.bias_instability, time))
+        stated.append(Process("rate", sensor.bias_instability, time))
     return tuple(stated)
 
 

@@ -18,7 +18,7 @@ from jax import Array
 
 from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.reading_noise import ReadingNoise
+from bayes_inertia.physics.processes import Process
 from bayes_inertia.physics.slew_context import SlewContext
 
 if TYPE_CHECKING:
@@ -146,7 +146,7 @@ class StochasticEffect(Effect):
         """
         return None
 
-    def reading_noise(self, p: Mapping[str, Array]) -> ReadingNoise | None:
+    def reading_noise(self, p: Mapping[str, Array]) -> Process | None:
         """The same process as noise of readings, if that is all it is.
 
         A reduced basis leaves out what is fast. Where residuals are tested, and where sizes are
@@ -161,7 +161,7 @@ class StochasticEffect(Effect):
 
         Returns
         -------
-        ReadingNoise or None
+        Process or None
             None where the process moves the body, or is no first-order process.
         """
         return None

@@ -15,7 +15,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.design.designer import next_slew
-from bayes_inertia.inference import start_guess
+from bayes_inertia.inference.descent import guess_nuisances
 from bayes_inertia.observability.degeneracy import turned_axes
 from bayes_inertia.physics.channels import channels_of
 from bayes_inertia.physics.packing import longest_step, pack
@@ -59,7 +59,7 @@ def test_axes_in_turn_tell_the_wheels_momentum(flown):
         wheels = tuple(replace(wheel, momentum_sigma=None) for wheel in campaign.wheels)
         slews = tuple(replace(slew, wheel_momentum=None) for slew in campaign.slews)
         model = bi.Model(replace(campaign, wheels=wheels, slews=slews))
-        return start_guess.guess_nuisances(model, np.asarray(model.space.mean))[:, 6:]
+        return guess_nuisances(model, np.asarray(model.space.mean))[:, 6:]
 
     full = start(flown.campaign)
     assert np.abs(start(in_turn(flown.campaign)) - full).max() < 0.2 * np.abs(full).max()

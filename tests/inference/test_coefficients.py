@@ -10,12 +10,11 @@ import pytest
 from scipy import linalg, stats
 
 from bayes_inertia.inference.coefficients import prior_roots
-from bayes_inertia.inference.evidence_move import EvidenceMove, explored_sizes
 from bayes_inertia.inference.hyperparameters import evidence_at
 from bayes_inertia.inference.laplace import marginal
 from bayes_inertia.inference.marginal_posterior import conditional_point, log_posterior
 from bayes_inertia.inference.optimizer import estimate
-from bayes_inertia.inference.proposal import IndependenceMove
+from bayes_inertia.inference.proposal import EvidenceMove, IndependenceMove, explored_sizes
 from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
 from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
 from bayes_inertia.physics.effects.torque_noise import TorqueNoise

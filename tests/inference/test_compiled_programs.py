@@ -6,8 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia.inference.compiled_programs import MOST_BYTES, forget_surplus
+from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.likelihood import PROGRAMS
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.physics.forward_model import Model
@@ -50,4 +51,4 @@ def test_every_estimate_looks_after_the_programs(flown, monkeypatch):
     estimate(Model(flown.campaign), starts=1)
     assert len(seen) == 1
     # What was compiled since the last estimate is not yet counted.
-    assert seen[0] <= 2 * MOST_BYTES
+    assert seen[0] <= 2 * LIMITS.most_bytes

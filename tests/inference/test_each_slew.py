@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from bayes_inertia.inference import each_slew, hyperparameters, marginal_posterior, noise_memory
+from bayes_inertia.inference import each_slew, hyperparameters, marginal_posterior, noise_filter
 from bayes_inertia.inference.laplace import marginal
 from bayes_inertia.inference.likelihood import information_blocks, unpadded_sensitivities
 from bayes_inertia.inference.marginal_posterior import conditional_point, log_posterior
@@ -38,7 +38,7 @@ def unpadded(monkeypatch):
     """Every axis in its own size."""
 
     def pad_nothing():
-        for module in (model_data, marginal_posterior, hyperparameters, noise_memory):
+        for module in (model_data, marginal_posterior, hyperparameters, noise_filter):
             monkeypatch.setattr(module, "padded_size", lambda n, *_, **__: n)
 
     return pad_nothing

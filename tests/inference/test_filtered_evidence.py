@@ -8,15 +8,18 @@ import numpy as np
 import pytest
 
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.filtered_evidence import FilteredEvidence
-from bayes_inertia.inference.filtered_sizes import evidence_peak, noise_level_used
+from bayes_inertia.inference.filtered_evidence import (
+    FilteredEvidence,
+    evidence_peak,
+    noise_level_used,
+)
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.physics.effects import RateBiasInstability
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.reading_noise import ReadingNoise
+from bayes_inertia.physics.processes import Process
 
 SD, TIME = 6e-5, 15.0
-NONE, WALK, BIAS = (), (ReadingNoise("rate", 4e-6),), (ReadingNoise("rate", SD, TIME),)
+NONE, WALK, BIAS = (), (Process("rate", 4e-6),), (Process("rate", SD, TIME),)
 
 
 def wandering(campaign, seed):
@@ -96,7 +99,7 @@ def test_the_evidence_is_the_density_of_all_readings(plain):
 def test_a_set_among_others_has_the_same_evidence(plain):
     sizes = np.geomspace(1e-5, 1e-4, 11)
     evidence = evidence_at(plain)
-    settings = [(ReadingNoise("rate", size, TIME),) for size in sizes]
+    settings = [(Process("rate", size, TIME),) for size in sizes]
     alone = [evidence.log_evidence([setting])[0] for setting in settings]
     np.testing.assert_allclose(evidence.log_evidence(settings), alone, rtol=1e-12)
 
@@ -105,7 +108,7 @@ def test_the_peak_is_where_nothing_around_is_higher_and_near_the_truth(plain):
     evidence = evidence_at(plain)
 
     def processes(x):
-        return (ReadingNoise("rate", SD * np.exp(x[0]), TIME * np.exp(x[1])),)
+        return (Process("rate", SD * np.exp(x[0]), TIME * np.exp(x[1])),)
 
     flat = np.zeros(2)
     peak = evidence_peak(evidence, processes, np.array([1.0, -1.0]), flat)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from support.chains import SHORT
 
-from bayes_inertia.inference.convergence import autocorrelation_time, diagnose_chains
-from bayes_inertia.inference.fit_context import FitContext
-from bayes_inertia.inference.gates import check_gates
+from bayes_inertia.inference.gates import autocorrelation_time, check_gates, diagnose_chains
 from bayes_inertia.inference.sampler import sample
+from bayes_inertia.inference.settings import FitContext
 
 
 def _diagnosed(samples: np.ndarray):

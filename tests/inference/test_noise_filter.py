@@ -12,8 +12,7 @@ from bayes_inertia.campaign.hardware import CorrelatedNoise
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.channel_rows import channel_rows
 from bayes_inertia.inference.laplace import plain_series
-from bayes_inertia.inference.noise_filter import noise_memory
-from bayes_inertia.inference.noise_memory import correlated_noise, innovations
+from bayes_inertia.inference.noise_filter import correlated_noise, innovations, noise_memory
 from bayes_inertia.physics.effects import RateBiasInstability, RateRandomWalk
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.random_basis import hat_functions, slew_fraction

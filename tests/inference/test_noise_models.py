@@ -9,44 +9,35 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import integrate, special, stats
 from support.noisy_campaigns import importance_moments, spiked, with_student_t_rates
 
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.errors import CampaignError, SettingsError
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.cleaning import clean_fit
+from bayes_inertia.inference.cleaning import clean_fit, with_modelled_outliers
+from bayes_inertia.inference.coefficients import SlewEquations, eliminated, steps_given
+from bayes_inertia.inference.density_marginal import (
+    density_marginal,
+    log_density_with_densities,
+    nuisance_optimum,
+)
 from bayes_inertia.inference.laplace import marginal
 from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.marginal_posterior import log_posterior
-from bayes_inertia.inference.modelled_outliers import with_modelled_outliers
-from bayes_inertia.inference.noise_marginal import (
-    drawn,
-    factored,
-    log_density_with_noise,
-    noise_marginal,
-    nuisance_optimum,
-    solved,
-)
-from bayes_inertia.inference.noise_parameters import channel_rules
+from bayes_inertia.inference.noise_model import densities_of
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.predicted_telemetry import losses
-from bayes_inertia.inference.student_t import (
-    WeightedSquares,
-    heavy_tail,
-    log_norm,
-    normal_scores,
-    scale_information,
-)
 from bayes_inertia.physics.channel_noise import (
     ChannelNoise,
     NoiseModel,
     noise_model_from_json,
     noise_model_from_text,
 )
+from bayes_inertia.physics.densities import FAMILIES
 from bayes_inertia.physics.forward_model import Model
 
+STUDENT_T = FAMILIES["student_t"]
 HEAVY = NoiseModel(rate=ChannelNoise("student_t"))
 SAMPLED = NoiseModel(rate=ChannelNoise(scale_sampled=True))
 ALL = NoiseModel(
@@ -64,63 +55,74 @@ def too_large(estimate):
     return [name for name, test in estimate.tests.items() if test.too_large]
 
 
-def expected(function, degrees):
-    """Mean of a function of a Student-t number: y = sqrt(nu) tan(angle), Gauss and Legendre."""
-    nodes, weights = np.polynomial.legendre.leggauss(400)
-    angle = 0.5 * np.pi * nodes
-    weights = weights * np.cos(angle) ** (degrees - 1.0)
-    return float(weights @ np.asarray(function(np.sqrt(degrees) * np.tan(angle))) / weights.sum())
-
-
-@pytest.mark.parametrize("degrees", [2.5, 30.0])
+@pytest.mark.parametrize("degrees", [1.0, 2.5, 30.0])
 def test_the_formulas_of_student_t_noise(degrees):
-    y = jnp.linspace(-6.0, 6.0, 25)
-    tail = heavy_tail(y, degrees)
-    log_density = -tail.loss - log_norm(degrees) - 0.5 * np.log(2.0 * np.pi)
-    assert np.allclose(log_density, stats.t(degrees).logpdf(y), atol=1e-12)
-    loss = jax.grad(lambda x: heavy_tail(x, degrees).loss)
-    assert np.allclose(jax.jit(jax.vmap(loss))(y), tail.slope, atol=1e-12)
-    assert np.allclose(jax.jit(jax.vmap(jax.grad(loss)))(y), tail.curvature, atol=1e-12)
+    """Against Lange, Little and Taylor (1989), appendix B, and scipy."""
+    y, nu = jnp.linspace(-6.0, 6.0, 25), degrees
+    log_density = -STUDENT_T.loss(y, nu) - 0.5 * np.log(2.0 * np.pi)
+    assert np.allclose(log_density, stats.t(nu).logpdf(y), atol=1e-12)
+    assert np.allclose(STUDENT_T.slope(y, nu), (nu + 1.0) * y / (nu + y**2), atol=1e-12)
+    curvature = (nu + 1.0) * (nu - y**2) / (nu + y**2) ** 2
+    assert np.allclose(STUDENT_T.curvature(y, nu), curvature, atol=1e-12)
+    moments = STUDENT_T.moments(nu)
+    trigamma = special.polygamma(1, 0.5 * nu) - special.polygamma(1, 0.5 * (nu + 1.0))
+    of_degrees = 0.25 * trigamma - 0.5 * (nu + 5.0) / (nu * (nu + 1.0) * (nu + 3.0))
+    across = -2.0 / ((nu + 1.0) * (nu + 3.0))
+    information = [[2.0 * nu / (nu + 3.0), across], [across, of_degrees]]
+    assert np.allclose(moments.information, information, rtol=1e-7, atol=1e-9)
+    assert float(moments.location) == pytest.approx((nu + 1.0) / (nu + 3.0), rel=1e-9)
+    assert float(moments.worth) == pytest.approx((nu + 3.0) / nu, rel=1e-9)
+    assert float(moments.per_parameter) == pytest.approx((nu + 2.0) / (nu + 5.0), rel=1e-9)
 
-    def squares(x):
-        return (degrees + 1.0) * x**2 / (degrees + x**2)
 
-    assert expected(squares, degrees) == pytest.approx(1.0, abs=1e-6)
-    variance = expected(lambda x: (squares(x) - 1.0) ** 2, degrees)
-    assert 2.0 / variance == pytest.approx(WeightedSquares(degrees).worth, rel=1e-6)
-    # The information of (log scale, degrees) is the covariance of their scores.
-    towards = jax.jit(jax.jacfwd(lambda nu, x: heavy_tail(x, nu).loss + log_norm(nu)))
-    across = expected(lambda x: (1.0 - squares(x)) * towards(degrees, x), degrees)
-    of_degrees = expected(lambda x: towards(degrees, x) ** 2, degrees)
-    information = np.array([[variance, across], [across, of_degrees]])
-    assert np.allclose(information, scale_information(degrees), rtol=1e-4, atol=1e-7)
+def test_gaussian_noise_is_the_trivial_density():
+    gaussian, y = FAMILIES["gaussian"], jnp.linspace(-6.0, 6.0, 25)
+    assert np.array_equal(gaussian.slope(y, 0.0), y)
+    assert np.array_equal(gaussian.curvature(y, 0.0), np.ones(25))
+    moments = gaussian.moments(0.0)
+    assert np.allclose(moments.information, [[2.0, 0.0], [0.0, 0.0]], atol=1e-9)
+    assert np.allclose(moments[1:], 1.0, rtol=1e-9)
+
+
+@pytest.mark.parametrize("family", FAMILIES.values(), ids=FAMILIES)
+def test_a_density_is_one_whole(family):
+    """What every family promises: a density, its tail and its draws belong together."""
+    shape = 3.0
+    edges = np.linspace(-8.0, 8.0, 161)
+    density = np.exp(-np.asarray(family.loss(edges, shape))) / np.sqrt(2.0 * np.pi)
+    inside = integrate.simpson(density, x=edges)
+    assert inside == pytest.approx(1.0 - 2.0 * family.upper_tail(np.array(8.0), shape), abs=1e-6)
+    draws = family.draw(np.random.default_rng(1), shape, (4000,))
+    scores = family.normal_scores(draws, shape)
+    assert stats.kstest(scores, "norm").pvalue > 1e-3
+    assert family.heavy == (stats.kurtosis(draws) > 1.0)
 
 
 def test_normal_scores_are_normal():
     numbers = np.random.default_rng(1).standard_t(3.0, 4000)
-    assert stats.kstest(normal_scores(numbers, 3.0), "norm").pvalue > 1e-3
-    assert stats.kstest(normal_scores(numbers, 30.0), "norm").pvalue < 1e-6
+    assert stats.kstest(STUDENT_T.normal_scores(numbers, 3.0), "norm").pvalue > 1e-3
+    assert stats.kstest(STUDENT_T.normal_scores(numbers, 30.0), "norm").pvalue < 1e-6
 
 
-def test_the_arrow_is_the_whole_matrix():
+def test_nuisances_eliminated_slew_by_slew_are_those_of_the_whole_matrix():
     rng, shared, own, slews = np.random.default_rng(2), 2, 3, 4
     roots = rng.normal(size=(slews, 9, shared + own))
     blocks = np.einsum("sni,snj->sij", roots, roots)
-    whole = np.eye(shared + slews * own)
+    slope, size = rng.normal(size=(slews, shared + own)), shared + slews * own
+    whole, right = np.eye(size), np.zeros(size)
     for s, block in enumerate(blocks):
         index = [*range(shared), *range(shared + s * own, shared + (s + 1) * own)]
         whole[np.ix_(index, index)] += block
-    factor = factored(jnp.asarray(blocks), shared)
-    assert float(factor.log_determinant) == pytest.approx(np.linalg.slogdet(whole)[1], rel=1e-12)
-    right = rng.normal(size=len(whole))
-    parts = solved(factor, right[:shared], right[shared:].reshape(slews, own))
-    joined = np.concatenate([np.ravel(part) for part in parts])
-    assert np.allclose(joined, np.linalg.solve(whole, right))
-    columns = [
-        drawn(factor, z[:shared], z[shared:].reshape(slews, own)) for z in np.eye(len(whole))
+        right[index] += slope[s]
+    zeros = np.zeros(shared), np.zeros((slews, own))
+    equations = SlewEquations(0.0, blocks, slope, np.ones(shared), zeros[0], 0.0, zeros[1])
+    parts = eliminated((), jax.tree.map(jnp.asarray, equations))
+    found = np.concatenate([np.ravel(x) for x in steps_given(parts)])
+    assert np.allclose(found, -np.linalg.solve(whole, right))
+    drawn = [
+        np.concatenate([np.ravel(x) for x in steps_given(parts, z)]) - found for z in np.eye(size)
     ]
-    root = np.array([np.concatenate([np.ravel(part) for part in column]) for column in columns])
-    assert np.allclose(root.T @ root, np.linalg.inv(whole))
+    assert np.allclose(np.transpose(drawn) @ drawn, np.linalg.inv(whole))
 
 
 @pytest.mark.long
@@ -129,7 +131,7 @@ def test_gaussian_noise_of_scale_one_has_the_plain_marginal(flown):
     plain, scaled = (fitted(flown.campaign, noise) for noise in (None, SAMPLED))
     rng = np.random.default_rng(3)
     thetas = plain.theta + rng.normal(size=(8, 9)) @ np.linalg.cholesky(plain.covariance).T
-    ours = log_density_with_noise(scaled, batch=8)(np.column_stack([thetas, np.ones(8)]))
+    ours = log_density_with_densities(scaled, batch=8)(np.column_stack([thetas, np.ones(8)]))
     theirs = np.asarray(log_posterior(plain.model.structure, marginal(plain), jnp.asarray(thetas)))
     assert np.ptp(theirs) > 1.0
     assert np.ptp(ours - theirs) < 1e-3
@@ -137,14 +139,15 @@ def test_gaussian_noise_of_scale_one_has_the_plain_marginal(flown):
 
 def exact_marginals(estimate, thetas, rng, n=4000):
     """log of the integrals over the nuisances by importance sampling, and their standard errors."""
-    model, rules, frozen = estimate.model, channel_rules(estimate.model), noise_marginal(estimate)
-    shared, size = 3, 3 + estimate.point.local.size
+    model, frozen = estimate.model, density_marginal(estimate)
+    densities = densities_of(model)
+    size = 3 + estimate.point.local.size
     dof = 30.0
-    settled_at = jax.jit(lambda theta: nuisance_optimum(model.structure, rules, frozen, theta))
+    settled_at = jax.jit(lambda theta: nuisance_optimum(model.structure, densities, frozen, theta))
 
     def joint(theta, at, z):
-        bias, local = drawn(at.factor, z[:shared], z[shared:].reshape(at.point.local.shape))
-        point = Point(theta, at.point.bias + bias, at.point.local + local)
+        bias, local = steps_given(at.parts, z)
+        point = Point(theta, at.point.bias + bias, local)
         r = residuals(model.structure, point, model.data, estimate.stated)
         return r, -0.5 * (jnp.sum(point.bias**2) + jnp.sum(point.local**2))
 
@@ -157,14 +160,15 @@ def exact_marginals(estimate, thetas, rng, n=4000):
         log_weight = []
         for part in np.split(z, n // 500):
             r, prior = joints(jnp.asarray(theta), at, jnp.asarray(part))
-            numbers = zip(CHANNELS, r, frozen.valid, strict=True)
+            numbers = zip(densities, r, frozen.valid, strict=True)
             loss = sum(
-                losses(rules, theta, c, np.asarray(values), np.asarray(ok)).sum(-1)
-                for c, values, ok in numbers
+                losses(density, theta, np.asarray(values), np.asarray(ok)).sum(-1)
+                for density, values, ok in numbers
             )
             proposal = -0.5 * (dof + size) * np.log1p(np.sum(part**2, axis=1) / dof)
             log_weight.append(np.asarray(prior) - loss - proposal)
-        log_weight = np.concatenate(log_weight) - 0.5 * float(at.factor.log_determinant)
+        roots = (np.diagonal(x, axis1=-2, axis2=-1) for x in (at.parts.root, at.parts.shared_root))
+        log_weight = np.concatenate(log_weight) - sum(np.log(x).sum() for x in roots)
         weight = np.exp(log_weight - log_weight.max())
         error = weight.std() / weight.mean() / np.sqrt(n)
         results.append((float(np.log(weight.mean()) + log_weight.max()), float(error)))
@@ -181,7 +185,7 @@ def test_nuisances_under_student_t_noise_are_integrated_as_by_brute_force(small_
         estimate.theta
         + np.concatenate([np.zeros((1, 12)), 1.5 * rng.normal(size=(3, 12))]) @ root.T
     )
-    prior_free = log_density_with_noise(estimate, batch=4)(thetas) - np.array(
+    prior_free = log_density_with_densities(estimate, batch=4)(thetas) - np.array(
         [log_prior_of(estimate, theta) for theta in thetas]
     )
     exact, errors = exact_marginals(estimate, thetas, rng)

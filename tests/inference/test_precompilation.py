@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bayes_inertia.inference import hyperparameters, likelihood, precompilation
+from bayes_inertia.inference import descent, hyperparameters, likelihood
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.physics.effects import RateRandomWalk
@@ -30,7 +30,7 @@ def sizes():
 def test_what_a_fit_evaluates_is_compiled_beside_the_body():
     model, point = begin((RateRandomWalk(),))
     before = sizes()
-    with precompilation.compiled_meanwhile(model, point):
+    with descent.compiled_meanwhile(model, point):
         pass
     compiled = sizes()
     assert compiled != before
@@ -50,11 +50,11 @@ def test_a_plain_model_is_not_evaluated_and_failures_wait_for_the_fit(monkeypatc
         seen.append(model)
         raise ArithmeticError
 
-    monkeypatch.setattr(precompilation, "_evaluate", evaluate)
-    with precompilation.compiled_meanwhile(*begin(())):
+    monkeypatch.setattr(descent, "_evaluate", evaluate)
+    with descent.compiled_meanwhile(*begin(())):
         pass
     assert seen == []
     walking, point = begin((RateRandomWalk(),))
-    with precompilation.compiled_meanwhile(walking, point):
+    with descent.compiled_meanwhile(walking, point):
         pass
     assert seen == [walking]

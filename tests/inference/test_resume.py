@@ -21,8 +21,7 @@ from support.chains import SHORT, _chain
 from bayes_inertia.app.cli import main
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.errors import OutputError
-from bayes_inertia.inference.chain_file import load_chain, save_chain
-from bayes_inertia.inference.sampler import sample
+from bayes_inertia.inference.sampler import load_chain, sample, save_chain
 from bayes_inertia.inference.settings import Settings
 
 

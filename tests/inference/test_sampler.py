@@ -12,8 +12,7 @@ from jax import monitoring
 from support.chains import SHORT, D, _chain
 
 from bayes_inertia.errors import SettingsError
-from bayes_inertia.inference.convergence import Diagnostics
-from bayes_inertia.inference.fit_context import FitContext
+from bayes_inertia.inference.gates import Diagnostics
 from bayes_inertia.inference.likelihood import _plain_residuals, _plain_sensitivities
 from bayes_inertia.inference.marginal_posterior import _pulls
 from bayes_inertia.inference.noise_model import stated_noise_of
@@ -21,7 +20,7 @@ from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.posterior_groups import build_posterior
 from bayes_inertia.inference.predicted_telemetry import predicted_telemetry
 from bayes_inertia.inference.sampler import sample, steps_wanted
-from bayes_inertia.inference.settings import Settings, usual_settings
+from bayes_inertia.inference.settings import FitContext, Settings, usual_settings
 from bayes_inertia.physics.effects import ConstantTorque, RateRandomWalk
 from bayes_inertia.physics.forward_model import Model
 

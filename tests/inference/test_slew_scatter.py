@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_inertia.inference.slew_scatter import CHANCE, SlewScatter
-from bayes_inertia.inference.slew_shares import SlewShares
+from bayes_inertia.inference.limits import LIMITS
+from bayes_inertia.inference.slew_shares import SlewScatter, SlewShares
 
 SLEWS, UNKNOWNS, CAMPAIGNS = 5, 4, 400
 
@@ -40,7 +40,9 @@ def test_slews_that_agree_are_said_to_agree(matrices):
     agreeing = [scatter.dispersion for scatter in scatters(matrices, 1.0)]
     assert stats.kstest([d.p_value for d in agreeing], "uniform").pvalue > 1e-3
     widened = sum(d.factor > 1.0 for d in agreeing)
-    assert abs(widened - CHANCE * CAMPAIGNS) < 3.3 * np.sqrt(CAMPAIGNS * CHANCE * (1.0 - CHANCE))
+    assert abs(widened - LIMITS.disagree_below * CAMPAIGNS) < 3.3 * np.sqrt(
+        CAMPAIGNS * LIMITS.disagree_below * (1.0 - LIMITS.disagree_below)
+    )
     # All unknowns of all slews, but for those that the fit takes.
     taken = np.trace(np.linalg.solve(matrices.sum(0), matrices.sum(0)))
     assert agreeing[0].dof == pytest.approx(SLEWS * UNKNOWNS - taken, abs=0.01)
@@ -51,7 +53,7 @@ def test_slews_that_disagree_widen_the_sds_by_as_much(matrices):
     ratios, dof = np.array([d.ratio for d in found]), found[0].dof
     error = 4.0 * np.sqrt(2.0 / dof / CAMPAIGNS)
     assert np.mean(ratios) == pytest.approx(4.0, abs=4.0 * error)
-    power = stats.chi2.sf(stats.chi2.isf(CHANCE, dof) / 4.0, dof)
+    power = stats.chi2.sf(stats.chi2.isf(LIMITS.disagree_below, dof) / 4.0, dof)
     seen = np.mean([d.factor > 1.0 for d in found])
     assert abs(seen - power) < 3.3 * np.sqrt(power * (1.0 - power) / CAMPAIGNS)
 

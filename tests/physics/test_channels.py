@@ -13,11 +13,13 @@ from bayes_inertia.campaign.hardware import RateSensor, StarTracker
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.sensors import SensorStream
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.inference.hyperparameters import information_with_learnt
 from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.noise_model import whitening
-from bayes_inertia.inference.point import Point
+from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.channels.channel import Readings, SeparateColumns
+from bayes_inertia.physics.effects import RateBiasSlewDrift
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import Normal, vector
 from bayes_inertia.physics.prediction import predict_all
@@ -175,3 +177,15 @@ def test_an_outsider_adds_a_kind_of_sensor_and_edits_nothing(flown):
 def test_what_is_no_sensor_is_refused(flown):
     with pytest.raises(CampaignError, match=r"more_sensors.x: a float is no kind of sensor"):
         replace(flown.campaign, more_sensors=(("x", 1.0),))
+
+
+@pytest.mark.slow
+def test_sizes_of_random_effects_are_learnt_beside_further_sensors(more):
+    model = Model(more, (RateBiasSlewDrift(),))
+    silent = np.zeros((model.n_slews, model.structure.n_local))
+    point = Point(model.space.mean, np.zeros(N_BIAS), silent)
+    every, white = np.arange(model.space.size), whitening(model, point.theta)
+    information = information_with_learnt(model, point, white, every)
+    assert information.matrix.shape[1] == len(model.channels) == 5
+    size = list(model.structure.hyperparameters)
+    assert np.all(information.matrix.sum((0, 1))[size, size] != 0.0)

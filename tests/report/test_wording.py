@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from jinja2 import Environment, StrictUndefined
 
-from bayes_inertia.inference.gate_limits import criteria
+from bayes_inertia.inference.limits import criteria
 from bayes_inertia.report.criteria import Criteria, criteria_of
 from bayes_inertia.report.diagnosis_wording import alike_sentences, nameless_text
 from bayes_inertia.report.formatting import number

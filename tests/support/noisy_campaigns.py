@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_inertia.inference.noise_marginal import log_density_with_noise
+from bayes_inertia.inference.density_marginal import log_density_with_densities
 from bayes_inertia.inference.proposal import IndependenceMove
 
 RATE_SIGMA = 2e-5
@@ -47,7 +47,7 @@ def importance_moments(estimate, rng, n, logarithm_of=()):
     logarithmic = np.array([p.logarithmic for p in estimate.model.space.priors])
     wide = IndependenceMove(estimate.theta, 1.3 * estimate.covariance, 8.0, logarithmic)
     draws = wide.draw(np.random.RandomState(np.random.MT19937(int(rng.integers(1 << 31)))), n)
-    log_weight = log_density_with_noise(estimate, batch=32)(draws) - wide.log_density(draws)
+    log_weight = log_density_with_densities(estimate, batch=32)(draws) - wide.log_density(draws)
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
     draws[:, list(logarithm_of)] = np.log(draws[:, list(logarithm_of)])

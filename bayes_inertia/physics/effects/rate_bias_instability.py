@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from bayes_inertia.physics.effects.scales import sd_and_time
+from bayes_inertia.physics.processes import Process
 from bayes_inertia.physics.random_basis import (
     hat_functions,
     on_axes,
@@ -16,7 +17,6 @@ from bayes_inertia.physics.random_basis import (
     slew_duration,
     slew_fraction,
 )
-from bayes_inertia.physics.reading_noise import ReadingNoise
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
@@ -77,7 +77,7 @@ class RateBiasInstability(StochasticEffect):
         return on_axes(hats, p["coefficients"], 3)
 
     def reading_noise(self, p):
-        return ReadingNoise("rate", p["sd"], p["time"], self.knots)
+        return Process("rate", p["sd"], p["time"], self.knots)
 
     def looks_between_rows(self, campaign):
         return False

@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from bayes_inertia.physics.parameters import LogNormal, scalar
+from bayes_inertia.physics.processes import Process
 from bayes_inertia.physics.random_basis import (
     hat_functions,
     on_axes,
@@ -16,7 +17,6 @@ from bayes_inertia.physics.random_basis import (
     random_walk_root,
     slew_fraction,
 )
-from bayes_inertia.physics.reading_noise import ReadingNoise
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
@@ -69,7 +69,7 @@ class TachometerNoiseWalk(StochasticEffect):
         return random_walk_covariance(p["density"], slews, self.knots)
 
     def reading_noise(self, p):
-        return ReadingNoise("momentum", p["density"]) if p else None
+        return Process("momentum", p["density"]) if p else None
 
     def looks_between_rows(self, campaign):
         return False

@@ -1,0 +1,138 @@
+"""First-order processes that a sensor's noise holds beside white noise, as a state space.
+
+One state each: correlated noise that was measured, what a campaign states of a gyro's bias (a
+random walk, RRW; a Gauss-Markov process that stands for its instability, BI), what an effect adds
+to readings, all of it or what it does between knots. One filter whitens their sum
+(`inference.noise_filter`). Farrenkopf 1978; IEEE Std 952-1997, annexes B and C.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jax import Array
+
+
+class RowTimes(NamedTuple):
+    """When readings are taken.
+
+    Parameters
+    ----------
+    times : (slews, n) array
+        Of each row, on the slew's own clock [s].
+    away : (slews,) array
+        From the middle of the campaign to the slew's first row [s].
+    """
+
+    times: np.ndarray
+    away: np.ndarray
+
+    @property
+    def steps(self) -> np.ndarray:
+        """Time (slews, n) from each row to the next [s], zero after the last."""
+        return np.diff(self.times, axis=1, append=self.times[:, -1:])
+
+
+class StateSpace(NamedTuple):
+    """A first-order process in each of c components, in units of one reading's variance.
+
+    Parameters
+    ----------
+    start : (slews, c) array
+        Variance at a slew's first row.
+    decay : (slews, n, c) array
+        What is left at the next row.
+    fresh : (slews, n, c) array
+        Variance that is new by then.
+    """
+
+    start: np.ndarray
+    decay: np.ndarray
+    fresh: np.ndarray
+
+
+class Process(NamedTuple):
+    """A Gauss-Markov process or a random walk beside the white noise of readings.
+
+    Parameters
+    ----------
+    channel : {"rate", "momentum"}
+        Of which readings; each component has a process of its own.
+    size : float or () array
+        Sd of the Gauss-Markov process; of a random walk the density, its sd after one second. SI.
+    time : float or () array, optional
+        Correlation time [s]; infinite: a random walk. It is zero in the middle of the campaign: a
+        slew begins with what it became since (or before).
+    knots : int, optional
+        Where an effect's coefficients are its values on so many evenly spaced knots of each slew,
+        with straight lines between; 0: they are not. What is left between knots begins and ends at
+        zero there: a Brownian bridge, whose density is that of the change from knot to knot.
+
+    Examples
+    --------
+    >>> Process("rate", 1e-6).time
+    inf
+    """
+
+    channel: str
+    size: float | Array
+    time: float | Array = float("inf")
+    knots: int = 0
+
+    def in_rows(self, rows: RowTimes, variance: np.ndarray) -> StateSpace:
+        """The process at readings whose white noise has this variance (c,)."""
+        power = float(self.size) ** 2 / variance
+        if self.knots:
+            return _between_knots(rows, self.knots, float(self.time), power)
+        if np.isinf(self.time):
+            return random_walk(rows, power)
+        return gauss_markov(rows, power, np.full(len(variance), float(self.time)))
+
+
+def gauss_markov(rows: RowTimes, variance: np.ndarray, time: np.ndarray) -> StateSpace:
+    """A stationary process of these variances and correlation times (c,) [s]."""
+    decay = np.exp(-rows.steps[..., None] / time)
+    start = np.broadcast_to(variance, (len(decay), len(variance)))
+    return StateSpace(start, decay, variance * (1.0 - decay**2))
+
+
+def random_walk(rows: RowTimes, growth: np.ndarray) -> StateSpace:
+    """A Wiener process whose variance grows by `growth` (c,) a second.
+
+    It is zero in the middle of the campaign, as in `random_walk_root`.
+    """
+    first = rows.away + rows.times[:, -1] - rows.times[:, 0]
+    fresh = rows.steps[..., None] * growth
+    return StateSpace(first[:, None] * growth, np.ones_like(fresh), fresh)
+
+
+def _between_knots(rows: RowTimes, knots: int, time: float, power: np.ndarray) -> StateSpace:
+    """What straight lines between knots leave of a process: Brownian bridges from knot to knot.
+
+    Their density is the variance of the change from one knot to the next, over the time between
+    them. For a random walk that is exact. For a Gauss-Markov process the variance is, and a bridge
+    is close where knots are not far apart.
+    """
+    times = rows.times
+    spacing = np.maximum(times[:, -1:] - times[:, :1], 1e-9) / (knots - 1)
+    place = (times - times[:, :1]) / spacing
+    # A row at a knot must not fall into the interval before it by rounding.
+    knot = np.floor(place + 1e-9)
+    since = np.maximum(place - knot, 0.0) * spacing
+    left = spacing - since
+    # Of the change over one interval, a second.
+    growth = 1.0 if np.isinf(time) else -2.0 * np.expm1(-spacing / time) / spacing
+    variance = growth * since * left / spacing
+    same = np.diff(knot, axis=1, append=knot[:, -1:]) == 0.0
+    next_left, next_variance = (np.roll(x, -1, axis=1) for x in (left, variance))
+    decay = np.where(same, next_left / left, 0.0)
+    decay[:, -1] = 1.0
+    fresh = np.maximum(next_variance - decay**2 * variance, 0.0)
+    fresh[:, -1] = 0.0
+    shape = (*times.shape, len(power))
+    return StateSpace(
+        variance[:, :1] * power,
+        np.broadcast_to(decay[..., None], shape),
+        fresh[..., None] * power,
+    )
