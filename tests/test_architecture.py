@@ -143,7 +143,7 @@ def test_imports_follow_the_arrows():
 DECIDING_MODULES = {
     "report": {
         "diagnosis.search",
-        "diagnosis.rules",
+        "diagnosis.limits",
         "design.designer",
         "inference.limits",
         "inference.gates",

@@ -48,10 +48,10 @@ from analyses.naming.second_simulator import (
     Wander,
     replayed,
 )
-from bayes_inertia.diagnosis.cross_validation import held_out_chi2
+from bayes_inertia.diagnosis.limits import Rules
 from bayes_inertia.diagnosis.quoted_parameters import quoted_parameters
+from bayes_inertia.diagnosis.residuals import held_out_chi2
 from bayes_inertia.diagnosis.result import Diagnosis
-from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.errors import BayesInertiaError
 from bayes_inertia.files import write_atomically
@@ -131,7 +131,7 @@ def run_one(case: Case, power: float, level: float) -> dict:
     }
     if case.kind == "strong":
         row |= {"factor": case.factor, "prior_sds": hidden.prior_sds}
-        reason = _why_skipped(case, hidden)
+        reason = why_skipped(case, hidden)
         if reason:
             return row | {"skipped": reason}
     flight = draw(case.seed, case.effects, hidden.values, case.tachometers)
@@ -194,7 +194,7 @@ def hidden_in(case: Case, power: float, level: float) -> Hidden:
     return Hidden(directions, wanted, sizes, values, prior_sds, rng)
 
 
-def _why_skipped(case: Case, hidden: Hidden) -> str:
+def why_skipped(case: Case, hidden: Hidden) -> str:
     """Why a strong effect is not flown; empty if it is."""
     (effect,) = case.effects
     if hidden.sizes[effect.name] >= case.factor * LARGEST_AMPLITUDE:

@@ -15,10 +15,8 @@ from scipy import optimize
 from scipy.linalg import block_diag
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.diagnosis.coefficient_columns import coefficient_columns
-from bayes_inertia.diagnosis.signal_evidence import projected_signal
-from bayes_inertia.diagnosis.stochastic_candidates import medians
-from bayes_inertia.diagnosis.torque_response import torque_response
+from bayes_inertia.diagnosis.random_signals import medians, projected_signal
+from bayes_inertia.diagnosis.torque_response import coefficient_columns, torque_response
 from bayes_inertia.inference.coefficients import prior_roots
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.physics.effects import RateRandomWalk, TachometerNoiseWalk

@@ -4,7 +4,7 @@
 
 Clean campaigns, each of another spacecraft with its own slews and noise. At the fit with nothing
 added every stochastic effect is weighed. The p-value of the largest Bayes factor B is
-simulated (`diagnosis.random_significance`); beside it stands the bound by Markov's inequality, 1/B.
+simulated (`diagnosis.random_signals`); beside it stands the bound by Markov's inequality, 1/B.
 Rows in results/naming/random_null.jsonl are kept: what is there is not computed again. Five
 seconds of processor time a campaign.
 """
@@ -20,9 +20,13 @@ from scipy import stats
 from analyses import results_of
 from analyses.naming.fixed_shape_campaigns import draw
 from bayes_inertia.diagnosis.clean_start import clean_start
-from bayes_inertia.diagnosis.stochastic_candidates import (
-    STOCHASTIC_CANDIDATES,
+from bayes_inertia.diagnosis.linear_system import (
+    linear_model,
+    random_members,
     stochastic_candidates,
+)
+from bayes_inertia.diagnosis.random_signals import (
+    STOCHASTIC_CANDIDATES,
     with_p_values,
 )
 from bayes_inertia.diagnosis.torque_response import torque_response
@@ -40,8 +44,11 @@ def clean_campaign(index: int, tachometers: bool) -> dict:
     begin = clean_start(Model(campaign), seed=index, stochastic=STOCHASTIC_CANDIDATES)
     fit, response = begin.estimate.linearised(), torque_response(begin.estimate)
     effects = STOCHASTIC_CANDIDATES
-    weighed = stochastic_candidates(begin.estimate, effects, fit, response, nameless=False)
-    weighed = with_p_values(weighed, effects, fit, response, np.random.default_rng(index))
+    linear = linear_model(begin.estimate, (), begin.estimate.objective)
+    members = random_members(linear, begin.estimate, effects, nameless=False)
+    weighed = stochastic_candidates(linear, begin.estimate, effects)
+    rng = np.random.default_rng(index)
+    weighed = with_p_values(weighed, effects, members, fit, response, rng)
     evidence = {c.effect: round(c.log_bayes_factor, 4) for c in weighed}
     p_value = round(weighed[0].p_value, 5)
     return {"tachometers": tachometers, "index": index, "evidence": evidence, "p_value": p_value}

@@ -33,13 +33,11 @@ from analyses.naming.stochastic_campaigns import (
 )
 from analyses.naming.unlisted_disturbances import KINDS, outside
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.diagnosis.prior_of_sets import log_prior_of_set
-from bayes_inertia.diagnosis.prior_sizes import (
-    INVISIBLE,
-    LARGEST_RANDOM_SIZE,
-    LARGEST_START,
+from bayes_inertia.diagnosis.hypothesis_table import (
+    log_prior_of_set,
     smallest_size,
 )
+from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.flight.plan_flight import Flight
 from bayes_inertia.physics.effects import by_name
 
@@ -107,7 +105,7 @@ class _SizeOfPrior:
         """The size of an effect in such campaigns [its unit]."""
         (effect,) = by_name([kind])
         (prior,) = effect.parameters(template_campaign())[0].priors
-        largest = np.exp(LARGEST_RANDOM_SIZE * prior.scale)
+        largest = np.exp(LIMITS.largest_random_size * prior.scale)
         smallest = smallest_size(powers_of(kind, campaign), largest)
         return _log_uniform(smallest, largest, self.rng) * median_size(kind)
 
@@ -122,8 +120,8 @@ def _with_shapes(
     values, sizes = {}, []
     for effect in effects:
         step = direction(effect, rng, template_campaign())
-        invisible = amplitude_for(effect, step, INVISIBLE**2, seed, tachometers)
-        sizes.append(_log_uniform(min(invisible, LARGEST_START), 1.0, rng))
+        invisible = amplitude_for(effect, step, LIMITS.invisible**2, seed, tachometers)
+        sizes.append(_log_uniform(min(invisible, LIMITS.largest_start), 1.0, rng))
         values[effect.name] = scaled(step, sizes[-1])
     flight = draw(seed, effects, values, tachometers)
     return DrawnCampaign(flight, flight.campaign, names, tuple(sizes))

@@ -21,7 +21,7 @@ from analyses.naming.ideal_power import eigenvalues, ideal_size
 from analyses.naming.sample_paths import at_times
 from analyses.naming.second_simulator import Disturbance, replayed
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.diagnosis.stochastic_candidates import STOCHASTIC_CANDIDATES
+from bayes_inertia.diagnosis.random_signals import STOCHASTIC_CANDIDATES
 from bayes_inertia.flight.plan_flight import Flight
 from bayes_inertia.physics.effects import by_name
 

@@ -39,7 +39,7 @@ from analyses.naming.throws_linear import LinearThrows, Term, scores, search
 from analyses.naming.throws_page import picture, report
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.diagnosis.flexible_mode_search import (
+from bayes_inertia.diagnosis.candidates import (
     FlexibleModeCandidate,
     best_flexible_mode,
     frequencies,

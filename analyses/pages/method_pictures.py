@@ -19,10 +19,10 @@ from bayes_inertia.report.pictures import style
 _FILL = "#e8f0f8"
 _STEPS: dict[str, tuple[tuple[str, str], ...]] = {
     "diagnosis": (
-        ("Score", "every effect at once:\nhow much do the\nresiduals ask for it?"),
-        ("Refit", "the best few in full,\ncompared by evidence"),
-        ("Contest", "against other effects,\nrandom ones, and a\nshape without a name"),
-        ("Verdict", "consistent, named,\nambiguous, unknown;\nJ and K averaged"),
+        ("Linearise", "every effect, random\nsignals, shapes without\na name: one matrix"),
+        ("Weigh", "every set of them:\nevidence, prior,\nprobability"),
+        ("Refit", "the best row in full"),
+        ("Verdict", "named, ambiguous,\npartial, unknown;\nJ and K over all rows"),
     ),
     "likelihood": (
         ("Input", "torque commands\nor tachometers"),
@@ -60,7 +60,7 @@ def steps(name: str) -> Figure:
         if k:
             axes.annotate("", (k + 0.06, 0.52), (k - 0.06, 0.52), arrowprops=_ARROW)
     if name == "diagnosis":
-        _loop(axes, 2.5, 0.5, "add the winner, until nothing is significant")
+        _loop(axes, 2.5, 0.5, "again around it, until it stays")
     return figure
 
 

@@ -20,7 +20,7 @@ from analyses.calibration.unmodelled_disturbance_page import coverage_of
 from analyses.data_quality.page import wrong as trusted_and_wrong
 from analyses.design.cross_terms_cases import CRAFT, RATES
 from analyses.imports.conventions_page import DIRTY
-from analyses.naming import fixed_shape_page
+from analyses.naming import fixed_shape_page, table_page
 from analyses.naming.stochastic_page import in_a_set, nameless
 
 RESULTS = results_of(__file__).parent
@@ -113,37 +113,25 @@ def calibration() -> Iterator[tuple[str, str]]:
 
 
 def naming() -> Iterator[tuple[str, str]]:
-    """One hidden effect that an ideal test finds in 99 %."""
-    table = diagnoses()
-    for half, name in ((True, "tacho"), (False, "no_tacho")):
-        part = table[table["tachometers"] == half]
-        single = part[(part["kind"] == "single") & (part["power"] == fixed_shape_page.PROMISED)]
-        judged = fixed_shape_page.judged(single)
-        sets = [set.union(*fixed_shape_page.candidates_of(row)) for _, row in single.iterrows()]
-        alone = sum(s == {label} for s, label in zip(sets, single["label"], strict=True))
-        found, total = int(judged["right"].sum()), len(single)
-        yield f"naming.{name}.campaigns", f"{total}"
+    """Effects that an ideal test finds in 99 %, and campaigns with none, by the table."""
+    clean: list[dict] = []
+    for half, name in (("tacho", "tacho"), ("notacho", "no_tacho")):
+        single = table_page.read(RESULTS / "naming", "single", half)
+        found, alone = (sum(map(f, single)) for f in (table_page.in_the_set, table_page.alone))
+        wrong = sum(table_page.wrong_name(r) and not table_page.in_the_set(r) for r in single)
+        yield f"naming.{name}.campaigns", f"{len(single)}"
         yield f"naming.{name}.found", f"{found}"
-        yield f"naming.{name}.found_percent", percent(found / total)
-        yield f"naming.{name}.alone_percent", percent(alone / total)
-        yield f"naming.{name}.several_percent", percent((found - alone) / total)
-        yield f"naming.{name}.wrong", f"{judged['wrong'].sum()}"
-        clean = part[part["kind"] == "clean"]
-        named = sum(any(fixed_shape_page.candidates_of(row)) for _, row in clean.iterrows())
-        yield f"naming.{name}.clean", f"{len(clean)}"
-        yield f"naming.{name}.clean_named", f"{named}"
-    clean = table[table["kind"] == "clean"]
-    named = sum(any(fixed_shape_page.candidates_of(row)) for _, row in clean.iterrows())
+        yield f"naming.{name}.found_percent", percent(found / len(single))
+        yield f"naming.{name}.alone_percent", percent(alone / len(single))
+        yield f"naming.{name}.several_percent", percent((found - alone) / len(single))
+        yield f"naming.{name}.wrong", f"{wrong}"
+        clean += table_page.read(RESULTS / "naming", "clean", half)
     yield "naming.clean", f"{len(clean)}"
-    yield "naming.clean_named", f"{named}"
-    for kind in ("pair", "triple"):
-        several = table[table["kind"] == kind]
-        found = sum(
-            set(row["hidden"]) <= set.union(*fixed_shape_page.candidates_of(row))
-            for _, row in several.iterrows()
-        )
+    yield "naming.clean_named", f"{sum(not table_page.in_the_set(row) for row in clean)}"
+    for kind in ("pair", "triple", "random"):
+        several = table_page.read(RESULTS / "naming", kind, "tacho")
         yield f"naming.{kind}", f"{len(several)}"
-        yield f"naming.{kind}_found", f"{found}"
+        yield f"naming.{kind}_found", f"{sum(map(table_page.in_the_set, several))}"
 
 
 def naming_random() -> Iterator[tuple[str, str]]:

@@ -14,10 +14,9 @@ from matplotlib.figure import Figure
 from analyses.calibration.other_methods import KINDS
 from analyses.calibration.quoted_sd_page import CANDIDATES, held
 from analyses.calibration.unmodelled_disturbance_page import coverage_of
-from analyses.naming import fixed_shape_page
-from analyses.naming.stochastic_page import in_a_set
+from analyses.naming import table_page
 from analyses.pages.figures import save_svg
-from analyses.pages.numbers import content, diagnoses, rows
+from analyses.pages.numbers import RESULTS, content, rows
 from bayes_inertia.report.pictures import style
 
 _SIZE = (4.1, 2.8)  # [in]: two side by side on a page
@@ -100,28 +99,16 @@ def coverage() -> Figure:
 
 def _shares() -> dict[str, dict[str, float]]:
     """Share of campaigns by how a hidden effect is found [%]."""
-    table, shares = diagnoses(), {}
-    for half, name in ((True, "tachometers"), (False, "no tachometers")):
-        single = table[
-            (table["tachometers"] == half)
-            & (table["kind"] == "single")
-            & (table["power"] == fixed_shape_page.PROMISED)
-        ]
-        judged = fixed_shape_page.judged(single)
-        sets = [set.union(*fixed_shape_page.candidates_of(row)) for _, row in single.iterrows()]
-        alone = sum(s == {label} for s, label in zip(sets, single["label"], strict=True))
-        shares[f"one effect,\n{name}"] = _split(
-            len(single), alone, int(judged["right"].sum()), int(judged["wrong"].sum())
-        )
-        random = [
-            row
-            for row in rows("naming_random_*tacho")
-            if row["tachometers"] is half and row["times"] == 1.0 and row.get("power", 0.99) == 0.99
-        ]
-        alone = sum(r["named"] == [r["label"]] and not r["ambiguous_with"] for r in random)
-        right = sum(map(in_a_set, random))
-        wrong = sum(not in_a_set(r) and r["verdict"] in ("named", "ambiguous") for r in random)
-        shares[f"random effect,\n{name}"] = _split(len(random), alone, right, wrong)
+    shares = {}
+    for kind, half, name in (
+        ("single", "tacho", "one effect,\ntachometers"),
+        ("single", "notacho", "one effect,\nno tachometers"),
+        ("random", "tacho", "random effect,\ntachometers"),
+    ):
+        found = table_page.read(RESULTS / "naming", kind, half)
+        right, alone = (sum(map(f, found)) for f in (table_page.in_the_set, table_page.alone))
+        wrong = sum(table_page.wrong_name(r) and not table_page.in_the_set(r) for r in found)
+        shares[name] = _split(len(found), alone, right, wrong)
     return shares
 
 

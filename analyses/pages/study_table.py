@@ -74,35 +74,36 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
             "{naming.no_tacho.campaigns}; the only "
             "name in {naming.tacho.alone_percent} and {naming.no_tacho.alone_percent} %; a wrong "
             "name without the right one in {naming.tacho.wrong} and {naming.no_tacho.wrong}",
-            "diagnosis",
+            "table",
         ),
         (
             "Nothing hidden",
             "an effect is named in {naming.clean_named} of {naming.clean} campaigns",
-            "diagnosis",
+            "table",
         ),
         (
             "Two effects at once; three",
             "all found in {naming.pair_found} of {naming.pair}; {naming.triple_found} of "
             "{naming.triple}",
-            "diagnosis",
+            "table",
         ),
         (
             "Random effects (bias instability, random torque, ...) of the same size",
-            "found in {random.tacho_found} of {random.tacho} with and {random.no_tacho_found} of "
-            "{random.no_tacho} without tachometers",
-            "naming",
+            "with tachometers found in {naming.random_found} of {naming.random}",
+            "table",
         ),
         (
             "Twelve disturbances that the library does not hold",
-            "no false certainty in {outside.tacho_open} of {outside.tacho} with and "
+            "by the search before the table: no false certainty in {outside.tacho_open} of "
+            "{outside.tacho} with and "
             "{outside.no_tacho_open} of {outside.no_tacho} without tachometers: `unknown`, or an "
             "unmodelled disturbance among the answers",
             "naming",
         ),
         (
             "Noise that wanders as the campaign states",
-            "an effect is named in {stated.named} of {stated.campaigns} campaigns",
+            "by the search before the table: an effect is named in {stated.named} of "
+            "{stated.campaigns} campaigns",
             "naming",
         ),
         (

@@ -16,10 +16,9 @@ from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.app.investigation import Investigation, investigate
 from bayes_inertia.campaign.block_means import without_surplus_rows
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.diagnosis.model_averaging import AlternativeParameters
-from bayes_inertia.diagnosis.remainder_averaging import tried_effects
-from bayes_inertia.diagnosis.result import Diagnosis
-from bayes_inertia.diagnosis.rules import Rules
+from bayes_inertia.diagnosis.limits import Rules
+from bayes_inertia.diagnosis.quoted_parameters import tried_effects
+from bayes_inertia.diagnosis.result import AlternativeParameters, Diagnosis
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.settings import STOCHASTIC_SETTINGS, FitContext, Settings
 from bayes_inertia.inference.treatment import DirtTreatment, treated
@@ -36,7 +35,7 @@ class NextFit:
 
     Parameters
     ----------
-    verdict : {"consistent", "named", "ambiguous", "unknown"}
+    verdict : {"consistent", "named", "ambiguous", "partial", "unknown"}
         Of the diagnosis.
     effects : tuple of Effect
         To fit along, with the settings that they were found with.
@@ -175,9 +174,11 @@ def fitted_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
     """The effects that a full fit after a diagnosis holds, with the settings they were found with.
 
     Returns: those added, in their order. Where no candidate explains the data, those of fixed shape
-    among them; where names only imitate what is there, a torque and a rate error of free shape
-    instead.
+    among them; beside what is named in part, a torque and a rate error of free shape; where names
+    only imitate what is there, these alone.
     """
+    if diagnosis.verdict == "partial":
+        return (*tried_effects(diagnosis), *REMAINDERS)
     if diagnosis.why_unknown == "imitation":
         return REMAINDERS
     if diagnosis.why_unknown == "misfit":
@@ -208,7 +209,7 @@ def fit_after_diagnosis(
     Returns: with a group `averaged` more where there is something to average over.
     """
     context, treatment = FitContext(campaign_sha256, verdict=choice.verdict), choice.treatment
-    if choice.verdict == "unknown":
+    if choice.verdict in ("partial", "unknown"):
         # What is missing may be part of what looks like louder noise.
         treatment = replace(treatment, level=DirtTreatment().level)
     else:

@@ -17,11 +17,9 @@ from bayes_inertia.app.investigation import Investigation
 from bayes_inertia.design.correction_slew import CorrectionForecast
 from bayes_inertia.design.numerics import NUMERICS as DESIGN_NUMERICS
 from bayes_inertia.design.separating_slew import Separation
-from bayes_inertia.diagnosis.model_averaging import AlternativeParameters
-from bayes_inertia.diagnosis.residual_scan import Disagreement
-from bayes_inertia.diagnosis.result import Diagnosis
-from bayes_inertia.diagnosis.signal_wording import describe
-from bayes_inertia.diagnosis.unexplained import UnexplainedSignal
+from bayes_inertia.diagnosis.residuals import Disagreement
+from bayes_inertia.diagnosis.result import AlternativeParameters, Diagnosis
+from bayes_inertia.diagnosis.unexplained import UnexplainedSignal, describe
 from bayes_inertia.inference.treatment import DirtTreatment, treatment_from
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.physics.effect import Effect
@@ -47,7 +45,7 @@ def to_json(investigation: Investigation) -> dict[str, Any]:
         "candidates": candidate_rows(diagnosis),
         "steps": [step_row(step) for step in diagnosis.steps],
         "beyond_prior": [asdict(row) for row in diagnosis.beyond_prior],
-        "unknown": None if unknown is None or diagnosis.verdict != "unknown" else _unknown(unknown),
+        "unknown": None if unknown is None else _unknown(unknown),
         "correction_slew": _correction(investigation.correction),
         "separating": [_separating(s) for s in investigation.separating_slews],
         "alternatives": [_alternative(a) for a in investigation.alternatives],

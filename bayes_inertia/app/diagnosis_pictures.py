@@ -9,7 +9,7 @@ import numpy as np
 
 from bayes_inertia.app.investigation import Investigation
 from bayes_inertia.diagnosis.free_signal import FreeSignal
-from bayes_inertia.diagnosis.residual_scan import Disagreement
+from bayes_inertia.diagnosis.residuals import Disagreement
 
 
 def pictures_json(investigation: Investigation) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.app.layout import LAYOUT
-from bayes_inertia.diagnosis.cross_validation import held_out_chi2
+from bayes_inertia.diagnosis.residuals import held_out_chi2
 from bayes_inertia.diagnosis.result import Candidate, Diagnosis, Step
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.physics.parameters import N_BASE
@@ -102,8 +102,6 @@ def step_row(step: Step) -> dict[str, Any]:
         "alternatives": [
             {
                 "effect": other.effect,
-                "beside": list(other.beside),
-                "replaces": list(other.replaces),
                 "correlation": other.correlation,
             }
             for other in step.alternatives
@@ -113,7 +111,16 @@ def step_row(step: Step) -> dict[str, Any]:
         "held_out_before": held_out_chi2(step.before),
         "held_out_after": held_out_chi2(step.after),
         "shift": shift_rows(step.before, step.after),
+        "share": share_explained(step),
     }
+
+
+def share_explained(step: Step) -> float:
+    """The share of the misfit before a step that it explains, 0 to 1: of chi^2 beyond its dof."""
+    before, after = (t.tests["total"].reduced_chi2 for t in (step.before, step.after))
+    if before is None or after is None or before <= 1.0:
+        return 0.0
+    return float(np.clip((before - after) / (before - 1.0), 0.0, 1.0))
 
 
 def shift_rows(before: Estimate, after: Estimate) -> dict[str, dict[str, Any]]:

@@ -10,9 +10,12 @@ from time import perf_counter
 
 from bayes_inertia.app.background_imports import import_in_background
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.diagnosis.flexible_mode_search import restarted_with_mode
-from bayes_inertia.diagnosis.model_averaging import AlternativeParameters, averaged_posterior
-from bayes_inertia.diagnosis.undetected_averaging import all_alternatives, undetected_alternatives
+from bayes_inertia.diagnosis.candidates import restarted_with_mode
+from bayes_inertia.diagnosis.quoted_parameters import (
+    AlternativeParameters,
+    averaged_posterior,
+    undetected_alternatives,
+)
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import clean_fit, with_modelled_outliers
 from bayes_inertia.inference.laplace import Estimate
@@ -110,10 +113,10 @@ def fit(
     samples = sample(estimate, settings, folder=chains, progress=progress)
     say("predicting the telemetry", 0, 0)
     posterior = build_posterior(estimate, samples, context or FitContext(), settings.seed)
-    if posterior.trusted:
+    if posterior.trusted and not alternatives:
         say("bounding what could hide", 0, 0)
         # An effect too weak to be found may act: J and K, and the sd to quote, count it.
-        alternatives = all_alternatives(alternatives, undetected_alternatives(estimate))
+        alternatives = undetected_alternatives(estimate)
     posterior = averaged_posterior(posterior, alternatives, settings.seed)
     return _with_seconds(posterior, perf_counter() - began)
 

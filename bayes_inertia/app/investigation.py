@@ -16,12 +16,15 @@ from bayes_inertia.campaign.block_means import readings_a_mean
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.correction_slew import CorrectionForecast, correction_forecast
 from bayes_inertia.design.separating_slew import Separation, separating_slew
-from bayes_inertia.diagnosis.blind_spots import Undetected, undetected_effects
-from bayes_inertia.diagnosis.model_averaging import AlternativeParameters
-from bayes_inertia.diagnosis.quoted_parameters import alternatives_of
-from bayes_inertia.diagnosis.residual_scan import Disagreement, scan_residuals
+from bayes_inertia.diagnosis.limits import Rules
+from bayes_inertia.diagnosis.quoted_parameters import (
+    AlternativeParameters,
+    Undetected,
+    alternatives_of,
+    undetected_effects,
+)
+from bayes_inertia.diagnosis.residuals import Disagreement, scan_residuals
 from bayes_inertia.diagnosis.result import Diagnosis
-from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.diagnosis.unexplained import UnexplainedSignal, unexplained_signal
 from bayes_inertia.errors import CampaignError, EffectError
@@ -46,7 +49,7 @@ class Investigation:
     disagreement_after : Disagreement or None
         The same after what was named; None where nothing changed.
     unexplained : UnexplainedSignal or None
-        The equivalent disturbance torque; None unless the verdict is "unknown".
+        The equivalent disturbance torque; None unless the verdict is "partial" or "unknown".
     correction : CorrectionForecast or None
         The next correction slew, before and after; None unless effects were named.
     separating_slews : tuple of Separation
@@ -128,7 +131,7 @@ def investigate(
         progress=progress,
     )
     base, final = diagnosis.base, diagnosis.final
-    unknown = diagnosis.verdict == "unknown"
+    unknown = diagnosis.verdict in ("partial", "unknown")
     changed = diagnosis.steps or any(factor > 1.0 for factor in diagnosis.noise.values())
     # A stochastic signal cannot be foretold for another slew.
     corrected = diagnosis.steps and not unknown and not diagnosis.steps[-1].stochastic
@@ -140,13 +143,19 @@ def investigate(
             diagnosis=diagnosis,
             disagreement_before=scan_residuals(base, seed=seed),
             disagreement_after=scan_residuals(final, seed=seed, stated=False) if changed else None,
-            unexplained=unexplained_signal(base) if unknown else None,
+            unexplained=_unexplained(diagnosis) if unknown else None,
             correction=correction_forecast(base, final, seed=seed) if corrected else None,
             separating_slews=separating_slews(diagnosis, library=library, seed=seed),
             blind_spots=undetected_effects(diagnosis),
             readings_a_mean=1 if as_stated else readings_a_mean(campaign),
             alternatives=alternatives.result(),
         )
+
+
+def _unexplained(diagnosis: Diagnosis) -> UnexplainedSignal:
+    """What has no name: all that the base fit leaves, or what the names leave of it."""
+    named = diagnosis.verdict == "partial"
+    return unexplained_signal(diagnosis.final if named else diagnosis.base)
 
 
 def separating_slews(

@@ -1,11 +1,11 @@
 """What is missing in the model: where a fit disagrees with the data, and which effect explains it.
 
 Enters: a campaign, or an estimate of one, and a library of candidate effects.
-Leaves: a `Diagnosis` with its steps, the windows that disagree, the torque that nothing explains,
-and what else J and K could be.
+Leaves: a `Diagnosis` with its table of hypotheses, the windows that disagree, the torque that
+nothing explains, and J and K of every row.
 
-`search` leads through it: `candidates` are scored (`score_test`, `flexible_mode_search`), the best
-are refitted (`refitting`, `evidence`), needless ones dropped (`pruning`), and `conclusion` reaches
-the verdict by the `rules`. `residual_scan` shows where the fit disagrees, `unexplained` what is
-left, `blind_spots` what could hide, `model_averaging` what an ambiguous answer means for J and K.
+`search` leads through it: from a clean start (`clean_start`) everything that may be missing is one
+linear model (`linear_system`), every set of it one row (`hypothesis_table`), weighed again around
+the best (`table_search`) and read (`table_verdict`) by the `Rules`. `residuals` shows where the fit
+disagrees, `unexplained` what is left, `quoted_parameters` what could hide.
 """

@@ -1,23 +1,290 @@
-"""The candidate effects: which of a library can be tried in a campaign, and how each scores."""
+"""Candidate effects: which of a library can be tried in a campaign, and how each scores.
+
+A flexible mode is searched by itself. Its effect is of second order in its coupling vector delta:
+the derivative at the null is zero. To first order in the products delta_i delta_j it is the body
+torque tau_i = -eta_j'' of unit oscillators eta_j'' + 2 z W eta_j' + W^2 eta_j = -w_j', shaken by
+the known body rate, which needs no simulation. Of the six products only three numbers are free: the
+gain of the best coupling at one frequency is distributed, without a mode, like chi^2 with three
+degrees of freedom in its tail (the area of the manifold of directions delta delta^T is that of the
+half sphere of three amplitudes). A ringing that begins with a slew of length T changes its phase
+over the slew by 2 pi T df: frequencies are tried at half of 1/T, and closer around the best.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from scipy import optimize, stats
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.diagnosis.flexible_mode_search import best_flexible_mode
+from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.result import Candidate
-from bayes_inertia.diagnosis.score_test import ScoreTests, score_tests, unfitted
+from bayes_inertia.diagnosis.score_test import (
+    NonlinearCandidate,
+    ScoreTests,
+    score_tests,
+    unfitted,
+)
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.errors import EffectError
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
+from bayes_inertia.inference.optimizer import re_estimate, without_effect
+from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import FlexibleMode
+
+# Products of the coupling's components: xx, yy, zz, xy, xz, yz.
+PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+def oscillator_columns(
+    response: TorqueResponse, frequencies: np.ndarray, scale: float
+) -> np.ndarray:
+    """Compute the changes of the residuals by unit modes.
+
+    `frequencies` (f,) [Hz]. `scale`: size of a unit product of the coupling's components [kg m^2].
+    Returns (slews, numbers, 6 f).
+    """
+    torque_B = np.zeros((*response.rate_B.shape, len(frequencies), len(PAIRS)))
+    for s, (time, rate_B) in enumerate(zip(response.time, response.rate_B, strict=True)):
+        for f, frequency in enumerate(frequencies):
+            reaction = _reaction(time, rate_B, frequency)
+            for k, (i, j) in enumerate(PAIRS):
+                torque_B[s, :, i, f, k] += reaction[:, j]
+                if i != j:
+                    torque_B[s, :, j, f, k] += reaction[:, i]
+    return response.residual_change(scale * torque_B.reshape(*torque_B.shape[:3], -1))
+
+
+def _reaction(time: np.ndarray, rate_B: np.ndarray, frequency: float) -> np.ndarray:
+    """-eta'' (n, 3) of unit oscillators shaken by the body rate (n, 3), undeformed at the start.
+
+    They are run on an even grid.
+    """
+    valid = np.append(np.diff(time) > 0.0, False)
+    last = int(np.flatnonzero(valid)[-1]) + 2
+    t = time[:last]
+    even = np.linspace(t[0], t[-1], len(t))
+    w = np.stack([np.interp(even, t, rate_B[:last, i]) for i in range(3)], -1)
+    step = round(float(even[1] - even[0]), 12)
+    # Slow to import, and a fit without a flexible mode needs none of it.
+    from scipy.signal import lfilter
+
+    shaken = lfilter(*_filter(frequency, step), np.gradient(w, even, axis=0), axis=0)
+    out = np.zeros_like(rate_B)
+    out[:last] = np.stack([np.interp(t, even, shaken[:, i]) for i in range(3)], -1)
+    return out
+
+
+# A bounded memory of a pure function: all slews of one length share a frequency's filter, and every
+# round of a search asks for the same frequencies again.
+@lru_cache(maxsize=LIMITS.filters)
+def _filter(frequency: float, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """From w' to -eta'': s^2 / (s^2 + 2 z W s + W^2) as a digital filter.
+
+    It is exact for an input that is linear between samples.
+    """
+    from scipy.signal import cont2discrete
+
+    omega = 2.0 * np.pi * frequency
+    above, below, _ = cont2discrete(
+        ([1.0, 0.0, 0.0], [1.0, 2.0 * LIMITS.damping_ratio * omega, omega**2]), step, method="foh"
+    )
+    return np.ravel(above), below
+
+
+_ROW, _COLUMN = np.array(PAIRS).T
+
+
+@array_dataclass
+class FlexibleModeCandidate(NonlinearCandidate):
+    """The flexible mode that the residuals show best.
+
+    Parameters
+    ----------
+    name, columns, score, dof, trials
+        As `NonlinearCandidate`.
+    frequency : float
+        [Hz].
+    coupling : (3,) array
+        In prior sd; minus it is the same mode.
+    products : (slews, numbers, 6) array
+        Changes of the residuals by the products delta_i delta_j (xx, yy, zz, xy, xz, yz), in
+        squares of the prior sd.
+    """
+
+    frequency: float
+    coupling: np.ndarray
+    products: np.ndarray
+
+
+def theta_with_mode(estimate: Estimate, mode: FlexibleModeCandidate) -> np.ndarray:
+    """Put a mode's coupling and frequency into the parameters of a fit.
+
+    Returns (d,).
+    """
+    space = estimate.model.space
+    part, theta = space.slice_of(mode.name), estimate.theta.copy()
+    coupling, frequency = slice(part.start, part.start + 3), part.start + 3
+    theta[coupling] = (
+        np.clip(mode.coupling, -LIMITS.largest_amplitude, LIMITS.largest_amplitude)
+        * space.sd[coupling]
+    )
+    theta[frequency] = mode.frequency
+    return theta
+
+
+def restarted_with_mode(estimate: Estimate) -> Estimate:
+    """Begin a fit again from the mode that its residuals show best.
+
+    Zero coupling is a stationary point of the posterior, where an optimizer stays, and far from the
+    right frequency there is another.
+
+    Returns: the better of the two fits; the given one if its model has no free flexible mode.
+    """
+    space, effects = estimate.model.space, estimate.model.effects
+    mode = next((e for e in effects if isinstance(e, FlexibleMode)), None)
+    first = space.slice_of(mode.name).start if mode is not None else None
+    if mode is None or first not in estimate.free:
+        return estimate
+    without = without_effect(estimate, mode.name)
+    best = best_flexible_mode(
+        mode.name, torque_response(without), without.linearised(), float(space.sd[first] ** 2)
+    )
+    restarted = re_estimate(without, theta_with_mode(without, best), estimate.free)
+    return restarted if restarted.objective < estimate.objective else estimate
+
+
+def frequencies(response: TorqueResponse) -> np.ndarray:
+    """List the frequencies to try.
+
+    Returns (n,): from two periods in a slew to the fastest that the telemetry's sampling shows well
+    [Hz].
+    """
+    duration = float(np.median(response.time[:, -1] - response.time[:, 0]))
+    slews = response.estimate.model.campaign.slews
+    sampling = float(np.median([np.median(np.diff(slew.time)) for slew in slews]))
+    low, high = 2.0 / duration, 0.25 / sampling
+    wanted = np.ceil((high - low) * 2.0 * duration)
+    return np.linspace(low, high, int(np.clip(wanted, 2, LIMITS.frequencies)))
+
+
+def best_flexible_mode(
+    name: str, response: TorqueResponse, fit: LinearisedFit, scale: float
+) -> FlexibleModeCandidate:
+    """Find the flexible mode that would gain most.
+
+    `fit`: the same fit, ready to project columns off it. `scale`: square of the prior sd of the
+    coupling's components [kg m^2].
+    """
+    tried = frequencies(response)
+    gains = _gains(response, fit, scale, tried)
+    closer = tried[np.argsort(-gains)[: LIMITS.refined_frequencies], None] + (
+        tried[1] - tried[0]
+    ) * np.array(LIMITS.refinement_offsets)
+    closer = np.unique(np.clip(closer, tried[0], tried[-1]))
+    closer_gains = _gains(response, fit, scale, closer)
+    best = (
+        closer[np.argmax(closer_gains)]
+        if closer_gains.max() > gains.max()
+        else tried[np.argmax(gains)]
+    )
+    columns, projected_gradient, matrix = _normal_equations(response, fit, np.array([best]), scale)
+    coupling, gain = _best_coupling(projected_gradient[0], matrix[0])
+    tangents = _tangents(coupling)
+    return FlexibleModeCandidate(
+        name=name,
+        columns=columns @ tangents,
+        score=gain,
+        dof=len(coupling),
+        trials=int(np.ceil(LIMITS.trials_a_frequency * len(tried))),
+        frequency=float(best),
+        coupling=coupling,
+        products=columns,
+    )
+
+
+def _gains(
+    response: TorqueResponse, fit: LinearisedFit, scale: float, tried: np.ndarray
+) -> np.ndarray:
+    """Gain of the best coupling at each frequency, over an even set of directions."""
+    products = _products(_directions())
+    gains = []
+    step = LIMITS.frequencies_at_a_time
+    for part in np.split(tried, np.arange(step, len(tried), step)):
+        _, projected_gradient, matrix = _normal_equations(response, fit, part, scale)
+        along = np.maximum(projected_gradient @ products.T - 0.5, 0.0)
+        power = np.einsum("da,fab,db->fd", products, matrix, products, optimize=True)
+        gains.append(np.max(along**2 / np.maximum(power, 1e-300), axis=1))
+    return np.concatenate(gains)
+
+
+def _normal_equations(
+    response: TorqueResponse, fit: LinearisedFit, tried: np.ndarray, scale: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Columns (slews, numbers, 6 f) of modes of f frequencies, and their normal equations.
+
+    These are each one's projected gradient (f, 6) and normal matrix (f, 6, 6).
+    """
+    f, k = len(tried), len(PAIRS)
+    columns = oscillator_columns(response, tried, scale)
+    imitated = fit.imitated(columns)
+    projected_gradient = fit.projected_gradient(columns, imitated).reshape(f, k)
+    imitated = imitated.reshape(-1, f, k)
+    by_mode = columns.reshape(*columns.shape[:2], f, k)
+    matrix = np.einsum("snfa,snfb->fab", by_mode, by_mode, optimize=True) - np.einsum(
+        "ufa,ufb->fab", imitated, imitated
+    )
+    return columns, projected_gradient, matrix
+
+
+def _best_coupling(projected_gradient: np.ndarray, matrix: np.ndarray) -> tuple[np.ndarray, float]:
+    """Coupling (3,) of the largest gain, and the gain 2 gradient.p - p.matrix.p - |delta|^2.
+
+    p are the products of the coupling delta.
+    """
+    directions = _directions()
+    products = _products(directions)
+    along = np.maximum(projected_gradient @ products.T - 0.5, 0.0)
+    power = np.einsum("da,ab,db->d", products, matrix, products)
+    k = int(np.argmax(along**2 / np.maximum(power, 1e-300)))
+    start = directions[k] * np.sqrt(along[k] / max(power[k], 1e-300))
+
+    def loss(delta: np.ndarray) -> tuple[float, np.ndarray]:
+        p, left = _products(delta), projected_gradient - matrix @ _products(delta)
+        value = float(delta @ delta - p @ (projected_gradient + left))
+        return value, 2.0 * delta - 2.0 * _tangents(delta).T @ left
+
+    optimum = optimize.minimize(loss, start, jac=True, method="BFGS")
+    coupling = optimum.x * (np.sign(optimum.x[np.argmax(np.abs(optimum.x))]) or 1.0)
+    return coupling, float(max(-optimum.fun, 0.0))
+
+
+def _products(delta: np.ndarray) -> np.ndarray:
+    """Products delta_i delta_j (..., 6) of couplings (..., 3)."""
+    return delta[..., _ROW] * delta[..., _COLUMN]
+
+
+def _tangents(delta: np.ndarray) -> np.ndarray:
+    """Derivatives (6, 3) of the products."""
+    unit = np.eye(3)
+    return unit[_ROW] * delta[_COLUMN, None] + unit[_COLUMN] * delta[_ROW, None]
+
+
+def _directions() -> np.ndarray:
+    """Directions (n, 3) that cover the half sphere evenly."""
+    points = stats.qmc.Sobol(2, scramble=False).random_base2(
+        int(np.ceil(np.log2(LIMITS.directions)))
+    )
+    height, angle = points[:, 0], 2.0 * np.pi * points[:, 1]
+    across = np.sqrt(1.0 - height**2)
+    return np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=-1)
+
 
 FLEXIBLE_MODE = "flexible_mode"
 
@@ -110,17 +377,18 @@ def score_candidates(
     return score_tests(estimate, waiting, (mode,), fit)
 
 
-def ranked_candidates(tests: ScoreTests) -> tuple[Candidate, ...]:
-    """List all candidates, best evidence first."""
+def ranked_candidates(
+    tests: ScoreTests, log_evidence: Mapping[frozenset[str], float]
+) -> tuple[Candidate, ...]:
+    """List all candidates; their evidence is that of their rows of the table."""
     scores = [float(tests.score(k)) for k in range(len(tests.names))]
-    rows = [
+    return tuple(
         Candidate(
             effect=name,
             dof=tests.dof(k),
             score=score,
             p_value=float(tests.p_value(k, np.asarray(score))),
-            log_bayes_factor=tests.log_bayes_factor(k),
+            log_bayes_factor=log_evidence[frozenset([name])],
         )
         for k, (name, score) in enumerate(zip(tests.names, scores, strict=True))
-    ]
-    return tuple(sorted(rows, key=lambda row: -row.log_bayes_factor))
+    )

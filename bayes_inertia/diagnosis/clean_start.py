@@ -1,14 +1,9 @@
-"""What is dirt and what may be physics: decided before a search, and again after it.
+"""What is dirt and what may be physics: decided before the table is made, and again after it.
 
 Outliers are local, and rounding is seen in the readings: both are treated at once. The level of the
 noise comes from fast differences. Correlated noise can look like a slow missing effect, and the
 other way round: the two compete. Where one effect explains the residuals better than any noise that
 is alike everywhere, physics goes first, and what it leaves is looked at again.
-
-Compile the model with all candidate effects while the plain model is fitted.
-
-The first evaluation of the large model compiles for some seconds. The compiler needs no interpreter
-lock, so that it can work beside the optimizer.
 """
 
 from __future__ import annotations
@@ -19,12 +14,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_inertia.diagnosis.candidates import score_candidates
-from bayes_inertia.diagnosis.stochastic_candidates import (
-    SOURCES,
-    StochasticCandidate,
+from bayes_inertia.diagnosis.limits import LIMITS
+from bayes_inertia.diagnosis.linear_system import (
+    LinearModel,
+    linear_model,
+    log_evidence_of_each,
     stochastic_candidates,
 )
+from bayes_inertia.diagnosis.random_signals import SOURCES, StochasticCandidate
+from bayes_inertia.diagnosis.table_search import with_stochastic
 from bayes_inertia.diagnosis.torque_response import tangents
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import (
@@ -46,18 +44,6 @@ from bayes_inertia.inference.rounding import level_of_rounded, rounding_steps
 from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
-
-# What a number of a noise's shape costs [log evidence]: half the log of as many readings.
-_READINGS_A_NUMBER = 100.0
-_NUMBERS_OF_COLOUR = 6  # share and time of three axes
-# Noise remembers so many readings at most; what lasts longer may be an effect.
-_READINGS_OF_NOISE = 16.0
-# So often correlated noise is measured again after a fit with it.
-_ROUNDS_OF_COLOUR = 3
-# So often, at most, the level of the noise is measured again beside a process without a shape.
-_ROUNDS_OF_LEVEL = 4
-# Two colours are one if their sds and their slowest powers differ by less than these factors.
-_SAME_SD, _SAME_POWER = 1.1, 1.5
 
 
 @dataclass(frozen=True)
@@ -160,14 +146,37 @@ def _noise_or_physics(start: CleanStart, stochastic: Sequence[StochasticEffect])
         colour = colour_seen(start.base, slow=True)
     if colour is None:
         return start
-    tests = score_candidates(start.base)
-    best = max((tests.log_bayes_factor(k) for k in range(len(tests.names))), default=0.0)
+    linear = linear_model(start.base, (), start.base.objective)
+    best = max(log_evidence_of_each(linear).values(), default=0.0)
     coloured = _coloured(start, colour)
     gain = _log_evidence(coloured.base) - _log_evidence(start.base)
-    weighed = stochastic_candidates(start.base, stochastic, nameless=False)
+    weighed = _refitted_if_strong(start, stochastic, linear)
     if _most(weighed, colour) > max(best, gain):
         return replace(start, coloured=False)
     return coloured if gain > max(best, 0.0) else start
+
+
+def _refitted_if_strong(
+    start: CleanStart, effects: Sequence[StochasticEffect], linear: LinearModel
+) -> list[StochasticCandidate]:
+    """Effects without a fixed shape; the best one of the rates, if strong, weighed as noise is.
+
+    What a strong process does between its knots tells most of what it is.
+    """
+    weighed = list(stochastic_candidates(linear, start.base, effects))
+    best = weighed[0].log_bayes_factor if weighed else 0.0
+    least = max(LIMITS.strong, LIMITS.share_of_best * best)
+    of_rates = (c for c in weighed if c.source == SOURCES["rate_output"])
+    found = next((c for c in of_rates if c.log_bayes_factor >= least), None)
+    if found is not None:
+        (effect,) = (e for e in effects if e.name == found.effect)
+        fit = with_stochastic(start.base, effect, found.start)
+        _, fit = at_measured_level(start, fit)
+        value = _log_evidence(fit, len(found.start)) - _log_evidence(start.base)
+        # A fit takes slews as independent: what a process gains between them the knots tell.
+        value = max(found.log_bayes_factor, value)
+        weighed[weighed.index(found)] = replace(found, log_bayes_factor=value)
+    return weighed
 
 
 def _most(weighed: Sequence[StochasticCandidate], colour: Colour) -> float:
@@ -175,7 +184,7 @@ def _most(weighed: Sequence[StochasticCandidate], colour: Colour) -> float:
 
     A process of the rates that lasts for few readings is what correlated noise is.
     """
-    shortest = _READINGS_OF_NOISE * colour.spacing
+    shortest = LIMITS.readings_of_noise * colour.spacing
     slow = (
         c
         for c in weighed
@@ -190,7 +199,7 @@ def _coloured(start: CleanStart, colour: Colour) -> CleanStart:
     A fit that takes the noise for white explains part of what is slow in it.
     """
     slews = start.base.model.campaign.slews
-    for _ in range(_ROUNDS_OF_COLOUR):
+    for _ in range(LIMITS.rounds_of_colour):
         coloured = _restarted(start, replace(start.treatment, colour=colour))
         again = colour_of(slews, _in_stated_sigmas(coloured, coloured.base), slow=True)
         if again is None or _is_alike(again, colour):
@@ -216,12 +225,15 @@ def _with_treatment(
     return optimizer.with_noise(estimate, noise), noise
 
 
-def _log_evidence(estimate: Estimate) -> float:
-    """Log posterior density with the norms of the noise, less what the shape of the noise costs."""
-    value = log_normalisation(estimate.model, estimate.white) - estimate.objective
+def _log_evidence(estimate: Estimate, numbers: int = 0) -> float:
+    """Log posterior density with the norms of the noise, less what the shape of the noise costs.
+
+    `numbers`: that give it its shape, beside those of its colour.
+    """
     if estimate.model.campaign.rate_sensor.correlated_noise is not None:
-        value -= 0.5 * _NUMBERS_OF_COLOUR * float(np.log(_READINGS_A_NUMBER))
-    return value
+        numbers += LIMITS.numbers_of_colour
+    cost = 0.5 * numbers * float(np.log(LIMITS.readings_a_number))
+    return log_normalisation(estimate.model, estimate.white) - estimate.objective - cost
 
 
 def measured_again(
@@ -285,7 +297,7 @@ def _is_alike(colour: Colour, other: Colour) -> bool:
     for one, two in zip(colour.axes, other.axes, strict=True):
         sd = abs(np.log(one.sd / two.sd))
         slow = abs(np.log(_slow_power(one) / _slow_power(two)))
-        if sd > np.log(_SAME_SD) or slow > np.log(_SAME_POWER):
+        if sd > np.log(LIMITS.same_sd) or slow > np.log(LIMITS.same_power):
             return False
     return True
 
@@ -304,7 +316,7 @@ def at_measured_level(start: CleanStart, final: Estimate) -> tuple[CleanStart, E
     with others; it is brought to its end.
     """
     at_level = final
-    for _ in range(_ROUNDS_OF_LEVEL):
+    for _ in range(LIMITS.rounds_of_level):
         again = _with_level(start, at_level)
         if again is None:
             break

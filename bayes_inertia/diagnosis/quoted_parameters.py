@@ -1,26 +1,376 @@
-"""J and K as they are quoted, without sampling: of a fit, or after a diagnosis.
+"""J and K as they are quoted: averaged over what may be missing, and how far it could move them.
 
-The fits of a search (`Diagnosis.base`, `Diagnosis.final`) each believe their model. What was not
-detected, and where the verdict is "ambiguous" or "unknown" what cannot be told, is averaged over.
+Each fit believes its model. Averaged over all rows of a table, each with its probability, mean and
+sd of J and K hold whichever it is (Hoeting et al. 1999, Bayesian model averaging: a tutorial).
+After a plain fit the rows are nothing and every single effect of the library: against truth, no
+other uncertainty holds as often as it says at so little width
+(`analyses/results/calibration/quoted_sd.md`).
+
+Where no candidate explains the data, two fits are averaged, and each is wrong at times. One holds
+the effects that were tried, and counts each slew as its residuals scatter: the misfit moves it. The
+other holds a torque and a rate error of free shape as well: where their priors are not those of
+what is missing, they take motion for it. No measure of the fit tells which is nearer.
+
+What could still hide: to first order an effect of amplitude a [prior sd] that is left out moves
+what is fitted by -N^-1 F^T C a, with N the normal matrix of everything fitted, F its columns and C
+the effect's, and shows itself with the non-centrality a^T S a of its score (`score_test`). Of all
+amplitudes that would be found with even odds at most, and are no larger than two prior sds, the one
+that moves a parameter furthest has a closed form.
 """
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
 import numpy as np
 from scipy import optimize, stats
 
-from bayes_inertia.diagnosis.model_averaging import AlternativeParameters, alternative_parameters
-from bayes_inertia.diagnosis.remainder_averaging import remainder_alternatives, tried_effects
-from bayes_inertia.diagnosis.result import Diagnosis
-from bayes_inertia.diagnosis.undetected_averaging import all_alternatives, undetected_alternatives
+from bayes_inertia.diagnosis.candidates import candidate_effects
+from bayes_inertia.diagnosis.hypothesis_table import FixedMember
+from bayes_inertia.diagnosis.limits import LIMITS
+from bayes_inertia.diagnosis.linear_system import LinearModel, linear_model, log_evidence_of_each
+from bayes_inertia.diagnosis.result import AlternativeParameters, Diagnosis
+from bayes_inertia.diagnosis.score_test import (
+    ScoreTests,
+    score_tests,
+    shift_per_amplitude,
+    unfitted,
+)
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.optimizer import estimate
-from bayes_inertia.inference.posterior import sd_of_interval
+from bayes_inertia.inference.linearised_fit import LinearisedFit
+from bayes_inertia.inference.optimizer import estimate, move_to
+from bayes_inertia.inference.posterior import Posterior, sd_of_interval
+from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.numerics import NUMERICS as MATHS_NUMERICS
+from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.effects import REMAINDERS
+from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, FlexibleMode
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import N_BASE
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
+
+
+@dataclass(frozen=True)
+class Undetected:
+    """The effect, of those that were not found, that could have moved a parameter furthest.
+
+    Parameters
+    ----------
+    parameter : str
+        Element of J or K.
+    unit : str
+        Its unit.
+    sd : float
+        Of its fit.
+    shift : float
+        How far an effect found with even odds could move it.
+    effect : str
+        Which effect.
+    values : dict
+        {parameter of the effect: value} that does it; its opposite moves as far the other way.
+    unseen : bool
+        Whether it is the effect's own prior, not the data, that limits the shift.
+
+    Examples
+    --------
+    >>> Undetected("Jxx", "kg m^2", 2e-4, 1e-3, "wheel_command_lag", {"tau": 1e-3}, False).sds
+    5.0
+    """
+
+    parameter: str
+    unit: str
+    sd: float
+    shift: float
+    effect: str
+    values: dict[str, float]
+    unseen: bool
+
+    @property
+    def sds(self) -> float:
+        """The shift in units of the parameter's sd."""
+        return self.shift / self.sd
+
+
+def undetected_effects(diagnosis: Diagnosis) -> tuple[Undetected, ...]:
+    """Find the effect that could hide furthest behind each element of J and K.
+
+    What was named is fitted and hides nothing. A flexible mode, whose signal is of second order, is
+    left out.
+
+    Returns: one for each element that was fitted; empty where the verdict is "unknown".
+    """
+    scored = scored_undetected(diagnosis)
+    if scored is None:
+        return ()
+    fit, tests = scored
+    worst: dict[int, Undetected] = {}
+    for k in range(len(tests.names)):
+        for i, row in _shifts(diagnosis.final, fit, tests, k, diagnosis.threshold).items():
+            if i not in worst or row.shift > worst[i].shift:
+                worst[i] = row
+    return tuple(worst[i] for i in sorted(worst))
+
+
+def scored_undetected(diagnosis: Diagnosis) -> tuple[LinearisedFit, ScoreTests] | None:
+    """Score the candidates that were not named, at the final fit.
+
+    Returns `tests`: of the candidates; None for both where the verdict is "unknown" or all are
+    fitted.
+    """
+    names = unfitted(diagnosis.final)
+    if not names or diagnosis.verdict == "unknown":
+        return None
+    fit = diagnosis.final.linearised()
+    return fit, score_tests(diagnosis.final, names, fit=fit)
+
+
+def _shifts(
+    estimate: Estimate, fit: LinearisedFit, tests: ScoreTests, k: int, threshold: float
+) -> dict[int, Undetected]:
+    """How far candidate k could move each element of J and K that was fitted."""
+    space, effect = estimate.model.space, tests.names[k]
+    part, index = space.slice_of(effect), tests.indices[k]
+    limit = noncentrality_at_even_odds(max(tests.dof(k), 1), threshold)
+    shift, amplitude = largest_shifts(
+        shift_per_amplitude(fit, estimate.free, fit.parameters[..., part] * space.sd[part]),
+        tests.matrix[np.ix_(index, index)] / limit,
+    )
+    values = space.nulls[part] + amplitude * space.sd[part]
+    unseen = np.sum(amplitude**2, 1) > 0.5 * LIMITS.hidden_amplitude**2
+    names = [name.split(".", 1)[1] for name in space.names[part]]
+    return {
+        int(i): Undetected(
+            parameter=space.names[i],
+            unit=space.units[i],
+            sd=float(estimate.sd[i]),
+            shift=float(shift[i]),
+            effect=effect,
+            values=dict(zip(names, values[i].tolist(), strict=True)),
+            unseen=bool(unseen[i]),
+        )
+        for i in np.intersect1d(estimate.free, np.arange(N_BASE))
+    }
+
+
+def noncentrality_at_even_odds(dof: int, level: float) -> float:
+    """Find the non-centrality that a chi^2 test finds every second time.
+
+    `level`: its level: the p-value below which it finds something.
+
+    Examples
+    --------
+    >>> round(noncentrality_at_even_odds(1, 0.05), 2)
+    3.84
+    """
+    limit = stats.chi2.isf(level, dof)
+    return float(optimize.brentq(lambda nc: stats.ncx2.sf(limit, dof, nc) - 0.5, 0.0, limit + 10.0))
+
+
+def largest_shifts(
+    shift_per_amplitude: np.ndarray, data: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Largest shifts over amplitudes a with a^T data a + |a|^2 / 4 at most 1.
+
+    `shift_per_amplitude` (p, n). `data` (n, n): normal matrix of the amplitudes, 1 where an effect
+    is found with even odds. Returns `shift` (p,): the largest value of each function; `amplitude`
+    (p, n): the amplitudes that reach it.
+
+    Examples
+    --------
+    >>> shift, amplitude = largest_shifts(np.eye(2), np.diag([1e6, 0.0]))
+    >>> shift.round(6).tolist(), amplitude.round(6).tolist()
+    ([0.001, 2.0], [[0.001, 0.0], [0.0, 2.0]])
+    """
+    towards = np.linalg.solve(
+        data + np.eye(len(data)) / LIMITS.hidden_amplitude**2, shift_per_amplitude.T
+    ).T
+    shift = np.sqrt(np.maximum(np.sum(shift_per_amplitude * towards, 1), 0.0))
+    return shift, towards / np.maximum(shift, 1e-300)[:, None]
+
+
+def undetected_alternatives(
+    estimate: Estimate, library: Sequence[Effect] = LIBRARY
+) -> tuple[AlternativeParameters, ...]:
+    """J and K with each candidate that is not fitted, to first order, and how probable it is.
+
+    Beforehand it is as likely as not that one of them acts, each as likely as the others, with
+    amplitudes of the prior, in the directions that the campaign can see. What it cannot see, such
+    as a gain that all wheels share, is a condition of the result and no part of its uncertainty.
+    A flexible mode, whose signal is of second order, is left out.
+
+    Returns: one for each candidate that the campaign can see, in place of nothing (`instead_of` is
+    empty).
+    """
+    held = _with_candidates(estimate, library)
+    linear = linear_model(held, (), held.objective)
+    odds = {n: np.exp(x) / len(linear.members) for n, x in log_evidence_of_each(linear).items()}
+    total = 1.0 + sum(odds.values())
+    rows = (_alternative(held, linear, m, float(odds[m.name] / total)) for m in linear.members)
+    return tuple(row for row in rows if row is not None)
+
+
+def _with_candidates(estimate: Estimate, library: Sequence[Effect]) -> Estimate:
+    """The fit in a model that holds all candidates of the library at their null."""
+    model = estimate.model
+    known = {effect.name for effect in model.effects}
+    usable = candidate_effects(model.campaign, library).linear
+    others = tuple(effect for effect in usable if effect.name not in known)
+    if not others:
+        return estimate
+    drive, effects = model.structure.drive, (*model.effects, *others)
+    return move_to(estimate, Model(model.campaign, effects, drive, model.noise))
+
+
+def _alternative(
+    estimate: Estimate, linear: LinearModel, member: FixedMember, probability: float
+) -> AlternativeParameters | None:
+    """J and K with one effect more; None if the campaign cannot see it."""
+    S, u, index = linear.system.matrix, linear.system.gradient[member.index], member.index
+    powers, directions = np.linalg.eigh(S[np.ix_(index, index)])
+    visible = powers > MATHS_NUMERICS.visible_power
+    if not visible.any():
+        return None
+    moved, information = S[-N_BASE:, index] @ directions[:, visible], powers[visible] + 1.0
+    u = np.maximum(u, 0.0) if member.one_sided else u
+    return AlternativeParameters(
+        member.name,
+        "",
+        probability,
+        tuple(estimate.model.space.names[:N_BASE]),
+        linear.null - moved @ (u @ directions[:, visible] / information),
+        linear.covariance + moved / information @ moved.T,
+    )
+
+
+# The case with a torque and a rate error of free shape, among those averaged over.
+FREE_SHAPES = "nameless_torque_and_rate_error"
+
+
+def tried_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
+    """The effects of fixed shape that a diagnosis tried before it said "unknown".
+
+    Returns: in the order in which they were added, without a flexible mode: its states cost most of
+    a fit, and what it stands for is not known.
+    """
+    return tuple(
+        e for e in diagnosis.effects_added if not isinstance(e, StochasticEffect | FlexibleMode)
+    )
+
+
+def remainder_alternatives(diagnosis: Diagnosis) -> tuple[AlternativeParameters, ...]:
+    """J and K with a torque and a rate error of free shape beside the effects that were tried.
+
+    Returns: one, of probability 0.5; empty unless the verdict is "unknown" because no candidate
+    explains the data.
+    """
+    if diagnosis.verdict != "unknown" or diagnosis.why_unknown != "misfit":
+        return ()
+    free = _with_remainders(diagnosis)
+    return (
+        AlternativeParameters(
+            FREE_SHAPES,
+            "",
+            LIMITS.remainder_probability,
+            tuple(free.model.space.names[:N_BASE]),
+            free.theta[:N_BASE],
+            free.covariance[:N_BASE, :N_BASE],
+        ),
+    )
+
+
+def _with_remainders(diagnosis: Diagnosis) -> Estimate:
+    """The fit with both shapes, of the campaign whose level of noise is as stated."""
+    final = diagnosis.final.model
+    effects = (*tried_effects(diagnosis), *REMAINDERS)
+    return estimate(Model(final.campaign, effects, final.structure.drive), starts=1)
+
+
+def averaged_posterior(
+    posterior: Posterior, alternatives: Sequence[AlternativeParameters], seed: int
+) -> Posterior:
+    """Average J and K over the effects that may be the true one.
+
+    Each draw is kept or gives way to one of an alternative's Gaussian, in proportion to the
+    probabilities.
+
+    `alternatives`: J and K with other effects in their place. Returns: with one group `averaged`
+    more, of J, K and principal moments, of which `Posterior.summary` then speaks. The group
+    `posterior` stays that of the effects named.
+    """
+    if not alternatives:
+        return posterior
+    rng, names = np.random.default_rng([seed, 4]), alternatives[0].names
+    named_draws: Any = posterior.tree["posterior"]
+    draws = np.stack([named_draws[name].values for name in names], -1)
+    given = {
+        name: {"mean": float(x.mean()), "sd": float(x.std(ddof=1))}
+        for name, x in zip(names, np.moveaxis(draws, -1, 0), strict=True)
+    }
+    probabilities = [a.probability for a in alternatives]
+    first = 1.0 - sum(probabilities)
+    which = rng.choice(len(alternatives) + 1, size=draws.shape[:2], p=[first, *probabilities])
+    for k, alternative in enumerate(alternatives, 1):
+        draws[which == k] = _physical_draws(alternative, int(np.sum(which == k)), rng)
+    named = posterior.attributes["effects"]
+    rows = [{"effects": named, "probability": first, "parameters": given}]
+    rows += [_row(named, alternative) for alternative in alternatives]
+    return _with_group(posterior, names, draws, rows)
+
+
+def _with_group(
+    posterior: Posterior, names: Sequence[str], draws: np.ndarray, rows: list[dict[str, Any]]
+) -> Posterior:
+    """The posterior with averaged draws (chains, draws, 9), and what they are averaged over."""
+    import xarray as xr
+
+    group = xr.Dataset(
+        {name: (("chain", "draw"), draws[..., i]) for i, name in enumerate(names)},
+        coords=posterior.tree["posterior"].coords,
+    )
+    group["principal_moment"] = (
+        ("chain", "draw", "axis"),
+        inertia_tensor.principal_moments(draws[..., :6]),
+    )
+    tree = posterior.tree.copy()
+    tree["averaged"] = xr.DataTree(group)
+    for name in (*names, "principal_moment"):
+        source = "derived" if name == "principal_moment" else "posterior"
+        tree["averaged"][name].attrs["units"] = tree[source][name].attrs.get("units", "")
+    tree.attrs = posterior.tree.attrs | {
+        "bayes_inertia": json.dumps(posterior.attributes | {"averaged_over": rows})
+    }
+    return replace(posterior, tree=tree)
+
+
+def _row(named: Sequence[str], alternative: AlternativeParameters) -> dict[str, Any]:
+    own = alternative.effect.split(" and ") if alternative.effect else []
+    effects = own if alternative.instead_of else [*named, *own]
+    parameters = {
+        name: {"mean": float(m), "sd": float(s)}
+        for name, m, s in zip(alternative.names, alternative.mean, alternative.sd, strict=True)
+    }
+    return {
+        "effects": effects,
+        "probability": alternative.probability,
+        "parameters": parameters,
+    }
+
+
+def _physical_draws(
+    alternative: AlternativeParameters, n: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Draws (n, 9) of J and K."""
+    mean, covariance = alternative.mean, alternative.covariance
+    return draw_physical(
+        lambda k: rng.multivariate_normal(mean, covariance, k, method="eigh"),
+        n,
+        where=alternative.effect,
+        advice="hardly any tensor within its uncertainty is one of a body: fly more slews first",
+    )
 
 
 @array_dataclass
@@ -56,9 +406,9 @@ def quoted_parameters(found: Estimate | Diagnosis) -> QuotedParameters:
     Returns
     -------
     QuotedParameters
-        Averaged over what may act although it was not found, and over the set where the verdict is
-        "ambiguous". Where it is "unknown" the fits hold a torque and a rate error of free shape:
-        see `remainder_averaging`.
+        Averaged over what may act although it was not found: after a diagnosis over all rows of its
+        table. Where the verdict is "partial" or "unknown" the fits hold a torque and a rate error
+        of free shape: see the module.
 
     Raises
     ------
@@ -74,23 +424,23 @@ def quoted_parameters(found: Estimate | Diagnosis) -> QuotedParameters:
     """
     if isinstance(found, Estimate):
         return averaged_parameters(
-            _row(found), undetected_alternatives(found), found.dispersion_factor
+            _quoted_row(found), undetected_alternatives(found), found.dispersion_factor
         )
-    exchanged = alternatives_of(found)
-    if found.verdict == "unknown":
-        return averaged_parameters(_row(_free_shapes(found)), exchanged)
-    undetected = undetected_alternatives(found.final)
-    alternatives = all_alternatives(exchanged, undetected)
-    return averaged_parameters(_row(found.final), alternatives, found.final.dispersion_factor)
+    others = alternatives_of(found)
+    if found.verdict in ("partial", "unknown"):
+        return averaged_parameters(_quoted_row(_free_shapes(found)), others)
+    return averaged_parameters(_quoted_row(found.final), others, found.final.dispersion_factor)
 
 
 def alternatives_of(diagnosis: Diagnosis) -> tuple[AlternativeParameters, ...]:
     """J and K given what a diagnosis could not rule out.
 
-    Returns: one for each other effect of an ambiguous set, or, where no candidate explains the
-    data, one with free shapes; empty where there is nothing to average over.
+    Returns: one for each other row of the table, or, where no candidate explains the data, one with
+    free shapes; empty where there is nothing to average over.
     """
-    return alternative_parameters(diagnosis) or remainder_alternatives(diagnosis)
+    if diagnosis.verdict in ("partial", "unknown"):
+        return remainder_alternatives(diagnosis)
+    return diagnosis.other_rows
 
 
 def averaged_parameters(
@@ -134,12 +484,14 @@ def _quantile(level: float, shares: np.ndarray, mean: np.ndarray, sd: np.ndarray
 
 def _free_shapes(diagnosis: Diagnosis) -> Estimate:
     """The fit that a diagnosis wants in full where something is missing without a name."""
+    if diagnosis.verdict == "partial":
+        return _refitted(diagnosis.final, (*tried_effects(diagnosis), *REMAINDERS))
     if diagnosis.why_unknown == "misfit":
         return _refitted(diagnosis.final, tried_effects(diagnosis))
     return _refitted(diagnosis.final, REMAINDERS)
 
 
-def _row(fit: Estimate) -> AlternativeParameters:
+def _quoted_row(fit: Estimate) -> AlternativeParameters:
     """J and K of a fit."""
     names = tuple(fit.model.space.names[:N_BASE])
     covariance = fit.covariance[:N_BASE, :N_BASE]

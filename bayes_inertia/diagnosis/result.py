@@ -1,4 +1,9 @@
-"""A diagnosis: what was scored, what was added step by step, and the answer."""
+"""A diagnosis: what was scored, what was added step by step, and the answer.
+
+An effect may be larger than its prior allows. The prior then pulls the fit away from the data and
+punishes the right name: it is fitted with a prior as wide as its size, what that costs is in its
+evidence, and the verdict says that either the prior is too narrow or the cause is another.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +11,111 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from bayes_inertia.diagnosis.rules import Rules
-from bayes_inertia.diagnosis.wide_prior import BeyondPrior, beyond_prior
+import numpy as np
+
+from bayes_inertia.diagnosis.limits import LIMITS, Rules
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.optimizer import move_to, re_estimate
 from bayes_inertia.inference.residual_tests import ChannelTest
 from bayes_inertia.inference.treatment import DirtTreatment, records_of_dirt
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.forward_model import Model
+
+
+@dataclass(frozen=True)
+class BeyondPrior:
+    """An effect that is larger than its prior allows.
+
+    Parameters
+    ----------
+    effect : str
+        Its name.
+    parameter : str
+        Its parameter that lies furthest out.
+    value : float
+        What was fitted for it.
+    unit : str
+        Its unit.
+    prior_sds : float
+        How far it lies from where the effect does nothing, in sds of its prior as stated.
+    prior_scale : float
+        By how much the prior was widened.
+    """
+
+    effect: str
+    parameter: str
+    value: float
+    unit: str
+    prior_sds: float
+    prior_scale: float
+
+
+def within_prior(fitted: Estimate, effect: str, rules: Rules, *, tolerance: float) -> Estimate:
+    """Refit an effect with a wider prior, if the one that it has is exceeded.
+
+    `rules`: how far a parameter may lie from where it does nothing. Returns: the same object where
+    the prior is kept to. Priors are widened by powers of two.
+    """
+    for _ in range(LIMITS.rounds_of_prior):
+        distance = float(np.abs(_distances(fitted, effect)).max(initial=0.0))
+        if distance <= rules.prior_sd_at_most:
+            break
+        wide = move_to(fitted, _widened(fitted.model, effect, _power_of_two(distance)))
+        fitted = re_estimate(wide, wide.theta, wide.free, tolerance=tolerance)
+    return fitted
+
+
+def beyond_prior(
+    final: Estimate, effects: tuple[str, ...], rules: Rules
+) -> tuple[BeyondPrior, ...]:
+    """List the effects that are larger than their priors allow.
+
+    `rules`: how far a parameter may lie from where it does nothing.
+    """
+    scales = {effect.name: effect.prior_scale for effect in final.model.effects}
+    space, rows = final.model.space, []
+    for effect in effects:
+        part, distances = space.slice_of(effect), np.abs(_distances(final, effect))
+        distances = distances * scales[effect]
+        if distances.max(initial=0.0) <= rules.prior_sd_at_most:
+            continue
+        worst = int(np.argmax(distances))
+        k = part.start + worst
+        name = space.names[k].split(".", 1)[1]
+        rows.append(
+            BeyondPrior(
+                effect,
+                name,
+                float(final.theta[k]),
+                space.units[k],
+                float(distances[worst]),
+                scales[effect],
+            )
+        )
+    return tuple(rows)
+
+
+def _distances(fitted: Estimate, effect: str) -> np.ndarray:
+    """How far each amplitude lies from where it does nothing [prior sd]; 0 for shapes."""
+    space = fitted.model.space
+    part = space.slice_of(effect)
+    distance = (fitted.theta - space.nulls)[part] / space.sd[part]
+    return np.where([prior.logarithmic for prior in space.priors[part]], 0.0, distance)
+
+
+def _widened(model: Model, effect: str, factor: float) -> Model:
+    effects = tuple(
+        replace(e, prior_scale=factor * e.prior_scale) if e.name == effect else e
+        for e in model.effects
+    )
+    return Model(model.campaign, effects, model.structure.drive, model.noise)
+
+
+def _power_of_two(distance: float) -> float:
+    """The next one: sizes that differ by noise get one prior."""
+    return float(2.0 ** np.ceil(np.log2(distance)))
 
 
 @dataclass(frozen=True)
@@ -49,41 +151,15 @@ class AlternativeEffect:
     ----------
     effect : str
         Its name.
-    estimate : Estimate
-        The fit with it in place of the effect added.
     log_bayes_factor : float
-        Log evidence for it against the fit before the step.
+        Log evidence of its row of the table, less that of the row of the effects named.
     correlation : float
         Canonical correlation with the effect added: 1 if the data cannot tell them apart.
-    beside : tuple of str, optional
-        Effects that stand with it in that place: only together they explain the data.
-    replaces : tuple of str, optional
-        Effects of later steps that it makes needless as well.
     """
 
     effect: str
-    estimate: Estimate
     log_bayes_factor: float
     correlation: float
-    beside: tuple[str, ...] = ()
-    replaces: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class NamelessShape:
-    """A signal that no effect of the library describes.
-
-    Parameters
-    ----------
-    source : str
-        Where it enters: "body torque", "rate sensor", "wheel torque", "tachometers"; and what it
-        follows, as in "body torque that follows wheel momentum", where it follows something known.
-    log_bayes_factor : float
-        Log evidence for it against nothing.
-    """
-
-    source: str
-    log_bayes_factor: float
 
 
 @dataclass(frozen=True)
@@ -102,10 +178,6 @@ class Step:
         Effects that explain the data about as well.
     stochastic : bool
         Whether the effect has no fixed shape.
-    nameless : tuple of NamelessShape
-        Shapes without a name, weighed against the fit before, best evidence first.
-    compared : tuple of (str, float)
-        Effects that were refitted in its place, and their log evidence.
     """
 
     added: str
@@ -114,8 +186,6 @@ class Step:
     log_bayes_factor: float
     alternatives: tuple[AlternativeEffect, ...] = ()
     stochastic: bool = False
-    nameless: tuple[NamelessShape, ...] = ()
-    compared: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -144,13 +214,57 @@ class Hypothesis:
 
 
 @array_dataclass
+class AlternativeParameters:
+    """J and K if `effect` is the true one and not `instead_of`, which was named.
+
+    Parameters
+    ----------
+    effect : str
+        The effect assumed, or several joined by "and"; a value of `NAMELESS` for what has
+        no name; empty where nothing is missing, "others" for all further rows.
+    instead_of : str
+        The effects named, joined alike; empty for one more effect, see `undetected_alternatives`.
+    probability : float
+        Of this, from the evidence. What is missing from 1 in the sum over all alternatives belongs
+        to the effects named.
+    names : tuple of str
+        Of the elements of J and K.
+    mean : (9,) array
+        Of J and K, SI units.
+    covariance : (9, 9) array
+        By Laplace's approximation.
+
+    Examples
+    --------
+    >>> variance = np.full((1, 1), 4e-6)
+    >>> AlternativeParameters(
+    ...     "wheel_friction", "viscous_torque", 0.25, ("K1",), np.ones(1), variance
+    ... ).sd
+    array([0.002])
+    """
+
+    effect: str
+    instead_of: str
+    probability: float
+    names: tuple[str, ...]
+    mean: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Standard deviations (9,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+@array_dataclass
 class Diagnosis:
     """The answer.
 
     Parameters
     ----------
-    verdict : {"consistent", "named", "ambiguous", "unknown"}
-        What was found.
+    verdict : {"consistent", "named", "ambiguous", "partial", "unknown"}
+        What was found. "partial": what is named explains a part, beside it something without a
+        name.
     named : tuple of str
         Effects added.
     ambiguous_with : tuple of tuple of str
@@ -178,19 +292,16 @@ class Diagnosis:
         "misfit": the residuals are not explained. "imitation": the effects added would
         explain them, but a disturbance without a name does so better.
     nameless_lead : float
-        Log evidence by which a disturbance without a name (of free shape, or in proportion to
-        something known) explains the data better than what was named; -inf if nothing was.
+        Log odds of the best row with a shape without a name (free, or in proportion to something
+        known) against the best without; -inf if nothing was named.
     nameless_source : str
-        Where that disturbance enters; empty if nothing was named.
-    nameless_instead_of : int
-        The first of the steps, from 0, in whose place it stands.
+        Where that shape enters; empty if nothing was named.
     treatment : DirtTreatment
         What was done about dirt in the telemetry; its level is `noise`.
     hypotheses : tuple of Hypothesis
         Possible answers, most probable first; their probabilities add up to one.
-    displaced : tuple of Effect
-        Effects of fixed shape that the search added before one without a fixed shape took their
-        place. Where that one does not explain the data either, J and K are fitted with them.
+    other_rows : tuple of AlternativeParameters
+        J and K of all rows of the table but that of the effects named.
     """
 
     verdict: str
@@ -209,10 +320,9 @@ class Diagnosis:
     why_unknown: str = ""
     nameless_lead: float = -math.inf
     nameless_source: str = ""
-    nameless_instead_of: int = 0
     treatment: DirtTreatment = field(default_factory=DirtTreatment)
     hypotheses: tuple[Hypothesis, ...] = ()
-    displaced: tuple[Effect, ...] = ()
+    other_rows: tuple[AlternativeParameters, ...] = ()
 
     @property
     def effects_added(self) -> tuple[Effect, ...]:

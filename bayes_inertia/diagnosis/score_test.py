@@ -15,12 +15,35 @@ from itertools import pairwise
 import numpy as np
 from scipy import stats
 
-from bayes_inertia.diagnosis.evidence import log_bayes_factor_of
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
+from bayes_inertia.inference.noise_model import log_normalisation
+from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.maths.linear_algebra import canonical_correlation
 from bayes_inertia.maths.numerics import NUMERICS as MATHS_NUMERICS
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.physics.parameters import N_BASE
+
+
+def log_evidence_of_fit(estimate: Estimate) -> float:
+    """Compute the log density of the data under a fit's model, everything integrated out.
+
+    By Laplace's approximation around the fit itself. Fits whose noise differs can be compared.
+
+    Returns: up to a constant that all models of the same readings share; -inf where the fit has no
+    end.
+    """
+    if not np.isfinite(estimate.objective):
+        return -np.inf
+    slope, _ = prior_rows(estimate.model, estimate.theta)
+    priors = float(np.log(np.abs(slope[estimate.free])).sum())
+    half_log_det = 0.5 * float(np.linalg.slogdet(estimate.hessian)[1])
+    return (
+        log_normalisation(estimate.model, estimate.white)
+        - estimate.objective
+        + priors
+        - half_log_det
+    )
 
 
 @array_dataclass
@@ -40,8 +63,6 @@ class NonlinearCandidate:
         Degrees of freedom of the score if the effect is absent, but for being the best of many.
     trials : int
         How many independent ones it is the best of.
-    log_bayes_factor : float
-        Log evidence for it against nothing, to first order.
     """
 
     name: str
@@ -49,7 +70,6 @@ class NonlinearCandidate:
     score: float
     dof: int
     trials: int
-    log_bayes_factor: float
 
 
 @array_dataclass
@@ -125,17 +145,6 @@ class ScoreTests:
         nonlinear = self.nonlinear.get(self.names[k])
         trials = 1 if nonlinear is None else nonlinear.trials
         return -np.expm1(trials * np.log1p(-np.minimum(single, 1.0 - 1e-16)))
-
-    def log_bayes_factor(self, k: int) -> float:
-        """Compute the log evidence for a candidate against nothing, to first order."""
-        if self.names[k] in self.nonlinear:
-            return self.nonlinear[self.names[k]].log_bayes_factor
-        index = self.indices[k]
-        powers, directions = np.linalg.eigh(self.matrix[np.ix_(index, index)])
-        gradient = self.gradient[index]
-        if self.one_sided[k]:
-            gradient = np.maximum(gradient, 0.0)
-        return log_bayes_factor_of(gradient @ directions, powers)
 
     def amplitude(self, k: int) -> np.ndarray:
         """Compute the best amplitude of a candidate's parameters, to first order.
@@ -237,3 +246,14 @@ def score_tests(
         matrix=matrix,
         nonlinear={candidate.name: candidate for candidate in nonlinear},
     )
+
+
+def shift_per_amplitude(fit: LinearisedFit, free: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """How far what is left out moves the fit.
+
+    `free` (f,). `columns` (slews, numbers, n): changes of the whitened residuals by units of what
+    is left out. Returns (9, n): shift of J and K per unit; zero where they are held.
+    """
+    out, base = np.zeros((N_BASE, columns.shape[-1])), free < N_BASE
+    out[free[base]] = (fit.inverse_root.T @ fit.imitated(columns))[: len(free)][base]
+    return out

@@ -1,23 +1,20 @@
-"""What is missing in the model: add effects one by one, until none is significant.
+"""What is missing in the model: everything that may be is weighed in one table, and it is read off.
 
-Forward search with re-linearisation: at the current fit every candidate effect is scored at once
-(`score_test`). The family-wise threshold comes from simulating the joint distribution of all
-scores. The best few are refitted in full and compared by evidence (`refitting`). What the data
-cannot tell apart is reported as a set. Effects that a later one makes needless are dropped again
-(`pruning`). Effects without a fixed shape compete with what was added (`stochastic_contest`). What
-remains unexplained is called unknown (`conclusion`).
-
-Effects that a later one makes needless: they are dropped from the steps of a search.
+Dirt is treated first (`clean_start`). At the fit without effects every set of effects of the
+library, random signals and shapes without a name have their log evidence from one linear model
+(`linear_system`, `hypothesis_table`); the best row is refitted, and all are weighed again around it
+(`table_search`); the noise is measured again beside it, until it stays. A score test whose
+threshold is simulated guards the rate of false alarms. Verdict, steps, J and K of every row are
+read off (`table_verdict`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
 
 from bayes_inertia.campaign.block_means import without_surplus_rows
 from bayes_inertia.campaign.campaign import Campaign
@@ -25,7 +22,6 @@ from bayes_inertia.diagnosis.candidates import (
     CandidateEffects,
     candidate_effects,
     ranked_candidates,
-    score_candidates,
 )
 from bayes_inertia.diagnosis.clean_start import (
     CleanStart,
@@ -33,36 +29,299 @@ from bayes_inertia.diagnosis.clean_start import (
     clean_start,
     measured_again,
 )
-from bayes_inertia.diagnosis.conclusion import Outcome, conclude
-from bayes_inertia.diagnosis.evidence import log_bayes_factor
-from bayes_inertia.diagnosis.hypotheses import search_levels
-from bayes_inertia.diagnosis.refitting import ScoredRound, best_step
-from bayes_inertia.diagnosis.result import AlternativeEffect, Diagnosis, Step
-from bayes_inertia.diagnosis.rules import Rules
-from bayes_inertia.diagnosis.score_test import unfitted
-from bayes_inertia.diagnosis.stochastic_candidates import (
+from bayes_inertia.diagnosis.hypothesis_table import Names
+from bayes_inertia.diagnosis.limits import LIMITS, Rules
+from bayes_inertia.diagnosis.linear_system import candidate_of, parameters_of
+from bayes_inertia.diagnosis.random_signals import (
     STOCHASTIC_CANDIDATES,
+    StochasticCandidate,
+    as_candidates,
     p_values_decide,
-    stochastic_candidates,
     with_p_values,
 )
-from bayes_inertia.diagnosis.stochastic_contest import contest
+from bayes_inertia.diagnosis.residuals import correlations, final_tests, is_explained
+from bayes_inertia.diagnosis.result import (
+    AlternativeEffect,
+    AlternativeParameters,
+    Candidate,
+    Diagnosis,
+    Step,
+)
+from bayes_inertia.diagnosis.score_test import log_evidence_of_fit
+from bayes_inertia.diagnosis.table_search import (
+    Table,
+    fit_of,
+    fixed_part,
+    given_row,
+    table_of,
+    with_evidence,
+    with_stochastic,
+    without_effects,
+)
+from bayes_inertia.diagnosis.table_verdict import (
+    Reading,
+    hypotheses_of,
+    read_table,
+    unexplained_reading,
+)
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.optimizer import without_effect
+from bayes_inertia.inference.optimizer import move_to, re_estimate
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
-from bayes_inertia.maths.numerics import NUMERICS as MATHS_NUMERICS
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.effects import LIBRARY, FlexibleMode
+from bayes_inertia.physics.effects import LIBRARY
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 from bayes_inertia.progress import Progress, silent
 
-_MAX_NOISE_ROUNDS = 3
-# As how many tests all effects without a fixed shape count together: their p-values are of the
-# largest Bayes factor of all, or bounds of that.
-_RANDOM_TESTS = 1
+# What stands in place of the effects named where there are none.
+_NOTHING = "nothing"
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """What a table says, and the fits that belong to it.
+
+    Parameters
+    ----------
+    table : Table
+        All hypotheses.
+    reading : Reading
+        What they say.
+    begin : CleanStart
+        The noise and the fit without effects.
+    final : Estimate
+        The fit of the best row.
+    steps : tuple of Step
+        From the fit without effects to it.
+    candidates : tuple of Candidate
+        All candidates at the fit without effects, best evidence first.
+    threshold : float
+        p-value below which a candidate is significant.
+    """
+
+    table: Table
+    reading: Reading
+    begin: CleanStart
+    final: Estimate
+    steps: tuple[Step, ...]
+    candidates: tuple[Candidate, ...]
+    threshold: float
+
+
+def weigh_campaign(
+    begin: CleanStart,
+    effects: CandidateEffects,
+    stochastic: Sequence[StochasticEffect],
+    rules: Rules,
+    seed: int,
+    say: Progress,
+) -> Weighed:
+    """Weigh everything that may be missing, until noise and table agree."""
+    rng = np.random.default_rng([seed, 3])
+    for rounds_left in reversed(range(LIMITS.rounds_of_noise)):
+        say(f"weighing {_count(effects, stochastic)} effects and their sets", 0, 0)
+        table = table_of(begin.base, effects, stochastic, rules)
+        candidates, threshold = _scored(table, stochastic, rules, rng)
+        significant = any(c.p_value < threshold for c in candidates)
+        reading = read_table(table, rules, significant=significant)
+        fixed = fixed_part(frozenset(reading.named), table.refitted)
+        final = fit_of(table, fixed, begin.base, effects, rules) if fixed else begin.base
+        say("measuring the noise again", 0, 0)
+        again = measured_again(begin, final, _beside(table, fixed))
+        if again is None or not rounds_left:
+            break
+        base = again.base
+        if again.estimate is not again.base:
+            base = _without_effects(again.estimate, begin.base)
+        begin = replace(again, base=base, estimate=base)
+    random = [e for e in stochastic if e.name in reading.named]
+    if random:
+        say(f"fitting {random[0].name}", 0, 0)
+        own = _with_random(table, fixed, final, begin.base, random[0])
+        table, reading = own.table, read_table(own.table, rules, significant=True)
+        fixed = fixed_part(reading.row, table.refitted)
+        if random[0].name in reading.row:
+            begin, final = at_measured_level(begin, own.fits[fixed])
+        else:
+            final = fit_of(table, fixed, begin.base, effects, rules) if fixed else begin.base
+    steps = _steps(table, reading, final, begin.base, stochastic)
+    if not is_explained(final_tests(final), rules):
+        reading = unexplained_reading(table, reading)
+    steps = tuple(replace(s, alternatives=_alternatives(table, reading, s.added)) for s in steps)
+    return Weighed(table, reading, begin, final, steps, candidates, threshold)
+
+
+def _alternatives(table: Table, reading: Reading, added: str) -> tuple[AlternativeEffect, ...]:
+    """What could be there instead of an effect named."""
+    own = next((names for names in reading.ambiguous_with if names[0] == added), ())
+    tests = table.refitted[frozenset()].tests
+    found = []
+    for other in own[1:]:
+        rows = [row for row in table.rows if other in row and added not in row]
+        lead = table.log_evidence[rows[0]] - table.log_evidence[reading.row] if rows else -np.inf
+        known = added in tests.names and other in tests.names
+        correlation = tests.correlation_between(added, other) if known else np.nan
+        found.append(AlternativeEffect(other, float(lead), float(correlation)))
+    return tuple(found)
+
+
+def _count(effects: CandidateEffects, stochastic: Sequence[StochasticEffect]) -> int:
+    return len(effects.linear) + (effects.flexible_mode is not None) + len(stochastic)
+
+
+def _scored(
+    table: Table,
+    stochastic: Sequence[StochasticEffect],
+    rules: Rules,
+    rng: np.random.Generator,
+) -> tuple[tuple[Candidate, ...], float]:
+    """All candidates at the fit without effects, and the threshold of their p-values."""
+    first = table.refitted[frozenset()]
+    threshold = first.tests.threshold(
+        rules.false_alarm_probability, rng, further=LIMITS.random_tests
+    )
+    ranked = ranked_candidates(first.tests, first.log_evidence)
+    random = _beside(table, frozenset())
+    if not any(c.p_value < threshold for c in ranked) and p_values_decide(random):
+        response, fit = torque_response(first.estimate), first.linear.fit
+        own = rng.spawn(1)[0]
+        random = with_p_values(random, stochastic, first.random, fit, response, own)
+    rows = (*ranked, *as_candidates(random))
+    return tuple(sorted(rows, key=lambda row: -row.log_bayes_factor)), threshold
+
+
+def _beside(table: Table, fixed: Names) -> tuple[StochasticCandidate, ...]:
+    """Random signals beside a set of effects, best evidence first."""
+    found = []
+    for member in table.refitted[frozenset()].random:
+        row = fixed | {member.name}
+        if row not in table.log_evidence:
+            continue
+        found.append(candidate_of(member, table.log_evidence[row] - table.log_evidence[fixed]))
+    return tuple(sorted(found, key=lambda c: -c.log_bayes_factor))
+
+
+def _without_effects(estimate: Estimate, base: Estimate) -> Estimate:
+    """The fit without any effect, at another noise than before."""
+    space, theta = estimate.model.space, estimate.theta.copy()
+    theta[N_BASE:] = space.nulls[N_BASE:]
+    return re_estimate(estimate, theta, base.free[base.free < N_BASE])
+
+
+def _steps(
+    table: Table,
+    reading: Reading,
+    final: Estimate,
+    base: Estimate,
+    stochastic: Sequence[StochasticEffect],
+) -> tuple[Step, ...]:
+    """The effects of the best row one after the other, the best first, a random one last."""
+    random = {effect.name for effect in stochastic} & set(reading.named)
+    order: list[str] = []
+    for left in (set(reading.named) - random, set(random)):
+        while left:
+            best = max(left, key=lambda n: table.log_evidence.get(frozenset([*order, n]), -np.inf))
+            order.append(best)
+            left.remove(best)
+    steps: list[Step] = []
+    before, value = base, 0.0
+    for i, name in enumerate(order):
+        held = order[: i + 1]
+        after = final if i == len(order) - 1 else _part_of(final, base, held)
+        now = table.log_evidence.get(frozenset(held), value)
+        steps.append(Step(name, before, after, now - value, stochastic=name in random))
+        before, value = after, now
+    return tuple(steps)
+
+
+def _part_of(final: Estimate, base: Estimate, names: Sequence[str]) -> Estimate:
+    """The fit with only some of its effects of fixed shape, in a model without a random one."""
+    if any(isinstance(effect, StochasticEffect) for effect in final.model.effects):
+        fitted = {effect.name: effect for effect in final.effects_fitted}
+        kept = tuple(fitted.get(e.name, e) for e in base.model.effects)
+        more = tuple(fitted[n] for n in names if n not in {e.name for e in kept})
+        old = base.model
+        final = move_to(final, Model(old.campaign, (*kept, *more), old.structure.drive))
+    space, theta = final.model.space, final.theta.copy()
+    free = [i for i in final.free if i < N_BASE]
+    for effect in final.model.effects:
+        part = space.slice_of(effect.name)
+        if effect.name in names:
+            free += range(part.start, part.stop)
+        else:
+            theta[part] = space.nulls[part]
+    return re_estimate(final, theta, np.array(free))
+
+
+class _RandomRows(NamedTuple):
+    """A table whose rows with a random effect were refitted: fits by what stands beside it."""
+
+    table: Table
+    fits: dict[Names, Estimate]
+
+
+def _with_random(
+    table: Table, fixed: Names, before: Estimate, base: Estimate, effect: StochasticEffect
+) -> _RandomRows:
+    """Fit the best row that has a random effect, and this effect with fewer others.
+
+    Where the misfit is large a linear model around a fit without the random effect is rough: what
+    takes a part of it there may be needless beside it.
+    """
+    (found,) = (c for c in _beside(table, fixed) if c.effect == effect.name)
+    whole = with_stochastic(before, effect, found.start)
+    fits, own = {fixed: whole}, frozenset([effect.name])
+    for kept in {frozenset[str](), *(fixed - {name} for name in fixed)} - {fixed}:
+        if kept | own in table.log_evidence:
+            start = {effect.name: found.start}
+            fits[kept] = without_effects(whole, fixed - kept, base, start)
+    evidence = {kept: log_evidence_of_fit(fit) for kept, fit in fits.items()}
+    first = table.log_evidence[fixed | own] - evidence[fixed]
+    gained = {k: first + e - table.log_evidence[k | own] for k, e in evidence.items()}
+    rough = max(map(abs, gained.values())) > LIMITS.linear
+    best = max(evidence, key=lambda kept: evidence[kept] + table.log_prior[kept | own])
+    least = first + evidence[best] + table.log_prior[best | own]
+    values = {}
+    for row, value in table.log_evidence.items():
+        if own <= row and row - own in gained:
+            values[row] = value + gained[row - own]
+        # To first order around a fit without it, others beside the random effect may be rough.
+        elif not (own <= row and (rough or value + table.log_prior[row] > least)):
+            values[row] = value
+    return _RandomRows(with_evidence(table, values), fits)
+
+
+def other_rows(table: Table, named: Names) -> tuple[AlternativeParameters, ...]:
+    """J and K of all rows but that of the effects named; many improbable ones are one row."""
+    names = tuple(table.refitted[frozenset()].estimate.model.space.names[:N_BASE])
+    instead_of = " and ".join(sorted(named)) or _NOTHING
+    rows = []
+    for row, probability in table.rows.items():
+        if row != named and probability > LIMITS.negligible_probability:
+            mean, covariance = parameters_of(*given_row(table, row))
+            effects = " and ".join(sorted(row))
+            rows.append(
+                AlternativeParameters(effects, instead_of, probability, names, mean, covariance)
+            )
+    listed = [row for row in rows if row.probability > LIMITS.least_probability]
+    rest = [row for row in rows if row.probability <= LIMITS.least_probability]
+    return (*listed, _together(rest)) if rest else tuple(listed)
+
+
+def _together(rows: Sequence[AlternativeParameters]) -> AlternativeParameters:
+    """Several rows as one."""
+    weights = np.array([row.probability for row in rows])
+    total, weights = float(weights.sum()), weights / weights.sum()
+    means = np.array([row.mean for row in rows])
+    mean = weights @ means
+    spread = np.einsum("k,ki,kj->ij", weights, means - mean, means - mean)
+    within = np.einsum("k,kij->ij", weights, np.array([row.covariance for row in rows]))
+    return replace(
+        rows[0], effect="others", probability=total, mean=mean, covariance=within + spread
+    )
 
 
 @on_one_blas_thread
@@ -90,7 +349,7 @@ def diagnose(
     drive : {"commanded", "measured"}, optional
         What drives the model: torque commands or tachometers. By default what the campaign allows.
     rules : Rules, optional
-        Thresholds of the search; `Rules()` by default.
+        Thresholds of the verdict; `Rules()` by default.
     seed : int
         Of the optimizer's starts and of the simulated thresholds.
     as_stated : bool
@@ -148,149 +407,27 @@ def _diagnosed(
     seed: int,
     say: Progress,
 ) -> Diagnosis:
-    """The verdict of a search from a clean start."""
-    rng = np.random.default_rng([seed, 3])
-    rounds: list[ScoredRound] = []
-    steps: list[Step] = []
-    for rounds_left in reversed(range(_MAX_NOISE_ROUNDS)):
-        if begin.estimate is begin.base:
-            rounds, steps = [], []
-        candidates = _Candidates(effects.flexible_mode, stochastic)
-        steps, scored, final = _forward_search(begin.estimate, steps, candidates, rules, rng, say)
-        rounds += scored
-        say("measuring the noise again", 0, 0)
-        # An effect's own jumps can look like noise: measure the noise again, without them.
-        again = measured_again(begin, final, scored[-1].stochastic)
-        # Steps and fit are of one noise: without time for another search its shape stays.
-        if again is None or (again.estimate is again.base and not rounds_left):
-            break
-        begin, final = again, again.estimate
-    say(f"trying {len(stochastic)} effects without a fixed shape", 0, 0)
-    settled = contest(steps, final, rounds, stochastic, rules)
-    say("weighing all answers", 0, 0)
-    levels = search_levels(steps, final, rounds, settled.weighed)
-    final = settled.final
-    if settled.steps and settled.steps[-1].stochastic:
-        begin, final = at_measured_level(begin, final)
-    outcome = Outcome(rounds[0], levels, settled.steps, final, settled.displaced)
-    diagnosis = conclude(outcome, dict(begin.noise), effects.skipped, rules)
-    return replace(diagnosis, treatment=replace(begin.treatment, level=dict(begin.noise)))
-
-
-class _Candidates(NamedTuple):
-    """What is scored beside the linear candidates, which the model holds."""
-
-    flexible_mode: FlexibleMode | None
-    stochastic: Sequence[StochasticEffect]
-
-
-def _forward_search(
-    estimate: Estimate,
-    steps: list[Step],
-    candidates: _Candidates,
-    rules: Rules,
-    rng: np.random.Generator,
-    say: Progress,
-) -> tuple[list[Step], list[ScoredRound], Estimate]:
-    """Add effects until none is significant: the steps, all rounds, and the last fit."""
-    rounds: list[ScoredRound] = []
-    dropped: set[str] = set()
-    while True:
-        say(_scoring(estimate, candidates), 0, 0)
-        rounds.append(_score(estimate, candidates, rules, rng))
-        full = len(steps) >= rules.max_effects
-        step = None if full else best_step(rounds[-1], dropped, rules, say)
-        if step is None:
-            return steps, rounds, estimate
-        say(f"testing what {step.added} makes needless", 0, 0)
-        before = {s.added for s in steps}
-        steps = drop_needless([*steps, step], candidates.flexible_mode, rules)
-        estimate, dropped = steps[-1].after, dropped | (before - {s.added for s in steps})
-
-
-def _scoring(estimate: Estimate, candidates: _Candidates) -> str:
-    """The stage in which all candidates are scored."""
-    held, mode = [e.name for e in estimate.model.effects], candidates.flexible_mode
-    searched = mode is not None and mode.name not in held
-    return f"scoring {len(unfitted(estimate)) + searched + len(candidates.stochastic)} effects"
-
-
-def _score(
-    estimate: Estimate, candidates: _Candidates, rules: Rules, rng: np.random.Generator
-) -> ScoredRound:
-    fit, response = estimate.linearised(), torque_response(estimate)
-    effects, mode = candidates.stochastic, candidates.flexible_mode
-    tests = score_candidates(estimate, mode, fit, response)
-    threshold = tests.threshold(rules.false_alarm_probability, rng, further=_RANDOM_TESTS)
-    ranked = ranked_candidates(tests)
-    # Where nothing is significant nobody asks for what has no name.
-    significant = any(c.p_value < threshold for c in ranked)
-    weighed = stochastic_candidates(estimate, effects, fit, response, nameless=significant)
-    if not significant and p_values_decide(weighed):
-        weighed = with_p_values(weighed, effects, fit, response, rng.spawn(1)[0])
-    return ScoredRound(estimate, tests, ranked, threshold, mode, weighed)
-
-
-_NEEDLESS_P_VALUE = 0.01  # of the fitted amplitudes, above which an effect is needless
-
-
-def drop_needless(
-    steps: Sequence[Step], flexible_mode: FlexibleMode | None, rules: Rules
-) -> list[Step]:
-    """Drop effects, other than the newest, that the fit can do without.
-
-    `flexible_mode`: the candidate that has a model of its own. Returns: the steps that remain, as
-    if the others had not been taken.
-    """
-    kept = list(steps)
-    i = 0
-    while i < len(kept) - 1:
-        if is_needless(kept[-1].after, kept[i].added):
-            kept = _without_step(kept, i, flexible_mode, rules)
-        else:
-            i += 1
-    return kept
-
-
-def is_needless(estimate: Estimate, effect: str) -> bool:
-    """Test whether the amplitudes fitted for an effect are within their noise (Wald's test).
-
-    Only directions that the campaign can see count.
-    """
-    space = estimate.model.space
-    part = space.slice_of(effect)
-    amplitudes = np.arange(space.size)[part][[not p.logarithmic for p in space.priors[part]]]
-    sd = space.sd[amplitudes]
-    amplitude = (estimate.theta - space.nulls)[amplitudes] / sd
-    covariance = estimate.covariance[np.ix_(amplitudes, amplitudes)] / np.outer(sd, sd)
-    precision = np.linalg.inv(covariance)
-    powers, directions = np.linalg.eigh(precision - np.eye(len(amplitudes)))
-    visible = powers > MATHS_NUMERICS.visible_power
-    along = directions[:, visible].T @ precision @ amplitude
-    chi2 = np.sum(along**2 / powers[visible])
-    return bool(stats.chi2.sf(chi2, max(visible.sum(), 1)) > _NEEDLESS_P_VALUE)
-
-
-def _without_step(
-    steps: list[Step], i: int, flexible_mode: FlexibleMode | None, rules: Rules
-) -> list[Step]:
-    """The search as if step i had not been taken.
-
-    Its effect stays beside the next one, if it explains the data about as well and is alike.
-    """
-    dropped, kept, before = steps[i], list(steps[:i]), steps[i].before
-    for step in steps[i + 1 :]:
-        after = without_effect(step.after, dropped.added)
-        evidence = log_bayes_factor(before, after, step.added)
-        kept.append(replace(step, before=before, after=after, log_bayes_factor=evidence))
-        before = after
-    tests, successor = score_candidates(dropped.before, flexible_mode), kept[i]
-    correlation = tests.correlation_between(successor.added, dropped.added)
-    least = successor.log_bayes_factor - rules.log_evidence_margin
-    if correlation > rules.imitation_correlation and dropped.log_bayes_factor > least:
-        beside = AlternativeEffect(
-            dropped.added, dropped.after, dropped.log_bayes_factor, correlation
-        )
-        alternatives = (beside, *successor.alternatives)[: rules.max_alternatives]
-        kept[i] = replace(successor, alternatives=alternatives)
-    return kept
+    """The verdict of a table from a clean start."""
+    weighed = weigh_campaign(begin, effects, stochastic, rules, seed, say)
+    table, reading, noise = weighed.table, weighed.reading, dict(weighed.begin.noise)
+    return Diagnosis(
+        verdict=reading.verdict,
+        named=() if reading.verdict == "unknown" else tuple(s.added for s in weighed.steps),
+        ambiguous_with=reading.ambiguous_with,
+        candidates=weighed.candidates,
+        threshold=weighed.threshold,
+        steps=weighed.steps,
+        base=weighed.begin.base,
+        final=weighed.final,
+        noise=noise,
+        tests=final_tests(weighed.final),
+        rules=rules,
+        skipped=effects.skipped,
+        correlations=correlations(table.refitted[frozenset()].tests),
+        why_unknown=reading.why_unknown,
+        nameless_lead=reading.nameless_lead,
+        nameless_source=reading.nameless_source,
+        treatment=replace(weighed.begin.treatment, level=noise),
+        hypotheses=hypotheses_of(table),
+        other_rows=other_rows(table, reading.row),
+    )

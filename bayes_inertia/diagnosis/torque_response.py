@@ -1,14 +1,15 @@
-"""What any small body torque would do to the residuals, to first order, without simulating it.
+"""What small torques and sensor errors would do to the residuals, without simulating them.
 
 A torque at time t' moves the state by J^-1 tau dt'; carried back to the start of the slew by the
 transition matrix X of the perturbed motion it is a change of the start state, whose effect on all
 later telemetry is known. With c(t) = integral of X(t')^-1 (0, J^-1 tau) dt' the attitude and rate
-change by X(t) c(t). One set of six tangents a slew serves all torque histories.
+change by X(t) c(t). One set of six tangents a slew serves all torque histories, and the columns of
+effects without a fixed shape: no model is compiled for them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import jax
@@ -21,13 +22,16 @@ from bayes_inertia.inference.each_slew import of_all_slews, of_slew
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.noise_filter import innovations
 from bayes_inertia.maths import inertia_tensor, quaternion
+from bayes_inertia.maths.device_arrays import repeated
 from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.channels.channel import Channel, SensorAtFit
 from bayes_inertia.physics.model_data import Data
 from bayes_inertia.physics.prediction import Structure, acting_in, inertia_in, start_of
 from bayes_inertia.physics.simulator import simulate_slew
+from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory
 from bayes_inertia.physics.slew_input import without_slow_error
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
 @array_dataclass
@@ -186,3 +190,121 @@ def _tangents(
         return q, w, h, turn, dw
 
     return jax.vmap(one)(local, data.arrays.slews, data.arrays.telemetry, data.arrays.reference)
+
+
+_READINGS = ("rate_output", "attitude_output", "momentum_output")
+# Of the wheels: in the measured drive neither is compared with data.
+_OF_WHEELS = ("momentum_output", "delivered_torque")
+
+
+def coefficient_columns(response: TorqueResponse, effect: StochasticEffect) -> np.ndarray:
+    """Take the derivatives of the whitened residuals towards an effect's coefficients.
+
+    `response`: of the fit; the effect need not be part of its model. Returns (slews, numbers, k):
+    all channels one after the other; zero where the campaign does not see the effect.
+    """
+    model = response.estimate.model
+    hooks = tuple(
+        hook
+        for hook in (*_READINGS, "body_torque", "delivered_torque")
+        if effect.acts(hook) and not (model.structure.drive == "measured" and hook in _OF_WHEELS)
+    )
+    grid, contexts = response.time.shape[1], model.data.contexts
+    motion = (response.attitude, response.rate_B, response.wheel_momentum)
+    rate_S = response.rate_B @ model.campaign.rate_sensor.axes.T
+    # Of padding: the last instant again.
+    *path, rate_S = (repeated(x, contexts.time.shape[1]) for x in (*motion, rate_S))
+    states = np.zeros((*contexts.time.shape, 0))
+    inputs = contexts, Trajectory(contexts.time, *path, states), rate_S  # type: ignore[call-arg]
+    count = effect.coefficient_count(model.campaign)
+    parts = [_unit_signals(effect, hooks, count, *of_slew(k, inputs)) for k in range(model.n_slews)]
+    units = of_all_slews(parts, (grid,) * len(hooks))
+    return _changes(response, dict(zip(hooks, units, strict=True)), count)
+
+
+def _changes(response: TorqueResponse, units: Mapping[str, np.ndarray], count: int) -> np.ndarray:
+    """Changes of the whitened residuals by signals (slews, n, components, k) in hooks."""
+    estimate = response.estimate
+    campaign = estimate.model.campaign
+    torque_B, momentum = units.get("body_torque"), units.get("momentum_output")
+    if "delivered_torque" in units:
+        axes_B, delivered = campaign.wheel_axes_B, units["delivered_torque"]
+        momentum = _integral(delivered, response.time)
+        # The body feels the motor, and the gyroscopic torque of the momentum that the wheel took.
+        taken = np.einsum("iw,snwk->snik", axes_B, momentum)
+        gyroscopic = np.cross(response.rate_B[..., None], taken, axis=2)
+        torque_B = -np.einsum("iw,snwk->snik", axes_B, delivered) - gyroscopic
+    if torque_B is None:
+        torque_B = np.zeros((*response.time.shape, 3, count))
+    columns = response.residual_change(torque_B)
+    if "rate_output" in units:
+        factors = estimate.theta[6:9][:, None]
+        columns -= response.reading_change("rate", units["rate_output"] / factors)
+    if "attitude_output" in units:
+        columns -= response.reading_change("attitude", units["attitude_output"])
+    if momentum is not None:
+        columns -= response.reading_change("momentum", momentum)
+    return columns
+
+
+def _integral(held: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Integrals (slews, n, ...) of what is held over each interval of the grid."""
+    pieces = held[:, :-1] * np.diff(time, axis=1)[..., None, None]
+    return np.concatenate([np.zeros_like(held[:, :1]), np.cumsum(pieces, axis=1)], axis=1)
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def _unit_signals(
+    effect: StochasticEffect,
+    hooks: tuple[str, ...],
+    count: int,
+    contexts: SlewContext,
+    path: Trajectory,
+    rate_S: Array,
+) -> tuple[Array, ...]:
+    """What unit coefficients add in each hook (slews, n, components, k)."""
+
+    def one(slew: SlewContext, motion: Trajectory, reading: Array) -> tuple[Array, ...]:
+        def values(c: Array) -> tuple[Array, ...]:
+            return tuple(_value(effect, hook, c, slew, motion, reading) for hook in hooks)
+
+        still = jnp.zeros(count)
+        return jax.vmap(lambda unit: jax.jvp(values, (still,), (unit,))[1], out_axes=-1)(
+            jnp.eye(count)
+        )
+
+    return jax.vmap(one)(contexts, path, rate_S)
+
+
+def _value(
+    effect: StochasticEffect,
+    hook: str,
+    coefficients: Array,
+    slew: SlewContext,
+    motion: Trajectory,
+    rate_S: Array,
+) -> Array:
+    """What a hook gives along a slew (n, components); of attitudes the small rotation."""
+    p, attitude = {"coefficients": coefficients}, motion.attitude
+    if hook == "rate_output":
+        return effect.rate_output(p, slew, motion, rate_S)
+    if hook == "momentum_output":
+        return effect.momentum_output(p, slew, motion, motion.wheel_momentum)
+    if hook == "attitude_output":
+        turned = effect.attitude_output(p, slew, motion, attitude)
+        return 2.0 * quaternion.multiply(quaternion.conjugate(attitude), turned)[..., :3]
+    if hook == "delivered_torque":
+        return effect.delivered_torque(p, slew, slew.torque)
+
+    nothing = jnp.zeros(3)
+
+    def torque(t: Array, q: Array, rate_B: Array, momentum: Array, states: Array) -> Array:
+        # Without inertia and field: a random torque does not follow them.
+        state = State(q, rate_B, momentum, states, jnp.eye(3), nothing, nothing)
+        return effect.body_torque(p, slew, t, state)
+
+    return jax.vmap(torque)(*motion)
+
+
+# What is compiled for each effect and size of slew.
+PROGRAMS = (_unit_signals,)

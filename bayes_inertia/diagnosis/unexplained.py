@@ -1,42 +1,135 @@
 """What no candidate explains: the equivalent disturbance torque over time, and what it looks like.
 
 The torque is inferred with its band (`free_signal`) from an estimate's residuals. Its axis,
-spectrum and what it goes along with are then put into a sentence an engineer can act on
-(`signal_wording`). Where no torque explains the residuals, the same is tried with an error of the
-sensors, so that nobody looks for a torque that is not there.
+spectrum and what it goes along with are put into a sentence an engineer can act on. Where no torque
+explains the residuals, the same is tried with an error of the sensors, so that nobody looks for a
+torque that is not there.
 
-The spectrum of a signal in all slews together, and whether it has a line.
+Disturbances that no effect of the library describes still follow something as a rule, a driver: the
+square of the body rate, the momentum of the wheels, the field, the time. Along any axes they are
+linear in a few numbers; in the table they show that a name would be an imitation.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
+import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia.diagnosis.driven_disturbances import driven_evidence, drivers
-from bayes_inertia.diagnosis.free_signal import FreeSignal, infer_signal
-from bayes_inertia.diagnosis.signal_basis import (
+from bayes_inertia.diagnosis.free_signal import (
+    FreeSignal,
     body_torque,
+    infer_signal,
     momentum_reading,
     rate_reading,
     wheel_torque,
 )
+from bayes_inertia.diagnosis.hypothesis_table import log_evidence_of_columns
+from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
+from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.physics.effects.scales import torque_scale
 
-# p-value of what a torque leaves, above which nothing else is tried.
-_SUFFICIENT_P_VALUE = 1e-4
-# Log evidence by which another kind of signal must be better than a torque.
-_SENSOR_MARGIN = 10.0
-# Share of the excess of chi^2 above which a torque that is not sufficient still counts.
-_LEAST_EXPLAINED_SHARE = 0.5
-# Share of the torque's variance from which what is known explains it.
-_NAMED_VARIANCE_SHARE = 0.9
-# Effort of the wheels, as a share of the largest in the slew, from which they act.
-_ACTIVE_WHEEL_SHARE = 0.2
+CONSTANT = "constant in the body"
+COMMAND = "commanded wheel torque"
+CAMPAIGN_TIME = "time in the campaign"
+# What effects of the library follow with the same freedom: constant_torque, wheel_torque_gain with
+# wheel_misalignment, rate_bias and rate_bias_drift.
+DRIVEN_BY_LIBRARY = (
+    ("body torque", CONSTANT),
+    ("body torque", COMMAND),
+    ("rate sensor", CONSTANT),
+    ("rate sensor", CAMPAIGN_TIME),
+)
+
+
+def drivers(response: TorqueResponse) -> dict[str, np.ndarray]:
+    """List what a disturbance may be proportional to.
+
+    Returns: {name: (slews, n, k) array} on the integration grid, in SI units.
+    """
+    campaign = response.estimate.model.campaign
+    slews = response.estimate.model.data.arrays.slews
+    rate_B, time = response.rate_B, response.time
+    speed = np.linalg.norm(rate_B, axis=-1, keepdims=True)
+    # From the middle: counted from an epoch it would not differ from a constant.
+    since_middle = (
+        time + np.array([s.start for s in campaign.slews])[:, None] - 0.5 * sum(campaign.span)
+    )
+    known = {
+        CONSTANT: np.ones_like(speed),
+        "body rate": rate_B,
+        "square of the body rate": speed**2,
+        "products of body rates": np.stack(
+            [rate_B[..., i] * rate_B[..., j] for i in range(3) for j in range(i + 1)], -1
+        ),
+        "angular acceleration": _slope(rate_B, time),
+        "time in the slew": time[..., None],
+        CAMPAIGN_TIME: since_middle[..., None],
+    }
+    if campaign.wheels:
+        known["wheel momentum"] = response.wheel_momentum
+        known["square of the wheel momentum"] = response.wheel_momentum**2
+        if campaign.has_commands:
+            known[COMMAND] = np.asarray(slews.context.torque)
+    if all(s.magnetic_field_N is not None for s in campaign.slews):
+        known["magnetic field"] = np.asarray(
+            quaternion.to_body(jnp.asarray(response.attitude), slews.environment.magnetic_field_N)
+        )
+    return known
+
+
+def _slope(rate_B: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Angular acceleration (slews, n, 3); zero in padding."""
+    step = np.diff(time, axis=1)[..., None]
+    slope = np.divide(
+        np.diff(rate_B, axis=1), step, out=np.zeros_like(rate_B[:, 1:]), where=step > 0.0
+    )
+    return np.concatenate([slope, slope[:, -1:]], axis=1)
+
+
+def driven_columns(
+    response: TorqueResponse,
+) -> Iterator[tuple[tuple[str, str], np.ndarray]]:
+    """Columns (slews, numbers, k) of each disturbance in proportion to a driver, along any axes.
+
+    Returns: (source, driver) with each; the source is "body torque" or "rate sensor".
+    """
+    campaign = response.estimate.model.campaign
+    torque_size = torque_scale(campaign)
+    rate_size = LIMITS.rate_error_share * campaign.scale_of_motion()[0]
+    for name, values in drivers(response).items():
+        rms = np.sqrt(np.mean(values**2, axis=(0, 1)))
+        if not rms.max() > 0.0:
+            continue
+        # Component by component along each axis: unit values are one rms of the driver.
+        moving = rms > LIMITS.negligible_component * rms.max()
+        scaled = values[..., moving] / rms[moving]
+        along = np.einsum("snk,ij->snikj", scaled, np.eye(3))
+        along = along.reshape(*scaled.shape[:2], 3, -1)
+        change = response.residual_change(torque_size * along)
+        yield ("body torque", name), change
+        yield ("rate sensor", name), response.reading_change("rate", rate_size * along)
+
+
+def driven_evidence(response: TorqueResponse, fit: LinearisedFit) -> dict[tuple[str, str], float]:
+    """Weigh each disturbance in proportion to a driver against nothing.
+
+    Returns: {(source, driver): log evidence}.
+    """
+    return {key: _evidence(fit, columns) for key, columns in driven_columns(response)}
+
+
+def _evidence(fit: LinearisedFit, columns: np.ndarray) -> float:
+    """Log evidence for amplitudes of columns (slews, numbers, k) beyond all that is fitted."""
+    imitated = fit.imitated(columns)
+    matrix = np.einsum("snj,snk->jk", columns, columns, optimize=True) - imitated.T @ imitated
+    return log_evidence_of_columns(fit.projected_gradient(columns, imitated), matrix)
 
 
 @dataclass(frozen=True)
@@ -82,7 +175,7 @@ class UnexplainedSignal:
     matches : tuple of Match
         Of the torque along the axis, best first.
     driven_evidence : dict
-        Log evidence for a disturbance in proportion to something known (`driven_disturbances`).
+        Log evidence for a disturbance in proportion to something known (`drivers`).
     quiet_before : float or None
         rms of the torque before the wheels first act over its rms afterwards, where known.
     """
@@ -104,7 +197,7 @@ class UnexplainedSignal:
 
         None if there is no line in the spectrum, or something known explains the torque.
         """
-        known = self.matches and self.matches[0].share > _NAMED_VARIANCE_SHARE
+        known = self.matches and self.matches[0].share > LIMITS.known_share
         ringing = self.spectrum.line and self.source == "body torque" and not known
         return self.spectrum.peak if ringing else None
 
@@ -139,7 +232,7 @@ def unexplained_signal(estimate: Estimate) -> UnexplainedSignal:
 def _source(torque: FreeSignal, better: FreeSignal | None) -> str:
     if better is not None:
         return better.source
-    explains = torque.p_left > _SUFFICIENT_P_VALUE or torque.explained > _LEAST_EXPLAINED_SHARE
+    explains = torque.p_left > LIMITS.sufficient or torque.explained > LIMITS.least_explained
     return "body torque" if explains else "nothing smooth"
 
 
@@ -147,12 +240,12 @@ def _better_signal(
     fit: LinearisedFit, response: TorqueResponse, torque: FreeSignal
 ) -> FreeSignal | None:
     """The signal other than a body torque with the best evidence, if that is far better."""
-    if torque.p_left > _SUFFICIENT_P_VALUE:
+    if torque.p_left > LIMITS.sufficient:
         return None
     bases = [build(fit, response) for build in (rate_reading, wheel_torque, momentum_reading)]
     signals = [infer_signal(fit, basis) for basis in bases if basis is not None]
     best = max(signals, key=lambda s: s.log_evidence)
-    return best if best.log_evidence > torque.log_evidence + _SENSOR_MARGIN else None
+    return best if best.log_evidence > torque.log_evidence + LIMITS.sensor_margin else None
 
 
 def _main_axis(vectors: np.ndarray) -> tuple[np.ndarray, float]:
@@ -220,7 +313,7 @@ def _quiet_before(estimate: Estimate, time: np.ndarray, along: np.ndarray) -> fl
         if slew.wheel_torque is None:
             continue
         effort = np.linalg.norm(slew.wheel_torque, axis=1)
-        early = t < slew.time[np.argmax(effort > _ACTIVE_WHEEL_SHARE * effort.max())]
+        early = t < slew.time[np.argmax(effort > LIMITS.active_share * effort.max())]
         if np.count_nonzero(early) > 2:
             before.append(y[early])
             after.append(y[~early])
@@ -228,14 +321,6 @@ def _quiet_before(estimate: Estimate, time: np.ndarray, along: np.ndarray) -> fl
         return None
     power_before = np.mean(np.concatenate(before) ** 2)
     return float(np.sqrt(power_before / max(np.mean(np.concatenate(after) ** 2), 1e-300)))
-
-
-# Share of the power near its peak from which a spectrum has a line (white noise: less than a
-# tenth).
-_LINE_SHARE = 0.3
-_PADDING = 4  # times the length of the signal
-# In units of 1 / duration: what is slower is no ringing; half the width of a line.
-_SLOWEST, _HALF_WIDTH = 2.5, 3.0
 
 
 @array_dataclass
@@ -275,21 +360,124 @@ def spectrum_of(time: np.ndarray, signal: np.ndarray) -> Spectrum:
     n = signal.shape[1]
     steps = (time[:, -1] - time[:, 0]) / (n - 1)
     window = np.hanning(n)
-    frequency = np.fft.rfftfreq(_PADDING * n, steps.max())
+    frequency = np.fft.rfftfreq(LIMITS.padding * n, steps.max())
     swings = signal - signal.mean(1, keepdims=True)
-    transforms = np.fft.rfft(swings * window, _PADDING * n, axis=1)
+    transforms = np.fft.rfft(swings * window, LIMITS.padding * n, axis=1)
     periodograms = np.abs(transforms) ** 2 / np.sum(window**2)
     power = np.mean(
         [
-            np.interp(frequency, np.fft.rfftfreq(_PADDING * n, step), p)
+            np.interp(frequency, np.fft.rfftfreq(LIMITS.padding * n, step), p)
             for step, p in zip(steps, periodograms, strict=True)
         ],
         axis=0,
     )
     duration = n * float(np.median(steps))
-    fast = frequency > _SLOWEST / duration
+    fast = frequency > LIMITS.slowest / duration
     peak = float(frequency[fast][np.argmax(power[fast])]) if fast.any() else 0.0
-    near = np.abs(frequency - peak) < _HALF_WIDTH / duration
-    concentrated = power[near].sum() > _LINE_SHARE * power.sum()
+    near = np.abs(frequency - peak) < LIMITS.half_width / duration
+    concentrated = power[near].sum() > LIMITS.line_share * power.sum()
     swinging = float(np.mean(swings**2)) > 0.5 * float(np.mean(signal**2))
     return Spectrum(frequency, power, peak, bool(fast.any() and concentrated and swinging))
+
+
+def describe(signal: UnexplainedSignal) -> str:
+    """Put a signal into a sentence.
+
+    Returns: where it comes from, its axis, what it follows and its size; no full stop.
+    """
+    if signal.source == "nothing smooth":
+        removed = f"{100.0 * signal.torque.explained:.0f} %"
+        return (
+            f"no torque explains it (one that varies smoothly removes {removed} of the misfit), "
+            "nor does a smooth error of the rate sensor: look at single readings"
+        )
+    if signal.better_signal is not None:
+        return _other_source(signal.source, signal.better_signal)
+    if signal.frequency_hz is not None:
+        return _ringing(signal)
+    return _torque(signal)
+
+
+def _other_source(source: str, signal: FreeSignal) -> str:
+    """A signal that is no torque on the body."""
+    size = f"{signal.rms:.2g} {signal.unit} rms"
+    if source == "wheel torque":
+        return (
+            f"a torque between wheels and body that was not commanded ({size}): "
+            "the wheels do not deliver what they are told"
+        )
+    name = "rate sensor's" if source == "rate sensor" else "tachometers'"
+    return f"no torque explains it: it is in the sensors, an error of the {name} readings ({size})"
+
+
+def _ringing(signal: UnexplainedSignal) -> str:
+    """A torque with a line in its spectrum."""
+    axis, size = axis_name(signal.axis_B, signed=False), f"{signal.torque_rms:.2g} N m rms"
+    said = f"{signal.frequency_hz:.2g} Hz ringing about {axis}"
+    if signal.quiet_before is None:
+        return f"{said} ({size}): appendage, slosh or a wheel's imbalance"
+    if signal.quiet_before < LIMITS.quiet_ratio:
+        return f"{said} that begins when the wheels act ({size}): appendage or slosh"
+    return (
+        f"{said} all the time, also before the wheels act ({size}): "
+        "something that runs by itself, such as a wheel's imbalance or a pump"
+    )
+
+
+def _torque(signal: UnexplainedSignal) -> str:
+    """A torque without a line in its spectrum."""
+    size = f"{signal.torque_rms:.2g} N m rms"
+    one_axis = signal.axis_share > LIMITS.one_axis_share
+    axis = f"about {axis_name(signal.axis_B)}" if one_axis else "about changing axes"
+    driver = _driver(signal)
+    if driver == CONSTANT:
+        return f"a torque constant {axis} in all slews ({size})"
+    if driver is not None:
+        word = "growing with" if driver.startswith("time") else "proportional to"
+        return f"a torque {axis}, {word} the {driver} ({size})"
+    best = signal.matches[0] if signal.matches else None
+    nearest = (
+        f"; it goes along best with the {best.name} ({100.0 * best.share:.0f} % of it)"
+        if best is not None and best.share > LIMITS.mentioned_share
+        else ""
+    )
+    return (
+        f"a torque {axis} that changes within about {float(f'{signal.torque.length:.2g}'):g} s, "
+        f"without a line in its spectrum ({size}){nearest}"
+    )
+
+
+def _driver(signal: UnexplainedSignal) -> str | None:
+    """What the torque is proportional to.
+
+    The best by evidence, if that is not worse than a torque of any shape.
+    """
+    torques = {
+        driver: evidence
+        for (source, driver), evidence in signal.driven_evidence.items()
+        if source == "body torque"
+    }
+    best = max(torques, key=torques.__getitem__)
+    # Squares of rates are nearly constant in a campaign of like slews: the simpler word wins a near
+    # tie.
+    chosen = CONSTANT if torques[CONSTANT] > torques[best] - LIMITS.tied else best
+    return chosen if torques[chosen] > signal.torque.log_evidence - LIMITS.tied else None
+
+
+def axis_name(axis_B: np.ndarray, *, signed: bool = True) -> str:
+    """Put a direction into words.
+
+    `axis_B` (3,). Returns: "+x" where it is within 15 degrees of a body axis, its components
+    elsewhere.
+
+    Examples
+    --------
+    >>> axis_name(np.array([0.0, -0.99, 0.1])), axis_name(np.array([0.6, 0.8, 0.0]))
+    ('-y', '(0.60, 0.80, 0.00)')
+    >>> axis_name(np.array([0.0, -1.0, 0.0]), signed=False)
+    'y'
+    """
+    i = int(np.argmax(np.abs(axis_B)))
+    if abs(axis_B[i]) > np.cos(np.radians(LIMITS.named_axis)):
+        return ("-" if axis_B[i] < 0 else "+") * signed + "xyz"[i]
+    return "(" + ", ".join(f"{x + 0.0:.2f}" for x in np.round(axis_B, 2)) + ")"

@@ -169,7 +169,7 @@ def check_gates(
     """
     context = context or FitContext()
     gates = [_converged(diagnostics), _explained(estimate, context), prior_gate(estimate)]
-    if context.verdict == "unknown":
+    if context.verdict in ("partial", "unknown"):
         says = _what_is_missing(estimate)
         gates.append({"name": "diagnosed", "passed": False, "says": says})
     return gates
@@ -215,7 +215,7 @@ def _explained(estimate: Estimate, context: FitContext) -> dict[str, Any]:
             "; look for the missing effect with `diagnose`, and do not read sd as the uncertainty"
         )
         # After a diagnosis its own gate says what to do.
-        advice = "" if context.verdict == "unknown" else advice
+        advice = "" if context.verdict in ("partial", "unknown") else advice
         says = f"the model does not explain the data: {', '.join(sizes)}{advice}"
     return {"name": "explained", "passed": not large, "says": says}
 

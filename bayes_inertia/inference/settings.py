@@ -127,7 +127,7 @@ class FitContext:
         By channel: by which factor a diagnosis found the noise to exceed the stated one. It was
         taken in this fit.
     verdict : str, optional
-        Of the diagnosis: "consistent", "named", "ambiguous" or "unknown".
+        Of the diagnosis: "consistent", "named", "ambiguous", "partial" or "unknown".
 
     Examples
     --------

@@ -223,16 +223,15 @@ def known_momentum(
 ) -> KnownMomentum:
     """Wheel momentum that follows from held commands, or from tachometers.
 
-        `torque` (n, wheels): torque delivered to the wheels and held over each grid step [N m].
+    `torque` (n, wheels): torque delivered to the wheels and held over each grid step [N m].
 
-        Examples
-        --------
-        >>> from bayes_inertia.physics.numerics import NUMERICS
-    from bayes_inertia.physics.slew_input import idle_slew
-        >>> slew = idle_slew([0.0, 1.0, 2.0, 3.0])
-        >>> torque = jnp.array([[1.0], [0.0], [0.0], [0.0]])
-        >>> known_momentum(slew, torque, "commanded", 2).at_rows[:, 0].tolist()
-        [0.0, 1.0, 1.0, 1.0]
+    Examples
+    --------
+    >>> from bayes_inertia.physics.slew_input import idle_slew
+    >>> slew = idle_slew([0.0, 1.0, 2.0, 3.0])
+    >>> torque = jnp.array([[1.0], [0.0], [0.0], [0.0]])
+    >>> known_momentum(slew, torque, "commanded", 2).at_rows[:, 0].tolist()
+    [0.0, 1.0, 1.0, 1.0]
     """
     context = slew.context
     steps = step_grid(context.time, context.step, rows_per_step, xp)

@@ -50,6 +50,9 @@ def answer_text(row: Mapping[str, Any]) -> str:
     >>> answer_text({"kind": "effects", "effects": ["rate_bias", "wheel_friction"]})
     'rate bias and wheel friction'
     """
+    if row["kind"] == "nameless" and row["effects"]:
+        names = [plain(name) for name in row["effects"]]
+        return listed([*names, "something without a name"])
     words = {
         "nothing": "nothing is missing",
         "nameless": "an unmodelled disturbance",

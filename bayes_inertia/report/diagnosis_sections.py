@@ -170,7 +170,7 @@ def _changes_section(content: Mapping[str, Any]) -> Section | None:
     context = {
         "rows": rows,
         "channels": [channel_name(channel) for channel in measured],
-        "unexplained": content["verdict"] == "unknown",
+        "unexplained": content["verdict"] in ("partial", "unknown"),
     }
     return Section("What adding effects changes", packaged("changes.html"), context, pictures)
 
@@ -210,10 +210,10 @@ def _answers_section(content: Mapping[str, Any]) -> Section | None:
 def _alternatives_section(content: Mapping[str, Any]) -> Section | None:
     """J and K with each effect of the ambiguous sets; None if there is no set.
 
-    None where the verdict is "unknown", too: its steps are not those of the fit below.
+    None where a part has no name, too: the steps are not those of the fit below.
     """
     alternatives = content.get("alternatives")
-    if not alternatives or content["verdict"] == "unknown":
+    if not alternatives or not content["steps"] or content["verdict"] in ("partial", "unknown"):
         return None
     rows = []
     for i, (name, shift) in enumerate(content["steps"][-1]["shift"].items()):

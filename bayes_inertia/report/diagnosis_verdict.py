@@ -16,7 +16,6 @@ from bayes_inertia.report.diagnosis_wording import (
     nameless_signal,
     nameless_text,
     step_text,
-    together_texts,
     window_text,
 )
 from bayes_inertia.report.dirt_wording import dirt_sentences
@@ -36,6 +35,7 @@ _LEVELS: dict[str, Level] = {
     "consistent": "good",
     "named": "good",
     "ambiguous": "caution",
+    "partial": "caution",
     "unknown": "bad",
 }
 
@@ -97,6 +97,9 @@ def headline(content: Mapping[str, Any]) -> str:
         return f"Nothing is missing that these slews show: {dirt}the model explains the data."
     if verdict == "unknown":
         return "Something is missing that no candidate explains."
+    if verdict == "partial":
+        names = listed([plain(name) for name in named])
+        return f"Found a part of what is missing: {names}. Beside it something has no name."
     if verdict == "ambiguous":
         choices = "; and ".join(either_or([plain(name) for name in names]) for names in sets)
         sure = [plain(name) for name in named if not any(name in names for names in sets)]
@@ -156,7 +159,7 @@ def _on_probabilities(content: Mapping[str, Any]) -> list[str]:
 def _on_noise(content: Mapping[str, Any]) -> list[str]:
     """Sensors that are louder than stated."""
     louder = {channel_name(c): factor for c, factor in content["noise"].items() if factor > 1.0}
-    if content["verdict"] == "unknown":
+    if content["verdict"] in ("partial", "unknown"):
         # What is fast and unexplained passes for noise.
         return [
             f"From sample to sample the {sensor} scatters {factor:.2f} times as much "
@@ -180,12 +183,12 @@ def _on_next_slews(content: Mapping[str, Any]) -> list[str]:
             f"{listed([plain(name) for name in names]).capitalize()} would look so alike "
             "in this campaign that naming one of them would be a guess."
         )
-    if content["ambiguous_with"]:
-        sentences += [text for step in content["steps"] for text in together_texts(step)]
     return sentences + [separating_text(slew) for slew in content.get("separating", [])]
 
 
 def _on_what_is_unknown(content: Mapping[str, Any]) -> list[str]:
+    if content["verdict"] == "partial":
+        return _on_a_part(content)
     if content["verdict"] != "unknown":
         return []
     if content.get("why_unknown") == "imitation":
@@ -200,6 +203,17 @@ def _on_what_is_unknown(content: Mapping[str, Any]) -> list[str]:
             f"None of the {n_tried} candidates brings the residuals down to the noise, "
             "so none is named."
         ]
+    if content["unknown"]:
+        sentences.append(f"What is left looks like this: {content['unknown']['description']}.")
+    return sentences
+
+
+def _on_a_part(content: Mapping[str, Any]) -> list[str]:
+    """What share of the misfit the names explain, and what is left."""
+    sentences = [
+        f"Of the misfit, {plain(step['added'])} explains {100.0 * step['share']:.0f} %."
+        for step in content["steps"]
+    ]
     if content["unknown"]:
         sentences.append(f"What is left looks like this: {content['unknown']['description']}.")
     return sentences
@@ -224,7 +238,7 @@ def _on_skipped(content: Mapping[str, Any]) -> list[str]:
 def _on_the_fit_below(content: Mapping[str, Any]) -> list[str]:
     """Which model the numbers further down the page are of."""
     steps = content["steps"]
-    if content["verdict"] == "unknown":
+    if content["verdict"] in ("partial", "unknown"):
         # The fit's own gate says what was fitted along, and what that does not hold.
         return []
     if not steps:

@@ -62,9 +62,9 @@ def probabilities(content: Mapping[str, Any]) -> list[tuple[str, float]]:
     """
     alternatives = content["alternatives"]
     replaced = list(dict.fromkeys(a["instead_of"] for a in alternatives))
-    rows = []
+    rows: list[tuple[str, float]] = []
     for alternative in alternatives:
-        effect = plain(alternative["effect"])
+        effect = plain(alternative["effect"]) or "nothing"
         if len(replaced) > 1:
             effect += f" instead of {plain(alternative['instead_of'])}"
         rows.append((effect, alternative["probability"]))
@@ -87,7 +87,8 @@ def averaging_text(content: Mapping[str, Any]) -> str:
     )
     if gap < LAYOUT.negligible_difference_sd:
         return f"{text}; it makes no difference to them."
-    return f"{text}: if it is {plain(effect)}, {name} is {gap:.1f} sd from where the first has it."
+    case = plain(effect) or "nothing"
+    return f"{text}: if it is {case}, {name} is {gap:.1f} sd from where the first has it."
 
 
 def nameless_text(content: Mapping[str, Any]) -> str:
@@ -185,26 +186,6 @@ def step_text(step: Mapping[str, Any], candidates: Sequence[Mapping[str, Any]]) 
         if candidate["effect"] == step["added"] and candidate["parameters"]:
             return f"{text}. {parameters_text(candidate['parameters'])}"
     return f"{text}."
-
-
-def together_texts(step: Mapping[str, Any]) -> list[str]:
-    """Where one effect may stand in place of several, or several together in place of one.
-
-    Examples
-    --------
-    >>> together_texts({"added": "torque_noise", "alternatives": [
-    ...     {"effect": "viscous_torque", "beside": ["magnetic_dipole"], "replaces": []}]})
-    ['Instead of torque noise there would be viscous torque and magnetic dipole together.']
-    """
-    texts = []
-    for other in step["alternatives"]:
-        if other.get("beside"):
-            names = listed([plain(name) for name in (other["effect"], *other["beside"])])
-            texts.append(f"Instead of {plain(step['added'])} there would be {names} together.")
-        if other.get("replaces"):
-            names = listed([plain(name) for name in (step["added"], *other["replaces"])])
-            texts.append(f"Instead of {names} there would be {plain(other['effect'])} alone.")
-    return texts
 
 
 def parameters_text(parameters: Mapping[str, Mapping[str, Any]]) -> str:

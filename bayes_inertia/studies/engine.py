@@ -10,7 +10,6 @@ of the tasks.
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 import re
@@ -29,7 +28,7 @@ from bayes_inertia.errors import BayesInertiaError, OutputError, StudyError
 from bayes_inertia.files import read_bytes, write_atomically
 from bayes_inertia.folder_lock import working_in
 from bayes_inertia.progress import Progress
-from bayes_inertia.sealing import SEAL_KEY, sealed
+from bayes_inertia.sealing import SEAL_KEY, sealed, sha256_of
 from bayes_inertia.studies.limits import LIMITS
 from bayes_inertia.studies.work import Row, Task, TaskFailure, Work, WorkResult, task_seed
 from bayes_inertia.studies.workers import IN_PROCESS, Engine, Workers, open_workers
@@ -128,7 +127,7 @@ def _rows_of_0_4(folder: Path, study: str) -> Iterator[tuple[str, Row]]:
         data = read_bytes(path)
         for stated in list(re.finditer(rb"bayes-inertia-sha256:([0-9a-f]{64})", data))[-1:]:
             bare = data[: stated.start(1)] + b"0" * 64 + data[stated.end(1) :]
-            if hashlib.sha256(bare).hexdigest().encode() == stated[1]:
+            if sha256_of(bare).encode() == stated[1]:
                 table = pq.read_table(io.BytesIO(data))
                 if json.loads(table.schema.metadata[b"bayes_inertia"])["study"] == study:
                     yield from ((row.pop("task"), row) for row in table.to_pylist())

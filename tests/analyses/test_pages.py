@@ -73,14 +73,14 @@ DEFINITIONS = {
         "a factor of 20 either way (95 %), times a factor of 4",
     ),
     "method/diagnosis.md": (
-        "more than 3 in log evidence",
-        "falls below it in 2 % of\ncampaigns",
+        "all undercuts in 2 % of\ncampaigns",
         "weight of 1 % up to",
-        "4 prior sds from zero",
+        "A parameter beyond 4 prior sds",
         "about 5 in log evidence",
     ),
     "method/forecasts.md": ("median and 95 %",),
     "method/trust.md": ("at least 400 effective", "more than 5 prior sds"),
+    "method/uncertainty.md": ("Rows of less than 2 %",),
 }
 _CODE = re.compile(r"```.*?```|:::.*?$|`[^`]*`|\]\([^)]*\)|<!--.*?-->", re.DOTALL | re.MULTILINE)
 

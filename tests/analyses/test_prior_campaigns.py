@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_inertia.diagnosis.prior_of_sets import log_prior_of_set
+from bayes_inertia.diagnosis.hypothesis_table import log_prior_of_set
 
 MEMBERS, DRAWS = 25, 4000
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from support.refits import fitted_with
 
-from bayes_inertia.diagnosis.blind_spots import (
+from bayes_inertia.diagnosis.quoted_parameters import (
     largest_shifts,
     noncentrality_at_even_odds,
+    undetected_alternatives,
     undetected_effects,
 )
-from bayes_inertia.diagnosis.undetected_averaging import undetected_alternatives
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import ParameterSpace

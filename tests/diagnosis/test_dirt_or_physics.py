@@ -17,7 +17,7 @@ from bayes_inertia.diagnosis.clean_start import (
     clean_start,
     measured_again,
 )
-from bayes_inertia.diagnosis.rules import Rules
+from bayes_inertia.diagnosis.limits import Rules
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.treatment import DirtTreatment

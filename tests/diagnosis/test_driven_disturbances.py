@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_inertia.diagnosis.driven_disturbances import CONSTANT, driven_evidence, drivers
 from bayes_inertia.diagnosis.torque_response import torque_response
+from bayes_inertia.diagnosis.unexplained import CONSTANT, driven_evidence, drivers
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.small_campaign import small_campaign

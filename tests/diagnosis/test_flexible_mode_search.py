@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_inertia.diagnosis.flexible_mode_search import (
+from bayes_inertia.diagnosis.candidates import (
     best_flexible_mode,
     frequencies,
     restarted_with_mode,
@@ -63,7 +63,7 @@ def test_a_planted_ringing_comes_back(searched):
     delta *= np.sqrt(40.0 / np.linalg.norm(somewhere.products @ products_of(delta)))
     found = search(noise - somewhere.products @ products_of(delta))
     assert abs(found.frequency - somewhere.frequency) < np.diff(frequencies(response))[0]
-    assert found.log_bayes_factor > 10.0 > somewhere.log_bayes_factor
+    assert p_value(somewhere) > 1e-3
     assert p_value(found) < 1e-6
     along = abs(found.coupling @ delta) / np.linalg.norm(delta)
     assert along == pytest.approx(np.linalg.norm(delta), rel=0.25)

@@ -3,18 +3,20 @@
 Tolerances are four Monte Carlo errors of brute force.
 """
 
+from dataclasses import replace
 from types import MethodType, SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.special import logsumexp
 
-from bayes_inertia.diagnosis.random_significance import RandomSignal, p_values_of_largest
-from bayes_inertia.diagnosis.signal_evidence import (
-    ProjectedSignal,
-    SignalPrior,
-    projected_signal,
-    signal_evidence,
+from bayes_inertia.diagnosis.hypothesis_table import (
+    RandomMember,
+    log_evidence_of_random,
+    signal_of,
 )
+from bayes_inertia.diagnosis.limits import LIMITS
+from bayes_inertia.diagnosis.random_signals import p_values_of_largest, projected_signal
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.maths.linear_algebra import inverse_root
 
@@ -61,12 +63,20 @@ def signals(fit):
     first = rng.normal(size=(SLEWS, NUMBERS, K))
     second = first + 0.5 * rng.normal(size=first.shape)
     first[..., 0] = fit.columns[..., 0]
-    each = [np.broadcast_to(scale * np.eye(K), (SLEWS, K, K)) for scale in (1.0, 2.0)]
+    each = [scale * np.eye(SLEWS * K) for scale in (1.0, 2.0)]
     shared = np.linalg.cholesky(0.7 + 0.3 * np.eye(SLEWS))
-    return (
-        RandomSignal(first, SignalPrior(each, np.array([1.0, 0.5]), 3.0)),
-        RandomSignal(second, SignalPrior([np.kron(shared, np.eye(K))], np.ones(1), 3.0)),
-    )
+    return (first, each, (1.0, 0.5)), (second, [np.kron(shared, np.eye(K))], (1.0,))
+
+
+def family(fit, signals):
+    """Columns, and members of the table, of signals."""
+    members = []
+    for columns, roots, odds in signals:
+        projected, n = projected_signal(fit, columns), SLEWS * K
+        matrix, gradient = projected.matrix.reshape(n, n), projected.gradient.ravel()
+        forms = [signal_of(matrix, gradient, np.zeros((n, 0)), root, 3.0) for root in roots]
+        members.append(RandomMember("", forms, np.log(odds)))
+    return [columns for columns, *_ in signals], members
 
 
 def brute_force(fit, signals, added, seed):
@@ -75,13 +85,9 @@ def brute_force(fit, signals, added, seed):
     noise = np.full((SLEWS, NUMBERS), np.hypot(1.0, added))
     residual = fit.replicates(rng, CAMPAIGNS, noise)
     largest = np.full(CAMPAIGNS, -np.inf)
-    for signal in signals:
-        matrix = projected_signal(fit, signal.columns).matrix
-        gradient = np.einsum("snk,snd->dsk", signal.columns, residual)
-        values = [
-            signal_evidence(ProjectedSignal(g, matrix), signal.prior).log_bayes_factor
-            for g in gradient
-        ]
+    for columns, member in zip(*family(fit, signals), strict=True):
+        gradient = np.einsum("snk,snd->skd", columns, residual).reshape(SLEWS * K, -1)
+        values = logsumexp(log_evidence_of_random(member, gradient), axis=0)
         largest = np.maximum(largest, values)
     return largest
 
@@ -89,13 +95,15 @@ def brute_force(fit, signals, added, seed):
 def test_p_values_are_those_of_many_campaigns_without_a_signal(fit, signals):
     largest = brute_force(fit, signals, 0.0, 3)
     shares = (largest[:, None] >= LOG_B).mean(0)
-    told = p_values_of_largest(fit, signals, LOG_B, np.random.default_rng(4), 4000)
+    told = p_values_of_largest(fit, *family(fit, signals), LOG_B, np.random.default_rng(4), 4000)
     error = np.sqrt(told * (1.0 - told) / CAMPAIGNS)
     assert np.all(shares > 0.0)
     assert np.all(np.abs(shares - told) < 4.0 * error + 0.02 * told)
     # The bound by Markov's inequality is far above, and one candidate alone is not the family.
     assert np.all(np.exp(-LOG_B[2:]) > shares[2:] + 4.0 * error[2:])
-    alone = p_values_of_largest(fit, signals[:1], LOG_B, np.random.default_rng(4), 4000)
+    alone = p_values_of_largest(
+        fit, *family(fit, signals[:1]), LOG_B, np.random.default_rng(4), 4000
+    )
     assert alone[1] < 0.8 * told[1]
 
 
@@ -104,7 +112,7 @@ def test_p_values_of_campaigns_without_a_signal_are_uniform_and_with_one_small(f
     limit = 4.0 * np.sqrt(levels * (1.0 - levels) / CAMPAIGNS)
     for added, holds in ((0.0, True), (1.0, False)):
         largest = brute_force(fit, signals, added, 5)
-        p = p_values_of_largest(fit, signals, largest, np.random.default_rng(6), 4000)
+        p = p_values_of_largest(fit, *family(fit, signals), largest, np.random.default_rng(6), 4000)
         shares = (p[:, None] < levels).mean(0)
         assert np.all(np.abs(shares - levels) < limit + 0.05 * levels) is np.bool_(holds)
 
@@ -113,14 +121,14 @@ def test_a_simulation_in_batches_is_as_exact(fit, signals, monkeypatch):
     def repeated(first_seed):
         return np.array(
             [
-                p_values_of_largest(fit, signals, LOG_B, np.random.default_rng(seed))
+                p_values_of_largest(fit, *family(fit, signals), LOG_B, np.random.default_rng(seed))
                 for seed in range(first_seed, first_seed + 8)
             ]
         )
 
     whole = repeated(10)
-    module = "bayes_inertia.diagnosis.random_significance._AT_ONCE"
-    monkeypatch.setattr(module, SLEWS * NUMBERS * 300)
+    few = replace(LIMITS, numbers_at_once=SLEWS * NUMBERS * 300)
+    monkeypatch.setattr("bayes_inertia.diagnosis.random_signals.LIMITS", few)
     parts = repeated(20)
     error = np.hypot(whole.std(0), parts.std(0)) / np.sqrt(len(whole))
     assert np.all(np.abs(whole.mean(0) - parts.mean(0)) < 4.0 * error)
@@ -133,7 +141,11 @@ def test_wide_priors_lose_nothing_in_rounding(signals):
         np.array(
             [
                 p_values_of_largest(
-                    linear_fit(width), signals, LOG_B, np.random.default_rng(seed), 2000
+                    linear_fit(width),
+                    *family(linear_fit(width), signals),
+                    LOG_B,
+                    np.random.default_rng(seed),
+                    2000,
                 )
                 for seed in range(first, first + 6)
             ]

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_inertia.diagnosis.residual_scan import SIGNIFICANT_P_VALUE, scan_residuals, scan_windows
+from bayes_inertia.diagnosis.limits import LIMITS
+from bayes_inertia.diagnosis.residuals import scan_residuals, scan_windows
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.forward_model import Model
 
@@ -27,7 +28,7 @@ def test_perfect_campaigns_give_uniform_p_values(flying):
     p = np.array([scan_residuals(at, seed=i).p_value for i, at in enumerate(fits)])
     assert stats.kstest(p, "uniform").pvalue > 1e-3
     n = sum(bool(scan_residuals(at, seed=i).windows) for i, at in enumerate(fits))
-    assert n <= stats.binom.ppf(0.9999, len(fits), SIGNIFICANT_P_VALUE)
+    assert n <= stats.binom.ppf(0.9999, len(fits), LIMITS.significant)
 
 
 @pytest.mark.slow

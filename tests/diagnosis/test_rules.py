@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from bayes_inertia.diagnosis.rules import Rules
+from bayes_inertia.diagnosis.limits import Rules
 from bayes_inertia.errors import SettingsError
 
 
@@ -14,14 +14,13 @@ from bayes_inertia.errors import SettingsError
         ("false_alarm_probability", 0.0),
         ("false_alarm_probability", 2.0),
         ("misfit_p_value", 1.0),
-        ("refit_share", -0.1),
         ("imitation_correlation", 1.1),
         ("max_refits", 0),
         ("max_refits", 2.5),
         ("max_refits", 6.0),
         ("max_effects", math.nan),
         ("max_effects", math.inf),
-        ("max_effects", -1),
+        ("max_effects", 0),
         ("log_evidence_margin", -1.0),
         ("log_evidence_margin", math.nan),
         ("max_effects", "four"),
@@ -33,5 +32,5 @@ def test_a_threshold_outside_its_range_is_an_error_that_names_it(name, value):
 
 
 def test_the_edges_of_the_ranges_are_inside():
-    Rules(refit_share=0.0, imitation_correlation=1.0, max_refits=1, max_effects=0)
+    Rules(imitation_correlation=1.0, max_refits=1, max_effects=1)
     Rules(log_evidence_margin=0.0)

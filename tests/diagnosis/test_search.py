@@ -9,8 +9,7 @@ import pytest
 
 from bayes_inertia.app.diagnosed_fit import fitted_effects
 from bayes_inertia.app.diagnosis_json import next_fit_from
-from bayes_inertia.diagnosis.nameless import nameless_rival, nameless_shapes
-from bayes_inertia.diagnosis.rules import Rules
+from bayes_inertia.diagnosis.limits import Rules
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
 from bayes_inertia.inference.treatment import with_measured_noise
@@ -144,14 +143,10 @@ def test_effects_that_only_imitate_another_are_not_named(
         campaign, library=rigid_library, rules=rules, progress=lambda *a: stages.append(a[0])
     )
     assert stages[0] == "fitting J and K, measuring the noise"
-    assert sum(s.startswith("scoring ") for s in stages) > len(found.steps)
-    assert sum(s.startswith("refitting with ") for s in stages) >= len(found.steps)
+    assert any(s.startswith("weighing ") for s in stages)
     assert (found.verdict, found.named) == ("unknown", ())
     assert found.steps
     assert found.nameless_source.startswith("body torque")
-    shapes = nameless_shapes(found.steps)
-    rival = nameless_rival(found.steps, len(found.candidates), shapes)
-    assert found.nameless_lead == pytest.approx(rival.log_bayes_factor, rel=1e-9)
     assert found.nameless_lead > rules.log_evidence_margin
     assert lagging.nameless_lead < -rules.log_evidence_margin
     content = content_of(found, unexplained=unexplained_signal(found.base)) | {

@@ -5,20 +5,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from scipy.special import logsumexp
 
-from bayes_inertia.diagnosis.coefficient_columns import coefficient_columns
-from bayes_inertia.diagnosis.prior_of_sets import cost_of_further
-from bayes_inertia.diagnosis.random_refits import with_stochastic, without_effects
-from bayes_inertia.diagnosis.stochastic_candidates import (
+from bayes_inertia.diagnosis.hypothesis_table import log_evidence_of_random
+from bayes_inertia.diagnosis.limits import LIMITS
+from bayes_inertia.diagnosis.linear_system import (
+    linear_model,
+    random_members,
+    stochastic_candidates,
+)
+from bayes_inertia.diagnosis.random_signals import (
     STOCHASTIC_CANDIDATES,
     StochasticCandidate,
     medians,
-    stochastic_candidates,
     usable,
     with_p_values,
 )
-from bayes_inertia.diagnosis.stochastic_contest import best_level
-from bayes_inertia.diagnosis.torque_response import torque_response
+from bayes_inertia.diagnosis.table_search import with_stochastic, without_effects
+from bayes_inertia.diagnosis.torque_response import coefficient_columns, torque_response
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.coefficients import prior_roots
 from bayes_inertia.inference.hyperparameters import PROGRAMS
@@ -26,6 +30,7 @@ from bayes_inertia.inference.likelihood import padded_sensitivities
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.physics.effects import STOCHASTIC, ConstantTorque
+from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
 from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
 from bayes_inertia.physics.forward_model import Model
 
@@ -75,8 +80,9 @@ def test_the_usual_candidates_are_the_named_ones():
 @pytest.mark.long
 @pytest.mark.slow
 def test_of_a_clean_campaign_nothing_random_is_significant(plain):
-    weighed = stochastic_candidates(plain, STOCHASTIC_CANDIDATES)
-    assert {c.effect for c in weighed} == {"", *(e.name for e in STOCHASTIC_CANDIDATES)}
+    linear = linear_model(plain, (), plain.objective)
+    weighed = stochastic_candidates(linear, plain, STOCHASTIC_CANDIDATES)
+    assert {c.effect for c in weighed} == {e.name for e in STOCHASTIC_CANDIDATES}
     assert max(c.log_bayes_factor for c in weighed) < 5.0
 
 
@@ -85,13 +91,16 @@ def test_p_values_of_a_fit_are_of_the_whole_family_and_below_the_bound(plain):
     share of Markov's bound where that is small. A campaign of too many slews keeps the bound.
     """
     fit, response = plain.linearised(), torque_response(plain)
+    linear = linear_model(plain, (), plain.objective)
     some = [e for e in STOCHASTIC_CANDIDATES if e.name in ("rate_random_walk", "torque_noise")]
+    members = random_members(linear, plain, some, nameless=False)
+    one = [m for m in members if m.name == some[0].name]
     levels = [-2.0, 0.0, 2.0, 4.0, 6.0]
     asked = [StochasticCandidate("torque_noise", "body torque", level) for level in levels]
     p, bound = (
         np.array([c.p_value for c in candidates])
         for candidates in (
-            with_p_values(asked, some, fit, response, np.random.default_rng(1)),
+            with_p_values(asked, some, members, fit, response, np.random.default_rng(1)),
             asked,
         )
     )
@@ -99,12 +108,13 @@ def test_p_values_of_a_fit_are_of_the_whole_family_and_below_the_bound(plain):
     assert p[0] > 0.5
     assert np.all(p[2:] < 0.5 * bound[2:])
     assert np.all(p > 0.0)
-    one = with_p_values(asked, some[:1], fit, response, np.random.default_rng(1))
-    assert one[2].p_value < p[2]
+    alone = with_p_values(asked, some, one, fit, response, np.random.default_rng(1))
+    assert alone[2].p_value < p[2]
     with pytest.MonkeyPatch.context() as patched:
-        module = sys.modules[with_p_values.__module__]
-        patched.setattr(module, "_LARGEST_MATRICES", 1.0)
-        assert with_p_values(asked, some, fit, response, np.random.default_rng(1)) == tuple(asked)
+        module = sys.modules[random_members.__module__]
+        patched.setattr(module, "LIMITS", replace(LIMITS, largest_matrices=1.0))
+        many = random_members(linear, plain, some, nameless=False)
+    assert with_p_values(asked, some, many, fit, response, None) == tuple(asked)
 
 
 @dataclass(frozen=True)
@@ -128,26 +138,35 @@ def walking(campaign, density, seed):
 
 
 @pytest.mark.slow
-def test_a_walk_is_weighed_as_one_process_over_the_campaign(clean, monkeypatch):
-    """Its values in several slews belong together: that tells it from other shapes. On knots, and
-    where it is filtered out.
-    """
+def test_a_walk_is_weighed_as_one_process_over_the_campaign(clean):
+    """Its values in several slews belong together: that tells it from other shapes."""
     gains = []
     for seed in range(4):
         campaign = walking(clean, 0.03 * clean.rate_sensor.sigma[0], seed)
         fit = optimizer.estimate(Model(campaign), starts=1, discount=False)
-        for on_knots in (False, True):
-            with monkeypatch.context() as patched:
-                if on_knots:
-                    module = sys.modules[stochastic_candidates.__module__]
-                    patched.setattr(module, "filtered_effects", lambda *_: ())
-                one, apart = (
-                    stochastic_candidates(fit, [effect], nameless=False)[0].log_bayes_factor
-                    for effect in (RateRandomWalk(), WalkOfEachSlew())
-                )
-            gains.append(one - apart)
-    for found in (gains[::2], gains[1::2]):
-        assert np.mean(found) > 2.0 * np.std(found) / np.sqrt(len(found))
+        linear = linear_model(fit, (), fit.objective)
+        one, apart = (
+            stochastic_candidates(linear, fit, [effect])[0].log_bayes_factor
+            for effect in (RateRandomWalk(), WalkOfEachSlew())
+        )
+        gains.append(one - apart)
+    assert np.mean(gains) > 2.0 * np.std(gains) / np.sqrt(len(gains))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("alike", [True, False])
+def test_a_drift_that_restarts_alike_in_all_slews_is_told_from_one_of_each_slew(clean, alike):
+    rng, drift = np.random.default_rng(3), 0.4 * clean.rate_sensor.sigma[0]
+    slopes = rng.normal(size=(1 if alike else len(clean.slews), 3)) * np.ones((len(clean.slews), 1))
+    slews = [
+        replace(s, rate=s.rate + drift * (s.time - s.time[0])[:, None] / np.ptp(s.time) * slope)
+        for s, slope in zip(clean.slews, slopes, strict=True)
+    ]
+    fit = optimizer.estimate(Model(replace(clean, slews=tuple(slews))), starts=1, discount=False)
+    linear = linear_model(fit, (), fit.objective)
+    (member,) = random_members(linear, fit, [RateBiasSlewDrift()], nameless=False)
+    of_each, of_all = (logsumexp(x) for x in np.split(log_evidence_of_random(member), 2))
+    assert (of_all > of_each + 1.0) if alike else (of_each > of_all + 1.0)
 
 
 @pytest.mark.slow
@@ -177,16 +196,3 @@ def test_noise_that_the_campaign_states_is_no_candidate(clean):
     kept = usable(STOCHASTIC_CANDIDATES, stated, 1000)
     assert {e.name for e in kept} == names - {"rate_random_walk"}
     assert usable(STOCHASTIC_CANDIDATES, stated, 10**9) == ()
-
-
-def test_a_random_effect_replaces_the_names_that_imitate_it():
-    """It takes the place of both; one that is needed beside the first is added to it; and where
-    names explain the data they stay.
-    """
-    none = -np.inf
-    assert best_level([30.0, 20.0], [80.0, 40.0, none], 25)[0] == 0
-    assert best_level([300.0, 20.0], [80.0, 40.0, none], 25)[0] == 1
-    level, lead = best_level([300.0], [80.0, 40.0], 25)
-    assert (level, lead) == (1, pytest.approx(40.0 - cost_of_further(1, 1, 25)))
-    assert best_level([300.0, 200.0], [80.0, 40.0, none], 25)[1] < 0.0
-    assert best_level([], [12.0], 25) == (0, pytest.approx(12.0 - cost_of_further(0, 1, 25)))

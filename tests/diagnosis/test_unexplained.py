@@ -7,12 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayes_inertia.diagnosis.driven_disturbances import CONSTANT
-from bayes_inertia.diagnosis.free_signal import infer_signal
-from bayes_inertia.diagnosis.signal_basis import body_torque, cardinal_splines
-from bayes_inertia.diagnosis.signal_wording import describe
+from bayes_inertia.diagnosis.free_signal import body_torque, cardinal_splines, infer_signal
 from bayes_inertia.diagnosis.torque_response import torque_response
-from bayes_inertia.diagnosis.unexplained import unexplained_signal
+from bayes_inertia.diagnosis.unexplained import CONSTANT, describe, unexplained_signal
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model

@@ -7,12 +7,11 @@ import pytest
 
 from bayes_inertia.app.diagnosis_json import to_json
 from bayes_inertia.app.investigation import Investigation
-from bayes_inertia.diagnosis.residual_scan import Window, scan_residuals
+from bayes_inertia.diagnosis.residuals import Window, scan_residuals
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict, headline
-from bayes_inertia.report.diagnosis_wording import together_texts
 
 
 def test_noise_is_worded_as_noise():
@@ -34,16 +33,6 @@ def test_ambiguity_is_worded_as_such():
         headline(content) == "Something is missing: either wheel friction or viscous torque. "
         "This campaign cannot tell which. Besides: rate bias."
     )
-
-
-def test_one_effect_and_several_are_not_worded_as_single_ones():
-    low = {"effect": "star_tracker_low_frequency", "beside": [], "replaces": ["wheel_friction"]}
-    plain = {"effect": "rate_bias", "correlation": 0.9}
-    step = {"added": "star_tracker_shift", "alternatives": [low, plain]}
-    assert together_texts(step) == [
-        "Instead of star tracker shift and wheel friction there would be "
-        "star tracker low frequency alone."
-    ]
 
 
 @pytest.mark.slow

@@ -1,16 +1,27 @@
-"""Effects without a fixed shape as candidates, and shapes without a name as their rivals.
+"""Effects without a fixed shape, and shapes without a name: their coefficients and significance.
 
-Every candidate is weighed to first order at a fit (`signal_evidence`). Where a process on knots or
-pieces can act, two rivals without a name can act as well: a signal that is smooth (a squared-
-exponential kernel, of any length), and one that is the same in every slew. What is random in the
-sense of a candidate is neither.
+A signal of unit size has coefficients c = T z, z standard normal; with size a the data are r = D a
+T z + e beyond all that is fitted. With A = D^T P D and g = D^T P r, P projecting off the fit with
+its priors, the log evidence against no signal is
 
-Roots of the prior covariance of a candidate's coefficients, at one size and one shape.
+    1/2 sum_i [ a^2 u_i^2 / (1 + a^2 l_i) - log(1 + a^2 l_i) ],
 
-A fit takes the coefficients of two slews as independent. Some processes go on between slews (a
-random walk); where candidates are weighed, these are one process over the whole campaign.
+l the eigenvalues of T^T A T and u the gradient T^T g along its eigenvectors. It is averaged over
+sizes and over shapes (a correlation time) with their prior. A fit takes the coefficients of two
+slews as independent; here a process that goes on between slews is one over the campaign. Where a
+process on knots can act, two rivals without a name can act as well: a signal that is smooth (a
+squared-exponential kernel, of any length), and one that is the same in every slew.
 
-An error of the tachometers of free shape: no effect of the library has knots there.
+Such an average has a mean of one without its signal, so that its p-value is at most one over it
+(Markov's inequality). That bound is too cautious by a factor of about 20. The p-value itself is
+simulated, all candidates together: with B_i the Bayes factor of candidate i among n,
+
+    P(max B >= b) = E[ 1(max B >= b) / mean B ],
+
+the expectation over campaigns each of which has one of the signals, drawn from its prior
+(importance sampling: `mean B` is how much more probable such a campaign is with the signals than
+without). A thousand campaigns are enough for any p-value, because all of them are near b or
+above it.
 """
 
 from __future__ import annotations
@@ -22,28 +33,17 @@ from typing import ClassVar
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from scipy.special import logsumexp
 
-from bayes_inertia.diagnosis.coefficient_columns import PROGRAMS, coefficient_columns
-from bayes_inertia.diagnosis.filtered_candidates import (
-    filtered_candidate,
-    filtered_effects,
-    is_strong,
+from bayes_inertia.diagnosis.hypothesis_table import (
+    RandomMember,
+    draw_coefficients,
+    log_evidence_of_random,
 )
-from bayes_inertia.diagnosis.prior_sizes import LARGEST_RANDOM_SIZE
-from bayes_inertia.diagnosis.random_significance import RandomSignal, p_values_of_largest
-from bayes_inertia.diagnosis.signal_evidence import (
-    GainOfSizes,
-    ProjectedSignal,
-    SignalEvidence,
-    SignalPrior,
-    gain_of_one_process,
-    projected_signal,
-    signal_evidence,
-)
-from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
+from bayes_inertia.diagnosis.limits import LIMITS
+from bayes_inertia.diagnosis.result import Candidate
+from bayes_inertia.diagnosis.torque_response import TorqueResponse, coefficient_columns
 from bayes_inertia.inference.coefficients import prior_roots
-from bayes_inertia.inference.compiled_programs import forget_surplus
-from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
@@ -62,6 +62,115 @@ from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.stated_noise import stated_terms
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
+NAMELESS = {
+    "body torque": "nameless_body_torque",
+    "wheel torque": "nameless_wheel_torque",
+    "rate sensor": "nameless_rate_error",
+    "tachometers": "nameless_tachometer_error",
+    "star tracker": "nameless_star_tracker_error",
+}
+
+
+@array_dataclass
+class ProjectedSignal:
+    """Coefficients of all slews, everything fitted projected off.
+
+    Parameters
+    ----------
+    gradient : (slews, k) array
+        g, by slew.
+    matrix : (slews, k, slews, k) array
+        A: what is fitted in common couples slews.
+    """
+
+    gradient: np.ndarray
+    matrix: np.ndarray
+
+    def repeated(self) -> ProjectedSignal:
+        """The same if the coefficients are one draw for all slews."""
+        return ProjectedSignal(
+            self.gradient.sum(0, keepdims=True), self.matrix.sum((0, 2))[None, :, None]
+        )
+
+
+def projected_signal(
+    fit: LinearisedFit, columns: np.ndarray, imitated: np.ndarray | None = None
+) -> ProjectedSignal:
+    """Project everything fitted off a signal.
+
+    `imitated` (unknowns, slews k). `columns` (slews, numbers, k): changes of its whitened residuals
+    by the coefficients of each slew.
+    """
+    slews, _, k = columns.shape
+    gradient, matrix = np.zeros((slews, k)), np.zeros((slews, k, slews, k))
+    for s, own in enumerate(columns):
+        gradient[s] = own.T @ fit.residual[s]
+        matrix[s, :, s] = own.T @ own
+    imitated = imitated_share(fit, columns) if imitated is None else imitated
+    matrix -= (imitated.T @ imitated).reshape(matrix.shape)
+    fitted = (imitated.T @ fit.whitened_gradient).reshape(slews, k)
+    return ProjectedSignal(fitted - gradient, matrix)
+
+
+def imitated_share(fit: LinearisedFit, columns: np.ndarray) -> np.ndarray:
+    """The share of each slew's columns that the fit imitates.
+
+    `columns` (slews, numbers, k). Returns (unknowns, slews k).
+    """
+    slews, _, k = columns.shape
+    coupled = np.zeros((len(fit.inverse_root), slews, k))
+    for s, own in enumerate(columns):
+        coupled[fit.index(s), s] = fit.columns[s].T @ own
+    return fit.inverse_root @ coupled.reshape(len(coupled), -1)
+
+
+def p_values_of_largest(
+    fit: LinearisedFit,
+    columns: Sequence[np.ndarray],
+    members: Sequence[RandomMember],
+    log_bayes_factors: np.ndarray,
+    rng: np.random.Generator,
+    draws: int = LIMITS.draws,
+) -> np.ndarray:
+    """Probability that the largest of all Bayes factors is so large where nothing is random.
+
+    `columns` of (slews, numbers, k): changes of the whitened residuals by the coefficients of each
+    member. `log_bayes_factors` (m,). Returns (m,).
+    """
+    imitated = [imitated_share(fit, own) for own in columns]
+    batches = int(np.ceil(draws * fit.residual.size / LIMITS.numbers_at_once))
+    simulated = [
+        _simulated(fit, columns, imitated, members, rng, len(some))
+        for some in np.array_split(np.arange(draws), batches)
+    ]
+    evidence = np.concatenate(simulated, axis=1)
+    weight = np.exp(np.log(len(members)) - logsumexp(evidence, axis=0))
+    above = evidence.max(0) >= np.asarray(log_bayes_factors)[:, None]
+    return np.minimum((above * weight).sum(1) / draws, 1.0)
+
+
+def _simulated(
+    fit: LinearisedFit,
+    columns: Sequence[np.ndarray],
+    imitated: Sequence[np.ndarray],
+    members: Sequence[RandomMember],
+    rng: np.random.Generator,
+    n: int,
+) -> np.ndarray:
+    """Log Bayes factors (members, n) in campaigns that have one of the signals each."""
+    data = rng.standard_normal((*fit.residual.shape, n)) * fit.valid[..., None]
+    owner = np.arange(n) % len(members)
+    for i, (own, member) in enumerate(zip(columns, members, strict=True)):
+        drawn = draw_coefficients(member, rng, int(np.sum(owner == i)))
+        data[..., owner == i] += own @ drawn.reshape(len(own), -1, drawn.shape[-1])
+    fitted = fit.inverse_root @ fit.simulated_gradient(rng, data)
+    found = []
+    for own, share, member in zip(columns, imitated, members, strict=True):
+        gradient = (np.swapaxes(own, 1, 2) @ data).reshape(-1, n) - share.T @ fitted
+        found.append(logsumexp(log_evidence_of_random(member, gradient), axis=0))
+    return np.stack(found)
+
+
 # Where in a slew's signal chain an effect enters, in the words of `unexplained`.
 SOURCES = {
     "body_torque": "body torque",
@@ -70,18 +179,6 @@ SOURCES = {
     "momentum_output": "tachometers",
     "attitude_output": "star tracker",
 }
-# Correlation times that are tried, in prior sds from the median.
-_SHAPES = np.linspace(-2.0, 2.0, 5)
-# Length scales of a smooth signal: from this share of the knots' spacing to the whole slew.
-_SHORTEST, _LENGTHS = 0.7, 6
-_JITTER = 1e-9  # of the smooth kernel's variance
-# Largest log evidence of all: below the first nothing is found, and above the second the bound by
-# Markov's inequality is enough. Between them p-values are simulated.
-_WEAK, _CLEAR = 1.5, 9.0
-# Effects of more numbers than these in their columns are left out, to save memory.
-_MOST_NUMBERS = 5e7
-# P-values are not simulated if that takes matrices of more numbers, to save memory.
-_LARGEST_MATRICES = 5e7
 
 STOCHASTIC_CANDIDATES: tuple[StochasticEffect, ...] = tuple(
     e for e in STOCHASTIC if isinstance(e, StochasticEffect) and e not in REMAINDERS
@@ -128,49 +225,22 @@ class StochasticCandidate:
         return float(np.exp(-max(self.log_bayes_factor, 0.0)))
 
 
-def stochastic_candidates(
-    estimate: Estimate,
-    effects: Sequence[StochasticEffect],
-    fit: LinearisedFit | None = None,
-    response: TorqueResponse | None = None,
-    *,
-    nameless: bool = True,
-) -> tuple[StochasticCandidate, ...]:
-    """Weigh effects without a fixed shape, and shapes without a name, at a fit.
+def as_candidates(weighed: Sequence[StochasticCandidate]) -> tuple[Candidate, ...]:
+    """The rows of effects without a fixed shape among those of the library.
 
-    `effects`: the first parameter of each scales its signal, the others give it its shape.
-    `nameless`: whether shapes without a name are weighed too: they take as long again. Returns:
-    best evidence first; effects that the campaign cannot have or see are left out.
+    Returns: their degrees of freedom are the parameters, their score is twice the log evidence.
     """
-    forget_surplus(PROGRAMS)
-    fit, response = fit or estimate.linearised(), response or torque_response(estimate)
-    campaign, drive = estimate.model.campaign, estimate.model.structure.drive
-    numbers, shapes = fit.residual.size, (TachometerShape(),) if nameless else ()
-    named = usable(effects, fit.model, numbers)
-    both = (*named, *usable(shapes, fit.model, numbers))
-    model = Model(campaign, both, drive)
-    roots = [_roots_at(model, x) for x in _SHAPES]
-    candidates: list[StochasticCandidate] = []
-    on_knots: dict[StochasticEffect, SignalEvidence] = {}
-    gains: dict[StochasticEffect, GainOfSizes] = {}
-    for i, effect in enumerate(both):
-        columns = coefficient_columns(response, effect)
-        if columns.any():
-            own = [of_all[i] for of_all in roots]
-            signal = projected_signal(fit, columns)
-            on_knots[effect] = _on_knots(effect, model, signal, own)
-            at_best = own[on_knots[effect].shape]
-            if at_best.across is not None and is_strong(on_knots[effect]):
-                gains[effect] = gain_of_one_process(signal, at_best.best, at_best.each)
-            if nameless:
-                candidates += _without_a_name(effect, model, signal, [x.blocks for x in own])
-    filtered = filtered_effects(fit, on_knots)
-    for effect, evidence in on_knots.items():
-        if effect in filtered:
-            candidates.append(_filtered(effect, model, evidence, fit, gains.get(effect)))
-        else:
-            candidates.append(_weighed(effect, model, evidence))
-    return tuple(sorted(candidates, key=lambda c: -c.log_bayes_factor))
+    return tuple(
+        Candidate(
+            effect=c.effect,
+            dof=len(c.start),
+            score=max(2.0 * c.log_bayes_factor, 0.0),
+            p_value=c.p_value,
+            log_bayes_factor=c.log_bayes_factor,
+        )
+        for c in weighed
+        if c.effect
+    )
 
 
 def p_values_decide(weighed: Sequence[StochasticCandidate]) -> bool:
@@ -185,36 +255,29 @@ def p_values_decide(weighed: Sequence[StochasticCandidate]) -> bool:
     [False, True, False]
     """
     largest = max((c.log_bayes_factor for c in weighed if c.effect), default=0.0)
-    return _WEAK < largest < _CLEAR
+    return LIMITS.weak < largest < LIMITS.clear
 
 
 def with_p_values(
     weighed: Sequence[StochasticCandidate],
     effects: Sequence[StochasticEffect],
+    members: Sequence[RandomMember],
     fit: LinearisedFit,
     response: TorqueResponse,
     rng: np.random.Generator,
 ) -> tuple[StochasticCandidate, ...]:
     """Simulate how probable such evidence is where nothing is random.
 
-    Returns: the same with p-values; in campaigns of very many slews they stay bounds, to save
-    memory.
+    `members`: of the effects, at the fit. Returns: the same with p-values; in campaigns of very
+    many slews they stay bounds, to save memory.
     """
-    kept = usable(effects, fit.model, fit.residual.size)
-    counts = [e.coefficient_count(fit.model.campaign) for e in kept]
-    squares = len(_SHAPES) * (len(fit.residual) * np.array(counts)) ** 2
-    if not kept or squares.sum() > _LARGEST_MATRICES:
+    of_each = {e.name: e for e in effects}
+    members = [m for m in members if m.name in of_each]
+    if not members or not all(len(s.basis) for m in members for s in m.signals):
         return tuple(weighed)
-    model = Model(fit.model.campaign, kept, fit.model.structure.drive)
-    roots = [_roots_at(model, x) for x in _SHAPES]
-    signals = []
-    for i, effect in enumerate(kept):
-        columns = coefficient_columns(response, effect)
-        if columns.any():
-            own = [of_all[i] for of_all in roots]
-            signals.append(RandomSignal(columns, _prior(effect, model, own)))
+    columns = [coefficient_columns(response, of_each[m.name]) for m in members]
     values = np.array([c.log_bayes_factor for c in weighed])
-    p_values = p_values_of_largest(fit, signals, values, rng).tolist()
+    p_values = p_values_of_largest(fit, columns, members, values, rng).tolist()
     return tuple(replace(c, simulated_p_value=p) for c, p in zip(weighed, p_values, strict=True))
 
 
@@ -236,7 +299,7 @@ def usable(
     for effect in effects:
         count = effect.coefficient_count(campaign)
         known = not effect.parameters(campaign) or effect.name in fitted
-        if not known and count > 0 and numbers * count <= _MOST_NUMBERS:
+        if not known and count > 0 and numbers * count <= LIMITS.largest_columns:
             kept.append(effect)
     return tuple(kept)
 
@@ -251,7 +314,7 @@ def medians(model: Model) -> np.ndarray:
     return np.where(logarithmic, np.exp(np.where(logarithmic, mean, 0.0)), mean)
 
 
-def _parameters_at(model: Model, effect: Effect, size: float, shape: float) -> np.ndarray:
+def parameters_at(model: Model, effect: Effect, size: float, shape: float) -> np.ndarray:
     """An effect's parameters: so many medians in size, so many prior sds from them in shape."""
     part = model.space.slice_of(effect.name)
     values = medians(model)[part]
@@ -260,11 +323,12 @@ def _parameters_at(model: Model, effect: Effect, size: float, shape: float) -> n
     return values
 
 
-def _roots_at(model: Model, shape: float) -> list[CandidateRoots]:
+def roots_at(model: Model, shape: float) -> list[CandidateRoots]:
+    """Roots of all random effects of a model, of size one, so many prior sds from their times."""
     theta = medians(model)
     for effect in model.effects:
         part = model.space.slice_of(effect.name)
-        theta[part] = _parameters_at(model, effect, 1.0, shape)
+        theta[part] = parameters_at(model, effect, 1.0, shape)
     slews = model.data.contexts
     blocks = prior_roots(model.structure, theta, slews)
     active = model.structure.active_effects(jnp.asarray(theta))
@@ -275,91 +339,43 @@ def _roots_at(model: Model, shape: float) -> list[CandidateRoots]:
     ]
 
 
-def _on_knots(
-    effect: StochasticEffect, model: Model, signal: ProjectedSignal, roots: list[CandidateRoots]
-) -> SignalEvidence:
-    """Evidence of an effect; `roots` are its own at each of `_SHAPES`."""
-    return signal_evidence(signal, _prior(effect, model, roots))
+def forms_of(
+    effect: StochasticEffect, roots: Sequence[CandidateRoots], shapes: np.ndarray
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """Roots of all forms that an effect may have, and their shapes [prior sd].
 
-
-def _prior(effect: StochasticEffect, model: Model, roots: list[CandidateRoots]) -> SignalPrior:
-    """What an effect may be like; `roots` are its own at each of `_SHAPES`."""
-    shapes, largest = _settings(effect, model)
-    best = [own.best for own in roots[: len(shapes)]]
-    return SignalPrior(best, np.exp(-0.5 * shapes**2), largest)
-
-
-def _weighed(effect: StochasticEffect, model: Model, own: SignalEvidence) -> StochasticCandidate:
-    """The candidate that an effect is."""
-    name = "" if isinstance(effect, TachometerShape) else effect.name
-    start = tuple(_best(effect, model, own).tolist()) if name else ()
-    return StochasticCandidate(name, _source(effect), own.log_bayes_factor, start)
-
-
-def _filtered(
-    effect: StochasticEffect,
-    model: Model,
-    own: SignalEvidence,
-    fit: LinearisedFit,
-    gain: GainOfSizes | None,
-) -> StochasticCandidate:
-    """The candidate that an effect is, its whole process filtered out of the readings.
-
-    The filter begins anew in every slew: what a process gains by going on between them is told
-    by its knots.
+    An error of the rates that is one draw a slew, as a drift that restarts, may be the same in all
+    slews: both are as probable. The star tracker's is `star_tracker_shift` then.
     """
-    value, start = filtered_candidate(fit, effect, _best(effect, model, own), own, gain)
-    return StochasticCandidate(effect.name, _source(effect), value, start)
+    forms = [own.best for own in roots[: len(shapes)]]
+    if roots[0].blocks.shape[-1] > 1 or not effect.acts("rate_output"):
+        return forms, shapes
+    return [*forms, *(own.repeated for own in roots[: len(shapes)])], np.tile(shapes, 2)
 
 
-def _best(effect: StochasticEffect, model: Model, own: SignalEvidence) -> np.ndarray:
-    """Its parameters where the evidence on knots is largest."""
-    shapes, _ = _settings(effect, model)
-    return _parameters_at(model, effect, own.size, shapes[own.shape])
-
-
-def _without_a_name(
-    effect: StochasticEffect, model: Model, signal: ProjectedSignal, blocks: list[np.ndarray]
-) -> list[StochasticCandidate]:
-    """A smooth signal, and one that repeats in every slew, where an effect on knots enters."""
-    if blocks[0].shape[-1] == 1:
-        return []
-    shapes, largest = _settings(effect, model)
-    once = [dense(b[:1]) for b in blocks]
-    of_shapes = SignalPrior(once, np.exp(-0.5 * shapes**2), largest)
-    same = signal_evidence(signal.repeated(), of_shapes)
-    smooth = [dense(b) for b in _smooth(blocks[len(blocks) // 2])]
-    free = signal_evidence(signal, SignalPrior(smooth, np.ones(len(smooth)), largest))
-    source = _source(effect)
-    return [StochasticCandidate("", source, x.log_bayes_factor) for x in (same, free)]
-
-
-def _settings(effect: StochasticEffect, model: Model) -> tuple[np.ndarray, float]:
+def settings_of(effect: StochasticEffect, model: Model) -> tuple[np.ndarray, float]:
     """The shapes to try [prior sd], and the largest size in medians."""
     part = model.space.slice_of(effect.name)
     scale = float(np.asarray(model.space.constants()["scale"])[part.start])
-    shapes = _SHAPES if part.stop - part.start > 1 else np.zeros(1)
-    return shapes, float(np.exp(LARGEST_RANDOM_SIZE * scale))
+    shapes = np.array(LIMITS.shapes) if part.stop - part.start > 1 else np.zeros(1)
+    return shapes, float(np.exp(LIMITS.largest_random_size * scale))
 
 
-def _source(effect: StochasticEffect) -> str:
+def source_of(effect: StochasticEffect) -> str:
+    """Where an effect enters."""
     return next(name for hook, name in SOURCES.items() if effect.acts(hook))
 
 
-def _smooth(blocks: np.ndarray) -> list[np.ndarray]:
+def smooth_roots(blocks: np.ndarray) -> list[np.ndarray]:
     """Roots (slews, b, m, m) of squared-exponential kernels of the same mean variance."""
     m = blocks.shape[-1]
     sd = np.sqrt(np.mean(np.sum(blocks**2, -1)))
     apart = np.subtract.outer(np.arange(m), np.arange(m))
     roots = []
-    for length in np.geomspace(_SHORTEST, m, _LENGTHS):
-        kernel = np.exp(-0.5 * (apart / length) ** 2) + _JITTER * np.eye(m)
+    for length in np.geomspace(LIMITS.shortest, m, LIMITS.lengths):
+        kernel = np.exp(-0.5 * (apart / length) ** 2) + LIMITS.jitter * np.eye(m)
         roots.append(np.broadcast_to(sd * np.linalg.cholesky(kernel), blocks.shape))
     return roots
-
-
-# Of the mean variance, added to it: where a walk is zero its covariance is singular.
-_CANDIDATE_ROOTS_JITTER = 1e-9
 
 
 @array_dataclass
@@ -381,6 +397,12 @@ class CandidateRoots:
     def each(self) -> np.ndarray:
         """Of each slew (slews, b m, b m), where slews are independent."""
         return dense(self.blocks)
+
+    @property
+    def repeated(self) -> np.ndarray:
+        """Of all slews (slews b m, slews b m), where one draw is that of each of them."""
+        slews = len(self.blocks)
+        return np.kron(np.ones((slews, 1)) * np.eye(1, slews), self.each[0])
 
     @property
     def best(self) -> np.ndarray:
@@ -405,7 +427,7 @@ def candidate_roots(
     if across is None:
         return CandidateRoots(blocks)
     covariance = np.asarray(across)
-    floor = _CANDIDATE_ROOTS_JITTER * np.trace(covariance) / len(covariance)
+    floor = LIMITS.jitter * np.trace(covariance) / len(covariance)
     return CandidateRoots(blocks, np.linalg.cholesky(covariance + floor * np.eye(len(covariance))))
 
 

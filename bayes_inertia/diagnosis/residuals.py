@@ -1,14 +1,9 @@
-"""Where a fit disagrees with the data: a scan over channels, slews, components and time windows.
+"""Whether the residuals of a fit are noise, where they are not, and slews left out of the fit.
 
-Windows are tested for a shift of their mean and for too large a mean square (`residual_scan`). The
-largest of all these statistics is compared with the largest that fits of a perfect model leave
-(simulated, with the share that fitting takes), so that each p-value counts all the places looked
-at.
-
-The statistic of a scan over time windows: shift of the mean and size of the mean square.
-
-Windows have 1, 2, 4, ... rows, each overlapping the next by half. What they may show is measured
-against the share that fitting takes.
+Windows of 1, 2, 4, ... rows, each overlapping the next by half, are tested for a shift of their
+mean and for too large a mean square. The largest of all these statistics is compared with the
+largest that fits of a perfect model leave (simulated, with the share that fitting takes), so that
+each p-value counts all the places looked at.
 """
 
 from __future__ import annotations
@@ -19,14 +14,59 @@ import numpy as np
 from scipy import stats
 
 from bayes_inertia.campaign.sensors import stream_named
+from bayes_inertia.diagnosis.candidates import FLEXIBLE_MODE
+from bayes_inertia.diagnosis.limits import LIMITS, Rules
+from bayes_inertia.diagnosis.score_test import ScoreTests
 from bayes_inertia.inference.channel_rows import ChannelRows
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
+from bayes_inertia.inference.residual_tests import ChannelTest, channel_tests
+from bayes_inertia.inference.rounding import has_one_error, rounding_steps
+from bayes_inertia.maths.linear_algebra import solve
 from bayes_inertia.maths.values import array_dataclass
 
-SIGNIFICANT_P_VALUE = 0.05
-_REPLICATES_AT_A_TIME = 50
-_BINS = 60
+
+def correlations(tests: ScoreTests) -> dict[tuple[str, str], float]:
+    """Canonical correlations of all pairs of linear candidates."""
+    return {
+        (a, b): tests.canonical_correlation(i, j)
+        for i, a in enumerate(tests.names)
+        for j, b in enumerate(tests.names)
+        if i < j and FLEXIBLE_MODE not in (a, b)
+    }
+
+
+def final_tests(estimate: Estimate) -> dict[str, ChannelTest]:
+    """Test the residuals against the noise as used: stated noise times what was measured of it."""
+    scale = np.sqrt(estimate.discount)
+    tested, info = estimate.tested_residuals, estimate.information
+    series = {
+        c: [s * x for s, x in zip(scale[:, i], tested.series[c], strict=True)]
+        for i, c in enumerate(tested.series)
+    }
+    # Slews of one noise are added before they are scaled, as they always were.
+    relative = estimate.discount / estimate.discount[0]
+    chi2 = (tested.chi2 * relative).sum(0) * scale[0] ** 2
+    dof = info.n_data.sum(0) - tested.parameters
+    steps = rounding_steps(estimate.model.campaign)
+    largest = dict(zip(tested.series, scale.max(0), strict=True))
+    rounded = [c for c, of_components in steps.items() if has_one_error(largest[c] * of_components)]
+    return channel_tests(estimate.model.channels, series, chi2, dof, rounded)
+
+
+def is_explained(tests: dict[str, ChannelTest], rules: Rules) -> bool:
+    """Test whether nothing is left in the residuals that noise would not leave."""
+    return min(_p_values(tests), default=1.0) > rules.misfit_p_value
+
+
+def _p_values(tests: dict[str, ChannelTest]) -> list[float]:
+    """Of residuals that are not smaller than the noise, and of all for structure."""
+    large = [
+        t.p_chi2
+        for t in tests.values()
+        if t.p_chi2 is not None and t.reduced_chi2 is not None and t.reduced_chi2 > 1.0
+    ]
+    return large + [t.p_white for t in tests.values() if t.p_white is not None]
 
 
 @dataclass(frozen=True)
@@ -147,8 +187,8 @@ def _largest_scores(
 ) -> np.ndarray:
     """The largest score (replicates,) anywhere in each of many fits of a perfect model."""
     largest = []
-    for start in range(0, replicates, _REPLICATES_AT_A_TIME):
-        drawn = fit.replicates(rng, min(_REPLICATES_AT_A_TIME, replicates - start), noise)
+    for start in range(0, replicates, LIMITS.replicates_at_a_time):
+        drawn = fit.replicates(rng, min(LIMITS.replicates_at_a_time, replicates - start), noise)
         by_channel = [
             np.maximum(*scan.scores(fit.channels[name].shaped(drawn)))
             .reshape(-1, drawn.shape[-1])
@@ -174,7 +214,7 @@ def _significant_windows(
     windows = []
     for s, slew in enumerate(estimate.model.campaign.slews):
         covered = np.zeros(channel.valid.shape[1], bool)
-        significant = np.argwhere(p_value[s] < SIGNIFICANT_P_VALUE)
+        significant = np.argwhere(p_value[s] < LIMITS.significant)
         for w, c in sorted(significant, key=lambda i: -score[s][tuple(i)]):
             first, last = _measured_rows(channel, s, c, scan.start[w], scan.stop[w])
             if covered[first : last + 1].any():
@@ -209,20 +249,20 @@ def _binned(
     scaled = channel.shaped(fit.settled_residual) / channel.shaped(noise)
     slews, _, components = channel.valid.shape
     times = fit.channels["rate"].time
-    edges = np.stack([np.linspace(t[0], t[-1] * (1 + 1e-12) + 1e-12, _BINS + 1) for t in times])
-    shift = np.full((slews, components, _BINS), np.nan)
+    edges = np.stack(
+        [np.linspace(t[0], t[-1] * (1 + 1e-12) + 1e-12, LIMITS.bins + 1) for t in times]
+    )
+    shift = np.full((slews, components, LIMITS.bins), np.nan)
     for s in range(slews):
-        place = np.clip(np.searchsorted(edges[s], channel.time[s], side="right") - 1, 0, _BINS - 1)
+        place = np.clip(
+            np.searchsorted(edges[s], channel.time[s], side="right") - 1, 0, LIMITS.bins - 1
+        )
         for c in range(components):
             ok = channel.valid[s, :, c]
-            n = np.bincount(place[ok], minlength=_BINS)
-            total = np.bincount(place[ok], scaled[s, ok, c], minlength=_BINS)
+            n = np.bincount(place[ok], minlength=LIMITS.bins)
+            total = np.bincount(place[ok], scaled[s, ok, c], minlength=LIMITS.bins)
             shift[s, c] = np.where(n > 0, total / np.sqrt(np.maximum(n, 1)), np.nan)
     return BinnedResiduals(component_names(estimate, name), edges, shift)
-
-
-# More windows than this only cost time: the shortest ones are left out first.
-_MAX_WINDOWS = 20_000
 
 
 def scan_windows(rows: int, shortest: int) -> tuple[np.ndarray, np.ndarray]:
@@ -301,7 +341,7 @@ def channel_scans(fit: LinearisedFit, noise: np.ndarray) -> dict[str, ChannelSca
     """
     channels = {name: c for name, c in fit.channels.items() if c.valid.any()}
     numbers = sum(c.valid.size for c in channels.values())
-    shortest = 2 ** max(0, int(np.ceil(np.log2(4.0 * numbers / _MAX_WINDOWS))))
+    shortest = 2 ** max(0, int(np.ceil(np.log2(4.0 * numbers / LIMITS.windows))))
     covariances = [fit.covariance_of(s) for s in range(len(fit.residual))]
     return {
         name: _channel_scan(
@@ -349,3 +389,42 @@ def _sums(values: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray
     """Sums over the windows of values (slews, rows, ...)."""
     total = np.concatenate([np.zeros_like(values[:, :1]), np.cumsum(values, axis=1)], axis=1)
     return total[:, stop] - total[:, start]
+
+
+def held_out_chi2(estimate: Estimate) -> float | None:
+    """Compute the reduced chi^2 of slews that were left out of the fit, one after the other.
+
+    Each slew is predicted with theta and bias from the others; only its own start state is fitted.
+    To first order around the estimate.
+
+    Returns: 1 if the predictions are as good as noise allows; None with fewer than two slews.
+    """
+    info = estimate.information
+    slews = len(info.chi2)
+    if slews < 2:
+        return None
+    fit = estimate.linearised()
+    total, numbers = 0.0, 0.0
+    for s in range(slews):
+        chi2, allowed = _prediction_chi2(fit, s)
+        total = total + chi2 - allowed
+        numbers = numbers + (info.n_data[s].sum() - fit.n_local)
+    return float(total / numbers)
+
+
+def _prediction_chi2(fit: LinearisedFit, s: int) -> tuple[float, float]:
+    """chi^2 of one slew predicted from the others, and how much of it is no misfit.
+
+    The prediction is itself uncertain: the others leave theta and bias open to some degree.
+    """
+    info, shared = fit.information, fit.n_shared
+    step, known = fit.shares.without(s)
+    A, g = info.matrix[s].sum(0), info.gradient[s].sum(0)
+    linear = g[:shared] + A[:shared, :shared] @ step
+    local = g[shared:] + A[shared:, :shared] @ step + fit.point.local[s]
+    stiffness = A[shared:, shared:] + np.eye(fit.n_local)
+    chi2 = info.chi2[s].sum() + step @ (g[:shared] + linear) - local @ solve(stiffness, local)
+    following = solve(stiffness, A[shared:, :shared])
+    gradient = linear - following.T @ local
+    information = A[:shared, :shared] - A[:shared, shared:] @ following
+    return chi2, gradient @ solve(information + known, gradient)

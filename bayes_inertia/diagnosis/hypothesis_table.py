@@ -1,0 +1,547 @@
+"""Log evidence of sets of effects, all from one linear model: one Gram matrix and one gradient.
+
+At a fit, everything fitted projected off, the data are r = X a + (random signals) + unit noise. The
+columns X of all effects have the Gram matrix S = X^T X and the gradient u = X^T r. A set whose
+amplitudes have the prior covariance W W^T has the log evidence against nothing
+
+    1/2 [ u^T W (1 + W^T S W)^-1 W^T u - log det (1 + W^T S W) ].
+
+Each member has a size of its own, over which the evidence is averaged: at the stated one alone an
+effect of which little is needed would be punished for all that might have been there (Lindley's
+paradox). Sizes are log-uniform from what the campaign can just not see up to the stated prior, a
+mixture of g-priors (Liang et al. 2008), and with a small probability beyond it, so that a strong
+effect pays once for its unlikely size, and not with the square of it. An effect's directions share
+one size, or each has its own (one bad wheel of three): both are as probable.
+
+To take a member of known size into a set is to condition S and u on it, so that a set is weighed
+member by member: for a random signal of hundreds of coefficients that leaves a matrix as small as
+that of the effects. Beforehand it is as likely as not that nothing is missing; sets of one size are
+alike (Scott and Berger, Annals of Statistics 38, 2010).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import gammaln, log_ndtr, logsumexp
+
+from bayes_inertia.diagnosis.limits import LIMITS
+from bayes_inertia.maths.values import array_dataclass
+
+
+def log_prior_of_set(size: int, members: int) -> float:
+    """Log probability beforehand of one set of effects.
+
+    `members`: how many there are to choose from; "no name" is one of them.
+
+    Examples
+    --------
+    >>> [round(float(np.exp(log_prior_of_set(size, 10))), 4) for size in (0, 1, 2)]
+    [0.5, 0.045, 0.001]
+    """
+    choices = gammaln(members + 1) - gammaln(size + 1) - gammaln(members - size + 1)
+    if size == 0:
+        return float(np.log(1.0 - LIMITS.missing))
+    return float(
+        np.log(LIMITS.missing * (1.0 - LIMITS.further) * LIMITS.further ** (size - 1)) - choices
+    )
+
+
+def smallest_size(powers: np.ndarray, largest: float) -> float:
+    """The size that a campaign can just not see, from which sizes are tried.
+
+    `powers` (n,): information along the directions of an effect of size one.
+
+    Examples
+    --------
+    >>> round(smallest_size(np.array([1.0, 900.0]), 1.0), 6), smallest_size(np.array([1.0]), 1.0)
+    (0.01, 0.1)
+    """
+    strongest = max(float(powers.max(initial=0.0)), 1e-300)
+    return float(min(LIMITS.invisible / np.sqrt(strongest), LIMITS.largest_start * largest))
+
+
+def sizes_with_weights(least: float, largest: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Sizes to average evidence over, even in their logarithm.
+
+    Returns `sizes, weights` (count + 12,): the last twelve are beyond the prior; the weights add up
+    to one.
+
+    Examples
+    --------
+    >>> sizes, weights = sizes_with_weights(0.1, 1.0, 4)
+    >>> float(sizes.max().round(6)), float(weights.sum().round(6))
+    (100.0, 1.0)
+    """
+    stated = np.geomspace(least, largest, count)
+    wider = np.geomspace(largest, LIMITS.widest * largest, LIMITS.wider_sizes + 1)[1:]
+    each = [(1.0 - LIMITS.wrong_prior) / count, LIMITS.wrong_prior / LIMITS.wider_sizes]
+    return np.concatenate([stated, wider]), np.repeat(each, [count, LIMITS.wider_sizes])
+
+
+def few_sizes(powers: np.ndarray, largest: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Sizes from what a campaign can just not see, few beyond the prior, and their weights.
+
+    `powers` (n,): information along the directions of a signal of size one.
+    """
+    sizes, weights = sizes_with_weights(smallest_size(powers, largest), largest, count)
+    within, every = slice(-LIMITS.wider_sizes), slice(1 - LIMITS.wider_sizes, None, LIMITS.fewer)
+    return (
+        np.concatenate([sizes[within], sizes[every]]),
+        np.concatenate([weights[within], LIMITS.fewer * weights[every]]),
+    )
+
+
+# What each member of a set stands for.
+Names = frozenset[str]
+
+
+@array_dataclass
+class System:
+    """The linear model of all effects of a fixed shape.
+
+    Parameters
+    ----------
+    matrix : (c, c) array
+        S, columns in units of prior sd.
+    gradient : (c,) array
+        u.
+
+    Further columns may stand for what the effects move: conditioned along, they are never members.
+    """
+
+    matrix: np.ndarray
+    gradient: np.ndarray
+
+
+@array_dataclass
+class FixedMember:
+    """An effect of a fixed shape.
+
+    Parameters
+    ----------
+    name : str
+        Of the effect.
+    index : (n,) array of int
+        Its amplitudes among the columns.
+    shape : (m,) array of int
+        Columns that give it its shape, of prior sd one whatever its size.
+    sizes, weights : (g,) arrays
+        Sizes to average over [prior sd], and their probabilities.
+    one_sided : bool
+        Whether it is one amplitude that cannot be negative.
+    log_cost : float
+        What its search cost, as that over a mode's frequencies.
+    """
+
+    name: str
+    index: np.ndarray
+    shape: np.ndarray
+    sizes: np.ndarray
+    weights: np.ndarray
+    one_sided: bool = False
+    log_cost: float = 0.0
+
+
+@array_dataclass
+class Signal:
+    """One form of a random signal: independent directions of unit prior variance at size one.
+
+    Parameters
+    ----------
+    powers : (m,) array
+        Information along each.
+    basis : (n, m) array
+        Its coefficients by unit values along each; (0, m) where it is not kept, to save memory.
+    cross : (m, c) array
+        Product of each with the columns of the effects.
+    gradient : (m,) array
+        Product of each with the residuals.
+    sizes, weights : (g,) arrays
+        Sizes to average over, and their probabilities.
+    """
+
+    powers: np.ndarray
+    basis: np.ndarray
+    cross: np.ndarray
+    gradient: np.ndarray
+    sizes: np.ndarray
+    weights: np.ndarray
+
+
+def signal_of(
+    matrix: np.ndarray, gradient: np.ndarray, cross: np.ndarray, root: np.ndarray, largest: float
+) -> Signal:
+    """One form of a random signal, along its independent directions.
+
+    `matrix` (n, n), `gradient` (n,), `cross` (n, c): of its coefficients, everything fitted
+    projected off. `root` (n, n): of their covariance at size one. `largest`: size that its prior
+    has.
+    """
+    powers, vectors = np.linalg.eigh(root.T @ matrix @ root)
+    powers, basis = np.maximum(powers, 0.0), root @ vectors
+    sizes = few_sizes(powers, largest, LIMITS.random_sizes)
+    return Signal(powers, basis, basis.T @ cross, basis.T @ gradient, *sizes)
+
+
+@array_dataclass
+class RandomMember:
+    """An effect without a fixed shape, or a shape without a name.
+
+    Parameters
+    ----------
+    name : str
+        Of the effect, or of the shape.
+    signals : sequence of Signal
+        Forms that it may have, each as probable: correlation times, kernels.
+    log_odds : (signals,) array
+        Log prior odds of these.
+    source : str
+        Where it enters.
+    starts : (b, h) array or None
+        Parameters of the effect at each of its forms and sizes.
+    """
+
+    name: str
+    signals: Sequence[Signal]
+    log_odds: np.ndarray
+    source: str = ""
+    starts: np.ndarray | None = None
+
+
+class Given(NamedTuple):
+    """The linear model given members of known sizes, one entry for each combination of sizes.
+
+    Parameters
+    ----------
+    log_weight : (b,) array
+        Log evidence of the combination, its prior probability included.
+    matrix : (b, c, c) array
+        S beyond these members.
+    gradient : (b, c) array
+        u beyond them.
+    """
+
+    log_weight: np.ndarray
+    matrix: np.ndarray
+    gradient: np.ndarray
+
+
+def nothing(system: System) -> Given:
+    """The linear model given that nothing acts."""
+    return Given(np.zeros(1), system.matrix[None], system.gradient[None])
+
+
+def given_fixed(before: Given, member: FixedMember) -> Given:
+    """The linear model given one effect more, at each of its sizes."""
+    g, index = len(member.sizes), np.concatenate([member.index, member.shape])
+    sd = np.ones((g, len(index)))
+    sd[:, : len(member.index)] = member.sizes[:, None]
+    block = before.matrix[:, index][:, :, index]
+    inner = sd[:, :, None] * block[:, None] * sd[:, None, :] + np.eye(len(index))
+    root = np.linalg.cholesky(inner)
+    rows = np.linalg.solve(root, sd[:, :, None] * before.matrix[:, None, index])
+    along = np.linalg.solve(root, (sd * before.gradient[:, None, index])[..., None])[..., 0]
+    gain = 0.5 * np.sum(along**2, -1) - np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(-1)
+    if member.one_sided:
+        gain = gain + _log_share_above(sd[:, 0], before, index[0])
+    weight = before.log_weight[:, None] + gain + np.log(member.weights) - member.log_cost
+    matrix = before.matrix[:, None] - np.swapaxes(rows, -1, -2) @ rows
+    gradient = before.gradient[:, None] - (along[..., None, :] @ rows)[..., 0, :]
+    c = matrix.shape[-1]
+    return Given(weight.ravel(), matrix.reshape(-1, c, c), gradient.reshape(-1, c))
+
+
+def _log_share_above(size: np.ndarray, before: Given, i: int) -> np.ndarray:
+    """Log of what a prior of one sign gains (b, g): twice the probability of that sign."""
+    power, gradient = before.matrix[:, i, i, None], before.gradient[:, i, None]
+    return np.log(2.0) + log_ndtr(size * gradient / np.sqrt(1.0 + size**2 * power))
+
+
+def given_random(system: System, member: RandomMember, chosen: np.ndarray | None = None) -> Given:
+    """The linear model given a random signal, at each of its forms and sizes.
+
+    `chosen` (b,): which of them.
+    """
+    parts, first = [], 0
+    for signal, log_odds in zip(member.signals, _log_odds(member), strict=True):
+        own = np.arange(len(signal.sizes))
+        if chosen is not None:
+            own = chosen[(chosen >= first) & (chosen < first + len(own))] - first
+        first += len(signal.sizes)
+        shares = _shares(signal)[own]
+        matrix = np.array([signal.cross.T @ (w[:, None] * signal.cross) for w in shares])
+        parts.append(
+            Given(
+                _gains(signal)[own] + log_odds,
+                system.matrix - matrix.reshape(-1, *system.matrix.shape),
+                system.gradient - (shares * signal.gradient) @ signal.cross,
+            )
+        )
+    return Given(*(np.concatenate(x) for x in zip(*parts, strict=True)))
+
+
+def _log_odds(member: RandomMember) -> np.ndarray:
+    return member.log_odds - logsumexp(member.log_odds)
+
+
+def _shares(signal: Signal) -> np.ndarray:
+    """Posterior variance (g, m) of each direction at each size."""
+    variance = signal.sizes[:, None] ** 2
+    return variance / (1.0 + variance * signal.powers)
+
+
+def _gains(signal: Signal, gradient: np.ndarray | None = None) -> np.ndarray:
+    """Log evidence (g, ...) at each size, its probability included; of other gradients (n, k)."""
+    along = signal.gradient if gradient is None else signal.basis.T @ gradient
+    seen = np.log1p(signal.sizes[:, None] ** 2 * signal.powers).sum(1)
+    return ((0.5 * (_shares(signal) @ along**2).T - 0.5 * seen) + np.log(signal.weights)).T
+
+
+def log_evidence_of_random(member: RandomMember, gradient: np.ndarray | None = None) -> np.ndarray:
+    """Log evidence (b,) of a random signal at each of its forms and sizes, with probabilities.
+
+    `gradient` (n, k): others than that of the data; then (b, k).
+    """
+    gains = [
+        _gains(signal, gradient) + log_odds
+        for signal, log_odds in zip(member.signals, _log_odds(member), strict=True)
+    ]
+    return np.concatenate(gains)
+
+
+def draw_coefficients(member: RandomMember, rng: np.random.Generator, k: int) -> np.ndarray:
+    """Coefficients (n, k) of k signals drawn from the prior."""
+    weights = [
+        s.weights * np.exp(x) for s, x in zip(member.signals, _log_odds(member), strict=True)
+    ]
+    chosen = rng.choice(sum(map(len, weights)), k, p=np.concatenate(weights))
+    drawn, first = np.zeros((len(member.signals[0].basis), k)), 0
+    for signal in member.signals:
+        own = (chosen >= first) & (chosen < first + len(signal.sizes))
+        size = signal.sizes[chosen[own] - first]
+        normal = rng.standard_normal((len(signal.powers), len(size)))
+        drawn[:, own] = signal.basis @ (size * normal)
+        first += len(signal.sizes)
+    return drawn
+
+
+def without_negligible(given: Given) -> Given:
+    """The same without combinations of sizes that hardly count."""
+    if len(given.log_weight) <= LIMITS.many_sizes:
+        return given
+    kept = given.log_weight > given.log_weight.max() - LIMITS.negligible_sizes
+    return Given(*(x[kept] for x in given))
+
+
+def log_evidence_with(given: Given, member: FixedMember) -> float:
+    """Log evidence of the members given and one effect more, averaged over all sizes.
+
+    Its directions share one size, or each has its own: both are as probable.
+    """
+    if len(member.shape):
+        unit = FixedMember("", member.shape, member.index[:0], np.ones(1), np.ones(1))
+        given = given_fixed(given, unit)
+    block = given.matrix[:, member.index][:, :, member.index]
+    powers, directions = np.linalg.eigh(block)
+    along = np.einsum("bji,bj->bi", directions, given.gradient[:, member.index])
+    variance = member.sizes[:, None] ** 2
+    seen = 1.0 + variance * np.maximum(powers, 0.0)[:, None]
+    values = 0.5 * (variance * along[:, None] ** 2 / seen - np.log(seen))
+    if member.one_sided:
+        values = values + _log_share_above(member.sizes, given, member.index[0])[..., None]
+    together = logsumexp(values.sum(-1), b=member.weights, axis=1)
+    each = logsumexp(values, b=member.weights[:, None], axis=1).sum(-1)
+    of_member = np.logaddexp(together, each) - np.log(2.0) - member.log_cost
+    return float(logsumexp(given.log_weight + of_member))
+
+
+def fixed_member(
+    name: str,
+    index: np.ndarray,
+    shape: np.ndarray,
+    matrix: np.ndarray,
+    *,
+    one_sided: bool = False,
+    log_cost: float = 0.0,
+) -> FixedMember:
+    """A member whose columns `index` have the Gram matrix `matrix`."""
+    powers = np.linalg.eigvalsh(matrix[np.ix_(index, index)])
+    sizes = few_sizes(powers, 1.0, LIMITS.fixed_sizes)
+    return FixedMember(name, index, shape, *sizes, one_sided, log_cost)
+
+
+def log_evidence_of_columns(gradient: np.ndarray, matrix: np.ndarray) -> float:
+    """Log evidence for amplitudes (c,) in units of their prior sd, averaged over sizes.
+
+    Examples
+    --------
+    >>> [log_evidence_of_columns(np.array([u]), np.array([[100.0]])) > 0.0 for u in (60.0, 3.0)]
+    [True, False]
+    """
+    every = np.arange(len(gradient))
+    member = fixed_member("", every, every[:0], matrix)
+    return log_evidence_with(nothing(System(matrix, gradient)), member)
+
+
+class Searched(NamedTuple):
+    """How many sets are weighed.
+
+    Parameters
+    ----------
+    parents : int
+        Sets of each size that larger sets are made of: the most probable ones.
+    largest : int
+        Members of the largest sets of effects.
+    """
+
+    parents: int = 6
+    largest: int = 3
+
+
+def evidence_of_sets(
+    system: System,
+    fixed: Sequence[FixedMember],
+    random: Sequence[RandomMember] = (),
+    searched: Searched | None = None,
+) -> dict[Names, float]:
+    """Weigh sets of effects, larger ones by extension of the best.
+
+    Returns: log evidence against nothing of nothing, every single member, every pair with at most
+    one random member, and larger sets best first; random members beside the best sets.
+
+    Examples
+    --------
+    >>> S, u = np.diag([100.0, 100.0]), np.array([60.0, 3.0])
+    >>> sizes, even = np.geomspace(0.03, 1.0, 8), np.full(8, 1.0 / 8)
+    >>> a, b = (FixedMember(n, np.array([i]), np.array([], int), sizes, even)
+    ...         for i, n in enumerate("ab"))
+    >>> values = evidence_of_sets(System(S, u), [a, b])
+    >>> max(values, key=values.get) == {"a"}, len(values)
+    (True, 4)
+    """
+    searched = searched or Searched()
+    found: dict[Names, float] = {frozenset(): 0.0}
+    found |= _extended(nothing(system), fixed, searched)
+    members = {member.name: member for member in fixed}
+    best = sorted(found, key=lambda names: -found[names])
+    several = [names for names in best if len(names) > 1][: searched.parents]
+    for member in random:
+        own = frozenset([member.name])
+        found[own] = float(logsumexp(log_evidence_of_random(member)))
+        given, missed = few(system, member, [members[n] for n in best[0]])
+        for names in [frozenset([name]) for name in members] + several:
+            value = log_evidence_of(given, [members[n] for n in names]) + missed
+            found[own | names] = value
+    return found
+
+
+def few(system: System, member: RandomMember, likely: Sequence[FixedMember]) -> tuple[Given, float]:
+    """The linear model given a random signal of those sizes and forms that matter most.
+
+    Returns: these, and the log of the share of the probability that they leave out.
+    """
+    alone = log_evidence_of_random(member)
+    kept = np.argsort(-alone)[: LIMITS.few_forms]
+    missed = logsumexp(alone) - logsumexp(alone[kept])
+    if likely:
+        small = of_columns(Given(np.zeros(1), system.matrix[None], system.gradient[None]), likely)
+        index = np.concatenate([np.concatenate([m.index, m.shape]) for m in likely])
+        part = replace(
+            member,
+            signals=[replace(s, cross=s.cross[:, index]) for s in member.signals],
+        )
+        (begin, others) = small
+        of_all = given_random(System(begin.matrix[0], begin.gradient[0]), part)
+        together = of_all.log_weight + _gain_at_size(of_all, others)
+        with_likely = np.argsort(-together)[: LIMITS.few_forms]
+        missed = min(missed, logsumexp(together) - logsumexp(together[with_likely]))
+        kept = np.union1d(kept, with_likely)
+    return given_random(system, member, np.sort(kept)), float(missed)
+
+
+def _gain_at_size(given: Given, members: Sequence[FixedMember]) -> np.ndarray:
+    """Log evidence (b,) of effects at about the sizes that they have there."""
+    index = np.concatenate([np.concatenate([m.index, m.shape]) for m in members])
+    block, u = given.matrix[:, index][:, :, index], given.gradient[:, index]
+    inner = block + np.eye(len(index))
+    gain = 0.5 * np.einsum("bi,bi->b", u, np.linalg.solve(inner, u[..., None])[..., 0])
+    return gain - 0.5 * np.linalg.slogdet(inner)[1]
+
+
+def log_evidence_of(given: Given, members: Sequence[FixedMember]) -> float:
+    """Log evidence of the members given and a set of effects, averaged over all sizes."""
+    given, members = of_columns(given, members)
+    values = []
+    for last in members:
+        others = [m for m in members if m is not last]
+        values.append(log_evidence_with(given_all(given, others), last))
+    return float(logsumexp(values) - np.log(len(values)))
+
+
+def of_columns(
+    given: Given, members: Sequence[FixedMember], further: int = 0
+) -> tuple[Given, list[FixedMember]]:
+    """The linear model of a few effects alone, and of so many last columns."""
+    last = np.arange(given.gradient.shape[1] - further, given.gradient.shape[1])
+    parts = [part for m in members for part in (m.index, m.shape)]
+    index = np.concatenate([*parts, last])
+    place = {int(i): k for k, i in enumerate(index)}
+    moved = [
+        replace(
+            m,
+            index=np.array([place[int(i)] for i in m.index], int),
+            shape=np.array([place[int(i)] for i in m.shape], int),
+        )
+        for m in members
+    ]
+    small = given.matrix[:, index][:, :, index], given.gradient[:, index]
+    return Given(given.log_weight, *small), moved
+
+
+def _extended(begin: Given, fixed: Sequence[FixedMember], searched: Searched) -> dict[Names, float]:
+    """Log evidence of sets of effects of fixed shape."""
+    members = {member.name: member for member in fixed}
+    found = {frozenset([name]): log_evidence_with(begin, m) for name, m in members.items()}
+    level = [frozenset([name]) for name in members]
+    for size in range(2, searched.largest + 1):
+        if size > 2:
+            level = sorted(level, key=lambda names: -found[names])[: searched.parents]
+        values: dict[Names, list[float]] = {}
+        for names in level:
+            given = given_all(begin, [members[n] for n in names])
+            for name in members.keys() - names:
+                value = log_evidence_with(given, members[name])
+                values.setdefault(names | {name}, []).append(value)
+        # Which member is weighed last, with sizes of its own for each direction, is as probable.
+        found |= {n: float(logsumexp(v) - np.log(len(v))) for n, v in values.items()}
+        level = list(values)
+    return found
+
+
+def given_all(begin: Given, members: Iterable[FixedMember]) -> Given:
+    """The linear model given several effects more."""
+    for member in members:
+        begin = without_negligible(given_fixed(begin, member))
+    return begin
+
+
+def posterior(
+    log_evidence: Mapping[Names, float], log_prior: Mapping[Names, float]
+) -> dict[Names, float]:
+    """Probabilities of sets, most probable first.
+
+    Examples
+    --------
+    >>> a, none = frozenset("a"), frozenset()
+    >>> rows = posterior({none: 0.0, a: 4.0}, {none: np.log(0.5), a: np.log(0.05)})
+    >>> {tuple(k): round(v, 2) for k, v in rows.items()}
+    {('a',): 0.85, (): 0.15}
+    """
+    weights = {names: value + log_prior[names] for names, value in log_evidence.items()}
+    total = logsumexp(list(weights.values()))
+    ranked = sorted(weights.items(), key=lambda item: -item[1])
+    return {names: float(np.exp(weight - total)) for names, weight in ranked}

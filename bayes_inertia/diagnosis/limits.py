@@ -1,0 +1,275 @@
+"""Numbers by which a diagnosis decides: `Rules` are for users, `Limits` hold the others.
+
+None is tuned to a campaign: each stands beside its reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from bayes_inertia.errors import SettingsError
+
+_PROBABILITY_FIELDS = ("false_alarm_probability", "misfit_p_value")
+_SHARE_FIELDS = ("imitation_correlation",)
+_COUNT_FIELDS = ("max_refits", "max_effects")
+
+
+@dataclass(frozen=True)
+class Rules:
+    """The thresholds of the verdict.
+
+    Parameters
+    ----------
+    false_alarm_probability : float
+        Probability of naming anything in a campaign without hidden effect. At 2 % the
+        interval of a study of 200 campaigns stays below 5 %.
+    max_refits : int
+        Rows of the table that are refitted in full, at most.
+    max_effects : int
+        Effects of a row, at most.
+    log_evidence_margin : float
+        Log odds by which the best row must beat another to be named alone, and by which a row
+        with a shape without a name must beat the names alone.
+    imitation_correlation : float
+        Canonical correlation above which two effects are listed as alike.
+    misfit_p_value : float
+        p-value of the final residuals below which the data are not explained.
+    prior_sd_at_most : float
+        A parameter of an effect that lies further than this from where it does nothing [prior sd]
+        is beyond its prior, which is then widened and the effect fitted again. A prior that is
+        right is exceeded in one parameter of 16,000.
+
+    Raises
+    ------
+    SettingsError
+        If a threshold is outside its range.
+
+    Examples
+    --------
+    >>> Rules(max_effects=2).log_evidence_margin
+    3.0
+    >>> Rules(false_alarm_probability=2.0)
+    Traceback (most recent call last):
+    ...
+    bayes_inertia.errors.SettingsError: false_alarm_probability: 2.0 is not between 0 and 1; ...
+    """
+
+    false_alarm_probability: float = 0.02
+    max_refits: int = 6
+    max_effects: int = 4
+    log_evidence_margin: float = 3.0
+    imitation_correlation: float = 0.6
+    misfit_p_value: float = 1e-4
+    prior_sd_at_most: float = 4.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            _check(field.name, getattr(self, field.name))
+
+
+def _check(name: str, value: float) -> None:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise SettingsError(f"{value!r} is not a number", where=name, advice="give a number")
+    if name in _PROBABILITY_FIELDS and not 0.0 < value < 1.0:
+        raise SettingsError(
+            f"{value} is not between 0 and 1",
+            where=name,
+            advice=f"give a probability, such as {getattr(Rules, name)}",
+        )
+    if name in _SHARE_FIELDS and not 0.0 <= value <= 1.0:
+        raise SettingsError(
+            f"{value} is not from 0 to 1",
+            where=name,
+            advice=f"give a share, such as {getattr(Rules, name)}",
+        )
+    if name in _COUNT_FIELDS and not (isinstance(value, int) and value >= 1):
+        raise SettingsError(
+            f"{value} is no such count",
+            where=name,
+            advice="give a whole number, 1 or more",
+        )
+    if name == "prior_sd_at_most" and not value > 0.0:
+        raise SettingsError(
+            f"{value} is no distance", where=name, advice="give a positive number of prior sds"
+        )
+    if name == "log_evidence_margin" and not 0.0 <= value < float("inf"):
+        raise SettingsError(
+            f"{value} is no margin",
+            where=name,
+            advice="give 0 or more; 3 is evidence of 20 to 1",
+        )
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits and numbers of single steps, by what they belong to."""
+
+    # Prior of sets, and sizes of their members
+    # Probability beforehand that something is missing: as likely as not.
+    missing: float = 0.5
+    # Probability of one thing more beside what acts: in one of ten campaigns.
+    further: float = 0.1
+    # Probability that a stated prior is too narrow: a strong effect pays it once.
+    wrong_prior: float = 0.01
+    # How many times too narrow a prior is at most: degrees for half a radian.
+    widest: float = 100.0
+    # Sizes tried beyond a prior: six a decade.
+    wider_sizes: int = 12
+    # Of these every third is tried where many members are weighed: two a decade.
+    fewer: int = 3
+    # Smallest size: signal-to-noise amplitude in the clearest direction, which nothing can
+    # see.
+    invisible: float = 0.3
+    # The smallest size is at most this share of the largest, so that a decade is tried.
+    largest_start: float = 0.1
+    # Largest size of an effect without a fixed shape [prior sd above its median].
+    largest_random_size: float = 2.0
+    # Sizes tried within its prior of an effect of a fixed shape: evidence to a quarter.
+    fixed_sizes: int = 12
+    # The same of a random signal, whose evidence is a steeper function of the size.
+    random_sizes: int = 16
+    # Combinations of sizes less probable by this log factor (a millionth) are left out ...
+    negligible_sizes: float = 14.0
+    # ... if there are more than so many, to save time.
+    many_sizes: int = 100
+    # Forms and sizes of a random signal that are kept where it is weighed beside effects.
+    few_forms: int = 16
+    # Rows and their refits
+    # Log evidence by which a refit may miss what was foretold; beyond it rows are weighed
+    # anew.
+    linear: float = 0.5
+    # Largest amplitude at the start of a refit [prior sd]: farther out nothing is linear.
+    largest_amplitude: float = 10.0
+    # Tolerance of the objective of refits that are only compared: a hundredth of a log
+    # evidence.
+    comparison_tolerance: float = 1e-5
+    # So often a prior is widened: one that pulled hides part of the size.
+    rounds_of_prior: int = 4
+    # So often noise and table are brought to agree.
+    rounds_of_noise: int = 3
+    # As how many tests all effects without a fixed shape count: their p-values are joint.
+    random_tests: int = 1
+    # Rows of less probability are one row where J and K are averaged ...
+    least_probability: float = 0.02
+    # ... and those of still less are left out: they move no 90 % interval.
+    negligible_probability: float = 1e-4
+    # Sets of effects that are listed: more tell a reader nothing.
+    listed: int = 8
+    # Probability of free shapes where no candidate explains the data: neither fit is nearer.
+    remainder_probability: float = 0.5
+    # Largest effect that is thought to hide [prior sd]: 95 % of the prior.
+    hidden_amplitude: float = 2.0
+    # Dirt or physics
+    # A number of a noise's shape costs half the log of so many readings [log evidence].
+    readings_a_number: float = 100.0
+    # Numbers of a colour: share and time of three axes.
+    numbers_of_colour: int = 6
+    # Noise remembers so many readings at most; what lasts longer may be an effect.
+    readings_of_noise: float = 16.0
+    # So often correlated noise is measured again after a fit with it.
+    rounds_of_colour: int = 3
+    # So often the level of the noise is measured again beside a process without a shape.
+    rounds_of_level: int = 4
+    # Log evidence above which a process of the rates is refitted: between knots it tells
+    # more.
+    strong: float = 15.0
+    # Share of the best candidate's log evidence from which that is worth a fit.
+    share_of_best: float = 0.7
+    # Two colours are one if their sds differ by less than this factor ...
+    same_sd: float = 1.1
+    # ... and their slowest powers by less than this one.
+    same_power: float = 1.5
+    # Flexible mode
+    # Damping ratio of the modes tried: of bare metal; a fit finds its own.
+    damping_ratio: float = 0.005
+    # Frequencies tried at most, to save time.
+    frequencies: int = 320
+    # Filters kept: of all frequencies, for four lengths of slews.
+    filters: int = 1280
+    # Frequencies tried at once, to save memory.
+    frequencies_at_a_time: int = 20
+    # Around so many of the best frequencies others are tried ...
+    refined_frequencies: int = 6
+    # ... at these shares of the spacing.
+    refinement_offsets: tuple[float, ...] = (-0.5, -0.25, 0.25, 0.5)
+    # Directions of the coupling: the nearest is within 4 degrees.
+    directions: int = 400
+    # Independent trials a frequency tried: simulated maxima ask for 1.0 to 2.0.
+    trials_a_frequency: float = 2.0
+    # Random signals
+    # Correlation times tried [prior sd from the median].
+    shapes: tuple[float, ...] = (-2.0, -1.0, 0.0, 1.0, 2.0)
+    # Shortest length of a smooth signal, as a share of the knots' spacing ...
+    shortest: float = 0.7
+    # ... and how many lengths are tried up to the whole slew.
+    lengths: int = 6
+    # Added to variances, as a share: where a walk is zero its covariance is singular.
+    jitter: float = 1e-9
+    # Campaigns drawn for a p-value: importance sampling, all of them near the value.
+    draws: int = 1000
+    # Residuals simulated at once: 80 MB.
+    numbers_at_once: float = 1e7
+    # Largest log evidence of all below which nothing random is found ...
+    weak: float = 1.5
+    # ... and above which Markov's bound of its p-value is enough.
+    clear: float = 9.0
+    # Effects with more numbers in their columns are left out: 400 MB.
+    largest_columns: float = 5e7
+    # P-values are not simulated if that takes matrices of more numbers: 400 MB.
+    largest_matrices: float = 5e7
+    # Where residuals disagree
+    # p-value of a window that is shown: in one of twenty campaigns by chance.
+    significant: float = 0.05
+    # Simulated fits at once, to save memory.
+    replicates_at_a_time: int = 50
+    # Bins of a slew in its picture: as many as the eye tells.
+    bins: int = 60
+    # More windows only cost time: the shortest are left out first.
+    windows: int = 20_000
+    # What has no name: the equivalent signal, and its words
+    # Knots of a signal in a slew, at most, to save time.
+    knots: int = 200
+    # Numbers of one basis: 160 MB.
+    basis_numbers: float = 2e7
+    # Knots simulated at once, to save memory.
+    knots_at_a_time: int = 24
+    # Lengths tried, from the knots' spacing to two slews.
+    length_scales: int = 7
+    # Smallest eigenvalue of the prior that is kept, as a share of the largest.
+    eigenvalue_floor: float = 1e-7
+    # Grid of the log size above the smallest visible: from, to, points.
+    log_sizes: tuple[float, float, int] = (-2.0, 18.0, 41)
+    # Largest error of the rate sensor that is thought of, as a share of the typical rate.
+    rate_error_share: float = 0.1
+    # rms of a driver's component that is rounding, as a share of the largest.
+    negligible_component: float = 1e-9
+    # p-value of what a torque leaves, above which nothing else is tried.
+    sufficient: float = 1e-4
+    # Log evidence by which another kind of signal must be better than a torque.
+    sensor_margin: float = 10.0
+    # Share of the excess of chi^2 above which an insufficient torque still counts.
+    least_explained: float = 0.5
+    # Share of the torque's variance from which something known explains it.
+    known_share: float = 0.9
+    # Effort of the wheels, as a share of the slew's largest, from which they act.
+    active_share: float = 0.2
+    # Share of the power near its peak from which there is a line; white noise has a tenth.
+    line_share: float = 0.3
+    # Periodograms are padded to so many lengths of the signal.
+    padding: int = 4
+    # What has fewer periods in a slew is no ringing ...
+    slowest: float = 2.5
+    # ... and half the width of a line, in the same unit (Hann window).
+    half_width: float = 3.0
+    # Log evidence below which two laws are as good.
+    tied: float = 3.0
+    # Angle to a body axis within which a direction has its name [deg].
+    named_axis: float = 15.0
+    # Share of the power above which the torque has one axis.
+    one_axis_share: float = 0.8
+    # Share of the torque above which what it goes along with is mentioned.
+    mentioned_share: float = 0.3
+    # rms before the wheels act over rms afterwards below which the ringing begins with them.
+    quiet_ratio: float = 0.4
+
+
+LIMITS = Limits()

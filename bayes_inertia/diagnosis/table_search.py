@@ -1,0 +1,322 @@
+"""The table of hypotheses around its best row: weighed at a fit, refitted, weighed again there.
+
+At the fit without effects every set is weighed to first order (`hypothesis_table`). The best row is
+refitted in full, and all sets are weighed again around it: until the best row is one that was
+refitted. A row counts with its own refit's evidence, or as it was weighed at the refit nearest to
+it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayes_inertia.diagnosis.candidates import (
+    FLEXIBLE_MODE,
+    CandidateEffects,
+    FlexibleModeCandidate,
+    score_candidates,
+    theta_with_mode,
+)
+from bayes_inertia.diagnosis.hypothesis_table import (
+    Given,
+    Names,
+    RandomMember,
+    Searched,
+    evidence_of_sets,
+    few,
+    given_all,
+    log_evidence_of,
+    log_prior_of_set,
+    nothing,
+    of_columns,
+    posterior,
+)
+from bayes_inertia.diagnosis.limits import LIMITS, Rules
+from bayes_inertia.diagnosis.linear_system import LinearModel, linear_model, random_members
+from bayes_inertia.diagnosis.random_signals import NAMELESS
+from bayes_inertia.diagnosis.result import within_prior
+from bayes_inertia.diagnosis.score_test import ScoreTests
+from bayes_inertia.inference.descent import compiled_meanwhile
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.optimizer import move_to, re_estimate
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.parameters import N_BASE
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
+
+
+def with_stochastic(before: Estimate, effect: StochasticEffect, start: Sequence[float]) -> Estimate:
+    """Fit one effect without a fixed shape more; effects that were not fitted are left out.
+
+    Returns: of a model that holds what is fitted and nothing else.
+    """
+    old = before.model
+    model = Model(old.campaign, (*before.effects_fitted, effect), old.structure.drive)
+    begin = move_to(before, model)
+    part = model.space.slice_of(effect.name)
+    theta = begin.theta.copy()
+    theta[part] = start
+    begin = replace(begin, point=replace(begin.point, theta=theta))
+    free = np.concatenate([begin.free, np.arange(part.start, part.stop)])
+    with compiled_meanwhile(model, begin.point):
+        return re_estimate(begin, theta, free, tolerance=LIMITS.comparison_tolerance)
+
+
+def without_effects(
+    fitted: Estimate, names: Collection[str], before: Estimate, start: Mapping[str, Sequence[float]]
+) -> Estimate:
+    """Fit again with some effects held at their null, in the same model.
+
+    Nothing is compiled anew for it. Campaign and noise stay those of the fit with all effects.
+
+    `start`: by the names of effects that `before` does not know, their parameters to begin from.
+    """
+    space, theta = fitted.model.space, move_to(before, fitted.model).theta.copy()
+    for name, values in start.items():
+        theta[space.slice_of(name)] = values
+    free = np.array([i for i in fitted.free if space.names[i].split(".")[0] not in names])
+    return re_estimate(fitted, theta, free, tolerance=LIMITS.comparison_tolerance)
+
+
+SHAPELESS = frozenset(NAMELESS.values())
+
+
+@dataclass(frozen=True)
+class RefittedRow:
+    """A set of effects of fixed shape fitted in full, and all sets weighed around it.
+
+    Parameters
+    ----------
+    names : frozenset of str
+        The effects.
+    estimate : Estimate
+        The fit.
+    linear : LinearModel
+        The linear model there.
+    tests : ScoreTests
+        Score tests of what is not fitted.
+    log_evidence : mapping
+        Of all sets, against nothing.
+    random : tuple of RandomMember
+        Signals without a fixed shape there.
+    """
+
+    names: Names
+    estimate: Estimate
+    linear: LinearModel
+    tests: ScoreTests
+    log_evidence: Mapping[Names, float]
+    random: tuple[RandomMember, ...] = ()
+
+
+@dataclass(frozen=True)
+class Table:
+    """All hypotheses.
+
+    Parameters
+    ----------
+    rows : dict
+        Probability of each set, most probable first.
+    log_evidence, log_prior : dict
+        Of each; the evidence is against nothing.
+    refitted : dict of RefittedRow
+        Rows that were refitted.
+    """
+
+    rows: dict[Names, float]
+    log_evidence: dict[Names, float]
+    log_prior: dict[Names, float]
+    refitted: dict[Names, RefittedRow]
+
+
+def table_of(
+    base: Estimate,
+    effects: CandidateEffects,
+    stochastic: Sequence[StochasticEffect],
+    rules: Rules,
+    *,
+    nameless: bool = True,
+) -> Table:
+    """Weigh everything that may be missing."""
+    refitted: dict[Names, RefittedRow] = {}
+    names: Names | None = frozenset()
+    while names is not None and len(refitted) <= rules.max_refits:
+        near = _nearest(names, refitted)
+        estimate = base if near is None else _refit(names, base, near, effects, rules)
+        refitted[names] = _weighed(
+            names, estimate, base, effects, stochastic, rules, near=near, nameless=nameless
+        )
+        table = _read(refitted, rules)
+        names = _next(table)
+    return table
+
+
+def _weighed(
+    names: Names,
+    estimate: Estimate,
+    base: Estimate,
+    effects: CandidateEffects,
+    stochastic: Sequence[StochasticEffect],
+    rules: Rules,
+    *,
+    near: RefittedRow | None,
+    nameless: bool,
+) -> RefittedRow:
+    """All sets weighed around a fit; as at the nearest fit where that foretold this one."""
+    if near is not None:
+        linear = linear_model(estimate, sorted(names), base.objective)
+        held = [m for m in linear.members if m.name in names]
+        own = log_evidence_of(nothing(linear.system), held) + linear.offset
+        if abs(own - near.log_evidence[names]) < LIMITS.linear:
+            return replace(near, names=names, estimate=estimate)
+    tests = score_candidates(estimate, effects.flexible_mode)
+    mode = tests.nonlinear.get(FLEXIBLE_MODE)
+    linear = linear_model(estimate, sorted(names), base.objective, mode)
+    random = random_members(linear, estimate, stochastic, nameless=nameless)
+    largest = min(max(3, len(names) + 1), rules.max_effects)
+    values = evidence_of_sets(linear.system, linear.members, random, Searched(largest=largest))
+    values = {row: value + linear.offset for row, value in values.items()}
+    return RefittedRow(names, estimate, linear, tests, values, random)
+
+
+def fixed_part(row: Names, refitted: Mapping[Names, RefittedRow]) -> Names:
+    """The members of a row that have a fixed shape."""
+    base = refitted[frozenset()]
+    return row & frozenset(member.name for member in base.linear.members)
+
+
+def given_row(table: Table, row: Names) -> tuple[LinearModel, Given]:
+    """The linear model given the members of a row, at the refit nearest to it."""
+    at = _weighed_at(row, table.refitted)
+    fixed = [m for m in at.linear.members if m.name in row]
+    random = [m for m in at.random if m.name in row]
+    given = nothing(at.linear.system)
+    if random:
+        given, _ = few(at.linear.system, random[0], fixed)
+    return at.linear, given_all(*of_columns(given, fixed, N_BASE))
+
+
+def _weighed_at(row: Names, refitted: Mapping[Names, RefittedRow]) -> RefittedRow:
+    """The refit nearest to a row, of those around which it was weighed."""
+    own = fixed_part(row, refitted)
+    return min(
+        (r for r in refitted.values() if row in r.log_evidence),
+        key=lambda r: (len(r.names ^ own), -r.log_evidence[r.names]),
+    )
+
+
+def _read(refitted: Mapping[Names, RefittedRow], rules: Rules) -> Table:
+    """The table as it stands: each row as weighed at the refit nearest to it."""
+    values: dict[Names, float] = {}
+    rows = {row for at in refitted.values() for row in at.log_evidence}
+    rows = {row for row in rows if len(row) <= rules.max_effects}
+    for row in rows:
+        at = _weighed_at(row, refitted)
+        values[row] = at.log_evidence[row]
+    base = refitted[frozenset()]
+    named = {m.name for m in base.linear.members} | {m.name for m in base.random} - SHAPELESS
+    shapes = max(sum(m.name in SHAPELESS for m in base.random), 1)
+    prior = {row: _log_prior(row, len(named) + 1, shapes) for row in values}
+    return Table(posterior(values, prior), values, prior, dict(refitted))
+
+
+def _log_prior(row: Names, members: int, shapes: int) -> float:
+    """Log prior of a row: all shapes without a name together are one member."""
+    return log_prior_of_set(len(row), members) - np.log(shapes) * len(row & SHAPELESS)
+
+
+def with_evidence(table: Table, log_evidence: dict[Names, float]) -> Table:
+    """The table with other evidence of its rows."""
+    rows = posterior(log_evidence, table.log_prior)
+    return replace(table, rows=rows, log_evidence=log_evidence)
+
+
+def _next(table: Table) -> Names | None:
+    """The effects of fixed shape of the best row and of the best names alone, if not refitted."""
+    best = next(iter(table.rows))
+    with_names = next((row for row in table.rows if not row & SHAPELESS), best)
+    wanted = (fixed_part(row, table.refitted) for row in (best, with_names))
+    return next((names for names in wanted if names not in table.refitted), None)
+
+
+def fit_of(
+    table: Table, names: Names, base: Estimate, effects: CandidateEffects, rules: Rules
+) -> Estimate:
+    """The fit of a set of effects of fixed shape, brought to its end."""
+    row, near = table.refitted.get(names), _nearest(names, table.refitted)
+    assert near is not None
+    fitted = row.estimate if row else _refit(names, base, near, effects, rules)
+    return re_estimate(fitted, fitted.theta, fitted.free)
+
+
+def _nearest(names: Names, refitted: Mapping[Names, RefittedRow]) -> RefittedRow | None:
+    """The refit that lacks fewest of a set of effects, and holds no others."""
+    return min(
+        (r for r in refitted.values() if r.names <= names),
+        key=lambda r: (len(r.names ^ names), -r.log_evidence[r.names]),
+        default=None,
+    )
+
+
+def _refit(
+    names: Names,
+    base: Estimate,
+    near: RefittedRow,
+    effects: CandidateEffects,
+    rules: Rules,
+) -> Estimate:
+    """Fit a set of effects, begun where the nearest linear model has them."""
+    estimate = near.estimate
+    mode = near.tests.nonlinear.get(FLEXIBLE_MODE)
+    theta: np.ndarray
+    if FLEXIBLE_MODE in names and FLEXIBLE_MODE not in near.names:
+        estimate, theta = _with_mode(estimate, effects, mode)
+    else:
+        theta = estimate.theta.copy()
+    space = estimate.model.space
+    scales = {e.name: e.prior_scale for e in estimate.model.effects}
+    predicted = _amplitudes(near.linear, sorted(names))
+    free = [np.arange(9)[np.isin(np.arange(9), base.free)]]
+    for name in sorted(names):
+        part = space.slice_of(name)
+        free.append(np.arange(part.start, part.stop))
+        if name in near.names or name == FLEXIBLE_MODE:
+            continue
+        step = (
+            np.clip(predicted[name], -LIMITS.largest_amplitude, LIMITS.largest_amplitude)
+            * space.sd[part]
+        )
+        theta[part] = space.nulls[part] + step / scales[name]
+        inset = 1e-3 * space.sd[part]
+        theta[part] = np.clip(theta[part], space.lower[part] + inset, space.upper[part] - inset)
+    fitted = re_estimate(
+        estimate, theta, np.concatenate(free), tolerance=LIMITS.comparison_tolerance
+    )
+    for name in sorted(names):
+        fitted = within_prior(fitted, name, rules, tolerance=LIMITS.comparison_tolerance)
+    return fitted
+
+
+def _amplitudes(linear: LinearModel, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Best amplitudes of a set of effects, of the stated prior [prior sd]."""
+    members = {m.name: m for m in linear.members}
+    index = np.concatenate([members[n].index for n in names])
+    block = linear.system.matrix[np.ix_(index, index)] + np.eye(len(index))
+    values = np.linalg.solve(block, linear.system.gradient[index])
+    ends = np.cumsum([len(members[n].index) for n in names])[:-1]
+    return dict(zip(names, np.split(values, ends), strict=True))
+
+
+def _with_mode(
+    estimate: Estimate, effects: CandidateEffects, candidate: object
+) -> tuple[Estimate, np.ndarray]:
+    """The fit in a model that holds a flexible mode, and its parameters with the mode's."""
+    assert isinstance(candidate, FlexibleModeCandidate)
+    assert effects.flexible_mode is not None
+    model, frequency = estimate.model, float(2.0 ** np.round(np.log2(candidate.frequency)))
+    mode = replace(effects.flexible_mode, frequency=frequency)
+    larger = Model(model.campaign, (*model.effects, mode), model.structure.drive)
+    start = move_to(estimate, larger)
+    return start, theta_with_mode(start, candidate)

@@ -1,0 +1,77 @@
+"""The verdict is read off the probabilities of a table."""
+
+import numpy as np
+import pytest
+
+from bayes_inertia.diagnosis.hypothesis_table import log_prior_of_set, posterior
+from bayes_inertia.diagnosis.limits import Rules
+from bayes_inertia.diagnosis.table_search import Table
+from bayes_inertia.diagnosis.table_verdict import hypotheses_of, read_table, unexplained_reading
+
+TORQUE, SHAPE = "constant_torque", "nameless_body_torque"
+
+
+def table(values):
+    """A table of rows, names joined by spaces, with these log evidences."""
+    rows = {frozenset(names.split()): value for names, value in values.items()}
+    prior = {row: log_prior_of_set(len(row), 25) for row in rows}
+    return Table(posterior(rows, prior), rows, prior, {})
+
+
+def test_one_set_that_holds_the_probability_is_named():
+    found = read_table(
+        table({"": 0.0, TORQUE: 20.0, "rate_bias": 12.0, SHAPE: 14.0}), Rules(), significant=True
+    )
+    assert (found.verdict, found.named, found.ambiguous_with) == ("named", (TORQUE,), ())
+    assert found.nameless_lead == pytest.approx(-6.0)
+
+
+def test_what_is_not_significant_is_not_named():
+    found = read_table(table({"": 0.0, TORQUE: 20.0}), Rules(), significant=False)
+    assert (found.verdict, found.named) == ("consistent", ())
+
+
+def test_sets_that_explain_the_data_nearly_as_well_are_ambiguous():
+    values = {"": 0.0, TORQUE: 20.0, "rate_bias": 18.0, "rate_bias wheel_friction": 19.0}
+    found = read_table(table(values | {SHAPE: 19.0}), Rules(), significant=True)
+    assert found.verdict == "ambiguous"
+    assert found.ambiguous_with == ((TORQUE, SHAPE, "rate_bias"),)
+
+
+def test_a_set_that_only_adds_to_the_best_is_no_alternative():
+    values = {"": 0.0, TORQUE: 20.0, f"{TORQUE} rate_bias": 23.0}
+    assert read_table(table(values), Rules(), significant=True).verdict == "named"
+
+
+def test_a_shape_without_a_name_that_beats_the_names_leaves_them_unknown():
+    found = read_table(table({"": 0.0, TORQUE: 20.0, SHAPE: 24.0}), Rules(), significant=True)
+    assert (found.verdict, found.why_unknown) == ("unknown", "imitation")
+    assert found.nameless_source == "body torque"
+
+
+def test_names_that_a_shape_does_not_make_needless_explain_a_part():
+    values = {"": 0.0, TORQUE: 900.0, SHAPE: 400.0, f"{TORQUE} {SHAPE}": 940.0}
+    found = read_table(table(values), Rules(), significant=True)
+    assert (found.verdict, found.named) == ("partial", (TORQUE,))
+
+
+def test_residuals_that_are_not_noise_leave_a_part_or_nothing_named():
+    beside = {"": 0.0, TORQUE: 900.0, SHAPE: 400.0, f"{TORQUE} {SHAPE}": 901.0}
+    alone = {"": 0.0, TORQUE: 30.0, SHAPE: 29.0, f"{TORQUE} {SHAPE}": 26.0}
+    for values, verdict in ((beside, "partial"), (alone, "unknown")):
+        weighed = table(values)
+        reading = read_table(weighed, Rules(), significant=True)
+        assert unexplained_reading(weighed, reading).verdict == verdict
+
+
+def test_listed_probabilities_add_up_to_one():
+    """Shapes without a name are one hypothesis; improbable sets are one row."""
+    names = [f"effect_{i}" for i in range(20)]
+    values = {"": 0.0, SHAPE: 3.0, "nameless_rate_error": 2.0} | dict.fromkeys(names, 1.0)
+    rows = hypotheses_of(table(values))
+    assert sum(row.probability for row in rows) == pytest.approx(1.0)
+    assert [row.kind for row in rows].count("nameless") == 1
+    assert len(rows) < len(values)
+    (others,) = (row for row in rows if row.kind == "others")
+    assert others.log_evidence == pytest.approx(1.0)
+    assert np.isfinite(others.log_prior)
