@@ -36,8 +36,8 @@ PUBLIC = set(
     Execution Task TaskFailure Work WorkResult fit_many
     Degeneracy Direction InformationArrival Observability ParameterObservability observe
     AlternativeEffect AlternativeParameters BeyondPrior BinnedResiduals Candidate DiagnosedFit
-    Diagnosis Disagreement FreeSignal Hypothesis Investigation Match QuotedParameters
-    Rules Spectrum Step Undetected
+    Diagnosis Disagreement Formula FormulaSearch FormulaTerm FreeSignal Hypothesis Investigation
+    Match QuotedParameters Rules Spectrum Step Undetected
     UnexplainedSignal Window diagnose diagnose_and_fit investigate quoted_parameters
     AchievedErrors Contender CorrectionForecast Design Goal KeepOut Limits Margin Separation
     compare_plans design_plan next_slew separating_slew

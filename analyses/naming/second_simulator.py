@@ -9,13 +9,46 @@ came from.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.flight.plan_flight import Flight
+
+
+class Instant(NamedTuple):
+    """What a disturbance may follow, at one instant or in all rows (n, ...).
+
+    Parameters
+    ----------
+    t, since : float or (n,) array
+        On the campaign's clock, and from the slew's beginning [s].
+    rate_B : (3,) array
+        [rad/s].
+    momentum : (wheels,) array
+        Of the wheels relative to the body [N m s].
+    command : (wheels,) array
+        Torque command [N m].
+    attitude : Rotation
+        From body to inertial axes.
+    field_B : (3,) array
+        Magnetic field [T].
+    wheel_axes_B : (3, wheels) array
+        Spin axes.
+    """
+
+    t: float
+    since: float
+    rate_B: np.ndarray
+    momentum: np.ndarray
+    command: np.ndarray
+    attitude: Rotation
+    field_B: np.ndarray
+    wheel_axes_B: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -41,6 +74,15 @@ class Disturbance:
     def tracker_error(self, late: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Rotation vectors (n, 3) [rad] of the fixes' errors, `late` for those after the slew."""
         return np.zeros((len(late), 3))
+
+    def torques(self, now: Instant) -> tuple[np.ndarray, np.ndarray]:
+        """On the body from outside (3,) and between body and wheels, on these (wheels,) [N m]."""
+        return self.body_torque(now.t, now.since, now.rate_B), np.zeros(len(now.momentum))
+
+    def reading_errors(self, rows: Instant) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of rates (n, 3) [rad/s], attitudes (n, 3) [rad], wheel momenta (n, wheels) [N m s]."""
+        n = len(rows.rate_B)
+        return np.zeros((n, 3)), np.zeros((n, 3)), np.zeros_like(rows.momentum)
 
 
 class Swirl(Disturbance):
@@ -100,11 +142,13 @@ def _replayed_slew(flight: Flight, i: int, disturbance: Disturbance, rng: np.ran
     craft, slew, truth = flight.spacecraft, flight.campaign.slews[i], flight.truth[i]
     G, spin = craft.wheel_axes_B, np.array([w.spin_inertia for w in craft.wheels])
     torque = np.array([disturbance.motor_torque(u) for u in np.asarray(slew.wheel_torque)])
-    rate, H, turned = _motion(craft.inertia_B, G, torque, slew, truth, spin, disturbance)
     # scipy's quaternion of a rotation is that of body-to-inertial; the campaign's maps inertial to
     # body by C(q) of the same numbers.
     start = Rotation.from_quat(np.asarray(truth.attitude[0]))
+    flown = _Flown(craft.inertia_B, G, spin, torque, slew, start)
+    rate, H, turned = _motion(flown, truth, disturbance)
     attitude = start * Rotation.from_quat(turned)
+    seen = disturbance.reading_errors(flown.at(slew.time, rate, H, turned, torque))
     sensor, tracker, n = craft.rate_sensor, craft.star_tracker, len(slew.time)
     readings = (rate @ np.asarray(sensor.axes).T + np.asarray(craft.bias)) / np.asarray(
         craft.scale_factor
@@ -112,19 +156,21 @@ def _replayed_slew(flight: Flight, i: int, disturbance: Disturbance, rng: np.ran
     readings = (
         readings
         + disturbance.rate_error(slew.start + slew.time, rng)
+        + seen[0]
         + np.asarray(sensor.sigma) * rng.normal(size=(n, 3))
     )
     late = slew.time > 0.5 * slew.time[-1]
     sigma = np.where(
         np.abs(tracker.boresight_B) > 0.5, tracker.sigma_roll, tracker.sigma_cross
     )  # boresight along a body axis
-    error = Rotation.from_rotvec(disturbance.tracker_error(late, rng)) * Rotation.from_rotvec(
-        sigma * rng.normal(size=(n, 3))
-    )
+    error = Rotation.from_rotvec(
+        disturbance.tracker_error(late, rng) + seen[1]
+    ) * Rotation.from_rotvec(sigma * rng.normal(size=(n, 3)))
     fixes = np.where(np.isfinite(slew.attitude), (attitude * error).as_quat(), np.nan)
     momentum = (
         H
         - spin * (rate @ G)
+        + seen[2]
         + np.array([w.momentum_sigma for w in craft.wheels]) * rng.normal(size=H.shape)
     )
     return replace(slew, rate=readings, attitude=fixes, wheel_momentum=momentum)
@@ -165,23 +211,55 @@ def state_slope(
     return np.concatenate([acceleration, motor_torque, turning, [-0.5 * (vector @ rate)]])
 
 
-def _motion(J, G, torque, slew, truth, spin, disturbance):
+@dataclass(frozen=True)
+class _Flown:
+    """A slew of a spacecraft, and what acts at a state of it."""
+
+    inertia_B: np.ndarray
+    wheel_axes_B: np.ndarray
+    spin_inertia: np.ndarray
+    torque: np.ndarray
+    slew: Slew
+    start: Rotation
+
+    def at(self, since, rate_B, momentum, turned, command) -> Instant:
+        """The instant of a state; `momentum` holds the spin of the body too."""
+        attitude = self.start * Rotation.from_quat(turned)
+        rows = self.slew.magnetic_field_N
+        if rows is None:
+            field_N = np.zeros((*np.shape(since), 3))
+        else:
+            time = self.slew.time
+            field_N = np.stack([np.interp(since, time, rows[:, i]) for i in range(3)], -1)
+        return Instant(
+            self.slew.start + since,
+            since,
+            rate_B,
+            momentum - self.spin_inertia * (rate_B @ self.wheel_axes_B),
+            command,
+            attitude,
+            attitude.inv().apply(field_N),
+            self.wheel_axes_B,
+        )
+
+
+def _motion(flown: _Flown, truth, disturbance):
     """Rate (n, 3), wheels' total spin momentum (n, wheels), and the rotation since the start (n, 4;
     scalar last).
     """
-    w0 = np.asarray(truth.rate_B[0])
-    x = np.concatenate(
-        [w0, np.asarray(truth.wheel_momentum[0]) + spin * (w0 @ G), [0.0, 0.0, 0.0, 1.0]]
-    )
-    wheels, inverse, rows = G.shape[1], np.linalg.inv(J), []
+    w0, slew, G = np.asarray(truth.rate_B[0]), flown.slew, flown.wheel_axes_B
+    spin = flown.spin_inertia * (w0 @ G)
+    x = np.concatenate([w0, np.asarray(truth.wheel_momentum[0]) + spin, [0.0, 0.0, 0.0, 1.0]])
+    wheels, inverse, rows = G.shape[1], np.linalg.inv(flown.inertia_B), []
     for k, t in enumerate(slew.time):
         rows.append(x)
         if k + 1 == len(slew.time):
             break
 
-        def slope(since, y, u=torque[k]):
-            tau = disturbance.body_torque(slew.start + since, since, y[:3])
-            return state_slope(y, J, inverse, G, u, tau)
+        def slope(since, y, u=flown.torque[k]):
+            now = flown.at(since, y[:3], y[3:-4], y[-4:] / np.linalg.norm(y[-4:]), u)
+            tau, further = disturbance.torques(now)
+            return state_slope(y, flown.inertia_B, inverse, G, u + further, tau)
 
         x = solve_ivp(slope, (t, slew.time[k + 1]), x, method="DOP853", rtol=1e-8, atol=1e-10).y[
             :, -1

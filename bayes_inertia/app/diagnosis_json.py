@@ -24,6 +24,7 @@ from bayes_inertia.inference.treatment import DirtTreatment, treatment_from
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, STOCHASTIC
+from bayes_inertia.physics.effects.formula import Formula
 
 FORMAT = "bayes-inertia-diagnosis/1"
 
@@ -63,6 +64,7 @@ def _search(diagnosis: Diagnosis) -> dict[str, Any]:
         "why_unknown": diagnosis.why_unknown,
         "nameless_lead": diagnosis.nameless_lead,
         "nameless_source": diagnosis.nameless_source,
+        "formulas": _formulas(diagnosis),
         "hypotheses": [asdict(row) for row in diagnosis.hypotheses],
         "threshold": diagnosis.threshold,
         "rules": asdict(diagnosis.rules),
@@ -78,6 +80,27 @@ def _search(diagnosis: Diagnosis) -> dict[str, Any]:
             for key, t in diagnosis.tests.items()
         },
         "drive": diagnosis.base.model.structure.drive,
+    }
+
+
+def _formulas(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    """What was weighed for want of a name: the formulas that count, and how many there are."""
+    search = diagnosis.formulas
+    if search is None:
+        return None
+    best = search.terms[0]
+    return {
+        "tried": len(search.terms),
+        "log_evidence": search.log_evidence,
+        "false_alarm_at_most": min(1.0, math.exp(-search.log_evidence)),
+        "terms": [
+            {
+                "effect": term.formula.name,
+                "formula": term.formula.text,
+                "behind_best": best.log_weight - term.log_weight,
+            }
+            for term in search.equals(diagnosis.rules.log_evidence_margin)
+        ],
     }
 
 
@@ -112,7 +135,10 @@ def next_fit_from(content: Mapping[str, Any], library: Sequence[Effect] = LIBRAR
     known = {e.name: e for e in (*STOCHASTIC, *library)}
     # Files of earlier versions state the level of the noise alone.
     before = DirtTreatment(level=content["noise"])
-    fitted = tuple(replace(known[row["effect"]], **row["settings"]) for row in content["fitted"])
+    fitted = tuple(
+        replace(known.get(row["effect"]) or Formula.of_name(row["effect"]), **row["settings"])
+        for row in content["fitted"]
+    )
     if content["verdict"] == "unknown" and not content.get("alternatives"):
         fitted = fitted or REMAINDERS  # Files of earlier versions leave them out.
     return NextFit(

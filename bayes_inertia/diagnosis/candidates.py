@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -301,11 +301,14 @@ class CandidateEffects:
         Its signal is of second order in its coupling: it is searched by itself.
     skipped : tuple of (str, str)
         Names of effects that cannot be tried, and why.
+    log_costs : mapping of float, optional
+        Of effects that were searched for among many: by how much less probable each is beforehand.
     """
 
     linear: tuple[Effect, ...]
     flexible_mode: FlexibleMode | None
     skipped: tuple[tuple[str, str], ...]
+    log_costs: Mapping[str, float] = field(default_factory=dict)
 
 
 def candidate_effects(campaign: Campaign, library: Sequence[Effect]) -> CandidateEffects:

@@ -158,6 +158,11 @@ class Limits:
     remainder_probability: float = 0.5
     # Largest effect that is thought to hide [prior sd]: 95 % of the prior.
     hidden_amplitude: float = 2.0
+    # Terms of a formula, looked for one after the other: a sum of three is no law.
+    rounds_of_formulas: int = 2
+    # Formulas of each search that are refitted; those listed beside them are as good to first
+    # order.
+    formulas_refitted: int = 4
     # Dirt or physics
     # A number of a noise's shape costs half the log of so many readings [log evidence].
     readings_a_number: float = 100.0

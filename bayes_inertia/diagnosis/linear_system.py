@@ -8,7 +8,7 @@ what a linear model cannot see of that is one number for all sets.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -103,11 +103,13 @@ def linear_model(
     held: Sequence[str],
     before: float,
     mode: NonlinearCandidate | None = None,
+    log_costs: Mapping[str, float] | None = None,
 ) -> LinearModel:
     """The linear model at a fit that holds the effects `held`.
 
     `before`: objective of the fit without any effect. `mode`: the flexible mode that the residuals
-    show best, if the fit holds none.
+    show best, if the fit holds none. `log_costs`: by how much
+    less probable an effect is than others.
     """
     scales, own = _scales(estimate), _own(estimate, held)
     fit = _projecting(estimate, own)
@@ -125,7 +127,7 @@ def linear_model(
     block = matrix[np.ix_(at, at)] + np.diag(scales.precision[index[at]])
     linear = 0.5 * gradient[at] @ np.linalg.solve(block, gradient[at])
     moved = shift_per_amplitude(fit, fit.free, columns)
-    members = _members(estimate, names, matrix, scales.logarithmic)
+    members = _members(estimate, names, matrix, scales.logarithmic, log_costs or {})
     if mode is not None:
         here = np.arange(len(index), columns.shape[-1])
         members.append(
@@ -191,7 +193,11 @@ def _names(estimate: Estimate, held: Sequence[str], projected: np.ndarray) -> li
 
 
 def _members(
-    estimate: Estimate, names: Sequence[str], matrix: np.ndarray, logarithmic: np.ndarray
+    estimate: Estimate,
+    names: Sequence[str],
+    matrix: np.ndarray,
+    logarithmic: np.ndarray,
+    log_costs: Mapping[str, float],
 ) -> list[FixedMember]:
     """The effects of a fixed shape, their columns one after the other."""
     space, members, first = estimate.model.space, [], 0
@@ -199,7 +205,16 @@ def _members(
         part = _part(estimate, name)
         here, shape = np.arange(first, first + len(part)), logarithmic[part]
         sided = len(part) == 1 and space.lower[part[0]] == space.nulls[part[0]]
-        members.append(fixed_member(name, here[~shape], here[shape], matrix, one_sided=bool(sided)))
+        members.append(
+            fixed_member(
+                name,
+                here[~shape],
+                here[shape],
+                matrix,
+                one_sided=bool(sided),
+                log_cost=log_costs.get(name, 0.0),
+            )
+        )
         first += len(part)
     return members
 
@@ -245,8 +260,12 @@ def random_members(
     effects: Sequence[StochasticEffect],
     *,
     nameless: bool = True,
+    driven: bool = True,
 ) -> tuple[RandomMember, ...]:
-    """Random effects, and shapes without a name, beside the effects of a fixed shape."""
+    """Random effects, and shapes without a name, beside the effects of a fixed shape.
+
+    `driven`: whether a shape may follow something known; not where formulas say what it follows.
+    """
     forget_surplus(PROGRAMS)
     response, fit = torque_response(estimate), linear.fit
     numbers = fit.residual.size
@@ -268,8 +287,8 @@ def random_members(
         if nameless and own[0].blocks.shape[-1] > 1 and source not in unnamed:
             unnamed[source] = _free(effect, model, signal, own)
     if nameless:
-        for source, driven in _driven(linear, response).items():
-            unnamed.setdefault(source, []).extend((x, -np.log(len(driven))) for x in driven)
+        for source, forms in (_driven(linear, response) if driven else {}).items():
+            unnamed.setdefault(source, []).extend((x, -np.log(len(forms))) for x in forms)
     members += [
         RandomMember(NAMELESS[s], [x for x, _ in forms], np.array([w for _, w in forms]), s)
         for s, forms in unnamed.items()

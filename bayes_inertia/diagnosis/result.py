@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
+from scipy.special import logsumexp
 
 from bayes_inertia.diagnosis.limits import LIMITS, Rules
 from bayes_inertia.faults.fault import Dirt
@@ -21,7 +22,11 @@ from bayes_inertia.inference.residual_tests import ChannelTest
 from bayes_inertia.inference.treatment import DirtTreatment, records_of_dirt
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects.formula import Formula
 from bayes_inertia.physics.forward_model import Model
+
+# Verdicts that leave something without a name.
+OPEN_VERDICTS = ("partial", "unknown")
 
 
 @dataclass(frozen=True)
@@ -256,14 +261,77 @@ class AlternativeParameters:
         return np.sqrt(np.diag(self.covariance))
 
 
+class FormulaTerm(NamedTuple):
+    """One formula, weighed.
+
+    Parameters
+    ----------
+    formula : Formula
+        The formula.
+    log_evidence : float
+        Of it against nothing, to first order.
+    log_prior : float
+        Log probability beforehand, if there is a formula: places, drivers of a place, forms of a
+        driver and members of a form are each as probable.
+    """
+
+    formula: Formula
+    log_evidence: float
+    log_prior: float
+
+    @property
+    def log_weight(self) -> float:
+        """Log evidence and log prior."""
+        return self.log_evidence + self.log_prior
+
+
+@dataclass(frozen=True)
+class FormulaSearch:
+    """All terms of the grammar of formulas, weighed at one fit.
+
+    Parameters
+    ----------
+    terms : tuple of FormulaTerm
+        Most probable first.
+    """
+
+    terms: tuple[FormulaTerm, ...]
+
+    @property
+    def log_evidence(self) -> float:
+        """For any formula against nothing.
+
+        Without one its exponential has the expectation 1: it exceeds 1 / p with probability p at
+        most (Markov's inequality), however many terms there are.
+        """
+        return float(logsumexp([term.log_weight for term in self.terms]))
+
+    def equals(self, margin: float) -> tuple[FormulaTerm, ...]:
+        """Terms that are nearly as probable as the best.
+
+        Parameters
+        ----------
+        margin : float
+            Log odds that they may be behind it.
+
+        Returns
+        -------
+        tuple of FormulaTerm
+            The best first.
+        """
+        best = self.terms[0].log_weight
+        return tuple(term for term in self.terms if best - term.log_weight < margin)
+
+
 @array_dataclass
 class Diagnosis:
     """The answer.
 
     Parameters
     ----------
-    verdict : {"consistent", "named", "ambiguous", "partial", "unknown"}
-        What was found. "partial": what is named explains a part, beside it something without a
+    verdict : {"consistent", "named", "ambiguous", "formula", "partial", "unknown"}
+        What was found. "formula": no effect of the library, but a disturbance in proportion to
+        something known. "partial": what is named explains a part, beside it something without a
         name.
     named : tuple of str
         Effects added.
@@ -302,6 +370,8 @@ class Diagnosis:
         Possible answers, most probable first; their probabilities add up to one.
     other_rows : tuple of AlternativeParameters
         J and K of all rows of the table but that of the effects named.
+    formulas : FormulaSearch or None
+        All terms that were weighed, where a formula is named or may be what has no name.
     """
 
     verdict: str
@@ -323,6 +393,7 @@ class Diagnosis:
     treatment: DirtTreatment = field(default_factory=DirtTreatment)
     hypotheses: tuple[Hypothesis, ...] = ()
     other_rows: tuple[AlternativeParameters, ...] = ()
+    formulas: FormulaSearch | None = None
 
     @property
     def effects_added(self) -> tuple[Effect, ...]:

@@ -29,6 +29,7 @@ from bayes_inertia.diagnosis.clean_start import (
     clean_start,
     measured_again,
 )
+from bayes_inertia.diagnosis.formulas import search_formulas
 from bayes_inertia.diagnosis.hypothesis_table import Names
 from bayes_inertia.diagnosis.limits import LIMITS, Rules
 from bayes_inertia.diagnosis.linear_system import candidate_of, parameters_of
@@ -41,14 +42,18 @@ from bayes_inertia.diagnosis.random_signals import (
 )
 from bayes_inertia.diagnosis.residuals import correlations, final_tests, is_explained
 from bayes_inertia.diagnosis.result import (
+    OPEN_VERDICTS,
     AlternativeEffect,
     AlternativeParameters,
     Candidate,
     Diagnosis,
+    FormulaSearch,
+    FormulaTerm,
     Step,
 )
 from bayes_inertia.diagnosis.score_test import log_evidence_of_fit
 from bayes_inertia.diagnosis.table_search import (
+    SHAPELESS,
     Table,
     fit_of,
     fixed_part,
@@ -125,7 +130,8 @@ def weigh_campaign(
         say(f"weighing {_count(effects, stochastic)} effects and their sets", 0, 0)
         table = table_of(begin.base, effects, stochastic, rules)
         candidates, threshold = _scored(table, stochastic, rules, rng)
-        significant = any(c.p_value < threshold for c in candidates)
+        # What was searched for as a formula was significant before.
+        significant = bool(effects.log_costs) or any(c.p_value < threshold for c in candidates)
         reading = read_table(table, rules, significant=significant)
         fixed = fixed_part(frozenset(reading.named), table.refitted)
         final = fit_of(table, fixed, begin.base, effects, rules) if fixed else begin.base
@@ -409,6 +415,7 @@ def _diagnosed(
 ) -> Diagnosis:
     """The verdict of a table from a clean start."""
     weighed = weigh_campaign(begin, effects, stochastic, rules, seed, say)
+    weighed, formulas = with_formulas(weighed, effects, stochastic, rules, seed, say)
     table, reading, noise = weighed.table, weighed.reading, dict(weighed.begin.noise)
     return Diagnosis(
         verdict=reading.verdict,
@@ -430,4 +437,86 @@ def _diagnosed(
         treatment=replace(weighed.begin.treatment, level=noise),
         hypotheses=hypotheses_of(table),
         other_rows=other_rows(table, reading.row),
+        formulas=formulas,
     )
+
+
+def with_formulas(
+    weighed: Weighed,
+    effects: CandidateEffects,
+    stochastic: Sequence[StochasticEffect],
+    rules: Rules,
+    seed: int,
+    say: Progress,
+) -> tuple[Weighed, FormulaSearch | None]:
+    """Look for a formula that explains the data as well as what the table says.
+
+    Where it may, the best formulas are weighed again beside the effects; where only a shape
+    without a name is one of several answers, they say what that shape would be.
+
+    Returns: the table with formulas if one is an answer, else as it was; and the search, unless no
+    formula counts.
+    """
+    now, found, first = weighed, dict[str, FormulaTerm](), None
+    for _ in range(LIMITS.rounds_of_formulas):
+        if now.reading.verdict == "consistent" or (found and now.reading.verdict == "named"):
+            break
+        say("weighing formulas", 0, 0)
+        searches = [search_formulas(fit) for fit in _fits(now)]
+        search = max(searches, key=lambda s: s.log_evidence)
+        if search.log_evidence < -np.log(rules.false_alarm_probability):
+            break
+        if _may_be_shapeless(now.reading) or _contested(now, search, rules):
+            first = first or search
+        if not _contested(now, search, rules):
+            break
+        found |= {term.formula.name: term for s in searches for term in _best(s, rules)}
+        larger = replace(
+            effects,
+            linear=(*effects.linear, *(term.formula for term in found.values())),
+            log_costs={name: -term.log_prior for name, term in found.items()},
+        )
+        begin = _with_candidates(now.begin, larger)
+        now = weigh_campaign(begin, larger, stochastic, rules, seed, say)
+    answers = {name for names in (now.reading.named, *now.reading.ambiguous_with) for name in names}
+    if not found.keys() & answers or now.reading.verdict in OPEN_VERDICTS:
+        return weighed, first if _may_be_shapeless(weighed.reading) else None
+    named = found.keys() & set(now.reading.named)
+    reading = now.reading._replace(verdict="formula") if named else now.reading
+    return replace(now, reading=reading), first
+
+
+def _best(search: FormulaSearch, rules: Rules) -> tuple[FormulaTerm, ...]:
+    """The formulas of a search that are refitted."""
+    return search.equals(rules.log_evidence_margin)[: LIMITS.formulas_refitted]
+
+
+def _may_be_shapeless(reading: Reading) -> bool:
+    """Whether a shape without a name is one of those that cannot be told apart."""
+    return any(name in SHAPELESS for names in reading.ambiguous_with for name in names)
+
+
+def _contested(weighed: Weighed, search: FormulaSearch, rules: Rules) -> bool:
+    """Whether a formula may be as probable as what is named."""
+    table, reading = weighed.table, weighed.reading
+    if reading.verdict in OPEN_VERDICTS:
+        return True
+    single = max(prior for row, prior in table.log_prior.items() if len(row) == 1)
+    named = table.log_evidence[reading.row] + table.log_prior[reading.row]
+    return search.terms[0].log_weight + single > named - rules.log_evidence_margin
+
+
+def _fits(weighed: Weighed) -> list[Estimate]:
+    """Fits at which formulas are looked for: without effects, and with what is named in part."""
+    fits = [weighed.begin.base]
+    fixed = not any(isinstance(e, StochasticEffect) for e in weighed.final.model.effects)
+    part = fixed and weighed.reading.named and weighed.reading.verdict in OPEN_VERDICTS
+    return [*fits, weighed.final] if part else fits
+
+
+def _with_candidates(begin: CleanStart, effects: CandidateEffects) -> CleanStart:
+    """The start of a search among other effects."""
+    drive = begin.stated.structure.drive
+    stated = Model(begin.stated.campaign, effects.linear, drive)
+    base = move_to(begin.base, Model(begin.base.model.campaign, effects.linear, drive))
+    return replace(begin, stated=stated, base=base, estimate=base)

@@ -166,15 +166,17 @@ def _weighed(
 ) -> RefittedRow:
     """All sets weighed around a fit; as at the nearest fit where that foretold this one."""
     if near is not None:
-        linear = linear_model(estimate, sorted(names), base.objective)
+        linear = linear_model(estimate, sorted(names), base.objective, log_costs=effects.log_costs)
         held = [m for m in linear.members if m.name in names]
         own = log_evidence_of(nothing(linear.system), held) + linear.offset
         if abs(own - near.log_evidence[names]) < LIMITS.linear:
             return replace(near, names=names, estimate=estimate)
     tests = score_candidates(estimate, effects.flexible_mode)
     mode = tests.nonlinear.get(FLEXIBLE_MODE)
-    linear = linear_model(estimate, sorted(names), base.objective, mode)
-    random = random_members(linear, estimate, stochastic, nameless=nameless)
+    linear = linear_model(estimate, sorted(names), base.objective, mode, effects.log_costs)
+    random = random_members(
+        linear, estimate, stochastic, nameless=nameless, driven=not effects.log_costs
+    )
     largest = min(max(3, len(names) + 1), rules.max_effects)
     values = evidence_of_sets(linear.system, linear.members, random, Searched(largest=largest))
     values = {row: value + linear.offset for row, value in values.items()}

@@ -219,10 +219,10 @@ def coefficient_columns(response: TorqueResponse, effect: StochasticEffect) -> n
     count = effect.coefficient_count(model.campaign)
     parts = [_unit_signals(effect, hooks, count, *of_slew(k, inputs)) for k in range(model.n_slews)]
     units = of_all_slews(parts, (grid,) * len(hooks))
-    return _changes(response, dict(zip(hooks, units, strict=True)), count)
+    return changes_of(response, dict(zip(hooks, units, strict=True)), count)
 
 
-def _changes(response: TorqueResponse, units: Mapping[str, np.ndarray], count: int) -> np.ndarray:
+def changes_of(response: TorqueResponse, units: Mapping[str, np.ndarray], count: int) -> np.ndarray:
     """Changes of the whitened residuals by signals (slews, n, components, k) in hooks."""
     estimate = response.estimate
     campaign = estimate.model.campaign

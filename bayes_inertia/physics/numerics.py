@@ -22,6 +22,14 @@ class Numerics:
     # covariance.
     covariance_rounding: float = 1e-9
 
+    # `effects/formula.py`
+    # Shares of the torque that makes the motion, and of rate and momentum, that a formula's prior
+    # allows. It has no other scale; a diagnosis averages over sizes anyway.
+    formula_torque: float = 0.1
+    formula_reading: float = 0.01
+    formula_turn: float = 20.0  # times the star tracker's sigma_cross, as its shift
+    formula_field: float = 3e-5  # [T], of the Earth in a low orbit
+
     # `forward_model.py`
     # Slow shapes of tachometer noise that move the attitude; the rest acts only on its own sample.
     tachometer_modes: int = 12

@@ -13,6 +13,7 @@ from bayes_inertia.report.answer_wording import beyond_prior_text, probabilities
 from bayes_inertia.report.diagnosis_wording import (
     averaging_text,
     could_hide_text,
+    formula_texts,
     nameless_signal,
     nameless_text,
     step_text,
@@ -35,6 +36,7 @@ _LEVELS: dict[str, Level] = {
     "consistent": "good",
     "named": "good",
     "ambiguous": "caution",
+    "formula": "caution",
     "partial": "caution",
     "unknown": "bad",
 }
@@ -54,6 +56,7 @@ def diagnosis_verdict(content: Mapping[str, Any]) -> Verdict:
         *_on_noise(content),
         *_on_next_slews(content),
         *_on_what_is_unknown(content),
+        *formula_texts(content),
         *_on_skipped(content),
         *_on_the_fit_below(content),
     ]
@@ -74,6 +77,7 @@ def in_brief(content: Mapping[str, Any]) -> list[str]:
         *_on_noise(content),
         *(separating_text(slew) for slew in content.get("separating", [])[:1]),
         *_on_what_is_unknown(content),
+        *formula_texts(content),
     ]
     if content["verdict"] == "named" and (doubt := nameless_text(content)):
         sentences.append(doubt)
@@ -105,7 +109,10 @@ def headline(content: Mapping[str, Any]) -> str:
         sure = [plain(name) for name in named if not any(name in names for names in sets)]
         besides = f" Besides: {listed(sure)}." if sure else ""
         return f"Something is missing: {choices}. This campaign cannot tell which.{besides}"
-    return f"Found what is missing: {listed([plain(name) for name in named])}."
+    found = listed([plain(name) for name in named])
+    if verdict == "formula":
+        return f"Found a formula for what is missing, which no effect of the library is: {found}."
+    return f"Found what is missing: {found}."
 
 
 def _on_disagreement(content: Mapping[str, Any]) -> str:

@@ -51,6 +51,32 @@ def with_what(content: Mapping[str, Any]) -> str:
     return "with the named effects"
 
 
+def formula_texts(content: Mapping[str, Any]) -> list[str]:
+    """What formulas say of a disturbance without a name, and how far to believe them.
+
+    Examples
+    --------
+    >>> term = {"formula": "body torque = c |ω|²", "behind_best": 0.0}
+    >>> content = {"verdict": "formula", "formulas": {
+    ...     "tried": 1598, "false_alarm_at_most": 0.001, "terms": [term]}}
+    >>> formula_texts(content)
+    ['Of 1598 formulas only this one explains the data (false alarms: at most 0.10 %).']
+    """
+    found = content.get("formulas")
+    if not found:
+        return []
+    percent = f"{two_digits(100.0 * found['false_alarm_at_most'])} %"
+    formulas = [term["formula"] for term in found["terms"]]
+    alarm = f"(false alarms: at most {percent})"
+    if content["verdict"] != "formula":
+        best = listed(formulas[: LAYOUT.formulas_listed])
+        return [f"What has no name may be, of {found['tried']} formulas, {best} {alarm}."]
+    if len(formulas) == 1:
+        return [f"Of {found['tried']} formulas only this one explains the data {alarm}."]
+    others = listed(formulas[1 : 1 + LAYOUT.formulas_listed])
+    return [f"Of {found['tried']} formulas these explain the data as well: {others} {alarm}."]
+
+
 def probabilities(content: Mapping[str, Any]) -> list[tuple[str, float]]:
     """What of the ambiguous sets may be true, and how probable it is.
 

@@ -8,9 +8,11 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 from bayes_inertia.campaign.sensors import STREAMS
+from bayes_inertia.physics.effects.formula import Formula
 from bayes_inertia.report.layout import LAYOUT
 
 _CHANNEL_NAMES = {**{stream.name: stream.title for stream in STREAMS}, "total": "all channels"}
@@ -246,8 +248,13 @@ def plain(name: str) -> str:
     --------
     >>> plain("wheel_command_lag"), plain("solar_pressure.torque_N_x")
     ('wheel command lag', 'solar pressure: torque x (inertial axes)')
+    >>> plain("formula_body_torque_speed_squared_full")
+    'body torque = c |ω|²'
     """
     effect, dot, parameter = name.rpartition(".")
+    with suppress(KeyError):
+        formula = Formula.of_name(effect or name).text
+        return f"{formula}: {parameter.replace('_', ' ')}" if dot else formula
     words = parameter.split("_")
     frames = [f" ({_FRAMES[word]})" for word in words[1:] if word in _FRAMES]
     quantity = " ".join(word for word in words if word not in _FRAMES or word == words[0])

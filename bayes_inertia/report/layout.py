@@ -28,6 +28,7 @@ class Layout:
     # `diagnosis_wording.py`
     # In units of the sd: a smaller difference between two models is called none.
     negligible_difference_sd: float = 0.1
+    formulas_listed: int = 3
 
     # `export/content.py`
     # Digits beyond the second of the sd, so that rounding moves a number by less than sd / 1000.

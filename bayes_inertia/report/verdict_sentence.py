@@ -126,6 +126,8 @@ def _on_model(summary: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -
     if verdict == "named" and effects:
         was, them = ("was", "it") if len(effects) == 1 else ("were", "them")
         return f"{listed(effects)} {was} missing, and with {them} the model explains the data"
+    if verdict == "formula" and effects:
+        return f"a disturbance was missing, and with {listed(effects)} the model explains the data"
     if verdict == "ambiguous" and effects:
         sets = diagnosis["ambiguous_with"] if diagnosis else []
         choices = " and ".join(either_or([plain(name) for name in names]) for names in sets)

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
+from contextlib import suppress
 
 from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects.constant_torque import ConstantTorque
 from bayes_inertia.physics.effects.each_slew import EachSlew
 from bayes_inertia.physics.effects.flexible_mode import FlexibleMode
+from bayes_inertia.physics.effects.formula import Formula
 from bayes_inertia.physics.effects.gravity_gradient import GravityGradient
 from bayes_inertia.physics.effects.inertia_change import InertiaChange
 from bayes_inertia.physics.effects.magnetic_dipole import MagneticDipole
@@ -84,6 +86,7 @@ __all__ = [
     "ConstantTorque",
     "EachSlew",
     "FlexibleMode",
+    "Formula",
     "GravityGradient",
     "InertiaChange",
     "MagneticDipole",
@@ -123,6 +126,8 @@ def by_name(names: Sequence[str]) -> tuple[Effect, ...]:
     """
     known = {effect.name: effect for effect in (*LIBRARY, *STOCHASTIC)}
     for name in names:
+        with suppress(KeyError):
+            known.setdefault(name, Formula.of_name(name))
         if name not in known:
             near = difflib.get_close_matches(name, known, n=3, cutoff=0.4) or list(known)
             raise EffectError(

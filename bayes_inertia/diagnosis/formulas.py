@@ -1,0 +1,215 @@
+"""Formulas for what has no name: every term of a grammar weighed at one fit.
+
+A term says what acts, in proportion to what, and which components follow which (`Formula`). All
+terms of one place and one driver are columns of one matrix of coefficients: one projection of
+these columns weighs them all.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.diagnosis.hypothesis_table import log_evidence_of_columns
+from bayes_inertia.diagnosis.result import FormulaSearch, FormulaTerm
+from bayes_inertia.diagnosis.torque_response import TorqueResponse, changes_of, torque_response
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.linearised_fit import LinearisedFit
+from bayes_inertia.maths import quaternion
+from bayes_inertia.maths.device_arrays import repeated
+from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.physics.effects.formula import DRIVERS, PLACES, Formula, driver_values
+from bayes_inertia.physics.slew_context import State
+
+# Hooks of an effect and of the linear response that differ in name.
+_RESPONSE_HOOK = {"wheel_torque": "delivered_torque"}
+
+
+def search_formulas(estimate: Estimate) -> FormulaSearch:
+    """Weigh every term of the grammar at a fit; what it holds is projected off."""
+    fit = estimate.linearised()
+    return weighed(projected(block, fit) for block in blocks(torque_response(estimate)))
+
+
+@array_dataclass
+class Block:
+    """All coefficients of one place and one driver.
+
+    Parameters
+    ----------
+    formula : Formula
+        All of C.
+    shape : tuple of int
+        Rows and columns of C.
+    columns : (slews, numbers, rows columns) array
+        Changes of the whitened residuals, in units of the prior sd of a coefficient.
+    """
+
+    formula: Formula
+    shape: tuple[int, int]
+    columns: np.ndarray
+
+
+def blocks(response: TorqueResponse) -> Iterator[Block]:
+    """Place by place and driver by driver."""
+    campaign, structure = response.estimate.model.campaign, response.estimate.model.structure
+    wheels = len(campaign.wheels)
+    for key, driver in DRIVERS.items():
+        if not _known(campaign, key):
+            continue
+        for wheel in range(wheels if driver.of_one_wheel else 1):
+            values = _along(response, key, wheel)
+            rms = float(np.sqrt(np.mean(values**2, axis=(0, 1)).max()))
+            if not rms > 0.0:
+                continue
+            for name, place in PLACES.items():
+                if not _allowed(name, key, wheels, structure.drive):
+                    continue
+                formula = Formula(name, key, "full", wheel=wheel, rms=rms)
+                rows = wheels if place.rows == "wheels" else 3
+                size = place.size(campaign) / rms
+                columns = _columns(response, name, size * values, rows)
+                if columns.any():
+                    yield Block(formula, (rows, values.shape[-1]), columns)
+
+
+def _known(campaign: Campaign, key: str) -> bool:
+    """Whether a campaign tells a driver in every slew."""
+    driver = DRIVERS[key]
+    if (driver.columns == "wheels" or driver.of_one_wheel) and not campaign.wheels:
+        return False
+    if key in ("momentum", "gyroscopic", "command") and not campaign.wheels:
+        return False
+    if driver.commands and not campaign.has_commands:
+        return False
+    return all(getattr(s, need) is not None for s in campaign.slews for need in driver.needs)
+
+
+def _allowed(place: str, key: str, wheels: int, drive: str) -> bool:
+    """Whether a place goes with a driver."""
+    driver = DRIVERS[key]
+    if PLACES[place].rows == "wheels":
+        # Where tachometers drive the model, torques on the wheels do nothing.
+        return wheels > 0 and drive == "commanded" and not driver.of_one_wheel and not driver.needs
+    if place == "inertial_torque":
+        return driver.columns == "one" or driver.columns == "wheels"
+    # A sensor's hook does not know field and position.
+    return place == "body_torque" or not driver.needs
+
+
+def _along(response: TorqueResponse, key: str, wheel: int) -> np.ndarray:
+    """A driver along all slews (slews, n, k) of the integration grid."""
+    data = response.estimate.model.data
+    n = response.time.shape[1]
+    contexts, slews = data.contexts, data.arrays.slews
+    path = response.attitude, response.rate_B, response.wheel_momentum
+    field, position = (np.asarray(x) for x in slews.environment)
+    shape = contexts.time.shape
+    padded = [repeated(x, shape[1]) for x in (*path, field, position)]
+    attitude, rate_B, momentum, field, position = padded
+    eye = np.broadcast_to(np.eye(3), (*shape, 3, 3))
+    states = State(attitude, rate_B, momentum, np.zeros((*shape, 0)), eye, field, position)  # type: ignore[arg-type]
+    return driver_values(DRIVERS[key], wheel, contexts, states, np.asarray(contexts.time))[:, :n]
+
+
+def _columns(response: TorqueResponse, place: str, values: np.ndarray, rows: int) -> np.ndarray:
+    """Changes of the residuals (slews, numbers, rows k) by all coefficients."""
+    unit = np.einsum("snk,ij->snijk", values, np.eye(rows))
+    unit = unit.reshape(*values.shape[:2], rows, -1)
+    if PLACES[place].rows == "inertial":
+        turn = np.asarray(
+            quaternion.to_body(jnp.asarray(response.attitude)[:, :, None], jnp.eye(3)[None, None])
+        )
+        unit = np.einsum("snji,snjk->snik", turn, unit)
+    hook = PLACES[place].hook
+    return changes_of(response, {_RESPONSE_HOOK.get(hook, hook): unit}, unit.shape[-1])
+
+
+class Projected(NamedTuple):
+    """The coefficients of a block, everything fitted projected off.
+
+    Parameters
+    ----------
+    block : Block
+        The block.
+    matrix : (c, c) array
+        Gram matrix of its columns.
+    gradient : (c,) array
+        Their products with the residuals.
+    """
+
+    block: Block
+    matrix: np.ndarray
+    gradient: np.ndarray
+
+
+def projected(block: Block, fit: LinearisedFit) -> Projected:
+    """Project everything fitted off a block."""
+    columns = block.columns
+    imitated = fit.imitated(columns)
+    matrix = np.einsum("snj,snk->jk", columns, columns, optimize=True) - imitated.T @ imitated
+    return Projected(block, matrix, fit.projected_gradient(columns, imitated))
+
+
+def weighed(blocks: Iterable[Projected]) -> FormulaSearch:
+    """Weigh all terms of all blocks."""
+    of_place: dict[str, list[list[FormulaTerm]]] = {}
+    for own in blocks:
+        of_place.setdefault(own.block.formula.place, []).append(_weighed(own))
+    terms = [
+        term._replace(log_prior=term.log_prior - np.log(len(of_place) * len(of_drivers)))
+        for of_drivers in of_place.values()
+        for of_driver in of_drivers
+        for term in of_driver
+    ]
+    return FormulaSearch(tuple(sorted(terms, key=lambda term: -term.log_weight)))
+
+
+def _weighed(own: Projected) -> list[FormulaTerm]:
+    """All terms of one place and driver; forms and members of a form are each as probable."""
+    found = list(_terms(own.block))
+    members = Counter(formula.form for formula, _ in found)
+    terms = []
+    for formula, basis in found:
+        value = log_evidence_of_columns(own.gradient @ basis, basis.T @ own.matrix @ basis)
+        prior = -np.log(len(members) * members[formula.form])
+        terms.append(FormulaTerm(formula, value, float(prior)))
+    return terms
+
+
+def _terms(block: Block) -> Iterator[tuple[Formula, np.ndarray]]:
+    """Each form of a matrix of coefficients, and its basis (rows columns, coefficients)."""
+    rows, columns = block.shape
+    unit = np.eye(rows * columns).reshape(rows, columns, -1)
+    yield block.formula, unit.reshape(rows * columns, -1)
+    for i in range(rows):
+        for j in range(columns):
+            yield _form(block, "entry", row=i, column=j), unit[i, j][:, None]
+    if columns > 1:
+        for j in range(columns):
+            yield _form(block, "column", column=j), unit[:, j].T
+    if rows == columns > 1 and _matched(block.formula):
+        own = np.arange(rows)
+        diagonal = unit[own, own].T
+        yield _form(block, "diagonal"), diagonal
+        yield _form(block, "scalar"), diagonal.sum(1, keepdims=True)
+        if DRIVERS[block.formula.driver].columns == "body":
+            a, b = np.roll(own, -1), np.roll(own, 1)
+            # c x d: row i is c_{i+1} d_{i+2} - c_{i+2} d_{i+1}.
+            yield _form(block, "cross"), (unit[b, a] - unit[a, b]).T
+
+
+def _matched(formula: Formula) -> bool:
+    """Whether rows and columns of C are of one kind."""
+    rows, columns = PLACES[formula.place].rows, DRIVERS[formula.driver].columns
+    return rows == columns
+
+
+def _form(block: Block, form: str, row: int = 0, column: int = 0) -> Formula:
+    return replace(block.formula, form=form, row=row, column=column)

@@ -1,0 +1,488 @@
+"""A disturbance that follows something known: a formula in place of a name.
+
+Where no effect of the library explains the data, a diagnosis looks for a formula: what acts
+(`PLACES`), in proportion to what (`DRIVERS`), and which components follow which (`form`).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from bayes_inertia.maths import quaternion
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects.scales import torque_scale
+from bayes_inertia.physics.numerics import NUMERICS
+from bayes_inertia.physics.parameters import Normal, vector
+from bayes_inertia.physics.slew_context import SlewContext, State
+
+
+class Driver(NamedTuple):
+    """What a disturbance may be in proportion to.
+
+    Parameters
+    ----------
+    symbol : str
+        In a formula; {w} stands for the wheel.
+    value : callable
+        (slew, t, state, wheel) -> (k,) at one instant, body axes, SI units.
+    unit : dict
+        Its unit: powers of "N m", "s", "T".
+    columns : str
+        Components: "one", "body" (x, y, z) or "wheels".
+    needs : tuple of str
+        Environment columns that it is made of.
+    of_one_wheel : bool
+        Whether it is one for each wheel.
+    commands : bool
+        Whether it follows the wheels' torque commands.
+    """
+
+    symbol: str
+    value: Callable[[SlewContext, Array, State, int], Array]
+    unit: Mapping[str, int]
+    columns: str = "body"
+    needs: tuple[str, ...] = ()
+    of_one_wheel: bool = False
+    commands: bool = False
+
+    @property
+    def abrupt(self) -> bool:
+        """Whether it changes faster than the body moves."""
+        return self.commands or "sign" in self.symbol
+
+
+class Place(NamedTuple):
+    """Where a disturbance may act.
+
+    Parameters
+    ----------
+    symbol, unit : str
+        In a formula.
+    hook : str
+        Of the effect.
+    rows : str
+        Components: "body", "inertial" or "wheels".
+    size : callable
+        campaign -> prior sd of the whole disturbance, in its unit.
+    power : dict
+        Its unit: powers of "N m", "s", "rad".
+    """
+
+    symbol: str
+    hook: str
+    rows: str
+    size: Callable
+    power: Mapping[str, int]
+
+
+def _torque(campaign):
+    return NUMERICS.formula_torque * torque_scale(campaign)
+
+
+def _rate(campaign):
+    return NUMERICS.formula_reading * campaign.scale_of_motion()[0]
+
+
+def _momentum(campaign):
+    rate, _, inertia = campaign.scale_of_motion()
+    return NUMERICS.formula_reading * rate * inertia
+
+
+def _turn(campaign):
+    return (
+        NUMERICS.formula_turn * campaign.star_tracker.sigma_cross if campaign.star_tracker else 5e-4
+    )
+
+
+PLACES: Mapping[str, Place] = {
+    "body_torque": Place("body torque", "body_torque", "body", _torque, {"N m": 1}),
+    "inertial_torque": Place("inertial torque", "body_torque", "inertial", _torque, {"N m": 1}),
+    "wheel_torque": Place("torque on the wheels", "wheel_torque", "wheels", _torque, {"N m": 1}),
+    "rate_error": Place("rate error", "rate_output", "body", _rate, {"rad": 1, "s": -1}),
+    "attitude_error": Place("attitude error", "attitude_output", "body", _turn, {"rad": 1}),
+    "tachometer_error": Place(
+        "tachometer error", "momentum_output", "wheels", _momentum, {"N m": 1, "s": 1}
+    ),
+}
+
+
+def _one(slew, t, state, wheel):
+    return jnp.ones(1)
+
+
+def _time_in_slew(slew, t, state, wheel):
+    return jnp.reshape(t, (1,))
+
+
+def _campaign_time(slew, t, state, wheel):
+    return jnp.reshape(slew.start + t - slew.middle, (1,))
+
+
+def _norm(v):
+    # Smooth where the body rests.
+    return jnp.sqrt(v @ v + 1e-24)
+
+
+def _commanded(slew, t):
+    row = jnp.clip(jnp.searchsorted(slew.time, t, side="right") - 1, 0, len(slew.time) - 1)
+    return slew.torque[row]
+
+
+def _field(state):
+    return quaternion.to_body(state.attitude, state.magnetic_field_N)
+
+
+def _down(state):
+    position = quaternion.to_body(state.attitude, state.position_N)
+    return -position / jnp.maximum(jnp.linalg.norm(position), 1.0)
+
+
+def _gyroscopic(slew, t, state, wheel):
+    return jnp.cross(state.rate_B, slew.wheel_axes_B @ state.wheel_momentum)
+
+
+def _sign(slew, t, state, wheel):
+    # As smooth as `wheel_friction`.
+    return jnp.tanh(state.wheel_momentum / slew.spin_inertia)
+
+
+def _products(slew, t, state, wheel):
+    x, y, z = state.rate_B
+    return jnp.stack([y * z, x * z, x * y])
+
+
+_FIELD, _POSITION = ("magnetic_field_N",), ("position_N",)
+_MOMENTUM = {"N m": 1, "s": 1}
+DRIVERS: Mapping[str, Driver] = {
+    "constant": Driver("1", _one, {}, "one"),
+    "time_in_slew": Driver("t", _time_in_slew, {"s": 1}, "one"),
+    "campaign_time": Driver("t_campaign", _campaign_time, {"s": 1}, "one"),
+    "speed": Driver("|ω|", lambda s, t, x, w: _norm(x.rate_B)[None], {"s": -1}, "one"),
+    "speed_squared": Driver(
+        "|ω|²", lambda s, t, x, w: (x.rate_B @ x.rate_B)[None], {"s": -2}, "one"
+    ),
+    "rate": Driver("ω", lambda s, t, x, w: x.rate_B, {"s": -1}),
+    "rate_times_speed": Driver("|ω| ω", lambda s, t, x, w: _norm(x.rate_B) * x.rate_B, {"s": -2}),
+    "rate_squares": Driver("ω²", lambda s, t, x, w: x.rate_B**2, {"s": -2}),
+    "rate_products": Driver("(ω_y ω_z, ω_x ω_z, ω_x ω_y)", _products, {"s": -2}),
+    "momentum": Driver("h", lambda s, t, x, w: s.wheel_axes_B @ x.wheel_momentum, _MOMENTUM),
+    "gyroscopic": Driver("ω × h", _gyroscopic, {"N m": 1}),
+    "command": Driver(
+        "u", lambda s, t, x, w: s.wheel_axes_B @ _commanded(s, t), {"N m": 1}, commands=True
+    ),
+    "field": Driver("B", lambda s, t, x, w: _field(x), {"T": 1}, needs=_FIELD),
+    "field_change": Driver(
+        "ω × B", lambda s, t, x, w: jnp.cross(x.rate_B, _field(x)), {"T": 1, "s": -1}, needs=_FIELD
+    ),
+    "eddy": Driver(
+        "B × (ω × B)",
+        lambda s, t, x, w: jnp.cross(_field(x), jnp.cross(x.rate_B, _field(x))),
+        {"T": 2, "s": -1},
+        needs=_FIELD,
+    ),
+    "nadir": Driver("down", lambda s, t, x, w: _down(x), {}, needs=_POSITION),
+    "wheel_momenta": Driver("h_w", lambda s, t, x, w: x.wheel_momentum, _MOMENTUM, "wheels"),
+    "wheel_speeds": Driver(
+        "|h_w|", lambda s, t, x, w: jnp.abs(x.wheel_momentum), _MOMENTUM, "wheels"
+    ),
+    "wheel_squares": Driver(
+        "h_w²", lambda s, t, x, w: x.wheel_momentum**2, {"N m": 2, "s": 2}, "wheels"
+    ),
+    "wheel_signed_squares": Driver(
+        "|h_w| h_w",
+        lambda s, t, x, w: jnp.abs(x.wheel_momentum) * x.wheel_momentum,
+        {"N m": 2, "s": 2},
+        "wheels",
+    ),
+    "wheel_signs": Driver("sign h_w", _sign, {}, "wheels"),
+    "wheel_commands": Driver(
+        "u_w", lambda s, t, x, w: _commanded(s, t), {"N m": 1}, "wheels", commands=True
+    ),
+    "wheel_efforts": Driver(
+        "|u_w|", lambda s, t, x, w: jnp.abs(_commanded(s, t)), {"N m": 1}, "wheels", commands=True
+    ),
+    "wheel_rates": Driver(
+        "ω along the wheel", lambda s, t, x, w: s.wheel_axes_B.T @ x.rate_B, {"s": -1}, "wheels"
+    ),
+    "momentum_times_rate": Driver(
+        "h_{w} ω",
+        lambda s, t, x, w: x.wheel_momentum[w] * x.rate_B,
+        {"N m": 1},
+        of_one_wheel=True,
+    ),
+    "momentum_times_field": Driver(
+        "h_{w} B",
+        lambda s, t, x, w: x.wheel_momentum[w] * _field(x),
+        {"N m": 1, "s": 1, "T": 1},
+        needs=_FIELD,
+        of_one_wheel=True,
+    ),
+    "command_times_field": Driver(
+        "u_{w} B",
+        lambda s, t, x, w: _commanded(s, t)[w] * _field(x),
+        {"N m": 1, "T": 1},
+        needs=_FIELD,
+        of_one_wheel=True,
+        commands=True,
+    ),
+}
+
+_BODY = ("x", "y", "z")
+FORMS = ("full", "diagonal", "scalar", "cross", "column", "entry")
+_NAMES = re.compile(
+    f"formula_({'|'.join(PLACES)})_({'|'.join(DRIVERS)})_({'|'.join(FORMS)})((?:_[0-9]+)*)"
+    "(?:_wheel([0-9]+))?"
+)
+
+
+@dataclass(frozen=True)
+class Formula(Effect):
+    """What acts is C d: a matrix of coefficients C times a driver d of the table `DRIVERS`.
+
+    Parameters
+    ----------
+    place : str, optional
+        What acts: a key of `PLACES`. Torques are in N m, on the body in body or inertial axes or
+        on the wheels; errors are added to the readings of a sensor.
+    driver : str, optional
+        What it is in proportion to: a key of `DRIVERS`.
+    form : {"full", "diagonal", "scalar", "cross", "column", "entry"}, optional
+        All of C; its diagonal; one number times the unit matrix; c x d; one column; one entry.
+    row, column : int, optional
+        Which entry or column, from 0.
+    wheel : int, optional
+        Which wheel, from 0, where the driver is that of one wheel.
+    rms : float or None, optional
+        Typical size of the driver in the campaign, in its unit; None guesses it from the motion.
+        The prior of C lets the disturbance be a tenth of the torque that makes the motion, or a
+        hundredth of a reading.
+    prior_scale : float, optional
+        What the sds of its priors are multiplied by in a `Model`.
+
+    Examples
+    --------
+    >>> Formula("rate_error", "rate_squares", "entry", row=2, column=0).text
+    'rate error z = c ω² [x]'
+    """
+
+    place: str = "body_torque"
+    driver: str = "rate_times_speed"
+    form: str = "full"
+    row: int = 0
+    column: int = 0
+    wheel: int = 0
+    rms: float | None = field(default=None, kw_only=True)
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """What tells this formula from others."""
+        parts = ["formula", self.place, self.driver, self.form]
+        parts += [str(self.row)] if self.form == "entry" else []
+        parts += [str(self.column)] if self.form in ("entry", "column") else []
+        parts += [f"wheel{self.wheel}"] if DRIVERS[self.driver].of_one_wheel else []
+        return "_".join(parts)
+
+    @classmethod
+    def of_name(cls, name: str) -> Formula:
+        """The formula of a name.
+
+        Parameters
+        ----------
+        name : str
+            As `name` of a formula.
+
+        Returns
+        -------
+        Formula
+            With no `rms`.
+
+        Raises
+        ------
+        KeyError
+            If no formula has this name.
+
+        Examples
+        --------
+        >>> Formula.of_name("formula_rate_error_rate_squares_entry_2_0").text
+        'rate error z = c ω² [x]'
+        """
+        found = _NAMES.fullmatch(name)
+        if found is None:
+            raise KeyError(name)
+        place, driver, form, numbers, wheel = found.groups()
+        given = [int(number) for number in numbers.split("_")[1:]]
+        row, column = {"entry": given, "column": [0, *given]}.get(form, [0, 0])
+        return cls(place, driver, form, row, column, int(wheel or 0))
+
+    @property
+    def needs(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The environment columns of its driver."""
+        return DRIVERS[self.driver].needs
+
+    @property
+    def text(self) -> str:
+        """The formula as it is printed."""
+        place, driver = PLACES[self.place], DRIVERS[self.driver]
+        symbol = driver.symbol.replace("{w}", str(self.wheel + 1))
+        right = {
+            "full": f"C {symbol}" if driver.columns != "one" else f"c {symbol}",
+            "diagonal": f"diag(c) {symbol}",
+            "scalar": f"c {symbol}",
+            "cross": f"c × ({symbol})",
+        }
+        part = _part_of(driver.columns, self.column)
+        left = f" {_part_of(place.rows, self.row)}" if self.form == "entry" else ""
+        whole = right.get(self.form, f"c {symbol}{f' [{part}]' if part else ''}")
+        return f"{place.symbol}{left} = {whole}"
+
+    def parameters(self, campaign):
+        place, driver = PLACES[self.place], DRIVERS[self.driver]
+        rows, columns = (_labels(kind, campaign) for kind in (place.rows, driver.columns))
+        sigma = place.size(campaign) / (self.rms or _typical(driver.unit, campaign))
+        labels = self._labels(rows, columns)
+        if not labels:
+            return ()
+        unit = _unit(place.power, driver.unit)
+        return (vector("c", labels, unit=unit, prior=Normal(0.0, sigma)),)
+
+    def _labels(self, rows: tuple[str, ...], columns: tuple[str, ...]) -> tuple[str, ...]:
+        """Of the coefficients."""
+        if not rows or not columns:
+            return ()
+        if self.form == "entry":
+            return (f"{rows[self.row]}{columns[self.column]}" if len(columns) > 1 else rows[0],)
+        if self.form == "scalar":
+            return ("all",)
+        if self.form in ("diagonal", "cross", "column") or len(columns) == 1:
+            return rows
+        return tuple(f"{row}{column}" for row in rows for column in columns)
+
+    def acts(self, hook):
+        return hook == PLACES[self.place].hook
+
+    def max_step(self, campaign):
+        return None if DRIVERS[self.driver].abrupt else math.inf
+
+    def looks_between_rows(self, campaign):
+        return False
+
+    def _of_driver(self, c: Array, d: Array) -> Array:
+        """C d: (m,) of coefficients (k,) and a driver's values."""
+        if self.form == "full":
+            return jnp.reshape(c, (-1, len(d))) @ d
+        if self.form in ("diagonal", "scalar"):
+            return c * d
+        if self.form == "cross":
+            return jnp.cross(c, d)
+        return c * d[self.column]
+
+    def _value(self, p, slew, t, state):
+        """What acts at one instant (m,)."""
+        driver = DRIVERS[self.driver]
+        acting = self._of_driver(p["c"], driver.value(slew, t, state, self.wheel))
+        if self.form == "entry":
+            rows = 3 if PLACES[self.place].rows != "wheels" else len(state.wheel_momentum)
+            acting = jnp.zeros(rows).at[self.row].set(acting[0])
+        return acting
+
+    # Hooks may be called whether they act or not.
+    def body_torque(self, p, slew, t, state):
+        if not self.acts("body_torque"):
+            return super().body_torque(p, slew, t, state)
+        torque = self._value(p, slew, t, state)
+        if PLACES[self.place].rows == "inertial":
+            return quaternion.to_body(state.attitude, torque)
+        return torque
+
+    def wheel_torque(self, p, slew, t, state):
+        if not (p and self.acts("wheel_torque")):
+            return super().wheel_torque(p, slew, t, state)
+        return self._value(p, slew, t, state)
+
+    def _along(self, p, slew, trajectory):
+        """What acts along a slew (n, m)."""
+        nothing = jnp.zeros(3)
+
+        def at(t, attitude, rate_B, momentum):
+            state = State(attitude, rate_B, momentum, jnp.zeros(0), jnp.eye(3), nothing, nothing)
+            return self._value(p, slew, t, state)
+
+        motion = trajectory.attitude, trajectory.rate_B, trajectory.wheel_momentum
+        return jax.vmap(at)(trajectory.time, *motion)
+
+    def rate_output(self, p, slew, trajectory, rate_S):
+        return rate_S + self._along(p, slew, trajectory) if self.acts("rate_output") else rate_S
+
+    def attitude_output(self, p, slew, trajectory, attitude):
+        if not self.acts("attitude_output"):
+            return attitude
+        turn = self._along(p, slew, trajectory)
+        return quaternion.multiply(attitude, quaternion.exp(turn))
+
+    def momentum_output(self, p, slew, trajectory, momentum):
+        acts = p and self.acts("momentum_output")
+        return momentum + self._along(p, slew, trajectory) if acts else momentum
+
+
+def _labels(kind: str, campaign) -> tuple[str, ...]:
+    """Components of a place or of a driver."""
+    if kind == "one":
+        return ("",)
+    return tuple(wheel.name for wheel in campaign.wheels) if kind == "wheels" else _BODY
+
+
+def _typical(unit: Mapping[str, int], campaign) -> float:
+    """Size of what has this unit, from the motion."""
+    rate, duration, inertia = campaign.scale_of_motion()
+    time = unit.get("s", 0)
+    size = (inertia * rate / duration) ** unit.get("N m", 0) * NUMERICS.formula_field ** unit.get(
+        "T", 0
+    )
+    return size * (duration if time > 0 else 1.0 / rate) ** time
+
+
+def _part_of(kind: str, index: int) -> str:
+    return {"one": "", "wheels": f"wheel {index + 1}"}.get(kind, _BODY[index % 3])
+
+
+def _unit(place: Mapping[str, int], driver: Mapping[str, int]) -> str:
+    """Unit of a coefficient: of what acts, over the driver's.
+
+    >>> _unit({"N m": 1}, {"N m": 1, "s": 1}), _unit({"N m": 1}, {"s": -2})
+    ('1/s', 'N m s^2')
+    """
+    names = dict.fromkeys([*place, *driver])
+    powers = {name: place.get(name, 0) - driver.get(name, 0) for name in names}
+
+    def text(sign: int) -> str:
+        parts = [
+            name if n == 1 else f"{name if ' ' not in name else '(' + name + ')'}^{n}"
+            for name, power in powers.items()
+            if (n := sign * power) > 0
+        ]
+        return " ".join(parts)
+
+    above, below = text(1), text(-1)
+    if not below:
+        return above
+    return f"{above or '1'}/{f'({below})' if ' ' in below else below}"
+
+
+def driver_values(
+    driver: Driver, wheel: int, contexts: SlewContext, states: State, time: np.ndarray
+) -> np.ndarray:
+    """A driver along all slews (slews, n, k) on the grid; `states` holds arrays (slews, n, ...)."""
+
+    def of_slew(slew: SlewContext, t: Array, state: State) -> Array:
+        return jax.vmap(lambda at, x: driver.value(slew, at, x, wheel))(t, state)
+
+    return np.asarray(jax.vmap(of_slew)(contexts, jnp.asarray(time), states))

@@ -1,0 +1,80 @@
+"""Formulas for what has no name: their columns, their prior, their rate of false alarms."""
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+
+from bayes_inertia.diagnosis.formulas import blocks, projected, search_formulas, weighed
+from bayes_inertia.diagnosis.result import FormulaSearch, FormulaTerm
+from bayes_inertia.diagnosis.torque_response import torque_response
+from bayes_inertia.inference.optimizer import estimate, move_to
+from bayes_inertia.physics.effects.formula import Formula
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.small_campaign import small_campaign
+
+# One of each place.
+FORMULAS = (
+    Formula("body_torque", "rate_times_speed", "full"),
+    Formula("inertial_torque", "constant", "full"),
+    Formula("wheel_torque", "wheel_signed_squares", "full"),
+    Formula("rate_error", "wheel_speeds", "full"),
+    Formula("attitude_error", "time_in_slew", "full"),
+    Formula("tachometer_error", "wheel_rates", "full"),
+)
+
+
+@pytest.fixture(scope="module")
+def fit():
+    return estimate(Model(small_campaign()), starts=1)
+
+
+@pytest.fixture(scope="module")
+def search(fit):
+    return search_formulas(fit)
+
+
+@pytest.mark.slow
+def test_columns_are_the_derivatives_of_the_model(fit):
+    """The linear response against sensitivities of a model that holds the formulas."""
+    found = {block.formula.name: block for block in blocks(torque_response(fit))}
+    formulas = tuple(found[formula.name].formula for formula in FORMULAS)
+    held = move_to(fit, Model(fit.model.campaign, formulas))
+    sensitivities, space = held.linearised().parameters, held.model.space
+    for formula in formulas:
+        part = space.slice_of(formula.name)
+        exact = sensitivities[..., part] * space.sd[part]
+        columns = found[formula.name].columns
+        # As far as the fit's start states cannot do the same.
+        assert np.linalg.norm(columns - exact) < 0.02 * np.linalg.norm(exact), formula.name
+
+
+def test_prior_probabilities_of_all_terms_add_up_to_one(search):
+    assert logsumexp([term.log_prior for term in search.terms]) == pytest.approx(0.0, abs=1e-9)
+    assert len({term.formula.name for term in search.terms}) == len(search.terms) > 500
+
+
+def test_terms_stand_in_the_order_of_their_odds():
+    terms = [FormulaTerm(Formula(column=k, form="column"), 5.0 - k, -2.0 * k) for k in range(3)]
+    search = FormulaSearch(tuple(terms))
+    assert search.equals(3.5) == tuple(terms[:2])
+    assert search.log_evidence == pytest.approx(logsumexp([5.0, 2.0, -1.0]))
+
+
+@pytest.mark.slow
+def test_noise_alone_gives_false_alarms_as_rarely_as_stated(fit):
+    """Markov: odds of 50 in at most one campaign of 50; a torque beside the noise gives them."""
+    rng, linear, draws = np.random.default_rng(3), fit.linearised(), 40
+    own = [projected(block, linear) for block in blocks(torque_response(fit))]
+    noise = linear.replicates(rng, draws, np.ones_like(linear.residual))
+    found = np.array([_searched(own, noise[..., k]) for k in range(draws)])
+    assert np.mean(found > np.log(50.0)) <= 0.02 + 2.0 * np.sqrt(0.02 / draws)
+    drag = next(o.block for o in own if o.block.formula.driver == "rate_times_speed")
+    column = linear.unfitted(drag.columns[..., 0])
+    loud = noise[..., 0] + 12.0 * column / np.linalg.norm(column)
+    assert _searched(own, loud) > np.log(50.0)
+
+
+def _searched(own, residual):
+    """Log evidence of any formula for residuals that a fit left."""
+    of_block = [p._replace(gradient=np.einsum("snk,sn->k", p.block.columns, residual)) for p in own]
+    return weighed(of_block).log_evidence

@@ -1,0 +1,85 @@
+"""Formulas: what acts, in proportion to what."""
+
+import itertools
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from bayes_inertia.errors import EffectError
+from bayes_inertia.physics.check_effect import check_effect
+from bayes_inertia.physics.effects import by_name
+from bayes_inertia.physics.effects.formula import DRIVERS, FORMS, PLACES, Formula
+from bayes_inertia.physics.slew_context import State
+from bayes_inertia.physics.small_campaign import small_campaign
+
+CAMPAIGN = small_campaign()
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_a_formula_is_found_by_its_name(place):
+    for driver, form in itertools.product(DRIVERS, FORMS):
+        wheel = 1 if DRIVERS[driver].of_one_wheel else 0
+        row, column = {"entry": (2, 1), "column": (0, 1)}.get(form, (0, 0))
+        formula = Formula(place, driver, form, row, column, wheel)
+        assert formula.name.isidentifier()
+        assert Formula.of_name(formula.name) == formula
+        assert by_name([formula.name]) == (formula,)
+
+
+def test_no_other_name_is_a_formula():
+    for name in ("rate_bias", "formula", "formula_body_torque_rate_best", "formula_here_rate_full"):
+        with pytest.raises(KeyError):
+            Formula.of_name(name)
+    with pytest.raises(EffectError, match="no effect of this name"):
+        by_name(["formula_body_torque_rate_best"])
+
+
+@pytest.mark.parametrize(
+    ("form", "coefficients", "matrix"),
+    [
+        ("full", np.arange(9.0), np.arange(9.0).reshape(3, 3)),
+        ("diagonal", np.array([1.0, 2.0, 3.0]), np.diag([1.0, 2.0, 3.0])),
+        ("scalar", np.array([2.0]), 2.0 * np.eye(3)),
+        ("column", np.array([1.0, 2.0, 3.0]), np.outer([1.0, 2.0, 3.0], [0.0, 1.0, 0.0])),
+        ("cross", np.array([1.0, 2.0, 3.0]), [[0, -3, 2], [3, 0, -1], [-2, 1, 0]]),
+    ],
+)
+def test_what_acts_is_the_matrix_of_coefficients_times_the_driver(form, coefficients, matrix):
+    driver = np.array([0.3, -0.7, 1.1])
+    formula = Formula("body_torque", "rate", form, column=1)
+    labels = formula.parameters(CAMPAIGN)[0].names
+    assert len(labels) == len(coefficients)
+    state = State(*[None] * 7)._replace(rate_B=jnp.asarray(driver))
+    acting = formula.body_torque({"c": jnp.asarray(coefficients)}, None, 0.0, state)
+    np.testing.assert_allclose(acting, np.asarray(matrix) @ driver)
+
+
+@pytest.mark.parametrize(
+    ("formula", "unit"),
+    [
+        (Formula("body_torque", "constant", "full"), "N m"),
+        (Formula("body_torque", "rate_times_speed", "diagonal"), "N m s^2"),
+        (Formula("body_torque", "momentum", "full"), "1/s"),
+        (Formula("wheel_torque", "wheel_squares", "diagonal"), "1/(N m s^2)"),
+        (Formula("rate_error", "rate", "cross"), "rad"),
+        (Formula("attitude_error", "time_in_slew", "full"), "rad/s"),
+        (Formula("tachometer_error", "wheel_momenta", "scalar"), ""),
+        (Formula("body_torque", "eddy", "scalar"), "N m s/T^2"),
+    ],
+)
+def test_coefficients_have_the_unit_of_what_acts_over_that_of_the_driver(formula, unit):
+    assert formula.parameters(CAMPAIGN)[0].unit == unit
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "formula",
+    [
+        Formula("body_torque", "gyroscopic", "cross"),
+        Formula("wheel_torque", "wheel_efforts", "diagonal"),
+        Formula("rate_error", "momentum_times_rate", "scalar", wheel=2),
+    ],
+)
+def test_formulas_keep_the_contract_of_effects(formula):
+    assert check_effect(formula).name == formula.name
