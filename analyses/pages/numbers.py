@@ -21,6 +21,7 @@ from analyses.data_quality.page import wrong as trusted_and_wrong
 from analyses.design.cross_terms_cases import CRAFT, RATES
 from analyses.imports.conventions_page import DIRTY
 from analyses.naming import fixed_shape_page, table_page
+from analyses.naming import formulas as law_study
 from analyses.naming.stochastic_page import in_a_set, nameless
 
 RESULTS = results_of(__file__).parent
@@ -132,6 +133,16 @@ def naming() -> Iterator[tuple[str, str]]:
         several = table_page.read(RESULTS / "naming", kind, "tacho")
         yield f"naming.{kind}", f"{len(several)}"
         yield f"naming.{kind}_found", f"{sum(map(table_page.in_the_set, several))}"
+
+
+def formulas() -> Iterator[tuple[str, str]]:
+    """Laws outside the library, three times as strong as an ideal test finds."""
+    found = [law_study.outcome(row) for row in rows("formulas") if row["times"] == 3.0]
+    yield "formulas.laws", f"{len(found)}"
+    yield "formulas.named", f"{sum(x in ('formula', 'equal') for x in found)}"
+    yield "formulas.listed", f"{found.count('may be')}"
+    yield "formulas.wrong", f"{found.count('false formula')}"
+    yield "formulas.imitated", f"{sum(x in ('named', 'ambiguous') for x in found)}"
 
 
 def naming_random() -> Iterator[tuple[str, str]]:
@@ -365,6 +376,7 @@ GROUPS: tuple[Callable[[], Iterator[tuple[str, str]]], ...] = (
     quoted,
     calibration,
     naming,
+    formulas,
     naming_random,
     probabilities,
     unexplained,

@@ -82,6 +82,13 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
             "table",
         ),
         (
+            "A law that no effect is, three times as strong as the best possible test finds",
+            "of {formulas.laws} laws the formula is named, or listed as its equal, in "
+            "{formulas.named}, listed beside other answers in {formulas.listed}; a wrong formula "
+            "is named in {formulas.wrong}, effects that imitate the law in {formulas.imitated}",
+            "formulas",
+        ),
+        (
             "Two effects at once; three",
             "all found in {naming.pair_found} of {naming.pair}; {naming.triple_found} of "
             "{naming.triple}",
