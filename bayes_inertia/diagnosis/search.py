@@ -10,7 +10,7 @@ read off (`table_verdict`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -129,7 +129,7 @@ def weigh_campaign(
     for rounds_left in reversed(range(LIMITS.rounds_of_noise)):
         say(f"weighing {_count(effects, stochastic)} effects and their sets", 0, 0)
         table = table_of(begin.base, effects, stochastic, rules)
-        candidates, threshold = _scored(table, stochastic, rules, rng)
+        candidates, threshold = _scored(table, stochastic, rules, rng, effects.log_costs)
         # What was searched for as a formula was significant before.
         significant = bool(effects.log_costs) or any(c.p_value < threshold for c in candidates)
         reading = read_table(table, rules, significant=significant)
@@ -183,13 +183,21 @@ def _scored(
     stochastic: Sequence[StochasticEffect],
     rules: Rules,
     rng: np.random.Generator,
+    log_costs: Mapping[str, float],
 ) -> tuple[tuple[Candidate, ...], float]:
-    """All candidates at the fit without effects, and the threshold of their p-values."""
+    """All candidates at the fit without effects, and the threshold of their p-values.
+
+    `log_costs`: of those that were searched for among many, whose p-values count as many tests
+    (Bonferroni, weighted by their prior probabilities).
+    """
     first = table.refitted[frozenset()]
     threshold = first.tests.threshold(
         rules.false_alarm_probability, rng, further=LIMITS.random_tests
     )
-    ranked = ranked_candidates(first.tests, first.log_evidence)
+    ranked = tuple(
+        replace(c, p_value=min(1.0, c.p_value * float(np.exp(log_costs.get(c.effect, 0.0)))))
+        for c in ranked_candidates(first.tests, first.log_evidence)
+    )
     random = _beside(table, frozenset())
     if not any(c.p_value < threshold for c in ranked) and p_values_decide(random):
         response, fit = torque_response(first.estimate), first.linear.fit

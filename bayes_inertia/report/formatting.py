@@ -8,11 +8,9 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from typing import Any
 
 from bayes_inertia.campaign.sensors import STREAMS
-from bayes_inertia.physics.effects.formula import Formula
 from bayes_inertia.report.layout import LAYOUT
 
 _CHANNEL_NAMES = {**{stream.name: stream.title for stream in STREAMS}, "total": "all channels"}
@@ -252,7 +250,10 @@ def plain(name: str) -> str:
     'body torque = c |ω|²'
     """
     effect, dot, parameter = name.rpartition(".")
-    with suppress(KeyError):
+    if (effect or name).startswith("formula_"):
+        # Formulas bring JAX along, which the printing of other names does without.
+        from bayes_inertia.physics.effects.formula import Formula
+
         formula = Formula.of_name(effect or name).text
         return f"{formula}: {parameter.replace('_', ' ')}" if dot else formula
     words = parameter.split("_")

@@ -4,13 +4,16 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
+from bayes_inertia.app.diagnosis_json import next_fit_from
 from bayes_inertia.diagnosis.formulas import blocks, projected, search_formulas, weighed
 from bayes_inertia.diagnosis.result import FormulaSearch, FormulaTerm
+from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.inference.optimizer import estimate, move_to
 from bayes_inertia.physics.effects.formula import Formula
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.small_campaign import small_campaign
+from bayes_inertia.report.diagnosis_verdict import headline
 
 # One of each place.
 FORMULAS = (
@@ -78,3 +81,26 @@ def _searched(own, residual):
     """Log evidence of any formula for residuals that a fit left."""
     of_block = [p._replace(gradient=np.einsum("snk,sn->k", p.block.columns, residual)) for p in own]
     return weighed(of_block).log_evidence
+
+
+@pytest.mark.slow
+def test_a_law_outside_the_library_is_named_by_its_formula(
+    flight, rigid_library, content_of, check_contract
+):
+    law = Formula("body_torque", "speed_squared", "full")
+    values = {law.name: {"c": np.array([0.03, 0.0, 0.015])}}
+    found = diagnose(flight((law,), values), library=rigid_library)
+    assert (found.verdict, found.named) == ("formula", (law.name,))
+    space, final = found.final.model.space, found.final
+    part = space.slice_of(law.name)
+    z = (final.theta[part] - values[law.name]["c"]) / final.sd[part]
+    assert np.abs(z).max() < 4.0
+    content = content_of(found)
+    check_contract(content, rigid_library)
+    assert content["formulas"]["terms"][0]["formula"] == "body torque = c |ω|²"
+    assert content["formulas"]["false_alarm_at_most"] < 1e-6
+    assert next_fit_from(content).effects == found.effects_added
+    assert headline(content) == (
+        "Found a formula for what is missing, which no effect of the library is: "
+        "body torque = c |ω|²."
+    )

@@ -36,6 +36,24 @@ def test_no_other_name_is_a_formula():
 
 
 @pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"place": "here"}, "no place 'here'"),
+        ({"driver": "luck"}, "no driver 'luck'"),
+        ({"form": "round"}, "no form 'round'"),
+        ({"form": "entry", "row": 3}, "there is no row 3"),
+        ({"form": "column", "column": -1}, "there is no column -1"),
+        ({"driver": "momentum_times_rate", "wheel": 3}, "there is no wheel 3"),
+        ({"place": "rate_error", "driver": "field"}, "do not follow 'field'"),
+        ({"driver": "constant", "form": "diagonal"}, "have no form 'diagonal'"),
+    ],
+)
+def test_a_formula_that_cannot_be_is_refused(settings, message):
+    with pytest.raises(EffectError, match=message):
+        Formula(**settings).parameters(CAMPAIGN)
+
+
+@pytest.mark.parametrize(
     ("form", "coefficients", "matrix"),
     [
         ("full", np.arange(9.0), np.arange(9.0).reshape(3, 3)),

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.errors import EffectError
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects.scales import torque_scale
@@ -268,6 +269,11 @@ class Formula(Effect):
     prior_scale : float, optional
         What the sds of its priors are multiplied by in a `Model`.
 
+    Raises
+    ------
+    EffectError
+        If there is no such place, driver or form.
+
     Examples
     --------
     >>> Formula("rate_error", "rate_squares", "entry", row=2, column=0).text
@@ -281,6 +287,15 @@ class Formula(Effect):
     column: int = 0
     wheel: int = 0
     rms: float | None = field(default=None, kw_only=True)
+
+    def __post_init__(self):
+        for key, table in (("place", PLACES), ("driver", DRIVERS), ("form", FORMS)):
+            if getattr(self, key) not in table:
+                raise EffectError(
+                    f"no {key} {getattr(self, key)!r}",
+                    where="formula",
+                    advice=f"choose {', '.join(table)}",
+                )
 
     @property
     def name(self) -> str:  # type: ignore[override]
@@ -347,12 +362,37 @@ class Formula(Effect):
     def parameters(self, campaign):
         place, driver = PLACES[self.place], DRIVERS[self.driver]
         rows, columns = (_labels(kind, campaign) for kind in (place.rows, driver.columns))
+        self._check(len(rows), len(columns), len(campaign.wheels))
         sigma = place.size(campaign) / (self.rms or _typical(driver.unit, campaign))
         labels = self._labels(rows, columns)
         if not labels:
             return ()
         unit = _unit(place.power, driver.unit)
         return (vector("c", labels, unit=unit, prior=Normal(0.0, sigma)),)
+
+    def _check(self, rows: int, columns: int, wheels: int) -> None:
+        """Raise unless C has this form."""
+        given = {"row": (self.row, rows), "column": (self.column, columns)}
+        if DRIVERS[self.driver].of_one_wheel:
+            given["wheel"] = self.wheel, wheels
+        for key, (value, most) in given.items():
+            if most and not 0 <= value < most:
+                raise EffectError(
+                    f"there is no {key} {value}", where=self.name, advice=f"0 to {most - 1}"
+                )
+        if DRIVERS[self.driver].needs and PLACES[self.place].hook.endswith("output"):
+            raise EffectError(
+                f"errors of a sensor do not follow {self.driver!r}",
+                where=self.name,
+                advice="choose a driver of rates, momenta, commands or time",
+            )
+        square = self.form not in ("diagonal", "scalar", "cross") or rows == columns
+        if not square or (self.form == "cross" and rows and rows != 3):
+            raise EffectError(
+                f"{rows} rows and {columns} columns of C have no form {self.form!r}",
+                where=self.name,
+                advice="choose full, column or entry",
+            )
 
     def _labels(self, rows: tuple[str, ...], columns: tuple[str, ...]) -> tuple[str, ...]:
         """Of the coefficients."""
