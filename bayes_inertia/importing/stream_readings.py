@@ -22,6 +22,7 @@ The readings of a stream from the cells of a table: units, scales, flags and mar
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -159,7 +160,7 @@ def standing_mark(quaternions: np.ndarray, time: np.ndarray) -> np.ndarray:
     q, steps = quaternions[rows], np.diff(time[rows])
     usual = 1.5 * float(np.median(steps)) if len(steps) else 0.0
     # Weights of a sum that tells attitudes apart.
-    key = np.array([1.0, np.pi, np.e, np.sqrt(2.0)])
+    key = np.array([1.0, np.pi, math.e, np.sqrt(2.0)])
     _, first, counts = np.unique(q @ key, return_index=True, return_counts=True)
     for row in first[np.argsort(-counts)[: LIMITS.most_common_attitudes]]:
         same = (q == q[row]).all(axis=1)

@@ -65,7 +65,8 @@ def formula_texts(content: Mapping[str, Any]) -> list[str]:
     found = content.get("formulas")
     if not found:
         return []
-    percent = f"{two_digits(100.0 * found['false_alarm_at_most'])} %"
+    share = max(found["false_alarm_at_most"], LAYOUT.least_false_alarms)
+    percent = f"{two_digits(100.0 * share)} %"
     formulas = [term["formula"] for term in found["terms"]]
     alarm = f"(false alarms: at most {percent})"
     if content["verdict"] != "formula":

@@ -29,6 +29,7 @@ class Layout:
     # In units of the sd: a smaller difference between two models is called none.
     negligible_difference_sd: float = 0.1
     formulas_listed: int = 3
+    least_false_alarms: float = 1e-6  # no simulation tells a smaller share
 
     # `export/content.py`
     # Digits beyond the second of the sd, so that rounding moves a number by less than sd / 1000.

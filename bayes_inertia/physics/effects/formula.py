@@ -22,7 +22,7 @@ from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects.scales import torque_scale
 from bayes_inertia.physics.numerics import NUMERICS
-from bayes_inertia.physics.parameters import Normal, vector
+from bayes_inertia.physics.parameters import Normal, scalar, vector
 from bayes_inertia.physics.slew_context import SlewContext, State
 
 
@@ -367,8 +367,10 @@ class Formula(Effect):
         labels = self._labels(rows, columns)
         if not labels:
             return ()
-        unit = _unit(place.power, driver.unit)
-        return (vector("c", labels, unit=unit, prior=Normal(0.0, sigma)),)
+        unit, prior = _unit(place.power, driver.unit), Normal(0.0, sigma)
+        if self.form == "scalar":
+            return (scalar("c", unit=unit, prior=prior),)
+        return (vector("c", labels, unit=unit, prior=prior),)
 
     def _check(self, rows: int, columns: int, wheels: int) -> None:
         """Raise unless C has this form."""
@@ -400,9 +402,7 @@ class Formula(Effect):
             return ()
         if self.form == "entry":
             return (f"{rows[self.row]}{columns[self.column]}" if len(columns) > 1 else rows[0],)
-        if self.form == "scalar":
-            return ("all",)
-        if self.form in ("diagonal", "cross", "column") or len(columns) == 1:
+        if self.form in ("diagonal", "scalar", "cross", "column") or len(columns) == 1:
             return rows
         return tuple(f"{row}{column}" for row in rows for column in columns)
 
