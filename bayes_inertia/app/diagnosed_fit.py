@@ -20,7 +20,12 @@ from bayes_inertia.diagnosis.limits import Rules
 from bayes_inertia.diagnosis.quoted_parameters import tried_effects
 from bayes_inertia.diagnosis.result import AlternativeParameters, Diagnosis
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.inference.settings import STOCHASTIC_SETTINGS, FitContext, Settings
+from bayes_inertia.inference.settings import (
+    OPEN_VERDICTS,
+    STOCHASTIC_SETTINGS,
+    FitContext,
+    Settings,
+)
 from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS
@@ -35,7 +40,7 @@ class NextFit:
 
     Parameters
     ----------
-    verdict : {"consistent", "named", "ambiguous", "partial", "unknown"}
+    verdict : {"consistent", "named", "ambiguous", "formula", "partial", "unknown"}
         Of the diagnosis.
     effects : tuple of Effect
         To fit along, with the settings that they were found with.
@@ -209,7 +214,7 @@ def fit_after_diagnosis(
     Returns: with a group `averaged` more where there is something to average over.
     """
     context, treatment = FitContext(campaign_sha256, verdict=choice.verdict), choice.treatment
-    if choice.verdict in ("partial", "unknown"):
+    if choice.verdict in OPEN_VERDICTS:
         # What is missing may be part of what looks like louder noise.
         treatment = replace(treatment, level=DirtTreatment().level)
     else:

@@ -28,6 +28,7 @@ from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.diagnosis.unexplained import UnexplainedSignal, unexplained_signal
 from bayes_inertia.errors import CampaignError, EffectError
+from bayes_inertia.inference.settings import OPEN_VERDICTS
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
@@ -131,7 +132,7 @@ def investigate(
         progress=progress,
     )
     base, final = diagnosis.base, diagnosis.final
-    unknown = diagnosis.verdict in ("partial", "unknown")
+    unknown = diagnosis.verdict in OPEN_VERDICTS
     changed = diagnosis.steps or any(factor > 1.0 for factor in diagnosis.noise.values())
     # A stochastic signal cannot be foretold for another slew.
     corrected = diagnosis.steps and not unknown and not diagnosis.steps[-1].stochastic

@@ -24,7 +24,13 @@ from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.device_arrays import repeated
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.effects.formula import DRIVERS, PLACES, Formula, driver_values
+from bayes_inertia.physics.effects.formula import (
+    DRIVERS,
+    PLACES,
+    Formula,
+    driver_values,
+    knows,
+)
 from bayes_inertia.physics.slew_context import State
 
 # Hooks of an effect and of the linear response that differ in name.
@@ -84,8 +90,6 @@ def _known(campaign: Campaign, key: str) -> bool:
     driver = DRIVERS[key]
     if (driver.columns == "wheels" or driver.of_one_wheel) and not campaign.wheels:
         return False
-    if key in ("momentum", "gyroscopic", "command") and not campaign.wheels:
-        return False
     if driver.commands and not campaign.has_commands:
         return False
     return all(getattr(s, need) is not None for s in campaign.slews for need in driver.needs)
@@ -94,13 +98,14 @@ def _known(campaign: Campaign, key: str) -> bool:
 def _allowed(place: str, key: str, wheels: int, drive: str) -> bool:
     """Whether a place goes with a driver."""
     driver = DRIVERS[key]
+    if not knows(place, key):
+        return False
     if PLACES[place].rows == "wheels":
         # Where tachometers drive the model, torques on the wheels do nothing.
         return wheels > 0 and drive == "commanded" and not driver.of_one_wheel and not driver.needs
     if place == "inertial_torque":
-        return driver.columns == "one" or driver.columns == "wheels"
-    # A sensor's hook does not know field and position.
-    return place == "body_torque" or not driver.needs
+        return driver.columns in ("one", "wheels")
+    return True
 
 
 def _along(response: TorqueResponse, key: str, wheel: int) -> np.ndarray:
@@ -151,16 +156,13 @@ class Projected(NamedTuple):
 
 def projected(block: Block, fit: LinearisedFit) -> Projected:
     """Project everything fitted off a block."""
-    columns = block.columns
-    imitated = fit.imitated(columns)
-    matrix = np.einsum("snj,snk->jk", columns, columns, optimize=True) - imitated.T @ imitated
-    return Projected(block, matrix, fit.projected_gradient(columns, imitated))
+    return Projected(block, *fit.projected(block.columns))
 
 
-def weighed(blocks: Iterable[Projected]) -> FormulaSearch:
+def weighed(projections: Iterable[Projected]) -> FormulaSearch:
     """Weigh all terms of all blocks."""
     of_place: dict[str, list[list[FormulaTerm]]] = {}
-    for own in blocks:
+    for own in projections:
         of_place.setdefault(own.block.formula.place, []).append(_weighed(own))
     terms = [
         term._replace(log_prior=term.log_prior - np.log(len(of_place) * len(of_drivers)))
@@ -194,21 +196,16 @@ def _terms(block: Block) -> Iterator[tuple[Formula, np.ndarray]]:
     if columns > 1:
         for j in range(columns):
             yield _form(block, "column", column=j), unit[:, j].T
-    if rows == columns > 1 and _matched(block.formula):
+    kinds = PLACES[block.formula.place].rows, DRIVERS[block.formula.driver].columns
+    if rows == columns > 1 and kinds[0] == kinds[1]:
         own = np.arange(rows)
         diagonal = unit[own, own].T
         yield _form(block, "diagonal"), diagonal
         yield _form(block, "scalar"), diagonal.sum(1, keepdims=True)
-        if DRIVERS[block.formula.driver].columns == "body":
+        if kinds[1] == "body":
             a, b = np.roll(own, -1), np.roll(own, 1)
             # c x d: row i is c_{i+1} d_{i+2} - c_{i+2} d_{i+1}.
             yield _form(block, "cross"), (unit[b, a] - unit[a, b]).T
-
-
-def _matched(formula: Formula) -> bool:
-    """Whether rows and columns of C are of one kind."""
-    rows, columns = PLACES[formula.place].rows, DRIVERS[formula.driver].columns
-    return rows == columns
 
 
 def _form(block: Block, form: str, row: int = 0, column: int = 0) -> Formula:

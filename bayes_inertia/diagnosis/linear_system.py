@@ -118,12 +118,11 @@ def linear_model(
     columns = fit.parameters[..., index] / scales.slope[index]
     if mode is not None:
         columns = np.concatenate([columns, mode.columns], -1)
-    imitated = fit.imitated(columns)
-    matrix = np.einsum("snj,snk->jk", columns, columns, optimize=True) - imitated.T @ imitated
+    matrix, gradient = fit.projected(columns)
     at = np.flatnonzero(np.isin(index, own))
     amplitude = scales.amplitude[index[at]]
     # The data are those before the effects were fitted.
-    gradient = fit.projected_gradient(columns, imitated) + matrix[:, at] @ amplitude
+    gradient = gradient + matrix[:, at] @ amplitude
     block = matrix[np.ix_(at, at)] + np.diag(scales.precision[index[at]])
     linear = 0.5 * gradient[at] @ np.linalg.solve(block, gradient[at])
     moved = shift_per_amplitude(fit, fit.free, columns)

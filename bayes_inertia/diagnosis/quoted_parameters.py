@@ -43,6 +43,7 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.optimizer import estimate, move_to
 from bayes_inertia.inference.posterior import Posterior, sd_of_interval
+from bayes_inertia.inference.settings import OPEN_VERDICTS
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.numerics import NUMERICS as MATHS_NUMERICS
 from bayes_inertia.maths.physical_draws import draw_physical
@@ -427,7 +428,7 @@ def quoted_parameters(found: Estimate | Diagnosis) -> QuotedParameters:
             _quoted_row(found), undetected_alternatives(found), found.dispersion_factor
         )
     others = alternatives_of(found)
-    if found.verdict in ("partial", "unknown"):
+    if found.verdict in OPEN_VERDICTS:
         return averaged_parameters(_quoted_row(_free_shapes(found)), others)
     return averaged_parameters(_quoted_row(found.final), others, found.final.dispersion_factor)
 
@@ -438,7 +439,7 @@ def alternatives_of(diagnosis: Diagnosis) -> tuple[AlternativeParameters, ...]:
     Returns: one for each other row of the table, or, where no candidate explains the data, one with
     free shapes; empty where there is nothing to average over.
     """
-    if diagnosis.verdict in ("partial", "unknown"):
+    if diagnosis.verdict in OPEN_VERDICTS:
         return remainder_alternatives(diagnosis)
     return diagnosis.other_rows
 

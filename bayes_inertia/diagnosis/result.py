@@ -25,9 +25,6 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects.formula import Formula
 from bayes_inertia.physics.forward_model import Model
 
-# Verdicts that leave something without a name.
-OPEN_VERDICTS = ("partial", "unknown")
-
 
 @dataclass(frozen=True)
 class BeyondPrior:

@@ -232,8 +232,7 @@ def score_tests(
     parts = [fit.parameters[..., s] * space.sd[s] for s in slices]
     parts += [candidate.columns for candidate in nonlinear]
     columns = np.concatenate(parts, -1) if parts else np.zeros((*fit.residual.shape, 0))
-    imitated = fit.imitated(columns)
-    matrix = np.einsum("snj,snk->jk", columns, columns, optimize=True) - imitated.T @ imitated
+    matrix, gradient = fit.projected(columns)
     bounds = pairwise(np.cumsum([0, *(part.shape[-1] for part in parts)]))
     one_sided = [
         s.stop - s.start == 1 and space.lower[s.start] == space.nulls[s.start] for s in slices
@@ -242,7 +241,7 @@ def score_tests(
         names=(*names, *(candidate.name for candidate in nonlinear)),
         indices=tuple(np.arange(start, stop) for start, stop in bounds),
         one_sided=(*one_sided, *(False for _ in nonlinear)),
-        gradient=fit.projected_gradient(columns, imitated),
+        gradient=gradient,
         matrix=matrix,
         nonlinear={candidate.name: candidate for candidate in nonlinear},
     )

@@ -42,7 +42,6 @@ from bayes_inertia.diagnosis.random_signals import (
 )
 from bayes_inertia.diagnosis.residuals import correlations, final_tests, is_explained
 from bayes_inertia.diagnosis.result import (
-    OPEN_VERDICTS,
     AlternativeEffect,
     AlternativeParameters,
     Candidate,
@@ -72,6 +71,7 @@ from bayes_inertia.diagnosis.table_verdict import (
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import move_to, re_estimate
+from bayes_inertia.inference.settings import OPEN_VERDICTS
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
@@ -474,11 +474,13 @@ def with_formulas(
         search = max(searches, key=lambda s: s.log_evidence)
         if search.log_evidence < -np.log(rules.false_alarm_probability):
             break
-        if _may_be_shapeless(now.reading) or _contested(now, search, rules):
+        contested = _contested(now, search, rules)
+        if contested or _may_be_shapeless(now.reading):
             first = first or search
-        if not _contested(now, search, rules):
+        best = {term.formula.name: term for s in searches for term in _best(s, rules)}
+        if not contested or best.keys() <= found.keys():
             break
-        found |= {term.formula.name: term for s in searches for term in _best(s, rules)}
+        found |= best
         larger = replace(
             effects,
             linear=(*effects.linear, *(term.formula for term in found.values())),

@@ -122,14 +122,11 @@ def driven_evidence(response: TorqueResponse, fit: LinearisedFit) -> dict[tuple[
 
     Returns: {(source, driver): log evidence}.
     """
-    return {key: _evidence(fit, columns) for key, columns in driven_columns(response)}
-
-
-def _evidence(fit: LinearisedFit, columns: np.ndarray) -> float:
-    """Log evidence for amplitudes of columns (slews, numbers, k) beyond all that is fitted."""
-    imitated = fit.imitated(columns)
-    matrix = np.einsum("snj,snk->jk", columns, columns, optimize=True) - imitated.T @ imitated
-    return log_evidence_of_columns(fit.projected_gradient(columns, imitated), matrix)
+    found = {}
+    for key, columns in driven_columns(response):
+        matrix, gradient = fit.projected(columns)
+        found[key] = log_evidence_of_columns(gradient, matrix)
+    return found
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from scipy import stats
 
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.limits import LIMITS
-from bayes_inertia.inference.settings import FitContext
+from bayes_inertia.inference.settings import OPEN_VERDICTS, FitContext
 from bayes_inertia.physics.effects import REMAINDERS
 from bayes_inertia.physics.parameters import N_BASE
 
@@ -169,7 +169,7 @@ def check_gates(
     """
     context = context or FitContext()
     gates = [_converged(diagnostics), _explained(estimate, context), prior_gate(estimate)]
-    if context.verdict in ("partial", "unknown"):
+    if context.verdict in OPEN_VERDICTS:
         says = _what_is_missing(estimate)
         gates.append({"name": "diagnosed", "passed": False, "says": says})
     return gates
@@ -215,7 +215,7 @@ def _explained(estimate: Estimate, context: FitContext) -> dict[str, Any]:
             "; look for the missing effect with `diagnose`, and do not read sd as the uncertainty"
         )
         # After a diagnosis its own gate says what to do.
-        advice = "" if context.verdict in ("partial", "unknown") else advice
+        advice = "" if context.verdict in OPEN_VERDICTS else advice
         says = f"the model does not explain the data: {', '.join(sizes)}{advice}"
     return {"name": "explained", "passed": not large, "says": says}
 

@@ -297,6 +297,16 @@ class LinearisedFit:
         along = np.einsum("snk,sn->k", columns, self.residual)
         return -(along - imitated.T @ self.whitened_gradient)
 
+    def projected(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Normal equations of amplitudes that are not fitted, everything fitted projected off.
+
+        `columns` (slews, numbers, k): changes of the whitened residuals by units of these. Returns
+        `matrix` (k, k) and `gradient` (k,).
+        """
+        imitated = self.imitated(columns)
+        whole = np.einsum("snj,snk->jk", columns, columns, optimize=True)
+        return whole - imitated.T @ imitated, self.projected_gradient(columns, imitated)
+
     @property
     def valid(self) -> np.ndarray:
         """Whether a number was measured, (slews, numbers)."""

@@ -115,6 +115,10 @@ def usual_settings(effects: Iterable[Effect], *, seed: int = 0) -> Settings:
     return replace(STOCHASTIC_SETTINGS if stochastic else Settings(), seed=seed)
 
 
+# Verdicts of a diagnosis that leave something without a name.
+OPEN_VERDICTS = ("partial", "unknown")
+
+
 @dataclass(frozen=True)
 class FitContext:
     """What is known of a fit before it begins.
@@ -127,7 +131,7 @@ class FitContext:
         By channel: by which factor a diagnosis found the noise to exceed the stated one. It was
         taken in this fit.
     verdict : str, optional
-        Of the diagnosis: "consistent", "named", "ambiguous", "partial" or "unknown".
+        Of the diagnosis: "consistent", "named", "ambiguous", "formula", "partial" or "unknown".
 
     Examples
     --------

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from bayes_inertia.inference.settings import OPEN_VERDICTS
 from bayes_inertia.report.answer_wording import answer_text, per_cent
 from bayes_inertia.report.diagnosis_wording import (
     alike_sentences,
@@ -170,7 +171,7 @@ def _changes_section(content: Mapping[str, Any]) -> Section | None:
     context = {
         "rows": rows,
         "channels": [channel_name(channel) for channel in measured],
-        "unexplained": content["verdict"] in ("partial", "unknown"),
+        "unexplained": content["verdict"] in OPEN_VERDICTS,
     }
     return Section("What adding effects changes", packaged("changes.html"), context, pictures)
 
@@ -213,7 +214,7 @@ def _alternatives_section(content: Mapping[str, Any]) -> Section | None:
     None where a part has no name, too: the steps are not those of the fit below.
     """
     alternatives = content.get("alternatives")
-    if not alternatives or not content["steps"] or content["verdict"] in ("partial", "unknown"):
+    if not alternatives or not content["steps"] or content["verdict"] in OPEN_VERDICTS:
         return None
     rows = []
     for i, (name, shift) in enumerate(content["steps"][-1]["shift"].items()):

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bayes_inertia.campaign.sensors import CHANNELS
+from bayes_inertia.inference.settings import OPEN_VERDICTS
 from bayes_inertia.report.answer_wording import beyond_prior_text, probabilities_text
 from bayes_inertia.report.diagnosis_wording import (
     averaging_text,
@@ -166,7 +167,7 @@ def _on_probabilities(content: Mapping[str, Any]) -> list[str]:
 def _on_noise(content: Mapping[str, Any]) -> list[str]:
     """Sensors that are louder than stated."""
     louder = {channel_name(c): factor for c, factor in content["noise"].items() if factor > 1.0}
-    if content["verdict"] in ("partial", "unknown"):
+    if content["verdict"] in OPEN_VERDICTS:
         # What is fast and unexplained passes for noise.
         return [
             f"From sample to sample the {sensor} scatters {factor:.2f} times as much "
@@ -245,7 +246,7 @@ def _on_skipped(content: Mapping[str, Any]) -> list[str]:
 def _on_the_fit_below(content: Mapping[str, Any]) -> list[str]:
     """Which model the numbers further down the page are of."""
     steps = content["steps"]
-    if content["verdict"] in ("partial", "unknown"):
+    if content["verdict"] in OPEN_VERDICTS:
         # The fit's own gate says what was fitted along, and what that does not hold.
         return []
     if not steps:

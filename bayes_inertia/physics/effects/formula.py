@@ -45,6 +45,8 @@ class Driver(NamedTuple):
         Whether it is one for each wheel.
     commands : bool
         Whether it follows the wheels' torque commands.
+    switches : bool
+        Whether it changes its sign at once.
     """
 
     symbol: str
@@ -54,11 +56,12 @@ class Driver(NamedTuple):
     needs: tuple[str, ...] = ()
     of_one_wheel: bool = False
     commands: bool = False
+    switches: bool = False
 
     @property
     def abrupt(self) -> bool:
         """Whether it changes faster than the body moves."""
-        return self.commands or "sign" in self.symbol
+        return self.commands or self.switches
 
 
 class Place(NamedTuple):
@@ -204,7 +207,7 @@ DRIVERS: Mapping[str, Driver] = {
         {"N m": 2, "s": 2},
         "wheels",
     ),
-    "wheel_signs": Driver("sign h_w", _sign, {}, "wheels"),
+    "wheel_signs": Driver("sign h_w", _sign, {}, "wheels", switches=True),
     "wheel_commands": Driver(
         "u_w", lambda s, t, x, w: _commanded(s, t), {"N m": 1}, "wheels", commands=True
     ),
@@ -382,7 +385,7 @@ class Formula(Effect):
                 raise EffectError(
                     f"there is no {key} {value}", where=self.name, advice=f"0 to {most - 1}"
                 )
-        if DRIVERS[self.driver].needs and PLACES[self.place].hook.endswith("output"):
+        if not knows(self.place, self.driver):
             raise EffectError(
                 f"errors of a sensor do not follow {self.driver!r}",
                 where=self.name,
@@ -471,6 +474,15 @@ class Formula(Effect):
     def momentum_output(self, p, slew, trajectory, momentum):
         acts = p and self.acts("momentum_output")
         return momentum + self._along(p, slew, trajectory) if acts else momentum
+
+
+def knows(place: str, driver: str) -> bool:
+    """Whether what acts at a place can follow a driver: sensors see neither field nor position.
+
+    >>> knows("body_torque", "field"), knows("rate_error", "field")
+    (True, False)
+    """
+    return not (DRIVERS[driver].needs and PLACES[place].hook.endswith("output"))
 
 
 def _labels(kind: str, campaign) -> tuple[str, ...]:
