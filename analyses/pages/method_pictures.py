@@ -20,9 +20,9 @@ _FILL = "#e8f0f8"
 _STEPS: dict[str, tuple[tuple[str, str], ...]] = {
     "diagnosis": (
         ("Linearise", "every effect, random\nsignals, shapes without\na name: one matrix"),
-        ("Weigh", "every set of them:\nevidence, prior,\nprobability"),
+        ("Weigh", "every set of them:\nevidence, probability,\nits J and K"),
         ("Refit", "the best row in full"),
-        ("Verdict", "named, ambiguous,\npartial, unknown;\nJ and K over all rows"),
+        ("Verdict", "named, ambiguous,\nformula, partial,\nunknown"),
     ),
     "likelihood": (
         ("Input", "torque commands\nor tachometers"),

@@ -112,7 +112,7 @@ def headline(content: Mapping[str, Any]) -> str:
         return f"Something is missing: {choices}. This campaign cannot tell which.{besides}"
     found = listed([plain(name) for name in named])
     if verdict == "formula":
-        return f"Found a formula for what is missing, which no effect of the library is: {found}."
+        return f"Something is missing that no effect of the library is. Its formula: {found}."
     return f"Found what is missing: {found}."
 
 

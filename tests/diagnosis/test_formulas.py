@@ -101,6 +101,5 @@ def test_a_law_outside_the_library_is_named_by_its_formula(
     assert content["formulas"]["false_alarm_at_most"] < 1e-6
     assert next_fit_from(content).effects == found.effects_added
     assert headline(content) == (
-        "Found a formula for what is missing, which no effect of the library is: "
-        "body torque = c |ω|²."
+        "Something is missing that no effect of the library is. Its formula: body torque = c |ω|²."
     )
