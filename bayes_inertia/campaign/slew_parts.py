@@ -49,7 +49,9 @@ def parts_of(slew: Slew, pieces: Sequence[dict[str, np.ndarray]]) -> list[Slew]:
         later = float(piece["time"][0] - slew.time[0])
         name = f"{slew.name} (part {i + 1} of {len(pieces)})"
         start = slew.start + later if later else slew.start
-        given: dict[str, Any] = {"name": name, "start": start, **piece}
+        given: dict[str, Any] = {k: v for k, v in piece.items() if not k.startswith(MORE)}
+        more = {k.removeprefix(MORE): v for k, v in piece.items() if k.startswith(MORE)}
+        given |= {"name": name, "start": start, "more": more or None}
         if len(pieces) == 1:
             given |= {"name": slew.name, "axis_B": slew.axis_B, "angle": slew.angle}
         slews.append(Slew(**given))
@@ -90,6 +92,8 @@ def _distances(slew: Slew, times: np.ndarray) -> np.ndarray:
 
 Channels = dict[str, np.ndarray]
 """Channels (n, width) of a slew by the name of `Slew`, with "time" (n,) [s]."""
+# Channels of further sensors are called so, with the sensor's name behind.
+MORE = "more."
 
 
 def with_rows_at(channels: Channels, times: np.ndarray, step: float) -> Channels:
@@ -183,6 +187,7 @@ def with_known_momentum(campaign: Campaign) -> Campaign:
         own = [(record, slew.time[list(record.rows)]) for record in campaign.dirt_of(slew.name)]
         given = {name: getattr(slew, name) for name in ("time", *_CHANNELS)}
         channels = {name: values for name, values in given.items() if values is not None}
+        channels |= {MORE + name: values for name, values in (slew.more or {}).items()}
         cuts = _unknown_momentum(channels, limits)
         parts = parts_of(slew, without_intervals(channels, cuts)) if cuts else [slew]
         if cuts:

@@ -21,9 +21,10 @@ from typing import Any, Literal
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.description import Description, parse_description
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.reader import read_unmasked
-from bayes_inertia.campaign.schema import UNITS, CampaignPart, parse_description
+from bayes_inertia.campaign.schema import UNITS
 from bayes_inertia.campaign.sensors import BY_KEY, SensorStream
 from bayes_inertia.conventions import wording
 from bayes_inertia.conventions.candidates import mistakes
@@ -318,7 +319,7 @@ def refuse_impossible(
 def _checked(
     campaign: Campaign,
     written: Campaign,
-    description: CampaignPart | None,
+    description: Description | None,
     text: str,
     quick: bool,
     torques: Mapping[str, ToldTorque],
@@ -507,7 +508,7 @@ _IN_MEMORY: dict[str, dict[str, Any]] = {
 
 
 def stated_columns(
-    campaign: Campaign, description: CampaignPart | None = None
+    campaign: Campaign, description: Description | None = None
 ) -> dict[str, Mapping[str, Any]]:
     """The entries of `[columns]`.
 
@@ -521,8 +522,9 @@ def stated_columns(
     'rad/s'
     """
     if description is not None:
-        given = description.columns.given()
-        return {key: entry.model_dump() for key, entry in given.items()}
+        first = (entry for entry in description.entries if not entry.field.startswith("more."))
+        stated = {entry.key: entry.columns.model_dump() for entry in first}
+        return {"time": description.time.model_dump(), **stated}
     columns: dict[str, Mapping[str, Any]] = {key: _IN_MEMORY[key] for key in ("time", "rate")}
     for key in ("wheel_torque", "wheel_momentum", "attitude"):
         if any(getattr(slew, key) is not None for slew in campaign.slews):

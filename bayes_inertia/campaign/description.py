@@ -1,0 +1,411 @@
+"""What `campaign.toml` says, in one form for both formats: hardware, columns, tables of slews."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+from bayes_inertia.campaign.checked_toml import checked_document, toml_document
+from bayes_inertia.campaign.format_2 import (
+    AttitudeDevice,
+    Campaign2Part,
+    RateDevice,
+    Slew2Part,
+    WheelDevice,
+)
+from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel
+from bayes_inertia.campaign.schema import (
+    FORMAT_2,
+    CampaignPart,
+    SlewPart,
+    TimeColumn,
+    check_consistency,
+    refuse,
+)
+from bayes_inertia.errors import CampaignError
+
+# Where a slew has what is called otherwise.
+_FIELDS: Mapping[str, str] = MappingProxyType(
+    {
+        "magnetic_field": "magnetic_field_N",
+        "position": "position_N",
+        "wheel_speed": "wheel_momentum",
+    }
+)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What some columns of the tables hold.
+
+    Parameters
+    ----------
+    key : str
+        Its kind, as an entry of `[columns]` of format 1: "rate", "wheel_torque", ...
+    field : str
+        Of `Slew`, where it goes; "more.NAME" for a further sensor.
+    columns : object
+        Its names, unit, sense and clock: one of the forms of `[columns]`.
+    paths : tuple of str
+        Its key in the description, such as "columns.rate"; one a column where each has its own.
+    wheels : tuple of int
+        The wheels that the columns are of, counted from 0; empty: all, in their order.
+    """
+
+    key: str
+    field: str
+    columns: Any
+    paths: tuple[str, ...]
+    wheels: tuple[int, ...] = ()
+
+    @property
+    def path(self) -> str:
+        """Its key in the description, or the first of them."""
+        return self.paths[0]
+
+
+@dataclass(frozen=True)
+class SlewTables:
+    """One of `[[slews]]`: the table of each entry, by the entry's path, under `file` or `files`."""
+
+    name: str
+    start: float
+    axis: Sequence[float] | None
+    angle_deg: float | None
+    key: str
+    files: Mapping[str, str]
+
+    def file_of(self, entry: Entry) -> str | None:
+        """The table that holds an entry; None if this slew has none."""
+        return self.files.get(entry.path)
+
+    def tables(self) -> list[str]:
+        """The tables of the slew, each once."""
+        return list(dict.fromkeys(self.files.values()))
+
+
+@dataclass(frozen=True)
+class Description:
+    """The content of a `campaign.toml` of either format.
+
+    Parameters
+    ----------
+    name : str
+        The campaign.
+    time : TimeColumn
+        The time of every entry that has no other.
+    entries : tuple of Entry
+        What the tables hold.
+    slews : tuple of SlewTables
+        In which tables.
+    inertia, wheels, rate_sensor, star_tracker, more_sensors, mission
+        As `Campaign` has them.
+    """
+
+    name: str
+    time: TimeColumn
+    entries: tuple[Entry, ...]
+    slews: tuple[SlewTables, ...]
+    inertia: InertiaPrior
+    wheels: tuple[Wheel, ...]
+    rate_sensor: RateSensor
+    star_tracker: StarTracker | None
+    more_sensors: tuple[tuple[str, Any], ...]
+    mission: tuple[tuple[str, str], ...]
+
+    def clock(self, entry: Entry) -> TimeColumn:
+        """The time of an entry."""
+        return self.time if entry.columns.time is None else entry.columns.time
+
+
+def parse_description(text: str, label: str) -> Description:
+    """The content of a `campaign.toml` of either format, every key checked.
+
+    Parameters
+    ----------
+    text : str
+        The content of the file.
+    label : str
+        The file, as messages name it.
+
+    Returns
+    -------
+    Description
+        What the file says.
+
+    Raises
+    ------
+    CampaignError
+        If it is no TOML (naming the line), or a key is unknown, missing, or of a wrong type or
+        value (naming the key).
+
+    Examples
+    --------
+    >>> parse_description('format = "bayes-inertia-campaign/1"\\nnmae = "x"', "campaign.toml")
+    Traceback (most recent call last):
+    bayes_inertia.errors.CampaignError: campaign.toml, key nmae: unknown key; did you mean "name"?
+    """
+    document = toml_document(text, label)
+    if document.get("format") == FORMAT_2:
+        description = _described(checked_document(document, label, Campaign2Part), label)
+    else:
+        parsed = checked_document(document, label, CampaignPart)
+        check_consistency(parsed, label)
+        description = upgrade(parsed, label)
+    for slew in description.slews:
+        _check_names(slew, description, label)
+    return description
+
+
+def upgrade(parsed: CampaignPart, label: str) -> Description:
+    """The description that a file of format 1 is."""
+    entries = tuple(
+        Entry(key, _FIELDS.get(key, key), columns, (f"columns.{key}",))
+        for key, columns in parsed.columns.given().items()
+        if key != "time"
+    )
+    tracker = parsed.star_tracker
+    return Description(
+        name=parsed.name,
+        time=parsed.columns.time,
+        entries=entries,
+        slews=tuple(_tables_of(part, entries) for part in parsed.slews),
+        **_common(parsed, label),
+        wheels=tuple(_built(Wheel, part, label) for part in parsed.wheels),
+        rate_sensor=_built(RateSensor, parsed.rate_sensor, label),
+        star_tracker=None if tracker is None else _built(StarTracker, tracker, label),
+        more_sensors=(),
+    )
+
+
+def _common(parsed: CampaignPart | Campaign2Part, label: str) -> dict[str, Any]:
+    """What both formats say alike."""
+    stated = {} if parsed.mission is None else _given(parsed.mission)
+    return {
+        "inertia": _built(InertiaPrior, parsed.inertia, label),
+        "mission": tuple(stated.items()),
+    }
+
+
+def _tables_of(part: SlewPart, entries: Sequence[Entry]) -> SlewTables:
+    files = {entry.path: part.file_of(entry.key) for entry in entries}
+    given = {path: file for path, file in files.items() if file is not None}
+    key = "file" if part.files is None else "files"
+    return SlewTables(part.name, part.start, part.axis, part.angle_deg, key, given)
+
+
+# Fields of hardware that the description calls otherwise.
+_RENAMED = {"axis": "axis_B", "boresight": "boresight_B"}
+
+
+def _given(part: Any, leave_out: Sequence[str] = ()) -> dict[str, Any]:
+    return {
+        key: value
+        for key in type(part).model_fields
+        if key not in leave_out and (value := getattr(part, key)) is not None
+    }
+
+
+def _built(kind: Any, part: Any, label: str, was: str = "", now: str = "", **more: Any) -> Any:
+    """Hardware of a part; errors say `now` where the record's own key is `was`."""
+    stated = _given(part, ("type", "rate", "attitude", "torque", "momentum", "speed"))
+    if kind in (RateSensor, StarTracker):
+        stated.pop("name", None)
+    try:
+        return kind(**{_RENAMED.get(key, key): value for key, value in stated.items()}, **more)
+    except CampaignError as error:
+        where = f"{label}, {error.where.replace(was, now) if was else error.where}"
+        raise CampaignError(error.what, where=where, advice=error.advice) from None
+
+
+def _check_names(slew: SlewTables, description: Description, label: str) -> None:
+    """In one table each column has one meaning; only columns of time may be shared."""
+    used: dict[tuple[str | None, str], str] = {}
+    times: dict[tuple[str | None, str], str] = {}
+    for entry in description.entries:
+        file = slew.file_of(entry)
+        own = entry.columns.time is not None
+        times[file, description.clock(entry).names[0]] = f"{entry.path}.time" if own else "time"
+        for path, name in _names(entry):
+            if (file, name) in used:
+                _refuse_twice(label, path, name, used[file, name])
+            used[file, name] = path
+    for place, path in times.items():
+        if place in used:
+            _refuse_twice(label, used[place], place[1], path)
+
+
+def _names(entry: Entry) -> Iterator[tuple[str, str]]:
+    """The path of each column of an entry, and its name."""
+    for k, name in enumerate(entry.columns.names):
+        yield entry.paths[min(k, len(entry.paths) - 1)], name
+
+
+def _refuse_twice(label: str, path: str, name: str, other: str) -> None:
+    what = f"the column {name!r} is already used by {other.removeprefix('columns.')}"
+    refuse(label, f"{path}.names", what, "name each column once")
+
+
+# Format 2.
+
+
+def _described(parsed: Campaign2Part, label: str) -> Description:
+    """The description that a file of format 2 is."""
+    for key in ("actuators", "sensors", "environment", "slews"):
+        _require_different(label, key, [part.name for part in getattr(parsed, key)])
+    rates = [part for part in parsed.sensors if isinstance(part, RateDevice)]
+    trackers = [part for part in parsed.sensors if isinstance(part, AttitudeDevice)]
+    if not rates:
+        advice = "add one of [[sensors]] with its name, sigma and rate = { ... }"
+        refuse(label, "sensors", 'no sensor has the type "rate"', advice)
+    first = (rates[0], *trackers[:1])
+    sensors = [(part, _sensor(part, label)) for part in parsed.sensors]
+    further = tuple((part.name, built) for part, built in sensors if part not in first)
+    entries = (*_sensor_entries(parsed, first), *_wheel_entries(parsed.actuators, label),
+               *_environment_entries(parsed))  # fmt: skip
+    return Description(
+        name=parsed.name,
+        time=parsed.time,
+        entries=entries,
+        slews=tuple(_tables_of_2(part, entries, label) for part in parsed.slews),
+        **_common(parsed, label),
+        wheels=tuple(_wheel(part, label) for part in parsed.actuators),
+        rate_sensor=next(built for part, built in sensors if part is rates[0]),
+        star_tracker=next((built for part, built in sensors if part in trackers[:1]), None),
+        more_sensors=further,
+    )
+
+
+def _require_different(label: str, key: str, names: Sequence[str]) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            refuse(label, f"{key}.{name}", "the name is used twice", "give each its own name")
+
+
+def _sensor(part: RateDevice | AttitudeDevice, label: str) -> Any:
+    """The hardware of a sensor."""
+    place = f"sensors.{part.name}"
+    if isinstance(part, AttitudeDevice):
+        return _built(StarTracker, part, label, "star_tracker", place)
+    axes = 3 if part.axes is None else len(part.axes)
+    if len(part.rate.names) != axes:
+        what = f"{len(part.rate.names)} column(s) for {axes} axes"
+        refuse(label, f"{place}.rate.names", what, "name one column an axis, in the same order")
+    for key in ("sigma", "scale_factor", "scale_factor_sigma", "bias", "bias_sigma"):
+        values = getattr(part, key)
+        if values is not None and len(values) not in (1, axes):
+            what = f"{len(values)} numbers for {axes} axes"
+            refuse(label, f"{place}.{key}", what, "write one number, or one an axis")
+    return _built(RateSensor, part, label, "rate_sensor", place)
+
+
+def _sensor_entries(parsed: Campaign2Part, first: Sequence[Any]) -> list[Entry]:
+    entries = []
+    for part in parsed.sensors:
+        key = "rate" if isinstance(part, RateDevice) else "attitude"
+        field = key if part in first else f"more.{part.name}"
+        entries.append(Entry(key, field, getattr(part, key), (f"sensors.{part.name}.{key}",)))
+    return entries
+
+
+def _environment_entries(parsed: Campaign2Part) -> list[Entry]:
+    return [
+        Entry(part.type, _FIELDS[part.type], part.vector, (f"environment.{part.name}.vector",))
+        for part in parsed.environment
+    ]
+
+
+def _wheel(part: WheelDevice, label: str) -> Wheel:
+    sigma = None if part.momentum is None else part.momentum.sigma
+    if part.speed is not None and part.speed.sigma is not None:
+        sigma = part.speed.sigma * part.spin_inertia
+    was, now = f"wheels.{part.name}", f"actuators.{part.name}"
+    return _built(Wheel, part, label, was, now, momentum_sigma=sigma)
+
+
+def _wheel_entries(wheels: Sequence[WheelDevice], label: str) -> list[Entry]:
+    """Commands and tachometers; wheels that say the same of their columns share an entry."""
+    entries = []
+    for kind in ("torque", "momentum", "speed"):
+        alike: dict[Any, list[tuple[int, WheelDevice]]] = {}
+        for i, part in enumerate(wheels):
+            columns = getattr(part, kind)
+            if columns is not None:
+                said = columns.model_dump_json(exclude={"names", "sigma"})
+                alike.setdefault(said, []).append((i, part))
+        for members in alike.values():
+            names = [getattr(part, kind).names[0] for _, part in members]
+            columns = getattr(members[0][1], kind).model_copy(update={"names": names})
+            paths = tuple(f"actuators.{part.name}.{kind}" for _, part in members)
+            key = f"wheel_{kind}"
+            where = tuple(i for i, _ in members)
+            entries.append(Entry(key, _FIELDS.get(key, key), columns, paths, where))
+    _check_wheels(wheels, label)
+    return entries
+
+
+def _check_wheels(wheels: Sequence[WheelDevice], label: str) -> None:
+    """One measurement of each wheel; commands of all wheels or none, in one table."""
+    commanded = [(part.name, part.torque.stream) for part in wheels if part.torque is not None]
+    for part in wheels:
+        place = f"actuators.{part.name}"
+        if part.momentum is not None and part.speed is not None:
+            advice = "keep one of the two, they are the same measurement"
+            refuse(label, f"{place}.speed", "momentum is given too", advice)
+        if part.torque is None and commanded:
+            what = f"missing key, but {commanded[0][0]} has it"
+            advice = "give the commands of every wheel, or leave all out: tachometers drive then"
+            refuse(label, f"{place}.torque", what, advice)
+        if part.torque is not None and part.torque.stream != commanded[0][1]:
+            what = f"another table than that of {commanded[0][0]}"
+            advice = "put the commands of all wheels into one table, a row for each time"
+            refuse(label, f"{place}.torque.stream", what, advice)
+
+
+_TEMPLATE = 'write files = "slew_01_{stream}.csv", or files = { gyro = "gyro_01.csv", ... }'
+
+
+def _tables_of_2(part: Slew2Part, entries: Sequence[Entry], label: str) -> SlewTables:
+    """The table of each entry: one for all, or that of its stream."""
+    place = f"slews.{part.name}"
+    if part.file is None and part.files is None:
+        advice = f'add file = the table of the slew, such as "slew_01.csv", or {_TEMPLATE}'
+        refuse(label, f"{place}.files", "missing key", advice)
+    if part.file is not None and part.files is not None:
+        advice = "keep file (one table) or files (one table a stream)"
+        refuse(label, f"{place}.files", "file is given too", advice)
+    if isinstance(part.files, str) and "{stream}" not in part.files:
+        what = f"{part.files!r} does not say where the stream's name goes"
+        refuse(label, f"{place}.files", what, f"{_TEMPLATE}; one table of all is file = ...")
+    files = {}
+    for entry in entries:
+        stream = entry.columns.stream
+        if part.files is not None and stream is None:
+            advice = f"add stream = what {{stream}} in the files of {part.name} stands for"
+            refuse(label, f"{entry.path}.stream", "missing key", advice)
+        if part.file is not None:
+            files[entry.path] = part.file
+        elif isinstance(part.files, str):
+            files[entry.path] = part.files.replace("{stream}", stream)
+        elif part.files is not None and stream in part.files:
+            files[entry.path] = part.files[stream]
+    _check_streams(part, entries, files, label)
+    key = "file" if part.files is None else "files"
+    return SlewTables(part.name, part.start, part.axis, part.angle_deg, key, files)
+
+
+def _check_streams(
+    part: Slew2Part, entries: Sequence[Entry], files: Mapping[str, str], label: str
+) -> None:
+    """Only streams that a device has, and those of the rate sensor in every slew."""
+    known = list(dict.fromkeys(entry.columns.stream for entry in entries))
+    for stream in part.files if isinstance(part.files, dict) else ():
+        if stream not in known:
+            what, advice = "no device has this stream", f"known here: {', '.join(known)}"
+            refuse(label, f"slews.{part.name}.files.{stream}", what, advice)
+    for entry in entries:
+        if entry.field == "rate" and entry.path not in files:
+            place = f"slews.{part.name}.files.{entry.columns.stream}"
+            refuse(label, place, "missing key", "add the table of the rates, or leave the slew out")

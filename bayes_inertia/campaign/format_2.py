@@ -1,0 +1,190 @@
+"""The form of `campaign.toml` of format 2: actuators, sensors and environment, each a stream."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from annotated_types import Len
+from pydantic import BeforeValidator, Field
+
+from bayes_inertia.campaign.schema import (
+    AttitudeColumns,
+    InertiaPart,
+    MagneticFieldColumns,
+    MissionPart,
+    MomentumColumns,
+    Names,
+    Names1,
+    Part,
+    PositionColumns,
+    RateColumns,
+    SpeedColumns,
+    StarTrackerPart,
+    TimeColumn,
+    TorqueColumns,
+    Vector3,
+)
+
+
+def _listed(value: Any) -> Any:
+    return [value] if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+OneOrMore = Annotated[list[float], Len(1), BeforeValidator(_listed)]
+
+
+class WheelTorque(TorqueColumns):
+    """`torque` of a wheel."""
+
+    names: Names1 = Field(description='names = ["..."], the column of this wheel')
+    stream: str | None = None
+
+
+class WheelMomentum(MomentumColumns):
+    """`momentum` of a wheel by its tachometer."""
+
+    names: Names1 = Field(description='names = ["..."], the column of this wheel')
+    stream: str | None = None
+    sigma: float | None = None  # noise of a reading [N m s]
+
+
+class WheelSpeed(SpeedColumns):
+    """`speed` of a wheel by its tachometer."""
+
+    names: Names1 = Field(description='names = ["..."], the column of this wheel')
+    stream: str | None = None
+    sigma: float | None = None  # noise of a reading [rad/s]
+
+
+class WheelDevice(Part):
+    """One of `[[actuators]]`: a reaction or momentum wheel."""
+
+    type: Literal["wheel"]
+    name: str = Field(description='name = "..."')
+    axis: Vector3 = Field(
+        description="axis = the unit spin axis in body axes, such as [1.0, 0.0, 0.0]"
+    )
+    spin_inertia: float = Field(
+        description="spin_inertia = the inertia about the spin axis [kg m^2]"
+    )
+    max_torque: float | None = None
+    max_momentum: float | None = None
+    torque: WheelTorque | None = None
+    momentum: WheelMomentum | None = None
+    speed: WheelSpeed | None = None
+
+
+class DeviceRate(RateColumns):
+    """`rate` of a rate sensor."""
+
+    names: Names = Field(description='names = ["...", ...], one column a sensor axis')
+    stream: str | None = None
+
+
+class RateDevice(Part):
+    """One of `[[sensors]]`: a rate sensor of one axis or more."""
+
+    type: Literal["rate"]
+    name: str = Field(description='name = "..."')
+    rate: DeviceRate = Field(
+        description='rate = { stream = "...", names = ["...", ...], unit = "rad/s" }'
+    )
+    sigma: OneOrMore = Field(
+        description="sigma = the white noise per sample [rad/s], one number or one an axis"
+    )
+    axes: Annotated[list[Vector3], Len(1)] | None = None
+    range: float | None = None
+    scale_factor: OneOrMore | None = None
+    scale_factor_sigma: OneOrMore | None = None
+    bias: OneOrMore | None = None
+    bias_sigma: OneOrMore | None = None
+    rate_random_walk: float | None = None
+    bias_instability: float | None = None
+    bias_instability_time: float | None = None
+
+
+class DeviceAttitude(AttitudeColumns):
+    """`attitude` of a star tracker."""
+
+    stream: str | None = None
+
+
+class AttitudeDevice(StarTrackerPart):
+    """One of `[[sensors]]`: a star tracker."""
+
+    type: Literal["attitude"]
+    name: str = Field(description='name = "..."')
+    attitude: DeviceAttitude = Field(
+        description='attitude = { stream = "...", names = ["q1", "q2", "q3", "q4"], scalar = ..., '
+        "maps = ... }"
+    )
+
+
+class FieldVector(MagneticFieldColumns):
+    """`vector` of a magnetic field."""
+
+    stream: str | None = None
+
+
+class PositionVector(PositionColumns):
+    """`vector` of a position."""
+
+    stream: str | None = None
+
+
+class FieldDevice(Part):
+    """One of `[[environment]]`: the magnetic field along the inertial axes."""
+
+    type: Literal["magnetic_field"]
+    name: str = "magnetic field"
+    vector: FieldVector = Field(
+        description='vector = { stream = "...", names = ["...", "...", "..."], unit = "T", '
+        'frame = "inertial" }'
+    )
+
+
+class PositionDevice(Part):
+    """One of `[[environment]]`: the position of the spacecraft."""
+
+    type: Literal["position"]
+    name: str = "position"
+    vector: PositionVector = Field(
+        description='vector = { stream = "...", names = ["...", "...", "..."], unit = "m", '
+        'frame = "inertial" }'
+    )
+
+
+Actuator = WheelDevice
+Sensor = Annotated[RateDevice | AttitudeDevice, Field(discriminator="type")]
+Environment = Annotated[FieldDevice | PositionDevice, Field(discriminator="type")]
+
+
+class Slew2Part(Part):
+    """One `[[slews]]`; either `file` or `files` is given."""
+
+    name: str = Field(description='name = "..."')
+    start: float = Field(description="start = the time of the first row in the campaign [s]")
+    file: str | None = None
+    files: str | dict[str, str] | None = None
+    axis: Vector3 | None = None
+    angle_deg: float | None = None
+
+
+class Campaign2Part(Part):
+    """The whole of `campaign.toml` of format 2."""
+
+    format: Literal["bayes-inertia-campaign/2"]
+    name: str = Field(description='name = "..."')
+    inertia: InertiaPart = Field(
+        description="[inertia] with tensor, relative_sigma, product_sigma, includes_wheel_spin"
+    )
+    time: TimeColumn = Field(description='[time] with names = ["..."] and unit = "s"')
+    sensors: Annotated[list[Sensor], Len(1)] = Field(
+        description="one [[sensors]] a sensor, with name, type and its stream"
+    )
+    slews: Annotated[list[Slew2Part], Len(1)] = Field(
+        description='one [[slews]] a slew, with name, start and files = "slew_01_{stream}.csv"'
+    )
+    actuators: list[Actuator] = Field(default=[])
+    environment: list[Environment] = Field(default=[])
+    mission: MissionPart | None = None
