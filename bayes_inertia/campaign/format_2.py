@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Len
 from pydantic import BeforeValidator, Field
@@ -172,6 +173,15 @@ class Slew2Part(Part):
 
 class Campaign2Part(Part):
     """The whole of `campaign.toml` of format 2."""
+
+    # What to do with a key of the other format.
+    other_format: ClassVar[Mapping[str, str]] = {
+        "wheels": 'in format 2 each is one of [[actuators]] with type = "wheel"',
+        "rate_sensor": 'in format 2 it is one of [[sensors]] with type = "rate"',
+        "star_tracker": 'in format 2 it is one of [[sensors]] with type = "attitude"',
+        "columns": "in format 2 each device names its own, such as "
+        'rate = { stream = "gyro", names = [...], unit = "rad/s" }; time is [time]',
+    }
 
     format: Literal["bayes-inertia-campaign/2"]
     name: str = Field(description='name = "..."')

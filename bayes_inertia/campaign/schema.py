@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NoReturn
 
 import numpy as np
 from annotated_types import Len
@@ -302,6 +302,13 @@ class SlewPart(Part):
 
 class CampaignPart(Part):
     """The whole of `campaign.toml`."""
+
+    # What to do with a key of the other format.
+    other_format: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("actuators", "sensors", "environment", "changes", "time"),
+        f'it is of format 2: write format = "{FORMAT_2}", and [[sensors]], [[actuators]] in place '
+        "of [columns]",
+    )
 
     # A file of format 2 has another form; here its name stands for messages.
     format: Literal["bayes-inertia-campaign/1", "bayes-inertia-campaign/2"]
