@@ -179,8 +179,9 @@ def with_known_momentum(campaign: Campaign) -> Campaign:
         return campaign
     inertia = float(np.linalg.eigvalsh(campaign.inertia.tensor)[0])
     tracker = campaign.star_tracker
+    noise = min(campaign.with_body_rates.gyro.sigma)
     limits = _Limits(
-        momentum=LIMITS.momentum_line_of_rate_noise * inertia * min(campaign.rate_sensor.sigma),
+        momentum=LIMITS.momentum_line_of_rate_noise * inertia * noise,
         angular_impulse=np.inf
         if tracker is None
         else LIMITS.momentum_line_of_attitude_noise * inertia * tracker.sigma_cross,

@@ -457,7 +457,7 @@ def _companions(
 ) -> Iterator[KeyChange]:
     if mended.key == "columns.rate.unit" and _in_one_unit(campaign, BY_KEY["rate"]):
         factor = UNITS["rate"][mended.mended] / UNITS["rate"][mended.stated]
-        sigma = written.get("rate_sensor", {}).get("sigma", list(campaign.rate_sensor.sigma))
+        sigma = written.get("rate_sensor", {}).get("sigma", list(campaign.gyro.sigma))
         yield KeyChange("rate_sensor.sigma", sigma, _times(sigma, factor))
     if mended.key == "columns.wheel_momentum.unit" and _in_one_unit(
         campaign, BY_KEY["wheel_momentum"]
