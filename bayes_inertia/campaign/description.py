@@ -7,12 +7,24 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
+from bayes_inertia.campaign.actuators import (
+    Actuator,
+    GimballedRotors,
+    KnownTorque,
+    Magnetorquer,
+    Thruster,
+)
 from bayes_inertia.campaign.checked_toml import checked_document, toml_document
 from bayes_inertia.campaign.format_2 import (
     AttitudeDevice,
     Campaign2Part,
+    MagnetorquerDevice,
+    OtherActuator,
     RateDevice,
+    RotorsDevice,
     Slew2Part,
+    ThrusterDevice,
+    TorqueDevice,
     WheelDevice,
 )
 from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel
@@ -20,6 +32,7 @@ from bayes_inertia.campaign.schema import (
     FORMAT_2,
     CampaignPart,
     SlewPart,
+    StreamColumns,
     TimeColumn,
     check_consistency,
     refuse,
@@ -45,7 +58,7 @@ class Entry:
     key : str
         Its kind, as an entry of `[columns]` of format 1: "rate", "wheel_torque", ...
     field : str
-        Of `Slew`, where it goes; "more.NAME" for a further sensor.
+        Of `Slew`, where it goes; "more.NAME" for a further sensor, "inputs.NAME" for a device.
     columns : object
         Its names, unit, sense and clock: one of the forms of `[columns]`.
     paths : tuple of str
@@ -100,7 +113,7 @@ class Description:
         What the tables hold.
     slews : tuple of SlewTables
         In which tables.
-    inertia, wheels, rate_sensor, star_tracker, more_sensors, mission
+    inertia, wheels, rate_sensor, star_tracker, mission, more_sensors, actuators
         As `Campaign` has them.
     """
 
@@ -110,10 +123,11 @@ class Description:
     slews: tuple[SlewTables, ...]
     inertia: InertiaPrior
     wheels: tuple[Wheel, ...]
-    rate_sensor: RateSensor
+    rate_sensor: RateSensor | None
     star_tracker: StarTracker | None
-    more_sensors: tuple[tuple[str, Any], ...]
     mission: tuple[tuple[str, str], ...]
+    more_sensors: tuple[tuple[str, Any], ...] = ()
+    actuators: tuple[Actuator, ...] = ()
 
     def clock(self, entry: Entry) -> TimeColumn:
         """The time of an entry."""
@@ -176,7 +190,6 @@ def upgrade(parsed: CampaignPart, label: str) -> Description:
         wheels=tuple(_built(Wheel, part, label) for part in parsed.wheels),
         rate_sensor=_built(RateSensor, parsed.rate_sensor, label),
         star_tracker=None if tracker is None else _built(StarTracker, tracker, label),
-        more_sensors=(),
     )
 
 
@@ -197,24 +210,29 @@ def _tables_of(part: SlewPart, entries: Sequence[Entry]) -> SlewTables:
 
 
 # Fields of hardware that the description calls otherwise.
-_RENAMED = {"axis": "axis_B", "boresight": "boresight_B"}
+_RENAMED = {
+    "axis": "axis_B",
+    "boresight": "boresight_B",
+    "torques": "torque_B",
+    "gimbal_axes": "gimbal_axes_B",
+    "spin_axes_at_zero": "spin_axes_at_zero_B",
+}
 
 
-def _given(part: Any, leave_out: Sequence[str] = ()) -> dict[str, Any]:
+def _given(part: Any) -> dict[str, Any]:
     return {
-        key: value
-        for key in type(part).model_fields
-        if key not in leave_out and (value := getattr(part, key)) is not None
+        key: value for key in type(part).model_fields if (value := getattr(part, key)) is not None
     }
 
 
 def _built(kind: Any, part: Any, label: str, was: str = "", now: str = "", **more: Any) -> Any:
     """Hardware of a part; errors say `now` where the record's own key is `was`."""
-    stated = _given(part, ("type", "rate", "attitude", "torque", "momentum", "speed"))
-    if kind in (RateSensor, StarTracker):
-        stated.pop("name", None)
+    stated = {k: v for k, v in _given(part).items() if not isinstance(v, StreamColumns)}
+    left_out = ("type", "name") if kind in (RateSensor, StarTracker) else ("type",)
+    renamed = _RENAMED | ({"axes": "axes_B"} if kind is Magnetorquer else {})
+    given = {renamed.get(k, k): v for k, v in stated.items() if k not in left_out}
     try:
-        return kind(**{_RENAMED.get(key, key): value for key, value in stated.items()}, **more)
+        return kind(**given, **more)
     except CampaignError as error:
         where = f"{label}, {error.where.replace(was, now) if was else error.where}"
         raise CampaignError(error.what, where=where, advice=error.advice) from None
@@ -255,15 +273,15 @@ def _described(parsed: Campaign2Part, label: str) -> Description:
     """The description that a file of format 2 is."""
     for key in ("actuators", "sensors", "environment", "slews"):
         _require_different(label, key, [part.name for part in getattr(parsed, key)])
-    rates = [part for part in parsed.sensors if isinstance(part, RateDevice)]
-    trackers = [part for part in parsed.sensors if isinstance(part, AttitudeDevice)]
-    if not rates:
-        advice = "add one of [[sensors]] with its name, sigma and rate = { ... }"
-        refuse(label, "sensors", 'no sensor has the type "rate"', advice)
-    first = (rates[0], *trackers[:1])
+    wheels = [part for part in parsed.actuators if isinstance(part, WheelDevice)]
+    others = [part for part in parsed.actuators if not isinstance(part, WheelDevice)]
+    first: dict[str, Any] = {}
+    for part in parsed.sensors:
+        first.setdefault(part.type, part)
     sensors = [(part, _sensor(part, label)) for part in parsed.sensors]
-    further = tuple((part.name, built) for part, built in sensors if part not in first)
-    entries = (*_sensor_entries(parsed, first), *_wheel_entries(parsed.actuators, label),
+    hardware = {part.type: built for part, built in sensors if part is first[part.type]}
+    entries = (*_sensor_entries(parsed, first), *_wheel_entries(wheels, label),
+               *(_input_entry(part, label) for part in others),
                *_environment_entries(parsed))  # fmt: skip
     return Description(
         name=parsed.name,
@@ -271,10 +289,11 @@ def _described(parsed: Campaign2Part, label: str) -> Description:
         entries=entries,
         slews=tuple(_tables_of_2(part, entries, label) for part in parsed.slews),
         **_common(parsed, label),
-        wheels=tuple(_wheel(part, label) for part in parsed.actuators),
-        rate_sensor=next(built for part, built in sensors if part is rates[0]),
-        star_tracker=next((built for part, built in sensors if part in trackers[:1]), None),
-        more_sensors=further,
+        wheels=tuple(_wheel(part, label) for part in wheels),
+        rate_sensor=hardware.get("rate"),
+        star_tracker=hardware.get("attitude"),
+        more_sensors=tuple((p.name, built) for p, built in sensors if p is not first[p.type]),
+        actuators=tuple(_actuator(part, label) for part in others),
     )
 
 
@@ -301,11 +320,11 @@ def _sensor(part: RateDevice | AttitudeDevice, label: str) -> Any:
     return _built(RateSensor, part, label, "rate_sensor", place)
 
 
-def _sensor_entries(parsed: Campaign2Part, first: Sequence[Any]) -> list[Entry]:
+def _sensor_entries(parsed: Campaign2Part, first: Mapping[str, Any]) -> list[Entry]:
     entries = []
     for part in parsed.sensors:
-        key = "rate" if isinstance(part, RateDevice) else "attitude"
-        field = key if part in first else f"more.{part.name}"
+        key = part.type
+        field = key if part is first[key] else f"more.{part.name}"
         entries.append(Entry(key, field, getattr(part, key), (f"sensors.{part.name}.{key}",)))
     return entries
 
@@ -315,6 +334,55 @@ def _environment_entries(parsed: Campaign2Part) -> list[Entry]:
         Entry(part.type, _FIELDS[part.type], part.vector, (f"environment.{part.name}.vector",))
         for part in parsed.environment
     ]
+
+
+def _actuator(part: OtherActuator, label: str) -> Actuator:
+    """A device beside wheels."""
+    more: dict[str, Any] = {}
+    if isinstance(part, TorqueDevice):
+        more = {"frame": part.torque.frame}
+    if isinstance(part, RotorsDevice):
+        more = {"angle_sigma": part.gimbal_angle.sigma}
+    device = _built(_ACTUATORS[type(part)], part, label, **more)
+    entry = _input_entry(part, label)
+    names, columns = entry.columns.names, device.columns
+    if len(names) != columns:
+        what = f"{len(names)} column(s) for {columns} of the device"
+        refuse(label, f"{entry.path}.names", what, "name one column each, in the same order")
+    return device
+
+
+# Record of each kind of device, and what its input is measured in.
+_ACTUATORS: Mapping[type, Any] = MappingProxyType(
+    {
+        TorqueDevice: KnownTorque,
+        MagnetorquerDevice: Magnetorquer,
+        ThrusterDevice: Thruster,
+        RotorsDevice: GimballedRotors,
+    }
+)
+_QUANTITIES: Mapping[str, str] = MappingProxyType(
+    {
+        "torque": "wheel_torque",
+        "dipole": "dipole",
+        "on_time": "time",
+        "level": "level",
+        "gimbal_angle": "angle",
+    }
+)
+
+
+def _input_entry(part: OtherActuator, label: str) -> Entry:
+    """The one stream of a device beside wheels."""
+    place = f"actuators.{part.name}"
+    keys = [key for key in _QUANTITIES if getattr(part, key, None) is not None]
+    if not keys:
+        advice = 'add on_time = { stream = "...", names = [...], unit = "s" }, or level = { ... }'
+        refuse(label, f"{place}.on_time", "missing key", advice)
+    if len(keys) > 1:
+        refuse(label, f"{place}.{keys[1]}", f"{keys[0]} is given too", "keep one of the two")
+    key = keys[0]
+    return Entry(_QUANTITIES[key], f"inputs.{part.name}", getattr(part, key), (f"{place}.{key}",))
 
 
 def _wheel(part: WheelDevice, label: str) -> Wheel:
@@ -399,13 +467,15 @@ def _tables_of_2(part: Slew2Part, entries: Sequence[Entry], label: str) -> SlewT
 def _check_streams(
     part: Slew2Part, entries: Sequence[Entry], files: Mapping[str, str], label: str
 ) -> None:
-    """Only streams that a device has, and those of the rate sensor in every slew."""
+    """Only streams that a device has, and those of what every slew needs."""
     known = list(dict.fromkeys(entry.columns.stream for entry in entries))
     for stream in part.files if isinstance(part.files, dict) else ():
         if stream not in known:
             what, advice = "no device has this stream", f"known here: {', '.join(known)}"
             refuse(label, f"slews.{part.name}.files.{stream}", what, advice)
     for entry in entries:
-        if entry.field == "rate" and entry.path not in files:
+        needed = entry.field == "rate" or entry.field.startswith("inputs.")
+        if needed and entry.path not in files:
             place = f"slews.{part.name}.files.{entry.columns.stream}"
-            refuse(label, place, "missing key", "add the table of the rates, or leave the slew out")
+            advice = f"add the table of {entry.path}, or leave the slew out"
+            refuse(label, place, "missing key", advice)

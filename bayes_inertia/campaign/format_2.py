@@ -9,20 +9,27 @@ from annotated_types import Len
 from pydantic import BeforeValidator, Field
 
 from bayes_inertia.campaign.schema import (
+    AngleUnit,
     AttitudeColumns,
+    DipoleUnit,
     InertiaPart,
+    LevelUnit,
     MagneticFieldColumns,
     MissionPart,
     MomentumColumns,
     Names,
     Names1,
+    Names3,
     Part,
     PositionColumns,
     RateColumns,
     SpeedColumns,
     StarTrackerPart,
+    StreamColumns,
     TimeColumn,
+    TimeUnit,
     TorqueColumns,
+    TorqueUnit,
     Vector3,
 )
 
@@ -73,6 +80,115 @@ class WheelDevice(Part):
     torque: WheelTorque | None = None
     momentum: WheelMomentum | None = None
     speed: WheelSpeed | None = None
+
+
+Held = Literal["hold", "line", "mean"]
+_NAMES = 'names = ["...", ...], '
+
+
+class InputColumns(StreamColumns):
+    """What a device was told to do, or did: its stream, and what it did between the readings."""
+
+    stream: str | None = None
+    between: Held = "hold"
+
+
+class TorqueInput(InputColumns):
+    """`torque` of a known torque."""
+
+    names: Names3 = Field(description=_NAMES + "the three components")
+    unit: TorqueUnit
+    frame: Literal["body", "inertial"]
+
+
+class TorqueDevice(Part):
+    """One of `[[actuators]]`: a torque that telemetry tells, whatever makes it."""
+
+    type: Literal["torque"]
+    name: str = Field(description='name = "..."')
+    torque: TorqueInput = Field(
+        description='torque = { stream = "...", names = [...], unit = "N m", frame = "body" }'
+    )
+    gain_sigma: float = 0.0
+
+
+class DipoleInput(InputColumns):
+    """`dipole` of magnetorquers."""
+
+    names: Names = Field(description=_NAMES + "one column a torquer")
+    unit: DipoleUnit
+
+
+class MagnetorquerDevice(Part):
+    """One of `[[actuators]]`: magnetorquers of one gain."""
+
+    type: Literal["magnetorquer"]
+    name: str = Field(description='name = "..."')
+    dipole: DipoleInput = Field(
+        description='dipole = { stream = "...", names = [...], unit = "A m^2" }'
+    )
+    axes: Annotated[list[Vector3], Len(1)] | None = None
+    gain_sigma: float = 0.0
+
+
+class LevelInput(InputColumns):
+    """`level` of thrusters: shares of full thrust."""
+
+    names: Names = Field(description=_NAMES + "one column a thruster")
+    unit: LevelUnit
+
+
+class OnTimeInput(StreamColumns):
+    """`on_time` of thrusters: how long each is on from the time of its row."""
+
+    names: Names = Field(description=_NAMES + "one column a thruster")
+    unit: TimeUnit
+    stream: str | None = None
+    between: Literal["on_time"] = "on_time"
+
+
+class ThrusterDevice(Part):
+    """One of `[[actuators]]`: thrusters, by their torques at full thrust."""
+
+    type: Literal["thruster"]
+    name: str = Field(description='name = "..."')
+    torques: Annotated[list[Vector3], Len(1)] = Field(
+        description="torques = the torque of each thruster at full thrust about the centre of "
+        "mass, body axes [N m], such as [[0.05, 0.0, 0.0], ...]"
+    )
+    on_time: OnTimeInput | None = None
+    level: LevelInput | None = None
+    gain_sigma: float = 0.0
+    each_gain_sigma: float = 0.0
+
+
+class GimbalInput(InputColumns):
+    """`gimbal_angle` of gimballed rotors, with the noise of a reading."""
+
+    names: Names = Field(description=_NAMES + "one column a gimbal")
+    unit: AngleUnit
+    between: Held = "line"
+    sigma: float = 0.0  # [rad]
+
+
+class RotorsDevice(Part):
+    """One of `[[actuators]]`: rotors of constant speed on gimbals (control-moment gyros)."""
+
+    type: Literal["gimballed_rotors"]
+    name: str = Field(description='name = "..."')
+    momentum: OneOrMore = Field(
+        description="momentum = the momentum of each rotor [N m s], one number or one a rotor"
+    )
+    gimbal_axes: Annotated[list[Vector3], Len(1)] = Field(
+        description="gimbal_axes = the unit vector of each gimbal's axis, body axes"
+    )
+    spin_axes_at_zero: Annotated[list[Vector3], Len(1)] = Field(
+        description="spin_axes_at_zero = the unit vector of each spin axis at gimbal angle zero"
+    )
+    gimbal_angle: GimbalInput = Field(
+        description='gimbal_angle = { stream = "...", names = [...], unit = "rad" }'
+    )
+    gain_sigma: float = 0.0
 
 
 class DeviceRate(RateColumns):
@@ -155,7 +271,8 @@ class PositionDevice(Part):
     )
 
 
-Actuator = WheelDevice
+OtherActuator = TorqueDevice | MagnetorquerDevice | ThrusterDevice | RotorsDevice
+Actuator = Annotated[WheelDevice | OtherActuator, Field(discriminator="type")]
 Sensor = Annotated[RateDevice | AttitudeDevice, Field(discriminator="type")]
 Environment = Annotated[FieldDevice | PositionDevice, Field(discriminator="type")]
 

@@ -13,6 +13,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.commands import with_known_torques, without_impossible_torques
 from bayes_inertia.campaign.description import Description, SlewTables, parse_description
+from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.slew import Slew
@@ -20,6 +21,7 @@ from bayes_inertia.campaign.slew_parts import located, parts_of, with_known_mome
 from bayes_inertia.campaign.streams import (
     StreamRows,
     counted_once,
+    inputs_of,
     on_their_clocks,
     stream_from_table,
     streams_of,
@@ -106,7 +108,10 @@ def _assembled(
     for part, of_slew in zip(parsed.slews, streams, strict=True):
         channels, records = _channels(part, of_slew, parsed)
         try:
-            parts, unknown = _slews(part, channels, parsed, keep_commands)
+            inputs = {
+                k: v for rows in of_slew for k, v in inputs_of(rows.table, rows.stream).items()
+            }
+            parts, unknown = _slews(part, channels, inputs, parsed, keep_commands)
         except CampaignError as error:
             raise error.inside(label) from None
         slews += parts
@@ -122,6 +127,7 @@ def _assembled(
             dirt=tuple(dirt),
             mission=parsed.mission,
             more_sensors=parsed.more_sensors,
+            actuators=parsed.actuators,
         )
     except CampaignError as error:
         raise error.inside(label) from None
@@ -192,9 +198,10 @@ def _tables(part: SlewTables, table: _TableReader, parsed: Description) -> dict[
     for stream in streams_of(part, parsed):
         names.setdefault(stream.file, {}).update(dict.fromkeys(stream.columns))
     tables = {file: table(file, list(columns), part.name) for file, columns in names.items()}
-    rate = next(entry for entry in parsed.entries if entry.field == "rate")
-    rated = tables[part.file_of(rate) or ""]
-    rows = len(rated.columns[rate.columns.names[0]])
+    read = [entry for entry in parsed.entries if part.file_of(entry)]
+    first = min(read, key=lambda entry: entry.field != "rate")
+    rated = tables[part.file_of(first) or ""]
+    rows = len(rated.columns[first.columns.names[0]])
     if rows < 2:
         raise CampaignError(
             f"{rows} row(s) of telemetry",
@@ -230,6 +237,7 @@ def _channels(
 def _slews(
     part: SlewTables,
     channels: dict[str, np.ndarray],
+    inputs: dict[str, InputStream],
     parsed: Description,
     keep_commands: bool,
 ) -> tuple[list[Slew], list[_TimedDirt]]:
@@ -242,16 +250,19 @@ def _slews(
     pieces, unknown = with_known_torques(channels, is_read and not keep_commands, limit)
     angle = None if part.angle_deg is None else math.radians(part.angle_deg)
     axis: Any = None if part.axis is None else tuple(part.axis)
-    whole = Slew(part.name, part.start, channels["time"], axis_B=axis, angle=angle)
+    whole = Slew(
+        part.name, part.start, channels["time"], axis_B=axis, angle=angle, inputs=inputs or None
+    )
     return parts_of(whole, pieces), dirt + unknown
 
 
 def _negligible_impulse(time: np.ndarray, parsed: Description) -> float:
     """An error of the wheels' momentum that rates and attitude cannot tell [N m s]."""
     inertia = float(np.linalg.eigvalsh(parsed.inertia.tensor)[0])
-    rate = LIMITS.negligible_of_rate_noise * min(parsed.rate_sensor.sigma)
+    sensor = parsed.rate_sensor
+    rate = np.inf if sensor is None else LIMITS.negligible_of_rate_noise * min(sensor.sigma)
     tracker = parsed.star_tracker
     if tracker is not None:
         duration = max(float(time[-1] - time[0]), LIMITS.shortest_slew)
         rate = min(rate, LIMITS.negligible_of_attitude_noise * tracker.sigma_cross / duration)
-    return inertia * rate
+    return inertia * float(rate)

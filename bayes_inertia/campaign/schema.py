@@ -42,9 +42,12 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         },
         "magnetic_field": {"T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "G": 1e-4},
         "position": {"m": 1.0, "km": 1e3},
+        "dipole": {"A m^2": 1.0, "mA m^2": 1e-3},
+        "angle": {"rad": 1.0, "deg": math.pi / 180.0},
+        "level": {"1": 1.0, "%": 0.01},
     }
 )
-"""For each quantity of `[columns]`, the factor from each accepted unit to SI."""
+"""For each quantity of a table, the factor from each accepted unit to SI."""
 DEGREE = UNITS["rate"]["deg/s"]  # [rad]
 
 
@@ -88,6 +91,9 @@ if TYPE_CHECKING:  # A type checker cannot evaluate a table.
     type RateUnit = str
     type FieldUnit = str
     type PositionUnit = str
+    type DipoleUnit = str
+    type AngleUnit = str
+    type LevelUnit = str
 else:
     TimeUnit = Literal[tuple(UNITS["time"])]
     TorqueUnit = Literal[tuple(UNITS["wheel_torque"])]
@@ -96,6 +102,9 @@ else:
     RateUnit = Literal[tuple(UNITS["rate"])]
     FieldUnit = Literal[tuple(UNITS["magnetic_field"])]
     PositionUnit = Literal[tuple(UNITS["position"])]
+    DipoleUnit = Literal[tuple(UNITS["dipole"])]
+    AngleUnit = Literal[tuple(UNITS["angle"])]
+    LevelUnit = Literal[tuple(UNITS["level"])]
 
 
 class Part(BaseModel):

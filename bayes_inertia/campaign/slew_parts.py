@@ -96,8 +96,8 @@ def _distances(slew: Slew, times: np.ndarray) -> np.ndarray:
 
 Channels = dict[str, np.ndarray]
 """Channels (n, width) of a slew by the name of `Slew`, with "time" (n,) [s]."""
-# Channels of further sensors are called so, with the sensor's name behind.
-MORE = "more."
+# Channels of further sensors, and inputs of devices, are called so, with the name behind.
+MORE, INPUTS = "more.", "inputs."
 
 
 def with_rows_at(channels: Channels, times: np.ndarray, step: float) -> Channels:
@@ -213,7 +213,7 @@ def _unknown_momentum(
     rows = np.flatnonzero(np.isfinite(momentum).all(axis=1))
     at = time[rows]
     fixes = _fix_times(channels)
-    rated = time[np.isfinite(channels["rate"]).any(axis=1)]
+    rated = time[np.isfinite(channels.get("rate", time[:, None] * np.nan)).any(axis=1)]
     found = []
     for k in missing_rows(at)[0]:
         begin, end = float(at[k]), float(at[k + 1])

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayes_inertia.campaign.description import Description, Entry, SlewTables
+from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.schema import (
     MagneticFieldColumns,
@@ -33,7 +34,7 @@ from bayes_inertia.campaign.sensors.sensor_stream import (
     refuse_empty_columns,
     refuse_half_empty_rows,
 )
-from bayes_inertia.campaign.slew_parts import MORE
+from bayes_inertia.campaign.slew_parts import INPUTS, MORE
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.gaps import is_regular
@@ -329,6 +330,8 @@ def stream_from_table(
     # Adding nothing would make a zero of -0.0.
     channels = {"time": time + stream.offset_s if stream.offset_s else time}
     for entry in stream.entries:
+        if entry.field.startswith(INPUTS):
+            continue
         sensor = sensor_of(entry)
         wheels = list(entry.wheels) or list(range(len(spin_inertias)))
         if sensor is not None:
@@ -346,6 +349,29 @@ def stream_from_table(
             values = whole
         channels[entry.field] = values
     return channels
+
+
+def inputs_of(streams: Sequence[StreamRows]) -> dict[str, InputStream]:
+    """What devices were told to do in a slew, under their names, in SI units."""
+    given = ((rows, entry) for rows in streams for entry in rows.stream.entries)
+    return {
+        entry.field.removeprefix(INPUTS): _input(rows.table, rows.stream, entry)
+        for rows, entry in given
+        if entry.field.startswith(INPUTS)
+    }
+
+
+def _input(table: Table, stream: Stream, entry: Entry) -> InputStream:
+    time = to_si(table.columns[stream.time.names[0]], "time", stream.time.unit)
+    names = entry.columns.names
+    refuse_half_empty_rows(table, names, "fill the row, or leave all its cells empty")
+    values = to_si(table.stack(names), entry.key, entry.columns.unit)
+    given = np.isfinite(values).all(axis=1)
+    try:
+        return InputStream(time[given] + stream.offset_s, values[given], entry.columns.between)
+    except CampaignError as error:
+        where = f"{table.label}, columns {', '.join(names)}"
+        raise CampaignError(error.what, where=where, advice=error.advice) from None
 
 
 def _torque(table: Table, entry: TorqueColumns, time: np.ndarray) -> np.ndarray:
