@@ -108,10 +108,7 @@ def _assembled(
     for part, of_slew in zip(parsed.slews, streams, strict=True):
         channels, records = _channels(part, of_slew, parsed)
         try:
-            inputs = {
-                k: v for rows in of_slew for k, v in inputs_of(rows.table, rows.stream).items()
-            }
-            parts, unknown = _slews(part, channels, inputs, parsed, keep_commands)
+            parts, unknown = _slews(part, channels, inputs_of(of_slew), parsed, keep_commands)
         except CampaignError as error:
             raise error.inside(label) from None
         slews += parts
