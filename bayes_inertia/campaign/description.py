@@ -115,6 +115,8 @@ class Description:
         In which tables.
     inertia, wheels, rate_sensor, star_tracker, mission, more_sensors, actuators
         As `Campaign` has them.
+    devices : mapping of str to str
+        What this file calls a table of format 1, such as "wheels"; empty in format 1.
     """
 
     name: str
@@ -128,6 +130,7 @@ class Description:
     mission: tuple[tuple[str, str], ...]
     more_sensors: tuple[tuple[str, Any], ...] = ()
     actuators: tuple[Actuator, ...] = ()
+    devices: Mapping[str, str] = MappingProxyType({})
 
     def clock(self, entry: Entry) -> TimeColumn:
         """The time of an entry."""
@@ -294,6 +297,12 @@ def _described(parsed: Campaign2Part, label: str) -> Description:
         star_tracker=hardware.get("attitude"),
         more_sensors=tuple((p.name, built) for p, built in sensors if p is not first[p.type]),
         actuators=tuple(_actuator(part, label) for part in others),
+        devices={"wheels": "actuators"}
+        | {
+            key: f"sensors.{first[kind].name}"
+            for key, kind in (("rate_sensor", "rate"), ("star_tracker", "attitude"))
+            if kind in first
+        },
     )
 
 
