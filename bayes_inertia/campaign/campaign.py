@@ -11,6 +11,7 @@ import numpy as np
 
 from bayes_inertia.campaign.actuators import Actuator, Magnetorquer, Thruster
 from bayes_inertia.campaign.body_rates import attitudes_seen, reads_body_rates, with_body_rates
+from bayes_inertia.campaign.changes import Change
 from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel, require
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults.fault import Dirt
@@ -49,6 +50,8 @@ class Campaign:
     actuators : sequence of devices, optional
         What turns the spacecraft beside wheels: `KnownTorque`, `Magnetorquer`, `Thruster` or
         `GimballedRotors`, each with its input in every slew under `Slew.inputs`.
+    changes : sequence of Change, optional
+        What is known to have changed during the campaign, and when.
 
     Raises
     ------
@@ -73,6 +76,7 @@ class Campaign:
     mission: tuple[tuple[str, str], ...] = ()
     more_sensors: tuple[tuple[str, Any], ...] = ()
     actuators: tuple[Actuator, ...] = ()
+    changes: tuple[Change, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "wheels", tuple(self.wheels))
@@ -81,6 +85,7 @@ class Campaign:
         object.__setattr__(self, "mission", tuple(self.mission))
         object.__setattr__(self, "more_sensors", tuple(self.more_sensors))
         object.__setattr__(self, "actuators", tuple(self.actuators))
+        object.__setattr__(self, "changes", tuple(self.changes))
         advice = "list at least one [[slews]] table"
         require(len(self.slews) > 0, "slews", "the campaign has no slew", advice)
         _require_different("wheels", [wheel.name for wheel in self.wheels])
@@ -94,7 +99,7 @@ class Campaign:
             what = f"a {type(device).__name__} is no device beside wheels"
             advice = "give a KnownTorque, Magnetorquer, Thruster or GimballedRotors"
             require(isinstance(device, Actuator), "actuators", what, advice)
-        names = [device.name for device in self.actuators]
+        names = [device.name for device in (*self.actuators, *self.changes)]
         _require_different("actuators", [*names, *(wheel.name for wheel in self.wheels)])
         for slew in self.slews:
             self._check_slew(slew)

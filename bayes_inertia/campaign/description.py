@@ -14,10 +14,12 @@ from bayes_inertia.campaign.actuators import (
     Magnetorquer,
     Thruster,
 )
+from bayes_inertia.campaign.changes import Change
 from bayes_inertia.campaign.checked_toml import checked_document, toml_document
 from bayes_inertia.campaign.format_2 import (
     AttitudeDevice,
     Campaign2Part,
+    ChangePart,
     MagnetorquerDevice,
     OtherActuator,
     RateDevice,
@@ -113,7 +115,7 @@ class Description:
         What the tables hold.
     slews : tuple of SlewTables
         In which tables.
-    inertia, wheels, rate_sensor, star_tracker, mission, more_sensors, actuators
+    inertia, wheels, rate_sensor, star_tracker, mission, more_sensors, actuators, changes
         As `Campaign` has them.
     devices : mapping of str to str
         What this file calls a table of format 1, such as "wheels"; empty in format 1.
@@ -130,6 +132,7 @@ class Description:
     mission: tuple[tuple[str, str], ...]
     more_sensors: tuple[tuple[str, Any], ...] = ()
     actuators: tuple[Actuator, ...] = ()
+    changes: tuple[Change, ...] = ()
     devices: Mapping[str, str] = MappingProxyType({})
 
     def clock(self, entry: Entry) -> TimeColumn:
@@ -274,7 +277,7 @@ def _refuse_twice(label: str, path: str, name: str, other: str) -> None:
 
 def _described(parsed: Campaign2Part, label: str) -> Description:
     """The description that a file of format 2 is."""
-    for key in ("actuators", "sensors", "environment", "slews"):
+    for key in ("actuators", "sensors", "environment", "changes", "slews"):
         _require_different(label, key, [part.name for part in getattr(parsed, key)])
     wheels = [part for part in parsed.actuators if isinstance(part, WheelDevice)]
     others = [part for part in parsed.actuators if not isinstance(part, WheelDevice)]
@@ -297,6 +300,7 @@ def _described(parsed: Campaign2Part, label: str) -> Description:
         star_tracker=hardware.get("attitude"),
         more_sensors=tuple((p.name, built) for p, built in sensors if p is not first[p.type]),
         actuators=tuple(_actuator(part, label) for part in others),
+        changes=tuple(_change(part, parsed.slews, label) for part in parsed.changes),
         devices={"wheels": "actuators"}
         | {
             key: f"sensors.{first[kind].name}"
@@ -359,6 +363,27 @@ def _actuator(part: OtherActuator, label: str) -> Actuator:
         what = f"{len(names)} column(s) for {columns} of the device"
         refuse(label, f"{entry.path}.names", what, "name one column each, in the same order")
     return device
+
+
+def _change(part: ChangePart, slews: Sequence[Slew2Part], label: str) -> Change:
+    """A change, dated by the first slew after it or by a time."""
+    place = f"changes.{part.name}"
+    if (part.slew is None) == (part.time is None):
+        advice = "write slew = the name of the first slew after it, or time on the campaign's clock"
+        refuse(label, f"{place}.slew", "give one of slew and time", advice)
+    starts = {slew.name: slew.start for slew in slews}
+    if part.slew is not None and part.slew not in starts:
+        advice = f"slews here: {', '.join(starts)}"
+        refuse(label, f"{place}.slew", f"no slew is called {part.slew!r}", advice)
+    time = part.time if part.time is not None else starts[part.slew or ""]
+    if not min(starts.values()) < time <= max(starts.values()):
+        advice = "give the first slew after the change; at least one must come before it"
+        key = "time" if part.slew is None else "slew"
+        refuse(label, f"{place}.{key}", "all slews are on one side of the change", advice)
+    try:
+        return Change(part.name, time, part.sigma_fraction, part.part)
+    except CampaignError as error:
+        raise error.inside(label) from None
 
 
 # Record of each kind of device, and what its input is measured in.

@@ -277,6 +277,16 @@ Sensor = Annotated[RateDevice | AttitudeDevice, Field(discriminator="type")]
 Environment = Annotated[FieldDevice | PositionDevice, Field(discriminator="type")]
 
 
+class ChangePart(Part):
+    """One of `[[changes]]`: what changed, and when; either `slew` or `time` is given."""
+
+    name: str = Field(description='name = "..."')
+    part: Literal["inertia"]
+    slew: str | None = None
+    time: float | None = None
+    sigma_fraction: float = 0.03
+
+
 class Slew2Part(Part):
     """One `[[slews]]`; either `file` or `files` is given."""
 
@@ -314,4 +324,5 @@ class Campaign2Part(Part):
     )
     actuators: list[Actuator] = Field(default=[])
     environment: list[Environment] = Field(default=[])
+    changes: list[ChangePart] = Field(default=[])
     mission: MissionPart | None = None

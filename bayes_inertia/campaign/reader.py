@@ -125,6 +125,7 @@ def _assembled(
             mission=parsed.mission,
             more_sensors=parsed.more_sensors,
             actuators=parsed.actuators,
+            changes=parsed.changes,
         )
     except CampaignError as error:
         raise error.inside(label) from None
