@@ -420,11 +420,15 @@ def _input_entry(part: OtherActuator, label: str) -> Entry:
 
 
 def _wheel(part: WheelDevice, label: str) -> Wheel:
-    sigma = None if part.momentum is None else part.momentum.sigma
+    place, more = f"actuators.{part.name}", {}
+    if part.momentum is not None and part.momentum.sigma is not None:
+        more = {"momentum_sigma": part.momentum.sigma}
     if part.speed is not None and part.speed.sigma is not None:
-        sigma = part.speed.sigma * part.spin_inertia
-    was, now = f"wheels.{part.name}", f"actuators.{part.name}"
-    return _built(Wheel, part, label, was, now, momentum_sigma=sigma)
+        more = {"momentum_sigma": part.speed.sigma * part.spin_inertia}
+    if more and part.momentum_sigma is not None:
+        advice = "keep sigma of momentum or speed"
+        refuse(label, f"{place}.momentum_sigma", "the noise is given twice", advice)
+    return _built(Wheel, part, label, f"wheels.{part.name}", place, **more)
 
 
 def _wheel_entries(wheels: Sequence[WheelDevice], label: str) -> list[Entry]:
@@ -507,6 +511,10 @@ def _check_streams(
         if stream not in known:
             what, advice = "no device has this stream", f"known here: {', '.join(known)}"
             refuse(label, f"slews.{part.name}.files.{stream}", what, advice)
+    sensed = [e for e in entries if e.paths[0].startswith("sensors.") and e.path in files]
+    if not sensed:
+        advice = "add the table of a sensor, or leave the slew out"
+        refuse(label, f"slews.{part.name}.files", "no sensor has a table", advice)
     for entry in entries:
         needed = entry.field == "rate" or entry.field.startswith("inputs.")
         if needed and entry.path not in files:

@@ -77,6 +77,7 @@ class WheelDevice(Part):
     )
     max_torque: float | None = None
     max_momentum: float | None = None
+    momentum_sigma: float | None = None
     torque: WheelTorque | None = None
     momentum: WheelMomentum | None = None
     speed: WheelSpeed | None = None

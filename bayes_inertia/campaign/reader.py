@@ -227,8 +227,10 @@ def _channels(
     spin_inertias = np.array([wheel.spin_inertia for wheel in parsed.wheels])
     readings, disorder = [], []
     for rows in streams:
-        readings.append(stream_from_table(rows.table, rows.stream, spin_inertias))
-        disorder += [(record, readings[-1]["time"][list(record.rows)]) for record in rows.dirt]
+        of_stream = stream_from_table(rows.table, rows.stream, spin_inertias)
+        disorder += [(record, of_stream["time"][list(record.rows)]) for record in rows.dirt]
+        # What only tells what devices did has times of its own.
+        readings += [] if rows.stream.is_input else [of_stream]
     return union(readings, f"slews.{part.name}"), disorder
 
 

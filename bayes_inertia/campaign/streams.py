@@ -69,6 +69,11 @@ class Stream:
         """The columns of the table, time first."""
         return [self.time.names[0], *(n for entry in self.entries for n in entry.columns.names)]
 
+    @property
+    def is_input(self) -> bool:
+        """Whether it only tells what devices did."""
+        return all(entry.field.startswith(INPUTS) for entry in self.entries)
+
 
 def streams_of(slew: SlewTables, description: Description) -> list[Stream]:
     """The streams of a slew, in the order of the description.
