@@ -20,6 +20,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from bayes_inertia.campaign.body_rates import smoothed_rates
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.reader import read_unmasked
@@ -324,6 +325,9 @@ def _checked(
     torques: Mapping[str, ToldTorque],
 ) -> ConventionsCheck:
     """The check of a campaign; `written` is the same with nothing masked."""
+    smoothed = campaign.with_body_rates is not campaign
+    if smoothed:
+        campaign, written = campaign.with_body_rates, smoothed_rates(written).campaign
     columns = stated_columns(campaign, description)
     # Numbers whose squares overflow break every law, infinitely.
     with np.errstate(over="ignore", invalid="ignore"):
@@ -331,7 +335,7 @@ def _checked(
         slews = sampled(campaign)
         if slews is None:
             return _unchecked(campaign, written, columns, faults)
-        misfits = Misfits(campaign, slews, torques)
+        misfits = Misfits(campaign, slews, torques, smoothed)
         return _held_against_laws(misfits, written, columns, faults, text, quick)
 
 
@@ -363,6 +367,8 @@ def _held_against_laws(
     clock = Clocks()
     if not faults:
         mending, clock = what_mends(misfits, judgement, singles, columns, differ)
+    if misfits.smoothed:  # there is no column whose key could be changed
+        mending, clock = tuple(r for r in mending if not _of_rates(r)), Clocks()
     wrong = bool(mending) or worst(misfits.of(reading)) > LIMITS.hopeless
     doubts = faults + _doubts(misfits, written, columns, reading, differ, bool(mending))
     verdict: Verdict = "wrong" if wrong else "doubtful" if doubts else "consistent"
@@ -384,6 +390,12 @@ def _held_against_laws(
         doubts=doubts,
         dirt=() if quick else dirt_of(misfits, stated, reading),
     )
+
+
+def _of_rates(remedy: Remedy) -> bool:
+    """Whether a remedy changes how the rates are read, or no key at all."""
+    keys = [change.key for change in remedy.mistake.changes]
+    return not keys or any(key.startswith(("columns.rate", "rate_sensor")) for key in keys)
 
 
 def _completed(mending: tuple[Remedy, ...], campaign: Campaign, text: str) -> tuple[Remedy, ...]:

@@ -28,6 +28,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors import SensorStream, series_of
+from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import (
     Motion,
@@ -496,16 +497,19 @@ class Misfits:
         Its telemetry.
     torques : mapping of str to ToldTorque
         By the name of a slew: what effects that are named do to the body.
+    smoothed : bool
+        Whether the rates are smoothed from all sensors: their noise does not show.
     """
 
     campaign: Campaign
     slews: SampledSlews
     torques: Mapping[str, ToldTorque] = field(default_factory=dict)
+    smoothed: bool = False
     kept: dict = field(default_factory=dict)
 
     def with_slews(self, slews: SampledSlews) -> Misfits:
         """The same laws for other telemetry of the campaign."""
-        return Misfits(self.campaign, slews, self.torques)
+        return Misfits(self.campaign, slews, self.torques, self.smoothed)
 
     def of(self, reading: Reading) -> dict[str, LinearFit]:
         """The fit of every law that the telemetry can be held against.
@@ -543,7 +547,10 @@ class Misfits:
         """Telemetry in physical units, under a reading."""
         if "noise" not in self.kept:
             series = series_of(self.campaign)
-            self.kept["noise"] = {s.name: believed_noise(self.campaign, s) for s in series}
+            believed = {s.name: believed_noise(self.campaign, s) for s in series}
+            if self.smoothed:
+                believed[RATE.name] = np.array(RATE.sigma(self.campaign))
+            self.kept["noise"] = believed
         noise = self.kept["noise"]
         motion = self.motion(reading)
         return Told(self.campaign, self.slews, reading, motion, noise, torques=self.torques)
