@@ -368,7 +368,7 @@ def _held_against_laws(
     if not faults:
         mending, clock = what_mends(misfits, judgement, singles, columns, differ)
     if misfits.smoothed:  # there is no column whose key could be changed
-        mending, clock = tuple(r for r in mending if not _of_rates(r)), Clocks()
+        mending, clock = tuple(r for r in mending if not _needs_rates(r)), Clocks()
     wrong = bool(mending) or worst(misfits.of(reading)) > LIMITS.hopeless
     doubts = faults + _doubts(misfits, written, columns, reading, differ, bool(mending))
     verdict: Verdict = "wrong" if wrong else "doubtful" if doubts else "consistent"
@@ -392,10 +392,11 @@ def _held_against_laws(
     )
 
 
-def _of_rates(remedy: Remedy) -> bool:
-    """Whether a remedy changes how the rates are read, or no key at all."""
+def _needs_rates(remedy: Remedy) -> bool:
+    """Whether a remedy rests on rates of their own: on their columns, on clocks, or on no key."""
     keys = [change.key for change in remedy.mistake.changes]
-    return not keys or any(key.startswith(("columns.rate", "rate_sensor")) for key in keys)
+    of_rates = any(key.startswith(("columns.rate", "rate_sensor")) for key in keys)
+    return not keys or of_rates or any(key.endswith(".offset_s") for key in keys)
 
 
 def _completed(mending: tuple[Remedy, ...], campaign: Campaign, text: str) -> tuple[Remedy, ...]:

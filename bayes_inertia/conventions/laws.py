@@ -297,8 +297,17 @@ def closure(told: Told) -> LawData | None:
     free = np.broadcast_to(np.eye(3), (*error.shape, 3))
     turning = np.einsum("snij,snj->sni", moving.to_start[some], moving.rate_B[some])
     early = -turning * fixes[..., None]
-    sigma = _sigma(size, noise)
+    sigma = _sigma(size, noise, _integrated_noise(told)[some])
     return LawData(error, regressors, free, sigma, fixes, early, noise, bias_from=sds.size)
+
+
+def _integrated_noise(told: Told) -> np.ndarray:
+    """Angle (S,) that the noise of the rates adds up to over a slew [rad]."""
+    slews = told.slews
+    rate = float(np.linalg.norm(told.reading.rate @ np.diag(told.noise["rate"])))
+    steps = {slew.name: float(np.median(slew.rate_steps)) for slew in told.campaign.slews}
+    step = np.array([steps[name] for name in slews.names])
+    return rate * abs(told.reading.time) * np.sqrt(step * np.ptp(slews.time, axis=1))
 
 
 def _at(quaternions: np.ndarray, first: np.ndarray) -> np.ndarray:
