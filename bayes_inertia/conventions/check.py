@@ -19,6 +19,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from bayes_inertia.campaign.body_rates import smoothed_rates
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import Description, parse_description
 from bayes_inertia.campaign.inspection import with_dirt_masked
@@ -350,6 +351,9 @@ def _in_keys_of_format_1(
     torques: Mapping[str, ToldTorque],
 ) -> ConventionsCheck:
     """The same, whose changes alone have the keys of the campaign's own format."""
+    smoothed = campaign.with_body_rates is not campaign
+    if smoothed:
+        campaign, written = campaign.with_body_rates, smoothed_rates(written).campaign
     columns = stated_columns(campaign, source.description)
     # Numbers whose squares overflow break every law, infinitely.
     with np.errstate(over="ignore", invalid="ignore"):
@@ -357,7 +361,7 @@ def _in_keys_of_format_1(
         slews = sampled(campaign)
         if slews is None:
             return _unchecked(campaign, written, columns, faults)
-        misfits = Misfits(campaign, slews, torques)
+        misfits = Misfits(campaign, slews, torques, smoothed)
         return _held_against_laws(misfits, written, columns, faults, source, quick)
 
 
@@ -389,6 +393,8 @@ def _held_against_laws(
     clock = Clocks()
     if not faults:
         mending, clock = what_mends(misfits, judgement, singles, columns, differ)
+    if misfits.smoothed:  # there is no column whose key could be changed
+        mending, clock = tuple(r for r in mending if not _needs_rates(r)), Clocks()
     wrong = bool(mending) or worst(misfits.of(reading)) > LIMITS.hopeless
     doubts = faults + _doubts(misfits, written, columns, reading, differ, bool(mending))
     verdict: Verdict = "wrong" if wrong else "doubtful" if doubts else "consistent"
@@ -410,6 +416,13 @@ def _held_against_laws(
         doubts=doubts,
         dirt=() if quick else dirt_of(misfits, stated, reading),
     )
+
+
+def _needs_rates(remedy: Remedy) -> bool:
+    """Whether a remedy rests on rates of their own: on their columns, on clocks, or on no key."""
+    keys = [change.key for change in remedy.mistake.changes]
+    of_rates = any(key.startswith(("columns.rate", "rate_sensor")) for key in keys)
+    return not keys or of_rates or any(key.endswith(".offset_s") for key in keys)
 
 
 def _completed(
