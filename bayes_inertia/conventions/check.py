@@ -225,35 +225,7 @@ class ConventionsCheck:
 
 
 def check_conventions(campaign: Campaign | str | Path, *, quick: bool = False) -> ConventionsCheck:
-    """Hold a campaign's conventions against physics, before any fit.
-
-    Closure of rotation, conservation of momentum and the drive of the wheels are laws that data
-    obey whatever J and K are. Where they are grossly broken, every mistake in units, signs, orders
-    and frames is undone in turn; the one that mends all laws is proposed. Nothing is changed.
-
-    Parameters
-    ----------
-    campaign : Campaign, str or Path
-        A campaign, or its folder.
-    quick : bool, optional
-        Whether to leave out what does not bear on the verdict: what the data cannot show, and dirt.
-
-    Returns
-    -------
-    ConventionsCheck
-        The verdict and what it rests on.
-
-    Raises
-    ------
-    CampaignError
-        If the folder cannot be read.
-
-    Examples
-    --------
-    >>> from bayes_inertia.physics.small_campaign import small_campaign
-    >>> check_conventions(small_campaign()).verdict
-    'consistent'
-    """
+    """The check of a campaign whose devices, but for wheels, do nothing (else see `app`)."""
     return checked_with_torques(campaign, {}, quick=quick)
 
 
