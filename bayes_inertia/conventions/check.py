@@ -44,6 +44,11 @@ from bayes_inertia.conventions.doubts import (
     doubtful_places,
     factors,
 )
+from bayes_inertia.conventions.further_sensors import (
+    description_for,
+    in_place_of_the_first,
+    unheld,
+)
 from bayes_inertia.conventions.laws import DRIVE, Misfits, noise_ratios, worst
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import ToldTorque, sampled
@@ -304,6 +309,29 @@ def _checked(
     torques: Mapping[str, ToldTorque],
 ) -> ConventionsCheck:
     """The check of a campaign; `written` is the same with nothing masked."""
+    check = _of_first_sensors(campaign, written, source, quick, torques)
+    if check.changes:
+        return check
+    as_written = dict(in_place_of_the_first(written))
+    for name, alone in in_place_of_the_first(campaign):
+        of_sensor = _Source(source.text, description_for(source.description, name))
+        other = _of_first_sensors(alone, as_written[name], of_sensor, True, torques)
+        if other.verdict == "wrong":
+            return replace(other, sentence=f"With the sensor {name}: {other.sentence}")
+        check = check.doubting([d for d in other.doubts if d not in check.doubts])
+    left = "the laws here are those of rate sensors and star trackers"
+    said = [f"{name}: no law is held against it; {left}" for name in unheld(campaign)]
+    return replace(check, cannot_show=(*check.cannot_show, *said))
+
+
+def _of_first_sensors(
+    campaign: Campaign,
+    written: Campaign,
+    source: _Source,
+    quick: bool,
+    torques: Mapping[str, ToldTorque],
+) -> ConventionsCheck:
+    """The same by the first rate sensor and the first star tracker."""
     check = _in_keys_of_format_1(campaign, written, source, quick, torques)
     told = partial(in_words, description=source.description)
     return replace(
