@@ -27,6 +27,7 @@ _PUBLIC = {
     "Dirt": "faults.fault",
     "InertiaPrior": "campaign.hardware",
     "CorrelatedNoise": "campaign.hardware",
+    "Change": "campaign.changes",
     "GimballedRotors": "campaign.actuators",
     "InputStream": "campaign.inputs",
     "KnownTorque": "campaign.actuators",
