@@ -20,7 +20,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from bayes_inertia.campaign.body_rates import smoothed_rates
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.reader import read_unmasked
@@ -325,17 +324,17 @@ def _checked(
     torques: Mapping[str, ToldTorque],
 ) -> ConventionsCheck:
     """The check of a campaign; `written` is the same with nothing masked."""
-    smoothed = campaign.with_body_rates is not campaign
-    if smoothed:
-        campaign, written = campaign.with_body_rates, smoothed_rates(written).campaign
     columns = stated_columns(campaign, description)
+    seen = campaign.with_body_rates
     # Numbers whose squares overflow break every law, infinitely.
     with np.errstate(over="ignore", invalid="ignore"):
         faults = faulty_columns(written, columns)
-        slews = sampled(campaign)
+        slews = sampled(seen)
         if slews is None:
             return _unchecked(campaign, written, columns, faults)
-        misfits = Misfits(campaign, slews, torques, smoothed)
+        misfits = Misfits(seen, slews, torques, smoothed=seen is not campaign)
+        if misfits.smoothed:
+            columns = {key: entry for key, entry in columns.items() if key != "rate"}
         return _held_against_laws(misfits, written, columns, faults, text, quick)
 
 
@@ -536,7 +535,10 @@ def stated_columns(
     if description is not None:
         given = description.columns.given()
         return {key: entry.model_dump() for key, entry in given.items()}
+    axes = len(campaign.rate_sensor.axes) if campaign.rate_sensor else 0
     columns: dict[str, Mapping[str, Any]] = {key: _IN_MEMORY[key] for key in ("time", "rate")}
+    if axes != 3:
+        columns["rate"] = {"names": [f"rate_{i + 1}" for i in range(axes)], "unit": "rad/s"}
     for key in ("wheel_torque", "wheel_momentum", "attitude"):
         if any(getattr(slew, key) is not None for slew in campaign.slews):
             names = [f"{key}.{wheel.name}" for wheel in campaign.wheels]
