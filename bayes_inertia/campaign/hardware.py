@@ -351,6 +351,18 @@ class RateSensor:
         )
 
 
+def axis_names(sensor: RateSensor | None) -> tuple[str, ...]:
+    """Names of a rate sensor's axes: x, y and z of three, else 1 to n; none without a sensor.
+
+    Examples
+    --------
+    >>> axis_names(RateSensor(1e-5)), axis_names(RateSensor(1e-5, np.eye(3)[:2]))
+    (('x', 'y', 'z'), ('1', '2'))
+    """
+    axes = len(sensor.axes) if sensor else 0
+    return tuple("xyz") if axes == 3 else tuple(str(i + 1) for i in range(axes))
+
+
 def body_rates(
     sensor: RateSensor, readings: np.ndarray, scale_factor: Sequence[float] | np.ndarray
 ) -> np.ndarray:

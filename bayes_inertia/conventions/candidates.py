@@ -166,6 +166,8 @@ def _sense_of_torque(columns: Columns) -> Iterator[Mistake]:
 
 
 def _rate_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
+    if "rate" not in columns:
+        return
     names = list(columns["rate"]["names"])
     for order in list(permutations(range(3)))[1:]:
         exchanged = [names[k] for k in order]

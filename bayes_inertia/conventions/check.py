@@ -19,7 +19,6 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from bayes_inertia.campaign.body_rates import smoothed_rates
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import Description, parse_description
 from bayes_inertia.campaign.inspection import with_dirt_masked
@@ -351,17 +350,17 @@ def _in_keys_of_format_1(
     torques: Mapping[str, ToldTorque],
 ) -> ConventionsCheck:
     """The same, whose changes alone have the keys of the campaign's own format."""
-    smoothed = campaign.with_body_rates is not campaign
-    if smoothed:
-        campaign, written = campaign.with_body_rates, smoothed_rates(written).campaign
     columns = stated_columns(campaign, source.description)
+    seen = campaign.with_body_rates
     # Numbers whose squares overflow break every law, infinitely.
     with np.errstate(over="ignore", invalid="ignore"):
         faults = faulty_columns(written, columns)
-        slews = sampled(campaign)
+        slews = sampled(seen)
         if slews is None:
             return _unchecked(campaign, written, columns, faults)
-        misfits = Misfits(campaign, slews, torques, smoothed)
+        misfits = Misfits(seen, slews, torques, smoothed=seen is not campaign)
+        if misfits.smoothed:
+            columns = {key: entry for key, entry in columns.items() if key != "rate"}
         return _held_against_laws(misfits, written, columns, faults, source, quick)
 
 

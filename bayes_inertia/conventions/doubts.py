@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import axis_names
 from bayes_inertia.campaign.sensors import SensorStream, series_of
 from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.conventions.laws import (
@@ -273,7 +274,9 @@ def _beyond(campaign: Campaign, key: str, channel: str) -> dict[str, tuple[float
     names: Sequence[str] = [wheel.name for wheel in campaign.wheels]
     stated = [getattr(wheel, key, None) for wheel in campaign.wheels]
     if key == "range":
-        names, stated = "xyz", [campaign.gyro.range] * 3
+        sensor = campaign.rate_sensor
+        names = axis_names(sensor)
+        stated = [sensor.range if sensor else None] * len(names)
     beyond = {}
     for k, (name, limit) in enumerate(zip(names, stated, strict=True)):
         column = np.concatenate([values[:, k] for values in given])

@@ -303,11 +303,11 @@ def closure(told: Told) -> LawData | None:
 
 def _integrated_noise(told: Told) -> np.ndarray:
     """Angle (S,) that the noise of the rates adds up to over a slew [rad]."""
-    slews = told.slews
-    rate = float(np.linalg.norm(told.reading.rate @ np.diag(told.noise["rate"])))
+    # As stated, whatever the reading: in a larger unit of rate or time all would drown in it.
+    slews, rate = told.slews, float(np.linalg.norm(told.noise["rate"]))
     steps = {slew.name: float(np.median(slew.rate_steps)) for slew in told.campaign.slews}
     step = np.array([steps[name] for name in slews.names])
-    return rate * abs(told.reading.time) * np.sqrt(step * np.ptp(slews.time, axis=1))
+    return rate * np.sqrt(step * np.ptp(slews.time, axis=1))
 
 
 def _at(quaternions: np.ndarray, first: np.ndarray) -> np.ndarray:

@@ -40,19 +40,23 @@ def stated_columns(
     'rad/s'
     """
     if description is not None:
-        stated = {"rate": _IN_MEMORY["rate"]}
+        stated: dict[str, Any] = {"rate": _rates_in_memory(0)}
         for entry in _first(description):
             if not entry.wheels or len(entry.wheels) == len(campaign.wheels):
                 stated[entry.key] = entry.columns.model_dump()
-        if len(stated["rate"]["names"]) != 3:
-            stated["rate"] = _IN_MEMORY["rate"]
         return {"time": description.time.model_dump(), **stated}
-    columns: dict[str, Mapping[str, Any]] = {key: _IN_MEMORY[key] for key in ("time", "rate")}
+    axes = len(campaign.rate_sensor.axes) if campaign.rate_sensor else 0
+    columns = {"time": _IN_MEMORY["time"], "rate": _rates_in_memory(axes)}
     for key in ("wheel_torque", "wheel_momentum", "attitude"):
         if any(getattr(slew, key) is not None for slew in campaign.slews):
             names = [f"{key}.{wheel.name}" for wheel in campaign.wheels]
             columns[key] = {"names": names, **_IN_MEMORY[key]}
     return columns
+
+
+def _rates_in_memory(axes: int) -> dict[str, Any]:
+    names = [f"rate_{i + 1}" for i in range(axes)]
+    return _IN_MEMORY["rate"] if axes == 3 else {"names": names, "unit": "rad/s"}
 
 
 def _first(description: Description) -> Iterator[Entry]:

@@ -170,7 +170,7 @@ def outliers_in(estimate: Estimate) -> tuple[Dirt, ...]:
         name = channel.name
         if not channel.stream.is_series:
             hit[name] = fix_outliers(estimate, series, name)
-        elif any(values.size for values in series[name]):
+        elif any(np.isfinite(values).any() for values in series[name]):
             flags = outlying_readings(series[name], steps[name].tolist())
             flags = away_from_switches(slews, flags)
             hit[name] = [np.flatnonzero(flag.any(axis=1)) for flag in flags]

@@ -93,7 +93,8 @@ def build_posterior(
         constant["signal_time"] = signal_times(estimate)
         for effect in drawable(estimate):
             dimensions[effect.name] = ["slew", "instant", f"{effect.name}_component"]
-            coords[f"{effect.name}_component"] = list(effect.signal_components)
+            named, n = effect.signal_components, signals[effect.name].shape[-1]
+            coords[f"{effect.name}_component"] = list(named if len(named) == n else range(1, n + 1))
     with warnings.catch_warnings():
         # Walkers are many by design.
         warnings.filterwarnings("ignore", "Found chain dimension to be longer", UserWarning)

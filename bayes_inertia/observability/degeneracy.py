@@ -291,12 +291,13 @@ def _hidden_by_rest_about(estimate: Estimate, axes_B: np.ndarray) -> tuple[str, 
 
 
 def _no_attitude(estimate: Estimate) -> list[Degeneracy]:
-    if estimate.information.n_data[:, 1].any():
+    tell = [channel.tells_angle for channel in estimate.model.channels]
+    if estimate.information.n_data[:, tell].any():
         return []
     ratio = _left_with_free_inertia(estimate)
     says = (
         "There is no star tracker fix: nothing measures the angle turned, "
-        "and a scale common to the three rate sensor axes trades against J, "
+        "and a scale common to the rate sensor's axes trades against J, "
         f"apart from gyroscopic terms: with J free, {ratio:.1g} of the information "
         "on that scale is left."
     )
@@ -306,7 +307,7 @@ def _no_attitude(estimate: Estimate) -> list[Degeneracy]:
 
 
 def _left_with_free_inertia(estimate: Estimate) -> float:
-    """Information on a scale common to K1, K2 and K3 with J free, over that with J known."""
+    """Information on a scale common to all of K with J free, over that with J known."""
     free, theta = estimate.free, estimate.theta
     information = data_information(estimate)
     tensor = _places(estimate, inertia_tensor.ELEMENTS)

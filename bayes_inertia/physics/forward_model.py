@@ -176,6 +176,12 @@ def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> Non
             raise EffectError("two effects of one name", where=name, advice="give each effect once")
     for effect in effects:
         _check_acts(effect, campaign)
+        if needs_gyro(effect) and campaign.rate_sensor is None:
+            raise EffectError(
+                "needs a rate sensor, and this campaign has none",
+                where=effect.name,
+                advice="leave the effect out",
+            )
         for column in effect.needs:
             if any(getattr(s, column) is None for s in campaign.slews):
                 raise EffectError(
@@ -183,6 +189,11 @@ def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> Non
                     where=effect.name,
                     advice="add them to the campaign or leave the effect out",
                 )
+
+
+def needs_gyro(effect: Effect) -> bool:
+    """Whether an effect is one of the rate sensor."""
+    return effect.acts("rate_output")
 
 
 def _check_acts(effect: Effect, campaign: Campaign) -> None:

@@ -81,6 +81,8 @@ class Channel(ABC):
     components: ClassVar[str]
     # Whether readings in every row follow the attitude, which is then worked out at every row.
     sees_attitude: ClassVar[bool] = False
+    # Whether readings tell the angle turned.
+    tells_angle: ClassVar[bool] = False
     # What stands for a reading in padding.
     blank: ClassVar[tuple[float, ...]] = (0.0,)
 
