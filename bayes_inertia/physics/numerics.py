@@ -81,6 +81,18 @@ class Numerics:
     # Steps of a block: a look at each takes as long as the step.
     steps_of_block: int = 16
 
+    # `slow_tachometers.py`
+    # Tachometers are slow where so many rates are read between two of their readings.
+    slow_tachometer: int = 4
+    fewest_slow_readings: int = 4  # of a slew: for a spline, and for errors of lines
+    # Free knots between two readings that are tried, and of a whole slew at most: each costs one
+    # unknown a wheel.
+    free_knots: tuple[int, ...] = (1, 2, 3, 5, 7, 11, 15)
+    most_free_knots: int = 64
+    # Splines follow the rates where they leave so much of their noise's variance: the noise is
+    # known to 1 %.
+    rates_followed: float = 1.03
+
     # `step_drive.py`
     # Degree of the polynomial that the wheels' momentum is within a step.
     drive_degree: int = 3

@@ -24,6 +24,7 @@ from bayes_inertia.physics.channels import Channel, Readings
 from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.slew_context import Environment, SlewContext
 from bayes_inertia.physics.slew_input import InputRows, SlewInput, Start
+from bayes_inertia.physics.slow_tachometers import FreeMomentum
 
 
 class Telemetry(NamedTuple):
@@ -125,6 +126,7 @@ def pack(
     modes: int = 0,
     rows_per_step: int = 1,
     inputs: Collection[str] = (),
+    free: FreeMomentum | None = None,
 ) -> Arrays:
     """The campaign as stacked, padded arrays.
 
@@ -132,6 +134,8 @@ def pack(
     `modes`: number of slow tachometer-noise shapes a wheel (measured drive). `rows_per_step`: grid
     points that one integration step spans; the grid is padded to a multiple of it. `inputs`: names
     of the inputs that effects ask for; the grid has a point wherever one of them jumps or bends.
+    `free`: what is free of the momentum between readings of slow tachometers; its shapes come after
+    those of the noise.
 
     Examples
     --------
@@ -149,14 +153,25 @@ def pack(
     slews = [
         _slew_input(campaign, i, *grids[i], n_grid, inputs) for i in range(len(campaign.slews))
     ]
+    shapes = [
+        _tachometer_modes(s, len(grid), modes)
+        for s, (grid, _) in zip(campaign.slews, grids, strict=True)
+    ]
+    if free is not None:
+        for i, slew in enumerate(campaign.slews):
+            momentum, of_knots = free.on_grid(slew, grids[i][0])
+            slews[i] = slews[i]._replace(momentum=_extend(momentum, n_grid))
+            # White noise of few readings has no more shapes than these.
+            told = np.arange(modes) < len(slew.time[np.isfinite(slew.wheel_momentum).all(axis=1)])
+            shapes[i] = np.concatenate([shapes[i] * told, of_knots], axis=1)
     readings = [_stacked_readings(campaign, channel, n_rows) for channel in channels]
     telemetry = [
         Telemetry(
-            np.concatenate([sample, np.full(n_rows - len(sample), len(grid) - 1)]),
+            np.concatenate([sample, np.full(n_rows - len(sample), len(grids[i][0]) - 1)]),
             tuple(of_channel[i] for of_channel in readings),
-            _extend(_tachometer_modes(campaign.slews[i], len(grid), modes), n_grid),
+            _extend(shapes[i], n_grid),
         )
-        for i, (grid, sample) in enumerate(grids)
+        for i, (_, sample) in enumerate(grids)
     ]
     starts = [_reference(campaign, channels, slew) for slew in campaign.slews]
     return Arrays(*(_stack_tuples(parts) for parts in (slews, telemetry, starts)))
