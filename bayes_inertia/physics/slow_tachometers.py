@@ -73,7 +73,8 @@ def free_momentum(campaign: Campaign) -> FreeMomentum | None:
     # Across twice the distance a smooth curve leaves its chord four times as far.
     sag = np.sqrt(np.maximum(np.mean(errors**2, axis=0) - 1.5 * noise**2, 0.0)) / 4.0
     inertia = float(np.linalg.eigvalsh(campaign.inertia.tensor)[0])
-    allowed = LIMITS.momentum_line_of_rate_noise * inertia * min(campaign.rate_sensor.sigma)
+    campaign = campaign.with_body_rates
+    allowed = LIMITS.momentum_line_of_rate_noise * inertia * min(campaign.gyro.sigma)
     if rates_between < NUMERICS.slow_tachometer or not (sag > allowed).any():
         return None
     longest = max(slew.duration for slew in campaign.slews)
