@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.body_rates import BodyRates, attitudes_seen, body_rates_of
-from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel, require
+from bayes_inertia.campaign.hardware import (
+    DirectionSensor,
+    InertiaPrior,
+    RateSensor,
+    StarTracker,
+    Wheel,
+    require,
+)
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.saturated import in_range
@@ -43,8 +50,8 @@ class Campaign:
         What reports are filed under: `name`, `spacecraft`, `operator` and `document`, as far as
         they are known.
     more_sensors : sequence of (str, hardware), optional
-        Further sensors beside those above, each a `RateSensor` or `StarTracker` with the name under
-        which `Slew.more` has its readings.
+        Further sensors beside those above, each a `RateSensor`, `StarTracker` or `DirectionSensor`
+        with the name under which `Slew.more` has its readings.
 
     Raises
     ------
@@ -80,9 +87,11 @@ class Campaign:
         _require_different("wheels", [wheel.name for wheel in self.wheels])
         _require_different("slews", [slew.name for slew in self.slews])
         for name, sensor in self.more_sensors:
-            known = isinstance(sensor, RateSensor | StarTracker) or hasattr(sensor, "stream")
+            known = isinstance(sensor, RateSensor | StarTracker | DirectionSensor) or hasattr(
+                sensor, "stream"
+            )
             what = f"a {type(sensor).__name__} is no kind of sensor"
-            advice = "give a RateSensor, a StarTracker or an object that names its stream"
+            advice = "give a RateSensor, StarTracker, DirectionSensor, or what names its stream"
             require(known, f"more_sensors.{name}", what, advice)
         for slew in self.slews:
             self._check_slew(slew)
