@@ -274,7 +274,7 @@ def reference_of(name: str, sensor: DirectionSensor, slew: Slew) -> tuple[np.nda
     """
     if sensor.reference_N is not None:
         return np.zeros(1), np.array([sensor.reference_N])
-    given = (getattr(slew, "inputs", None) or {}).get(name)
+    given = (slew.inputs or {}).get(name)
     time, values = slew.time, slew.magnetic_field_N
     if given is not None:
         time, values = given.time, given.values

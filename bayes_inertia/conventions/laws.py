@@ -345,7 +345,7 @@ def _sigma(size: np.ndarray, noise: float, *more: np.ndarray) -> np.ndarray:
 
 
 def conservation(told: Told) -> LawData | None:
-    """Total momentum in axes that do not turn.
+    """Total momentum in axes that do not turn, rotors and what told torques gave it included.
 
     Returns: none if there are wheels of which neither momentum nor commands are known.
     """
@@ -355,14 +355,15 @@ def conservation(told: Told) -> LawData | None:
     if wheels_B is None:
         return None
     body = np.einsum("snij,snj->sni", to_start, moving.rate_B @ told.reading.inertia.T)
-    stored = np.einsum("snij,snj->sni", to_start, wheels_B)
+    given = told_impulse(slews, moving, told.torques)
+    stored = np.einsum("snij,snj->sni", to_start, wheels_B) + given[2]
     size = np.maximum(_deviation(body, valid), _deviation(stored, valid))
     if not told.campaign.wheels:
         size = np.maximum(size, _norm(body, valid))
     total = body + stored
     uncertain, doubt = _uncertain_momentum(told, total, size), np.zeros(len(total))
     if told.torques:
-        added, by_prior = told_impulse(slews, moving, told.torques)
+        added, by_prior, _ = given
         total = total - told.reading.time * added
         uncertain = np.concatenate([uncertain, LIMITS.gain_sd * added[..., None]], axis=-1)
         doubt = told.reading.time * np.sqrt(np.mean(by_prior**2, axis=1))

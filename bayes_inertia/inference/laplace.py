@@ -10,8 +10,9 @@ import numpy as np
 
 from bayes_inertia.inference.coefficients import CoefficientPart, prior_roots
 from bayes_inertia.inference.likelihood import Information, Residuals
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.linearised_fit import LinearisedFit
-from bayes_inertia.inference.marginal_posterior import Marginal
+from bayes_inertia.inference.marginal_posterior import Marginal, conditional_point
 from bayes_inertia.inference.noise_filter import noise_memory
 from bayes_inertia.inference.noise_model import (
     Whitenings,
@@ -27,6 +28,7 @@ from bayes_inertia.inference.residual_tests import (
     channel_tests,
     effective_parameters,
     filtered_residuals,
+    hat_traces,
     residual_series,
     scale_test,
 )
@@ -149,8 +151,29 @@ class Estimate:
         )
         if filtered is not None:
             return filtered
+        if self.model.structure.free_momenta and self.model.noise.is_stated:
+            return self._drawn_residuals()
         chi2 = self.information.chi2 / self.discount
         return TestedResiduals(self.residual_series, chi2, self.effective_parameters)
+
+    def _drawn_residuals(self) -> TestedResiduals:
+        """Residuals at a draw of the nuisances, white though these follow the readings closely.
+
+        What is free of the momentum takes the slow part of the noise away; a draw of the posterior,
+        in place of its mean, puts as much back (given J and K: if the model is right, telemetry and
+        such a draw are distributed as telemetry and truth).
+        """
+        point, model = self.point, self.model
+        random = np.random.default_rng(LIMITS.seed_of_drawn_residuals)
+        numbers = random.standard_normal(point.bias.size + point.local.size)
+        drawn = conditional_point(model.structure, marginal(self), self.theta, numbers)
+        series = residual_series(model, drawn, self.stated)
+        chi2 = [[float(np.nansum(np.square(x))) for x in slews] for slews in series.values()]
+        of_nuisances = np.zeros(point.n_local, bool)
+        paid = hat_traces(
+            self.information, point.n_local, self.joint_covariance, nuisances=of_nuisances
+        )
+        return TestedResiduals(series, np.array(chi2).T, paid)
 
     @cached_property
     def tests(self) -> dict[str, ChannelTest]:

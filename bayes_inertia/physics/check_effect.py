@@ -13,6 +13,7 @@ from jax import Array
 from jax.scipy.linalg import block_diag
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.maths.inertia_tensor import tensor as inertia
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effect_declaration import check_declaration, guarded, require_of_effect
 from bayes_inertia.physics.forward_model import Model
@@ -21,6 +22,7 @@ from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.prediction import Structure, predict_all
 from bayes_inertia.physics.random_inputs import prior_blocks
 from bayes_inertia.physics.simulator import LOOKING_BACK, MOVING_HOOKS
+from bayes_inertia.physics.slew_context import State
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.small_campaign import small_campaign
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
@@ -41,10 +43,14 @@ class CheckedEffect:
         {drive: {parameter: size}}, the largest change of the telemetry over draws of the prior:
         root of the sum of squares in noise sigmas, per prior sd of the parameter. Zero in a drive
         where the effect cannot act.
+    warnings : tuple of str, optional
+        What keeps the contract and is probably not meant: a torque that jumps within a step of
+        the integration, which mixes what is before and after.
     """
 
     name: str
     fingerprint: Mapping[str, Mapping[str, float]]
+    warnings: tuple[str, ...] = ()
 
 
 def check_effect(effect: Effect, campaign: Campaign | None = None) -> CheckedEffect:
@@ -101,7 +107,44 @@ def check_effect(effect: Effect, campaign: Campaign | None = None) -> CheckedEff
             f"the parameter {name} changes nothing in the telemetry anywhere in its prior",
             "check that a hook uses it, and that this campaign can show it (pass one that can)",
         )
-    return CheckedEffect(effect.name, fingerprint)
+    model = Model(campaign, (effect,), drives[0])
+    return CheckedEffect(effect.name, fingerprint, _jumps(effect, model))
+
+
+def _jumps(effect: Effect, model: Model) -> tuple[str, ...]:
+    """A warning for each torque that changes within a step as no smooth function of time does."""
+    if isinstance(effect, StochasticEffect):
+        return ()
+    inputs, start = jax.tree.map(
+        lambda x: x[0], (model.data.arrays.slews, model.data.arrays.reference)
+    )
+    context, theta = inputs.context, jnp.asarray(_points(model)[1])
+    p = model.structure.active_effects(theta).of(effect)
+    environment = jax.tree.map(lambda x: x[0], inputs.environment)
+    own = effect.initial_state(p, context, start.rate_B)
+    state = State(
+        start.attitude, start.rate_B, start.wheel_momentum, own, inertia(theta[:6]), *environment
+    )._replace(inputs={name: x.first[0] for name, x in (inputs.inputs or {}).items()})
+    part = np.arange(NUMERICS.parts_of_step + 1) / NUMERICS.parts_of_step
+    times = context.time[:, None] + part * context.step[:, None]
+    found = []
+    for hook in ("body_torque", "wheel_torque"):
+        if not effect.acts(hook):
+            continue
+        torque = getattr(effect, hook)
+        values = np.asarray(jax.vmap(jax.vmap(lambda t, f=torque: f(p, context, t, state)))(times))
+        near = np.abs(np.diff(values, axis=1)).max(axis=(1, 2))
+        far = np.abs(np.diff(values[:, ::4], axis=1)).max(axis=(1, 2))
+        # A smooth torque changes a quarter as much over a quarter of the time.
+        jump = (near > 0.5 * far) & (near > 1e-3 * np.abs(values).max())
+        if jump.any():
+            at = float(context.time[np.argmax(jump)])
+            found.append(
+                f"{hook} jumps within the step of the integration that begins at {at:.6g} s, and "
+                "the step mixes what is before and after: give what jumps as an input of the slew "
+                f'(Slew.inputs), list it (`inputs = ("NAME",)`), and read it by state.input("NAME")'
+            )
+    return tuple(found)
 
 
 @dataclass(frozen=True)

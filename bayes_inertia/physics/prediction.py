@@ -55,7 +55,7 @@ class Structure:
     wheels : int
         Number of wheels.
     modes : int
-        Number of slow tachometer-noise shapes a wheel (measured drive).
+        Number of slow tachometer-noise shapes a wheel (measured drive), and free momenta.
     refined : bool
         Whether the integration grid is finer than the telemetry's rows.
     coefficients : tuple of int, optional
@@ -64,6 +64,8 @@ class Structure:
         Grid points that one integration step spans.
     channels : tuple of Channel
         What is compared with measurements.
+    free_momenta : int
+        How many of the modes are free momenta between readings of slow tachometers.
     """
 
     effects: tuple[Effect, ...]
@@ -76,6 +78,7 @@ class Structure:
     coefficients: tuple[int, ...] = ()
     rows_per_step: int = 1
     channels: tuple[Channel, ...] = ()
+    free_momenta: int = 0
 
     def place(self, channel: str) -> int:
         """Where a channel stands among those of the model."""
