@@ -15,9 +15,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bayes_inertia.campaign.hardware import RateSensor, StarTracker
+from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.errors import CampaignError
 from bayes_inertia.faults.saturated import in_range
 
 # A `Campaign`, whose module imports this one.
@@ -221,9 +222,9 @@ def _of_fixes(campaign: Campaign, slew: Slew) -> Iterator[_Seen]:
 
 
 def attitudes_seen(campaign: Campaign, slew: Slew) -> tuple[np.ndarray, np.ndarray, float]:
-    """Rows (m,) with a fix, attitudes (m, 4) there, body from inertial, and their sigma [rad].
+    """Rows (m,) with an attitude, attitudes (m, 4), body from inertial, and their sigma [rad].
 
-    Of the first star tracker that has any.
+    Of the first star tracker that has any; else from two directions and more seen in one row.
     """
     trackers = [(campaign.star_tracker, slew.attitude)]
     trackers += [(sensor, (slew.more or {}).get(name)) for name, sensor in campaign.more_sensors]
@@ -232,4 +233,59 @@ def attitudes_seen(campaign: Campaign, slew: Slew) -> tuple[np.ndarray, np.ndarr
             rows = np.flatnonzero(np.isfinite(readings).all(axis=1))
             if len(rows):
                 return rows, readings[rows], max(tracker.sigma_cross, tracker.sigma_roll)
-    return np.zeros(0, dtype=int), np.zeros((0, 4)), 1.0
+    return _from_directions(campaign, slew)
+
+
+def _from_directions(campaign: Campaign, slew: Slew) -> tuple[np.ndarray, np.ndarray, float]:
+    """Attitudes that directions tell (Wahba), in so many rows of a slew at most."""
+    seen = []
+    for name, sensor in campaign.more_sensors:
+        readings = (slew.more or {}).get(name)
+        if isinstance(sensor, DirectionSensor) and readings is not None:
+            time, reference_N = reference_of(name, sensor, slew)
+            at = slew.time - slew.time[0]
+            there = np.stack([np.interp(at, time, column) for column in reference_N.T], axis=-1)
+            size = float(np.median(np.linalg.norm(there, axis=1))) if sensor.is_field else 1.0
+            seen.append((readings, there, max(sensor.sigma) / size))
+    if len(seen) < 2:
+        return np.zeros(0, dtype=int), np.zeros((0, 4)), 1.0
+    from scipy.spatial.transform import Rotation
+
+    known = np.array([np.isfinite(readings).all(axis=1) for readings, _, _ in seen])
+    rows = np.flatnonzero(known.sum(axis=0) > 1)
+    rows = rows[:: max(1, len(rows) // LIMITS.attitudes_by_directions)]
+    attitude = []
+    for row in rows:
+        both = [part for part, whole in zip(seen, known[:, row], strict=True) if whole]
+        body = np.array([v[row] / np.linalg.norm(v[row]) for v, _, _ in both])
+        inertial = np.array([r[row] / np.linalg.norm(r[row]) for _, r, _ in both])
+        weights = np.array([sd**-2 for _, _, sd in both])
+        # From body to inertial axes, which is a quaternion of body from inertial.
+        turned, _ = Rotation.align_vectors(inertial, body, weights / weights.max())
+        attitude.append(turned.as_quat())
+    sigma = LIMITS.attitude_of_directions * max(sd for _, _, sd in seen)
+    return rows, np.array(attitude).reshape(-1, 4), sigma
+
+
+def reference_of(name: str, sensor: DirectionSensor, slew: Slew) -> tuple[np.ndarray, np.ndarray]:
+    """Times (m,) since a slew's first row and what a direction sensor looks at (m, 3), inertial.
+
+    A constant, the input of the sensor's name, or the magnetic field.
+    """
+    if sensor.reference_N is not None:
+        return np.zeros(1), np.array([sensor.reference_N])
+    given = (slew.inputs or {}).get(name)
+    time, values = slew.time, slew.magnetic_field_N
+    if given is not None:
+        time, values = given.time, given.values
+    known = np.zeros(0, bool) if values is None else np.isfinite(values).all(axis=1)
+    if values is None or not known.any():
+        raise CampaignError(
+            "nothing says in which inertial direction its vector points",
+            where=f"sensor {name}, slew {slew.name}",
+            advice="give reference_N, a reference stream, or the magnetic field",
+        )
+    values = values[known]
+    if not sensor.is_field:
+        values = values / np.linalg.norm(values, axis=1, keepdims=True)
+    return time[known] - slew.time[0], values

@@ -12,7 +12,14 @@ import numpy as np
 from bayes_inertia.campaign.actuators import Actuator, Magnetorquer, Thruster
 from bayes_inertia.campaign.body_rates import BodyRates, attitudes_seen, body_rates_of
 from bayes_inertia.campaign.changes import Change
-from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel, require
+from bayes_inertia.campaign.hardware import (
+    DirectionSensor,
+    InertiaPrior,
+    RateSensor,
+    StarTracker,
+    Wheel,
+    require,
+)
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.saturated import in_range
@@ -45,8 +52,8 @@ class Campaign:
         What reports are filed under: `name`, `spacecraft`, `operator` and `document`, as far as
         they are known.
     more_sensors : sequence of (str, hardware), optional
-        Further sensors beside those above, each a `RateSensor` or `StarTracker` with the name under
-        which `Slew.more` has its readings.
+        Further sensors beside those above, each a `RateSensor`, `StarTracker` or `DirectionSensor`
+        with the name under which `Slew.more` has its readings.
     actuators : sequence of devices, optional
         What turns the spacecraft beside wheels: `KnownTorque`, `Magnetorquer`, `Thruster` or
         `GimballedRotors`, each with its input in every slew under `Slew.inputs`.
@@ -91,9 +98,10 @@ class Campaign:
         _require_different("wheels", [wheel.name for wheel in self.wheels])
         _require_different("slews", [slew.name for slew in self.slews])
         for name, sensor in self.more_sensors:
-            known = isinstance(sensor, RateSensor | StarTracker) or hasattr(sensor, "stream")
+            known = isinstance(sensor, RateSensor | StarTracker | DirectionSensor)
+            known = known or hasattr(sensor, "stream")
             what = f"a {type(sensor).__name__} is no kind of sensor"
-            advice = "give a RateSensor, a StarTracker or an object that names its stream"
+            advice = "give a RateSensor, StarTracker, DirectionSensor, or what names its stream"
             require(known, f"more_sensors.{name}", what, advice)
         for device in self.actuators:
             what = f"a {type(device).__name__} is no device beside wheels"

@@ -436,3 +436,71 @@ class StarTracker:
         require_positive(self.sigma_roll, "star_tracker.sigma_roll")
         key = "star_tracker.low_frequency_sigma"
         require_positive(self.low_frequency_sigma, key, optional=True)
+
+
+@array_dataclass
+class DirectionSensor:
+    """Sun sensor, magnetometer or horizon sensor: sees in body axes what is known in inertial ones.
+
+    A unit vector is compared by the angle between measured and predicted direction; a field in
+    tesla by its components, m = (1 + S) C(q) B_N + offset, S symmetric: scale and soft iron.
+
+    Parameters
+    ----------
+    sigma : float or (3,) array_like
+        White noise per sample: of a direction about each axis across it [rad], one number; of a
+        field's components [T].
+    reference_N : (3,) array_like, optional
+        What is seen, in inertial axes, where it does not change: any length counts for a direction;
+        [T] for a field. None: `Slew.inputs` of the sensor's name, or the slew's `magnetic_field_N`.
+    unit : {"", "T"}, optional
+        Of the readings: "" for a direction, "T" for a field.
+    offset_sigma, scale_sigma, soft_iron_sigma : float, optional
+        Prior sds of a magnetometer's own errors [T, 1, 1]; what has none is not estimated.
+
+    Raises
+    ------
+    CampaignError
+        If a noise is not positive, the unit unknown, or a direction is said to have errors of a
+        magnetometer.
+
+    Examples
+    --------
+    >>> DirectionSensor(0.01, (0.0, 0.0, 2.0)).reference_N
+    (0.0, 0.0, 1.0)
+    """
+
+    sigma: Numbers
+    reference_N: Vector | None = None
+    unit: Literal["", "T"] = ""
+    offset_sigma: float = 0.0
+    scale_sigma: float = 0.0
+    soft_iron_sigma: float = 0.0
+
+    def __post_init__(self) -> None:
+        key = "sensors.direction"
+        what = f"{self.unit!r} is no unit of a direction"
+        require(self.unit in ("", "T"), f"{key}.unit", what, 'give "T" for a field, else nothing')
+        sigma = one_an_axis(self.sigma, 3, f"{key}.sigma")
+        require_positive(sigma, f"{key}.sigma")
+        alike = self.is_field or len(set(sigma)) == 1
+        what = "a direction has one noise about all axes across it"
+        require(alike, f"{key}.sigma", what, "give one number [rad]")
+        object.__setattr__(self, "sigma", sigma)
+        for name in ("offset_sigma", "scale_sigma", "soft_iron_sigma"):
+            size = getattr(self, name)
+            what = f"{size!r} is no sd"
+            require(0.0 <= size < np.inf, f"{key}.{name}", what, "give 0 (known) or an sd")
+            advice = 'leave it out, or give unit = "T"'
+            own = self.is_field or size == 0.0
+            require(own, f"{key}.{name}", "only a magnetometer has it", advice)
+        if self.reference_N is not None:
+            vector = np.array(one_an_axis(self.reference_N, 3, f"{key}.reference_N"))
+            require_positive(float(np.linalg.norm(vector)), f"{key}.reference_N")
+            x, y, z = (vector if self.is_field else unit_length(vector)).tolist()
+            object.__setattr__(self, "reference_N", (x, y, z))
+
+    @property
+    def is_field(self) -> bool:
+        """Whether it reads a field in tesla, not a direction."""
+        return self.unit == "T"

@@ -34,6 +34,11 @@ class Limits:
     # Of what wheels tell, as a share of the largest rate: J is not known, nor what else turned it.
     error_of_wheels: float = 0.3
 
+    # Attitudes from directions: rows of a slew that are worked out, and their noise over that of
+    # the worst direction (two of them 45 deg apart).
+    attitudes_by_directions: int = 300
+    attitude_of_directions: float = 1.5
+
     # `checked_toml.py`
     # Keys that are alike to this degree are one word misspelt; less alike ones are other physics,
     # such as body_torque and wheel_torque (0.61).

@@ -117,8 +117,9 @@ def turned_axes(campaign: Campaign) -> tuple[np.ndarray, np.ndarray]:
     Returns `rms` (3,): rates about the axes, largest first [rad/s]; `axes_B` (3, 3): the axes as
     columns, in the body frame.
     """
-    campaign = campaign.with_body_rates
-    sensor = campaign.gyro
+    (seen, noise), stated = campaign.body_rates, campaign
+    campaign, sensor = seen, seen.gyro
+    sigma = np.array(sensor.sigma) if seen is stated else np.full(3, noise)
     rates = np.concatenate(
         [s.complete_rates(campaign.valid_readings(s))[1] for s in campaign.slews]
     )
@@ -126,7 +127,7 @@ def turned_axes(campaign: Campaign) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros(3), np.eye(3)
     body = np.linalg.inv(sensor.axes)
     rates = (rates * np.array(sensor.scale_factor) - np.array(sensor.bias)) @ body.T
-    power = rates.T @ rates / len(rates) - body @ np.diag(np.square(sensor.sigma)) @ body.T
+    power = rates.T @ rates / len(rates) - body @ np.diag(np.square(sigma)) @ body.T
     values, axes = np.linalg.eigh(power)
     return np.sqrt(np.maximum(values[::-1], 0.0)), axes[:, ::-1]
 
@@ -248,7 +249,8 @@ def _rests(campaign: Campaign, k: int) -> bool:
 def _unturned_axes(estimate: Estimate) -> list[Degeneracy]:
     campaign = estimate.model.campaign
     rms, axes_B = turned_axes(campaign)
-    noise = float(np.max(campaign.with_body_rates.gyro.sigma))
+    seen, noise = campaign.body_rates
+    noise = float(np.max(seen.gyro.sigma)) if seen is campaign else noise
     turned = int(np.sum(rms > max(LIMITS.min_turned_rate_ratio * rms[0], noise)))
     if turned == 3 or rms[0] == 0.0:
         return []

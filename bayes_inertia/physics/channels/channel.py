@@ -114,6 +114,10 @@ class Channel(ABC):
         """What is estimated of the sensor itself, beside K of the rate sensor."""
         return ()
 
+    def of_campaign(self, campaign: Campaign) -> Channel:
+        """The channel with what decides compiled code of this campaign's sensor."""
+        return self
+
     def is_read(self, campaign: Campaign) -> bool:
         """Whether there are readings to compare."""
         return self.compared and any(
