@@ -20,6 +20,7 @@ from bayes_inertia.campaign.format_2 import (
     AttitudeDevice,
     Campaign2Part,
     ChangePart,
+    DirectionDevice,
     MagnetorquerDevice,
     OtherActuator,
     RateDevice,
@@ -29,7 +30,13 @@ from bayes_inertia.campaign.format_2 import (
     TorqueDevice,
     WheelDevice,
 )
-from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel
+from bayes_inertia.campaign.hardware import (
+    DirectionSensor,
+    InertiaPrior,
+    RateSensor,
+    StarTracker,
+    Wheel,
+)
 from bayes_inertia.campaign.schema import (
     FORMAT_2,
     CampaignPart,
@@ -234,7 +241,7 @@ def _given(part: Any) -> dict[str, Any]:
 def _built(kind: Any, part: Any, label: str, was: str = "", now: str = "", **more: Any) -> Any:
     """Hardware of a part; errors say `now` where the record's own key is `was`."""
     stated = {k: v for k, v in _given(part).items() if not isinstance(v, StreamColumns)}
-    left_out = ("type", "name") if kind in (RateSensor, StarTracker) else ("type",)
+    left_out = ("type", "name") if kind in (RateSensor, StarTracker, DirectionSensor) else ("type",)
     renamed = _RENAMED | ({"axes": "axes_B"} if kind is Magnetorquer else {})
     given = {renamed.get(k, k): v for k, v in stated.items() if k not in left_out}
     try:
@@ -283,9 +290,10 @@ def _described(parsed: Campaign2Part, label: str) -> Description:
     others = [part for part in parsed.actuators if not isinstance(part, WheelDevice)]
     first: dict[str, Any] = {}
     for part in parsed.sensors:
-        first.setdefault(part.type, part)
+        if not isinstance(part, DirectionDevice):
+            first.setdefault(part.type, part)
     sensors = [(part, _sensor(part, label)) for part in parsed.sensors]
-    hardware = {part.type: built for part, built in sensors if part is first[part.type]}
+    hardware = {part.type: built for part, built in sensors if part is first.get(part.type)}
     entries = (*_sensor_entries(parsed, first), *_wheel_entries(wheels, label),
                *(_input_entry(part, label) for part in others),
                *_environment_entries(parsed))  # fmt: skip
@@ -298,7 +306,7 @@ def _described(parsed: Campaign2Part, label: str) -> Description:
         wheels=tuple(_wheel(part, label) for part in wheels),
         rate_sensor=hardware.get("rate"),
         star_tracker=hardware.get("attitude"),
-        more_sensors=tuple((p.name, built) for p, built in sensors if p is not first[p.type]),
+        more_sensors=tuple((p.name, built) for p, built in sensors if p is not first.get(p.type)),
         actuators=tuple(_actuator(part, label) for part in others),
         changes=tuple(_change(part, parsed.slews, label) for part in parsed.changes),
         devices={"wheels": "actuators"}
@@ -316,9 +324,11 @@ def _require_different(label: str, key: str, names: Sequence[str]) -> None:
             refuse(label, f"{key}.{name}", "the name is used twice", "give each its own name")
 
 
-def _sensor(part: RateDevice | AttitudeDevice, label: str) -> Any:
+def _sensor(part: RateDevice | AttitudeDevice | DirectionDevice, label: str) -> Any:
     """The hardware of a sensor."""
     place = f"sensors.{part.name}"
+    if isinstance(part, DirectionDevice):
+        return _direction_sensor(part, label, place)
     if isinstance(part, AttitudeDevice):
         return _built(StarTracker, part, label, "star_tracker", place)
     axes = 3 if part.axes is None else len(part.axes)
@@ -333,12 +343,37 @@ def _sensor(part: RateDevice | AttitudeDevice, label: str) -> Any:
     return _built(RateSensor, part, label, "rate_sensor", place)
 
 
+def _direction_sensor(part: DirectionDevice, label: str, place: str) -> DirectionSensor:
+    """A sensor of directions, or of a field where its columns have a unit."""
+    if len(part.sigma) not in (1, 3):
+        what = f"{len(part.sigma)} numbers for 3 axes"
+        refuse(label, f"{place}.sigma", what, "write one number, or one an axis")
+    unit, reference = part.direction.unit, part.reference
+    if reference is not None and part.reference_N is not None:
+        advice = "keep reference_N where it does not change, reference where it does"
+        refuse(label, f"{place}.reference", "reference_N is given too", advice)
+    if reference is not None and (unit is None) != (reference.unit is None):
+        advice = "give both in a unit such as T (a field), or none (a direction)"
+        refuse(label, f"{place}.reference.unit", "only one of reading and reference has it", advice)
+    if unit is None and reference is None and part.reference_N is None:
+        advice = "add reference_N = what it sees in inertial axes, or reference = { ... }"
+        refuse(label, f"{place}.reference_N", "missing key", advice)
+    is_field = "" if unit is None else "T"
+    return _built(DirectionSensor, part, label, "sensors.direction", place, unit=is_field)
+
+
 def _sensor_entries(parsed: Campaign2Part, first: Mapping[str, Any]) -> list[Entry]:
     entries = []
     for part in parsed.sensors:
         key = part.type
-        field = key if part is first[key] else f"more.{part.name}"
-        entries.append(Entry(key, field, getattr(part, key), (f"sensors.{part.name}.{key}",)))
+        field = key if part is first.get(key) else f"more.{part.name}"
+        path = f"sensors.{part.name}"
+        entries.append(Entry(key, field, getattr(part, key), (f"{path}.{key}",)))
+        if isinstance(part, DirectionDevice) and part.reference is not None:
+            seen = Entry(
+                "magnetic_field", f"inputs.{part.name}", part.reference, (f"{path}.reference",)
+            )
+            entries.append(seen)
     return entries
 
 
