@@ -13,7 +13,7 @@ from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.actuators import effects_of
+from bayes_inertia.physics.actuators import effects_of, noise_of_inputs
 from bayes_inertia.physics.channel_noise import NOISE_OWNER, NoiseModel
 from bayes_inertia.physics.channels import Channel, channels_of
 from bayes_inertia.physics.effect import Effect
@@ -278,7 +278,7 @@ def _structure(
 
 def _acting(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> tuple[Effect, ...]:
     """The effects, stated noise that wanders, and lost commands where commands drive the model."""
-    effects = (*effects, *stated_noise(campaign, effects))
+    effects = (*effects, *noise_of_inputs(campaign), *stated_noise(campaign, effects))
     lost = drive == "commanded" and any(s.lost_command is not None for s in campaign.slews)
     return (*effects, LostCommands()) if lost else effects
 
