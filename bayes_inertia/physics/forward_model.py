@@ -78,7 +78,7 @@ class Model:
     data: Data = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        campaign, effects = self.campaign, tuple(self.effects)
+        campaign, effects = self.campaign.without_locked_wheels(), tuple(self.effects)
         commanded = campaign.has_commands or not campaign.wheels
         drive = self.drive or ("commanded" if commanded else "measured")
         devices = effects_of(campaign)
@@ -107,6 +107,7 @@ class Model:
         sensors = tuple(channel.constants(campaign) for channel in structure.channels)
         data = Data(arrays, sensors, _nuisance_scale(campaign, structure, free))
         for key, value in (
+            ("campaign", campaign),
             ("effects", effects),
             ("drive", drive),
             ("space", space),
