@@ -232,7 +232,12 @@ def _channels(
         disorder += [(record, of_stream["time"][list(record.rows)]) for record in rows.dirt]
         # What only tells what devices did has times of its own.
         readings += [] if rows.stream.is_input else [of_stream]
-    return union(readings, f"slews.{part.name}"), disorder
+    channels = union(readings, f"slews.{part.name}")
+    for k, wheel in enumerate(parsed.wheels):
+        for name in ("wheel_torque", "wheel_momentum") if wheel.state == "locked" else ():
+            if name in channels and np.isnan(channels[name][:, k]).all():
+                channels[name][:, k] = 0.0
+    return channels, disorder
 
 
 def _slews(

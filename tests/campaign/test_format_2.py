@@ -231,6 +231,27 @@ def test_bad_directions_name_file_and_key(tmp_path, old, new, named):
     assert_teaches(error, ["campaign.toml", *named])
 
 
+def test_a_locked_wheel_needs_no_telemetry(tmp_path):
+    wheel = """
+[[actuators]]
+name = "z"
+type = "wheel"
+axis = [0, 0, 1]
+spin_inertia = 0.003
+state = "locked"
+
+[[sensors]]
+name = "gyro\""""
+    toml = edited(TOML, ('\n[[sensors]]\nname = "gyro"', wheel))
+    campaign = read_campaign(make(tmp_path / "in", toml))
+    assert [wheel.state for wheel in campaign.wheels] == ["running", "running", "locked"]
+    assert campaign.has_commands
+    assert not campaign.slews[0].wheel_torque[:, 2].any()
+    assert read_campaign(write_campaign(campaign, tmp_path / "out")).wheels == campaign.wheels
+    wrong = edited(toml, ('state = "locked"', 'state = "off"'))
+    assert_teaches(refusal(make(tmp_path / "wrong", wrong)), ["actuators.z.state", '"locked"'])
+
+
 BAD = [
     ("unknown key", [("sigma = 2e-5", "sigmas = 2e-5")], ["sensors.gyro.sigmas", '"sigma"']),
     ("other physics", [("sigma = 2e-5", "mass = 2e-5")], ["sensors.gyro.mass", "known here"]),
