@@ -6,6 +6,7 @@ Chains are trusted by nested R-hat over ensembles, effective sample sizes and le
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi
 from typing import Any
@@ -216,8 +217,50 @@ def _explained(estimate: Estimate, context: FitContext) -> dict[str, Any]:
         )
         # After a diagnosis its own gate says what to do.
         advice = "" if context.verdict in OPEN_VERDICTS else advice
+        if groups := groups_of_slews(estimate):
+            advice += f"; {groups['says']}"
         says = f"the model does not explain the data: {', '.join(sizes)}{advice}"
     return {"name": "explained", "passed": not large, "says": says}
+
+
+def groups_of_slews(estimate: Estimate) -> dict[str, Any] | None:
+    """Two groups of slews that agree among themselves and not with each other, as in summary.json.
+
+    None where the slews agree, or where no two groups are why they do not.
+    """
+    scatter = estimate.slew_scatter
+    groups = None if scatter is None else scatter.groups
+    if groups is None:
+        return None
+    names = [[estimate.model.campaign.slews[s].name for s in part] for part in groups.slews]
+    base = [(k, estimate.model.space.names[i]) for k, i in enumerate(estimate.free) if i < N_BASE]
+    differences = {
+        name: {"difference": float(groups.difference[k]), "sd": float(groups.sd[k])}
+        for k, name in base
+    }
+    far = max(base, key=lambda place: abs(groups.difference[place[0]]) / groups.sd[place[0]])[1]
+    parts = " and ".join(
+        _group_in_words(part, slews) for part, slews in zip(groups.slews, names, strict=True)
+    )
+    change, sd = differences[far].values()
+    says = (
+        f"the slews fall into two groups that disagree, {parts}: they differ most in {far}, by "
+        f"{change:.2g} ({abs(change) / sd:.0f} sd)"
+    )
+    if groups.slews[0][-1] < groups.slews[1][0]:
+        first = groups.slews[1][0]
+        says += (
+            f"; if the tensor changed between them, fit with `--effects "
+            f"inertia_change:from_slew={first}`"
+        )
+    return {"slews": names, "p_value": groups.p_value, "differences": differences, "says": says}
+
+
+def _group_in_words(slews: tuple[int, ...], names: Sequence[str]) -> str:
+    """Slews in a sentence: the first and the last where they follow each other."""
+    if len(slews) > 2 and slews[-1] - slews[0] == len(slews) - 1:
+        return f"({names[0]} to {names[-1]})"
+    return f"({', '.join(names)})"
 
 
 def prior_gate(estimate: Estimate) -> dict[str, Any]:
