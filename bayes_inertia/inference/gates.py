@@ -239,19 +239,19 @@ def groups_of_slews(estimate: Estimate) -> dict[str, Any] | None:
         for k, name in base
     }
     far = max(base, key=lambda place: abs(groups.difference[place[0]]) / groups.sd[place[0]])[1]
-    parts = " and ".join(
-        _group_in_words(part, slews) for part, slews in zip(groups.slews, names, strict=True)
-    )
+    one, other = (_group_in_words(*part) for part in zip(groups.slews, names, strict=True))
     change, sd = differences[far].values()
+    space = estimate.model.space
+    unit = f" {space.units[space.names.index(far)]}".rstrip()
     says = (
-        f"the slews fall into two groups that disagree, {parts}: they differ most in {far}, by "
-        f"{change:.2g} ({abs(change) / sd:.0f} sd)"
+        f"{one} agree among themselves, and so do {other}, but the two groups disagree, most in "
+        f"{far}: by {change:.2g}{unit} ({abs(change) / sd:.0f} sd)"
     )
     if groups.slews[0][-1] < groups.slews[1][0]:
         first = groups.slews[1][0]
         says += (
-            f"; if the tensor changed between them, fit with `--effects "
-            f"inertia_change:from_slew={first}`"
+            "; if the tensor changed between them, fit with "
+            f"`--effects inertia_change:from_slew={first}`"
         )
     return {"slews": names, "p_value": groups.p_value, "differences": differences, "says": says}
 
@@ -259,8 +259,8 @@ def groups_of_slews(estimate: Estimate) -> dict[str, Any] | None:
 def _group_in_words(slews: tuple[int, ...], names: Sequence[str]) -> str:
     """Slews in a sentence: the first and the last where they follow each other."""
     if len(slews) > 2 and slews[-1] - slews[0] == len(slews) - 1:
-        return f"({names[0]} to {names[-1]})"
-    return f"({', '.join(names)})"
+        return f"{names[0]} to {names[-1]}"
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
 def prior_gate(estimate: Estimate) -> dict[str, Any]:
