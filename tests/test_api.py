@@ -22,7 +22,7 @@ import bayes_inertia as bi
 PUBLIC = set(
     """
     Campaign CorrelatedNoise Dirt InertiaPrior RateSensor Slew StarTracker Wheel
-    read_campaign write_campaign
+    read_campaign with_orbit write_campaign
     DroppedPart ImportedCampaign NoiseFit RestNoise SlewCut SlewWindow import_logs
     ConventionChange ConventionsCheck check_conventions
     ChannelNoise CheckedEffect Drive Effect LIBRARY LogNormal Model NoiseModel Normal

@@ -70,5 +70,9 @@ class Limits:
     # `streams.py`
     same_time: float = 1e-9  # [s]; stamps closer than this are one time
 
+    # `environment.py`
+    # [days]; in low orbit older elements are some degrees along the orbit off, the field with them
+    oldest_elements: float = 10.0
+
 
 LIMITS = Limits()
