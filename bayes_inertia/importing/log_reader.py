@@ -39,7 +39,7 @@ _ADVICE_OF_EMPTY = {
     "wheel_speed": f"export it again; {_WHEEL_OFF}; one without tachometer: {_STREAM_OUT}",
 }
 # In these a table may hold arrays of different lengths.
-_ARRAY_FORMATS = ("numpy", "hdf5", "netcdf", "mat")
+_ARRAY_FORMATS = ("numpy", "hdf5", "netcdf", "mat", "ulog", "bag")
 
 
 @dataclass(frozen=True)
