@@ -11,15 +11,16 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.hardware import require, unit_length, unit_vector
+from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.values import Vector, array_dataclass
 
-# Columns of each channel; None: one a wheel.
+# Columns of each channel; None: one a wheel, or one a sensor axis.
 _COLUMNS_OF_CHANNEL = {
     "wheel_torque": None,
     "wheel_momentum": None,
-    "rate": 3,
+    "rate": None,
     "attitude": 4,
     "magnetic_field_N": 3,
     "position_N": 3,
@@ -41,8 +42,8 @@ class Slew:
         Time of the slew's first row on the campaign's clock [s].
     time : (n,) array
         Time from the slew's own zero [s], strictly increasing.
-    rate : (n, 3) array, optional
-        Output of the rate sensor [rad/s].
+    rate : (n, axes) array, optional
+        Output of the rate sensor [rad/s], one column a sensor axis.
     attitude : (n, 4) array, optional
         Star-tracker quaternion, body from inertial, scalar last; four NaN where there is no fix.
     wheel_torque : (n, wheels) array, optional
@@ -64,6 +65,9 @@ class Slew:
         How far that guess may be off, one sd [N m]; wanted where `lost_command` is given.
     more : mapping of (n, columns) arrays, optional
         Readings of further sensors, by the names under `Campaign.more_sensors`.
+    inputs : mapping of InputStream, optional
+        What the devices under `Campaign.actuators` were told to do, or did, by their names; times
+        on the slew's own clock, as `time`. Names of no device are for effects of your own.
 
     Raises
     ------
@@ -90,6 +94,7 @@ class Slew:
     lost_command: np.ndarray | None = None
     lost_command_sd: np.ndarray | None = None
     more: Mapping[str, np.ndarray] | None = None
+    inputs: Mapping[str, InputStream] | None = None
 
     def __post_init__(self) -> None:
         where = f"slews.{self.name}"
@@ -110,6 +115,10 @@ class Slew:
                 for key, values in self.more.items()
             }
             object.__setattr__(self, "more", more)
+        for key, stream in (self.inputs or {}).items():
+            what = f"a {type(stream).__name__} is no input"
+            advice = "give an InputStream: times, values and what is between them"
+            require(isinstance(stream, InputStream), f"{where}.inputs.{key}", what, advice)
         if self.lost_command is not None:
             object.__setattr__(self, "lost_command", self._lost_pieces(where))
         if self.attitude is not None:
@@ -155,7 +164,7 @@ class Slew:
         return np.diff(self.time[rated] if rated.sum() > 1 else self.time)
 
     def complete_rates(self, valid: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Rows at which the rates about all three axes are known, and the rates there.
+        """Rows at which the rates about all sensor axes are known, and the rates there.
 
         These are the rows in which every reading is valid. Where such rows are rare, because the
         axes are telemetered in turn, straight lines between the readings of each axis fill the
@@ -163,14 +172,14 @@ class Slew:
 
         Parameters
         ----------
-        valid : (n, 3) array of bool, optional
+        valid : (n, axes) array of bool, optional
             Which readings count; by default all that are numbers.
 
         Returns
         -------
         rows : (m,) array of int
             The rows, ascending; none if an axis has no valid reading.
-        rates : (m, 3) array
+        rates : (m, axes) array
             The sensor's readings there [rad/s].
 
         Examples
@@ -240,7 +249,7 @@ def _channel(value: Any, rows: int, width: int | None, key: str) -> np.ndarray:
         array.ndim == 2 and len(array) == rows and width in (None, array.shape[1]),
         key,
         f"shape {array.shape} does not fit {rows} rows",
-        f"give (rows, {width or 'wheels'})",
+        f"give (rows, {width or 'columns'})",
     )
     finite = not bool(np.isinf(array).any())
     require(finite, key, "a value is infinite", "use NaN where there is no value")

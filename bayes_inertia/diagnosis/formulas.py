@@ -31,6 +31,7 @@ from bayes_inertia.physics.effects.formula import (
     driver_values,
     knows,
 )
+from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.slew_context import State
 
 # Hooks of an effect and of the linear response that differ in name.
@@ -77,6 +78,8 @@ def blocks(response: TorqueResponse) -> Iterator[Block]:
             for name, place in PLACES.items():
                 if not _allowed(name, key, wheels, structure.drive):
                     continue
+                if name == "rate_error" and structure.n_base != N_BASE:
+                    continue  # Its three components are those of three sensor axes.
                 formula = Formula(name, key, "full", wheel=wheel, rms=rms)
                 rows = wheels if place.rows == "wheels" else 3
                 size = place.size(campaign) / rms

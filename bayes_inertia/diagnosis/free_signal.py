@@ -136,7 +136,7 @@ def _integrals_at_rows(response: TorqueResponse, splines: np.ndarray) -> np.ndar
 def rate_reading(fit: LinearisedFit, response: TorqueResponse) -> SignalBasis:
     """Build the basis of an error of the rate sensor's readings, sensor axes."""
     white = _factors(response, "rate")
-    scale = float(np.max(response.estimate.model.campaign.rate_sensor.sigma))
+    scale = float(np.max(response.estimate.model.campaign.gyro.sigma))
     return _reading(fit, ("rate sensor", "rad/s"), fit.channels["rate"], white, scale)
 
 

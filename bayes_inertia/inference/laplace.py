@@ -10,8 +10,9 @@ import numpy as np
 
 from bayes_inertia.inference.coefficients import CoefficientPart, prior_roots
 from bayes_inertia.inference.likelihood import Information, Residuals
+from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.linearised_fit import LinearisedFit
-from bayes_inertia.inference.marginal_posterior import Marginal
+from bayes_inertia.inference.marginal_posterior import Marginal, conditional_point
 from bayes_inertia.inference.noise_filter import noise_memory
 from bayes_inertia.inference.noise_model import (
     Whitenings,
@@ -20,13 +21,14 @@ from bayes_inertia.inference.noise_model import (
     stated_noise_of,
 )
 from bayes_inertia.inference.objective import prior_rows
-from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import (
     ChannelTest,
     TestedResiduals,
     channel_tests,
     effective_parameters,
     filtered_residuals,
+    hat_traces,
     residual_series,
     scale_test,
 )
@@ -74,7 +76,7 @@ class Estimate:
         the noise is not as stated: a reading's over that of Gaussian noise of the stated sigma.
     information : Information
         Normal equations by slew and channel at `point`, with the noise as used.
-    hessian : (f + 3 + slews n_local,) squared array
+    hessian : (f + n_bias + slews n_local,) squared array
         Of the negative log posterior (Gauss-Newton), theta in physical units.
     objective : float
         Half the sum of all whitened squares (losses, of other densities), priors included.
@@ -149,8 +151,29 @@ class Estimate:
         )
         if filtered is not None:
             return filtered
+        if self.model.structure.free_momenta and self.model.noise.is_stated:
+            return self._drawn_residuals()
         chi2 = self.information.chi2 / self.discount
         return TestedResiduals(self.residual_series, chi2, self.effective_parameters)
+
+    def _drawn_residuals(self) -> TestedResiduals:
+        """Residuals at a draw of the nuisances, white though these follow the readings closely.
+
+        What is free of the momentum takes the slow part of the noise away; a draw of the posterior,
+        in place of its mean, puts as much back (given J and K: if the model is right, telemetry and
+        such a draw are distributed as telemetry and truth).
+        """
+        point, model = self.point, self.model
+        random = np.random.default_rng(LIMITS.seed_of_drawn_residuals)
+        numbers = random.standard_normal(point.bias.size + point.local.size)
+        drawn = conditional_point(model.structure, marginal(self), self.theta, numbers)
+        series = residual_series(model, drawn, self.stated)
+        chi2 = [[float(np.nansum(np.square(x))) for x in slews] for slews in series.values()]
+        of_nuisances = np.zeros(point.n_local, bool)
+        paid = hat_traces(
+            self.information, point.n_local, self.joint_covariance, nuisances=of_nuisances
+        )
+        return TestedResiduals(series, np.array(chi2).T, paid)
 
     @cached_property
     def tests(self) -> dict[str, ChannelTest]:
@@ -317,8 +340,8 @@ def marginal(estimate: Estimate) -> Marginal:
     columns = tuple(on_device(np.asarray(j)[..., d:]) for j in jacobian)
     return Marginal(
         optimum=jax.tree.map(on_device, point),
-        ridge_bias=on_device(ridge[:N_BIAS]),
-        ridge_local=on_device(ridge[N_BIAS:].reshape(*point.local.shape, d)),
+        ridge_bias=on_device(ridge[: len(point.bias)]),
+        ridge_local=on_device(ridge[len(point.bias) :].reshape(*point.local.shape, d)),
         columns=columns,
         root=on_device(inverse_root(nuisance)),
         prior=model.space.constants(),

@@ -111,6 +111,8 @@ class Limits:
     told_share: float = 1e-6
     # Lags [rows] over which correlation is tested.
     lags: int = 10
+    # Of the draw of nuisances at which residuals are tested where momentum is free.
+    seed_of_drawn_residuals: int = 20261
 
     # Outliers of series
     # Readings on either side that a reading is compared with: runs of two are in the minority.

@@ -26,6 +26,7 @@ from bayes_inertia.inference.predicted_telemetry import predicted_telemetry
 from bayes_inertia.inference.sampler import Chains
 from bayes_inertia.inference.settings import FitContext
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.physics.actuators import ties_of_scale
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.parameters import log_prior
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
@@ -92,7 +93,8 @@ def build_posterior(
         constant["signal_time"] = signal_times(estimate)
         for effect in drawable(estimate):
             dimensions[effect.name] = ["slew", "instant", f"{effect.name}_component"]
-            coords[f"{effect.name}_component"] = list(effect.signal_components)
+            named, n = effect.signal_components, signals[effect.name].shape[-1]
+            coords[f"{effect.name}_component"] = list(named if len(named) == n else range(1, n + 1))
     with warnings.catch_warnings():
         # Walkers are many by design.
         warnings.filterwarnings("ignore", "Found chain dimension to be longer", UserWarning)
@@ -242,6 +244,7 @@ def _attributes(estimate: Estimate, chains: Chains, context: FitContext) -> dict
         "includes_wheel_spin": model.structure.includes_wheel_spin,
         "drive": model.structure.drive,
         "wheels": model.structure.wheels,
+        "scale_of_J": ties_of_scale(model.campaign),
         "versions": {name: metadata.version(name) for name in _LIBRARIES},
     }
 

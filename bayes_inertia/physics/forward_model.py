@@ -13,6 +13,7 @@ from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.physics.actuators import effects_of
 from bayes_inertia.physics.channel_noise import NOISE_OWNER, NoiseModel
 from bayes_inertia.physics.channels import Channel, channels_of
 from bayes_inertia.physics.effect import Effect
@@ -24,7 +25,6 @@ from bayes_inertia.physics.nuisances import NuisanceScale
 from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.packing import Arrays, pack
 from bayes_inertia.physics.parameters import (
-    BASE_NAMES,
     Normal,
     Parameter,
     ParameterSpace,
@@ -34,6 +34,7 @@ from bayes_inertia.physics.parameters import (
 from bayes_inertia.physics.prediction import Structure
 from bayes_inertia.physics.random_inputs import coefficient_counts
 from bayes_inertia.physics.slew_input import Drive
+from bayes_inertia.physics.slow_tachometers import FreeMomentum, free_momentum
 from bayes_inertia.physics.stated_noise import stated_noise
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
@@ -47,7 +48,7 @@ class Model:
     campaign : Campaign
         What was flown.
     effects : tuple of Effect, optional
-        What else acts, at most one effect of each name.
+        What else acts, at most one effect of each name; the campaign's own devices act anyway.
     drive : "commanded", "measured" or None, optional
         What drives the model; None takes commands where there are any.
     noise : NoiseModel, optional
@@ -79,24 +80,31 @@ class Model:
         campaign, effects = self.campaign, tuple(self.effects)
         commanded = campaign.has_commands or not campaign.wheels
         drive = self.drive or ("commanded" if commanded else "measured")
-        _check(campaign, effects, drive)
+        devices = effects_of(campaign)
+        _check(campaign, (*devices, *effects), drive)
         _check_noise(campaign, drive, self.noise)
-        space = _space(campaign, channels_of(campaign, drive), effects, self.noise)
-        structure = _structure(campaign, _acting(campaign, effects, drive), drive, space)
+        space = _space(campaign, channels_of(campaign, drive), (*devices, *effects), self.noise)
+        acting = _acting(campaign, (*devices, *effects), drive)
+        free = free_momentum(campaign) if drive == "measured" else None
+        structure = _structure(campaign, acting, drive, space, free)
         _check_combination(structure, self.noise)
         plan = integration_plan(campaign, structure.effects, drive)
+        if free is not None:  # its knots are where they are
+            plan = plan._replace(rows_per_step=1)
         arrays = pack(
             campaign,
             structure.channels,
             max_step=plan.spacing,
-            modes=structure.modes,
+            modes=NUMERICS.tachometer_modes if drive == "measured" else 0,
+            free=free,
             rows_per_step=plan.rows_per_step,
+            inputs=sorted({name for effect in structure.effects for name in effect.inputs}),
         )
         structure = replace(
             structure, refined=_is_refined(arrays), rows_per_step=plan.rows_per_step
         )
         sensors = tuple(channel.constants(campaign) for channel in structure.channels)
-        data = Data(arrays, sensors, _nuisance_scale(campaign, structure))
+        data = Data(arrays, sensors, _nuisance_scale(campaign, structure, free))
         for key, value in (
             ("effects", effects),
             ("drive", drive),
@@ -110,6 +118,16 @@ class Model:
     def channels(self) -> tuple[Channel, ...]:
         """What is compared with measurements."""
         return self.structure.channels
+
+    @property
+    def n_base(self) -> int:
+        """Number of parameters of J and K, the first of `space`."""
+        return self.structure.n_base
+
+    @property
+    def n_bias(self) -> int:
+        """Number of components of the rate bias, one a sensor axis."""
+        return len(self.data.scale.bias)
 
     @property
     def n_slews(self) -> int:
@@ -163,6 +181,12 @@ def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> Non
             raise EffectError("two effects of one name", where=name, advice="give each effect once")
     for effect in effects:
         _check_acts(effect, campaign)
+        if needs_gyro(effect) and campaign.rate_sensor is None:
+            raise EffectError(
+                "needs a rate sensor, and this campaign has none",
+                where=effect.name,
+                advice="leave the effect out",
+            )
         for column in effect.needs:
             if any(getattr(s, column) is None for s in campaign.slews):
                 raise EffectError(
@@ -170,6 +194,11 @@ def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> Non
                     where=effect.name,
                     advice="add them to the campaign or leave the effect out",
                 )
+
+
+def needs_gyro(effect: Effect) -> bool:
+    """Whether an effect is one of the rate sensor."""
+    return effect.acts("rate_output")
 
 
 def _check_acts(effect: Effect, campaign: Campaign) -> None:
@@ -215,11 +244,10 @@ def _space(
         ("", scalar(name, unit="kg m^2", prior=Normal(mean, sd), null=mean))
         for name, mean, sd in elements
     ]
-    factors = zip(
-        BASE_NAMES[len(entries) :], sensor.scale_factor, sensor.scale_factor_sigma, strict=True
-    )
+    factors = zip(sensor.scale_factor, sensor.scale_factor_sigma, strict=True) if sensor else ()
     entries += [
-        ("", scalar(name, unit="", prior=Normal(mean, sd), null=1.0)) for name, mean, sd in factors
+        ("", scalar(f"K{i}", unit="", prior=Normal(mean, sd), null=1.0))
+        for i, (mean, sd) in enumerate(factors, start=1)
     ]
     entries += [(c.name, parameter) for c in channels for parameter in c.own_parameters(campaign)]
     entries += [
@@ -238,7 +266,11 @@ def _parameters_of(effect: Effect, campaign: Campaign) -> tuple[Parameter, ...]:
 
 
 def _structure(
-    campaign: Campaign, effects: tuple[Effect, ...], drive: Drive, space: ParameterSpace
+    campaign: Campaign,
+    effects: tuple[Effect, ...],
+    drive: Drive,
+    space: ParameterSpace,
+    free: FreeMomentum | None,
 ) -> Structure:
     layout = tuple(
         (owner, p.name, len(p.components) if p.components else None)
@@ -246,6 +278,8 @@ def _structure(
         if owner not in ("", NOISE_OWNER)
     )
     # Compiled code does not depend on how wide priors are.
+    free_momenta = 0 if free is None else free.columns
+    modes = free_momenta + (NUMERICS.tachometer_modes if drive == "measured" else 0)
     effects = tuple(e if e.prior_scale == 1.0 else replace(e, prior_scale=1.0) for e in effects)
     return Structure(
         effects,
@@ -253,10 +287,11 @@ def _structure(
         layout,
         campaign.inertia.includes_wheel_spin,
         len(campaign.wheels),
-        modes=NUMERICS.tachometer_modes if drive == "measured" else 0,
+        modes=modes,
         refined=False,
         coefficients=coefficient_counts(campaign, effects),
         channels=channels_of(campaign, drive),
+        free_momenta=free_momenta,
     )
 
 
@@ -274,18 +309,25 @@ def _is_refined(arrays: Arrays) -> bool:
     return bool(np.any(np.diff(arrays.telemetry.sample, axis=1) > 1))
 
 
-def _nuisance_scale(campaign: Campaign, structure: Structure) -> NuisanceScale:
+def _nuisance_scale(
+    campaign: Campaign, structure: Structure, free: FreeMomentum | None
+) -> NuisanceScale:
     """Prior sds of the nuisances.
 
     Start states are free: their prior is several times wider than anything the campaign contains.
     """
     rate, _, moment = campaign.scale_of_motion()
-    noise = float(np.max(campaign.rate_sensor.sigma))
+    sensor, smoothed = campaign.rate_sensor, campaign.with_body_rates is not campaign
+    noise = campaign.body_rates.noise if smoothed else float(np.max(campaign.gyro.sigma))
     rates = np.full(3, 10.0 * rate + 1e3 * noise)
     attitudes = np.full(3, 1.0)
     if structure.drive == "measured":
         wheels = np.repeat([w.momentum_sigma for w in campaign.wheels], structure.modes)
+        if free is not None:
+            sds = wheels.reshape(-1, structure.modes)
+            sds[:, -free.columns :] = free.sd[:, None]
+            wheels = sds.ravel()
     else:
         wheels = np.array([w.max_momentum or 10.0 * moment * rate for w in campaign.wheels])
     local = np.concatenate([rates, attitudes, np.asarray(wheels, dtype=float)])
-    return NuisanceScale(on_device(local), on_device(campaign.rate_sensor.bias_sigma))
+    return NuisanceScale(on_device(local), on_device(np.array(sensor.bias_sigma if sensor else ())))

@@ -13,6 +13,8 @@ class Numerics:
     # Draws of the prior where telemetry and derivatives are tried, and their seed.
     checked_draws: int = 8
     checked_seed: int = 20250
+    # Parts of an integration step over which a torque that jumps is told from one that is steep.
+    parts_of_step: int = 32
     # Step of the differences that derivatives are held against [prior sds].
     difference_step: float = 1e-4
     coefficient_seed: int = 20251
@@ -64,6 +66,8 @@ class Numerics:
     fix_multiple: int = 8
     # Grid points of a slew; more come of a slip of units.
     most_grid_points: float = 1e6
+    # Times closer than this share of the slew's clock are one: rounding of a file.
+    shortest_step: float = 1e-9
     # On the grid of the telemetry's rows straight lines follow this much [rad] of the fastest
     # rotation, which is so many times the quantile `largest_quantile` of the readings.
     straight_turn: float = 0.05
@@ -76,6 +80,18 @@ class Numerics:
     # `simulator.py`
     # Steps of a block: a look at each takes as long as the step.
     steps_of_block: int = 16
+
+    # `slow_tachometers.py`
+    # Tachometers are slow where so many rates are read between two of their readings.
+    slow_tachometer: int = 4
+    fewest_slow_readings: int = 4  # of a slew: for a spline, and for errors of lines
+    # Free knots between two readings that are tried, and of a whole slew at most: each costs one
+    # unknown a wheel.
+    free_knots: tuple[int, ...] = (1, 2, 3, 5, 7, 11, 15)
+    most_free_knots: int = 64
+    # Splines follow the rates where they leave so much of their noise's variance: the noise is
+    # known to 1 %.
+    rates_followed: float = 1.03
 
     # `step_drive.py`
     # Degree of the polynomial that the wheels' momentum is within a step.

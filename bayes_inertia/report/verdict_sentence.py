@@ -148,7 +148,7 @@ def _accuracy(summary: Mapping[str, Any]) -> str:
     kinds: tuple[tuple[str, Callable[[str], bool], Callable[[Mapping[str, Any]], str]], ...] = (
         ("J", _is_moment, _percent),
         ("products of inertia", _is_product, _in_unit),
-        ("K", _is_scale_factor, _percent),
+        ("K", is_scale_factor, _percent),
     )
     said = []
     for label, belongs, text in kinds:
@@ -172,7 +172,14 @@ def _is_product(name: str) -> bool:
     return len(name) == 3 and name[0] == "J" and name[1] != name[2]
 
 
-def _is_scale_factor(name: str) -> bool:
+def is_scale_factor(name: str) -> bool:
+    """Whether a parameter is one of K.
+
+    Examples
+    --------
+    >>> is_scale_factor("K4"), is_scale_factor("mems.K1")
+    (True, False)
+    """
     return name[0] == "K" and name[1:].isdigit()
 
 

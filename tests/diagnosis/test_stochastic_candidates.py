@@ -28,11 +28,12 @@ from bayes_inertia.inference.coefficients import prior_roots
 from bayes_inertia.inference.hyperparameters import PROGRAMS
 from bayes_inertia.inference.likelihood import padded_sensitivities
 from bayes_inertia.inference.noise_model import whitening
-from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.inference.point import Point
 from bayes_inertia.physics.effects import STOCHASTIC, ConstantTorque
 from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
 from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.parameters import N_BIAS
 
 
 @pytest.fixture(scope="module")
