@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker
+from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker, body_rates
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import CampaignError
@@ -236,8 +236,16 @@ def attitudes_seen(campaign: Campaign, slew: Slew) -> tuple[np.ndarray, np.ndarr
     return _from_directions(campaign, slew)
 
 
-def _from_directions(campaign: Campaign, slew: Slew) -> tuple[np.ndarray, np.ndarray, float]:
-    """Attitudes that directions tell (Wahba), in so many rows of a slew at most."""
+class _Direction(NamedTuple):
+    """Vectors that a sensor saw, where it looked, and its noise."""
+
+    body: np.ndarray  # (n, 3), NaN where nothing was seen
+    inertial: np.ndarray  # (n, 3)
+    sigma: float  # [rad]
+
+
+def _directions(campaign: Campaign, slew: Slew) -> list[_Direction]:
+    """What each direction sensor saw, on the rows of a slew."""
     seen = []
     for name, sensor in campaign.more_sensors:
         readings = (slew.more or {}).get(name)
@@ -246,25 +254,74 @@ def _from_directions(campaign: Campaign, slew: Slew) -> tuple[np.ndarray, np.nda
             at = slew.time - slew.time[0]
             there = np.stack([np.interp(at, time, column) for column in reference_N.T], axis=-1)
             size = float(np.median(np.linalg.norm(there, axis=1))) if sensor.is_field else 1.0
-            seen.append((readings, there, max(sensor.sigma) / size))
+            seen.append(_Direction(readings, there, max(sensor.sigma) / size))
+    return seen
+
+
+def _from_directions(campaign: Campaign, slew: Slew) -> tuple[np.ndarray, np.ndarray, float]:
+    """Attitudes that directions tell, in so many rows of a slew at most."""
+    seen = _directions(campaign, slew)
     if len(seen) < 2:
         return np.zeros(0, dtype=int), np.zeros((0, 4)), 1.0
-    from scipy.spatial.transform import Rotation
-
-    known = np.array([np.isfinite(readings).all(axis=1) for readings, _, _ in seen])
+    known = np.array([np.isfinite(part.body).all(axis=1) for part in seen])
     rows = np.flatnonzero(known.sum(axis=0) > 1)
     rows = rows[:: max(1, len(rows) // LIMITS.attitudes_by_directions)]
-    attitude = []
-    for row in rows:
-        both = [part for part, whole in zip(seen, known[:, row], strict=True) if whole]
-        body = np.array([v[row] / np.linalg.norm(v[row]) for v, _, _ in both])
-        inertial = np.array([r[row] / np.linalg.norm(r[row]) for _, r, _ in both])
-        weights = np.array([sd**-2 for _, _, sd in both])
-        # From body to inertial axes, which is a quaternion of body from inertial.
-        turned, _ = Rotation.align_vectors(inertial, body, weights / weights.max())
-        attitude.append(turned.as_quat())
-    sigma = LIMITS.attitude_of_directions * max(sd for _, _, sd in seen)
+    attitude = [
+        _turned_together(
+            [
+                (part, np.array([row]))
+                for part, whole in zip(seen, known[:, row], strict=True)
+                if whole
+            ]
+        )
+        for row in rows
+    ]
+    sigma = LIMITS.attitude_of_directions * max(part.sigma for part in seen)
     return rows, np.array(attitude).reshape(-1, 4), sigma
+
+
+def _turned_together(seen: list[tuple[_Direction, np.ndarray]]) -> np.ndarray:
+    """The attitude (4,), body from inertial, that brings vectors in some rows together (Wahba)."""
+    from scipy.spatial.transform import Rotation
+
+    body = np.concatenate([part.body[rows] for part, rows in seen])
+    inertial = np.concatenate([part.inertial[rows] for part, rows in seen])
+    weights = np.concatenate([np.full(len(rows), part.sigma**-2) for part, rows in seen])
+    body, inertial = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (body, inertial))
+    # From body to inertial axes, which is a quaternion of body from inertial.
+    turned, _ = Rotation.align_vectors(inertial, body, weights / weights.max())
+    return np.asarray(turned.as_quat())
+
+
+def first_attitude_by_rates(campaign: Campaign, slew: Slew) -> np.ndarray | None:
+    """Attitude (4,) in a slew's first row, from directions that the rates carry back to it.
+
+    One direction alone tells it where the direction moves in inertial axes. Rows count as long as
+    scale factors and bias leave the turn known. None without directions or three-axis rates.
+    """
+    from scipy.spatial.transform import Rotation
+
+    sensor, seen = campaign.rate_sensor, _directions(campaign, slew)
+    if sensor is None or not seen or not reads_body_rates(campaign):
+        return None
+    rows, readings = slew.complete_rates(campaign.valid_readings(slew))
+    time, rate_B = slew.time, body_rates(sensor, readings, sensor.scale_factor)
+    rate_B = np.stack([np.interp(time, time[rows], column) for column in rate_B.T], axis=-1)
+    steps = 0.5 * (rate_B[1:] + rate_B[:-1]) * np.diff(time)[:, None]
+    turned = np.linalg.norm(steps, axis=1).cumsum() * max(sensor.scale_factor_sigma)
+    drifted = np.append(0.0, turned) + (time - time[0]) * max(sensor.bias_sigma)
+    path = [Rotation.identity()]
+    for step in steps[: max(1, np.searchsorted(drifted, LIMITS.known_turn) - 1)]:
+        path.append(path[-1] * Rotation.from_rotvec(step))
+    first = Rotation.concatenate(path)
+    parts = []
+    for part in seen:
+        at = np.flatnonzero(np.isfinite(part.body[: len(path)]).all(axis=1))
+        if len(at):
+            carried = part.body.copy()
+            carried[at] = first[at].apply(part.body[at])
+            parts.append((part._replace(body=carried), at))
+    return _turned_together(parts) if parts else None
 
 
 def reference_of(name: str, sensor: DirectionSensor, slew: Slew) -> tuple[np.ndarray, np.ndarray]:

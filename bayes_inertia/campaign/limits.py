@@ -87,5 +87,13 @@ class Limits:
     # `streams.py`
     same_time: float = 1e-9  # [s]; stamps closer than this are one time
 
+    # `body_rates.py`
+    # [rad]; rows whose turn since the first one is known worse tell nothing of the start
+    known_turn: float = 0.5
+
+    # `environment.py`
+    # [days]; in low orbit older elements are some degrees along the orbit off, the field with them
+    oldest_elements: float = 10.0
+
 
 LIMITS = Limits()

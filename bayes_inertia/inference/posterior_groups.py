@@ -17,7 +17,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.each_slew import of_slew
-from bayes_inertia.inference.gates import check_gates
+from bayes_inertia.inference.gates import check_gates, groups_of_slews
 from bayes_inertia.inference.laplace import Estimate, principal_sd
 from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.limits import LIMITS, criteria
@@ -233,6 +233,7 @@ def _attributes(estimate: Estimate, chains: Chains, context: FitContext) -> dict
             "n_data": int(estimate.information.n_data.sum()),
             "discounted": estimate.discounted,
             "dispersion": None if scatter is None else scatter.dispersion.json(),
+            "groups": groups_of_slews(estimate),
             "starts_agreeing": list(estimate.starts),
         },
         "gates": check_gates(estimate, chains.diagnostics, context),

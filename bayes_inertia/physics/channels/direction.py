@@ -10,7 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.campaign.body_rates import attitudes_seen, reference_of
+from bayes_inertia.campaign.body_rates import (
+    attitudes_seen,
+    first_attitude_by_rates,
+    reference_of,
+)
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.maths import quaternion
@@ -82,9 +86,10 @@ class DirectionChannel(SeparateColumns):
         return Readings(values, np.repeat(whole[:, None], components, axis=1), rows)
 
     def start(self, campaign: Campaign, slew: Slew) -> dict[str, np.ndarray]:
-        """The attitude at the first row with two directions."""
+        """The attitude at the first row with two directions, or by one that the rates carry."""
         rows, attitude, _ = attitudes_seen(campaign, slew)
-        return {"attitude": attitude[0]} if len(rows) else {}
+        first = attitude[0] if len(rows) else first_attitude_by_rates(campaign, slew)
+        return {} if first is None else {"attitude": first}
 
     def own_parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         """Offset, scale and soft iron of a magnetometer, as far as their sds are stated."""
