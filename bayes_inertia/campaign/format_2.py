@@ -320,10 +320,21 @@ class PositionDevice(Part):
     )
 
 
+class OrbitDevice(Part):
+    """One of `[[environment]]`: position and magnetic field of two-line elements."""
+
+    type: Literal["orbit"]
+    name: str = "orbit"
+    tle: str = Field(description='tle = a file of two-line elements, such as "orbit.tle"')
+    epoch: str = Field(
+        description='epoch = UTC at time zero of the campaign, such as "2023-09-04T14:48:23"'
+    )
+
+
 OtherActuator = TorqueDevice | MagnetorquerDevice | ThrusterDevice | RotorsDevice
 Actuator = Annotated[WheelDevice | OtherActuator, Field(discriminator="type")]
 Sensor = Annotated[RateDevice | AttitudeDevice | DirectionDevice, Field(discriminator="type")]
-Environment = Annotated[FieldDevice | PositionDevice, Field(discriminator="type")]
+Environment = Annotated[FieldDevice | PositionDevice | OrbitDevice, Field(discriminator="type")]
 
 
 class ChangePart(Part):
