@@ -95,7 +95,8 @@ def _dispersion(found: Estimate) -> dict[str, float] | None:
 def main() -> None:
     """Fit, and write the page."""
     flown = campaign(Setup())
-    early = [slew.start < _BEFORE_2024 for slew in flown.slews]
+    first = flown.slews[0].start
+    early = [slew.start - first < _BEFORE_2024 for slew in flown.slews]
     parts = {
         "all sessions": flown,
         "sessions of 2023": flown.subset([k for k, is_early in enumerate(early) if is_early]),
