@@ -46,7 +46,8 @@ def stated_columns(
                 stated[entry.key] = entry.columns.model_dump()
         return {"time": description.time.model_dump(), **stated}
     axes = len(campaign.rate_sensor.axes) if campaign.rate_sensor else 0
-    columns = {"time": _IN_MEMORY["time"], "rate": _rates_in_memory(axes)}
+    columns: dict[str, Mapping[str, Any]] = {"time": _IN_MEMORY["time"]}
+    columns["rate"] = _rates_in_memory(axes)
     for key in ("wheel_torque", "wheel_momentum", "attitude"):
         if any(getattr(slew, key) is not None for slew in campaign.slews):
             names = [f"{key}.{wheel.name}" for wheel in campaign.wheels]

@@ -44,6 +44,7 @@ def result_sections(
         "sentence": verdict_sentence(summary, diagnosis),
         "bound": bound,
         "matrices": [
+            *_ratio_matrix(summary),
             _matrix("J", [[rows[name] for name in line] for line in _TENSOR]),
             *([_matrix("K", scale_factors)] if scale_factors else []),
         ],
@@ -65,6 +66,14 @@ def level_of(summary: Mapping[str, Any], verdicts: list[Verdict]) -> Level:
     if not summary["trusted"]:
         return "bad"
     return worst_level([verdict.level for verdict in verdicts])
+
+
+def _ratio_matrix(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """J over its trace, first where nothing ties its size."""
+    if summary.get("scale_of_J") != []:
+        return []
+    ratios = summary["ratios"]
+    return [_matrix("J / trace J", [[ratios[f"{n}/trace"] for n in line] for line in _TENSOR])]
 
 
 def _matrix(symbol: str, rows: list[list[Mapping[str, Any]]]) -> dict[str, Any]:
