@@ -38,10 +38,10 @@ from bayes_inertia.diagnosis.random_signals import (
     dense,
     forms_of,
     imitated_share,
+    largest_size,
     parameters_at,
     projected_signal,
     roots_at,
-    settings_of,
     smooth_roots,
     source_of,
     usable,
@@ -337,24 +337,22 @@ def _random(
 
     `kept`: whether bases are, from which campaigns are simulated.
     """
-    tried, largest = settings_of(effect, model)
-    own, tried = forms_of(effect, roots, tried)
-    forms = [_signal(signal, root, largest, kept=kept) for root in own]
+    own, largest = forms_of(effect, model, roots), largest_size(effect, model)
+    forms = [_signal(signal, root, largest, kept=kept) for root in own.roots]
     starts = [
         parameters_at(model, effect, size, shape)
-        for form, shape in zip(forms, tried, strict=True)
+        for form, shape in zip(forms, own.shapes, strict=True)
         for size in form.sizes
     ]
-    odds = -0.5 * tried**2
-    return RandomMember(effect.name, forms, odds, source_of(effect), np.array(starts))
+    return RandomMember(effect.name, forms, own.log_odds, source_of(effect), np.array(starts))
 
 
 def _free(
     effect: StochasticEffect, model: Model, signal: _Projected, roots: Sequence[CandidateRoots]
 ) -> list[tuple[Signal, float]]:
     """Smooth signals where an effect on knots enters, and such that repeat in every slew."""
-    _, largest = settings_of(effect, model)
-    smooth = smooth_roots(roots[len(roots) // 2].blocks)
+    largest = largest_size(effect, model)
+    smooth = smooth_roots(roots[LIMITS.shapes.index(0.0)].blocks)
     same = signal.repeated()
     forms = [_signal(signal, dense(root), largest) for root in smooth]
     forms += [_signal(same, dense(root[:1]), largest) for root in smooth]

@@ -8,7 +8,7 @@ import pytest
 from scipy.special import logsumexp
 
 from bayes_inertia.diagnosis.hypothesis_table import log_evidence_of_random
-from bayes_inertia.diagnosis.limits import LIMITS
+from bayes_inertia.diagnosis.limits import LIMITS, Rules
 from bayes_inertia.diagnosis.linear_system import (
     linear_model,
     random_members,
@@ -30,6 +30,7 @@ from bayes_inertia.inference.likelihood import padded_sensitivities
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.physics.effects import STOCHASTIC, ConstantTorque
+from bayes_inertia.physics.effects.rate_bias_instability import RateBiasInstability
 from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
 from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
 from bayes_inertia.physics.forward_model import Model
@@ -151,6 +152,58 @@ def test_a_walk_is_weighed_as_one_process_over_the_campaign(clean):
         )
         gains.append(one - apart)
     assert np.mean(gains) > 2.0 * np.std(gains) / np.sqrt(len(gains))
+
+
+def stationary(campaign, sd, time, seed):
+    """The campaign with a rate bias that wanders about its mean, in each slew and between them."""
+    rng = np.random.default_rng(seed)
+    at = np.concatenate([s.start + s.time for s in campaign.slews])
+    kept = np.exp(-np.diff(at, prepend=-np.inf) / time)
+    bias = np.zeros((len(at), 3))
+    for i, (share, fresh) in enumerate(zip(kept, rng.normal(size=bias.shape), strict=True)):
+        bias[i] = share * bias[i - 1] + np.sqrt(1.0 - share**2) * fresh
+    parts = np.split(sd * bias, np.cumsum([len(s.time) for s in campaign.slews])[:-1])
+    pairs = zip(campaign.slews, parts, strict=True)
+    return replace(campaign, slews=tuple(replace(s, rate=s.rate + part) for s, part in pairs))
+
+
+def restarting(campaign, density, seed):
+    """The campaign with a rate bias that walks off from zero in each slew."""
+    walks, slews = walking(campaign, density, seed), []
+    for old, slew in zip(campaign.slews, walks.slews, strict=True):
+        slews.append(replace(slew, rate=slew.rate - (slew.rate - old.rate)[:1]))
+    return replace(campaign, slews=tuple(slews))
+
+
+# Kind, how it is made, its size in sds of a reading, and its time in slews.
+WANDERING = [
+    ("walk", walking, 0.1, None),
+    ("walk that restarts", restarting, 0.1, None),
+    ("lasting", stationary, 1.0, 3.0),
+    ("short", stationary, 1.0, 0.05),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "made", "size", "time"), WANDERING)
+def test_a_walk_and_its_stationary_neighbour_are_told_apart_only_where_the_data_do(
+    clean, kind, made, size, time
+):
+    """The true one is never ruled out; what ends within a slew is no walk."""
+    sizes, leads = [size * clean.rate_sensor.sigma[0]], []
+    if time is not None:
+        sizes.append(time * clean.slews[0].duration)
+    for seed in range(3):
+        fit = optimizer.estimate(Model(made(clean, *sizes, seed)), starts=1, discount=False)
+        both = [RateRandomWalk(), RateBiasInstability()]
+        weighed = stochastic_candidates(linear_model(fit, (), fit.objective), fit, both)
+        value = {c.effect: c.log_bayes_factor for c in weighed}
+        assert max(value.values()) > 20.0
+        leads.append(value["rate_random_walk"] - value["rate_bias_instability"])
+    true = 1.0 if kind.startswith("walk") else -1.0
+    assert min(true * lead for lead in leads) > -Rules().log_evidence_margin
+    if kind == "short":
+        assert max(leads) < -Rules().log_evidence_margin
 
 
 @pytest.mark.slow
