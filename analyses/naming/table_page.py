@@ -39,10 +39,10 @@ def in_the_set(row: Row) -> bool:
 
 
 def wrong_name(row: Row) -> bool:
-    """Whether a name is wrong, and the truth does not stand beside it."""
+    """Whether a name is wrong, and neither the truth nor "nothing" stands beside it."""
     by_first = {names[0]: set(names) for names in row["ambiguous_with"]}
     sets = (by_first.get(name, {name}) for name in row["named"])
-    return any(not (names & set(row["hidden"])) for names in sets)
+    return any(not (names & {*row["hidden"], "nothing"}) for names in sets)
 
 
 def alone(row: Row) -> bool:

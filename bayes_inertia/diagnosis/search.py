@@ -71,7 +71,7 @@ from bayes_inertia.diagnosis.table_verdict import (
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import move_to, re_estimate
-from bayes_inertia.inference.settings import OPEN_VERDICTS
+from bayes_inertia.inference.settings import NOTHING, OPEN_VERDICTS
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
@@ -80,9 +80,6 @@ from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 from bayes_inertia.progress import Progress, silent
-
-# What stands in place of the effects named where there are none.
-_NOTHING = "nothing"
 
 
 @dataclass(frozen=True)
@@ -166,12 +163,17 @@ def _alternatives(table: Table, reading: Reading, added: str) -> tuple[Alternati
     tests = table.refitted[frozenset()].tests
     found = []
     for other in own[1:]:
-        rows = [row for row in table.rows if other in row and added not in row]
+        rows = [row for row in table.rows if added not in row and _stands(other, row, reading)]
         lead = table.log_evidence[rows[0]] - table.log_evidence[reading.row] if rows else -np.inf
         known = added in tests.names and other in tests.names
         correlation = tests.correlation_between(added, other) if known else np.nan
         found.append(AlternativeEffect(other, float(lead), float(correlation)))
     return tuple(found)
+
+
+def _stands(other: str, row: Names, reading: Reading) -> bool:
+    """Whether a row has something, or nothing, in place of an effect named."""
+    return row < reading.row if other == NOTHING else other in row
 
 
 def _count(effects: CandidateEffects, stochastic: Sequence[StochasticEffect]) -> int:
@@ -311,7 +313,7 @@ def _with_random(
 def other_rows(table: Table, named: Names) -> tuple[AlternativeParameters, ...]:
     """J and K of all rows but that of the effects named; many improbable ones are one row."""
     names = tuple(table.refitted[frozenset()].estimate.model.space.names[:N_BASE])
-    instead_of = " and ".join(sorted(named)) or _NOTHING
+    instead_of = " and ".join(sorted(named)) or NOTHING
     rows = []
     for row, probability in table.rows.items():
         if row != named and probability > LIMITS.negligible_probability:

@@ -12,6 +12,7 @@ from bayes_inertia.diagnosis.limits import LIMITS, Rules
 from bayes_inertia.diagnosis.random_signals import NAMELESS
 from bayes_inertia.diagnosis.result import Hypothesis
 from bayes_inertia.diagnosis.table_search import SHAPELESS, Table
+from bayes_inertia.inference.settings import NOTHING
 
 _SOURCES = {name: source for source, name in NAMELESS.items()}
 
@@ -26,7 +27,7 @@ class Reading(NamedTuple):
     named : tuple of str
         Effects of the best row with names alone.
     ambiguous_with : tuple of tuples of str
-        Sets that cannot be told apart, the member of the best row first.
+        Sets that cannot be told apart, the member of the best row first, `NOTHING` last.
     why_unknown : str
         As `Diagnosis.why_unknown`.
     nameless_lead : float
@@ -79,16 +80,29 @@ def read_table(table: Table, rules: Rules, *, significant: bool) -> Reading:
 def _ambiguous_sets(
     table: Table, named: tuple[str, ...], rules: Rules
 ) -> tuple[tuple[str, ...], ...]:
-    """What stands in other rows in place of the effects named."""
+    """What stands in other rows in place of the effects named; nothing, if nothing does."""
     row, sets = frozenset(named), dict[str, list[str]]()
     least = table.rows[row] * np.exp(-rules.log_evidence_margin)
-    for other, probability in table.rows.items():
-        lost = [name for name in named if name not in other]
-        gained = sorted(other - row)
-        if probability > least and lost and gained:
-            places = sets.setdefault(lost[0], [])
-            places += [name for name in (*gained, *lost[1:]) if name not in places]
-    return tuple((name, *sets[name]) for name in named if name in sets)
+    for other, probability in _answers(table):
+        lost, gained = [name for name in named if name not in other], sorted(other - row)
+        if probability <= least:
+            continue
+        for name in lost[:1] if gained else lost:
+            places = sets.setdefault(name, [])
+            found = [*gained, *lost[1:]] if gained else [NOTHING]
+            places += [name for name in found if name not in places]
+    order = {name: sorted(places, key=lambda n: n == NOTHING) for name, places in sets.items()}
+    return tuple((name, *order[name]) for name in named if name in sets)
+
+
+def _answers(table: Table) -> list[tuple[Names, float]]:
+    """Rows and their probabilities; those that differ in the shape without a name are one."""
+    joined: dict[tuple[Names, bool], tuple[Names, float]] = {}
+    for row, probability in table.rows.items():
+        key = row - SHAPELESS, bool(row & SHAPELESS)
+        first, before = joined.get(key, (row, 0.0))
+        joined[key] = first, before + probability
+    return list(joined.values())
 
 
 def unexplained_reading(table: Table, reading: Reading) -> Reading:
