@@ -21,7 +21,8 @@ import bayes_inertia as bi
 # Adding a name is a decision; removing one breaks notebooks.
 PUBLIC = set(
     """
-    Campaign CorrelatedNoise Dirt InertiaPrior RateSensor Slew StarTracker Wheel
+    Campaign CorrelatedNoise Dirt GimballedRotors InertiaPrior InputStream KnownTorque
+    Magnetorquer RateSensor Slew StarTracker Thruster Wheel
     read_campaign write_campaign
     DroppedPart ImportedCampaign NoiseFit RestNoise SlewCut SlewWindow import_logs
     ConventionChange ConventionsCheck check_conventions

@@ -92,6 +92,8 @@ def readings_a_mean(campaign: Campaign) -> int:
     commanded = any(slew.wheel_torque is not None for slew in campaign.slews)
     if campaign.rate_sensor.correlated_noise is not None or campaign.more_sensors:
         return 1
+    if campaign.actuators:  # a mean would mix what they did before and after a jump
+        return 1
     if not rates or commanded:
         return 1
     rows = int(np.median([np.isfinite(rate).any(axis=1).sum() for rate in rates]))

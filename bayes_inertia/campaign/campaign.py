@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_inertia.campaign.actuators import Actuator, Magnetorquer, Thruster
 from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel, require
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults.fault import Dirt
@@ -43,6 +44,9 @@ class Campaign:
     more_sensors : sequence of (str, hardware), optional
         Further sensors beside those above, each a `RateSensor` or `StarTracker` with the name under
         which `Slew.more` has its readings.
+    actuators : sequence of devices, optional
+        What turns the spacecraft beside wheels: `KnownTorque`, `Magnetorquer`, `Thruster` or
+        `GimballedRotors`, each with its input in every slew under `Slew.inputs`.
 
     Raises
     ------
@@ -66,6 +70,7 @@ class Campaign:
     dirt: tuple[Dirt, ...] = ()
     mission: tuple[tuple[str, str], ...] = ()
     more_sensors: tuple[tuple[str, Any], ...] = ()
+    actuators: tuple[Actuator, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "wheels", tuple(self.wheels))
@@ -73,6 +78,7 @@ class Campaign:
         object.__setattr__(self, "slews", tuple(self.slews))
         object.__setattr__(self, "mission", tuple(self.mission))
         object.__setattr__(self, "more_sensors", tuple(self.more_sensors))
+        object.__setattr__(self, "actuators", tuple(self.actuators))
         advice = "list at least one [[slews]] table"
         require(len(self.slews) > 0, "slews", "the campaign has no slew", advice)
         _require_different("wheels", [wheel.name for wheel in self.wheels])
@@ -82,8 +88,15 @@ class Campaign:
             what = f"a {type(sensor).__name__} is no kind of sensor"
             advice = "give a RateSensor, a StarTracker or an object that names its stream"
             require(known, f"more_sensors.{name}", what, advice)
+        for device in self.actuators:
+            what = f"a {type(device).__name__} is no device beside wheels"
+            advice = "give a KnownTorque, Magnetorquer, Thruster or GimballedRotors"
+            require(isinstance(device, Actuator), "actuators", what, advice)
+        names = [device.name for device in self.actuators]
+        _require_different("actuators", [*names, *(wheel.name for wheel in self.wheels)])
         for slew in self.slews:
             self._check_slew(slew)
+            self._check_inputs(slew)
 
     def _check_slew(self, slew: Slew) -> None:
         where = f"slews.{slew.name}"
@@ -115,6 +128,23 @@ class Campaign:
             "an attitude without a star tracker",
             "add [star_tracker] with its sigmas",
         )
+
+    def _check_inputs(self, slew: Slew) -> None:
+        for device in self.actuators:
+            key = f"slews.{slew.name}.inputs.{device.name}"
+            given = (slew.inputs or {}).get(device.name)
+            advice = "give what the device was told, zeros where it was off"
+            require(given is not None, key, "no input of this device", advice)
+            assert given is not None
+            what = f"{given.width} numbers a reading, not {device.columns}"
+            require(given.width == device.columns, key, what, "give one a column of the device")
+            pulses = given.between == "on_time" and not isinstance(device, Thruster)
+            what = f"on-times of a {type(device).__name__}"
+            require(not pulses, key, what, "only thrusters have on-times: hold, line or mean")
+            field = isinstance(device, Magnetorquer) and slew.magnetic_field_N is None
+            advice = "add the magnetic_field columns, in inertial axes"
+            what = "the magnetic field, without which a dipole has no torque, is absent"
+            require(not field, f"slews.{slew.name}.magnetic_field", what, advice)
 
     @property
     def has_commands(self) -> bool:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.hardware import require, unit_length, unit_vector
+from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.values import Vector, array_dataclass
@@ -64,6 +65,9 @@ class Slew:
         How far that guess may be off, one sd [N m]; wanted where `lost_command` is given.
     more : mapping of (n, columns) arrays, optional
         Readings of further sensors, by the names under `Campaign.more_sensors`.
+    inputs : mapping of InputStream, optional
+        What the devices under `Campaign.actuators` were told to do, or did, by their names; times
+        on the slew's own clock, as `time`. Names of no device are for effects of your own.
 
     Raises
     ------
@@ -90,6 +94,7 @@ class Slew:
     lost_command: np.ndarray | None = None
     lost_command_sd: np.ndarray | None = None
     more: Mapping[str, np.ndarray] | None = None
+    inputs: Mapping[str, InputStream] | None = None
 
     def __post_init__(self) -> None:
         where = f"slews.{self.name}"
@@ -110,6 +115,10 @@ class Slew:
                 for key, values in self.more.items()
             }
             object.__setattr__(self, "more", more)
+        for key, stream in (self.inputs or {}).items():
+            what = f"a {type(stream).__name__} is no input"
+            advice = "give an InputStream: times, values and what is between them"
+            require(isinstance(stream, InputStream), f"{where}.inputs.{key}", what, advice)
         if self.lost_command is not None:
             object.__setattr__(self, "lost_command", self._lost_pieces(where))
         if self.attitude is not None:

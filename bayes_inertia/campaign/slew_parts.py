@@ -28,8 +28,9 @@ from bayes_inertia.faults.gaps import gap_note, missing_rows
 def parts_of(slew: Slew, pieces: Sequence[dict[str, np.ndarray]]) -> list[Slew]:
     """A slew for each piece of its channels.
 
-    `pieces`: channels (rows, width) and "time" (rows,) [s] of each piece. Returns: A single piece
-    keeps the name; axis and angle of the rotation are those of a whole slew.
+    `pieces`: channels (rows, width) and "time" (rows,) [s] of each piece. Returns: each has the
+    inputs of its own time. A single piece keeps the name; axis and angle of the rotation are
+    those of a whole slew.
 
     Examples
     --------
@@ -50,6 +51,9 @@ def parts_of(slew: Slew, pieces: Sequence[dict[str, np.ndarray]]) -> list[Slew]:
         name = f"{slew.name} (part {i + 1} of {len(pieces)})"
         start = slew.start + later if later else slew.start
         given: dict[str, Any] = {"name": name, "start": start, **piece}
+        if slew.inputs is not None:
+            span = float(piece["time"][0]), float(piece["time"][-1])
+            given["inputs"] = {key: x.within(*span) for key, x in slew.inputs.items()}
         if len(pieces) == 1:
             given |= {"name": slew.name, "axis_B": slew.axis_B, "angle": slew.angle}
         slews.append(Slew(**given))

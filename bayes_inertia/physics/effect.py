@@ -30,7 +30,7 @@ class Effect:
     An effect is a frozen dataclass; its fields are its settings, such as the sd of its prior. The
     class attribute `name` is its canonical name, also the prefix of its parameters in results.
     `needs` names the environment columns without which it cannot act ("magnetic_field_N",
-    "position_N").
+    "position_N"), `inputs` the streams of `Slew.inputs` that its hooks look up.
 
     All hooks take the effect's parameters `p` ({name: array}, shape () or (components,)) and the
     `SlewContext` of the slew. They return what they were given, changed.
@@ -49,6 +49,7 @@ class Effect:
 
     name: ClassVar[str] = "no_effect"
     needs: ClassVar[tuple[str, ...]] = ()
+    inputs: ClassVar[tuple[str, ...]] = ()
     prior_scale: float = field(default=1.0, kw_only=True)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
@@ -303,6 +304,27 @@ class Effect:
             The slew it acts in.
         effect_states : (k,) array
             Their values at one instant.
+
+        Returns
+        -------
+        (3,) array
+            Body frame [N m s].
+        """
+        return jnp.zeros(3)
+
+    def carried_momentum(
+        self, p: Mapping[str, Array], slew: SlewContext, inputs: Mapping[str, Array]
+    ) -> Array:
+        """Angular momentum that a device carries, known from its input (gimballed rotors).
+
+        Parameters
+        ----------
+        p : mapping of str to Array
+            The effect's parameters.
+        slew : SlewContext
+            The slew it acts in.
+        inputs : mapping of str to (k,) array
+            What the devices in `inputs` do at one instant.
 
         Returns
         -------

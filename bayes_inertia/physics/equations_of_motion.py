@@ -8,7 +8,8 @@ h the tachometer momentum): the integral of Ferguson's eq 6. Vectors are tuples 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -97,7 +98,8 @@ def prepare(
     effect_states = tuple(effect.initial_state(p, context, start.rate_B) for effect, p in active)
     locked = with_wheel_spin(inertia_B, axes, context.spin_inertia)
     relative = start.wheel_momentum if drive == "commanded" else slew.momentum_at(0)
-    internal = internal_momentum(active, context, effect_states)
+    inputs = None if slew.inputs is None else {k: x.first[0] for k, x in slew.inputs.items()}
+    internal = internal_momentum(active, context, effect_states, inputs)
     momentum_B = locked @ start.rate_B + axes @ relative + internal
     wheel = relative + context.spin_inertia * (axes.T @ start.rate_B)
     inverse = jnp.linalg.inv(inertia_B if drive == "commanded" else locked)
@@ -179,12 +181,15 @@ def rate_of_momentum(mass: MassProperties, momentum_B: Sequence[Any]) -> Compone
 
 
 def internal_momentum(
-    active: ActiveEffects, context: SlewContext, effect_states: Components
+    active: ActiveEffects,
+    context: SlewContext,
+    effect_states: Components,
+    inputs: Mapping[str, Array] | None = None,
 ) -> Array:
-    """Momentum that the effects' own states carry.
+    """Momentum that the effects' own states carry, and devices by what they do.
 
-    `effect_states`: each effect's own states (k,), or (n, k) for a whole slew. Returns (n, 3):
-    angular momentum in the body frame [N m s].
+    `effect_states`: each effect's own states (k,), or (n, k) for a whole slew. `inputs`: of devices
+    (k,) or (n, k). Returns (n, 3): angular momentum in the body frame [N m s].
 
     Examples
     --------
@@ -201,4 +206,8 @@ def internal_momentum(
                 if states.ndim == 1
                 else jax.vmap(lambda x, h=hook, p=p: h(p, context, x))(states)
             )
+        if effect.acts("carried_momentum") and inputs is not None:
+            carried = partial(effect.carried_momentum, p, context)
+            whole = inputs[effect.inputs[0]].ndim == 2
+            total = total + (jax.vmap(carried)(inputs) if whole else carried(inputs))
     return total

@@ -13,6 +13,7 @@ from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.physics.actuators import effects_of
 from bayes_inertia.physics.channel_noise import NOISE_OWNER, NoiseModel
 from bayes_inertia.physics.channels import Channel, channels_of
 from bayes_inertia.physics.effect import Effect
@@ -47,7 +48,7 @@ class Model:
     campaign : Campaign
         What was flown.
     effects : tuple of Effect, optional
-        What else acts, at most one effect of each name.
+        What else acts, at most one effect of each name; the campaign's own devices act anyway.
     drive : "commanded", "measured" or None, optional
         What drives the model; None takes commands where there are any.
     noise : NoiseModel, optional
@@ -79,10 +80,12 @@ class Model:
         campaign, effects = self.campaign, tuple(self.effects)
         commanded = campaign.has_commands or not campaign.wheels
         drive = self.drive or ("commanded" if commanded else "measured")
-        _check(campaign, effects, drive)
+        devices = effects_of(campaign)
+        _check(campaign, (*devices, *effects), drive)
         _check_noise(campaign, drive, self.noise)
-        space = _space(campaign, channels_of(campaign, drive), effects, self.noise)
-        structure = _structure(campaign, _acting(campaign, effects, drive), drive, space)
+        space = _space(campaign, channels_of(campaign, drive), (*devices, *effects), self.noise)
+        acting = _acting(campaign, (*devices, *effects), drive)
+        structure = _structure(campaign, acting, drive, space)
         _check_combination(structure, self.noise)
         plan = integration_plan(campaign, structure.effects, drive)
         arrays = pack(
@@ -91,6 +94,7 @@ class Model:
             max_step=plan.spacing,
             modes=structure.modes,
             rows_per_step=plan.rows_per_step,
+            inputs=sorted({name for effect in structure.effects for name in effect.inputs}),
         )
         structure = replace(
             structure, refined=_is_refined(arrays), rows_per_step=plan.rows_per_step

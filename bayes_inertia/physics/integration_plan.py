@@ -76,7 +76,9 @@ def integration_plan(
 
 
 def _needs_each_row(effect: Effect, campaign: Campaign) -> bool:
-    """Whether an effect changes the motion and relies on the telemetry's own step."""
+    """Whether an effect changes the motion and relies on the telemetry's own step, or on inputs."""
+    if effect.inputs:
+        return True
     moves = any(effect.acts(hook) for hook in MOVING_HOOKS)
     return moves and effect.max_step(campaign) is None
 

@@ -75,6 +75,7 @@ def _padded_inputs(slews: SlewInput) -> SlewInput:
         context=context._replace(**on_grid),
         momentum=_padded(slews.momentum),
         environment=jax.tree.map(_padded, slews.environment),
+        inputs=jax.tree.map(_padded, slews.inputs),
     )
 
 

@@ -5,6 +5,7 @@ Everything known beforehand comes as polynomials over the step (`StepInputs`).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -46,12 +47,21 @@ class StepInputs(NamedTuple):
         momentum relative to the body (measured drive) [N m s].
     environment : Environment
         Of each of its vectors: a tuple of (3,) arrays.
+    inputs : mapping of str to tuple of (k,) arrays, optional
+        Likewise of what devices do.
     """
 
     time: Array
     length: Array
     wheel: tuple[Array, ...]
     environment: Environment
+    inputs: Mapping[str, tuple[Array, ...]] | None = None
+
+    def inputs_at(self, fraction: Any) -> dict[str, Array] | None:
+        """What devices do within the step."""
+        if self.inputs is None:
+            return None
+        return {name: value(line, fraction) for name, line in self.inputs.items()}
 
 
 def wheel_momentum_at(
@@ -84,8 +94,9 @@ def state_slope(
     wheel = wheel_momentum_at(fraction, x, inputs, drive)
     attitude, wheel = computed_once((unit(x.attitude), wheel))
     internal = None
-    if active.act("internal_momentum"):
-        internal = internal_momentum(active, context, x.effect_states)
+    if active.act("internal_momentum", "carried_momentum"):
+        known = inputs.inputs_at(fraction)
+        internal = internal_momentum(active, context, x.effect_states, known)
     rate = computed_once(rate_components(mass, attitude, x.momentum_N, wheel, internal))
     attitude_rate = quaternion.rate_of_components(x.attitude, rate)
     if not active:
@@ -117,12 +128,13 @@ def _effect_slopes(
         momentum - mass.spin_inertia * (rate_B @ mass.axes_B) if drive == "commanded" else momentum
     )
     environment = [value(coefficients, fraction) for coefficients in inputs.environment]
+    devices = inputs.inputs_at(fraction)
     t = inputs.time + fraction * inputs.length
     external, wheel_torque, own_rates = jnp.zeros(3), jnp.zeros_like(relative), []
     for (effect, p), effect_states in zip(active, x.effect_states, strict=True):
         state = State(
             jnp.stack(x.attitude), rate_B, relative, effect_states, mass.locked, *environment
-        )
+        )._replace(inputs=devices)
         if effect.acts("body_torque"):
             external = external + effect.body_torque(p, context, t, state)
         if effect.acts("wheel_torque"):

@@ -64,6 +64,8 @@ class Numerics:
     fix_multiple: int = 8
     # Grid points of a slew; more come of a slip of units.
     most_grid_points: float = 1e6
+    # Times closer than this share of the slew's clock are one: rounding of a file.
+    shortest_step: float = 1e-9
     # On the grid of the telemetry's rows straight lines follow this much [rad] of the fastest
     # rotation, which is so many times the quantile `largest_quantile` of the readings.
     straight_turn: float = 0.05

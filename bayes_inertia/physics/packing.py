@@ -9,20 +9,21 @@ one compiled function serves all slews, and all campaigns of similar size.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.slew import Slew, fix_groups
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.physics.channels import Channel, Readings
 from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.slew_context import Environment, SlewContext
-from bayes_inertia.physics.slew_input import SlewInput, Start
+from bayes_inertia.physics.slew_input import InputRows, SlewInput, Start
 
 
 class Telemetry(NamedTuple):
@@ -123,12 +124,14 @@ def pack(
     max_step: float | None = None,
     modes: int = 0,
     rows_per_step: int = 1,
+    inputs: Collection[str] = (),
 ) -> Arrays:
     """The campaign as stacked, padded arrays.
 
     `max_step`: longest step of the grid [s]; by default what resolves the fastest rotation.
     `modes`: number of slow tachometer-noise shapes a wheel (measured drive). `rows_per_step`: grid
-    points that one integration step spans; the grid is padded to a multiple of it.
+    points that one integration step spans; the grid is padded to a multiple of it. `inputs`: names
+    of the inputs that effects ask for; the grid has a point wherever one of them jumps or bends.
 
     Examples
     --------
@@ -139,11 +142,13 @@ def pack(
     (3, 64, 3)
     """
     step = longest_step(campaign) if max_step is None else max_step
-    grids = [refined_grid(s.time - s.time[0], step) for s in campaign.slews]
+    grids = [_grid(slew, step, inputs) for slew in campaign.slews]
     multiple = rows_per_step * -(-NUMERICS.row_multiple // rows_per_step)
     n_grid = _padded(max(len(g) for g, _ in grids), multiple)
     n_rows = _padded(max(len(s.time) for s in campaign.slews), multiple)
-    inputs = [_slew_input(campaign, i, *grids[i], n_grid) for i in range(len(campaign.slews))]
+    slews = [
+        _slew_input(campaign, i, *grids[i], n_grid, inputs) for i in range(len(campaign.slews))
+    ]
     readings = [_stacked_readings(campaign, channel, n_rows) for channel in channels]
     telemetry = [
         Telemetry(
@@ -154,7 +159,51 @@ def pack(
         for i, (grid, sample) in enumerate(grids)
     ]
     starts = [_reference(campaign, channels, slew) for slew in campaign.slews]
-    return Arrays(*(_stack_tuples(parts) for parts in (inputs, telemetry, starts)))
+    return Arrays(*(_stack_tuples(parts) for parts in (slews, telemetry, starts)))
+
+
+def _grid(slew: Slew, step: float, inputs: Collection[str]) -> tuple[np.ndarray, np.ndarray]:
+    """The grid (m,) of a slew from its first row [s], and where its rows stand in it (n,)."""
+    time = slew.time - slew.time[0]
+    if not inputs:
+        return refined_grid(time, step)
+    edges = np.concatenate([_stream(slew, name).pieces()[0] for name in inputs]) - slew.time[0]
+    edges = np.unique(edges[(edges > 0.0) & (edges < time[-1])])
+    shortest = NUMERICS.shortest_step * float(np.abs(slew.time).max())
+    after = np.searchsorted(time, edges)
+    apart = np.minimum(edges - time[after - 1], time[after] - edges) > shortest
+    apart &= np.append(True, np.diff(edges) > shortest)[: len(edges)]
+    points = np.sort(np.concatenate([time, edges[apart]]))
+    grid, at = refined_grid(points, step)
+    return grid, at[np.searchsorted(points, time)]
+
+
+def _stream(slew: Slew, name: str) -> InputStream:
+    """An input of a slew, or `CampaignError`."""
+    stream = (slew.inputs or {}).get(name)
+    if stream is None:
+        raise CampaignError(
+            f"an effect asks for the input {name!r}, which the slew does not have",
+            where=f"slews.{slew.name}.inputs",
+            advice="give it as Slew(inputs={name: InputStream(...)}), or leave the effect out",
+        )
+    return stream
+
+
+def _on_steps(slew: Slew, name: str, grid: np.ndarray, n: int) -> InputRows:
+    """An input as a line over each step of the grid (m,), padded to n steps."""
+    edges, first, last = _stream(slew, name).pieces()
+    begin, end = slew.time[0] + grid, slew.time[0] + np.append(grid[1:], grid[-1])
+    piece = np.searchsorted(edges, 0.5 * (begin + end), side="right")
+    lower = edges[np.maximum(piece - 1, 0)] if len(edges) else begin
+    upper = edges[np.minimum(piece, len(edges) - 1)] if len(edges) else end
+    width = np.where(upper > lower, upper - lower, 1.0)
+
+    def at(time: np.ndarray) -> np.ndarray:
+        share = np.clip((time - lower) / width, 0.0, 1.0)[:, None]
+        return first[piece] + share * (last[piece] - first[piece])
+
+    return InputRows(_extend(at(begin), n), _extend(at(end), n))
 
 
 def _padded(n: int, multiple: int) -> int:
@@ -165,6 +214,8 @@ def _stack_tuples(parts):
     first = parts[0]
     if first is None:
         return None
+    if isinstance(first, dict):
+        return {key: _stack_tuples([part[key] for part in parts]) for key in first}
     if isinstance(first, tuple):
         fields = [_stack_tuples(field) for field in zip(*parts, strict=True)]
         return type(first)(*fields) if hasattr(first, "_fields") else tuple(fields)
@@ -200,7 +251,9 @@ def bridged(grid: np.ndarray, time: np.ndarray, column: np.ndarray) -> np.ndarra
     return np.interp(grid, time[given], column[given]) if given.any() else np.zeros(len(grid))
 
 
-def _slew_input(campaign: Campaign, index: int, grid, sample, n_grid: int) -> SlewInput:
+def _slew_input(
+    campaign: Campaign, index: int, grid, sample, n_grid: int, inputs: Collection[str]
+) -> SlewInput:
     slew, wheels = campaign.slews[index], len(campaign.wheels)
     held = np.searchsorted(sample, np.arange(len(grid)), side="right") - 1
     torque = np.zeros((len(grid), wheels)) if slew.wheel_torque is None else slew.wheel_torque[held]
@@ -223,7 +276,8 @@ def _slew_input(campaign: Campaign, index: int, grid, sample, n_grid: int) -> Sl
     )
     environment = (_extend(_on_grid(slew, key, grid, 3), n_grid) for key in Environment._fields)
     momentum = _extend(_on_grid(slew, "wheel_momentum", grid, wheels), n_grid)
-    return SlewInput(context, momentum, Environment(*environment))
+    given = {name: _on_steps(slew, name, grid, n_grid) for name in inputs} if inputs else None
+    return SlewInput(context, momentum, Environment(*environment), inputs=given)
 
 
 def _lost_commands(campaign: Campaign, slew: Slew, held: np.ndarray, n: int) -> dict:

@@ -54,7 +54,13 @@ from bayes_inertia.physics.step_drive import (
 )
 
 # Hooks that make more than the attitude change during a slew.
-MOVING_HOOKS = ("wheel_torque", "body_torque", "initial_state", "internal_momentum")
+MOVING_HOOKS = (
+    "wheel_torque",
+    "body_torque",
+    "initial_state",
+    "internal_momentum",
+    "carried_momentum",
+)
 # Hooks that decide how the body and its wheels move: all that the simulator calls.
 BODY_HOOKS = ("inertia", "wheel_axes", "delivered_torque", *MOVING_HOOKS, "state_rate")
 # Hooks that are given the whole slew, and may look between its rows.
@@ -98,7 +104,8 @@ def simulate_slew(
     wheel = known.at_rows
     if drive == "commanded":
         wheel = wheel + stacked(path.wheel)
-    internal = internal_momentum(active, context, path.effect_states)
+    devices = None if slew.inputs is None else {k: x.first for k, x in slew.inputs.items()}
+    internal = internal_momentum(active, context, path.effect_states, devices)
     momentum_B = path.momentum_B - wheel @ mass.axes_B.T - internal
     rate = momentum_B @ mass.inverse.T
     momentum = wheel if drive == "measured" else wheel - mass.spin_inertia * (rate @ mass.axes_B)
@@ -287,7 +294,11 @@ def _inputs(slew: SlewInput, known: KnownMomentum) -> StepInputs:
 
     wheel = tuple(known.cubic[:, k] for k in range(known.cubic.shape[1]))
     environment = Environment(*map(of_step, slew.environment))
-    return StepInputs(steps.time, steps.length, wheel, environment)
+    if slew.inputs is None:
+        return StepInputs(steps.time, steps.length, wheel, environment)
+    assert rows == 1, "inputs are lines over steps of one row"
+    devices = {name: (x.first, x.last - x.first) for name, x in slew.inputs.items()}
+    return StepInputs(steps.time, steps.length, wheel, environment, devices)
 
 
 def _spin(

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from jax import Array
 
+from bayes_inertia.errors import EffectError
 from bayes_inertia.maths.values import array_tuple
 
 
@@ -101,6 +103,8 @@ class State(NamedTuple):
         Magnetic field in inertial axes [T].
     position_N : (3,) array
         Position from the planet's centre in inertial axes [m].
+    inputs : mapping of str to (k,) array, optional
+        What devices do at that instant, by the names of `Slew.inputs`; see `input`.
     """
 
     attitude: Array
@@ -110,6 +114,36 @@ class State(NamedTuple):
     inertia_B: Array
     magnetic_field_N: Array
     position_N: Array
+    inputs: Mapping[str, Array] | None = None
+
+    def input(self, name: str) -> Array:
+        """What a device does at that instant.
+
+        Integration steps end where an input jumps or bends: within a step the value is the one
+        before the jump or the one after, never a mix.
+
+        Parameters
+        ----------
+        name : str
+            Of the device or input, listed in the effect's `inputs`.
+
+        Returns
+        -------
+        (k,) array
+            As many numbers as a reading has.
+
+        Raises
+        ------
+        EffectError
+            If the effect does not list the input.
+        """
+        if self.inputs is None or name not in self.inputs:
+            raise EffectError(
+                f"the input {name!r} is not listed",
+                where="state.input",
+                advice=f'write `inputs = ("{name}",)` beside the `name` of the effect',
+            )
+        return self.inputs[name]
 
 
 @array_tuple

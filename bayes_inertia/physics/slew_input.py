@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
 import jax.numpy as jnp
@@ -29,6 +30,21 @@ class SlowError(NamedTuple):
     readings: Array
     modes: Array
     size: Array
+
+
+class InputRows(NamedTuple):
+    """What a device does over each step of the grid: a straight line from one value to another.
+
+    Parameters
+    ----------
+    first : (n, k) array
+        At the beginning of each step.
+    last : (n, k) array
+        At its end; not the `first` of the next step where the input jumps.
+    """
+
+    first: Array
+    last: Array
 
 
 class OutputRows(NamedTuple):
@@ -65,6 +81,9 @@ class SlewInput(NamedTuple):
     output : OutputRows, optional
         Where the trajectory is wanted; everywhere by default. Heeded where nothing but the
         attitude changes during the slew, in steps of several rows.
+    inputs : mapping of str to InputRows, optional
+        What devices do, by the names of `Slew.inputs`, as far as effects ask for it. The grid then
+        has a point wherever one of them jumps or bends.
     """
 
     context: SlewContext
@@ -72,6 +91,7 @@ class SlewInput(NamedTuple):
     environment: Environment
     slow_error: SlowError | None = None
     output: OutputRows | None = None
+    inputs: Mapping[str, InputRows] | None = None
 
     def momentum_at(self, rows: Any) -> Array:
         """`momentum` at some grid points, without working out the others.

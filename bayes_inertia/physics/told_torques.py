@@ -31,7 +31,8 @@ def told_torques(
     if not acting:
         return {}
     spaces = [_space(effect, campaign) for effect in acting]
-    arrays = pack(campaign, channels_of(campaign, "commanded"))
+    asked = sorted({name for effect in acting for name in effect.inputs})
+    arrays = pack(campaign, channels_of(campaign, "commanded"), inputs=asked)
     told = {}
     for k, slew in enumerate(campaign.slews):
         one: Arrays = jax.tree.map(lambda rows, k=k: rows[k], arrays)
@@ -104,8 +105,9 @@ def _torque(
         p = space.split(flat).get(effect.name, {})
         states = effect.initial_state(p, context, jnp.asarray(rate_B[0]))
 
-        def at(t, turned, rate, momentum, environment):
+        def at(t, turned, rate, momentum, environment, devices):
             state = State(turned, rate, momentum, states, jnp.asarray(J), *environment)
+            state = state._replace(inputs=devices)
             return effect.body_torque(p, context, t, state)
 
         return jax.vmap(at)(
@@ -114,6 +116,7 @@ def _torque(
             jnp.asarray(rate_B),
             inputs.momentum,
             inputs.environment,
+            {name: 0.5 * (x.first + x.last) for name, x in (inputs.inputs or {}).items()},
         )
 
     mean = jnp.asarray(space.mean)

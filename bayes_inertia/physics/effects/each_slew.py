@@ -75,6 +75,11 @@ class EachSlew(Effect):
         """The inner effect's environment columns."""
         return self.inner.needs
 
+    @property
+    def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The inner effect's inputs."""
+        return self.inner.inputs
+
     def afterwards(self) -> Effect:
         """The inner effect after the campaign; only its prior says how strong it is then."""
         return self.inner.afterwards()
@@ -133,6 +138,9 @@ class EachSlew(Effect):
 
     def internal_momentum(self, p, slew, effect_states):
         return self._call("internal_momentum", p, slew, effect_states)
+
+    def carried_momentum(self, p, slew, inputs):
+        return self._call("carried_momentum", p, slew, inputs)
 
     def rate_output(self, p, slew, trajectory, rate_S):
         return self._call("rate_output", p, slew, trajectory, rate_S)

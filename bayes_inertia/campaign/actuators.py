@@ -1,0 +1,233 @@
+"""Devices beside wheels that turn the spacecraft, as far as they are known before a fit.
+
+What each was told to do, or did, is in `Slew.inputs` by the device's name.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from bayes_inertia.campaign.hardware import require, require_positive, unit_length
+from bayes_inertia.maths.values import array_dataclass
+
+
+@dataclass(frozen=True)
+class KnownTorque:
+    """A torque that telemetry tells, whatever makes it; input: three components [N m].
+
+    Parameters
+    ----------
+    name : str
+        The device, as printed, and the name of its input.
+    gain_sigma : float, optional
+        Prior sd of the factor, near 1, by which the true torque is larger; 0: it is known.
+    frame : "body" or "inertial", optional
+        The axes that its components belong to.
+
+    Raises
+    ------
+    CampaignError
+        If the sd is negative or the frame unknown.
+
+    Examples
+    --------
+    >>> KnownTorque("jets", gain_sigma=0.02).columns
+    3
+    """
+
+    name: str
+    gain_sigma: float = 0.0
+    frame: Literal["body", "inertial"] = "body"
+
+    def __post_init__(self) -> None:
+        _check(self)
+        known = self.frame in ("body", "inertial")
+        what = f"{self.frame!r} is unknown"
+        require(known, f"actuators.{self.name}.frame", what, "choose body or inertial")
+
+    @property
+    def columns(self) -> int:
+        """How many numbers a reading of its input has."""
+        return 3
+
+
+@array_dataclass
+class Magnetorquer:
+    """Torquers of one gain; input: the dipole of each [A m^2].
+
+    The torque is the dipole's cross product with `Slew.magnetic_field_N`.
+
+    Parameters
+    ----------
+    name : str
+        The device, as printed, and the name of its input.
+    axes_B : (k, 3) array, optional
+        Unit vector of each torquer's dipole in body axes; by default the three body axes.
+    gain_sigma : float, optional
+        Prior sd of the factor, near 1, by which the true dipole is larger; 0: it is known.
+
+    Raises
+    ------
+    CampaignError
+        If an axis is no unit vector or the sd is negative.
+
+    Examples
+    --------
+    >>> Magnetorquer("torquers").columns
+    3
+    """
+
+    name: str
+    axes_B: np.ndarray = field(default_factory=lambda: np.eye(3))
+    gain_sigma: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check(self)
+        axes = _unit_vectors(self.axes_B, f"actuators.{self.name}.axes")
+        object.__setattr__(self, "axes_B", axes)
+
+    @property
+    def columns(self) -> int:
+        """How many numbers a reading of its input has: one a torquer."""
+        return len(self.axes_B)
+
+
+@array_dataclass
+class Thruster:
+    """Thrusters; input: of each the level, 0 to 1 of full thrust, or the on-time [s].
+
+    Parameters
+    ----------
+    name : str
+        The device, as printed, and the name of its input.
+    torque_B : (k, 3) array
+        Torque of each thruster about the centre of mass at full thrust, body axes [N m].
+    gain_sigma : float, optional
+        Prior sd of the factor, near 1, by which all torques are larger; 0: they are known.
+    each_gain_sigma : float, optional
+        Prior sd of a further factor of each thruster alone; 0: all are alike.
+
+    Raises
+    ------
+    CampaignError
+        If torques do not have three components each, or an sd is negative.
+
+    Examples
+    --------
+    >>> Thruster("jets", np.eye(3)).columns
+    3
+    """
+
+    name: str
+    torque_B: np.ndarray
+    gain_sigma: float = 0.0
+    each_gain_sigma: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check(self)
+        torque_B = _vectors(self.torque_B, f"actuators.{self.name}.torque")
+        object.__setattr__(self, "torque_B", torque_B)
+
+    @property
+    def columns(self) -> int:
+        """How many numbers a reading of its input has: one a thruster."""
+        return len(self.torque_B)
+
+
+@array_dataclass
+class GimballedRotors:
+    """Rotors of constant speed on gimbals (control-moment gyros); input: gimbal angles [rad].
+
+    At the gimbal angle a a rotor's momentum lies along cos(a) s + sin(a) g x s, with the gimbal
+    axis g and the spin axis s at angle zero.
+
+    Parameters
+    ----------
+    name : str
+        The device, as printed, and the name of its input.
+    momentum : float or (k,) array_like
+        Momentum of each rotor [N m s].
+    gimbal_axes_B : (k, 3) array
+        Unit vector of each gimbal's axis, body axes.
+    spin_axes_at_zero_B : (k, 3) array
+        Unit vector of each spin axis at gimbal angle zero, at right angles to the gimbal's.
+    angle_sigma : float, optional
+        Noise of a reading of the gimbal angles [rad]; 0: they are exact.
+    gain_sigma : float, optional
+        Prior sd of the factor, near 1, by which all momenta are larger; 0: they are known.
+
+    Raises
+    ------
+    CampaignError
+        If an axis is no unit vector, two axes of a rotor are not at right angles, or a number is
+        negative.
+
+    Examples
+    --------
+    >>> GimballedRotors("cmg", 1.0, np.eye(3), np.eye(3)[[1, 2, 0]]).momentum.tolist()
+    [1.0, 1.0, 1.0]
+    """
+
+    name: str
+    momentum: np.ndarray | float
+    gimbal_axes_B: np.ndarray
+    spin_axes_at_zero_B: np.ndarray
+    angle_sigma: float = 0.0
+    gain_sigma: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check(self)
+        key = f"actuators.{self.name}"
+        gimbal = _unit_vectors(self.gimbal_axes_B, f"{key}.gimbal_axes")
+        spin = _unit_vectors(self.spin_axes_at_zero_B, f"{key}.spin_axes_at_zero")
+        pairs = f"{len(gimbal)} gimbal axes and {len(spin)} spin axes"
+        require(len(gimbal) == len(spin), f"{key}.spin_axes_at_zero", pairs, "give one a rotor")
+        slanted = float(np.abs(np.sum(gimbal * spin, axis=1)).max())
+        what = f"a spin axis leans {np.degrees(np.arcsin(slanted)):.2g} deg towards its gimbal axis"
+        advice = "give each at right angles to its gimbal axis"
+        require(slanted < 0.01, f"{key}.spin_axes_at_zero", what, advice)
+        lean = np.sum(gimbal * spin, axis=1, keepdims=True) * gimbal
+        object.__setattr__(self, "gimbal_axes_B", gimbal)
+        object.__setattr__(self, "spin_axes_at_zero_B", unit_length(spin - lean))
+        momentum = np.array(np.broadcast_to(np.asarray(self.momentum, dtype=float), len(gimbal)))
+        require_positive(momentum, f"{key}.momentum")
+        object.__setattr__(self, "momentum", momentum)
+
+    @property
+    def columns(self) -> int:
+        """How many numbers a reading of its input has: one a gimbal."""
+        return len(self.gimbal_axes_B)
+
+
+Actuator = KnownTorque | Magnetorquer | Thruster | GimballedRotors
+
+
+def _check(device: Any) -> None:
+    """Raise `CampaignError` unless the device has a name and its sds are possible."""
+    require(bool(device.name), "actuators", "a device without a name", "give each device a name")
+    for key in ("gain_sigma", "each_gain_sigma", "angle_sigma"):
+        sd = getattr(device, key, 0.0)
+        good = bool(np.isfinite(sd)) and sd >= 0.0
+        where = f"actuators.{device.name}.{key}"
+        require(good, where, f"{sd!r} is no sd", "give a number, 0 where nothing is in doubt")
+
+
+def _vectors(value: Any, key: str) -> np.ndarray:
+    """Vectors (k, 3), at least one, or `CampaignError`."""
+    vectors = np.array(value, dtype=float)
+    good = vectors.ndim == 2 and vectors.shape[1] == 3 and len(vectors) > 0
+    good = good and bool(np.isfinite(vectors).all())
+    require(good, key, f"shape {vectors.shape} is no list of vectors", "give three numbers each")
+    return vectors
+
+
+def _unit_vectors(value: Any, key: str) -> np.ndarray:
+    """Unit vectors (k, 3), or `CampaignError`."""
+    vectors = _vectors(value, key)
+    lengths = np.linalg.norm(vectors, axis=1)
+    what = f"vectors of lengths {np.round(lengths, 4).tolist()}"
+    require(bool((abs(lengths - 1.0) < 0.01).all()), key, what, "give unit vectors in body axes")
+    return unit_length(vectors)

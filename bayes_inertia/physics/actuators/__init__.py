@@ -1,0 +1,41 @@
+"""The devices of a campaign beside wheels, as effects: one small file for each kind.
+
+They are in every model of the campaign: no candidates of a diagnosis, and known but for a gain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magnetorquer, Thruster
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.physics.actuators.device import DeviceEffect
+from bayes_inertia.physics.actuators.gimballed_rotors import RotorMomentum
+from bayes_inertia.physics.actuators.known_torque import ToldTorque
+from bayes_inertia.physics.actuators.magnetorquer import TorquerTorque
+from bayes_inertia.physics.actuators.thruster import ThrusterTorque
+
+__all__ = ["KINDS", "DeviceEffect", "effects_of"]
+
+# Which effect a device is.
+KINDS: Mapping[type, type[DeviceEffect]] = MappingProxyType(
+    {
+        KnownTorque: ToldTorque,
+        Magnetorquer: TorquerTorque,
+        Thruster: ThrusterTorque,
+        GimballedRotors: RotorMomentum,
+    }
+)
+
+
+def effects_of(campaign: Campaign) -> tuple[DeviceEffect, ...]:
+    """The effects that a campaign's own devices are, in the order of `Campaign.actuators`.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> effects_of(small_campaign())
+    ()
+    """
+    return tuple(KINDS[type(device)](device) for device in campaign.actuators)
