@@ -17,8 +17,7 @@ import numpy as np
 
 from bayes_inertia.diagnosis.hypothesis_table import log_evidence_of_columns
 from bayes_inertia.diagnosis.result import FormulaSearch, FormulaTerm
-from bayes_inertia.diagnosis.torque_response import TorqueResponse, changes_of, torque_response
-from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.diagnosis.torque_response import TorqueResponse, changes_of
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.device_arrays import repeated
@@ -38,10 +37,10 @@ from bayes_inertia.physics.slew_context import State
 _RESPONSE_HOOK = {"wheel_torque": "delivered_torque"}
 
 
-def search_formulas(estimate: Estimate) -> FormulaSearch:
+def search_formulas(response: TorqueResponse) -> FormulaSearch:
     """Weigh every term of the grammar at a fit; what it holds is projected off."""
-    fit = estimate.linearised()
-    return weighed(projected(block, fit) for block in blocks(torque_response(estimate)))
+    fit = response.estimate.linearised()
+    return weighed(projected(block, fit) for block in blocks(response))
 
 
 @array_dataclass

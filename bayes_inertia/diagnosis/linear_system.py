@@ -255,7 +255,7 @@ def _projecting(estimate: Estimate, own: np.ndarray) -> LinearisedFit:
 
 def random_members(
     linear: LinearModel,
-    estimate: Estimate,
+    response: TorqueResponse,
     effects: Sequence[StochasticEffect],
     *,
     nameless: bool = True,
@@ -266,7 +266,7 @@ def random_members(
     `driven`: whether a shape may follow something known; not where formulas say what it follows.
     """
     forget_surplus(PROGRAMS)
-    response, fit = torque_response(estimate), linear.fit
+    fit = linear.fit
     numbers = fit.residual.size
     shapes = (TachometerShape(),) if nameless else ()
     both = (*usable(effects, fit.model, numbers), *usable(shapes, fit.model, numbers))
@@ -320,7 +320,7 @@ def stochastic_candidates(
     linear: LinearModel, estimate: Estimate, effects: Sequence[StochasticEffect]
 ) -> tuple[StochasticCandidate, ...]:
     """Weigh effects without a fixed shape at a fit, best evidence first."""
-    members = random_members(linear, estimate, effects, nameless=False)
+    members = random_members(linear, torque_response(estimate), effects, nameless=False)
     found = [candidate_of(m, float(logsumexp(log_evidence_of_random(m)))) for m in members]
     return tuple(sorted(found, key=lambda c: -c.log_bayes_factor))
 

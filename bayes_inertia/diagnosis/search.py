@@ -68,7 +68,7 @@ from bayes_inertia.diagnosis.table_verdict import (
     read_table,
     unexplained_reading,
 )
-from bayes_inertia.diagnosis.torque_response import torque_response
+from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import move_to, re_estimate
 from bayes_inertia.inference.settings import NOTHING, OPEN_VERDICTS
@@ -202,9 +202,8 @@ def _scored(
     )
     random = _beside(table, frozenset())
     if not any(c.p_value < threshold for c in ranked) and p_values_decide(random):
-        response, fit = torque_response(first.estimate), first.linear.fit
-        own = rng.spawn(1)[0]
-        random = with_p_values(random, stochastic, first.random, fit, response, own)
+        fit, own = first.linear.fit, rng.spawn(1)[0]
+        random = with_p_values(random, stochastic, first.random, fit, first.response, own)
     rows = (*ranked, *as_candidates(random))
     return tuple(sorted(rows, key=lambda row: -row.log_bayes_factor)), threshold
 
@@ -472,7 +471,7 @@ def with_formulas(
         if now.reading.verdict == "consistent" or (found and now.reading.verdict == "named"):
             break
         say("weighing formulas", 0, 0)
-        searches = [search_formulas(fit) for fit in _fits(now)]
+        searches = [search_formulas(response) for response in _responses(now)]
         search = max(searches, key=lambda s: s.log_evidence)
         if search.log_evidence < -np.log(rules.false_alarm_probability):
             break
@@ -518,12 +517,12 @@ def _contested(weighed: Weighed, search: FormulaSearch, rules: Rules) -> bool:
     return search.terms[0].log_weight + single > named - rules.log_evidence_margin
 
 
-def _fits(weighed: Weighed) -> list[Estimate]:
+def _responses(weighed: Weighed) -> list[TorqueResponse]:
     """Fits at which formulas are looked for: without effects, and with what is named in part."""
-    fits = [weighed.begin.base]
+    fits = [weighed.table.refitted[frozenset()].response]
     fixed = not any(isinstance(e, StochasticEffect) for e in weighed.final.model.effects)
     part = fixed and weighed.reading.named and weighed.reading.verdict in OPEN_VERDICTS
-    return [*fits, weighed.final] if part else fits
+    return [*fits, torque_response(weighed.final)] if part else fits
 
 
 def _with_candidates(begin: CleanStart, effects: CandidateEffects) -> CleanStart:

@@ -39,6 +39,7 @@ from bayes_inertia.diagnosis.linear_system import LinearModel, linear_model, ran
 from bayes_inertia.diagnosis.random_signals import NAMELESS
 from bayes_inertia.diagnosis.result import within_prior
 from bayes_inertia.diagnosis.score_test import ScoreTests
+from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.descent import compiled_meanwhile
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import move_to, re_estimate
@@ -95,6 +96,8 @@ class RefittedRow:
         The fit.
     linear : LinearModel
         The linear model there.
+    response : TorqueResponse
+        What torques and errors of sensors do there.
     tests : ScoreTests
         Score tests of what is not fitted.
     log_evidence : mapping
@@ -106,6 +109,7 @@ class RefittedRow:
     names: Names
     estimate: Estimate
     linear: LinearModel
+    response: TorqueResponse
     tests: ScoreTests
     log_evidence: Mapping[Names, float]
     random: tuple[RandomMember, ...] = ()
@@ -171,16 +175,17 @@ def _weighed(
         own = log_evidence_of(nothing(linear.system), held) + linear.offset
         if abs(own - near.log_evidence[names]) < LIMITS.linear:
             return replace(near, names=names, estimate=estimate)
-    tests = score_candidates(estimate, effects.flexible_mode)
+    response = torque_response(estimate)
+    tests = score_candidates(estimate, effects.flexible_mode, response=response)
     mode = tests.nonlinear.get(FLEXIBLE_MODE)
     linear = linear_model(estimate, sorted(names), base.objective, mode, effects.log_costs)
     random = random_members(
-        linear, estimate, stochastic, nameless=nameless, driven=not effects.log_costs
+        linear, response, stochastic, nameless=nameless, driven=not effects.log_costs
     )
     largest = min(max(3, len(names) + 1), rules.max_effects)
     values = evidence_of_sets(linear.system, linear.members, random, Searched(largest=largest))
     values = {row: value + linear.offset for row, value in values.items()}
-    return RefittedRow(names, estimate, linear, tests, values, random)
+    return RefittedRow(names, estimate, linear, response, tests, values, random)
 
 
 def fixed_part(row: Names, refitted: Mapping[Names, RefittedRow]) -> Names:

@@ -49,7 +49,7 @@ def fit():
 
 @pytest.fixture(scope="module")
 def search(fit):
-    return search_formulas(fit)
+    return search_formulas(torque_response(fit))
 
 
 @pytest.mark.slow

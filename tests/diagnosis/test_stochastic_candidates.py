@@ -94,7 +94,7 @@ def test_p_values_of_a_fit_are_of_the_whole_family_and_below_the_bound(plain):
     fit, response = plain.linearised(), torque_response(plain)
     linear = linear_model(plain, (), plain.objective)
     some = [e for e in STOCHASTIC_CANDIDATES if e.name in ("rate_random_walk", "torque_noise")]
-    members = random_members(linear, plain, some, nameless=False)
+    members = random_members(linear, response, some, nameless=False)
     one = [m for m in members if m.name == some[0].name]
     levels = [-2.0, 0.0, 2.0, 4.0, 6.0]
     asked = [StochasticCandidate("torque_noise", "body torque", level) for level in levels]
@@ -114,7 +114,7 @@ def test_p_values_of_a_fit_are_of_the_whole_family_and_below_the_bound(plain):
     with pytest.MonkeyPatch.context() as patched:
         module = sys.modules[random_members.__module__]
         patched.setattr(module, "LIMITS", replace(LIMITS, largest_matrices=1.0))
-        many = random_members(linear, plain, some, nameless=False)
+        many = random_members(linear, response, some, nameless=False)
     assert with_p_values(asked, some, many, fit, response, None) == tuple(asked)
 
 
@@ -217,7 +217,7 @@ def test_a_drift_that_restarts_alike_in_all_slews_is_told_from_one_of_each_slew(
     ]
     fit = optimizer.estimate(Model(replace(clean, slews=tuple(slews))), starts=1, discount=False)
     linear = linear_model(fit, (), fit.objective)
-    (member,) = random_members(linear, fit, [RateBiasSlewDrift()], nameless=False)
+    (member,) = random_members(linear, torque_response(fit), [RateBiasSlewDrift()], nameless=False)
     of_each, of_all = (logsumexp(x) for x in np.split(log_evidence_of_random(member), 2))
     assert (of_all > of_each + 1.0) if alike else (of_each > of_all + 1.0)
 
