@@ -22,6 +22,16 @@ class Limits:
     # Steps of rounding beyond so many sigmas make errors that last, which a mean does not reduce.
     coarse_rounding: float = 1.0
 
+    # `body_rates.py`
+    # With more noise than this share of the rms rate, sizes of readings say little of the motion.
+    noise_of_motion: float = 0.3
+    # Beyond this, angles of small steps [rad] do not add up to the integral of the rates.
+    largest_turn_between_fixes: float = 0.5
+    # Pieces of a spline, tried in turn, while each has this share of a number read at most.
+    spline_pieces: tuple[int, ...] = (1, 2, 4, 6, 9, 13, 19, 28, 40, 60)
+    splines_of_numbers: float = 0.5
+    unseen_rate: float = 10.0  # [rad/s], sd of what no sensor sees
+
     # `checked_toml.py`
     # Keys that are alike to this degree are one word misspelt; less alike ones are other physics,
     # such as body_torque and wheel_torque (0.61).

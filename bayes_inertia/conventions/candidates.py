@@ -175,7 +175,7 @@ def _rate_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
             _rates_read(np.eye(3)[list(order)]),
             "the rate's columns stand in another order",
         )
-    axes = campaign.rate_sensor.axes
+    axes = campaign.gyro.axes
     if not np.allclose(axes, axes.T, atol=1e-3):
         yield axes_mistake(axes, axes.T, 2, "the rate sensor's axes are written transposed")
     if not np.allclose(axes, np.eye(3), atol=1e-3):

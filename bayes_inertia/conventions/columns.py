@@ -57,7 +57,7 @@ def _streams(campaign: Campaign, columns: Columns) -> list[_Stream]:
     return [
         _Stream(campaign, channel, columns, key, called, of, noise)
         for channel, key, called, of, noise in (
-            ("rate", "rate", "the rate about", list("xyz"), campaign.rate_sensor.sigma),
+            ("rate", "rate", "the rate about", list("xyz"), campaign.gyro.sigma),
             ("wheel_momentum", speed, "the tachometer of", wheels, sigma),
             ("wheel_torque", "wheel_torque", "the command of", wheels, sigma),
         )

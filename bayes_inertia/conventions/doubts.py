@@ -272,7 +272,7 @@ def _beyond(campaign: Campaign, key: str, channel: str) -> dict[str, tuple[float
     names: Sequence[str] = [wheel.name for wheel in campaign.wheels]
     stated = [getattr(wheel, key, None) for wheel in campaign.wheels]
     if key == "range":
-        names, stated = "xyz", [campaign.rate_sensor.range] * 3
+        names, stated = "xyz", [campaign.gyro.range] * 3
     beyond = {}
     for k, (name, limit) in enumerate(zip(names, stated, strict=True)):
         column = np.concatenate([values[:, k] for values in given])
@@ -330,7 +330,7 @@ def _bias_at_rest(misfits: Misfits, reading: Reading) -> np.ndarray:
         return np.zeros(3)
     bias = np.median(told, axis=0)
     spread = SD_OVER_MAD * np.median(np.abs(told - bias), axis=0) / np.sqrt(len(told))
-    sensor = misfits.campaign.rate_sensor
+    sensor = misfits.campaign.gyro
     noise = np.asarray(sensor.sigma) / np.sqrt(FAULTS.rows_for_noise * len(told))
     sd = np.sqrt(np.square(sensor.bias_sigma) + spread**2 + noise**2)
     return np.where(np.abs(bias) > LIMITS.stale_bias_sds * sd, bias, 0.0)

@@ -305,7 +305,7 @@ def _at(quaternions: np.ndarray, first: np.ndarray) -> np.ndarray:
 
 
 def _scale_sd(told: Told) -> np.ndarray:
-    return np.maximum(LIMITS.scale_sd, told.campaign.rate_sensor.scale_factor_sigma)
+    return np.maximum(LIMITS.scale_sd, told.campaign.gyro.scale_factor_sigma)
 
 
 def _bias_sd(told: Told) -> np.ndarray:
@@ -315,7 +315,7 @@ def _bias_sd(told: Told) -> np.ndarray:
     valid = told.slews.valid
     rms = np.sqrt(np.mean(np.sum(told.motion.rate_B[valid] ** 2, axis=-1)))
     # A reading in a smaller unit must not drown in a bias that is stated in the larger one.
-    stated = np.minimum(told.campaign.rate_sensor.bias_sigma, rms)
+    stated = np.minimum(told.campaign.gyro.bias_sigma, rms)
     return np.maximum(stated, LIMITS.bias_share * rms)
 
 
@@ -384,7 +384,7 @@ def _uncertain_momentum(told: Told, total: np.ndarray, size: np.ndarray) -> np.n
     product = min(max(prior.product_sigma, LIMITS.inertia_sd * mean), mean)
     sds = np.where(np.eye(3, dtype=bool), moments[:, None], product)
     by_inertia = np.einsum("snia,snb->sniab", moving.to_start, moving.rate_B) * sds
-    scales = np.maximum(LIMITS.frame_share, told.campaign.rate_sensor.scale_factor_sigma)
+    scales = np.maximum(LIMITS.frame_share, told.campaign.gyro.scale_factor_sigma)
     by_scale = _crossed(moving.by_scale[..., [0, 4, 8]], total) * scales
     by_bias = _crossed(moving.by_bias, total) + moving.to_start @ inertia
     unseen = told.slews.momentum is None

@@ -73,6 +73,8 @@ def blocks(response: TorqueResponse) -> Iterator[Block]:
         for name, place in PLACES.items():
             if not _allowed(name, key, wheels, structure.drive):
                 continue
+            if name == "rate_error" and campaign.rate_sensor is None:
+                continue
             formula = Formula(name, key, "full", wheel=wheel, rms=rms, middle=middle)
             rows = wheels if place.rows == "wheels" else 3
             columns = _columns(response, name, place.size(campaign) / rms * values, rows)
@@ -160,7 +162,9 @@ def _columns(response: TorqueResponse, place: str, values: np.ndarray, rows: int
             quaternion.to_body(jnp.asarray(response.attitude)[:, :, None], jnp.eye(3)[None, None])
         )
         unit = np.einsum("snji,snjk->snik", turn, unit)
-    hook = PLACES[place].hook
+    hook, sensor = PLACES[place].hook, response.estimate.model.campaign.rate_sensor
+    if hook == "rate_output" and sensor is not None and len(sensor.axes) != 3:
+        unit = np.einsum("ij,snjk->snik", sensor.axes, unit)
     return changes_of(response, {_RESPONSE_HOOK.get(hook, hook): unit}, unit.shape[-1])
 
 

@@ -14,6 +14,7 @@ from scipy import linalg, stats
 from scipy.interpolate import make_interp_spline
 from scipy.optimize import minimize_scalar
 
+from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, changes_of
 from bayes_inertia.inference.linearised_fit import LinearisedFit
@@ -89,14 +90,15 @@ _OF_WHEELS = ("wheel torque", "tachometers")
 def signal_basis(fit: LinearisedFit, response: TorqueResponse, source: str) -> SignalBasis | None:
     """Build the basis of a signal; one component a wheel or a body axis.
 
-    Returns: none for what acts in wheels that are not predicted.
+    Returns: none for what acts in wheels that are not predicted, or in no rate sensor.
     """
     campaign, (hook, unit) = response.estimate.model.campaign, _SOURCES[source]
-    if source in _OF_WHEELS and not fit.channels["momentum"].valid.any():
+    of_wheels, sigma = source in _OF_WHEELS, np.array(RATE.sigma(campaign), float)
+    components = {"rate sensor": len(sigma)}.get(source, len(campaign.wheels) if of_wheels else 3)
+    if components == 0 or (of_wheels and not fit.channels["momentum"].valid.any()):
         return None
-    components = len(campaign.wheels) if source in _OF_WHEELS else 3
     scale = {
-        "rate_output": float(np.max(campaign.rate_sensor.sigma)),
+        "rate_output": float(np.max(sigma, initial=0.0)),
         "momentum_output": max((w.momentum_sigma or 0.0 for w in campaign.wheels), default=0.0),
     }.get(hook) or torque_scale(campaign)
     time = knots(fit, components)

@@ -60,7 +60,6 @@ from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
@@ -140,7 +139,7 @@ def linear_model(
         held=at,
         amplitude=amplitude,
         offset=before - estimate.objective - float(linear) if len(at) else 0.0,
-        null=estimate.theta[:N_BASE] + moved[:, at] @ amplitude,
+        null=estimate.theta[: len(moved)] + moved[:, at] @ amplitude,
         covariance=_covariance(fit),
     )
 
@@ -221,14 +220,15 @@ def _members(
 def _with_parameters(matrix: np.ndarray, gradient: np.ndarray, moved: np.ndarray) -> System:
     """S and u with J and K, which amplitudes move (9, c), as further columns."""
     return System(
-        np.block([[matrix, moved.T], [moved, np.zeros((N_BASE, N_BASE))]]),
-        np.concatenate([gradient, np.zeros(N_BASE)]),
+        np.block([[matrix, moved.T], [moved, np.zeros((len(moved), len(moved)))]]),
+        np.concatenate([gradient, np.zeros(len(moved))]),
     )
 
 
 def _covariance(fit: LinearisedFit) -> np.ndarray:
     """Covariance (9, 9) of J and K if nothing acts; zero where they are held."""
-    covariance, base = np.zeros((N_BASE, N_BASE)), fit.free[fit.free < N_BASE]
+    n = fit.model.n_base
+    covariance, base = np.zeros((n, n)), fit.free[fit.free < n]
     whole = fit.inverse_root.T @ fit.inverse_root
     covariance[np.ix_(base, base)] = whole[: len(base), : len(base)]
     return covariance
@@ -237,10 +237,11 @@ def _covariance(fit: LinearisedFit) -> np.ndarray:
 def parameters_of(linear: LinearModel, given: Given) -> tuple[np.ndarray, np.ndarray]:
     """Mean (9,) and covariance (9, 9) of J and K given members, averaged over their sizes."""
     weights = np.exp(given.log_weight - logsumexp(given.log_weight))
-    means = given.gradient[:, -N_BASE:]
+    n = len(linear.null)
+    means = given.gradient[:, -n:]
     mean = weights @ means
     spread = np.einsum("b,bi,bj->ij", weights, means - mean, means - mean)
-    within = np.einsum("b,bij->ij", weights, given.matrix[:, -N_BASE:, -N_BASE:])
+    within = np.einsum("b,bij->ij", weights, given.matrix[:, -n:, -n:])
     return linear.null + mean, linear.covariance - within + spread
 
 
@@ -377,9 +378,10 @@ def _projected(linear: LinearModel, columns: np.ndarray) -> _Projected:
     cross = np.swapaxes(columns, 1, 2) @ linear.columns
     cross -= (imitated.T @ fit.imitated(linear.columns)).reshape(cross.shape)
     gradient = signal.gradient + cross[..., linear.held] @ linear.amplitude
-    moved, base = np.zeros((N_BASE, imitated.shape[1])), fit.free < N_BASE
+    n = fit.model.n_base
+    moved, base = np.zeros((n, imitated.shape[1])), fit.free < n
     moved[fit.free[base]] = (fit.inverse_root.T @ imitated)[: len(base)][base]
-    cross = np.concatenate([cross, moved.T.reshape(*cross.shape[:2], N_BASE)], -1)
+    cross = np.concatenate([cross, moved.T.reshape(*cross.shape[:2], n)], -1)
     return _Projected(ProjectedSignal(gradient, signal.matrix), cross)
 
 

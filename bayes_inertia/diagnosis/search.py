@@ -76,7 +76,6 @@ from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 from bayes_inertia.progress import Progress, silent
@@ -222,8 +221,8 @@ def _beside(table: Table, fixed: Names) -> tuple[StochasticCandidate, ...]:
 def _without_effects(estimate: Estimate, base: Estimate) -> Estimate:
     """The fit without any effect, at another noise than before."""
     space, theta = estimate.model.space, estimate.theta.copy()
-    theta[N_BASE:] = space.nulls[N_BASE:]
-    return re_estimate(estimate, theta, base.free[base.free < N_BASE])
+    theta[space.n_base :] = space.nulls[space.n_base :]
+    return re_estimate(estimate, theta, base.free[base.free < space.n_base])
 
 
 def _steps(
@@ -261,7 +260,7 @@ def _part_of(final: Estimate, base: Estimate, names: Sequence[str]) -> Estimate:
         old = base.model
         final = move_to(final, Model(old.campaign, (*kept, *more), old.structure.drive))
     space, theta = final.model.space, final.theta.copy()
-    free = [i for i in final.free if i < N_BASE]
+    free = [i for i in final.free if i < space.n_base]
     for effect in final.model.effects:
         part = space.slice_of(effect.name)
         if effect.name in names:
@@ -311,7 +310,8 @@ def _with_random(
 
 def other_rows(table: Table, named: Names) -> tuple[AlternativeParameters, ...]:
     """J and K of all rows but that of the effects named; many improbable ones are one row."""
-    names = tuple(table.refitted[frozenset()].estimate.model.space.names[:N_BASE])
+    space = table.refitted[frozenset()].estimate.model.space
+    names = space.names[: space.n_base]
     instead_of = " and ".join(sorted(named)) or NOTHING
     rows = []
     for row, probability in table.rows.items():

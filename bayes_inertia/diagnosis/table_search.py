@@ -44,7 +44,6 @@ from bayes_inertia.inference.descent import compiled_meanwhile
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import move_to, re_estimate
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
@@ -202,7 +201,7 @@ def given_row(table: Table, row: Names) -> tuple[LinearModel, Given]:
     given = nothing(at.linear.system)
     if random:
         given, _ = few(at.linear.system, random[0], fixed)
-    return at.linear, given_all(*of_columns(given, fixed, N_BASE))
+    return at.linear, given_all(*of_columns(given, fixed, len(at.linear.null)))
 
 
 def _weighed_at(row: Names, refitted: Mapping[Names, RefittedRow]) -> RefittedRow:
@@ -285,7 +284,7 @@ def _refit(
     space = estimate.model.space
     scales = {e.name: e.prior_scale for e in estimate.model.effects}
     predicted = _amplitudes(near.linear, sorted(names))
-    free = [np.arange(9)[np.isin(np.arange(9), base.free)]]
+    free = [np.intersect1d(np.arange(space.n_base), base.free)]
     for name in sorted(names):
         part = space.slice_of(name)
         free.append(np.arange(part.start, part.stop))

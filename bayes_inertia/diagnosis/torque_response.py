@@ -211,7 +211,8 @@ def coefficient_columns(response: TorqueResponse, effect: StochasticEffect) -> n
     )
     grid, contexts = response.time.shape[1], model.data.contexts
     motion = (response.attitude, response.rate_B, response.wheel_momentum)
-    rate_S = response.rate_B @ model.campaign.rate_sensor.axes.T
+    gyro = model.structure.place("rate")
+    rate_S = response.rate_B @ np.asarray(model.data.sensors[gyro].axes).T
     # Of padding: the last instant again.
     *path, rate_S = (repeated(x, contexts.time.shape[1]) for x in (*motion, rate_S))
     states = np.zeros((*contexts.time.shape, 0))
@@ -238,8 +239,9 @@ def changes_of(response: TorqueResponse, units: Mapping[str, np.ndarray], count:
         torque_B = np.zeros((*response.time.shape, 3, count))
     parts = [response.residual_change(torque_B)] if torque_B is not None else []
     if "rate_output" in units:
-        factors = estimate.theta[6:9][:, None]
-        parts.append(-response.reading_change("rate", units["rate_output"] / factors))
+        factors = estimate.theta[6 : estimate.model.n_base]
+        error = units["rate_output"] / factors[:, None]
+        parts.append(-response.reading_change("rate", error))
     if "attitude_output" in units:
         parts.append(-response.reading_change("attitude", units["attitude_output"]))
     if momentum is not None:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.diagnosis.formulas import drivers
 from bayes_inertia.diagnosis.free_signal import (
     FreeSignal,
@@ -62,7 +63,7 @@ def driven_columns(
     Returns: (source, driver) with each; the source is "body torque" or "rate sensor".
     """
     campaign = response.estimate.model.campaign
-    torque_size = torque_scale(campaign)
+    torque_size, axes = torque_scale(campaign), len(RATE.sigma(campaign))
     rate_size = LIMITS.rate_error_share * campaign.scale_of_motion()[0]
     for name, values in told_drivers(response).items():
         rms = np.sqrt(np.mean(values**2, axis=(0, 1)))
@@ -71,11 +72,13 @@ def driven_columns(
         # Component by component along each axis: unit values are one rms of the driver.
         moving = rms > LIMITS.negligible_component * rms.max()
         scaled = values[..., moving] / rms[moving]
-        along = np.einsum("snk,ij->snikj", scaled, np.eye(3))
-        along = along.reshape(*scaled.shape[:2], 3, -1)
-        change = response.residual_change(torque_size * along)
-        yield ("body torque", name), change
-        yield ("rate sensor", name), response.reading_change("rate", rate_size * along)
+        along, error = (
+            np.einsum("snk,ij->snikj", scaled, np.eye(n)).reshape(*scaled.shape[:2], n, -1)
+            for n in (3, axes)
+        )
+        yield ("body torque", name), response.residual_change(torque_size * along)
+        if axes:
+            yield ("rate sensor", name), response.reading_change("rate", rate_size * error)
 
 
 def driven_evidence(response: TorqueResponse, fit: LinearisedFit) -> dict[tuple[str, str], float]:

@@ -18,7 +18,6 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.settings import OPEN_VERDICTS, FitContext
 from bayes_inertia.physics.effects import REMAINDERS
-from bayes_inertia.physics.parameters import N_BASE
 
 
 @dataclass(frozen=True)
@@ -228,8 +227,8 @@ def prior_gate(estimate: Estimate) -> dict[str, Any]:
     `estimate`: its J and K are judged, each for itself and all together.
     """
     space, theta = estimate.model.space, estimate.theta
-    distance = ((theta - space.mean) / space.sd)[:N_BASE]
-    p_value = float(stats.chi2.sf(distance @ distance, N_BASE))
+    distance = ((theta - space.mean) / space.sd)[: space.n_base]
+    p_value = float(stats.chi2.sf(distance @ distance, space.n_base))
     far = np.flatnonzero(np.abs(distance) > LIMITS.prior_sd_at_most)
     worst = int(np.argmax(np.abs(distance)))
     place = (
@@ -252,7 +251,7 @@ def prior_gate(estimate: Estimate) -> dict[str, Any]:
 def _cause_of_contradiction(estimate: Estimate) -> str:
     """What would explain J and K far from their priors."""
     space, theta = estimate.model.space, estimate.theta
-    scale = theta[6:N_BASE] / space.mean[6:N_BASE]
+    scale = theta[6 : space.n_base] / space.mean[6 : space.n_base]
     size = float(np.sum(theta[:3]) / np.sum(space.mean[:3]))
     causes = [c for c, f in _FACTORS_ON_K if np.all(np.abs(scale / f - 1) < LIMITS.near_a_factor)]
     causes += [c for c, f in _FACTORS_ON_J if abs(size / f - 1) < LIMITS.near_a_factor]

@@ -22,7 +22,7 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.likelihood_summary import LikelihoodSummary, summary_of
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.parameters import N_BASE
+from bayes_inertia.physics.parameters import base_count
 from bayes_inertia.sealing import blaming, is_sealed, write_sealed
 from bayes_inertia.tables.isolated import check_readable
 
@@ -209,15 +209,16 @@ class Posterior:
         if factor is None:
             return None
         estimate: Any = self.tree["estimate"]
+        n = base_count(self.names)
         mean, prior_mean, prior_sd = (
-            np.array(estimate[key])[:N_BASE] for key in ("theta", "prior_mean", "prior_sd")
+            np.array(estimate[key])[:n] for key in ("theta", "prior_mean", "prior_sd")
         )
-        wider = np.full(N_BASE, factor)
+        wider = np.full(n, factor)
         if self._is_averaged(self.names[0]):
             # Along each parameter, as what is quoted.
-            low, mean, high = np.quantile(self.averaged_samples[:, :N_BASE], _NINETY, axis=0)
-            wider *= np.maximum(1.0, sd_of_interval(low, high) / self.samples[:, :N_BASE].std(0))
-        covariance = np.array(estimate["covariance"])[:N_BASE, :N_BASE] * np.outer(wider, wider)
+            low, mean, high = np.quantile(self.averaged_samples[:, :n], _NINETY, axis=0)
+            wider *= np.maximum(1.0, sd_of_interval(low, high) / self.samples[:, :n].std(0))
+        covariance = np.array(estimate["covariance"])[:n, :n] * np.outer(wider, wider)
         name = str(self.attributes.get("campaign"))
         return summary_of(name, mean, covariance, prior_mean, prior_sd)
 

@@ -13,15 +13,16 @@ from jax import Array
 from jax.scipy.linalg import block_diag
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.maths.inertia_tensor import tensor as inertia
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effect_declaration import check_declaration, guarded, require_of_effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.model_data import Data
 from bayes_inertia.physics.numerics import NUMERICS
-from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.prediction import Structure, predict_all
 from bayes_inertia.physics.random_inputs import prior_blocks
 from bayes_inertia.physics.simulator import LOOKING_BACK, MOVING_HOOKS
+from bayes_inertia.physics.slew_context import State
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.small_campaign import small_campaign
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
@@ -42,10 +43,14 @@ class CheckedEffect:
         {drive: {parameter: size}}, the largest change of the telemetry over draws of the prior:
         root of the sum of squares in noise sigmas, per prior sd of the parameter. Zero in a drive
         where the effect cannot act.
+    warnings : tuple of str, optional
+        What keeps the contract and is probably not meant: a torque that jumps within a step of
+        the integration, which mixes what is before and after.
     """
 
     name: str
     fingerprint: Mapping[str, Mapping[str, float]]
+    warnings: tuple[str, ...] = ()
 
 
 def check_effect(effect: Effect, campaign: Campaign | None = None) -> CheckedEffect:
@@ -94,14 +99,52 @@ def check_effect(effect: Effect, campaign: Campaign | None = None) -> CheckedEff
     fingerprint: dict[str, dict[str, float]] = {
         drive: _in_drive(effect, campaign, drive, thorough=i == 0) for i, drive in enumerate(drives)
     }
-    for name in Model(campaign, (effect,)).space.names[N_BASE:]:
+    space = Model(campaign, (effect,)).space
+    for name in space.names[space.n_base :]:
         require_of_effect(
             max(sizes[name] for sizes in fingerprint.values()) > 1e-6,
             effect,
             f"the parameter {name} changes nothing in the telemetry anywhere in its prior",
             "check that a hook uses it, and that this campaign can show it (pass one that can)",
         )
-    return CheckedEffect(effect.name, fingerprint)
+    model = Model(campaign, (effect,), drives[0])
+    return CheckedEffect(effect.name, fingerprint, _jumps(effect, model))
+
+
+def _jumps(effect: Effect, model: Model) -> tuple[str, ...]:
+    """A warning for each torque that changes within a step as no smooth function of time does."""
+    if isinstance(effect, StochasticEffect):
+        return ()
+    inputs, start = jax.tree.map(
+        lambda x: x[0], (model.data.arrays.slews, model.data.arrays.reference)
+    )
+    context, theta = inputs.context, jnp.asarray(_points(model)[1])
+    p = model.structure.active_effects(theta).of(effect)
+    environment = jax.tree.map(lambda x: x[0], inputs.environment)
+    own = effect.initial_state(p, context, start.rate_B)
+    state = State(
+        start.attitude, start.rate_B, start.wheel_momentum, own, inertia(theta[:6]), *environment
+    )._replace(inputs={name: x.first[0] for name, x in (inputs.inputs or {}).items()})
+    part = np.arange(NUMERICS.parts_of_step + 1) / NUMERICS.parts_of_step
+    times = context.time[:, None] + part * context.step[:, None]
+    found = []
+    for hook in ("body_torque", "wheel_torque"):
+        if not effect.acts(hook):
+            continue
+        torque = getattr(effect, hook)
+        values = np.asarray(jax.vmap(jax.vmap(lambda t, f=torque: f(p, context, t, state)))(times))
+        near = np.abs(np.diff(values, axis=1)).max(axis=(1, 2))
+        far = np.abs(np.diff(values[:, ::4], axis=1)).max(axis=(1, 2))
+        # A smooth torque changes a quarter as much over a quarter of the time.
+        jump = (near > 0.5 * far) & (near > 1e-3 * np.abs(values).max())
+        if jump.any():
+            at = float(context.time[np.argmax(jump)])
+            found.append(
+                f"{hook} jumps within the step of the integration that begins at {at:.6g} s, and "
+                "the step mixes what is before and after: give what jumps as an input of the slew "
+                f'(Slew.inputs), list it (`inputs = ("NAME",)`), and read it by state.input("NAME")'
+            )
+    return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -132,9 +175,9 @@ class _Bench:
 
     def _predict(self, x: Array) -> tuple[Array, ...]:
         model = self.model
-        theta = jnp.concatenate([jnp.asarray(model.space.mean[:N_BASE]), x])
+        theta = jnp.concatenate([jnp.asarray(model.space.mean[: model.n_base]), x])
         local = jnp.asarray(coefficient_draw(model))
-        return predict_all(model.structure, theta, local, jnp.zeros(3), model.data)
+        return predict_all(model.structure, theta, local, jnp.zeros(model.n_bias), model.data)
 
     def __call__(self, x: Array) -> Array:
         """Telemetry (numbers,) in units of its noise."""
@@ -143,7 +186,7 @@ class _Bench:
 
 @partial(jax.jit, static_argnums=0, compiler_options=_COMPILED_QUICKLY)
 def _prediction(structure: Structure, theta: Array, local: Array, data: Data) -> tuple[Array, ...]:
-    return predict_all(structure, theta, local, jnp.zeros(3), data)
+    return predict_all(structure, theta, local, jnp.zeros_like(data.scale.bias), data)
 
 
 def _undisturbed(
@@ -191,7 +234,7 @@ def _in_drive(effect: Effect, campaign: Campaign, drive: Drive, thorough: bool) 
     check_coefficients(effect, model, _points(model))
     undisturbed = _undisturbed(effect, campaign, drive, step)
     bench = _Bench(model, _noise_sigma(model, undisturbed))
-    points = _points(model)[:, N_BASE:]
+    points = _points(model)[:, model.n_base :]
     pushed = _compiled(lambda x, v: jax.jvp(bench, (x,), (v,)))
     telemetry = guarded(
         effect, "predicting telemetry", lambda: np.array([pushed(x, 0.0 * x)[0] for x in points])
@@ -255,7 +298,7 @@ def _check_style(trial: _Trial, size: float) -> None:
 def _check_derivatives(trial: _Trial) -> dict[str, float]:
     """Derivatives: finite everywhere, equal to differences at three points; the fingerprint."""
     effect, space, points = trial.effect, trial.bench.model.space, trial.points
-    units = np.diag(space.sd[N_BASE:])
+    units = np.diag(space.sd[space.n_base :])
     jacobian = guarded(
         effect,
         "differentiating",
@@ -273,7 +316,7 @@ def _check_derivatives(trial: _Trial) -> dict[str, float]:
     rng = np.random.default_rng(NUMERICS.checked_seed + 1)
     for i in range(min(3, len(points))):
         _compare_with_difference(trial, i, jacobian[i], float(sizes.max()), rng)
-    return dict(zip(space.names[N_BASE:], sizes.tolist(), strict=True))
+    return dict(zip(space.names[space.n_base :], sizes.tolist(), strict=True))
 
 
 def _compare_with_difference(
@@ -281,7 +324,7 @@ def _compare_with_difference(
 ) -> None:
     """The derivative (d, numbers) at point i, along a random diagonal, against a difference."""
     space, x, at_null = trial.bench.model.space, trial.points[i], i == 0
-    sd, lower = space.sd[N_BASE:], space.lower[N_BASE:]
+    sd, lower = space.sd[space.n_base :], space.lower[space.n_base :]
     step = NUMERICS.difference_step
     direction = rng.choice([-1.0, 1.0], size=len(sd))
     if at_null:  # where a prior ends at the null, the difference goes to the inside

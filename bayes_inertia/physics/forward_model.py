@@ -25,7 +25,6 @@ from bayes_inertia.physics.nuisances import NuisanceScale
 from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.packing import Arrays, pack
 from bayes_inertia.physics.parameters import (
-    BASE_NAMES,
     Normal,
     Parameter,
     ParameterSpace,
@@ -114,6 +113,16 @@ class Model:
     def channels(self) -> tuple[Channel, ...]:
         """What is compared with measurements."""
         return self.structure.channels
+
+    @property
+    def n_base(self) -> int:
+        """Number of parameters of J and K, the first of `space`."""
+        return self.structure.n_base
+
+    @property
+    def n_bias(self) -> int:
+        """Number of components of the rate bias, one a sensor axis."""
+        return len(self.data.scale.bias)
 
     @property
     def n_slews(self) -> int:
@@ -219,11 +228,10 @@ def _space(
         ("", scalar(name, unit="kg m^2", prior=Normal(mean, sd), null=mean))
         for name, mean, sd in elements
     ]
-    factors = zip(
-        BASE_NAMES[len(entries) :], sensor.scale_factor, sensor.scale_factor_sigma, strict=True
-    )
+    factors = zip(sensor.scale_factor, sensor.scale_factor_sigma, strict=True) if sensor else ()
     entries += [
-        ("", scalar(name, unit="", prior=Normal(mean, sd), null=1.0)) for name, mean, sd in factors
+        ("", scalar(f"K{i}", unit="", prior=Normal(mean, sd), null=1.0))
+        for i, (mean, sd) in enumerate(factors, start=1)
     ]
     entries += [(c.name, parameter) for c in channels for parameter in c.own_parameters(campaign)]
     entries += [
@@ -284,7 +292,8 @@ def _nuisance_scale(campaign: Campaign, structure: Structure) -> NuisanceScale:
     Start states are free: their prior is several times wider than anything the campaign contains.
     """
     rate, _, moment = campaign.scale_of_motion()
-    noise = float(np.max(campaign.rate_sensor.sigma))
+    sensor, smoothed = campaign.rate_sensor, campaign.with_body_rates is not campaign
+    noise = campaign.noise_of_rates if smoothed else float(np.max(campaign.gyro.sigma))
     rates = np.full(3, 10.0 * rate + 1e3 * noise)
     attitudes = np.full(3, 1.0)
     if structure.drive == "measured":
@@ -292,4 +301,4 @@ def _nuisance_scale(campaign: Campaign, structure: Structure) -> NuisanceScale:
     else:
         wheels = np.array([w.max_momentum or 10.0 * moment * rate for w in campaign.wheels])
     local = np.concatenate([rates, attitudes, np.asarray(wheels, dtype=float)])
-    return NuisanceScale(on_device(local), on_device(campaign.rate_sensor.bias_sigma))
+    return NuisanceScale(on_device(local), on_device(np.array(sensor.bias_sigma if sensor else ())))

@@ -13,6 +13,8 @@ class Numerics:
     # Draws of the prior where telemetry and derivatives are tried, and their seed.
     checked_draws: int = 8
     checked_seed: int = 20250
+    # Parts of an integration step over which a torque that jumps is told from one that is steep.
+    parts_of_step: int = 32
     # Step of the differences that derivatives are held against [prior sds].
     difference_step: float = 1e-4
     coefficient_seed: int = 20251

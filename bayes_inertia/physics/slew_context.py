@@ -37,8 +37,8 @@ class SlewContext(NamedTuple):
         Spin inertias [kg m^2].
     boresight_B : (3,) array
         Unit boresight of the star tracker, body frame.
-    rate_axes : (3, 3) array
-        C_rate of the rate sensor, one row a sensor axis.
+    rate_axes : (n, 3) array
+        C_rate of the rate sensor, one row a sensor axis; the body axes without rate sensor.
     lost_command : (n,) array of int, optional
         Number from 1 of the piece of a gap in the commands that begins at each grid point; 0 where
         the command is known. None if all are.

@@ -28,7 +28,7 @@ from bayes_inertia.inference.coefficients import prior_roots
 from bayes_inertia.inference.hyperparameters import PROGRAMS
 from bayes_inertia.inference.likelihood import padded_sensitivities
 from bayes_inertia.inference.noise_model import whitening
-from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.inference.point import Point
 from bayes_inertia.physics.effects import STOCHASTIC, ConstantTorque
 from bayes_inertia.physics.effects.rate_bias_instability import RateBiasInstability
 from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
@@ -50,7 +50,7 @@ def of_the_model(estimate, effect):
     local = np.concatenate([estimate.point.local, np.zeros((model.n_slews, count))], 1)
     point = Point(theta, estimate.point.bias, local)
     white = whitening(model, theta)
-    first = N_BIAS + model.structure.n_start
+    first = model.n_bias + model.structure.n_start
     jacobian = padded_sensitivities(model, point, white, np.arange(0)).jacobian
     columns = np.concatenate([np.asarray(j)[..., first : first + count] for j in jacobian], 1)
     (blocks,) = prior_roots(model.structure, theta, model.data.arrays.slews.context)

@@ -58,7 +58,7 @@ def campaign_json(campaign: Campaign) -> dict[str, Any]:
             "inertia_sd_kgm2": inertia.sd,
             "includes_wheel_spin": inertia.includes_wheel_spin,
             "principal_moments_kgm2": np.linalg.eigvalsh(inertia.tensor),
-            "rate_sigma_radps": sensor.sigma,
+            "rate_sigma_radps": sensor.sigma if sensor else None,
             "star_tracker": campaign.star_tracker is not None,
             "possible_drives": _possible_drives(campaign),
             "dirt": [record.json() for record in campaign.dirt],

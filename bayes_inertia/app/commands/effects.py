@@ -63,7 +63,10 @@ def _check(text: str, campaign: Campaign | None, as_json: bool) -> None:
             say(f"checking {effect.name} ...")
         checked.append(check_effect(effect, campaign))
     if as_json:
-        rows = [{"name": c.name, "fingerprint": dict(c.fingerprint)} for c in checked]
+        rows = [
+            {"name": c.name, "fingerprint": dict(c.fingerprint), "warnings": list(c.warnings)}
+            for c in checked
+        ]
         print_json({"format": CHECK_FORMAT, "effects": rows})
         return
     for result in checked:
@@ -103,3 +106,5 @@ def show_checked_effect(checked: CheckedEffect) -> None:
     for drive, sizes in checked.fingerprint.items():
         for name, size in sizes.items():
             console.print(indented(f"{name}, {drive} drive: {size:.3g}"))
+    for warning in checked.warnings:
+        console.print(headed("warning", f": {warning}", style="bold yellow"))

@@ -16,7 +16,6 @@ from bayes_inertia.physics.channels.attitude import AttitudeChannel
 from bayes_inertia.physics.channels.channel import Channel, Readings
 from bayes_inertia.physics.channels.momentum import MomentumChannel
 from bayes_inertia.physics.channels.rate import RateChannel
-from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.slew_input import Drive
 
 __all__ = ["KINDS", "Channel", "Readings", "channels_of"]
@@ -33,11 +32,12 @@ KINDS: Mapping[type[SensorStream], type[Channel]] = MappingProxyType(
 
 def channels_of(campaign: Campaign, drive: Drive) -> tuple[Channel, ...]:
     """The channels of a model, in the order of all tables; tachometers may drive it."""
-    channels, begin = [], N_BASE
+    axes = len(campaign.rate_sensor.axes) if campaign.rate_sensor else 0
+    channels, begin = [], 6 + axes
     for stream in streams_of(campaign):
         channel = (KINDS.get(type(stream)) or stream.channel)(stream)
         if stream == RATE:
-            channel = replace(channel, parameters=(6, N_BASE))
+            channel = replace(channel, parameters=(6, 6 + axes))
         elif isinstance(stream, MomentumStream):
             channel = replace(channel, compared=drive == "commanded")
         elif own := channel.own_parameters(campaign):

@@ -556,7 +556,11 @@ class Formula(Effect):
         return jax.vmap(at)(trajectory.time, *motion, trajectory.inputs)
 
     def rate_output(self, p, slew, trajectory, rate_S):
-        return rate_S + self._along(p, slew, trajectory) if self.acts("rate_output") else rate_S
+        if not self.acts("rate_output"):
+            return rate_S
+        error = self._along(p, slew, trajectory)
+        # Three axes have an error each; others that of the body's axes along them.
+        return rate_S + (error if rate_S.shape[1] == 3 else error @ slew.rate_axes.T)
 
     def attitude_output(self, p, slew, trajectory, attitude):
         if not self.acts("attitude_output"):
