@@ -41,7 +41,7 @@ _PUBLIC = {
     # Conventions held against physics, before any fit.
     "ConventionChange": "conventions.check",
     "ConventionsCheck": "conventions.check",
-    "check_conventions": "conventions.check",
+    "check_conventions": "app.told_torques",
     # Raw logs of any mission.
     "DroppedPart": "importing.slew_cutting",
     "ImportedCampaign": "importing.import_logs",

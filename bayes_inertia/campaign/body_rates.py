@@ -2,27 +2,26 @@
 
 Where a start or a scale of the motion is asked for, the readings of one good gyro will do. Another
 spacecraft has none, or one of two axes, or one whose noise is larger than its motion: there a
-spline for each body axis goes through whatever was read, by weighted least squares. A fix counts by
-the angle turned since the first one of its run, so that its noise stays white.
+spline for each body axis goes through whatever was read, by weighted least squares: what it adds to
+the rates that the wheels account for roughly. A fix counts by the angle turned since the first one
+of its run, so that its noise stays white.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline
-from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults.saturated import in_range
 
-if TYPE_CHECKING:
-    from bayes_inertia.campaign.campaign import Campaign
+# A `Campaign`, whose module imports this one.
+Campaign = Any
 
 
 def reads_body_rates(campaign: Campaign) -> bool:
@@ -37,16 +36,44 @@ def reads_body_rates(campaign: Campaign) -> bool:
     return float(np.linalg.norm(sensor.sigma)) <= LIMITS.noise_of_motion * np.sqrt(power)
 
 
-def with_body_rates(campaign: Campaign) -> Campaign:
-    """The campaign with a rate sensor along the body axes, whose readings are the smoothed rates.
+class BodyRates(NamedTuple):
+    """A campaign whose rate sensor reads three axes, perhaps smoothed, and the noise of its rates.
 
-    Its sigma is that of the smoothed rates, whose errors are alike from one row to the next.
+    Parameters
+    ----------
+    campaign : Campaign
+    noise : float
+        Of one rate [rad/s]: the mean of a sensor's axes, the median of smoothed ones.
     """
-    smoothed = [_smoothed(campaign, slew) for slew in campaign.slews]
-    sigma = np.sqrt(np.mean([each.sd**2 for each in smoothed], axis=0))
+
+    campaign: Campaign
+    noise: float
+
+
+def body_rates_of(campaign: Campaign) -> BodyRates:
+    """The campaign itself where its own rates will do, else with smoothed ones."""
+    if campaign.rate_sensor is not None and reads_body_rates(campaign):
+        return BodyRates(campaign, float(np.mean(campaign.rate_sensor.sigma)))
+    return smoothed_rates(campaign)
+
+
+def smoothed_rates(campaign: Campaign) -> BodyRates:
+    """The campaign with a rate sensor along the body axes, whose readings are smoothed rates.
+
+    Their errors are alike from one row to the next. The sensor's sigma is that of white noise which
+    adds up to the same angle.
+    """
+    # Heavy to import, and seldom wanted.
+    from bayes_inertia.maths.blas_threads import on_one_blas_thread
+
+    smooth = on_one_blas_thread(_smoothed)
+    smoothed = [smooth(campaign, slew) for slew in campaign.slews]
+    sd = np.sqrt(np.mean([each.sd**2 for each in smoothed], axis=0))
+    white = np.sqrt(np.mean([each.sd**2 * each.rows_alike for each in smoothed], axis=0))
     slews = (replace(s, rate=r.rate_B) for s, r in zip(campaign.slews, smoothed, strict=True))
-    sensor = RateSensor(sigma=tuple(sigma.tolist()))
-    return replace(campaign, rate_sensor=sensor, slews=tuple(slews))
+    sensor = RateSensor(sigma=tuple(white.tolist()))
+    changed = replace(campaign, rate_sensor=sensor, slews=tuple(slews))
+    return BodyRates(changed, float(np.median(sd)))
 
 
 class _Smoothed(NamedTuple):
@@ -54,6 +81,7 @@ class _Smoothed(NamedTuple):
 
     rate_B: np.ndarray
     sd: np.ndarray
+    rows_alike: float  # rows a coefficient of the splines
 
 
 class _Seen(NamedTuple):
@@ -62,56 +90,99 @@ class _Seen(NamedTuple):
     time: np.ndarray  # (m,)
     values: np.ndarray  # (m,)
     direction_B: np.ndarray  # (m, 3), over the sigma
-    run: int | None  # of fixes, whose start is unknown; None for rates
+    run: int | None = None  # of fixes, whose start is unknown; None for rates
 
 
 def _smoothed(campaign: Campaign, slew: Slew) -> _Smoothed:
-    """By the number of knots at which the Bayesian information criterion is lowest."""
-    seen = [*_of_gyros(campaign, slew), *_of_fixes(campaign, slew)]
+    """By the number of pieces for which the evidence is greatest."""
+    known_B = _by_wheels(campaign, slew)
+    largest = float(np.linalg.norm(known_B, axis=1).max())
+    left = LIMITS.error_of_wheels * largest if largest > 0.0 else LIMITS.unseen_rate
+    seen = _beyond(known_B, slew, [*_of_gyros(campaign, slew), *_of_fixes(campaign, slew)])
     numbers = sum(len(part.values) for part in seen)
-    if not numbers:
-        return _Smoothed(np.zeros((len(slew.time), 3)), np.full(3, LIMITS.unseen_rate))
-    best, lowest = None, np.inf
-    for pieces in LIMITS.spline_pieces:
-        if best is not None and 3 * pieces > LIMITS.splines_of_numbers * numbers:
-            break
-        fit, criterion = _spline(slew, seen, pieces)
-        if criterion < lowest:
-            best, lowest = fit, criterion
-    assert best is not None
-    return best
+    fits = [
+        _spline(slew, seen, pieces, left)
+        for pieces in LIMITS.spline_pieces
+        if pieces == 1 or 3 * pieces <= LIMITS.splines_of_numbers * numbers
+    ]
+    best = max(fits, key=lambda fit: fit[1])[0]
+    return best._replace(rate_B=known_B + best.rate_B)
 
 
-def _spline(slew: Slew, seen: list[_Seen], pieces: int) -> tuple[_Smoothed, float]:
-    """Cubic splines of some pieces, and the information criterion of their fit."""
+def _by_wheels(campaign: Campaign, slew: Slew) -> np.ndarray:
+    """Changes (n, 3) of the rates by what the wheels took up, without gyroscopic torque [rad/s]."""
+    momentum, time = slew.wheel_momentum, slew.time
+    known = np.isfinite(momentum).all(axis=1) if momentum is not None else np.zeros(0, bool)
+    if momentum is not None and known.any():
+        momentum = np.stack([np.interp(time, time[known], h[known]) for h in momentum.T], axis=-1)
+    elif slew.wheel_torque is not None:
+        held = slew.wheel_torque[:-1] * np.diff(time)[:, None]
+        momentum = np.concatenate([np.zeros((1, held.shape[1])), np.cumsum(held, axis=0)])
+    else:
+        return np.zeros((len(time), 3))
+    taken_B = (momentum - momentum[0]) @ campaign.wheel_axes_B.T
+    return -np.linalg.solve(campaign.inertia.tensor, taken_B.T).T
+
+
+def _beyond(known_B: np.ndarray, slew: Slew, seen: list[_Seen]) -> list[_Seen]:
+    """What was read less what known rates (n, 3) make of it."""
+    from scipy import integrate
+
+    angle_B = integrate.cumulative_trapezoid(known_B, slew.time, axis=0, initial=0.0)
+    left = []
+    for part in seen:
+        course = known_B if part.run is None else angle_B
+        there = np.stack([np.interp(part.time, slew.time, column) for column in course.T], -1)
+        gone = np.einsum("mc,mc->m", part.direction_B, there)
+        left.append(part._replace(values=part.values - gone))
+    return left
+
+
+def _spline(slew: Slew, seen: list[_Seen], pieces: int, sd: float) -> tuple[_Smoothed, float]:
+    """Cubic splines of some pieces, and the logarithm of the evidence for them.
+
+    `sd`: prior sd of their coefficients, around a constant of which nothing is known [rad/s].
+    """
+    from scipy.interpolate import BSpline
+
     ends = slew.time[0], slew.time[-1]
     knots = np.concatenate([[ends[0]] * 3, np.linspace(*ends, pieces + 1), [ends[1]] * 3])
     n = pieces + 3
     basis = BSpline(knots, np.eye(n), 3)
     integrals = basis.antiderivative()
     runs = 1 + max((part.run for part in seen if part.run is not None), default=-1)
-    size = 3 * n + 3 * runs
-    normal, pull, squares, numbers = np.zeros((size, size)), np.zeros(size), 0.0, 0
+    shared = 3 * n + 3
+    prior = np.full(shared + 3 * runs, LIMITS.unseen_rate**-2)
+    prior[: 3 * n] = sd**-2
+    normal, pull = np.diag(prior), np.zeros(len(prior))
     for part in seen:
-        along = (basis if part.run is None else integrals)(part.time)
-        columns = np.zeros((len(part.values), size))
-        columns[:, : 3 * n] = (part.direction_B[:, :, None] * along[:, None]).reshape(-1, 3 * n)
+        along, whole = basis(part.time), np.ones(len(part.time))
         if part.run is not None:
-            columns[:, 3 * n + 3 * part.run :][:, :3] = part.direction_B
+            along, whole = integrals(part.time), part.time - ends[0]
+        columns = np.zeros((len(part.values), len(prior)))
+        columns[:, : 3 * n] = (part.direction_B[:, :, None] * along[:, None]).reshape(-1, 3 * n)
+        columns[:, 3 * n : shared] = part.direction_B * whole[:, None]
+        if part.run is not None:
+            columns[:, shared + 3 * part.run :][:, :3] = part.direction_B
         normal += columns.T @ columns
         pull += columns.T @ part.values
-        squares += float(part.values @ part.values)
-        numbers += len(part.values)
-    # What no sensor sees stays at zero, known to as much as a spacecraft may turn.
-    covariance = np.linalg.inv(normal + np.eye(size) / LIMITS.unseen_rate**2)
+        covariance = np.linalg.inv(normal)
     found = covariance @ pull
-    misfit = max(squares - float(found @ pull), 1e-12 * squares + 1e-300)
-    at_rows = basis(slew.time)
-    blocks = covariance[: 3 * n, : 3 * n].reshape(3, n, 3, n)[np.arange(3), :, np.arange(3)]
-    variance = np.einsum("rn,cnm,rm->c", at_rows, blocks, at_rows) / len(at_rows)
-    rate_B = at_rows @ found[: 3 * n].reshape(3, n).T
-    criterion = numbers * np.log(misfit / numbers) + size * np.log(numbers)
-    return _Smoothed(rate_B, np.sqrt(np.maximum(variance, 1e-300))), criterion
+    log_evidence = 0.5 * (np.sum(np.log(prior)) - np.linalg.slogdet(normal)[1] + pull @ found)
+    at_rows = np.concatenate([basis(slew.time), np.ones((len(slew.time), 1))], axis=1)
+    places = _of_axes(n)
+    rate_B = np.stack([at_rows @ found[place] for place in places], axis=-1)
+    variance = [
+        np.einsum("rn,nm,rm->", at_rows, covariance[np.ix_(place, place)], at_rows) / len(at_rows)
+        for place in places
+    ]
+    sds = np.sqrt(np.maximum(variance, 1e-300))
+    return _Smoothed(rate_B, sds, max(1.0, len(at_rows) / n)), float(log_evidence)
+
+
+def _of_axes(n: int) -> list[np.ndarray]:
+    """Where the coefficients of each axis stand: n of its spline, and its constant."""
+    return [np.append(np.arange(n * axis, n * (axis + 1)), 3 * n + axis) for axis in range(3)]
 
 
 def _of_gyros(campaign: Campaign, slew: Slew) -> Iterator[_Seen]:
@@ -126,11 +197,13 @@ def _of_gyros(campaign: Campaign, slew: Slew) -> Iterator[_Seen]:
             rows, sigma = np.flatnonzero(valid[:, i]), sensor.scale_factor[i] * sensor.sigma[i]
             rates = sensor.scale_factor[i] * readings[rows, i] - sensor.bias[i]
             direction_B = np.tile(axis_B / sigma, (len(rows), 1))
-            yield _Seen(slew.time[rows], rates / sigma, direction_B, None)
+            yield _Seen(slew.time[rows], rates / sigma, direction_B)
 
 
 def _of_fixes(campaign: Campaign, slew: Slew) -> Iterator[_Seen]:
     """The angle turned about each body axis since the first fix of each run of small steps."""
+    from scipy.spatial.transform import Rotation
+
     rows, attitude, sigma = attitudes_seen(campaign, slew)
     if len(rows) < 2:
         return

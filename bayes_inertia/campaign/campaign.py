@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.actuators import Actuator, Magnetorquer, Thruster
-from bayes_inertia.campaign.body_rates import attitudes_seen, reads_body_rates, with_body_rates
+from bayes_inertia.campaign.body_rates import BodyRates, attitudes_seen, body_rates_of
 from bayes_inertia.campaign.changes import Change
 from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel, require
 from bayes_inertia.campaign.slew import Slew
@@ -165,12 +165,14 @@ class Campaign:
         require(columns == axes, key, what, "give one a sensor axis")
 
     @cached_property
-    def with_body_rates(self) -> Campaign:
-        """The campaign with rates about the three body axes: smoothed, where its sensor has none.
+    def body_rates(self) -> BodyRates:
+        """Rates about the three body axes: smoothed, where the rate sensor does not tell them."""
+        return body_rates_of(self)
 
-        The campaign itself where its rate sensor reads three axes with less noise than motion.
-        """
-        return self if reads_body_rates(self) else with_body_rates(self)
+    @property
+    def with_body_rates(self) -> Campaign:
+        """The campaign with a rate sensor of three axes; itself where it has a good one."""
+        return self.body_rates.campaign
 
     @property
     def has_commands(self) -> bool:
@@ -281,12 +283,6 @@ class Campaign:
         )
 
     @property
-    def noise_of_rates(self) -> float:
-        """Noise of what tells the rates [rad/s]: mean of three axes, least where it is smoothed."""
-        sigma = self.with_body_rates.gyro.sigma
-        return float(np.mean(sigma) if self.with_body_rates is self else np.min(sigma))
-
-    @property
     def three_axis_gyro(self) -> RateSensor:
         """The rate sensor where it reads three axes, as flights that are simulated need it.
 
@@ -324,7 +320,7 @@ class Campaign:
         rate = float(np.sqrt(np.mean(np.sum(readings**2, axis=1)))) if len(readings) else 0.0
         duration = float(np.median([s.duration for s in self.slews]))
         return (
-            max(rate, self.noise_of_rates),
+            max(rate, self.body_rates.noise),
             duration,
             float(np.trace(self.inertia.tensor) / 3.0),
         )

@@ -30,7 +30,9 @@ class Limits:
     # Pieces of a spline, tried in turn, while each has this share of a number read at most.
     spline_pieces: tuple[int, ...] = (1, 2, 4, 6, 9, 13, 19, 28, 40, 60)
     splines_of_numbers: float = 0.5
-    unseen_rate: float = 10.0  # [rad/s], sd of what no sensor sees
+    unseen_rate: float = 0.3  # [rad/s], sd of what no sensor sees
+    # Of what wheels tell, as a share of the largest rate: J is not known, nor what else turned it.
+    error_of_wheels: float = 0.3
 
     # `checked_toml.py`
     # Keys that are alike to this degree are one word misspelt; less alike ones are other physics,

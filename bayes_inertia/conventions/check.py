@@ -19,6 +19,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from bayes_inertia.campaign.body_rates import smoothed_rates
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import Description, parse_description
 from bayes_inertia.campaign.inspection import with_dirt_masked
@@ -42,6 +43,11 @@ from bayes_inertia.conventions.doubts import (
     dirt_of,
     doubtful_places,
     factors,
+)
+from bayes_inertia.conventions.further_sensors import (
+    description_for,
+    in_place_of_the_first,
+    unheld,
 )
 from bayes_inertia.conventions.laws import DRIVE, Misfits, noise_ratios, worst
 from bayes_inertia.conventions.limits import LIMITS
@@ -224,35 +230,7 @@ class ConventionsCheck:
 
 
 def check_conventions(campaign: Campaign | str | Path, *, quick: bool = False) -> ConventionsCheck:
-    """Hold a campaign's conventions against physics, before any fit.
-
-    Closure of rotation, conservation of momentum and the drive of the wheels are laws that data
-    obey whatever J and K are. Where they are grossly broken, every mistake in units, signs, orders
-    and frames is undone in turn; the one that mends all laws is proposed. Nothing is changed.
-
-    Parameters
-    ----------
-    campaign : Campaign, str or Path
-        A campaign, or its folder.
-    quick : bool, optional
-        Whether to leave out what does not bear on the verdict: what the data cannot show, and dirt.
-
-    Returns
-    -------
-    ConventionsCheck
-        The verdict and what it rests on.
-
-    Raises
-    ------
-    CampaignError
-        If the folder cannot be read.
-
-    Examples
-    --------
-    >>> from bayes_inertia.physics.small_campaign import small_campaign
-    >>> check_conventions(small_campaign()).verdict
-    'consistent'
-    """
+    """The check of a campaign whose devices, but for wheels, do nothing (else see `app`)."""
     return checked_with_torques(campaign, {}, quick=quick)
 
 
@@ -331,6 +309,29 @@ def _checked(
     torques: Mapping[str, ToldTorque],
 ) -> ConventionsCheck:
     """The check of a campaign; `written` is the same with nothing masked."""
+    check = _of_first_sensors(campaign, written, source, quick, torques)
+    if check.changes:
+        return check
+    as_written = dict(in_place_of_the_first(written))
+    for name, alone in in_place_of_the_first(campaign):
+        of_sensor = _Source(source.text, description_for(source.description, name))
+        other = _of_first_sensors(alone, as_written[name], of_sensor, True, torques)
+        if other.verdict == "wrong":
+            return replace(other, sentence=f"With the sensor {name}: {other.sentence}")
+        check = check.doubting([d for d in other.doubts if d not in check.doubts])
+    left = "the laws here are those of rate sensors and star trackers"
+    said = [f"{name}: no law is held against it; {left}" for name in unheld(campaign)]
+    return replace(check, cannot_show=(*check.cannot_show, *said))
+
+
+def _of_first_sensors(
+    campaign: Campaign,
+    written: Campaign,
+    source: _Source,
+    quick: bool,
+    torques: Mapping[str, ToldTorque],
+) -> ConventionsCheck:
+    """The same by the first rate sensor and the first star tracker."""
     check = _in_keys_of_format_1(campaign, written, source, quick, torques)
     told = partial(in_words, description=source.description)
     return replace(
@@ -350,6 +351,9 @@ def _in_keys_of_format_1(
     torques: Mapping[str, ToldTorque],
 ) -> ConventionsCheck:
     """The same, whose changes alone have the keys of the campaign's own format."""
+    smoothed = campaign.with_body_rates is not campaign
+    if smoothed:
+        campaign, written = campaign.with_body_rates, smoothed_rates(written).campaign
     columns = stated_columns(campaign, source.description)
     # Numbers whose squares overflow break every law, infinitely.
     with np.errstate(over="ignore", invalid="ignore"):
@@ -357,7 +361,7 @@ def _in_keys_of_format_1(
         slews = sampled(campaign)
         if slews is None:
             return _unchecked(campaign, written, columns, faults)
-        misfits = Misfits(campaign, slews, torques)
+        misfits = Misfits(campaign, slews, torques, smoothed)
         return _held_against_laws(misfits, written, columns, faults, source, quick)
 
 
@@ -389,6 +393,8 @@ def _held_against_laws(
     clock = Clocks()
     if not faults:
         mending, clock = what_mends(misfits, judgement, singles, columns, differ)
+    if misfits.smoothed:  # there is no column whose key could be changed
+        mending, clock = tuple(r for r in mending if not _needs_rates(r)), Clocks()
     wrong = bool(mending) or worst(misfits.of(reading)) > LIMITS.hopeless
     doubts = faults + _doubts(misfits, written, columns, reading, differ, bool(mending))
     verdict: Verdict = "wrong" if wrong else "doubtful" if doubts else "consistent"
@@ -410,6 +416,13 @@ def _held_against_laws(
         doubts=doubts,
         dirt=() if quick else dirt_of(misfits, stated, reading),
     )
+
+
+def _needs_rates(remedy: Remedy) -> bool:
+    """Whether a remedy rests on rates of their own: on their columns, on clocks, or on no key."""
+    keys = [change.key for change in remedy.mistake.changes]
+    of_rates = any(key.startswith(("columns.rate", "rate_sensor")) for key in keys)
+    return not keys or of_rates or any(key.endswith(".offset_s") for key in keys)
 
 
 def _completed(

@@ -15,6 +15,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors import SensorStream, series_of
+from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.conventions.laws import (
     CLOSURE,
     CONSERVATION,
@@ -291,7 +292,7 @@ def dirt_of(misfits: Misfits, stated: Reading, reading: Reading) -> tuple[dict[s
     `Dirt.json` writes them; a stale bias has the kind "stale_bias".
     """
     by_reader = [dirt.json() for dirt in misfits.campaign.dirt]
-    series = series_of(misfits.campaign)
+    series = [s for s in series_of(misfits.campaign) if not (misfits.smoothed and s == RATE)]
     levels = [dirt.json() for s in series if (dirt := _level(misfits.campaign, s)) is not None]
     return (*by_reader, *levels, *_stale_bias(misfits, stated, reading))
 

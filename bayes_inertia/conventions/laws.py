@@ -28,6 +28,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors import SensorStream, series_of
+from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import (
     Motion,
@@ -296,8 +297,17 @@ def closure(told: Told) -> LawData | None:
     free = np.broadcast_to(np.eye(3), (*error.shape, 3))
     turning = np.einsum("snij,snj->sni", moving.to_start[some], moving.rate_B[some])
     early = -turning * fixes[..., None]
-    sigma = _sigma(size, noise)
+    sigma = _sigma(size, noise, _integrated_noise(told)[some])
     return LawData(error, regressors, free, sigma, fixes, early, noise, bias_from=sds.size)
+
+
+def _integrated_noise(told: Told) -> np.ndarray:
+    """Angle (S,) that the noise of the rates adds up to over a slew [rad]."""
+    slews = told.slews
+    rate = float(np.linalg.norm(told.reading.rate @ np.diag(told.noise["rate"])))
+    steps = {slew.name: float(np.median(slew.rate_steps)) for slew in told.campaign.slews}
+    step = np.array([steps[name] for name in slews.names])
+    return rate * abs(told.reading.time) * np.sqrt(step * np.ptp(slews.time, axis=1))
 
 
 def _at(quaternions: np.ndarray, first: np.ndarray) -> np.ndarray:
@@ -335,7 +345,7 @@ def _sigma(size: np.ndarray, noise: float, *more: np.ndarray) -> np.ndarray:
 
 
 def conservation(told: Told) -> LawData | None:
-    """Total momentum in axes that do not turn.
+    """Total momentum in axes that do not turn, rotors and what told torques gave it included.
 
     Returns: none if there are wheels of which neither momentum nor commands are known.
     """
@@ -345,14 +355,15 @@ def conservation(told: Told) -> LawData | None:
     if wheels_B is None:
         return None
     body = np.einsum("snij,snj->sni", to_start, moving.rate_B @ told.reading.inertia.T)
-    stored = np.einsum("snij,snj->sni", to_start, wheels_B)
+    given = told_impulse(slews, moving, told.torques)
+    stored = np.einsum("snij,snj->sni", to_start, wheels_B) + given[2]
     size = np.maximum(_deviation(body, valid), _deviation(stored, valid))
     if not told.campaign.wheels:
         size = np.maximum(size, _norm(body, valid))
     total = body + stored
     uncertain, doubt = _uncertain_momentum(told, total, size), np.zeros(len(total))
     if told.torques:
-        added, by_prior = told_impulse(slews, moving, told.torques)
+        added, by_prior, _ = given
         total = total - told.reading.time * added
         uncertain = np.concatenate([uncertain, LIMITS.gain_sd * added[..., None]], axis=-1)
         doubt = told.reading.time * np.sqrt(np.mean(by_prior**2, axis=1))
@@ -496,16 +507,19 @@ class Misfits:
         Its telemetry.
     torques : mapping of str to ToldTorque
         By the name of a slew: what effects that are named do to the body.
+    smoothed : bool
+        Whether the rates are smoothed from all sensors: their noise does not show.
     """
 
     campaign: Campaign
     slews: SampledSlews
     torques: Mapping[str, ToldTorque] = field(default_factory=dict)
+    smoothed: bool = False
     kept: dict = field(default_factory=dict)
 
     def with_slews(self, slews: SampledSlews) -> Misfits:
         """The same laws for other telemetry of the campaign."""
-        return Misfits(self.campaign, slews, self.torques)
+        return Misfits(self.campaign, slews, self.torques, self.smoothed)
 
     def of(self, reading: Reading) -> dict[str, LinearFit]:
         """The fit of every law that the telemetry can be held against.
@@ -543,7 +557,10 @@ class Misfits:
         """Telemetry in physical units, under a reading."""
         if "noise" not in self.kept:
             series = series_of(self.campaign)
-            self.kept["noise"] = {s.name: believed_noise(self.campaign, s) for s in series}
+            believed = {s.name: believed_noise(self.campaign, s) for s in series}
+            if self.smoothed:
+                believed[RATE.name] = np.array(RATE.sigma(self.campaign))
+            self.kept["noise"] = believed
         noise = self.kept["noise"]
         motion = self.motion(reading)
         return Told(self.campaign, self.slews, reading, motion, noise, torques=self.torques)

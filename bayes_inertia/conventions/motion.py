@@ -388,30 +388,35 @@ class ToldTorque:
         Integral of the torque since the first of them, at the priors' means [N m s].
     doubt : (n,) array
         Integral of the size by which the priors' sds may change it [N m s].
+    carried_B : (n, 3) array
+        Momentum that devices carry inside [N m s].
     """
 
     time: np.ndarray
     impulse_B: np.ndarray
     doubt: np.ndarray
+    carried_B: np.ndarray
 
     def at(self, moments: np.ndarray) -> np.ndarray:
-        """Impulse and doubt (N, 4) at moments (N,) [s]."""
-        columns = np.column_stack([self.impulse_B, self.doubt])
+        """Impulse, doubt and carried momentum (N, 7) at moments (N,) [s]."""
+        columns = np.column_stack([self.impulse_B, self.doubt, self.carried_B])
         return np.stack([np.interp(moments, self.time, column) for column in columns.T], axis=-1)
 
 
 def told_impulse(
     slews: SampledSlews, moving: Motion, torques: Mapping[str, ToldTorque]
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What told torques add to the momentum (S, N, 3) in axes that do not turn, and doubt (S, N).
 
-    `torques`: by the name of the slew; where a slew has none, nothing is added [N m s].
+    `torques`: by the name of the slew; where a slew has none, nothing is added [N m s]. Returns
+    also the momentum (S, N, 3) that devices carry, in the same axes.
     """
-    at = np.zeros((*slews.time.shape, 4))
+    at = np.zeros((*slews.time.shape, 7))
     for k, name in enumerate(slews.names):
         if name in torques:
             at[k] = torques[name].at(slews.time[k])
     middle = 0.5 * (moving.to_start[:, 1:] + moving.to_start[:, :-1])
     steps = np.einsum("snij,snj->sni", middle, np.diff(at[..., :3], axis=1))
     added = np.concatenate([np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)], axis=1)
-    return added, at[..., 3] - at[:, :1, 3]
+    carried = np.einsum("snij,snj->sni", moving.to_start, at[..., 4:])
+    return added, at[..., 3] - at[:, :1, 3], carried

@@ -367,7 +367,7 @@ def _turn_seen(
         )
         for axis, k in zip(gap.T, given.T, strict=True)
     ]
-    unbiased = replace(campaign.gyro, bias=0.0)
+    unbiased = replace(campaign.gyro, bias=(0.0,))
     K = estimate.theta[6 : estimate.model.n_base]
     rate_B = body_rates(unbiased, np.stack(smooth, axis=-1), K)
     mean = 0.5 * (rate_B[1:] + rate_B[:-1]) * np.diff(time)[:, None]

@@ -26,6 +26,7 @@ from bayes_inertia.inference.predicted_telemetry import predicted_telemetry
 from bayes_inertia.inference.sampler import Chains
 from bayes_inertia.inference.settings import FitContext
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.physics.actuators import ties_of_scale
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.parameters import log_prior
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
@@ -241,6 +242,7 @@ def _attributes(estimate: Estimate, chains: Chains, context: FitContext) -> dict
         "includes_wheel_spin": model.structure.includes_wheel_spin,
         "drive": model.structure.drive,
         "wheels": model.structure.wheels,
+        "scale_of_J": ties_of_scale(model.campaign),
         "versions": {name: metadata.version(name) for name in _LIBRARIES},
     }
 

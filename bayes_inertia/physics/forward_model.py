@@ -293,7 +293,7 @@ def _nuisance_scale(campaign: Campaign, structure: Structure) -> NuisanceScale:
     """
     rate, _, moment = campaign.scale_of_motion()
     sensor, smoothed = campaign.rate_sensor, campaign.with_body_rates is not campaign
-    noise = campaign.noise_of_rates if smoothed else float(np.max(campaign.gyro.sigma))
+    noise = campaign.body_rates.noise if smoothed else float(np.max(campaign.gyro.sigma))
     rates = np.full(3, 10.0 * rate + 1e3 * noise)
     attitudes = np.full(3, 1.0)
     if structure.drive == "measured":

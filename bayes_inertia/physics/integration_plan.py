@@ -111,14 +111,16 @@ def motion_scales(campaign: Campaign) -> MotionScales:
     tensor = campaign.inertia.tensor
     moments = np.linalg.eigvalsh(tensor)
     rate, momentum, turn = 0.0, 0.0, 0.0
-    seen = campaign.with_body_rates
+    seen, noise = campaign.body_rates
+    # Smoothed rates may be too small.
+    doubt = 0.0 if seen is campaign else np.sqrt(3.0) * noise
     for slew in seen.slews:
         rows, readings = slew.complete_rates(seen.valid_readings(slew))
         if len(rows):
             of_body = readings @ tensor
             if slew.wheel_momentum is not None:
                 of_body = of_body + np.nan_to_num(slew.wheel_momentum[rows]) @ axes.T
-            rate = max(rate, _largest(readings))
+            rate = max(rate, _largest(readings) + doubt)
             momentum = max(momentum, _largest(of_body))
             turn = max(turn, slew.duration * float(np.mean(np.linalg.norm(readings, axis=1))))
     if any(slew.wheel_momentum is None for slew in campaign.slews):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -21,13 +21,15 @@ from bayes_inertia.physics.slew_context import State
 
 def told_torques(
     campaign: Campaign, effects: Sequence[Effect]
-) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
     """Each slew's external torque of some effects, integrated, by the name of the slew.
 
     Returns: time (n,) on the slew's own clock [s]; impulse (n, 3) at the priors' means, body axes
-    [N m s]; the integrated size (n,) of what one prior sd of each parameter changes.
+    [N m s]; the integrated size (n,) of what one prior sd of each parameter changes; momentum
+    (n, 3) that devices carry at those means.
     """
-    acting = [effect for effect in effects if effect.acts("body_torque")]
+    hooks = ("body_torque", "carried_momentum")
+    acting = [effect for effect in effects if any(effect.acts(hook) for hook in hooks)]
     if not acting:
         return {}
     spaces = [_space(effect, campaign) for effect in acting]
@@ -38,13 +40,31 @@ def told_torques(
         one: Arrays = jax.tree.map(lambda rows, k=k: rows[k], arrays)
         rate_B, attitude = _measured_motion(campaign, k, np.asarray(one.slews.context.time))
         mean, doubt = np.zeros((len(rate_B), 3)), np.zeros(len(rate_B))
+        carried, carried_doubt = np.zeros_like(mean), np.zeros_like(doubt)
         for effect, space in zip(acting, spaces, strict=True):
             torque, size = _torque(effect, space, campaign, one, rate_B, attitude)
             mean, doubt = mean + torque, doubt + size
+            momentum, size = _carried(effect, space, one)
+            carried, carried_doubt = carried + momentum, carried_doubt + size
         step = np.asarray(one.slews.context.step)
         time = slew.time[0] + np.asarray(one.slews.context.time)
-        told[slew.name] = (time, _integral(mean, step), _integral(doubt[:, None], step)[:, 0])
+        doubt = _integral(doubt[:, None], step)[:, 0] + carried_doubt
+        told[slew.name] = (time, _integral(mean, step), doubt, carried)
     return told
+
+
+def _carried(effect: Effect, space: ParameterSpace, one: Arrays) -> tuple[np.ndarray, np.ndarray]:
+    """Momentum (n, 3) that a device carries [N m s], and what the priors leave open of it (n,)."""
+    context = one.slews.context
+    devices = {name: x.first for name, x in (one.slews.inputs or {}).items()}
+
+    def at_all(flat: Array) -> Array:
+        p = space.split(flat).get(effect.name, {})
+        if not effect.acts("carried_momentum"):
+            return jnp.zeros((len(context.time), 3))
+        return jax.vmap(lambda given: effect.carried_momentum(p, context, given))(devices)
+
+    return _at_prior(at_all, space)
 
 
 def _integral(held: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -120,6 +140,13 @@ def _torque(
             {name: 0.5 * (x.first + x.last) for name, x in (inputs.inputs or {}).items()},
         )
 
+    return _at_prior(at_all, space)
+
+
+def _at_prior(
+    at_all: Callable[[Array], Array], space: ParameterSpace
+) -> tuple[np.ndarray, np.ndarray]:
+    """A vector (n, 3) at the priors' means, and the size (n,) of what one sd of each changes."""
     mean = jnp.asarray(space.mean)
     columns = jax.jacfwd(at_all)(mean) * jnp.asarray(space.sd)
     return np.asarray(at_all(mean)), np.sqrt(np.asarray(jnp.sum(columns**2, axis=(1, 2))))

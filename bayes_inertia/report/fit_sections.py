@@ -121,9 +121,26 @@ def limits_section(posterior: Posterior) -> Section:
         "effects": attributes["effects"],
         "channels": [c for c in ("attitude", "momentum") if c in predicted],
         "wheels": attributes.get("wheels", 3),
+        "ties": tie_sentences(posterior),
         "n_slews": n_slews(posterior),
+        "listed": listed,
     }
     return Section("Limits", packaged("limits.html"), context)
+
+
+def tie_sentences(posterior: Posterior) -> list[str]:
+    """Which devices beside wheels tie the absolute size of J, and how well each is known."""
+    rows, said = posterior.summary()["parameters"], []
+    for tie in posterior.attributes.get("scale_of_J", []):
+        if tie["device"] == "wheels":
+            continue
+        text, gain = f"{tie['by']} of {tie['device']}", rows.get(f"{tie['device']}.gain")
+        sd, percent = tie["relative_sd"], 100.0 * tie["relative_sd"]
+        if gain is not None:
+            found = f"{number(gain['mean'], gain['sd'])} ± {number(gain['sd'], gain['sd'])}"
+            text += f", known to {percent:.2g} % before the fit (gain after it {found})"
+        said.append(text if sd else f"{text}, taken as exact")
+    return said
 
 
 _TEMPLATE = (

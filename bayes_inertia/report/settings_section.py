@@ -22,6 +22,8 @@ def settings_rows(posterior: Posterior) -> list[tuple[str, str]]:
     """Inputs and settings of a fit."""
     attributes, chains = posterior.attributes, posterior.tree["posterior"].sizes["chain"]
     diagnostics, ensembles = attributes["diagnostics"], n_ensembles(posterior)
+    names = [tie["device"] for tie in attributes.get("scale_of_J", []) if tie["device"] != "wheels"]
+    devices = [("devices beside wheels", listed(names))] if names else []
     versions = (f"{name} {version}" for name, version in attributes["versions"].items())
     return [
         ("campaign", attributes["campaign"]),
@@ -31,6 +33,7 @@ def settings_rows(posterior: Posterior) -> list[tuple[str, str]]:
             f"{n_slews(posterior)} slews, {attributes['fit']['n_data']:,} numbers",
         ),
         ("drive", _DRIVE_TEXT[attributes["drive"]]),
+        *devices,
         ("effects fitted along", listed(attributes["effects"]) or "none"),
         ("seed", str(attributes["seed"])),
         (

@@ -7,8 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import bayes_inertia as bi
 from bayes_inertia.app.told_torques import torques_of
+from bayes_inertia.campaign.actuators import GimballedRotors, Thruster
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.conventions.check import (
@@ -106,3 +109,36 @@ def test_the_told_torque_follows_the_measured_attitude(tmp_path):
     # Torques are held over steps of a few hundredths of a radian.
     np.testing.assert_allclose(at_end[:3], expected, atol=0.02 * np.abs(expected).max())
     assert at_end[3] == 0.0
+
+
+def test_devices_of_the_campaign_count():
+    """Pulses of thrusters are no broken law, unless their torques point the other way."""
+    campaign = pushed(0.02)
+    levels = InputStream([0.0, 30.0, 70.0], [[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
+    slews = tuple(replace(s, inputs={"jets": levels}) for s in campaign.slews)
+
+    def with_jets(sign: float) -> Campaign:
+        # One pair of jets a slew: the other slews are left out.
+        torque_B = sign * 0.02 * np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
+        return replace(campaign, slews=slews[:1], actuators=(Thruster("jets", torque_B, 0.02),))
+
+    right = bi.check_conventions(with_jets(1.0))
+    assert right.verdict == "consistent"
+    assert max(right.misfits.values()) < 0.2
+    assert bi.check_conventions(with_jets(-1.0)).misfits["conservation"] > 3.0
+
+
+def test_rotors_count_in_the_total_momentum():
+    """A body that turns because its rotor turns back."""
+    campaign = pushed(0.02)
+    moments = np.diag(campaign.inertia.tensor)
+    slew = campaign.slews[0]
+    size, spin, gimbal = 2.0, np.array([[0.0, 1.0, 0.0]]), np.array([[0.0, 0.0, 1.0]])
+    # Its momentum along x is -size sin(angle), and two rotors cancel along y.
+    angle = np.arcsin(0.5 * moments[0] * slew.rate[:, 0] / size)
+    device = GimballedRotors("pair", size, np.repeat(gimbal, 2, 0), np.concatenate([spin, -spin]))
+    stream = InputStream(slew.time, np.column_stack([angle, -angle]), "line")
+    flown = replace(slew, inputs={"pair": stream})
+    check = bi.check_conventions(replace(campaign, slews=(flown,), actuators=(device,)))
+    assert check.verdict == "consistent"
+    assert check.misfits["conservation"] < 0.2

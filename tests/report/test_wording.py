@@ -9,7 +9,7 @@ from jinja2 import Environment, StrictUndefined
 from bayes_inertia.inference.limits import criteria
 from bayes_inertia.report.criteria import Criteria, criteria_of
 from bayes_inertia.report.diagnosis_wording import alike_sentences, nameless_text
-from bayes_inertia.report.formatting import number
+from bayes_inertia.report.formatting import listed, number
 from bayes_inertia.report.parameter_wording import correlation_sentences
 from bayes_inertia.report.residual_wording import channel_verdict
 from bayes_inertia.report.section import packaged
@@ -131,9 +131,20 @@ def test_limits(drive, effects, channels, wheels, slews, says, does_not_say):
         channels=channels,
         wheels=wheels,
         n_slews=slews,
+        ties=[],
+        listed=listed,
     )
     assert [s for s in says if s not in said] == []
     assert [s for s in does_not_say if s in said] == []
+
+
+def test_limits_say_which_device_ties_the_size_of_the_tensor():
+    ties = ["thrust times arm of jets, known to 2 % before the fit (gain after it 0.99 ± 0.015)"]
+    rest = {"drive": "commanded", "effects": [], "channels": ["attitude"], "n_slews": 8}
+    said = page_of("limits.html", wheels=0, ties=ties, listed=listed, **rest)
+    assert "tied by the thrust times arm of jets, known to 2 %" in said
+    assert "only the ratios" not in said
+    assert "disagree" not in said
 
 
 @pytest.mark.parametrize(

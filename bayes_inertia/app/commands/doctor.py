@@ -53,7 +53,7 @@ def doctor_command(campaign: _CampaignOrNone = None, as_json: AsJson = False) ->
         else:
             show_installation(installation)
         return
-    from bayes_inertia.conventions.check import check_conventions
+    from bayes_inertia.app.told_torques import check_conventions
 
     with progress_bar() as progress:
         progress(_CHECKING, 0, 0)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import Any
 
 from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magnetorquer, Thruster
 from bayes_inertia.campaign.campaign import Campaign
@@ -18,7 +19,7 @@ from bayes_inertia.physics.actuators.stated_change import StatedChange
 from bayes_inertia.physics.actuators.thruster import ThrusterTorque
 from bayes_inertia.physics.effect import Effect
 
-__all__ = ["KINDS", "DeviceEffect", "effects_of"]
+__all__ = ["KINDS", "DeviceEffect", "effects_of", "ties_of_scale"]
 
 # Which effect a device is.
 KINDS: Mapping[type, type[DeviceEffect]] = MappingProxyType(
@@ -44,3 +45,23 @@ def effects_of(campaign: Campaign) -> tuple[Effect, ...]:
     starts = [slew.start for slew in campaign.slews]
     changes = (StatedChange(x, tuple(s >= x.time for s in starts)) for x in campaign.changes)
     return (*devices, *changes)
+
+
+def ties_of_scale(campaign: Campaign) -> list[dict[str, Any]]:
+    """What ties the absolute size of J: whatever momentum or torque of stated size turns the body.
+
+    Returns: of each device its name, by what it does so, and the relative prior sd of that, 0 where
+    it is taken as exact. Empty where nothing does: only ratios of J are known then.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> ties_of_scale(small_campaign())
+    [{'device': 'wheels', 'by': 'momentum', 'relative_sd': 0.0}]
+    """
+    wheels = [{"device": "wheels", "by": "momentum", "relative_sd": 0.0}]
+    return (wheels if campaign.wheels else []) + [
+        {"device": e.name, "by": e.by, "relative_sd": e.device.gain_sigma}
+        for e in effects_of(campaign)
+        if isinstance(e, DeviceEffect)
+    ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from jax import Array
 
@@ -26,6 +26,7 @@ class DeviceEffect(Effect):
     """
 
     device: Any
+    by: ClassVar[str] = "torque"  # what of stated size it turns the body by
 
     @property
     def name(self) -> str:  # type: ignore[override]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +14,8 @@ from bayes_inertia.physics.actuators.device import DeviceEffect, gain
 @dataclass(frozen=True)
 class RotorMomentum(DeviceEffect):
     """Each rotor's momentum turns about its gimbal axis; total momentum stays what it was."""
+
+    by: ClassVar[str] = "momentum"
 
     def carried_momentum(self, p, slew, inputs):
         angle, device = inputs[self.name], self.device

@@ -16,6 +16,7 @@ class TorquerTorque(DeviceEffect):
     """The dipole's cross product with the field in body axes."""
 
     needs: ClassVar[tuple[str, ...]] = ("magnetic_field_N",)
+    by: ClassVar[str] = "dipole times field"
 
     def body_torque(self, p, slew, t, state):
         dipole = gain(p) * (state.input(self.name) @ self.device.axes_B)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from bayes_inertia.physics.actuators.device import DeviceEffect, gain
 from bayes_inertia.physics.parameters import Normal, vector
@@ -11,6 +12,8 @@ from bayes_inertia.physics.parameters import Normal, vector
 @dataclass(frozen=True)
 class ThrusterTorque(DeviceEffect):
     """The sum of the thrusters' torques; gains of all together, and of each."""
+
+    by: ClassVar[str] = "thrust times arm"
 
     def parameters(self, campaign):
         sd = self.device.each_gain_sigma
