@@ -34,7 +34,6 @@ from bayes_inertia.physics.effects.rate_bias_instability import RateBiasInstabil
 from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
 from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.parameters import N_BIAS
 
 
 @pytest.fixture(scope="module")
