@@ -5,7 +5,7 @@ library, random signals and shapes without a name have their log evidence from o
 (`linear_system`, `hypothesis_table`); the best row is refitted, and all are weighed again around it
 (`table_search`); the noise is measured again beside it, until it stays. A score test whose
 threshold is simulated guards the rate of false alarms. Verdict, steps, J and K of every row are
-read off (`table_verdict`).
+read off there.
 """
 
 from __future__ import annotations
@@ -53,20 +53,18 @@ from bayes_inertia.diagnosis.result import (
 from bayes_inertia.diagnosis.score_test import log_evidence_of_fit
 from bayes_inertia.diagnosis.table_search import (
     SHAPELESS,
+    Reading,
     Table,
     fit_of,
     fixed_part,
     given_row,
+    hypotheses_of,
+    read_table,
     table_of,
+    unexplained_reading,
     with_evidence,
     with_stochastic,
     without_effects,
-)
-from bayes_inertia.diagnosis.table_verdict import (
-    Reading,
-    hypotheses_of,
-    read_table,
-    unexplained_reading,
 )
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.laplace import Estimate

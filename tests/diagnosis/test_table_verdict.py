@@ -5,8 +5,12 @@ import pytest
 
 from bayes_inertia.diagnosis.hypothesis_table import log_prior_of_set, posterior
 from bayes_inertia.diagnosis.limits import Rules
-from bayes_inertia.diagnosis.table_search import Table
-from bayes_inertia.diagnosis.table_verdict import hypotheses_of, read_table, unexplained_reading
+from bayes_inertia.diagnosis.table_search import (
+    Table,
+    hypotheses_of,
+    read_table,
+    unexplained_reading,
+)
 
 TORQUE, SHAPE = "constant_torque", "nameless_body_torque"
 

@@ -143,7 +143,7 @@ def _norm(v):
     return jnp.sqrt(v @ v + 1e-24)
 
 
-def _commanded(slew, t):
+def _commanded(slew, t, state=None, wheel=0):
     row = jnp.clip(jnp.searchsorted(slew.time, t, side="right") - 1, 0, len(slew.time) - 1)
     return slew.torque[row]
 
@@ -234,12 +234,7 @@ DRIVERS: Mapping[str, Driver] = {
     ),
     "wheel_signs": Driver("sign h_w", _sign, {}, "wheels", switches=True),
     "wheel_commands": Driver(
-        "u_w",
-        lambda s, t, x, w: _commanded(s, t),
-        {"N m": 1},
-        "wheels",
-        commands=True,
-        words="commanded wheel torque",
+        "u_w", _commanded, {"N m": 1}, "wheels", commands=True, words="commanded wheel torque"
     ),
     "wheel_efforts": Driver(
         "|u_w|", lambda s, t, x, w: jnp.abs(_commanded(s, t)), {"N m": 1}, "wheels", commands=True
