@@ -131,6 +131,23 @@ def test_thrusters_by_on_times_are_the_torque_that_they_make():
         np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-13)
 
 
+def test_thrusters_that_are_turned_and_stronger_are_told_as_such():
+    torque_B = 0.01 * np.eye(3)[:2]
+    held = InputStream([0.0], [[0.3, 0.7]])
+    doubted = campaign_with(Thruster("jets", torque_B, 0.0, 0.05, 0.02), held)
+    model = Model(doubted)
+    assert model.space.names[9:] == (
+        *(f"jets.each_gain_{k}" for k in (1, 2)),
+        *(f"jets.direction_{k}" for k in "xyz"),
+    )
+    theta = np.append(model.space.mean[:9], [1.1, 0.9, 0.0, 0.0, 0.02])
+    told = np.array([0.3 * 1.1, 0.7 * 0.9]) @ torque_B
+    told = told + np.cross([0.0, 0.0, 0.02], told)
+    same = campaign_with(KnownTorque("jets"), InputStream([0.0], [told]))
+    for ours, theirs in zip(predicted(doubted, (), theta), predicted(same), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-13)
+
+
 def test_a_held_dipole_is_the_residual_dipole():
     dipole = np.array([0.3, -0.2, 0.5])
     axes = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
