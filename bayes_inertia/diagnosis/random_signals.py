@@ -333,8 +333,8 @@ def roots_at(model: Model, shape: float) -> list[CandidateRoots]:
     blocks = prior_roots(model.structure, theta, slews)
     active = model.structure.active_effects(jnp.asarray(theta))
     # Devices of the campaign, which have no coefficients, stand before them.
-    pairs = zip(active, model.structure.coefficients, strict=True)
-    random = [pair for pair, n in pairs if n and isinstance(pair[0], StochasticEffect)]
+    pairs = zip(active, model.structure.coefficients, strict=False)
+    random = [(e, p) for (e, p), n in pairs if n and isinstance(e, StochasticEffect)]
     return [
         candidate_roots(effect, p, slews, np.asarray(own))
         for (effect, p), own in zip(random, blocks, strict=True)

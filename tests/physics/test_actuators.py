@@ -11,6 +11,7 @@ import pytest
 from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magnetorquer, Thruster
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.inputs import InputStream
+from bayes_inertia.diagnosis.random_signals import roots_at
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.active_effects import ActiveEffects
@@ -19,6 +20,7 @@ from bayes_inertia.physics.actuators.gimballed_rotors import momentum_noise
 from bayes_inertia.physics.channels import channels_of
 from bayes_inertia.physics.check_effect import check_effect
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects import RateRandomWalk, TorqueNoise
 from bayes_inertia.physics.effects.magnetic_dipole import MagneticDipole
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.packing import pack
@@ -221,6 +223,16 @@ def test_gains_are_parameters_where_they_are_in_doubt():
     assert doubted.effects == ()
     assert doubted.space.mean[9] == 1.0
     assert doubted.space.sd[9] == 0.02
+
+
+def test_random_effects_stand_beside_devices_and_the_noise_of_their_inputs():
+    angles = InputStream(np.arange(64.0), np.zeros((64, 1)), "line")
+    rotor = GimballedRotors("one", 0.5, np.eye(3)[:1], np.eye(3)[1:2], angle_sigma=1e-4)
+    both = (RateRandomWalk(), TorqueNoise())
+    alone = roots_at(Model(small_campaign(), both), 0.0)
+    beside = roots_at(Model(campaign_with(rotor, angles), both), 0.0)
+    for first, second in zip(alone, beside[:2], strict=True):
+        np.testing.assert_array_equal(first.blocks, second.blocks)
 
 
 def test_an_effect_of_your_own_looks_up_an_input_by_name():
