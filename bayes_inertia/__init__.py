@@ -27,6 +27,7 @@ _PUBLIC = {
     "Dirt": "faults.fault",
     "InertiaPrior": "campaign.hardware",
     "CorrelatedNoise": "campaign.hardware",
+    "Change": "campaign.changes",
     "GimballedRotors": "campaign.actuators",
     "InputStream": "campaign.inputs",
     "KnownTorque": "campaign.actuators",
@@ -37,6 +38,7 @@ _PUBLIC = {
     "Thruster": "campaign.actuators",
     "Wheel": "campaign.hardware",
     "read_campaign": "campaign.reader",
+    "with_orbit": "campaign.environment",
     "write_campaign": "campaign.writer",
     # Conventions held against physics, before any fit.
     "ConventionChange": "conventions.check",

@@ -21,9 +21,9 @@ import bayes_inertia as bi
 # Adding a name is a decision; removing one breaks notebooks.
 PUBLIC = set(
     """
-    Campaign CorrelatedNoise Dirt GimballedRotors InertiaPrior InputStream KnownTorque
+    Campaign Change CorrelatedNoise Dirt GimballedRotors InertiaPrior InputStream KnownTorque
     Magnetorquer RateSensor Slew StarTracker Thruster Wheel
-    read_campaign write_campaign
+    read_campaign with_orbit write_campaign
     DroppedPart ImportedCampaign NoiseFit RestNoise SlewCut SlewWindow import_logs
     ConventionChange ConventionsCheck check_conventions
     ChannelNoise CheckedEffect Drive Effect LIBRARY LogNormal Model NoiseModel Normal

@@ -19,7 +19,7 @@ from bayes_inertia.flight.spacecraft import spin_tensor, without_spin
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.effects import InertiaChange
-from bayes_inertia.physics.parameters import N_BASE
+from bayes_inertia.physics.parameters import base_count
 from bayes_inertia.progress import Progress, silent
 from bayes_inertia.report.criteria import criteria_of
 from bayes_inertia.report.export.content import (
@@ -85,12 +85,13 @@ def write_export(result: ExportedResult, form: ExportFormat, path: Path) -> Path
 
 def forecast_of(posterior: Posterior, campaign: Campaign) -> UpdateForecast | None:
     """The error of the next slew with the old and with the new J and K on board, in seconds."""
-    samples = posterior.averaged_samples[:, :N_BASE]
+    n = base_count(posterior.names)
+    samples = posterior.averaged_samples[:, :n]
     draws = samples[np.linspace(0, len(samples) - 1, LAYOUT.forecast_draws).astype(int)]
     rows: Any = posterior.summary()["parameters"]
     prior_mean: Any = posterior.tree["estimate"]["prior_mean"]
-    old = np.asarray(prior_mean)[:N_BASE]
-    new = np.array([row["mean"] for row in rows.values()][:N_BASE])
+    old = np.asarray(prior_mean)[:n]
+    new = np.array([row["mean"] for row in rows.values()][:n])
     return correction_with_update(campaign, draws, old, new)
 
 
@@ -118,7 +119,7 @@ def _parameters(posterior: Posterior, summary: dict[str, Any]) -> tuple[Exported
         low, high = interval_90(row) or (row["q05"], row["q95"])
         # The prior of an effect's parameter may be one of its logarithm.
         drawn: Any = tree["prior"][name]
-        old = float(prior_means[i]) if i < N_BASE else float(np.median(drawn))
+        old = float(prior_means[i]) if i < base_count(posterior.names) else float(np.median(drawn))
         exported.append(
             ExportedParameter(
                 name=name,

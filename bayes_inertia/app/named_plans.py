@@ -48,5 +48,5 @@ def prior_mission(campaign: Campaign) -> Mission:
 
     Returns: its spacecraft has J and K at the mean of their prior.
     """
-    theta = np.concatenate([campaign.inertia.elements, campaign.rate_sensor.scale_factor])
+    theta = np.concatenate([campaign.inertia.elements, campaign.three_axis_gyro.scale_factor])
     return Mission(spacecraft_at(campaign, theta), campaign.inertia)

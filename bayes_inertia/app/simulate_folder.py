@@ -92,10 +92,16 @@ def _has_wheels(campaign: Campaign, folder: Path) -> None:
 
 
 def _left_out(campaign: Campaign) -> tuple[str, ...]:
-    """Channels of the campaign that simulated telemetry lacks."""
-    wandering = stated_terms(campaign)
-    if not wandering:
-        return ()
-    return (
-        f"noise that the campaign states and the simulation does not draw: {', '.join(wandering)}",
-    )
+    """What the campaign has and a simulation does not fly."""
+    wandering, notes = stated_terms(campaign), []
+    if wandering:
+        said = ", ".join(wandering)
+        notes.append(f"noise that the campaign states and the simulation does not draw: {said}")
+    if campaign.more_sensors or campaign.actuators or campaign.changes:
+        names = [name for name, _ in campaign.more_sensors]
+        names += [device.name for device in (*campaign.actuators, *campaign.changes)]
+        notes.append(
+            "wheels, the first rate sensor and the first star tracker fly; left out: "
+            f"{', '.join(names)}"
+        )
+    return tuple(notes)

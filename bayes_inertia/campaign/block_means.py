@@ -48,8 +48,7 @@ def reduced(campaign: Campaign, block: int | None = None) -> Campaign:
         length //= 2
     if length < 2:
         return campaign
-    noise = 1.0 / np.sqrt(length)
-    x, y, z = (float(s * noise) for s in campaign.rate_sensor.sigma)
+    noise, sensor = 1.0 / np.sqrt(length), campaign.gyro
     wheels = tuple(
         w
         if w.momentum_sigma is None
@@ -59,7 +58,7 @@ def reduced(campaign: Campaign, block: int | None = None) -> Campaign:
     return replace(
         campaign,
         slews=tuple(_reduced_slew(slew, length) for slew in campaign.slews),
-        rate_sensor=replace(campaign.rate_sensor, sigma=(x, y, z)),
+        rate_sensor=replace(sensor, sigma=tuple(float(s * noise) for s in sensor.sigma)),
         wheels=wheels,
     )
 
@@ -90,7 +89,8 @@ def readings_a_mean(campaign: Campaign) -> int:
     """
     rates = [np.asarray(slew.rate) for slew in campaign.slews if slew.rate is not None]
     commanded = any(slew.wheel_torque is not None for slew in campaign.slews)
-    if campaign.rate_sensor.correlated_noise is not None or campaign.more_sensors:
+    sensor = campaign.rate_sensor
+    if sensor is None or sensor.correlated_noise is not None or campaign.more_sensors:
         return 1
     if campaign.actuators:  # a mean would mix what they did before and after a jump
         return 1
@@ -101,8 +101,8 @@ def readings_a_mean(campaign: Campaign) -> int:
         return 1
     together = np.concatenate(rates)
     steps = [quantisation_step(axis) or 0.0 for axis in together.T]
-    sigmas = campaign.rate_sensor.sigma
-    if any(step > LIMITS.coarse_rounding * s for step, s in zip(steps, sigmas, strict=True)):
+    pairs = zip(steps, sensor.sigma, strict=True)
+    if any(step > LIMITS.coarse_rounding * s for step, s in pairs):
         return 1
     length = min(longest_block(campaign), rows // LIMITS.fewest_blocks)
     while length > 1 and _kept(campaign, length) < LIMITS.least_kept_by_blocks:
@@ -133,9 +133,7 @@ def longest_block(campaign: Campaign) -> int:
     step = max(float(np.median(slew.rate_steps)) for slew in campaign.slews)
     blocks = np.arange(1, LIMITS.largest_block + 1)
     error = LIMITS.block_remainder * rate * (bandwidth * step * blocks) ** 4
-    allowed = error <= LIMITS.block_error_of_noise * min(campaign.rate_sensor.sigma) / np.sqrt(
-        blocks
-    )
+    allowed = error <= LIMITS.block_error_of_noise * min(campaign.gyro.sigma) / np.sqrt(blocks)
     # Five blocks a slew tell the curvature.
     rows = min(len(slew.rate_steps) + 1 for slew in campaign.slews)
     return max(1, min(int(allowed.sum()), rows // LIMITS.block_neighbours))

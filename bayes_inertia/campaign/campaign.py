@@ -4,12 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from bayes_inertia.campaign.actuators import Actuator, Magnetorquer, Thruster
-from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel, require
+from bayes_inertia.campaign.body_rates import BodyRates, attitudes_seen, body_rates_of
+from bayes_inertia.campaign.changes import Change
+from bayes_inertia.campaign.hardware import (
+    DirectionSensor,
+    InertiaPrior,
+    RateSensor,
+    StarTracker,
+    Wheel,
+    require,
+)
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.saturated import in_range
@@ -30,23 +40,25 @@ class Campaign:
         What was known of the inertia tensor before flight.
     wheels : sequence of Wheel
         The wheels, in the order of the columns of torque and momentum; may be empty.
-    rate_sensor : RateSensor
-        The rate sensor.
+    rate_sensor : RateSensor or None
+        The rate sensor; None if there is none.
     star_tracker : StarTracker or None
         The star tracker; None if no slew has an attitude.
     slews : sequence of Slew
-        At least one, all with rates.
+        At least one, all with rates if there is a rate sensor.
     dirt : sequence of Dirt, optional
         Faults of the telemetry that the reader treated, in the order of the slews.
     mission : sequence of (str, str), optional
         What reports are filed under: `name`, `spacecraft`, `operator` and `document`, as far as
         they are known.
     more_sensors : sequence of (str, hardware), optional
-        Further sensors beside those above, each a `RateSensor` or `StarTracker` with the name under
-        which `Slew.more` has its readings.
+        Further sensors beside those above, each a `RateSensor`, `StarTracker` or `DirectionSensor`
+        with the name under which `Slew.more` has its readings.
     actuators : sequence of devices, optional
         What turns the spacecraft beside wheels: `KnownTorque`, `Magnetorquer`, `Thruster` or
         `GimballedRotors`, each with its input in every slew under `Slew.inputs`.
+    changes : sequence of Change, optional
+        What is known to have changed during the campaign, and when.
 
     Raises
     ------
@@ -64,13 +76,14 @@ class Campaign:
     name: str
     inertia: InertiaPrior
     wheels: tuple[Wheel, ...]
-    rate_sensor: RateSensor
+    rate_sensor: RateSensor | None
     star_tracker: StarTracker | None
     slews: tuple[Slew, ...]
     dirt: tuple[Dirt, ...] = ()
     mission: tuple[tuple[str, str], ...] = ()
     more_sensors: tuple[tuple[str, Any], ...] = ()
     actuators: tuple[Actuator, ...] = ()
+    changes: tuple[Change, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "wheels", tuple(self.wheels))
@@ -79,20 +92,22 @@ class Campaign:
         object.__setattr__(self, "mission", tuple(self.mission))
         object.__setattr__(self, "more_sensors", tuple(self.more_sensors))
         object.__setattr__(self, "actuators", tuple(self.actuators))
+        object.__setattr__(self, "changes", tuple(self.changes))
         advice = "list at least one [[slews]] table"
         require(len(self.slews) > 0, "slews", "the campaign has no slew", advice)
         _require_different("wheels", [wheel.name for wheel in self.wheels])
         _require_different("slews", [slew.name for slew in self.slews])
         for name, sensor in self.more_sensors:
-            known = isinstance(sensor, RateSensor | StarTracker) or hasattr(sensor, "stream")
+            known = isinstance(sensor, RateSensor | StarTracker | DirectionSensor)
+            known = known or hasattr(sensor, "stream")
             what = f"a {type(sensor).__name__} is no kind of sensor"
-            advice = "give a RateSensor, a StarTracker or an object that names its stream"
+            advice = "give a RateSensor, StarTracker, DirectionSensor, or what names its stream"
             require(known, f"more_sensors.{name}", what, advice)
         for device in self.actuators:
             what = f"a {type(device).__name__} is no device beside wheels"
             advice = "give a KnownTorque, Magnetorquer, Thruster or GimballedRotors"
             require(isinstance(device, Actuator), "actuators", what, advice)
-        names = [device.name for device in self.actuators]
+        names = [device.name for device in (*self.actuators, *self.changes)]
         _require_different("actuators", [*names, *(wheel.name for wheel in self.wheels)])
         for slew in self.slews:
             self._check_slew(slew)
@@ -112,12 +127,7 @@ class Campaign:
             "a torque is not a number",
             "the simulator needs every wheel at every row: repair the row or leave the columns out",
         )
-        require(
-            slew.rate is not None,
-            f"{where}.rate",
-            "no rate-sensor columns",
-            "the method needs rate telemetry: name its columns under columns.rate",
-        )
+        self._check_rates(slew)
         unknown = sorted(set(slew.more or ()) - {name for name, _ in self.more_sensors})
         what = f"readings of {unknown[:1]}, which no sensor has"
         require(not unknown, f"{where}.more", what, "add the sensor to more_sensors")
@@ -145,6 +155,32 @@ class Campaign:
             advice = "add the magnetic_field columns, in inertial axes"
             what = "the magnetic field, without which a dipole has no torque, is absent"
             require(not field, f"slews.{slew.name}.magnetic_field", what, advice)
+
+    def _check_rates(self, slew: Slew) -> None:
+        key, sensor = f"slews.{slew.name}.rate", self.rate_sensor
+        if sensor is None:
+            advice = "add the rate sensor, or leave the rates out"
+            require(slew.rate is None, key, "rates without a rate sensor", advice)
+            fixes = attitudes_seen(self, slew)[0]
+            what = "neither a rate sensor nor two attitudes tell how the body turned"
+            require(len(fixes) > 1, f"slews.{slew.name}", what, "add what measured the motion")
+            return
+        what = "no rate-sensor columns"
+        advice = "name its columns under columns.rate, or leave the rate sensor out"
+        require(slew.rate is not None, key, what, advice)
+        columns, axes = np.asarray(slew.rate).shape[1], len(sensor.axes)
+        what = f"{columns} columns for a rate sensor of {axes} axes"
+        require(columns == axes, key, what, "give one a sensor axis")
+
+    @cached_property
+    def body_rates(self) -> BodyRates:
+        """Rates about the three body axes: smoothed, where the rate sensor does not tell them."""
+        return body_rates_of(self)
+
+    @property
+    def with_body_rates(self) -> Campaign:
+        """The campaign with a rate sensor of three axes; itself where it has a good one."""
+        return self.body_rates.campaign
 
     @property
     def has_commands(self) -> bool:
@@ -238,10 +274,12 @@ class Campaign:
 
         Returns
         -------
-        (n, 3) array of bool
+        (n, axes) array of bool
             False where a reading is missing or saturated.
         """
-        return in_range(np.asarray(slew.rate), self.rate_sensor.range)
+        if self.rate_sensor is None or slew.rate is None:
+            return np.zeros((len(slew.time), 0), dtype=bool)
+        return in_range(slew.rate, self.rate_sensor.range)
 
     def largest_rate(self, quantile: float = 0.98) -> float:
         """The largest rate that the campaign believably turned at.
@@ -266,11 +304,33 @@ class Campaign:
         >>> Campaign("c", prior, (), sensor, None, (slew,)).largest_rate(1.0)
         0.2
         """
-        rates = [s.complete_rates(self.valid_readings(s))[1] for s in self.slews]
+        seen = self.with_body_rates
+        rates = [s.complete_rates(seen.valid_readings(s))[1] for s in seen.slews]
         return max(
             (float(np.quantile(np.linalg.norm(r, axis=1), quantile)) for r in rates if len(r)),
             default=0.0,
         )
+
+    @property
+    def three_axis_gyro(self) -> RateSensor:
+        """The rate sensor where it reads three axes, as flights that are simulated need it.
+
+        Raises
+        ------
+        CampaignError
+            If there is none, or it has another number of axes.
+        """
+        axes = len(self.rate_sensor.axes) if self.rate_sensor else 0
+        what = f"a rate sensor of three axes is needed to fly a plan; this campaign's has {axes}"
+        advice = "`fit`, `diagnose`, `observe` and `doctor` take any set of sensors"
+        require(axes == 3, "rate_sensor.axes", what, advice)
+        return self.gyro
+
+    @property
+    def gyro(self) -> RateSensor:
+        """The rate sensor of a campaign that has one."""
+        assert self.rate_sensor is not None
+        return self.rate_sensor
 
     def scale_of_motion(self) -> tuple[float, float, float]:
         """Scales of the motion in which default priors of effects are stated.
@@ -278,17 +338,18 @@ class Campaign:
         Returns
         -------
         rate : float
-            Root mean square of the rate [rad/s], at least the rate sensor's noise.
+            Root mean square of the rate [rad/s], at least the noise of what tells it.
         duration : float
             Median duration of a slew [s].
         inertia : float
             Mean principal moment of inertia [kg m^2].
         """
-        readings = np.concatenate([s.complete_rates(self.valid_readings(s))[1] for s in self.slews])
+        seen = self.with_body_rates
+        readings = np.concatenate([s.complete_rates(seen.valid_readings(s))[1] for s in seen.slews])
         rate = float(np.sqrt(np.mean(np.sum(readings**2, axis=1)))) if len(readings) else 0.0
         duration = float(np.median([s.duration for s in self.slews]))
         return (
-            max(rate, float(np.mean(self.rate_sensor.sigma))),
+            max(rate, self.body_rates.noise),
             duration,
             float(np.trace(self.inertia.tensor) / 3.0),
         )

@@ -9,6 +9,7 @@ import difflib
 import re
 import reprlib
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, get_args
 
@@ -97,6 +98,9 @@ _ADVICE_ON_SENSE = {
 }
 
 
+_LISTS = ("wheels", "slews", "streams", "sensors", "actuators", "environment", "changes")
+
+
 def _wrong_type(kind: str, key: str, value: Any, message: str) -> tuple[str, str]:
     shown = reprlib.repr(value)
     brackets = (
@@ -104,7 +108,7 @@ def _wrong_type(kind: str, key: str, value: Any, message: str) -> tuple[str, str
         if key == "names"
         else "write numbers without quotes, in brackets where there are several"
     )
-    brackets = f"write [[{key}]]" if key in ("wheels", "slews", "streams") else brackets
+    brackets = f"write [[{key}]]" if key in _LISTS else brackets
     length = message.replace("List", "the list").replace(" after validation", "")
     known = {
         "float_type": (f"{shown} is not a number", "write a number without quotes, such as 0.04"),
@@ -191,6 +195,9 @@ class _Wording:
 
     def _nearest_key(self, key: str, loc: tuple) -> str:
         known = list(self._fields(loc))
+        other: Mapping[str, str] = getattr(self.form, "other_format", {})
+        if len(loc) == 1 and key in other:
+            return other[key]
         lower = key.lower().replace("-", "_")
         words = sorted(lower.split("_"))
         near = [

@@ -43,7 +43,12 @@ import numpy as np
 from bayes_inertia.campaign.hardware import Wheel, unattainable
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.sensors import STREAMS
-from bayes_inertia.campaign.slew_parts import Channels, with_rows_at, without_intervals
+from bayes_inertia.campaign.slew_parts import (
+    MORE,
+    Channels,
+    with_rows_at,
+    without_intervals,
+)
 from bayes_inertia.faults.fault import Dirt, Treatment
 from bayes_inertia.faults.gaps import gap_note, is_regular, missing_rows, unbroken_rows
 from bayes_inertia.faults.limits import LIMITS as FAULTS
@@ -318,7 +323,7 @@ def with_lost_commands(
         step_sd = np.where(change > limit, 0.5 * change, 0.0)
         sd[inside] = np.minimum(np.hypot(LIMITS.line_error_safety * rms, step_sd), largest)
         if count < len(times):
-            for name in _LEFT_OUT & set(channels):
+            for name in (n for n in channels if n in _LEFT_OUT or n.startswith(MORE)):
                 channels[name][inside & (time > starts[0] + 2.0 * LIMITS.same_row * step)] = np.nan
     return {**channels, "lost_command": pieces, "lost_command_sd": sd}
 

@@ -21,6 +21,9 @@ from bayes_inertia.faults.limits import LIMITS
 from bayes_inertia.maths.tensor_elements import COLUMNS_OF_ELEMENTS, ROWS_OF_ELEMENTS
 from bayes_inertia.maths.values import Vector, array_dataclass
 
+# One number for each axis of a sensor.
+Numbers = tuple[float, ...]
+
 
 def require(condition: bool, key: str, what: str, advice: str) -> None:
     """Raise an error that names a key of the campaign, unless a condition holds.
@@ -72,21 +75,23 @@ def unit_length(vectors: np.ndarray) -> np.ndarray:
     return np.where(np.abs(norm - 1.0) < 1e-15, vectors, vectors / norm)
 
 
-def triple(value: Any, key: str) -> Vector:
-    """One number for each of three axes, as plain floats.
+def one_an_axis(value: Any, axes: int, key: str) -> Numbers:
+    """One number for each axis of a sensor, as plain floats.
 
-    `value` (3,): one number for all axes, or one for each.
+    `value` (axes,): one number for all axes, or one for each.
 
     Examples
     --------
-    >>> triple(2e-5, "rate_sensor.sigma")
+    >>> one_an_axis(2e-5, 3, "rate_sensor.sigma")
     (2e-05, 2e-05, 2e-05)
     """
-    array = np.broadcast_to(np.asarray(value, dtype=float), (3,))
+    array = np.atleast_1d(np.asarray(value, dtype=float))
+    fits = array.shape in ((1,), (axes,))
+    what = f"{value!r} is not one number, nor one for each of {axes} axes"
+    require(fits, key, what, "give as many numbers as the sensor has axes")
     finite = bool(np.all(np.isfinite(array)))
     require(finite, key, f"{value!r} is not finite", "give finite numbers")
-    x, y, z = array.tolist()
-    return (x, y, z)
+    return tuple(np.broadcast_to(array, (axes,)).tolist())
 
 
 def require_positive(value: Any, key: str, *, optional: bool = False) -> None:
@@ -252,9 +257,9 @@ class CorrelatedNoise:
 
     Parameters
     ----------
-    share : (3,) array_like
-        Share of each axis' variance that is correlated, 0 to 1.
-    time : (3,) array_like
+    share : (axes,) array_like
+        Share of each axis' variance that is correlated, 0 to 1; one number counts for each axis.
+    time : (axes,) array_like
         Correlation time of each axis [s].
 
     Raises
@@ -268,12 +273,14 @@ class CorrelatedNoise:
     (2.0, 2.0, 2.0)
     """
 
-    share: Vector
-    time: Vector
+    share: Numbers
+    time: Numbers
 
     def __post_init__(self) -> None:
+        axes = max(np.size(self.share), np.size(self.time))
         for key in ("share", "time"):
-            numbers = triple(getattr(self, key), f"rate_sensor.correlated_noise.{key}")
+            place = f"rate_sensor.correlated_noise.{key}"
+            numbers = one_an_axis(getattr(self, key), axes if axes > 1 else 3, place)
             object.__setattr__(self, key, numbers)
         require(
             all(0.0 <= share <= 1.0 for share in self.share),
@@ -286,23 +293,23 @@ class CorrelatedNoise:
 
 @array_dataclass
 class RateSensor:
-    """Three-axis rate sensor: K w_meas = C_rate w + b, K = diag(K1, K2, K3) (paper eq 12).
+    """Rate sensor of n axes: K w_meas = C_rate w + b, K = diag(K1, ..., Kn) (paper eq 12).
 
     Parameters
     ----------
-    sigma : float or (3,) array_like
+    sigma : float or (n,) array_like
         White noise per sample [rad/s].
-    axes : (3, 3) array, optional
-        C_rate: row i is the sensor axis i in body axes; the body axes by default.
+    axes : (n, 3) array, optional
+        C_rate: row i is the sensor axis i in body axes; the three body axes by default.
     range : float, optional
         Largest reading of an axis [rad/s]; None if unlimited.
-    scale_factor : float or (3,) array_like, optional
+    scale_factor : float or (n,) array_like, optional
         Prior mean of K.
-    scale_factor_sigma : float or (3,) array_like, optional
+    scale_factor_sigma : float or (n,) array_like, optional
         Prior standard deviation of K.
-    bias : float or (3,) array_like, optional
+    bias : float or (n,) array_like, optional
         Prior mean of b [rad/s].
-    bias_sigma : float or (3,) array_like, optional
+    bias_sigma : float or (n,) array_like, optional
         Prior standard deviation of b [rad/s].
     correlated_noise : CorrelatedNoise, optional
         How the noise is correlated in time; None: it is white.
@@ -316,8 +323,8 @@ class RateSensor:
     Raises
     ------
     CampaignError
-        If the axes are not three independent unit vectors, a number is not positive, or one of
-        `bias_instability` and its time is absent.
+        If the axes are not unit vectors, or three or more lie in one plane; a number is not
+        positive; or one of `bias_instability` and its time is absent.
 
     Examples
     --------
@@ -325,13 +332,13 @@ class RateSensor:
     (2e-05, 2e-05, 2e-05)
     """
 
-    sigma: Vector
+    sigma: Numbers
     axes: np.ndarray = field(default_factory=lambda: np.eye(3))
     range: float | None = None
-    scale_factor: Vector = (1.0, 1.0, 1.0)
-    scale_factor_sigma: Vector = (0.03, 0.03, 0.03)
-    bias: Vector = (0.0, 0.0, 0.0)
-    bias_sigma: Vector = (1e-5, 1e-5, 1e-5)
+    scale_factor: Numbers = (1.0,)
+    scale_factor_sigma: Numbers = (0.03,)
+    bias: Numbers = (0.0,)
+    bias_sigma: Numbers = (1e-5,)
     correlated_noise: CorrelatedNoise | None = None
     rate_random_walk: float | None = None
     bias_instability: float | None = None
@@ -342,7 +349,8 @@ class RateSensor:
         _require_independent_axes(axes)
         object.__setattr__(self, "axes", axes)
         for key in ("sigma", "scale_factor", "scale_factor_sigma", "bias", "bias_sigma"):
-            object.__setattr__(self, key, triple(getattr(self, key), f"rate_sensor.{key}"))
+            numbers = one_an_axis(getattr(self, key), len(axes), f"rate_sensor.{key}")
+            object.__setattr__(self, key, numbers)
             if key != "bias":
                 require_positive(getattr(self, key), f"rate_sensor.{key}")
         for key in ("range", "rate_random_walk", "bias_instability", "bias_instability_time"):
@@ -355,22 +363,39 @@ class RateSensor:
         )
 
 
+def axis_names(sensor: RateSensor | None) -> tuple[str, ...]:
+    """Names of a rate sensor's axes: x, y and z of three, else 1 to n; none without a sensor.
+
+    Examples
+    --------
+    >>> axis_names(RateSensor(1e-5)), axis_names(RateSensor(1e-5, np.eye(3)[:2]))
+    (('x', 'y', 'z'), ('1', '2'))
+    """
+    axes = len(sensor.axes) if sensor else 0
+    return tuple("xyz") if axes == 3 else tuple(str(i + 1) for i in range(axes))
+
+
 def body_rates(
     sensor: RateSensor, readings: np.ndarray, scale_factor: Sequence[float] | np.ndarray
 ) -> np.ndarray:
-    """Rates along body axes (..., 3) [rad/s] of readings (..., 3), with the prior's bias.
+    """Rates along body axes (..., 3) [rad/s] of readings (..., n), with the prior's bias.
 
-    `scale_factor` (3,): K.
+    By least squares where there are more than three axes; zero across all where there are fewer.
+
+    `scale_factor` (n,): K.
     """
     rate_S = np.asarray(scale_factor) * readings - np.asarray(sensor.bias)
-    return np.linalg.solve(sensor.axes, rate_S.T).T
+    if len(sensor.axes) == 3:
+        return np.linalg.solve(sensor.axes, rate_S.T).T
+    return rate_S @ np.linalg.pinv(sensor.axes).T
 
 
 def _require_independent_axes(axes: np.ndarray) -> None:
-    """Raise `CampaignError` unless the rows of a matrix are three independent unit vectors."""
+    """Raise `CampaignError` unless rows are unit vectors, and three or more span space."""
     key = "rate_sensor.axes"
-    shape = f"shape {axes.shape} is not (3, 3)"
-    require(axes.shape == (3, 3), key, shape, "give one row a sensor axis")
+    shape = f"shape {axes.shape} is not (axes, 3)"
+    is_list = axes.ndim == 2 and axes.shape[1] == 3 and len(axes) > 0
+    require(is_list, key, shape, "give one row of three numbers a sensor axis")
     lengths = np.hypot.reduce(axes, axis=1)
     require(
         bool(np.all(np.abs(lengths - 1.0) < 0.01)),
@@ -378,8 +403,10 @@ def _require_independent_axes(axes: np.ndarray) -> None:
         f"rows have lengths {np.round(lengths, 4).tolist()}",
         "give unit vectors",
     )
-    independent = bool(abs(np.linalg.det(axes)) > 1e-3)
-    require(independent, key, "the axes lie in one plane", "give three independent axes")
+    # The volume that the axes span: of three, |det|.
+    volume = float(np.sqrt(np.abs(np.linalg.det(axes.T @ axes)))) if len(axes) > 3 else 1.0
+    volume = float(abs(np.linalg.det(axes))) if len(axes) == 3 else volume
+    require(volume > 1e-3, key, "the axes lie in one plane", "give three independent axes")
 
 
 @dataclass(frozen=True)
@@ -421,3 +448,71 @@ class StarTracker:
         require_positive(self.sigma_roll, "star_tracker.sigma_roll")
         key = "star_tracker.low_frequency_sigma"
         require_positive(self.low_frequency_sigma, key, optional=True)
+
+
+@array_dataclass
+class DirectionSensor:
+    """Sun sensor, magnetometer or horizon sensor: sees in body axes what is known in inertial ones.
+
+    A unit vector is compared by the angle between measured and predicted direction; a field in
+    tesla by its components, m = (1 + S) C(q) B_N + offset, S symmetric: scale and soft iron.
+
+    Parameters
+    ----------
+    sigma : float or (3,) array_like
+        White noise per sample: of a direction about each axis across it [rad], one number; of a
+        field's components [T].
+    reference_N : (3,) array_like, optional
+        What is seen, in inertial axes, where it does not change: any length counts for a direction;
+        [T] for a field. None: `Slew.inputs` of the sensor's name, or the slew's `magnetic_field_N`.
+    unit : {"", "T"}, optional
+        Of the readings: "" for a direction, "T" for a field.
+    offset_sigma, scale_sigma, soft_iron_sigma : float, optional
+        Prior sds of a magnetometer's own errors [T, 1, 1]; what has none is not estimated.
+
+    Raises
+    ------
+    CampaignError
+        If a noise is not positive, the unit unknown, or a direction is said to have errors of a
+        magnetometer.
+
+    Examples
+    --------
+    >>> DirectionSensor(0.01, (0.0, 0.0, 2.0)).reference_N
+    (0.0, 0.0, 1.0)
+    """
+
+    sigma: Numbers
+    reference_N: Vector | None = None
+    unit: Literal["", "T"] = ""
+    offset_sigma: float = 0.0
+    scale_sigma: float = 0.0
+    soft_iron_sigma: float = 0.0
+
+    def __post_init__(self) -> None:
+        key = "sensors.direction"
+        what = f"{self.unit!r} is no unit of a direction"
+        require(self.unit in ("", "T"), f"{key}.unit", what, 'give "T" for a field, else nothing')
+        sigma = one_an_axis(self.sigma, 3, f"{key}.sigma")
+        require_positive(sigma, f"{key}.sigma")
+        alike = self.is_field or len(set(sigma)) == 1
+        what = "a direction has one noise about all axes across it"
+        require(alike, f"{key}.sigma", what, "give one number [rad]")
+        object.__setattr__(self, "sigma", sigma)
+        for name in ("offset_sigma", "scale_sigma", "soft_iron_sigma"):
+            size = getattr(self, name)
+            what = f"{size!r} is no sd"
+            require(0.0 <= size < np.inf, f"{key}.{name}", what, "give 0 (known) or an sd")
+            advice = 'leave it out, or give unit = "T"'
+            own = self.is_field or size == 0.0
+            require(own, f"{key}.{name}", "only a magnetometer has it", advice)
+        if self.reference_N is not None:
+            vector = np.array(one_an_axis(self.reference_N, 3, f"{key}.reference_N"))
+            require_positive(float(np.linalg.norm(vector)), f"{key}.reference_N")
+            x, y, z = (vector if self.is_field else unit_length(vector)).tolist()
+            object.__setattr__(self, "reference_N", (x, y, z))
+
+    @property
+    def is_field(self) -> bool:
+        """Whether it reads a field in tesla, not a direction."""
+        return self.unit == "T"

@@ -22,6 +22,23 @@ class Limits:
     # Steps of rounding beyond so many sigmas make errors that last, which a mean does not reduce.
     coarse_rounding: float = 1.0
 
+    # `body_rates.py`
+    # With more noise than this share of the rms rate, sizes of readings say little of the motion.
+    noise_of_motion: float = 0.3
+    # Beyond this, angles of small steps [rad] do not add up to the integral of the rates.
+    largest_turn_between_fixes: float = 0.5
+    # Pieces of a spline, tried in turn, while each has this share of a number read at most.
+    spline_pieces: tuple[int, ...] = (1, 2, 4, 6, 9, 13, 19, 28, 40, 60)
+    splines_of_numbers: float = 0.5
+    unseen_rate: float = 0.3  # [rad/s], sd of what no sensor sees
+    # Of what wheels tell, as a share of the largest rate: J is not known, nor what else turned it.
+    error_of_wheels: float = 0.3
+
+    # Attitudes from directions: rows of a slew that are worked out, and their noise over that of
+    # the worst direction (two of them 45 deg apart).
+    attitudes_by_directions: int = 300
+    attitude_of_directions: float = 1.5
+
     # `checked_toml.py`
     # Keys that are alike to this degree are one word misspelt; less alike ones are other physics,
     # such as body_torque and wheel_torque (0.61).
@@ -69,6 +86,14 @@ class Limits:
 
     # `streams.py`
     same_time: float = 1e-9  # [s]; stamps closer than this are one time
+
+    # `body_rates.py`
+    # [rad]; rows whose turn since the first one is known worse tell nothing of the start
+    known_turn: float = 0.5
+
+    # `environment.py`
+    # [days]; in low orbit older elements are some degrees along the orbit off, the field with them
+    oldest_elements: float = 10.0
 
 
 LIMITS = Limits()

@@ -12,16 +12,17 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.commands import with_known_torques, without_impossible_torques
-from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel
+from bayes_inertia.campaign.description import Description, SlewTables
+from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.limits import LIMITS
-from bayes_inertia.campaign.schema import CampaignPart, ColumnsPart, SlewPart, parse_description
+from bayes_inertia.campaign.parsed_description import parse_description
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import located, parts_of, with_known_momentum
 from bayes_inertia.campaign.streams import (
-    Stream,
     StreamRows,
     counted_once,
+    inputs_of,
     on_their_clocks,
     stream_from_table,
     streams_of,
@@ -99,28 +100,34 @@ def campaign_of(description: str, label: str, tables: Mapping[str, Table]) -> Ca
 
 
 def _assembled(
-    parsed: CampaignPart, label: str, table: _TableReader, keep_commands: bool = False
+    parsed: Description, label: str, table: _TableReader, keep_commands: bool = False
 ) -> Campaign:
     """The campaign of a description, whose tables are asked for by file, columns and slew."""
-    try:
-        hardware = _hardware(parsed)
-    except CampaignError as error:
-        raise error.inside(label) from None
     slews, dirt = [], []
     unplaced = [_streams(part, table, parsed) for part in parsed.slews]
-    streams = on_their_clocks(counted_once(unplaced, parsed.columns), parsed.columns)
+    streams = on_their_clocks(counted_once(unplaced))
     for part, of_slew in zip(parsed.slews, streams, strict=True):
-        channels, records = _channels(part, of_slew, parsed, hardware["wheels"])
+        channels, records = _channels(part, of_slew, parsed)
         try:
-            parts, unknown = _slews(part, channels, hardware, keep_commands)
+            parts, unknown = _slews(part, channels, inputs_of(of_slew), parsed, keep_commands)
         except CampaignError as error:
             raise error.inside(label) from None
         slews += parts
         dirt += located(records + unknown, parts)
-    stated = {} if parsed.mission is None else parsed.mission.model_dump(exclude_none=True)
-    hardware |= {"slews": tuple(slews), "dirt": tuple(dirt), "mission": tuple(stated.items())}
     try:
-        return Campaign(name=parsed.name, **hardware)
+        return Campaign(
+            name=parsed.name,
+            inertia=parsed.inertia,
+            wheels=parsed.wheels,
+            rate_sensor=parsed.rate_sensor,
+            star_tracker=parsed.star_tracker,
+            slews=tuple(slews),
+            dirt=tuple(dirt),
+            mission=parsed.mission,
+            more_sensors=parsed.more_sensors,
+            actuators=parsed.actuators,
+            changes=parsed.changes,
+        )
     except CampaignError as error:
         raise error.inside(label) from None
 
@@ -165,14 +172,13 @@ def _files(path: str | Path) -> list[tuple[str, bytes]]:
     return [("campaign.toml", content), *((file, read_bytes(tables[file])) for file in files)]
 
 
-def _table_paths(parsed: CampaignPart, description: Path) -> dict[str, Path]:
+def _table_paths(parsed: Description, description: Path) -> dict[str, Path]:
     """Path of each table, by its name in the description."""
     paths: dict[str, Path] = {}
     owners: dict[Path, str] = {}
     for part in parsed.slews:
         for file in part.tables():
-            key = "file" if part.files is None else "files"
-            where = f"{description}, key slews.{part.name}.{key}"
+            where = f"{description}, key slews.{part.name}.{part.key}"
             paths[file] = path = table_path(description.parent, file, where)
             # Only formats with groups can hold several slews in one file.
             single = path.suffix.lower() in (".csv", ".parquet")
@@ -185,105 +191,79 @@ def _table_paths(parsed: CampaignPart, description: Path) -> dict[str, Path]:
     return paths
 
 
-def _given(part: Any) -> dict[str, Any]:
-    return {
-        key: value for key in type(part).model_fields if (value := getattr(part, key)) is not None
-    }
-
-
-def _hardware(parsed: CampaignPart) -> dict[str, Any]:
-    wheels = []
-    for part in parsed.wheels:
-        given = _given(part)
-        wheels.append(Wheel(axis_B=tuple(given.pop("axis")), **given))
-    tracker = None
-    if parsed.star_tracker is not None:
-        given = _given(parsed.star_tracker)
-        tracker = StarTracker(tuple(given.pop("boresight")), **given)
-    return {
-        "inertia": InertiaPrior(
-            **{**_given(parsed.inertia), "tensor": np.array(parsed.inertia.tensor)}
-        ),
-        "wheels": tuple(wheels),
-        "rate_sensor": RateSensor(**_given(parsed.rate_sensor)),
-        "star_tracker": tracker,
-    }
-
-
-def _tables(part: SlewPart, table: _TableReader, parsed: CampaignPart) -> dict[str, Table]:
+def _tables(part: SlewTables, table: _TableReader, parsed: Description) -> dict[str, Table]:
     """The tables of a slew by their names in the description, with the columns that count."""
     names: dict[str, dict[str, None]] = {}
-    for stream in streams_of(part, parsed.columns):
-        columns = names.setdefault(stream.file, {})
-        columns |= dict.fromkeys(_columns(stream, parsed.columns))
+    for stream in streams_of(part, parsed):
+        names.setdefault(stream.file, {}).update(dict.fromkeys(stream.columns))
     tables = {file: table(file, list(columns), part.name) for file, columns in names.items()}
-    rows = len(tables[part.file_of("rate") or ""].columns[parsed.columns.rate.names[0]])
+    read = [entry for entry in parsed.entries if part.file_of(entry)]
+    first = min(read, key=lambda entry: entry.field != "rate")
+    rated = tables[part.file_of(first) or ""]
+    rows = len(rated.columns[first.columns.names[0]])
     if rows < 2:
         raise CampaignError(
             f"{rows} row(s) of telemetry",
-            where=tables[part.file_of("rate") or ""].label,
+            where=rated.label,
             advice="a slew needs at least two",
         )
     return tables
 
 
-def _columns(stream: Stream, columns: ColumnsPart) -> list[str]:
-    """The columns of a stream, its time first."""
-    names = [name for key in stream.keys for name in getattr(columns, key).names]
-    return [stream.time.names[0], *names]
-
-
-def _streams(part: SlewPart, table: _TableReader, parsed: CampaignPart) -> list[StreamRows]:
+def _streams(part: SlewTables, table: _TableReader, parsed: Description) -> list[StreamRows]:
     """The streams of a slew, their rows in the order of time."""
     tables = _tables(part, table, parsed)
     streams = []
-    for stream in streams_of(part, parsed.columns):
-        time, *names = _columns(stream, parsed.columns)
+    for stream in streams_of(part, parsed):
+        time, *names = stream.columns
         rows, dirt = ordered_rows(tables[stream.file], time, names)
         streams.append(StreamRows(stream, rows, tuple(dirt)))
     return streams
 
 
 def _channels(
-    part: SlewPart,
-    streams: Sequence[StreamRows],
-    parsed: CampaignPart,
-    wheels: tuple[Wheel, ...],
+    part: SlewTables, streams: Sequence[StreamRows], parsed: Description
 ) -> tuple[dict[str, np.ndarray], list[_TimedDirt]]:
     """The channels of a slew on one list of times, and faults of its rows with their times."""
-    spin_inertias = np.array([wheel.spin_inertia for wheel in wheels])
+    spin_inertias = np.array([wheel.spin_inertia for wheel in parsed.wheels])
     readings, disorder = [], []
     for rows in streams:
-        readings.append(stream_from_table(rows.table, parsed.columns, rows.stream, spin_inertias))
-        disorder += [(record, readings[-1]["time"][list(record.rows)]) for record in rows.dirt]
+        of_stream = stream_from_table(rows.table, rows.stream, spin_inertias)
+        disorder += [(record, of_stream["time"][list(record.rows)]) for record in rows.dirt]
+        # What only tells what devices did has times of its own.
+        readings += [] if rows.stream.is_input else [of_stream]
     return union(readings, f"slews.{part.name}"), disorder
 
 
 def _slews(
-    part: SlewPart,
+    part: SlewTables,
     channels: dict[str, np.ndarray],
-    hardware: dict[str, Any],
+    inputs: dict[str, InputStream],
+    parsed: Description,
     keep_commands: bool,
 ) -> tuple[list[Slew], list[_TimedDirt]]:
     """The slew, or its parts where it must be cut."""
     momentum = channels.get("wheel_momentum")
     is_read = momentum is not None and bool(np.isfinite(momentum).any(axis=0).all())
-    is_read = is_read and all(w.momentum_sigma is not None for w in hardware["wheels"])
-    channels, dirt = without_impossible_torques(channels, hardware["wheels"])
-    limit = _negligible_impulse(channels["time"], hardware)
+    is_read = is_read and all(w.momentum_sigma is not None for w in parsed.wheels)
+    channels, dirt = without_impossible_torques(channels, parsed.wheels)
+    limit = _negligible_impulse(channels["time"], parsed)
     pieces, unknown = with_known_torques(channels, is_read and not keep_commands, limit)
     angle = None if part.angle_deg is None else math.radians(part.angle_deg)
     axis: Any = None if part.axis is None else tuple(part.axis)
-    whole = Slew(part.name, part.start, channels["time"], axis_B=axis, angle=angle)
+    whole = Slew(
+        part.name, part.start, channels["time"], axis_B=axis, angle=angle, inputs=inputs or None
+    )
     return parts_of(whole, pieces), dirt + unknown
 
 
-def _negligible_impulse(time: np.ndarray, hardware: dict[str, Any]) -> float:
+def _negligible_impulse(time: np.ndarray, parsed: Description) -> float:
     """An error of the wheels' momentum that rates and attitude cannot tell [N m s]."""
-    inertia = float(np.linalg.eigvalsh(hardware["inertia"].tensor)[0])
-    rate = LIMITS.negligible_of_rate_noise * min(hardware["rate_sensor"].sigma)
-    tracker = hardware["star_tracker"]
+    inertia = float(np.linalg.eigvalsh(parsed.inertia.tensor)[0])
+    sensor = parsed.rate_sensor
+    rate = np.inf if sensor is None else LIMITS.negligible_of_rate_noise * min(sensor.sigma)
+    tracker = parsed.star_tracker
     if tracker is not None:
         duration = max(float(time[-1] - time[0]), LIMITS.shortest_slew)
         rate = min(rate, LIMITS.negligible_of_attitude_noise * tracker.sigma_cross / duration)
-    return inertia * rate
+    return inertia * float(rate)

@@ -7,8 +7,6 @@ wrong one is an error which lists them all.
 
 The form of `campaign.toml`: its keys, their types, and what to write where one is missing.
 
-From the text of `campaign.toml` to its checked content, with errors that name the key.
-
 What keys of `campaign.toml` demand of each other; each key alone is checked by its type.
 """
 
@@ -17,13 +15,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NoReturn
 
 import numpy as np
 from annotated_types import Len
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from bayes_inertia.campaign.checked_toml import parse_toml
 from bayes_inertia.errors import CampaignError
 
 UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
@@ -45,9 +42,12 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         },
         "magnetic_field": {"T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "G": 1e-4},
         "position": {"m": 1.0, "km": 1e3},
+        "dipole": {"A m^2": 1.0, "mA m^2": 1e-3},
+        "angle": {"rad": 1.0, "deg": math.pi / 180.0},
+        "level": {"1": 1.0, "%": 0.01},
     }
 )
-"""For each quantity of `[columns]`, the factor from each accepted unit to SI."""
+"""For each quantity of a table, the factor from each accepted unit to SI."""
 DEGREE = UNITS["rate"]["deg/s"]  # [rad]
 
 
@@ -67,15 +67,17 @@ def to_si(values: np.ndarray, quantity: str, unit: str) -> np.ndarray:
 
 
 FORMAT = "bayes-inertia-campaign/1"
+FORMAT_2 = "bayes-inertia-campaign/2"
 
 
-def _spread(value: Any) -> Any:
+def spread(value: Any) -> Any:
+    """One number as three, anything else as it is."""
     return [value] * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
 Vector3 = Annotated[list[float], Len(3, 3)]
 Matrix33 = Annotated[list[Vector3], Len(3, 3)]
-OneOrThree = Annotated[Vector3, BeforeValidator(_spread)]
+OneOrThree = Annotated[Vector3, BeforeValidator(spread)]
 Names = Annotated[list[str], Len(1)]
 Names1 = Annotated[list[str], Len(1, 1)]
 Names3 = Annotated[list[str], Len(3, 3)]
@@ -89,6 +91,9 @@ if TYPE_CHECKING:  # A type checker cannot evaluate a table.
     type RateUnit = str
     type FieldUnit = str
     type PositionUnit = str
+    type DipoleUnit = str
+    type AngleUnit = str
+    type LevelUnit = str
 else:
     TimeUnit = Literal[tuple(UNITS["time"])]
     TorqueUnit = Literal[tuple(UNITS["wheel_torque"])]
@@ -97,13 +102,18 @@ else:
     RateUnit = Literal[tuple(UNITS["rate"])]
     FieldUnit = Literal[tuple(UNITS["magnetic_field"])]
     PositionUnit = Literal[tuple(UNITS["position"])]
+    DipoleUnit = Literal[tuple(UNITS["dipole"])]
+    AngleUnit = Literal[tuple(UNITS["angle"])]
+    LevelUnit = Literal[tuple(UNITS["level"])]
 
 
-class _Part(BaseModel):
+class Part(BaseModel):
+    """A table of keys of the description: no other keys, no other types."""
+
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
 
 
-class MissionPart(_Part):
+class MissionPart(Part):
     """`[mission]`: what reports are filed under; nothing is computed from it."""
 
     name: str | None = None
@@ -112,7 +122,7 @@ class MissionPart(_Part):
     document: str | None = None
 
 
-class InertiaPart(_Part):
+class InertiaPart(Part):
     """`[inertia]`: what was known before flight."""
 
     tensor: Matrix33 = Field(description="tensor = three rows of three numbers [kg m^2]")
@@ -129,7 +139,7 @@ class InertiaPart(_Part):
     )
 
 
-class WheelPart(_Part):
+class WheelPart(Part):
     """One `[[wheels]]`."""
 
     name: str = Field(description='name = "..."')
@@ -144,7 +154,7 @@ class WheelPart(_Part):
     momentum_sigma: float | None = None
 
 
-class RateSensorPart(_Part):
+class RateSensorPart(Part):
     """`[rate_sensor]`: only `sigma` has no default."""
 
     sigma: OneOrThree = Field(
@@ -161,7 +171,7 @@ class RateSensorPart(_Part):
     bias_instability_time: float | None = None
 
 
-class StarTrackerPart(_Part):
+class StarTrackerPart(Part):
     """`[star_tracker]`."""
 
     boresight: Vector3 = Field(description="boresight = a unit vector in body axes")
@@ -170,7 +180,7 @@ class StarTrackerPart(_Part):
     low_frequency_sigma: float | None = None
 
 
-class TimeColumn(_Part):
+class TimeColumn(Part):
     """`time` of `[columns]`, and of an entry that has its own."""
 
     names: Names1 = Field(description='names = ["..."], one column')
@@ -180,7 +190,7 @@ class TimeColumn(_Part):
     regular: bool = False
 
 
-class _Stream(_Part):
+class StreamColumns(Part):
     """Keys of every entry of `[columns]`: its own clock.
 
     The true time of a reading is its stamp plus `offset_s` [s], of the entry and of its time.
@@ -190,7 +200,7 @@ class _Stream(_Part):
     time: TimeColumn | None = None
 
 
-class TorqueColumns(_Stream):
+class TorqueColumns(StreamColumns):
     """`wheel_torque` of `[columns]`: one column a wheel."""
 
     names: Names = Field(description='names = ["...", ...], one column a wheel')
@@ -198,7 +208,7 @@ class TorqueColumns(_Stream):
     acts_on: Literal["wheel", "body"]
 
 
-class MomentumColumns(_Stream):
+class MomentumColumns(StreamColumns):
     """`wheel_momentum` of `[columns]`: one column a wheel."""
 
     names: Names = Field(description='names = ["...", ...], one column a wheel')
@@ -206,7 +216,7 @@ class MomentumColumns(_Stream):
     relative_to: Literal["body"]
 
 
-class SpeedColumns(_Stream):
+class SpeedColumns(StreamColumns):
     """`wheel_speed` of `[columns]`: one column a wheel."""
 
     names: Names = Field(description='names = ["...", ...], one column a wheel')
@@ -214,14 +224,14 @@ class SpeedColumns(_Stream):
     relative_to: Literal["body"]
 
 
-class RateColumns(_Stream):
+class RateColumns(StreamColumns):
     """`rate` of `[columns]`: one column a sensor axis."""
 
     names: Names3 = Field(description='names = ["...", "...", "..."], one column a sensor axis')
     unit: RateUnit
 
 
-class AttitudeColumns(_Stream):
+class AttitudeColumns(StreamColumns):
     """`attitude` of `[columns]`: a quaternion, with the place of its scalar and its sense."""
 
     names: Names4 = Field(
@@ -231,7 +241,7 @@ class AttitudeColumns(_Stream):
     maps: Literal["inertial_to_body", "body_to_inertial"]
 
 
-class MagneticFieldColumns(_Stream):
+class MagneticFieldColumns(StreamColumns):
     """`magnetic_field` of `[columns]`."""
 
     names: Names3 = Field(description='names = ["...", "...", "..."], along the inertial axes')
@@ -239,7 +249,7 @@ class MagneticFieldColumns(_Stream):
     frame: Literal["inertial"]
 
 
-class PositionColumns(_Stream):
+class PositionColumns(StreamColumns):
     """`position` of `[columns]`."""
 
     names: Names3 = Field(description='names = ["...", "...", "..."], along the inertial axes')
@@ -247,7 +257,7 @@ class PositionColumns(_Stream):
     frame: Literal["inertial"]
 
 
-class ColumnsPart(_Part):
+class ColumnsPart(Part):
     """`[columns]`: which columns of the tables hold what, in which unit and sense."""
 
     time: TimeColumn = Field(description='time = { names = ["..."], unit = "s" }')
@@ -270,7 +280,7 @@ class ColumnsPart(_Part):
         }
 
 
-class FilesPart(_Part):
+class FilesPart(Part):
     """`files` of one of `[[slews]]`: the table of each entry of `[columns]`."""
 
     rate: str = Field(description='rate = the table of the rates, such as "slew_01_rate.csv"')
@@ -282,7 +292,7 @@ class FilesPart(_Part):
     position: str | None = None
 
 
-class SlewPart(_Part):
+class SlewPart(Part):
     """One `[[slews]]`; either `file` or `files` is given."""
 
     name: str = Field(description='name = "..."')
@@ -298,16 +308,19 @@ class SlewPart(_Part):
         """The table that holds an entry of `[columns]`; None if this slew has none."""
         return self.file if self.files is None else getattr(self.files, key)
 
-    def tables(self) -> list[str]:
-        """The tables of the slew, each once, in the order of `[columns]`."""
-        files = [self.file_of(key) for key in FilesPart.model_fields]
-        return list(dict.fromkeys(file for file in files if file is not None))
 
-
-class CampaignPart(_Part):
+class CampaignPart(Part):
     """The whole of `campaign.toml`."""
 
-    format: Literal["bayes-inertia-campaign/1"]
+    # What to do with a key of the other format.
+    other_format: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("actuators", "sensors", "environment", "changes", "time"),
+        f'it is of format 2: write format = "{FORMAT_2}", and [[sensors]], [[actuators]] in place '
+        "of [columns]",
+    )
+
+    # A file of format 2 has another form; here its name stands for messages.
+    format: Literal["bayes-inertia-campaign/1", "bayes-inertia-campaign/2"]
     name: str = Field(description='name = "..."')
     inertia: InertiaPart = Field(
         description="[inertia] with tensor, relative_sigma, product_sigma, includes_wheel_spin"
@@ -322,38 +335,6 @@ class CampaignPart(_Part):
     mission: MissionPart | None = None
 
 
-def parse_description(text: str, label: str) -> CampaignPart:
-    """The content of a `campaign.toml`, every key checked.
-
-    Parameters
-    ----------
-    text : str
-        The content of the file.
-    label : str
-        The file, as messages name it.
-
-    Returns
-    -------
-    CampaignPart
-        What the file says.
-
-    Raises
-    ------
-    CampaignError
-        If it is no TOML (naming the line), or a key is unknown, missing, or of a wrong type or
-        value (naming the key).
-
-    Examples
-    --------
-    >>> parse_description('format = "bayes-inertia-campaign/1"\\nnmae = "x"', "campaign.toml")
-    Traceback (most recent call last):
-    bayes_inertia.errors.CampaignError: campaign.toml, key nmae: unknown key; did you mean "name"?
-    """
-    parsed = parse_toml(text, label, CampaignPart)
-    check_consistency(parsed, label)
-    return parsed
-
-
 _WHEEL_KEYS = ("wheel_torque", "wheel_momentum", "wheel_speed")
 
 
@@ -362,7 +343,7 @@ def check_consistency(campaign: CampaignPart, label: str) -> None:
     _check_wheels(campaign, label)
     given = campaign.columns.given()
     if "attitude" in given and campaign.star_tracker is None:
-        _refuse(
+        refuse(
             label,
             "columns.attitude",
             "attitude columns without a star tracker",
@@ -370,10 +351,10 @@ def check_consistency(campaign: CampaignPart, label: str) -> None:
         )
     for slew in campaign.slews:
         _check_files(slew, campaign, label)
-        _check_names(slew, campaign, label)
 
 
-def _refuse(label: str, key: str, what: str, advice: str) -> NoReturn:
+def refuse(label: str, key: str, what: str, advice: str) -> NoReturn:
+    """Raise an error that names a key of the description in the file `label`."""
     raise CampaignError(what, where=f"{label}, key {key}", advice=advice)
 
 
@@ -381,7 +362,7 @@ def _check_wheels(campaign: CampaignPart, label: str) -> None:
     """One measurement of the wheels, one column a wheel."""
     given = campaign.columns.given()
     if "wheel_momentum" in given and "wheel_speed" in given:
-        _refuse(
+        refuse(
             label,
             "columns.wheel_speed",
             "wheel_momentum is given too",
@@ -389,7 +370,7 @@ def _check_wheels(campaign: CampaignPart, label: str) -> None:
         )
     for key in _WHEEL_KEYS:
         if key in given and len(given[key].names) != len(campaign.wheels):
-            _refuse(
+            refuse(
                 label,
                 f"columns.{key}.names",
                 f"{len(given[key].names)} column(s) for {len(campaign.wheels)} [[wheels]]",
@@ -402,9 +383,9 @@ def _check_files(slew: SlewPart, campaign: CampaignPart, label: str) -> None:
     place = f"slews.{slew.name}"
     if slew.file is None and slew.files is None:
         advice = 'add file = the table of the slew, such as "slew_01.csv"'
-        _refuse(label, f"{place}.file", "missing key", f"{advice}, or files = {{ rate = ... }}")
+        refuse(label, f"{place}.file", "missing key", f"{advice}, or files = {{ rate = ... }}")
     if slew.file is not None and slew.files is not None:
-        _refuse(
+        refuse(
             label,
             f"{place}.files",
             "file is given too",
@@ -412,40 +393,9 @@ def _check_files(slew: SlewPart, campaign: CampaignPart, label: str) -> None:
         )
     for key in () if slew.files is None else type(slew.files).model_fields:
         if slew.file_of(key) is not None and key not in campaign.columns.given():
-            _refuse(
+            refuse(
                 label,
                 f"{place}.files.{key}",
                 f"[columns] has no {key}",
                 f"say under columns.{key} which columns hold it",
-            )
-
-
-def _check_names(slew: SlewPart, campaign: CampaignPart, label: str) -> None:
-    """In one table each column has one meaning; only columns of time may be shared."""
-    used: dict[tuple[str | None, str], str] = {}
-    times: dict[tuple[str | None, str], str] = {}
-    columns = campaign.columns
-    for key, entry in columns.given().items():
-        if key == "time":
-            continue
-        file = slew.file_of(key)
-        own = entry.time is not None
-        clock = entry.time if own else columns.time
-        times[file, clock.names[0]] = f"{key}.time" if own else "time"
-        for name in entry.names:
-            if (file, name) in used:
-                _refuse(
-                    label,
-                    f"columns.{key}.names",
-                    f"the column {name!r} is already used by {used[file, name]}",
-                    "name each column once",
-                )
-            used[file, name] = key
-    for place, key in times.items():
-        if place in used:
-            _refuse(
-                label,
-                f"columns.{used[place]}.names",
-                f"the column {place[1]!r} is already used by {key}",
-                "name each column once",
             )

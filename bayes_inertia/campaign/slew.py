@@ -16,11 +16,11 @@ from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.values import Vector, array_dataclass
 
-# Columns of each channel; None: one a wheel.
+# Columns of each channel; None: one a wheel, or one a sensor axis.
 _COLUMNS_OF_CHANNEL = {
     "wheel_torque": None,
     "wheel_momentum": None,
-    "rate": 3,
+    "rate": None,
     "attitude": 4,
     "magnetic_field_N": 3,
     "position_N": 3,
@@ -42,8 +42,8 @@ class Slew:
         Time of the slew's first row on the campaign's clock [s].
     time : (n,) array
         Time from the slew's own zero [s], strictly increasing.
-    rate : (n, 3) array, optional
-        Output of the rate sensor [rad/s].
+    rate : (n, axes) array, optional
+        Output of the rate sensor [rad/s], one column a sensor axis.
     attitude : (n, 4) array, optional
         Star-tracker quaternion, body from inertial, scalar last; four NaN where there is no fix.
     wheel_torque : (n, wheels) array, optional
@@ -164,7 +164,7 @@ class Slew:
         return np.diff(self.time[rated] if rated.sum() > 1 else self.time)
 
     def complete_rates(self, valid: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Rows at which the rates about all three axes are known, and the rates there.
+        """Rows at which the rates about all sensor axes are known, and the rates there.
 
         These are the rows in which every reading is valid. Where such rows are rare, because the
         axes are telemetered in turn, straight lines between the readings of each axis fill the
@@ -172,14 +172,14 @@ class Slew:
 
         Parameters
         ----------
-        valid : (n, 3) array of bool, optional
+        valid : (n, axes) array of bool, optional
             Which readings count; by default all that are numbers.
 
         Returns
         -------
         rows : (m,) array of int
             The rows, ascending; none if an axis has no valid reading.
-        rates : (m, 3) array
+        rates : (m, axes) array
             The sensor's readings there [rad/s].
 
         Examples
@@ -249,7 +249,7 @@ def _channel(value: Any, rows: int, width: int | None, key: str) -> np.ndarray:
         array.ndim == 2 and len(array) == rows and width in (None, array.shape[1]),
         key,
         f"shape {array.shape} does not fit {rows} rows",
-        f"give (rows, {width or 'wheels'})",
+        f"give (rows, {width or 'columns'})",
     )
     finite = not bool(np.isinf(array).any())
     require(finite, key, "a value is infinite", "use NaN where there is no value")

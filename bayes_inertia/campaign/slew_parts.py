@@ -50,7 +50,9 @@ def parts_of(slew: Slew, pieces: Sequence[dict[str, np.ndarray]]) -> list[Slew]:
         later = float(piece["time"][0] - slew.time[0])
         name = f"{slew.name} (part {i + 1} of {len(pieces)})"
         start = slew.start + later if later else slew.start
-        given: dict[str, Any] = {"name": name, "start": start, **piece}
+        given: dict[str, Any] = {k: v for k, v in piece.items() if not k.startswith(MORE)}
+        more = {k.removeprefix(MORE): v for k, v in piece.items() if k.startswith(MORE)}
+        given |= {"name": name, "start": start, "more": more or None}
         if slew.inputs is not None:
             span = float(piece["time"][0]), float(piece["time"][-1])
             given["inputs"] = {key: x.within(*span) for key, x in slew.inputs.items()}
@@ -94,6 +96,8 @@ def _distances(slew: Slew, times: np.ndarray) -> np.ndarray:
 
 Channels = dict[str, np.ndarray]
 """Channels (n, width) of a slew by the name of `Slew`, with "time" (n,) [s]."""
+# Channels of further sensors, and inputs of devices, are called so, with the name behind.
+MORE, INPUTS = "more.", "inputs."
 
 
 def with_rows_at(channels: Channels, times: np.ndarray, step: float) -> Channels:
@@ -175,8 +179,9 @@ def with_known_momentum(campaign: Campaign) -> Campaign:
         return campaign
     inertia = float(np.linalg.eigvalsh(campaign.inertia.tensor)[0])
     tracker = campaign.star_tracker
+    noise = min(campaign.with_body_rates.gyro.sigma)
     limits = _Limits(
-        momentum=LIMITS.momentum_line_of_rate_noise * inertia * min(campaign.rate_sensor.sigma),
+        momentum=LIMITS.momentum_line_of_rate_noise * inertia * noise,
         angular_impulse=np.inf
         if tracker is None
         else LIMITS.momentum_line_of_attitude_noise * inertia * tracker.sigma_cross,
@@ -187,6 +192,7 @@ def with_known_momentum(campaign: Campaign) -> Campaign:
         own = [(record, slew.time[list(record.rows)]) for record in campaign.dirt_of(slew.name)]
         given = {name: getattr(slew, name) for name in ("time", *_CHANNELS)}
         channels = {name: values for name, values in given.items() if values is not None}
+        channels |= {MORE + name: values for name, values in (slew.more or {}).items()}
         cuts = _unknown_momentum(channels, limits)
         parts = parts_of(slew, without_intervals(channels, cuts)) if cuts else [slew]
         if cuts:
@@ -207,7 +213,7 @@ def _unknown_momentum(
     rows = np.flatnonzero(np.isfinite(momentum).all(axis=1))
     at = time[rows]
     fixes = _fix_times(channels)
-    rated = time[np.isfinite(channels["rate"]).any(axis=1)]
+    rated = time[np.isfinite(channels.get("rate", time[:, None] * np.nan)).any(axis=1)]
     found = []
     for k in missing_rows(at)[0]:
         begin, end = float(at[k]), float(at[k + 1])

@@ -17,22 +17,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bayes_inertia.campaign.description import Description, Entry, SlewTables
+from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.schema import (
-    ColumnsPart,
     MagneticFieldColumns,
     PositionColumns,
-    SlewPart,
     TimeColumn,
     TorqueColumns,
     to_si,
 )
-from bayes_inertia.campaign.sensors import BY_KEY
+from bayes_inertia.campaign.sensors import BY_KEY, KINDS_BY_KEY
 from bayes_inertia.campaign.sensors.sensor_stream import (
+    SensorStream,
     all_empty,
     refuse_empty_columns,
     refuse_half_empty_rows,
 )
+from bayes_inertia.campaign.slew_parts import INPUTS, MORE
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.gaps import is_regular
@@ -43,7 +45,7 @@ from bayes_inertia.tables.number_table import Table
 
 @dataclass(frozen=True)
 class Stream:
-    """Entries of `[columns]` that share a table and a clock.
+    """Entries of the description that share a table and a clock.
 
     Parameters
     ----------
@@ -53,32 +55,43 @@ class Stream:
         The column of stamps.
     offset_s : float
         True time minus stamp [s].
-    keys : tuple of str
-        The entries, such as "rate".
+    entries : tuple of Entry
+        What the columns hold.
     """
 
     file: str
     time: TimeColumn
     offset_s: float
-    keys: tuple[str, ...]
+    entries: tuple[Entry, ...]
+
+    @property
+    def columns(self) -> list[str]:
+        """The columns of the table, time first."""
+        return [self.time.names[0], *(n for entry in self.entries for n in entry.columns.names)]
+
+    @property
+    def is_input(self) -> bool:
+        """Whether it only tells what devices did."""
+        return all(entry.field.startswith(INPUTS) for entry in self.entries)
 
 
-def streams_of(slew: SlewPart, columns: ColumnsPart) -> list[Stream]:
-    """The streams of a slew, in the order of `[columns]`.
+def streams_of(slew: SlewTables, description: Description) -> list[Stream]:
+    """The streams of a slew, in the order of the description.
 
-    `slew` [slews]. Returns: one if all entries share a table and a clock.
+    Returns: one if all entries share a table and a clock.
     """
-    keys: dict[tuple[str, str, str, bool, float], tuple[TimeColumn, list[str]]] = {}
-    for key, entry in columns.given().items():
-        file = None if key == "time" else slew.file_of(key)
+    found: dict[tuple[str, str, str, bool, float], tuple[TimeColumn, list[Entry]]] = {}
+    for entry in description.entries:
+        file = slew.file_of(entry)
         if file is None:
             continue
-        time = columns.time if entry.time is None else entry.time
-        clock = (file, time.names[0], time.unit, time.regular, time.offset_s + entry.offset_s)
-        keys.setdefault(clock, (time, []))[1].append(key)
+        time = description.clock(entry)
+        offset = time.offset_s + entry.columns.offset_s
+        clock = (file, time.names[0], time.unit, time.regular, offset)
+        found.setdefault(clock, (time, []))[1].append(entry)
     return [
         Stream(file, time, offset, tuple(entries))
-        for (file, *_, offset), (time, entries) in keys.items()
+        for (file, *_, offset), (time, entries) in found.items()
     ]
 
 
@@ -121,8 +134,10 @@ def union(streams: Sequence[dict[str, np.ndarray]], label: str) -> dict[str, np.
             )
         for name, values in stream.items():
             if name != "time":
-                joined[name] = np.full((len(joined["time"]), values.shape[1]), np.nan)
-                joined[name][rows] = values
+                empty = np.full((len(joined["time"]), values.shape[1]), np.nan)
+                channel = joined.setdefault(name, empty)
+                # Wheels may have tachometers in several tables.
+                channel[rows] = np.where(np.isnan(values), channel[rows], values)
     return joined
 
 
@@ -171,9 +186,7 @@ class StreamRows:
         return replace(self, table=replace(self.table, columns=columns), dirt=records)
 
 
-def on_their_clocks(
-    slews: Sequence[Sequence[StreamRows]], columns: ColumnsPart
-) -> list[list[StreamRows]]:
+def on_their_clocks(slews: Sequence[Sequence[StreamRows]]) -> list[list[StreamRows]]:
     """All streams at the times of their clocks.
 
     Rounded stamps become those of the regular clock that they were rounded from. Stamps that
@@ -188,11 +201,12 @@ def on_their_clocks(
         for k, (rows, record) in enumerate(streams):
             if record is not None and record.treated == "ignored":
                 stream = rows.stream
-                key = (stream.time.names[0], stream.keys, stream.offset_s)
+                paths = tuple(entry.path for entry in stream.entries)
+                key = (stream.time.names[0], paths, stream.offset_s)
                 uneven.setdefault(key, []).append((i, k))
     result = [[rows.at(rows.stamps, record) for rows, record in streams] for streams in placed]
     for places in uneven.values():
-        slope = _slope([placed[i][k][0] for i, k in places], columns)
+        slope = _slope([placed[i][k][0] for i, k in places])
         for i, k in places:
             rows, record = placed[i][k]
             assert record is not None
@@ -226,12 +240,12 @@ def _strays(stamps: np.ndarray, clock: np.ndarray, unit: str) -> str:
     return f"stamps stray from a regular clock by {rms:.3g} {unit} rms"
 
 
-def _slope(streams: Sequence[StreamRows], columns: ColumnsPart) -> StampSlope:
+def _slope(streams: Sequence[StreamRows]) -> StampSlope:
     """Whether the readings of a stream move with the jitter of its stamps, over all slews."""
     evidence = []
     for rows in streams:
-        names = [name for key in rows.stream.keys if key in _READINGS
-                 for name in getattr(columns, key).names]  # fmt: skip
+        names = [name for entry in rows.stream.entries if entry.key in _READINGS
+                 for name in entry.columns.names]  # fmt: skip
         clock, _ = regular_clock(rows.stamps)
         if names and clock is not None:
             evidence.append((rows.stamps, clock, rows.table.stack(names)))
@@ -256,22 +270,31 @@ def _of_jitter(rows: StreamRows, record: Dirt, slope: StampSlope) -> StreamRows:
     return rows.at(rows.stamps, replace(record, note=record.note + advice))
 
 
-def counted_once(
-    slews: Sequence[Sequence[StreamRows]], columns: ColumnsPart
-) -> list[list[StreamRows]]:
+def sensor_of(entry: Entry) -> SensorStream | None:
+    """The sensor whose readings an entry holds, if there is one."""
+    if entry.field.startswith(MORE):
+        return KINDS_BY_KEY[entry.key](entry.field.removeprefix(MORE))
+    return None if entry.field.startswith(INPUTS) else BY_KEY.get(entry.key)
+
+
+def counted_once(slews: Sequence[Sequence[StreamRows]]) -> list[list[StreamRows]]:
     """All streams with empty cells where a reading only repeats the one before.
 
     Returns: the same with a record of kind "duplicate" where readings are held.
     """
     result = [list(streams) for streams in slews]
-    for key, sensor in BY_KEY.items():
+    entries = {entry.path: entry for streams in slews for rows in streams
+               for entry in rows.stream.entries}  # fmt: skip
+    kinds = list({**BY_KEY, **KINDS_BY_KEY})
+    read = [(sensor, entry) for entry in entries.values() if (sensor := sensor_of(entry))]
+    for sensor, entry in sorted(read, key=lambda pair: kinds.index(pair[1].key)):
         places = [(i, k) for i, streams in enumerate(result) for k, rows in enumerate(streams)
-                  if key in rows.stream.keys]  # fmt: skip
-        if not places:
-            continue
-        names = getattr(columns, key).names
+                  if entry.path in (e.path for e in rows.stream.entries)]  # fmt: skip
+        names = entry.columns.names
         series = [(result[i][k].stamps, result[i][k].table.stack(names)) for i, k in places]
-        found = held_readings(series, by_axis=sensor.is_series)
+        # A vector is whole or missing.
+        by_axis = sensor.is_series and entry.key != "direction"
+        found = held_readings(series, by_axis=by_axis)
         for (i, k), held in zip(places, found, strict=True):
             if held is not None:
                 result[i][k] = _without_repeats(result[i][k], names, held, sensor.name)
@@ -295,36 +318,66 @@ def _without_repeats(
     return replace(rows, table=table, dirt=(*rows.dirt, record))
 
 
-# Entry of [columns] -> field of `Slew`, of the environment.
-_ENVIRONMENT = {"magnetic_field": "magnetic_field_N", "position": "position_N"}
-
-
 def stream_from_table(
-    table: Table, columns: ColumnsPart, stream: Stream, spin_inertias: np.ndarray
+    table: Table, stream: Stream, spin_inertias: np.ndarray
 ) -> dict[str, np.ndarray]:
     """The channels of a stream, in SI units, with the package's signs and senses.
 
     A star tracker or an environment whose columns are all empty is left out.
 
     `table`: the telemetry, in the file's own units and in the order of time. `stream`: which
-    entries of `columns` to take from the table, and their clock. `spin_inertias` (wheels,): spin
-    inertia of each wheel [kg m^2], to turn wheel speed into momentum. Returns: channels (rows,
-    width), named as `Slew` names them, and their true "time" (rows,) [s].
+    entries to take from the table, and their clock. `spin_inertias` (wheels,): spin inertia of each
+    wheel [kg m^2], to turn wheel speed into momentum. Returns: channels (rows, width), named as
+    `Slew` names them ("more.NAME" of a further sensor), and their true "time" (rows,) [s].
     """
     time = to_si(table.columns[stream.time.names[0]], "time", stream.time.unit)
     # Adding nothing would make a zero of -0.0.
     channels = {"time": time + stream.offset_s if stream.offset_s else time}
-    for key in stream.keys:
-        entry = getattr(columns, key)
-        if key in BY_KEY:
-            field, values = BY_KEY[key].field, BY_KEY[key].read(table, entry, spin_inertias)
-        elif key in _ENVIRONMENT:
-            field, values = _ENVIRONMENT[key], _environment(table, entry, key)
+    for entry in stream.entries:
+        if entry.field.startswith(INPUTS):
+            continue
+        sensor = sensor_of(entry)
+        wheels = list(entry.wheels) or list(range(len(spin_inertias)))
+        if sensor is not None:
+            values = sensor.read(table, entry.columns, spin_inertias[wheels])
+        elif entry.key == "wheel_torque":
+            values = _torque(table, entry.columns, time)
         else:
-            field, values = key, _torque(table, entry, time)
-        if values is not None:
-            channels[field] = values
+            values = _environment(table, entry.columns, entry.key)
+        if values is None:
+            continue
+        if entry.wheels:
+            whole = np.full((len(time), len(spin_inertias)), np.nan)
+            whole = channels.get(entry.field, whole)
+            whole[:, wheels] = values
+            values = whole
+        channels[entry.field] = values
     return channels
+
+
+def inputs_of(streams: Sequence[StreamRows]) -> dict[str, InputStream]:
+    """What devices were told to do in a slew, under their names, in SI units."""
+    given = ((rows, entry) for rows in streams for entry in rows.stream.entries)
+    return {
+        entry.field.removeprefix(INPUTS): _input(rows.table, rows.stream, entry)
+        for rows, entry in given
+        if entry.field.startswith(INPUTS)
+    }
+
+
+def _input(table: Table, stream: Stream, entry: Entry) -> InputStream:
+    time = to_si(table.columns[stream.time.names[0]], "time", stream.time.unit)
+    names = entry.columns.names
+    refuse_half_empty_rows(table, names, "fill the row, or leave all its cells empty")
+    values = table.stack(names)
+    # A direction has no unit.
+    values = to_si(values, entry.key, entry.columns.unit) if entry.columns.unit else values
+    given = np.isfinite(values).all(axis=1)
+    try:
+        return InputStream(time[given] + stream.offset_s, values[given], entry.columns.between)
+    except CampaignError as error:
+        where = f"{table.label}, columns {', '.join(names)}"
+        raise CampaignError(error.what, where=where, advice=error.advice) from None
 
 
 def _torque(table: Table, entry: TorqueColumns, time: np.ndarray) -> np.ndarray:

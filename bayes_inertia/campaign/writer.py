@@ -10,9 +10,19 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.schema import FORMAT
-from bayes_inertia.campaign.sensors import STREAMS
+from bayes_inertia.campaign.schema import FORMAT, FORMAT_2
+from bayes_inertia.campaign.sensors import STREAMS, SensorStream
 from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.campaign.slew_parts import MORE
+from bayes_inertia.campaign.written_devices import (
+    devices,
+    input_tables,
+    more_streams,
+    needs_format_2,
+    streams_for,
+    values_of,
+    word,
+)
 from bayes_inertia.errors import OutputError
 from bayes_inertia.files import write_new_files
 from bayes_inertia.tables.number_table import Table
@@ -38,8 +48,9 @@ def write_campaign(campaign: Campaign, folder: str | Path) -> Path:
     """Write a campaign as a folder that reads back as the same numbers.
 
     The folder gets `campaign.toml` and one `slew_NN.csv` a slew, also where the telemetry was read
-    from several streams. All digits are kept and NaN becomes an empty cell; angles of slews are
-    kept to 15 digits. The description comes last: an interrupted write leaves no campaign, and
+    from several streams; what format 1 has no keys for is written in format 2, the input of each
+    device in a table of its own. All digits are kept and NaN becomes an empty cell; angles of slews
+    are kept to 15 digits. The description comes last: an interrupted write leaves no campaign, and
     writing again completes it.
 
     Parameters
@@ -83,9 +94,35 @@ def files_of(description: str, tables: Mapping[str, Table]) -> dict[str, bytes]:
 def content_of(campaign: Campaign) -> tuple[str, dict[str, Table]]:
     """The text of a campaign's description, and its tables by file."""
     columns = _columns(campaign)
+    if needs_format_2(campaign):
+        return _content_2(campaign, columns)
     files = numbered(len(campaign.slews), "slew_{}.csv")
     tables = {f: _table_of(slew, columns) for f, slew in zip(files, campaign.slews, strict=True)}
     return _toml(campaign, columns, files), tables
+
+
+def _content_2(campaign: Campaign, columns: dict[str, list[str]]) -> tuple[str, dict[str, Table]]:
+    """The same in format 2."""
+    partial = {c for c in columns if any(c not in _columns_of(s, columns) for s in campaign.slews)}
+    streams = streams_for(campaign, columns, partial)
+    more = {c: (s.written[0], s.written[1]) for c, s in more_streams(campaign).items()}
+    senses = {channel: said[:2] for channel, said in _CHANNELS.items()} | more
+    slews, tables = [], {}
+    for slew, number in zip(campaign.slews, numbered(len(campaign.slews), "{}"), strict=True):
+        own = _columns_of(slew, columns)
+        slews.append({**_slew_part(slew), **streams.files(number, list(own))})
+        tables[streams.telemetry_file(number)] = _table_of(slew, columns)
+        tables |= input_tables(slew, streams, number)
+    parts = {
+        "format": FORMAT_2,
+        "name": campaign.name,
+        "mission": dict(campaign.mission),
+        "inertia": vars(campaign.inertia),
+        "time": {"names": ["t_s"], "unit": "s"},
+        **devices(campaign, columns, senses, streams),
+        "slews": slews,
+    }
+    return toml_text(parts), tables
 
 
 def numbered(count: int, name: str) -> list[str]:
@@ -96,40 +133,47 @@ def numbered(count: int, name: str) -> list[str]:
 
 def _columns(campaign: Campaign) -> dict[str, list[str]]:
     """The channels that the campaign has, with the names of their columns."""
+    more = more_streams(campaign)
     columns: dict[str, list[str]] = {}
-    for channel, (_, _, names) in _CHANNELS.items():
-        having = [slew for slew in campaign.slews if _has(slew, channel)]
+    for channel in (*_CHANNELS, *more):
+        sensor = more.get(channel) or _SENSORS.get(channel)
+        names = [] if channel in more else _CHANNELS[channel][2]
+        having = [slew for slew in campaign.slews if _has(slew, channel, sensor)]
         per_wheel = isinstance(names, str)
         if (
             not having
             or (per_wheel and not campaign.wheels)
-            or (channel in _SENSORS and not _SENSORS[channel].sigma(campaign))
+            or (sensor is not None and not sensor.sigma(campaign))
         ):
             continue
         for slew in having:
-            _refuse_what_reading_refuses(slew, channel)
+            _refuse_what_reading_refuses(slew, channel, sensor)
+        width = np.asarray(values_of(having[0], channel)).shape[1]
         if isinstance(names, str):
             columns[channel] = [names.format(i + 1) for i in range(len(campaign.wheels))]
-        else:
+        elif len(names) == width:
             columns[channel] = list(names)
+        else:
+            begin = word(channel.removeprefix(MORE))
+            columns[channel] = [f"{begin}_{i + 1}" for i in range(width)]
     return columns
 
 
-def _has(slew: Slew, channel: str) -> bool:
+def _has(slew: Slew, channel: str, sensor: SensorStream | None) -> bool:
     """Whether a slew has a channel; fixes and environment without a number count as absent."""
-    values = getattr(slew, channel)
-    may_be_empty = channel.endswith("_N") or not _is_series(channel)
+    values = values_of(slew, channel)
+    may_be_empty = channel.endswith("_N") or not _is_series(sensor)
     return values is not None and not (may_be_empty and np.isnan(values).all())
 
 
-def _is_series(channel: str) -> bool:
-    return channel not in _SENSORS or _SENSORS[channel].is_series
+def _is_series(sensor: SensorStream | None) -> bool:
+    return sensor is None or sensor.is_series
 
 
-def _refuse_what_reading_refuses(slew: Slew, channel: str) -> None:
+def _refuse_what_reading_refuses(slew: Slew, channel: str, sensor: SensorStream | None) -> None:
     """Raise `OutputError` for gaps in a channel that cannot be read back."""
-    empty = np.isnan(getattr(slew, channel))
-    if channel in _SENSORS and _is_series(channel) and empty.all(axis=0).any():
+    empty = np.isnan(np.asarray(values_of(slew, channel)))
+    if sensor is not None and sensor.is_series and empty.all(axis=0).any():
         raise OutputError(
             f"{channel} has no number in column {int(np.argmax(empty.all(axis=0))) + 1}",
             where=f"slew {slew.name}",
@@ -145,18 +189,18 @@ def _refuse_what_reading_refuses(slew: Slew, channel: str) -> None:
 
 
 def _columns_of(slew: Slew, columns: dict[str, list[str]]) -> dict[str, list[str]]:
-    """The columns of a slew's table; what belongs to the wheels only where the slew has it."""
+    """The columns of a slew's table; of wheels and further sensors only where the slew has it."""
     return {
         channel: names
         for channel, names in columns.items()
-        if _has(slew, channel) or not channel.startswith("wheel")
+        if not channel.startswith(("wheel", MORE)) or _has(slew, channel, _SENSORS.get(channel))
     }
 
 
 def _table_of(slew: Slew, columns: dict[str, list[str]]) -> Table:
     made = {"t_s": slew.time}
     for channel, names in _columns_of(slew, columns).items():
-        values = getattr(slew, channel)
+        values = values_of(slew, channel)
         if channel == "wheel_torque" and values is not None and slew.lost_command is not None:
             values = np.where((slew.lost_command > 0)[:, None], np.nan, values)
         if values is None:
@@ -197,11 +241,19 @@ def _slew(slew: Slew, file: str, columns: dict[str, list[str]]) -> dict[str, Any
     return {
         "name": slew.name,
         "file": file if whole else None,
+        **_slew_part(slew),
+        "files": None if whole else {_CHANNELS[channel][0]: file for channel in own},
+    }
+
+
+def _slew_part(slew: Slew) -> dict[str, Any]:
+    """What a description says of a slew beside its tables."""
+    return {
+        "name": slew.name,
         "start": slew.start,
         "axis": slew.axis_B,
         # 15 digits return the degrees that were read, so that copying a campaign changes nothing.
         "angle_deg": None if slew.angle is None else float(f"{math.degrees(slew.angle):.15g}"),
-        "files": None if whole else {_CHANNELS[channel][0]: file for channel in own},
     }
 
 

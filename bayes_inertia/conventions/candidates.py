@@ -166,6 +166,8 @@ def _sense_of_torque(columns: Columns) -> Iterator[Mistake]:
 
 
 def _rate_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
+    if "rate" not in columns:
+        return
     names = list(columns["rate"]["names"])
     for order in list(permutations(range(3)))[1:]:
         exchanged = [names[k] for k in order]
@@ -175,7 +177,7 @@ def _rate_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
             _rates_read(np.eye(3)[list(order)]),
             "the rate's columns stand in another order",
         )
-    axes = campaign.rate_sensor.axes
+    axes = campaign.gyro.axes
     if not np.allclose(axes, axes.T, atol=1e-3):
         yield axes_mistake(axes, axes.T, 2, "the rate sensor's axes are written transposed")
     if not np.allclose(axes, np.eye(3), atol=1e-3):

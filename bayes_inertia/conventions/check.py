@@ -6,8 +6,6 @@ Keys that were written in the same wrong unit as a mended one: noises, and the p
 
 No law shows them. A stated noise that agrees with the noise of the readings while both are read in
 the wrong unit was written in that unit too, and must be mended with it.
-
-What a campaign states about its columns, as plain values under the keys of campaign.toml.
 """
 
 from __future__ import annotations
@@ -15,15 +13,18 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.description import Description
 from bayes_inertia.campaign.inspection import with_dirt_masked
+from bayes_inertia.campaign.parsed_description import parse_description
 from bayes_inertia.campaign.reader import read_unmasked
-from bayes_inertia.campaign.schema import UNITS, CampaignPart, parse_description
+from bayes_inertia.campaign.schema import UNITS
 from bayes_inertia.campaign.sensors import BY_KEY, SensorStream
 from bayes_inertia.conventions import wording
 from bayes_inertia.conventions.candidates import mistakes
@@ -43,12 +44,18 @@ from bayes_inertia.conventions.doubts import (
     doubtful_places,
     factors,
 )
+from bayes_inertia.conventions.further_sensors import (
+    description_for,
+    in_place_of_the_first,
+    unheld,
+)
 from bayes_inertia.conventions.laws import DRIVE, Misfits, noise_ratios, worst
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import ToldTorque, sampled
 from bayes_inertia.conventions.reading import KeyChange, Mistake, Reading, stated_reading
 from bayes_inertia.conventions.search import Judgement, Remedy, judged, misfit_of
 from bayes_inertia.conventions.wording import invisible
+from bayes_inertia.conventions.written_keys import as_written, in_words, stated_columns
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import description_path, read_bytes, text_of
 from bayes_inertia.maths.values import json_ready
@@ -227,6 +234,13 @@ def check_conventions(campaign: Campaign | str | Path, *, quick: bool = False) -
     return checked_with_torques(campaign, {}, quick=quick)
 
 
+class _Source(NamedTuple):
+    """The text of a campaign.toml and what it says; nothing for a campaign built in memory."""
+
+    text: str = ""
+    description: Description | None = None
+
+
 def checked_with_torques(
     campaign: Campaign | str | Path, torques: Mapping[str, ToldTorque], *, quick: bool = False
 ) -> ConventionsCheck:
@@ -235,10 +249,10 @@ def checked_with_torques(
     `torques`: by the name of a slew.
     """
     if isinstance(campaign, Campaign):
-        return _checked(campaign, campaign, None, "", quick, torques)
+        return _checked(campaign, campaign, _Source(), quick, torques)
     path = description_path(campaign)
     text = text_of(read_bytes(path), str(path))
-    description = parse_description(text, str(path))
+    source = _Source(text, parse_description(text, str(path)))
     written = read_unmasked(campaign)
     masked = with_dirt_masked(written)
     if any(dirt.kind == "gap" and dirt.channel == "torque" for dirt in masked.dirt):
@@ -247,10 +261,10 @@ def checked_with_torques(
         masked = replace(with_dirt_masked(written), dirt=masked.dirt)
     if _suspect(written, masked):
         # Readings that are impossible in numbers are in a wrong unit, or marks for missing values.
-        check = _checked(written, written, description, text, quick, torques)
+        check = _checked(written, written, source, quick, torques)
         if check.changes:
             return check
-    return _checked(masked, written, description, text, quick, torques)
+    return _checked(masked, written, source, quick, torques)
 
 
 def _suspect(written: Campaign, masked: Campaign) -> bool:
@@ -290,21 +304,65 @@ def refuse_impossible(
 def _checked(
     campaign: Campaign,
     written: Campaign,
-    description: CampaignPart | None,
-    text: str,
+    source: _Source,
     quick: bool,
     torques: Mapping[str, ToldTorque],
 ) -> ConventionsCheck:
     """The check of a campaign; `written` is the same with nothing masked."""
-    columns = stated_columns(campaign, description)
+    check = _of_first_sensors(campaign, written, source, quick, torques)
+    if check.changes:
+        return check
+    as_written = dict(in_place_of_the_first(written))
+    for name, alone in in_place_of_the_first(campaign):
+        of_sensor = _Source(source.text, description_for(source.description, name))
+        other = _of_first_sensors(alone, as_written[name], of_sensor, True, torques)
+        if other.verdict == "wrong":
+            return replace(other, sentence=f"With the sensor {name}: {other.sentence}")
+        check = check.doubting([d for d in other.doubts if d not in check.doubts])
+    left = "the laws here are those of rate sensors and star trackers"
+    said = [f"{name}: no law is held against it; {left}" for name in unheld(campaign)]
+    return replace(check, cannot_show=(*check.cannot_show, *said))
+
+
+def _of_first_sensors(
+    campaign: Campaign,
+    written: Campaign,
+    source: _Source,
+    quick: bool,
+    torques: Mapping[str, ToldTorque],
+) -> ConventionsCheck:
+    """The same by the first rate sensor and the first star tracker."""
+    check = _in_keys_of_format_1(campaign, written, source, quick, torques)
+    told = partial(in_words, description=source.description)
+    return replace(
+        check,
+        sentence=told(check.sentence),
+        cannot_show=tuple(map(told, check.cannot_show)),
+        remarks=tuple(map(told, check.remarks)),
+        doubts=tuple(map(told, check.doubts)),
+    )
+
+
+def _in_keys_of_format_1(
+    campaign: Campaign,
+    written: Campaign,
+    source: _Source,
+    quick: bool,
+    torques: Mapping[str, ToldTorque],
+) -> ConventionsCheck:
+    """The same, whose changes alone have the keys of the campaign's own format."""
+    columns = stated_columns(campaign, source.description)
+    seen = campaign.with_body_rates
     # Numbers whose squares overflow break every law, infinitely.
     with np.errstate(over="ignore", invalid="ignore"):
         faults = faulty_columns(written, columns)
-        slews = sampled(campaign)
+        slews = sampled(seen)
         if slews is None:
             return _unchecked(campaign, written, columns, faults)
-        misfits = Misfits(campaign, slews, torques)
-        return _held_against_laws(misfits, written, columns, faults, text, quick)
+        misfits = Misfits(seen, slews, torques, smoothed=seen is not campaign)
+        if misfits.smoothed:
+            columns = {key: entry for key, entry in columns.items() if key != "rate"}
+        return _held_against_laws(misfits, written, columns, faults, source, quick)
 
 
 def _unchecked(
@@ -322,7 +380,7 @@ def _held_against_laws(
     written: Campaign,
     columns: Columns,
     faults: tuple[str, ...],
-    text: str,
+    source: _Source,
     quick: bool,
 ) -> ConventionsCheck:
     campaign, stated = misfits.campaign, stated_reading(misfits.campaign)
@@ -335,13 +393,15 @@ def _held_against_laws(
     clock = Clocks()
     if not faults:
         mending, clock = what_mends(misfits, judgement, singles, columns, differ)
+    if misfits.smoothed:  # there is no column whose key could be changed
+        mending, clock = tuple(r for r in mending if not _needs_rates(r)), Clocks()
     wrong = bool(mending) or worst(misfits.of(reading)) > LIMITS.hopeless
     doubts = faults + _doubts(misfits, written, columns, reading, differ, bool(mending))
     verdict: Verdict = "wrong" if wrong else "doubtful" if doubts else "consistent"
     if mending:
         reading = mending[0].mistake.mend(stated if mending[0] in judgement.remedies else reading)
-        mending = _completed(mending, campaign, text)
-    edits = wording.edited_lines(text, mending[0].mistake) if mending else ()
+        mending = _completed(mending, campaign, source)
+    edits = wording.edited_lines(source.text, mending[0].mistake) if mending else ()
     by_law = misfit_of(misfits.of(stated if wrong else reading))
     stale = not np.array_equal(reading.bias_B, stated.bias_B)
     return ConventionsCheck(
@@ -358,11 +418,21 @@ def _held_against_laws(
     )
 
 
-def _completed(mending: tuple[Remedy, ...], campaign: Campaign, text: str) -> tuple[Remedy, ...]:
-    """Remedies, the first with the keys that share its unit."""
-    keys = tomllib.loads(text) if text else {}
+def _needs_rates(remedy: Remedy) -> bool:
+    """Whether a remedy rests on rates of their own: on their columns, on clocks, or on no key."""
+    keys = [change.key for change in remedy.mistake.changes]
+    of_rates = any(key.startswith(("columns.rate", "rate_sensor")) for key in keys)
+    return not keys or of_rates or any(key.endswith(".offset_s") for key in keys)
+
+
+def _completed(
+    mending: tuple[Remedy, ...], campaign: Campaign, source: _Source
+) -> tuple[Remedy, ...]:
+    """Remedies in the keys of the description, the first with the keys that share its unit."""
+    keys = tomllib.loads(source.text) if source.text else {}
     first = with_companions(mending[0].mistake, campaign, keys)
-    return (replace(mending[0], mistake=first), *mending[1:])
+    mending = (replace(mending[0], mistake=first), *mending[1:])
+    return tuple(replace(r, mistake=as_written(r.mistake, source.description)) for r in mending)
 
 
 def _doubts(
@@ -428,7 +498,7 @@ def _companions(
 ) -> Iterator[KeyChange]:
     if mended.key == "columns.rate.unit" and _in_one_unit(campaign, BY_KEY["rate"]):
         factor = UNITS["rate"][mended.mended] / UNITS["rate"][mended.stated]
-        sigma = written.get("rate_sensor", {}).get("sigma", list(campaign.rate_sensor.sigma))
+        sigma = written.get("rate_sensor", {}).get("sigma", list(campaign.gyro.sigma))
         yield KeyChange("rate_sensor.sigma", sigma, _times(sigma, factor))
     if mended.key == "columns.wheel_momentum.unit" and _in_one_unit(
         campaign, BY_KEY["wheel_momentum"]
@@ -462,42 +532,3 @@ def _times(value: Any, factor: float) -> Any:
     if isinstance(value, list):
         return [_times(item, factor) for item in value]
     return float(f"{value * factor:.6g}")
-
-
-# A campaign built in memory is in SI units and has the package's senses.
-_IN_MEMORY: dict[str, dict[str, Any]] = {
-    "time": {"names": ["time"], "unit": "s"},
-    "rate": {"names": ["rate_x", "rate_y", "rate_z"], "unit": "rad/s"},
-    "wheel_torque": {"unit": "N m", "acts_on": "wheel"},
-    "wheel_momentum": {"unit": "N m s", "relative_to": "body"},
-    "attitude": {
-        "names": ["q1", "q2", "q3", "q4"],
-        "scalar": "last",
-        "maps": "inertial_to_body",
-    },
-}
-
-
-def stated_columns(
-    campaign: Campaign, description: CampaignPart | None = None
-) -> dict[str, Mapping[str, Any]]:
-    """The entries of `[columns]`.
-
-    `description`: its campaign.toml; None for a campaign that was built in memory, which is in SI
-    units.
-
-    Examples
-    --------
-    >>> from bayes_inertia.physics.small_campaign import small_campaign
-    >>> stated_columns(small_campaign())["rate"]["unit"]
-    'rad/s'
-    """
-    if description is not None:
-        given = description.columns.given()
-        return {key: entry.model_dump() for key, entry in given.items()}
-    columns: dict[str, Mapping[str, Any]] = {key: _IN_MEMORY[key] for key in ("time", "rate")}
-    for key in ("wheel_torque", "wheel_momentum", "attitude"):
-        if any(getattr(slew, key) is not None for slew in campaign.slews):
-            names = [f"{key}.{wheel.name}" for wheel in campaign.wheels]
-            columns[key] = {"names": names, **_IN_MEMORY[key]}
-    return columns

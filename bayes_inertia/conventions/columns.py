@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import axis_names
 from bayes_inertia.conventions.laws import Misfits, worst
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.reading import Mistake, Reading
@@ -54,10 +55,12 @@ def _streams(campaign: Campaign, columns: Columns) -> list[_Stream]:
     wheels = [wheel.name for wheel in campaign.wheels]
     sigma = [wheel.momentum_sigma for wheel in campaign.wheels]
     speed = "wheel_speed" if "wheel_speed" in columns else "wheel_momentum"
+    sensor = campaign.rate_sensor
+    noise_of_axes = sensor.sigma if sensor else ()
     return [
         _Stream(campaign, channel, columns, key, called, of, noise)
         for channel, key, called, of, noise in (
-            ("rate", "rate", "the rate about", list("xyz"), campaign.rate_sensor.sigma),
+            ("rate", "rate", "the rate about", axis_names(sensor), noise_of_axes),
             ("wheel_momentum", speed, "the tachometer of", wheels, sigma),
             ("wheel_torque", "wheel_torque", "the command of", wheels, sigma),
         )
@@ -112,10 +115,11 @@ class _Stream:
 
 
 def _dead_rates(campaign: Campaign, rates: _Stream) -> Iterator[str]:
-    dead = [k for k in range(3) if rates.dead(k)]
+    axes = range(len(rates.names))
+    dead = [k for k in axes if rates.dead(k)]
     why = "while other axes show noise"
-    alive = any(np.isfinite(rates.noise(k)) for k in range(3))
-    if len(dead) == 3 and _turned(campaign) > LIMITS.turned_at_rest:
+    alive = any(np.isfinite(rates.noise(k)) for k in axes)
+    if dead and len(dead) == len(axes) and _turned(campaign) > LIMITS.turned_at_rest:
         alive, why = True, "while the star tracker turns"
     for k in dead if alive else ():
         yield f"{_stays(rates, k)}, {why}: a dead axis, or the wrong column"

@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import axis_names
 from bayes_inertia.campaign.sensors import SensorStream, series_of
+from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.conventions.laws import (
     CLOSURE,
     CONSERVATION,
@@ -272,7 +274,9 @@ def _beyond(campaign: Campaign, key: str, channel: str) -> dict[str, tuple[float
     names: Sequence[str] = [wheel.name for wheel in campaign.wheels]
     stated = [getattr(wheel, key, None) for wheel in campaign.wheels]
     if key == "range":
-        names, stated = "xyz", [campaign.rate_sensor.range] * 3
+        sensor = campaign.rate_sensor
+        names = axis_names(sensor)
+        stated = [sensor.range if sensor else None] * len(names)
     beyond = {}
     for k, (name, limit) in enumerate(zip(names, stated, strict=True)):
         column = np.concatenate([values[:, k] for values in given])
@@ -291,7 +295,7 @@ def dirt_of(misfits: Misfits, stated: Reading, reading: Reading) -> tuple[dict[s
     `Dirt.json` writes them; a stale bias has the kind "stale_bias".
     """
     by_reader = [dirt.json() for dirt in misfits.campaign.dirt]
-    series = series_of(misfits.campaign)
+    series = [s for s in series_of(misfits.campaign) if not (misfits.smoothed and s == RATE)]
     levels = [dirt.json() for s in series if (dirt := _level(misfits.campaign, s)) is not None]
     return (*by_reader, *levels, *_stale_bias(misfits, stated, reading))
 
@@ -330,7 +334,7 @@ def _bias_at_rest(misfits: Misfits, reading: Reading) -> np.ndarray:
         return np.zeros(3)
     bias = np.median(told, axis=0)
     spread = SD_OVER_MAD * np.median(np.abs(told - bias), axis=0) / np.sqrt(len(told))
-    sensor = misfits.campaign.rate_sensor
+    sensor = misfits.campaign.gyro
     noise = np.asarray(sensor.sigma) / np.sqrt(FAULTS.rows_for_noise * len(told))
     sd = np.sqrt(np.square(sensor.bias_sigma) + spread**2 + noise**2)
     return np.where(np.abs(bias) > LIMITS.stale_bias_sds * sd, bias, 0.0)

@@ -28,6 +28,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors import SensorStream, series_of
+from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import (
     Motion,
@@ -296,8 +297,17 @@ def closure(told: Told) -> LawData | None:
     free = np.broadcast_to(np.eye(3), (*error.shape, 3))
     turning = np.einsum("snij,snj->sni", moving.to_start[some], moving.rate_B[some])
     early = -turning * fixes[..., None]
-    sigma = _sigma(size, noise)
+    sigma = _sigma(size, noise, _integrated_noise(told)[some])
     return LawData(error, regressors, free, sigma, fixes, early, noise, bias_from=sds.size)
+
+
+def _integrated_noise(told: Told) -> np.ndarray:
+    """Angle (S,) that the noise of the rates adds up to over a slew [rad]."""
+    # As stated, whatever the reading: in a larger unit of rate or time all would drown in it.
+    slews, rate = told.slews, float(np.linalg.norm(told.noise["rate"]))
+    steps = {slew.name: float(np.median(slew.rate_steps)) for slew in told.campaign.slews}
+    step = np.array([steps[name] for name in slews.names])
+    return rate * np.sqrt(step * np.ptp(slews.time, axis=1))
 
 
 def _at(quaternions: np.ndarray, first: np.ndarray) -> np.ndarray:
@@ -305,7 +315,7 @@ def _at(quaternions: np.ndarray, first: np.ndarray) -> np.ndarray:
 
 
 def _scale_sd(told: Told) -> np.ndarray:
-    return np.maximum(LIMITS.scale_sd, told.campaign.rate_sensor.scale_factor_sigma)
+    return np.maximum(LIMITS.scale_sd, told.campaign.gyro.scale_factor_sigma)
 
 
 def _bias_sd(told: Told) -> np.ndarray:
@@ -315,7 +325,7 @@ def _bias_sd(told: Told) -> np.ndarray:
     valid = told.slews.valid
     rms = np.sqrt(np.mean(np.sum(told.motion.rate_B[valid] ** 2, axis=-1)))
     # A reading in a smaller unit must not drown in a bias that is stated in the larger one.
-    stated = np.minimum(told.campaign.rate_sensor.bias_sigma, rms)
+    stated = np.minimum(told.campaign.gyro.bias_sigma, rms)
     return np.maximum(stated, LIMITS.bias_share * rms)
 
 
@@ -385,7 +395,7 @@ def _uncertain_momentum(told: Told, total: np.ndarray, size: np.ndarray) -> np.n
     product = min(max(prior.product_sigma, LIMITS.inertia_sd * mean), mean)
     sds = np.where(np.eye(3, dtype=bool), moments[:, None], product)
     by_inertia = np.einsum("snia,snb->sniab", moving.to_start, moving.rate_B) * sds
-    scales = np.maximum(LIMITS.frame_share, told.campaign.rate_sensor.scale_factor_sigma)
+    scales = np.maximum(LIMITS.frame_share, told.campaign.gyro.scale_factor_sigma)
     by_scale = _crossed(moving.by_scale[..., [0, 4, 8]], total) * scales
     by_bias = _crossed(moving.by_bias, total) + moving.to_start @ inertia
     unseen = told.slews.momentum is None
@@ -497,16 +507,19 @@ class Misfits:
         Its telemetry.
     torques : mapping of str to ToldTorque
         By the name of a slew: what effects that are named do to the body.
+    smoothed : bool
+        Whether the rates are smoothed from all sensors: their noise does not show.
     """
 
     campaign: Campaign
     slews: SampledSlews
     torques: Mapping[str, ToldTorque] = field(default_factory=dict)
+    smoothed: bool = False
     kept: dict = field(default_factory=dict)
 
     def with_slews(self, slews: SampledSlews) -> Misfits:
         """The same laws for other telemetry of the campaign."""
-        return Misfits(self.campaign, slews, self.torques)
+        return Misfits(self.campaign, slews, self.torques, self.smoothed)
 
     def of(self, reading: Reading) -> dict[str, LinearFit]:
         """The fit of every law that the telemetry can be held against.
@@ -544,7 +557,10 @@ class Misfits:
         """Telemetry in physical units, under a reading."""
         if "noise" not in self.kept:
             series = series_of(self.campaign)
-            self.kept["noise"] = {s.name: believed_noise(self.campaign, s) for s in series}
+            believed = {s.name: believed_noise(self.campaign, s) for s in series}
+            if self.smoothed:
+                believed[RATE.name] = np.array(RATE.sigma(self.campaign))
+            self.kept["noise"] = believed
         noise = self.kept["noise"]
         motion = self.motion(reading)
         return Told(self.campaign, self.slews, reading, motion, noise, torques=self.torques)

@@ -57,7 +57,7 @@ def stated_reading(campaign: Campaign) -> Reading:
     `campaign`: the campaign, in SI units and with the package's senses. Returns: the scale factors
     and axes of its hardware; no other change.
     """
-    sensor, axes_B = campaign.rate_sensor, campaign.wheel_axes_B
+    sensor, axes_B = campaign.gyro, campaign.wheel_axes_B
     same = np.eye(len(campaign.wheels))
     spin = (axes_B * campaign.spin_inertias) @ axes_B.T
     prior = campaign.inertia

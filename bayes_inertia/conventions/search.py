@@ -230,7 +230,7 @@ def turned_sensor(misfits: Misfits, reading: Reading) -> list[Mistake]:
 
     Returns: one from the fixes, one from the wheels' momentum, as far as the telemetry tells.
     """
-    axes = misfits.campaign.rate_sensor.axes
+    axes = misfits.campaign.gyro.axes
     words = "the rates are along other axes"
     rotations = [_from_fixes(misfits, reading), _from_momentum(misfits, reading)]
     return [

@@ -15,10 +15,10 @@ from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.spacecraft import spin_tensor
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.point import N_BIAS
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.maths.physical_draws import draw_physical
+from bayes_inertia.physics.parameters import N_BIAS
 
 
 def plan_after(estimate: Estimate) -> Plan:

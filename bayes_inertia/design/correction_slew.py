@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import axis_names
 from bayes_inertia.design.after_campaign import draw_bodies, plan_after
 from bayes_inertia.design.feasibility import axes_of_control
 from bayes_inertia.design.numerics import NUMERICS
@@ -94,8 +95,8 @@ def correction_forecast(
     what remains in `updated` is what only a change of the on-board software, or a repair, would
     take away. Noise is left out.
 
-    Returns: none without star tracker or wheels about three axes, or where a predicted slew does
-    not end.
+    Returns: none without star tracker, or gyro or wheels about three axes, or where a predicted
+    slew does not end.
     """
     campaign = final.model.campaign
     if not _can_slew(campaign):
@@ -124,8 +125,8 @@ def correction_with_update(
     Every draw is the truth once. Effects and noise are left out.
 
     `old` and `new` (9,). `draws` (n, 9): draws of J's elements [kg m^2] and K from a posterior, as
-    the campaign's prior names them. Returns: none without star tracker or wheels about three axes,
-    or where a predicted slew does not end.
+    the campaign's prior names them. Returns: none without star tracker, or gyro or wheels
+    about three axes, or where a predicted slew does not end.
     """
     if not _can_slew(campaign):
         return None
@@ -145,7 +146,8 @@ def correction_with_update(
 
 def _can_slew(campaign: Campaign) -> bool:
     """Whether correction slews are measured, and wheels turn the spacecraft about all axes."""
-    return campaign.star_tracker is not None and axes_of_control(campaign.wheel_axes_B) == 3
+    measured = campaign.star_tracker is not None and len(axis_names(campaign.rate_sensor)) == 3
+    return measured and axes_of_control(campaign.wheel_axes_B) == 3
 
 
 def _fully_fitted_effects(estimate: Estimate) -> tuple[Effect, ...]:

@@ -21,10 +21,11 @@ from bayes_inertia.inference.laplace import Estimate, Starts
 from bayes_inertia.inference.likelihood import information_blocks
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.objective import normal_equations
-from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.parameters import N_BIAS
 
 
 def estimate_at_truth(

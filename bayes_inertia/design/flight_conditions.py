@@ -183,7 +183,7 @@ def _inverse_noise(campaign: Campaign) -> InverseNoise:
         along = np.outer(tracker.boresight_B, tracker.boresight_B)
         attitude = (np.eye(3) - along) / tracker.sigma_cross + along / tracker.sigma_roll
     momentum = np.array([1.0 / (wheel.momentum_sigma or np.inf) for wheel in campaign.wheels])
-    return InverseNoise(1.0 / np.array(campaign.rate_sensor.sigma), attitude, momentum)
+    return InverseNoise(1.0 / np.array(campaign.three_axis_gyro.sigma), attitude, momentum)
 
 
 def _last_complete(values: np.ndarray | None) -> np.ndarray:

@@ -25,11 +25,11 @@ from bayes_inertia.design.planned_motion import RigidBody
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
-from bayes_inertia.inference.point import N_BIAS
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import AnyArray, array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.parameters import N_BIAS
 from bayes_inertia.physics.prediction import Structure
 
 

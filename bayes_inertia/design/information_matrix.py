@@ -39,12 +39,12 @@ from bayes_inertia.design.information_forecast import (
 from bayes_inertia.design.plan_arrays import PlanTimes, SlewArrays
 from bayes_inertia.design.planned_motion import motion_of_slews
 from bayes_inertia.errors import EffectError
-from bayes_inertia.inference.point import N_BIAS
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.channels.rate import RateConstants
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.nuisances import NuisanceScale
+from bayes_inertia.physics.parameters import N_BIAS
 from bayes_inertia.physics.prediction import Structure
 from bayes_inertia.physics.slew_context import Environment, SlewContext, State, Trajectory
 from bayes_inertia.physics.stochastic_effect import StochasticEffect

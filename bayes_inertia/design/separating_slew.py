@@ -53,11 +53,11 @@ from bayes_inertia.flight.follow_on import spacecraft_at
 from bayes_inertia.flight.plan import PlannedSlew
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.objective import marginal_information, prior_rows
-from bayes_inertia.inference.point import N_BIAS
 from bayes_inertia.maths.linear_algebra import canonical_correlation, inverse
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.parameters import N_BIAS
 
 Score = Callable[[np.ndarray], tuple[Array, Array]]
 

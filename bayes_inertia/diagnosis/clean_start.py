@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.linear_system import (
     LinearModel,
@@ -39,7 +40,7 @@ from bayes_inertia.inference.likelihood import padded_sensitivities, residuals
 from bayes_inertia.inference.noise_colour import Colour, ColourOfAxis, colour_of
 from bayes_inertia.inference.noise_level import noise_factors
 from bayes_inertia.inference.noise_model import log_normalisation, whitening
-from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.rounding import level_of_rounded, rounding_steps
 from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.physics.forward_model import Model
@@ -230,7 +231,7 @@ def _log_evidence(estimate: Estimate, numbers: int = 0) -> float:
 
     `numbers`: that give it its shape, beside those of its colour.
     """
-    if estimate.model.campaign.rate_sensor.correlated_noise is not None:
+    if RATE.correlated(estimate.model.campaign) is not None:
         numbers += LIMITS.numbers_of_colour
     cost = 0.5 * numbers * float(np.log(LIMITS.readings_a_number))
     return log_normalisation(estimate.model, estimate.white) - estimate.objective - cost
@@ -287,8 +288,8 @@ def _colour_after(
 
 def _in_stated_sigmas(start: CleanStart, final: Estimate) -> list[np.ndarray]:
     """Residuals of the rates in the sigmas that the campaign states."""
-    stated = np.array(start.stated.campaign.rate_sensor.sigma)
-    ratio = np.array(final.model.campaign.rate_sensor.sigma) / stated
+    stated = np.array(RATE.sigma(start.stated.campaign))
+    ratio = np.array(RATE.sigma(final.model.campaign)) / stated if len(stated) else 1.0
     return [series * ratio for series in plain_series(final)["rate"]]
 
 
@@ -342,7 +343,7 @@ def precompile(model: Model) -> None:
     twice.
     """
     theta, local = model.space.nulls, np.zeros((model.n_slews, model.structure.n_local))
-    point, white = Point(theta, np.zeros(N_BIAS), local), whitening(model, theta)
-    padded_sensitivities(model, point, white, np.arange(9))
+    point, white = Point(theta, np.zeros(model.n_bias), local), whitening(model, theta)
+    padded_sensitivities(model, point, white, np.arange(model.n_base))
     tangents(model.structure, theta, local, model.data)
     residuals(model.structure, point, model.data, white)

@@ -38,10 +38,10 @@ from bayes_inertia.diagnosis.random_signals import (
     dense,
     forms_of,
     imitated_share,
+    largest_size,
     parameters_at,
     projected_signal,
     roots_at,
-    settings_of,
     smooth_roots,
     source_of,
     usable,
@@ -60,7 +60,6 @@ from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
@@ -140,7 +139,7 @@ def linear_model(
         held=at,
         amplitude=amplitude,
         offset=before - estimate.objective - float(linear) if len(at) else 0.0,
-        null=estimate.theta[:N_BASE] + moved[:, at] @ amplitude,
+        null=estimate.theta[: len(moved)] + moved[:, at] @ amplitude,
         covariance=_covariance(fit),
     )
 
@@ -221,14 +220,15 @@ def _members(
 def _with_parameters(matrix: np.ndarray, gradient: np.ndarray, moved: np.ndarray) -> System:
     """S and u with J and K, which amplitudes move (9, c), as further columns."""
     return System(
-        np.block([[matrix, moved.T], [moved, np.zeros((N_BASE, N_BASE))]]),
-        np.concatenate([gradient, np.zeros(N_BASE)]),
+        np.block([[matrix, moved.T], [moved, np.zeros((len(moved), len(moved)))]]),
+        np.concatenate([gradient, np.zeros(len(moved))]),
     )
 
 
 def _covariance(fit: LinearisedFit) -> np.ndarray:
     """Covariance (9, 9) of J and K if nothing acts; zero where they are held."""
-    covariance, base = np.zeros((N_BASE, N_BASE)), fit.free[fit.free < N_BASE]
+    n = fit.model.n_base
+    covariance, base = np.zeros((n, n)), fit.free[fit.free < n]
     whole = fit.inverse_root.T @ fit.inverse_root
     covariance[np.ix_(base, base)] = whole[: len(base), : len(base)]
     return covariance
@@ -237,10 +237,11 @@ def _covariance(fit: LinearisedFit) -> np.ndarray:
 def parameters_of(linear: LinearModel, given: Given) -> tuple[np.ndarray, np.ndarray]:
     """Mean (9,) and covariance (9, 9) of J and K given members, averaged over their sizes."""
     weights = np.exp(given.log_weight - logsumexp(given.log_weight))
-    means = given.gradient[:, -N_BASE:]
+    n = len(linear.null)
+    means = given.gradient[:, -n:]
     mean = weights @ means
     spread = np.einsum("b,bi,bj->ij", weights, means - mean, means - mean)
-    within = np.einsum("b,bij->ij", weights, given.matrix[:, -N_BASE:, -N_BASE:])
+    within = np.einsum("b,bij->ij", weights, given.matrix[:, -n:, -n:])
     return linear.null + mean, linear.covariance - within + spread
 
 
@@ -255,7 +256,7 @@ def _projecting(estimate: Estimate, own: np.ndarray) -> LinearisedFit:
 
 def random_members(
     linear: LinearModel,
-    estimate: Estimate,
+    response: TorqueResponse,
     effects: Sequence[StochasticEffect],
     *,
     nameless: bool = True,
@@ -266,7 +267,7 @@ def random_members(
     `driven`: whether a shape may follow something known; not where formulas say what it follows.
     """
     forget_surplus(PROGRAMS)
-    response, fit = torque_response(estimate), linear.fit
+    fit = linear.fit
     numbers = fit.residual.size
     shapes = (TachometerShape(),) if nameless else ()
     both = (*usable(effects, fit.model, numbers), *usable(shapes, fit.model, numbers))
@@ -320,7 +321,7 @@ def stochastic_candidates(
     linear: LinearModel, estimate: Estimate, effects: Sequence[StochasticEffect]
 ) -> tuple[StochasticCandidate, ...]:
     """Weigh effects without a fixed shape at a fit, best evidence first."""
-    members = random_members(linear, estimate, effects, nameless=False)
+    members = random_members(linear, torque_response(estimate), effects, nameless=False)
     found = [candidate_of(m, float(logsumexp(log_evidence_of_random(m)))) for m in members]
     return tuple(sorted(found, key=lambda c: -c.log_bayes_factor))
 
@@ -337,24 +338,22 @@ def _random(
 
     `kept`: whether bases are, from which campaigns are simulated.
     """
-    tried, largest = settings_of(effect, model)
-    own, tried = forms_of(effect, roots, tried)
-    forms = [_signal(signal, root, largest, kept=kept) for root in own]
+    own, largest = forms_of(effect, model, roots), largest_size(effect, model)
+    forms = [_signal(signal, root, largest, kept=kept) for root in own.roots]
     starts = [
         parameters_at(model, effect, size, shape)
-        for form, shape in zip(forms, tried, strict=True)
+        for form, shape in zip(forms, own.shapes, strict=True)
         for size in form.sizes
     ]
-    odds = -0.5 * tried**2
-    return RandomMember(effect.name, forms, odds, source_of(effect), np.array(starts))
+    return RandomMember(effect.name, forms, own.log_odds, source_of(effect), np.array(starts))
 
 
 def _free(
     effect: StochasticEffect, model: Model, signal: _Projected, roots: Sequence[CandidateRoots]
 ) -> list[tuple[Signal, float]]:
     """Smooth signals where an effect on knots enters, and such that repeat in every slew."""
-    _, largest = settings_of(effect, model)
-    smooth = smooth_roots(roots[len(roots) // 2].blocks)
+    largest = largest_size(effect, model)
+    smooth = smooth_roots(roots[LIMITS.shapes.index(0.0)].blocks)
     same = signal.repeated()
     forms = [_signal(signal, dense(root), largest) for root in smooth]
     forms += [_signal(same, dense(root[:1]), largest) for root in smooth]
@@ -379,9 +378,10 @@ def _projected(linear: LinearModel, columns: np.ndarray) -> _Projected:
     cross = np.swapaxes(columns, 1, 2) @ linear.columns
     cross -= (imitated.T @ fit.imitated(linear.columns)).reshape(cross.shape)
     gradient = signal.gradient + cross[..., linear.held] @ linear.amplitude
-    moved, base = np.zeros((N_BASE, imitated.shape[1])), fit.free < N_BASE
+    n = fit.model.n_base
+    moved, base = np.zeros((n, imitated.shape[1])), fit.free < n
     moved[fit.free[base]] = (fit.inverse_root.T @ imitated)[: len(base)][base]
-    cross = np.concatenate([cross, moved.T.reshape(*cross.shape[:2], N_BASE)], -1)
+    cross = np.concatenate([cross, moved.T.reshape(*cross.shape[:2], n)], -1)
     return _Projected(ProjectedSignal(gradient, signal.matrix), cross)
 
 

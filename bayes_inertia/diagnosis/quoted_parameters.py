@@ -51,7 +51,6 @@ from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, FlexibleMode
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
@@ -153,7 +152,7 @@ def _shifts(
             values=dict(zip(names, values[i].tolist(), strict=True)),
             unseen=bool(unseen[i]),
         )
-        for i in np.intersect1d(estimate.free, np.arange(N_BASE))
+        for i in np.intersect1d(estimate.free, np.arange(space.n_base))
     }
 
 
@@ -235,13 +234,14 @@ def _alternative(
     visible = powers > MATHS_NUMERICS.visible_power
     if not visible.any():
         return None
-    moved, information = S[-N_BASE:, index] @ directions[:, visible], powers[visible] + 1.0
+    information = powers[visible] + 1.0
+    moved = S[-len(linear.null) :, index] @ directions[:, visible]
     u = np.maximum(u, 0.0) if member.one_sided else u
     return AlternativeParameters(
         member.name,
         "",
         probability,
-        tuple(estimate.model.space.names[:N_BASE]),
+        tuple(estimate.model.space.names[: len(linear.null)]),
         linear.null - moved @ (u @ directions[:, visible] / information),
         linear.covariance + moved / information @ moved.T,
     )
@@ -270,15 +270,15 @@ def remainder_alternatives(diagnosis: Diagnosis) -> tuple[AlternativeParameters,
     """
     if diagnosis.verdict != "unknown" or diagnosis.why_unknown != "misfit":
         return ()
-    free = _with_remainders(diagnosis)
+    free = _quoted_row(_with_remainders(diagnosis))
     return (
         AlternativeParameters(
             FREE_SHAPES,
             "",
             LIMITS.remainder_probability,
-            tuple(free.model.space.names[:N_BASE]),
-            free.theta[:N_BASE],
-            free.covariance[:N_BASE, :N_BASE],
+            free.names,
+            free.mean,
+            free.covariance,
         ),
     )
 
@@ -494,9 +494,9 @@ def _free_shapes(diagnosis: Diagnosis) -> Estimate:
 
 def _quoted_row(fit: Estimate) -> AlternativeParameters:
     """J and K of a fit."""
-    names = tuple(fit.model.space.names[:N_BASE])
-    covariance = fit.covariance[:N_BASE, :N_BASE]
-    return AlternativeParameters("", "", 0.0, names, fit.theta[:N_BASE], covariance)
+    n = fit.model.n_base
+    names, covariance = tuple(fit.model.space.names[:n]), fit.covariance[:n, :n]
+    return AlternativeParameters("", "", 0.0, names, fit.theta[:n], covariance)
 
 
 def _refitted(final: Estimate, effects: tuple[Effect, ...]) -> Estimate:

@@ -22,7 +22,6 @@ from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.maths.linear_algebra import canonical_correlation
 from bayes_inertia.maths.numerics import NUMERICS as MATHS_NUMERICS
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.parameters import N_BASE
 
 
 def log_evidence_of_fit(estimate: Estimate) -> float:
@@ -253,6 +252,7 @@ def shift_per_amplitude(fit: LinearisedFit, free: np.ndarray, columns: np.ndarra
     `free` (f,). `columns` (slews, numbers, n): changes of the whitened residuals by units of what
     is left out. Returns (9, n): shift of J and K per unit; zero where they are held.
     """
-    out, base = np.zeros((N_BASE, columns.shape[-1])), free < N_BASE
+    n = fit.model.n_base
+    out, base = np.zeros((n, columns.shape[-1])), free < n
     out[free[base]] = (fit.inverse_root.T @ fit.imitated(columns))[: len(free)][base]
     return out

@@ -211,7 +211,8 @@ def coefficient_columns(response: TorqueResponse, effect: StochasticEffect) -> n
     )
     grid, contexts = response.time.shape[1], model.data.contexts
     motion = (response.attitude, response.rate_B, response.wheel_momentum)
-    rate_S = response.rate_B @ model.campaign.rate_sensor.axes.T
+    gyro = model.structure.place("rate")
+    rate_S = response.rate_B @ np.asarray(model.data.sensors[gyro].axes).T
     # Of padding: the last instant again.
     *path, rate_S = (repeated(x, contexts.time.shape[1]) for x in (*motion, rate_S))
     states = np.zeros((*contexts.time.shape, 0))
@@ -234,17 +235,18 @@ def changes_of(response: TorqueResponse, units: Mapping[str, np.ndarray], count:
         taken = np.einsum("iw,snwk->snik", axes_B, momentum)
         gyroscopic = np.cross(response.rate_B[..., None], taken, axis=2)
         torque_B = -np.einsum("iw,snwk->snik", axes_B, delivered) - gyroscopic
-    if torque_B is None:
+    if torque_B is None and not units:
         torque_B = np.zeros((*response.time.shape, 3, count))
-    columns = response.residual_change(torque_B)
+    parts = [response.residual_change(torque_B)] if torque_B is not None else []
     if "rate_output" in units:
-        factors = estimate.theta[6:9][:, None]
-        columns -= response.reading_change("rate", units["rate_output"] / factors)
+        factors = estimate.theta[6 : estimate.model.n_base]
+        error = units["rate_output"] / factors[:, None]
+        parts.append(-response.reading_change("rate", error))
     if "attitude_output" in units:
-        columns -= response.reading_change("attitude", units["attitude_output"])
+        parts.append(-response.reading_change("attitude", units["attitude_output"]))
     if momentum is not None:
-        columns -= response.reading_change("momentum", momentum)
-    return columns
+        parts.append(-response.reading_change("momentum", momentum))
+    return sum(parts[1:], start=parts[0])
 
 
 def _integral(held: np.ndarray, time: np.ndarray) -> np.ndarray:
@@ -303,7 +305,7 @@ def _value(
         state = State(q, rate_B, momentum, states, jnp.eye(3), nothing, nothing)
         return effect.body_torque(p, slew, t, state)
 
-    return jax.vmap(torque)(*motion)
+    return jax.vmap(torque)(*motion[:-1])
 
 
 # What is compiled for each effect and size of slew.

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import Numbers
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.closed_loop_data import Plant, SensorNoise
 from bayes_inertia.flight.control_law import ControlLaw, SlewSchedule
@@ -22,7 +23,6 @@ from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
-from bayes_inertia.maths.values import Vector
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.slew_input import SlewInput, Start
 
@@ -186,7 +186,7 @@ def start_states(
     return Start(controller.rest_rate_sigma * rest_errors[0], aimed.as_quat(), momentum)
 
 
-def rate_bias(spacecraft: Spacecraft, rng: np.random.Generator | None = None) -> Vector:
+def rate_bias(spacecraft: Spacecraft, rng: np.random.Generator | None = None) -> Numbers:
     """The rate bias of one campaign.
 
     `rng`: draws a bias that is not stated; None for the mean of the sensor's prior. Returns

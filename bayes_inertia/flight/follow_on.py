@@ -30,7 +30,7 @@ def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
         J,
         tuple(np.asarray(theta[6:9], float)),
         campaign.wheels,
-        campaign.rate_sensor,
+        campaign.three_axis_gyro,
         campaign.star_tracker,
     )
 

@@ -241,7 +241,7 @@ def draw_spacecraft(
     `template`: hardware and prior; its slews set the scale of default priors. `values`: {effect:
     {parameter: value}}. The values of effects that it does not name are drawn from their priors.
     """
-    sensor = template.rate_sensor
+    sensor = template.three_axis_gyro
     J = _drawn_inertia(template, rng)
     all_values = dict(values or {})
     for effect in effects:

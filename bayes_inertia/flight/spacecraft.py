@@ -10,10 +10,10 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel
+from bayes_inertia.campaign.hardware import InertiaPrior, Numbers, RateSensor, StarTracker, Wheel
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.maths.values import Vector, array_dataclass
+from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
@@ -57,11 +57,11 @@ class Spacecraft:
     """
 
     inertia_B: np.ndarray
-    scale_factor: Vector
+    scale_factor: Numbers
     wheels: tuple[Wheel, ...]
     rate_sensor: RateSensor
     star_tracker: StarTracker | None = None
-    bias: Vector | None = None
+    bias: Numbers | None = None
     effects: tuple[Effect, ...] = ()
     values: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
@@ -136,7 +136,7 @@ class Controller:
     """
 
     inertia_B: np.ndarray
-    scale_factor: Vector = (1.0, 1.0, 1.0)
+    scale_factor: Numbers = (1.0, 1.0, 1.0)
     bandwidth: float = 0.17
     damping: float = math.sqrt(0.5)
     snapshot_time: float = 20.0

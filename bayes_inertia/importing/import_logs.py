@@ -325,7 +325,7 @@ def reduced_content(
     means = reduced(campaign)
     if means is campaign:
         return description, tables, campaign
-    sigma = campaign.rate_sensor.sigma[0] / means.rate_sensor.sigma[0]
+    sigma = campaign.gyro.sigma[0] / means.gyro.sigma[0]
     said = (
         f"# Rates and wheel momentum are means of {round(sigma**2)} readings each, because the "
         'mapping\n# says reduce = "block_means"; their noise is smaller by the root of that.\n'

@@ -39,7 +39,7 @@ _ADVICE_OF_EMPTY = {
     "wheel_speed": f"export it again; {_WHEEL_OFF}; one without tachometer: {_STREAM_OUT}",
 }
 # In these a table may hold arrays of different lengths.
-_ARRAY_FORMATS = ("numpy", "hdf5", "netcdf", "mat")
+_ARRAY_FORMATS = ("numpy", "hdf5", "netcdf", "mat", "ulog", "bag")
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ def _refuse_few_rates(
     part: MappedStream, shares: Sequence[FileShare], mapping: MappingPart
 ) -> None:
     """Refuse rates that are too few for a slew."""
-    a_slew_each = len(shares) > 1 and mapping.cut.by != "rest" and not mapping.slews
+    a_slew_each = len(shares) > 1 and mapping.cut.by not in ("rest", "gaps") and not mapping.slews
     for together in [[share] for share in shares] if a_slew_each else [shares]:
         counts = np.sum([np.isfinite(share.values).sum(axis=0) for share in together], axis=0)
         few = [n for n, c in zip(part.names, counts, strict=True) if c < LIMITS.fewest_rates]

@@ -180,12 +180,13 @@ MappedStream = Annotated[ReadingsStream | AttitudeStream, Field(discriminator="h
 class CutPart(_MappingTable):
     """`[cut]`: how logs become slews. Every key has a default that the log gives."""
 
-    by: Literal["rest", "files"] | None = None
+    by: Literal["rest", "files", "gaps"] | None = None
     rest_rate: float | None = Field(default=None, gt=0.0)
     before_s: float | None = Field(default=None, ge=0.0)
     after_s: float | None = Field(default=None, ge=0.0)
     min_rest_s: float | None = Field(default=None, gt=0.0)
     gap_s: float | None = Field(default=None, gt=0.0)
+    longest_s: float | None = Field(default=None, gt=0.0)
     between_files_s: float | None = Field(default=None, gt=0.0)
 
 

@@ -80,7 +80,7 @@ class SlewCut:
     scan : MotionScan or None
         The rates that decided; None where they show no motion and need not.
     by : str
-        What decided: "rest", "files" or "slews" (stated in the mapping).
+        What decided: "rest", "files", "gaps" or "slews" (stated in the mapping).
     """
 
     windows: tuple[SlewWindow, ...]
@@ -94,15 +94,19 @@ def cut_into_slews(logs: Logs, mapping: MappingPart, label: str) -> SlewCut:
 
     Stated `[[slews]]` are taken as they are; of several files with rates each is one slew; one
     file, or files that overlap, is cut where the body rests, as far as `[cut]` does not say
-    otherwise.
+    otherwise. A spacecraft that never rests is cut at the gaps between sessions.
     """
     rate, cut = logs.streams["rate"], mapping.cut
     pause = cut.gap_s or max(LIMITS.pause_s, LIMITS.pause_steps * rate.step)
     by = cut.by or ("files" if len(rate.files) > 1 and not rate.overlap else "rest")
-    if mapping.slews or by == "files":
-        windows = _stated_windows(logs, mapping, label) if mapping.slews else _of_files(logs)
+    if mapping.slews or by in ("files", "gaps"):
+        if mapping.slews:
+            windows = _stated_windows(logs, mapping, label)
+        else:
+            windows = _of_files(logs) if by == "files" else _sessions(logs, cut, pause)
         scan = _scan_if_any(logs, cut, pause)
-        windows = [_with_motion(window, scan, _fixes(logs)) for window in windows]
+        if by != "gaps":  # A session is all motion.
+            windows = [_with_motion(window, scan, _fixes(logs)) for window in windows]
         dropped = _left_over(windows, scan, "no slew is stated here") if mapping.slews else []
         return SlewCut(tuple(windows), tuple(dropped), scan, "slews" if mapping.slews else by)
     scan = _scan(logs, cut, pause)
@@ -112,7 +116,8 @@ def cut_into_slews(logs: Logs, mapping: MappingPart, label: str) -> SlewCut:
         raise CampaignError(
             f"no slew from rest to rest is in the log ({reasons or 'no motion'})",
             where=f"{label}, key cut",
-            advice="lower min_rest_s, raise rest_rate, or state [[slews]] with start and end",
+            advice='lower min_rest_s, raise rest_rate, write by = "gaps" for a spacecraft that '
+            "never rests, or state [[slews]] with start and end",
         )
     return SlewCut(tuple(windows), tuple(dropped), scan, "rest")
 
@@ -174,6 +179,21 @@ def _of_files(logs: Logs) -> list[SlewWindow]:
         'write by = "rest" in [cut] if the files are no slews, or epoch = "file" if each file has '
         "a clock of its own",
     )
+    return windows
+
+
+def _sessions(logs: Logs, cut: CutPart, pause: float) -> list[SlewWindow]:
+    """Runs of rates without a gap, those longer than `longest_s` in equal parts."""
+    time = logs.streams["rate"].time
+    runs = np.split(time, np.flatnonzero(np.diff(time) > pause) + 1)
+    windows: list[SlewWindow] = []
+    for run in runs:
+        if len(run) < LIMITS.fewest_rates:
+            continue
+        parts = 1 if cut.longest_s is None else int(np.ceil((run[-1] - run[0]) / cut.longest_s))
+        for part in np.array_split(run, max(parts, 1)):
+            name = f"slew {len(windows) + 1}"
+            windows.append(SlewWindow(name, float(part[0]), float(part[-1])))
     return windows
 
 

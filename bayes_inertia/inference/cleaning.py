@@ -27,6 +27,7 @@ import numpy as np
 from scipy import ndimage, stats
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import body_rates
 from bayes_inertia.campaign.sensors import stream_named
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.inference import optimizer
@@ -169,7 +170,7 @@ def outliers_in(estimate: Estimate) -> tuple[Dirt, ...]:
         name = channel.name
         if not channel.stream.is_series:
             hit[name] = fix_outliers(estimate, series, name)
-        elif any(values.size for values in series[name]):
+        elif any(np.isfinite(values).any() for values in series[name]):
             flags = outlying_readings(series[name], steps[name].tolist())
             flags = away_from_switches(slews, flags)
             hit[name] = [np.flatnonzero(flag.any(axis=1)) for flag in flags]
@@ -358,7 +359,7 @@ def _turn_seen(
     structure = estimate.model.structure
     white = np.asarray(estimate.stated[structure.place("rate")].factors)[slew, : len(time)]
     # Nothing was measured where a factor's row is zero.
-    filled = white + np.where(given[..., None], 0.0, np.eye(3))
+    filled = white + np.where(given[..., None], 0.0, np.eye(white.shape[-1]))
     gap = np.linalg.solve(filled, np.nan_to_num(residuals)[..., None])[..., 0]
     smooth = [
         np.interp(
@@ -366,8 +367,9 @@ def _turn_seen(
         )
         for axis, k in zip(gap.T, given.T, strict=True)
     ]
-    scaled = np.stack(smooth) * np.asarray(estimate.theta[6:9])[:, None]
-    rate_B = np.linalg.solve(campaign.rate_sensor.axes, scaled).T
+    unbiased = replace(campaign.gyro, bias=(0.0,))
+    K = estimate.theta[6 : estimate.model.n_base]
+    rate_B = body_rates(unbiased, np.stack(smooth, axis=-1), K)
     mean = 0.5 * (rate_B[1:] + rate_B[:-1]) * np.diff(time)[:, None]
     return np.concatenate([np.zeros((1, 3)), np.cumsum(mean, axis=0)])[rows]
 

@@ -39,11 +39,10 @@ from bayes_inertia.inference.objective import (
     normal_equations,
     step_sizes,
 )
-from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.least_squares import dogleg
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
@@ -150,9 +149,9 @@ def guess_nuisances(model: Model, theta: np.ndarray) -> np.ndarray:
     unmeasured = campaign.wheels and not campaign.has_tachometers
     if model.structure.drive == "commanded" and unmeasured:
         prior_sd = np.asarray(model.data.scale.local[6:])
-        J = inertia_tensor.tensor(theta[:6])
+        J, K = inertia_tensor.tensor(theta[:6]), theta[6 : model.n_base]
         for s in range(model.n_slews):
-            local[s, 6 : 6 + len(prior_sd)] = _start_momentum(model, J, theta[6:9], s, prior_sd)
+            local[s, 6 : 6 + len(prior_sd)] = _start_momentum(model, J, K, s, prior_sd)
     return local
 
 
@@ -160,8 +159,9 @@ def _start_momentum(
     model: Model, J: np.ndarray, scale_factor: np.ndarray, s: int, prior_sd: np.ndarray
 ) -> np.ndarray:
     """Wheel momentum (wheels,) at the start of slew s beyond the reference, in prior sd."""
-    campaign, slew = model.campaign, model.campaign.slews[s]
-    sensor, axes = campaign.rate_sensor, campaign.wheel_axes_B
+    campaign = model.campaign.with_body_rates
+    slew, sensor, axes = campaign.slews[s], campaign.gyro, campaign.wheel_axes_B
+    scale_factor = scale_factor if campaign is model.campaign else np.ones(3)
     rows, readings = slew.complete_rates(campaign.valid_readings(slew))
     if len(rows) < 2:
         return np.zeros(len(prior_sd))
@@ -207,7 +207,7 @@ def gentle_descents(
     begin = None if start is None else np.asarray(start)[shared]
     whole = model.space.mean if start is None else np.array(start, float)
     silent = np.zeros((model.n_slews, model.structure.n_local))
-    with compiled_meanwhile(model, Point(whole, np.zeros(N_BIAS), silent)):
+    with compiled_meanwhile(model, Point(whole, np.zeros(model.n_bias), silent)):
         descents = _descents(plain, seed, starts, begin, np.flatnonzero(np.isin(shared, free)))
     return [(objective, _widened(model, whole, shared, end)) for objective, end in descents]
 
@@ -228,7 +228,8 @@ def _descents(
     if start is not None:
         return [_gentle_descent(model, start, free)]
     descents: list[tuple[float, Point]] = []
-    readings = sum(3 * len(s.time) for s in model.campaign.slews)
+    rates = 3 if model.campaign.rate_sensor is None else len(model.campaign.gyro.axes)
+    readings = sum(rates * len(s.time) for s in model.campaign.slews)
     near = LIMITS.lost_reduced_chi2 * LIMITS.gentle_weight * 0.5 * readings
     draws = model.draw_prior(np.random.default_rng(seed), max(starts, LIMITS.most_starts) - 1)
     for k, theta in enumerate([model.space.mean, *draws]):
@@ -255,8 +256,8 @@ def _gentle_descent(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[
     theta = np.asarray(theta, float)
     weights = np.full((model.n_slews, len(model.channels)), LIMITS.gentle_weight)
     white = discounted(whitening(model, theta), weights)
-    core = free[free < N_BASE]
-    first = Point(theta, np.zeros(N_BIAS), guess_nuisances(model, theta))
+    core = free[free < model.n_base]
+    first = Point(theta, np.zeros(model.n_bias), guess_nuisances(model, theta))
     point, objective = descend(model, first, white, core, **LIMITS.gentle_stop)
     if np.any(first.local):
         guess = Point(point.theta, point.bias, guess_nuisances(model, point.theta))

@@ -36,7 +36,7 @@ from bayes_inertia.inference.noise_filter import (
     noise_memories,
 )
 from bayes_inertia.inference.noise_model import Whitenings, stated_noise_of, without_memory
-from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.at_once import at_once
 from bayes_inertia.maths.central_differences import quadratic_at
 from bayes_inertia.maths.device_arrays import filled, on_device, padded_size
@@ -100,19 +100,20 @@ class FilteredEvidence:
         white = without_memory(self.white)
         s = unpadded_sensitivities(self.model, self.point, white, shaped)
         f, unknowns = len(shaped), shared_first(self.model, self.point, shaped)
-        kept = np.concatenate([np.ones(f + N_BIAS, bool), ~self.filtered])
+        kept = np.concatenate([np.ones(f + len(self.point.bias), bool), ~self.filtered])
         numbers = np.where(self.filtered, self.point.local, 0.0)
         order = unknowns.order[kept[unknowns.order]]
         parts = []
         for r, j in zip(s.residuals, s.jacobian, strict=True):
             columns = np.asarray(j)
-            gone = np.einsum("snk,sk->sn", columns[..., f + N_BIAS :], numbers)
+            gone = np.einsum("snk,sk->sn", columns[..., f + len(self.point.bias) :], numbers)
             parts.append((np.asarray(r) - gone)[..., None])
             parts.append(columns[..., order] * unknowns.scale[order])
         others = [np.concatenate(parts[i : i + 2], -1) for i in range(0, len(parts), 2)]
         rate = others.pop(self._place)
+        axes = self.white[self._place].factors.shape[-1]
         rows = _Rows(
-            self._padded(rate.reshape(*rate.shape[:1], -1, 3, rate.shape[-1])),
+            self._padded(rate.reshape(*rate.shape[:1], -1, axes, rate.shape[-1])),
             filled(sum(np.swapaxes(x, 1, 2) @ x for x in others), self._size, 0),
             unknowns.precision,
             unknowns.gradient,

@@ -6,6 +6,7 @@ Chains are trusted by nested R-hat over ensembles, effective sample sizes and le
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi
 from typing import Any
@@ -18,7 +19,6 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.settings import OPEN_VERDICTS, FitContext
 from bayes_inertia.physics.effects import REMAINDERS
-from bayes_inertia.physics.parameters import N_BASE
 
 
 @dataclass(frozen=True)
@@ -216,8 +216,51 @@ def _explained(estimate: Estimate, context: FitContext) -> dict[str, Any]:
         )
         # After a diagnosis its own gate says what to do.
         advice = "" if context.verdict in OPEN_VERDICTS else advice
+        if groups := groups_of_slews(estimate):
+            advice += f"; {groups['says']}"
         says = f"the model does not explain the data: {', '.join(sizes)}{advice}"
     return {"name": "explained", "passed": not large, "says": says}
+
+
+def groups_of_slews(estimate: Estimate) -> dict[str, Any] | None:
+    """Two groups of slews that agree among themselves and not with each other, as in summary.json.
+
+    None where the slews agree, or where no two groups are why they do not.
+    """
+    scatter = estimate.slew_scatter
+    groups = None if scatter is None else scatter.groups
+    if groups is None:
+        return None
+    names = [[estimate.model.campaign.slews[s].name for s in part] for part in groups.slews]
+    n_base, every = estimate.model.n_base, estimate.model.space.names
+    base = [(k, every[i]) for k, i in enumerate(estimate.free) if i < n_base]
+    differences = {
+        name: {"difference": float(groups.difference[k]), "sd": float(groups.sd[k])}
+        for k, name in base
+    }
+    far = max(base, key=lambda place: abs(groups.difference[place[0]]) / groups.sd[place[0]])[1]
+    one, other = (_group_in_words(*part) for part in zip(groups.slews, names, strict=True))
+    change, sd = differences[far].values()
+    space = estimate.model.space
+    unit = f" {space.units[space.names.index(far)]}".rstrip()
+    says = (
+        f"{one} agree among themselves, and so do {other}, but the two groups disagree, most in "
+        f"{far}: by {change:.2g}{unit} ({abs(change) / sd:.0f} sd)"
+    )
+    if groups.slews[0][-1] < groups.slews[1][0]:
+        first = groups.slews[1][0]
+        says += (
+            "; if the tensor changed between them, fit with "
+            f"`--effects inertia_change:from_slew={first}`"
+        )
+    return {"slews": names, "p_value": groups.p_value, "differences": differences, "says": says}
+
+
+def _group_in_words(slews: tuple[int, ...], names: Sequence[str]) -> str:
+    """Slews in a sentence: the first and the last where they follow each other."""
+    if len(slews) > 2 and slews[-1] - slews[0] == len(slews) - 1:
+        return f"{names[0]} to {names[-1]}"
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
 def prior_gate(estimate: Estimate) -> dict[str, Any]:
@@ -228,8 +271,8 @@ def prior_gate(estimate: Estimate) -> dict[str, Any]:
     `estimate`: its J and K are judged, each for itself and all together.
     """
     space, theta = estimate.model.space, estimate.theta
-    distance = ((theta - space.mean) / space.sd)[:N_BASE]
-    p_value = float(stats.chi2.sf(distance @ distance, N_BASE))
+    distance = ((theta - space.mean) / space.sd)[: space.n_base]
+    p_value = float(stats.chi2.sf(distance @ distance, space.n_base))
     far = np.flatnonzero(np.abs(distance) > LIMITS.prior_sd_at_most)
     worst = int(np.argmax(np.abs(distance)))
     place = (
@@ -252,7 +295,7 @@ def prior_gate(estimate: Estimate) -> dict[str, Any]:
 def _cause_of_contradiction(estimate: Estimate) -> str:
     """What would explain J and K far from their priors."""
     space, theta = estimate.model.space, estimate.theta
-    scale = theta[6:N_BASE] / space.mean[6:N_BASE]
+    scale = theta[6 : space.n_base] / space.mean[6 : space.n_base]
     size = float(np.sum(theta[:3]) / np.sum(space.mean[:3]))
     causes = [c for c, f in _FACTORS_ON_K if np.all(np.abs(scale / f - 1) < LIMITS.near_a_factor)]
     causes += [c for c, f in _FACTORS_ON_J if abs(size / f - 1) < LIMITS.near_a_factor]

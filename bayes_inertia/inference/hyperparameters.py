@@ -34,7 +34,7 @@ from bayes_inertia.inference.likelihood import Information, information_blocks
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import Whitenings
 from bayes_inertia.inference.objective import prior_rows
-from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.device_arrays import filled, on_device, padded_size, repeated
 from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.forward_model import Model
@@ -47,11 +47,11 @@ class SharedFirst(NamedTuple):
 
     Parameters
     ----------
-    scale : (f + 3 + n_local,) array
+    scale : (f + n_bias + n_local,) array
         One prior sd of (theta[free], bias, own nuisances).
-    order : (f + 3 + n_local,) array of int
+    order : (f + n_bias + n_local,) array of int
         Where each stands among those: the bias, theta[free], own nuisances.
-    precision, gradient : (3 + f,) arrays
+    precision, gradient : (n_bias + f,) arrays
         Of the prior of what slews share, in that order.
     """
 
@@ -68,11 +68,12 @@ def shared_first(model: Model, point: Point, free: np.ndarray) -> SharedFirst:
     """
     slope, distance = (rows[free] for rows in prior_rows(model, point.theta))
     unit = np.where(slope != 0.0, slope, 1.0)
-    f, end = len(free), len(free) + N_BIAS + point.n_local
+    f, b = len(free), len(point.bias)
+    end = f + b + point.n_local
     return SharedFirst(
-        np.concatenate([1.0 / unit, np.ones(N_BIAS + point.n_local)]),
-        np.r_[f : f + N_BIAS, :f, f + N_BIAS : end],
-        np.concatenate([np.ones(N_BIAS), (slope / unit) ** 2]),
+        np.concatenate([1.0 / unit, np.ones(b + point.n_local)]),
+        np.r_[f : f + b, :f, f + b : end],
+        np.concatenate([np.ones(b), (slope / unit) ** 2]),
         np.concatenate([point.bias, slope * distance / unit]),
     )
 
@@ -210,7 +211,7 @@ class Evidence:
         scale, order = unknowns.scale, unknowns.order
         matrix = self.information.matrix.sum(1) * np.outer(scale, scale)
         gradient = (self.information.gradient.sum(1) * scale)[:, order]
-        of_held, at = np.zeros(len(held)), N_BIAS + f
+        of_held, at = np.zeros(len(held)), len(point.bias) + f
         # Between what slews share and the nuisances of each.
         places = np.full(len(held), at)
         rows = np.insert(matrix[:, order[:, None], order], places, 0.0, axis=1)
@@ -307,7 +308,8 @@ def given_sizes(structure: Structure, frozen: FrozenEvidence, standardised: Arra
         parts = _all_but_learnt_eliminated(structure, frozen, standardised)
         value = log_integral(parts) - 0.5 * jnp.sum(standardised**2)
         # The bias stands first: the last block of the root is what is left of it.
-        root, step = parts.shared_root[N_BIAS:, N_BIAS:], parts.shared_step[N_BIAS:]
+        b = len(parts.shared_step) - len(frozen.free)
+        root, step = parts.shared_root[b:, b:], parts.shared_step[b:]
         move = solve_triangular(root.T, -step, lower=False)
         return GivenSizes(value, frozen.theta[frozen.free] + frozen.scale * move, root)
 
@@ -375,7 +377,7 @@ def information_with_learnt(
     slope, distance = prior_rows(model, point.theta)
     to_standardised = slope[evidence.learnt]
     own = np.outer(to_standardised, to_standardised) * (curvature - np.eye(len(to_standardised)))
-    p, slews = len(free) + point.n_local + N_BIAS, model.n_slews
+    p, slews = len(free) + point.n_local + len(point.bias), model.n_slews
     known = np.flatnonzero(~np.isin(np.arange(p), np.searchsorted(free, evidence.learnt)))
     learnt = np.searchsorted(free, evidence.learnt)
     channels = plain.matrix.shape[1]

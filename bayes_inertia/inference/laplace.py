@@ -21,7 +21,7 @@ from bayes_inertia.inference.noise_model import (
     stated_noise_of,
 )
 from bayes_inertia.inference.objective import prior_rows
-from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import (
     ChannelTest,
     TestedResiduals,
@@ -76,7 +76,7 @@ class Estimate:
         the noise is not as stated: a reading's over that of Gaussian noise of the stated sigma.
     information : Information
         Normal equations by slew and channel at `point`, with the noise as used.
-    hessian : (f + 3 + slews n_local,) squared array
+    hessian : (f + n_bias + slews n_local,) squared array
         Of the negative log posterior (Gauss-Newton), theta in physical units.
     objective : float
         Half the sum of all whitened squares (losses, of other densities), priors included.
@@ -340,8 +340,8 @@ def marginal(estimate: Estimate) -> Marginal:
     columns = tuple(on_device(np.asarray(j)[..., d:]) for j in jacobian)
     return Marginal(
         optimum=jax.tree.map(on_device, point),
-        ridge_bias=on_device(ridge[:N_BIAS]),
-        ridge_local=on_device(ridge[N_BIAS:].reshape(*point.local.shape, d)),
+        ridge_bias=on_device(ridge[: len(point.bias)]),
+        ridge_local=on_device(ridge[len(point.bias) :].reshape(*point.local.shape, d)),
         columns=columns,
         root=on_device(inverse_root(nuisance)),
         prior=model.space.constants(),

@@ -206,16 +206,17 @@ def padded_sensitivities(
     Columns are taken some at a time; the last one is repeated to fill the last group. Those of
     coefficients that only sensors feel come from a program of their own, which costs less.
 
-    `free` (f,). Returns: with at least f + 3 + n_local columns; what follows those is padding.
+    `free` (f,). Returns: with at least f + n_bias + n_local columns; what follows those is padding.
     """
     structure, d = model.structure, model.space.size
-    columns = np.concatenate([free, np.arange(d, d + 3 + structure.n_local)])
+    b = len(point.bias)
+    columns = np.concatenate([free, np.arange(d, d + b + structure.n_local)])
     sensed = np.zeros(len(columns), dtype=bool)
     of_effects = np.repeat(np.array(structure.only_sensed, dtype=bool), structure.coefficients)
     sensed[len(columns) - len(of_effects) :] = of_effects
     moving = np.flatnonzero(~sensed)
     few, many = LIMITS.columns_at_once
-    width = few if d + 3 + structure.n_start <= few else many
+    width = few if d + b + structure.n_start <= few else many
     padding = -len(moving) % width
     groups = columns[np.concatenate([moving, np.repeat(moving[-1:], padding)])]
     pieces = slew_pieces(point, model.data, white)
@@ -250,7 +251,7 @@ def unpadded_sensitivities(
     `free` (f,).
     """
     padded = padded_sensitivities(model, point, white, free)
-    p = len(free) + 3 + model.structure.n_local
+    p = len(free) + len(point.bias) + model.structure.n_local
     return Sensitivities(padded.residuals, tuple(j[..., :p] for j in padded.jacobian))
 
 
@@ -281,7 +282,7 @@ def information_blocks(
             matrix[:, c, at[:, None], at] += information[:, kept][:, :, kept]
     chi2 = np.stack([pull.chi2 for pull in pulls], 1)
     weight = np.array([pull.weight for pull in pulls])
-    p = len(free) + 3 + model.structure.n_local
+    p = len(free) + len(point.bias) + model.structure.n_local
     numbers = n_data(model, white)
     return Information(matrix[..., :p, :p], gradient[..., :p], chi2, numbers, free, weight)
 

@@ -13,7 +13,6 @@ import numpy as np
 
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.parameters import N_BASE
 
 _ARRAYS = ("mean", "precision", "prior_mean", "prior_sd")
 
@@ -26,11 +25,11 @@ class LikelihoodSummary:
     ----------
     campaign : str
         What it came from.
-    mean : (9,) array
-        Jxx to Jyz [kg m^2] and K1 to K3 where the likelihood is largest.
-    precision : (9, 9) array
+    mean : (n,) array
+        Jxx to Jyz [kg m^2] and the K's where the likelihood is largest.
+    precision : (n, n) array
         Inverse covariance there, without the prior; positive semidefinite.
-    prior_mean, prior_sd : (9,) arrays
+    prior_mean, prior_sd : (n,) arrays
         The prior that was taken off.
     """
 
@@ -43,7 +42,7 @@ class LikelihoodSummary:
     def whitened(self, first: LikelihoodSummary) -> tuple[np.ndarray, np.ndarray]:
         """The summary as data in units of another one's prior.
 
-        Returns R (9, 9) and y (9,): y - R x is white, x in prior sds from the prior mean of
+        Returns R (n, n) and y (n,): y - R x is white, x in prior sds from the prior mean of
         `first`.
         """
         scaled = self.precision * np.outer(first.prior_sd, first.prior_sd)
@@ -65,7 +64,7 @@ def summary_of(
 ) -> LikelihoodSummary:
     """The likelihood that a Gaussian prior of independent parameters and a posterior imply.
 
-    `mean` (9,); `covariance` (9, 9).
+    `mean` (n,); `covariance` (n, n).
 
     Examples
     --------
@@ -109,16 +108,16 @@ def product(summaries: Sequence[LikelihoodSummary]) -> LikelihoodSummary:
 
 
 def with_prior(summary: LikelihoodSummary) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (9,) and covariance (9, 9) of the posterior that a summary and its prior make."""
+    """Mean (n,) and covariance (n, n) of the posterior that a summary and its prior make."""
     scaled = summary.precision * np.outer(summary.prior_sd, summary.prior_sd)
-    covariance = np.linalg.inv(scaled + np.eye(N_BASE))
+    covariance = np.linalg.inv(scaled + np.eye(len(scaled)))
     pull = scaled @ ((summary.mean - summary.prior_mean) / summary.prior_sd)
     scale = summary.prior_sd
     return summary.prior_mean + scale * (covariance @ pull), covariance * np.outer(scale, scale)
 
 
 def means_and_sds(summaries: Sequence[LikelihoodSummary]) -> tuple[np.ndarray, np.ndarray]:
-    """Means and sds (summaries, 9) of the posteriors that summaries and their priors make."""
+    """Means and sds (summaries, n) of the posteriors that summaries and their priors make."""
     posteriors = [with_prior(summary) for summary in summaries]
     return (
         np.array([mean for mean, _ in posteriors]),

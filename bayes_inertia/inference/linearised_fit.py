@@ -23,7 +23,7 @@ from bayes_inertia.inference.likelihood import (
 )
 from bayes_inertia.inference.noise_model import Whitenings
 from bayes_inertia.inference.objective import block_index, normal_equations, prior_rows
-from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.slew_shares import SlewShares, slew_shares
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root
 from bayes_inertia.maths.values import array_dataclass
@@ -38,7 +38,7 @@ class Rows:
     ----------
     residual : (slews, numbers) array
         Zero where nothing was measured.
-    jacobian : (slews, numbers, d + 3 + n_local) array
+    jacobian : (slews, numbers, d + n_bias + n_local) array
         Derivatives with respect to all parameters of the model, fitted or not, the bias and the
         slew's own nuisances.
     """
@@ -61,7 +61,7 @@ class LinearisedFit:
         The noise as used.
     information : Information
         Normal equations by slew and channel; its `free` are the f parameters that were fitted.
-    hessian : (f + 3 + slews n_local,) squared array
+    hessian : (f + n_bias + slews n_local,) squared array
         Normal matrix of everything fitted, priors included.
     discount : (slews, channels) array
         Factor of each slew's and channel's information: noise as stated over noise as used,
@@ -83,7 +83,7 @@ class LinearisedFit:
     @property
     def n_shared(self) -> int:
         """Unknowns that all slews share: the fitted parameters and the bias."""
-        return len(self.free) + N_BIAS
+        return len(self.free) + len(self.point.bias)
 
     @property
     def n_local(self) -> int:
@@ -101,7 +101,7 @@ class LinearisedFit:
     def prior_precision(self) -> np.ndarray:
         """Prior precision (n_shared,) of the shared unknowns."""
         slope, _ = prior_rows(self.model, self.point.theta)
-        return np.concatenate([slope[self.free] ** 2, np.ones(N_BIAS)])
+        return np.concatenate([slope[self.free] ** 2, np.ones(len(self.point.bias))])
 
     def normal_equations(self, weights: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Hessian and gradient of everything fitted, priors included.
@@ -185,7 +185,7 @@ class LinearisedFit:
     def _columns_to_project(self) -> np.ndarray:
         """As `columns`, each column together in memory: sums over numbers round by that order."""
         d = self.model.space.size
-        bias_and_local = np.arange(d, d + N_BIAS + self.n_local)
+        bias_and_local = np.arange(d, d + len(self.point.bias) + self.n_local)
         return self.rows.jacobian[..., np.concatenate([self.free, bias_and_local])]
 
     @property
@@ -193,12 +193,13 @@ class LinearisedFit:
         """Columns (slews, numbers, n_shared) of the fitted parameters and the bias."""
         # Straight from the rows, not from `columns`: in that memory layout sums round as before.
         d = self.model.space.size
-        return self.rows.jacobian[..., np.concatenate([self.free, np.arange(d, d + N_BIAS)])]
+        bias = np.arange(d, d + len(self.point.bias))
+        return self.rows.jacobian[..., np.concatenate([self.free, bias])]
 
     @property
     def local(self) -> np.ndarray:
         """Columns (slews, numbers, n_local) of each slew's own nuisances (prior sd 1)."""
-        return self.rows.jacobian[..., self.model.space.size + N_BIAS :]
+        return self.rows.jacobian[..., self.model.space.size + len(self.point.bias) :]
 
     @cached_property
     def settled_residual(self) -> np.ndarray:

@@ -32,7 +32,7 @@ from bayes_inertia.inference.each_slew import of_slew, slew_pieces
 from bayes_inertia.inference.likelihood import Residuals, residuals, whitened
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import Whitenings
-from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import filled, on_device, padded_size, repeated
 from bayes_inertia.maths.kept_programs import KeptProgram
@@ -51,14 +51,14 @@ class Marginal(NamedTuple):
     ----------
     optimum : Point
         Where the nuisances' sensitivities were taken.
-    ridge_bias : (3, d) array
+    ridge_bias : (n_bias, d) array
         How the bias follows theta.
     ridge_local : (slews, n_local, d) array
         How the local nuisances follow theta.
     columns : Residuals
-        Sensitivities to the nuisances by channel, (slews, numbers, 3 + n_local).
+        Sensitivities to the nuisances by channel, (slews, numbers, n_bias + n_local).
     root : (M, M) array
-        Inverse root of the nuisances' normal matrix, M = 3 + slews n_local.
+        Inverse root of the nuisances' normal matrix, M = n_bias + slews n_local.
     prior : dict of arrays
         The priors of theta.
     data : Data
@@ -151,7 +151,8 @@ def _log_integral(
         return log_integral(_elimination(structure, nuisances, theta, chi2, gradient)[0])
     point = point_on_ridge(nuisances, theta)
     bias, local = point.bias, point.local
-    every = jnp.concatenate([gradient[:, :3].sum(0) + bias, (gradient[:, 3:] + local).ravel()])
+    n = len(bias)
+    every = jnp.concatenate([gradient[:, :n].sum(0) + bias, (gradient[:, n:] + local).ravel()])
     squares = chi2 + jnp.sum(bias**2) + jnp.sum(local**2) + nuisances.unexplained
     return -0.5 * (squares - jnp.sum((nuisances.root @ every) ** 2))
 
@@ -260,7 +261,7 @@ def _padded_nuisances(marginal: Marginal) -> _Nuisances:
     plain = jax.tree.map(np.asarray, _nuisances(marginal, marginal.data.contexts))
     slews, n_local, _ = plain.ridge_local.shape
     size = padded_size(slews, 1, often=True)
-    unknowns = N_BIAS + size * n_local
+    unknowns = len(plain.ridge_bias) + size * n_local
     part = plain.coefficients
     if part is not None:
         roots = tuple(repeated(x, size, axis=0) for x in part.inverse_roots)
@@ -287,7 +288,7 @@ def conditional_point(
 ) -> Point:
     """theta with nuisances drawn from their posterior given theta.
 
-    `theta` (d,); `noise` (3 + slews n_local,).
+    `theta` (d,); `noise` (n_bias + slews n_local,).
     """
     theta, optimum = np.asarray(theta), jax.tree.map(np.asarray, marginal.optimum)
     at = theta.copy()
@@ -305,12 +306,13 @@ def conditional_point(
         parts, bias = _compiled_elimination(structure, nuisances, theta, *pull)
         step, local = conditional_nuisances(parts, noise)
         return Point(theta, np.asarray(bias) + step, local)
+    n = len(bias)
     gradient = np.concatenate(
-        [slew_gradient[:, :3].sum(0) + bias, (slew_gradient[:, 3:] + local).ravel()]
+        [slew_gradient[:, :n].sum(0) + bias, (slew_gradient[:, n:] + local).ravel()]
     )
     root = np.asarray(marginal.root)
     step = root.T @ (noise - root @ gradient)
-    return Point(theta, bias + step[:3], local + step[3:].reshape(local.shape))
+    return Point(theta, bias + step[:n], local + step[n:].reshape(local.shape))
 
 
 def log_density_of(structure: Structure, marginal: Marginal, *, batch: int) -> LogDensity:

@@ -87,14 +87,14 @@ def colour_of(
 ) -> Colour | None:
     """The correlated noise that residuals of the rates show.
 
-    `residuals` (rows, 3): in stated sigmas, white where the noise is as stated; NaN where nothing
-    was measured. `slow`: whether slow components count, too: where effects are not taken for noise
-    by other means. `alike`: whether the noise must be alike at rest and in motion, and in all
-    slews, and clearly not white. False where its cause is known. Returns: none where the noise is
-    white, or where what looks like noise is not alike in all slews, at rest and in motion.
+    `residuals` (rows, axes): in stated sigmas, white where the noise is as stated; NaN where
+    nothing was measured. `slow`: whether slow components count, too: where effects are not taken
+    for noise by other means. `alike`: whether the noise must be alike at rest and in motion, and in
+    all slews, and clearly not white. False where its cause is known. Returns: none where the noise
+    is white, or where what looks like noise is not alike in all slews, at rest and in motion.
     """
     axes, gain, parameters = [], 0.0, 0
-    for axis in range(3):
+    for axis in range(residuals[0].shape[1]):
         stretches = stretches_of(slews, [values[:, axis] for values in residuals])
         if not stretches:
             return None

@@ -14,7 +14,7 @@ from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.likelihood import Information, residuals, unpadded_sensitivities
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import Whitenings
-from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.linear_algebra import solve
 from bayes_inertia.physics.forward_model import Model
@@ -48,13 +48,13 @@ def normal_equations(
     (unknowns, unknowns): for (theta[free], bias, all local nuisances), Gauss-Newton; `gradient`
     (unknowns,).
     """
-    f, m = len(information.free), point.n_local
-    size = f + N_BIAS + point.local.size
+    f, b, m = len(information.free), len(point.bias), point.n_local
+    size = f + b + point.local.size
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
     for s, (block, slew_gradient) in enumerate(
         zip(information.matrix, information.gradient, strict=True)
     ):
-        index = block_index(f + N_BIAS, m, s)
+        index = block_index(f + b, m, s)
         weight = 1.0 if weights is None else weights[s]
         hessian[np.ix_(index, index)] += weight * block.sum(0)
         gradient[index] += weight * slew_gradient.sum(0)
@@ -91,10 +91,10 @@ def block_index(n_shared: int, n_local: int, slew: int) -> np.ndarray:
 def moved(model: Model, point: Point, step: np.ndarray, free: np.ndarray) -> Point:
     """The point after a step that stays among the physical tensors and within the priors' support.
 
-    `free` (f,). `step` (f + 3 + slews n_local,): its first six components are in the chart of J,
-    see `in_chart`.
+    `free` (f,). `step` (f + n_bias + slews n_local,): its first six components are in the
+    chart of J, see `in_chart`.
     """
-    f = len(free)
+    f, b = len(free), len(point.bias)
     theta = point.theta.copy()
     theta[free] += step[:f]
     chart = np.array(_to_chart(point.theta[:6])) + step[:6]
@@ -106,20 +106,20 @@ def moved(model: Model, point: Point, step: np.ndarray, free: np.ndarray) -> Poi
     theta[6:] = np.clip(theta, model.space.lower + margin, model.space.upper - margin)[6:]
     return Point(
         theta,
-        point.bias + step[f : f + N_BIAS],
-        point.local + step[f + N_BIAS :].reshape(point.local.shape),
+        point.bias + step[f : f + b],
+        point.local + step[f + b :].reshape(point.local.shape),
     )
 
 
 def step_sizes(model: Model, point: Point, free: np.ndarray) -> np.ndarray:
     """A step of each coordinate of `moved` that is neither large nor small.
 
-    `free` (f,). Returns (f + 3 + slews n_local,): one in the chart of J (a factor e) and for what
-    is whitened by its prior; for a parameter its prior mean or sd, whichever is larger.
+    `free` (f,). Returns (f + n_bias + slews n_local,): one in the chart of J (a factor e) and for
+    what is whitened by its prior; for a parameter its prior mean or sd, whichever is larger.
     """
     sizes = np.maximum(np.abs(model.space.mean), model.space.sd)[np.asarray(free)]
     sizes[:6] = 1.0
-    return np.concatenate([sizes, np.ones(N_BIAS + np.size(point.local))])
+    return np.concatenate([sizes, np.ones(len(point.bias) + np.size(point.local))])
 
 
 def in_chart(
@@ -146,13 +146,13 @@ def marginal_information(
 
     At any point of any model of the campaign, not only at a fit's optimum.
 
-    `parameters` (k,). Returns (k + 3, k + 3): information matrix, without the priors of parameters
-    and bias.
+    `parameters` (k,). Returns (k + n_bias, k + n_bias): information matrix, without the priors of
+    parameters and bias.
     """
     d, m, slews = model.space.size, point.n_local, model.n_slews
     s = unpadded_sensitivities(model, point, white, np.arange(d))
-    chosen = np.concatenate([parameters, np.arange(d, d + N_BIAS + m)])
-    shared = len(parameters) + N_BIAS
+    chosen = np.concatenate([parameters, np.arange(d, d + len(point.bias) + m)])
+    shared = len(parameters) + len(point.bias)
     joint = np.zeros((shared + slews * m,) * 2)
     for k in range(slews):
         J = np.concatenate([np.asarray(j[k])[:, chosen] for j in s.jacobian])

@@ -8,8 +8,6 @@ import jax
 
 from bayes_inertia.maths.values import array_dataclass
 
-N_BIAS = 3  # Components of the rate bias.
-
 
 @jax.tree_util.register_dataclass
 @array_dataclass
@@ -20,7 +18,7 @@ class Point:
     ----------
     theta : (d,) array
         Parameters of the model, in physical units.
-    bias : (3,) array
+    bias : (axes,) array
         Deviation of the rate bias from its prior mean, in prior sd.
     local : (slews, n_local) array
         Nuisances of each slew (start state; in the measured drive slow tachometer noise), in

@@ -21,8 +21,9 @@ from scipy import stats
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.likelihood_summary import LikelihoodSummary, summary_of
 from bayes_inertia.inference.limits import LIMITS
+from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.parameters import N_BASE
+from bayes_inertia.physics.parameters import base_count
 from bayes_inertia.sealing import blaming, is_sealed, write_sealed
 from bayes_inertia.tables.isolated import check_readable
 
@@ -209,15 +210,16 @@ class Posterior:
         if factor is None:
             return None
         estimate: Any = self.tree["estimate"]
+        n = base_count(self.names)
         mean, prior_mean, prior_sd = (
-            np.array(estimate[key])[:N_BASE] for key in ("theta", "prior_mean", "prior_sd")
+            np.array(estimate[key])[:n] for key in ("theta", "prior_mean", "prior_sd")
         )
-        wider = np.full(N_BASE, factor)
+        wider = np.full(n, factor)
         if self._is_averaged(self.names[0]):
             # Along each parameter, as what is quoted.
-            low, mean, high = np.quantile(self.averaged_samples[:, :N_BASE], _NINETY, axis=0)
-            wider *= np.maximum(1.0, sd_of_interval(low, high) / self.samples[:, :N_BASE].std(0))
-        covariance = np.array(estimate["covariance"])[:N_BASE, :N_BASE] * np.outer(wider, wider)
+            low, mean, high = np.quantile(self.averaged_samples[:, :n], _NINETY, axis=0)
+            wider *= np.maximum(1.0, sd_of_interval(low, high) / self.samples[:, :n].std(0))
+        covariance = np.array(estimate["covariance"])[:n, :n] * np.outer(wider, wider)
         name = str(self.attributes.get("campaign"))
         return summary_of(name, mean, covariance, prior_mean, prior_sd)
 
@@ -236,6 +238,7 @@ class Posterior:
         content["reasons"] = [gate["says"] for gate in content["gates"] if not gate["passed"]]
         content["parameters"] = {n: self._parameter(i, n) for i, n in enumerate(self.names)}
         content["derived"] = self._principal_moments()
+        content["ratios"] = self._ratios()
         content["likelihood"] = None if self.likelihood is None else self.likelihood.json()
         others = [key for key in content if key not in _SUMMARY_ORDER]
         return {key: content[key] for key in [*_SUMMARY_ORDER, *others]}
@@ -249,10 +252,12 @@ class Posterior:
         robust = max(float(estimate["robust_sd"][i]), sd)
         contraction = 1.0 - (sd / prior_sd) ** 2
         q05, q50, q95 = (float(q) for q in np.quantile(draws, [0.05, 0.5, 0.95]))
+        # An sd of the size of J would be the prior's.
+        untied = self.is_scale_untied and name in inertia_tensor.ELEMENTS
         return {
             "mean": q50 if self._is_averaged(name) else float(draws.mean()),
             "sd": sd,
-            "quoted_sd": self._quoted(q05, q95),
+            "quoted_sd": None if untied else self._quoted(q05, q95),
             "robust_sd": robust if np.isfinite(robust) else None,
             **{key: float(estimate[key][i]) for key in _OTHER_MEASURES if key in estimate},
             **self._decisive_slew(i),
@@ -262,8 +267,27 @@ class Posterior:
             "unit": str(self.tree["posterior"][name].attrs.get("units", "")),
             "prior_sd": prior_sd,
             "contraction": contraction,
-            "observable": bool(contraction > LIMITS.observable_above),
+            "observable": bool(contraction > LIMITS.observable_above) and not untied,
         }
+
+    @property
+    def is_scale_untied(self) -> bool:
+        """Whether nothing ties the absolute size of J, which then is the prior's."""
+        return self.attributes.get("scale_of_J") == []
+
+    def _ratios(self) -> dict[str, Any]:
+        """Elements of J over its trace, and ratios of the principal moments."""
+        J = self.averaged_samples[:, :6]
+        trace, moments = J[:, :3].sum(axis=1), np.asarray(inertia_tensor.principal_moments(J))
+        draws = {f"{n}/trace": J[:, i] / trace for i, n in enumerate(inertia_tensor.ELEMENTS)}
+        draws |= {f"I{i + 1}/I3": moments[:, i] / moments[:, 2] for i in (0, 1)}
+        rows = {}
+        for name, values in draws.items():
+            q05, q50, q95 = (float(q) for q in np.quantile(values, _NINETY))
+            row = {"mean": float(values.mean()), "sd": float(values.std(ddof=1)), "unit": ""}
+            quoted = {"quoted_sd": self._quoted(q05, q95), "q05": q05, "q50": q50, "q95": q95}
+            rows[name] = row | quoted
+        return rows
 
     def _is_averaged(self, name: str) -> bool:
         """Whether draws are an average over models: thin long tails rule the mean of one."""

@@ -17,7 +17,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.each_slew import of_slew
-from bayes_inertia.inference.gates import check_gates
+from bayes_inertia.inference.gates import check_gates, groups_of_slews
 from bayes_inertia.inference.laplace import Estimate, principal_sd
 from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.limits import LIMITS, criteria
@@ -93,7 +93,8 @@ def build_posterior(
         constant["signal_time"] = signal_times(estimate)
         for effect in drawable(estimate):
             dimensions[effect.name] = ["slew", "instant", f"{effect.name}_component"]
-            coords[f"{effect.name}_component"] = list(effect.signal_components)
+            named, n = effect.signal_components, signals[effect.name].shape[-1]
+            coords[f"{effect.name}_component"] = list(named if len(named) == n else range(1, n + 1))
     with warnings.catch_warnings():
         # Walkers are many by design.
         warnings.filterwarnings("ignore", "Found chain dimension to be longer", UserWarning)
@@ -232,6 +233,7 @@ def _attributes(estimate: Estimate, chains: Chains, context: FitContext) -> dict
             "n_data": int(estimate.information.n_data.sum()),
             "discounted": estimate.discounted,
             "dispersion": None if scatter is None else scatter.dispersion.json(),
+            "groups": groups_of_slews(estimate),
             "starts_agreeing": list(estimate.starts),
         },
         "gates": check_gates(estimate, chains.diagnostics, context),

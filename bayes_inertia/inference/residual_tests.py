@@ -29,7 +29,7 @@ from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_filter import noise_memory, noise_of_effects
 from bayes_inertia.inference.noise_model import Whitenings, stated_noise_of
 from bayes_inertia.inference.objective import block_index
-from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.forward_model import Model
@@ -294,7 +294,7 @@ def hat_traces(
     """
     total = np.zeros(information.n_data.shape[1])
     for s, block in enumerate(information.matrix):
-        index = block_index(len(information.free) + N_BIAS, n_local, s)
+        index = block_index(block.shape[-1] - n_local, n_local, s)
         if counted is not None:
             keep = np.concatenate([counted, np.ones(len(index) - len(counted), bool)])
             index, block = index[keep], block[:, keep][:, :, keep]

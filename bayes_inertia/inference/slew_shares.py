@@ -13,6 +13,7 @@ estimators clustered by slew) or pooled into one dispersion, the Birge ratio of 
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -89,6 +90,27 @@ def slew_shares(
     )
 
 
+class SlewGroups(NamedTuple):
+    """Two groups of slews that agree among themselves and not with each other.
+
+    Parameters
+    ----------
+    slews : two tuples of int
+        Numbers of the slews of each group, from 0; the first holds slew 0.
+    p_value : float
+        Of groups so far apart by chance, for all divisions of the slews that were possible.
+    difference : (n_shared,) array
+        What the second group tells of the shared unknowns minus what the first does.
+    sd : (n_shared,) array
+        Of the difference.
+    """
+
+    slews: tuple[tuple[int, ...], tuple[int, ...]]
+    p_value: float
+    difference: np.ndarray
+    sd: np.ndarray
+
+
 class Dispersion(NamedTuple):
     """Disagreement of the slews, pooled over slews and parameters: the Birge ratio.
 
@@ -136,19 +158,65 @@ class SlewScatter:
     @cached_property
     def _whitened(self) -> tuple[_Pull, ...]:
         """Pulls of the slews, whitened."""
-        scale = np.sqrt(np.diag(self.covariance))
-        covariance = self.covariance / np.outer(scale, scale)
-        return tuple(
-            _pull(matrix * np.outer(scale, scale), gradient * scale, covariance, scale)
-            for matrix, gradient in zip(self.shares.matrix, self.shares.gradient, strict=True)
-        )
+        return _pulls(self.shares.matrix, self.shares.gradient, self.covariance)
 
     @cached_property
     def dispersion(self) -> Dispersion:
         """The Birge ratio: see Birge, Phys. Rev. 40 (1932) 207."""
-        squares = sum(float(pull.pull @ pull.pull) for pull in self._whitened)
-        dof = sum(float(np.sum(pull.tested)) for pull in self._whitened)
-        return Dispersion(squares / dof, dof, float(stats.chi2.sf(squares, dof)))
+        return _dispersion(self._whitened)
+
+    @cached_property
+    def groups(self) -> SlewGroups | None:
+        """Two groups that explain why the slews disagree; None where they agree, or it does not.
+
+        The division with the largest gain in chi^2 of two fits over one: the best in order of
+        time, and what moving single slews makes better.
+        """
+        if self.dispersion.p_value >= LIMITS.disagree_below:
+            return None
+        n = len(self.shares.matrix)
+        in_order = [np.arange(n) >= k for k in range(1, n)]
+        best = max(in_order, key=self._gain)
+        tries = float(np.log(n - 1))
+        moved = _improved(best, self._gain)
+        if moved is not best:
+            best, tries = moved, (n - 1) * float(np.log(2.0))
+        p_value = np.exp(stats.chi2.logsf(self._gain(best), len(self.covariance)) + tries)
+        (first, A), (second, B) = self._fit_of(~best), self._fit_of(best)
+        parts = ((~best, first, A), (best, second, B))
+        pulls = [pull for part in parts for pull in self._pulls_within(*part)]
+        rest = _dispersion(pulls) if pulls else None
+        if p_value >= LIMITS.disagree_below or rest is None:
+            return None
+        if rest.p_value < LIMITS.disagree_below:
+            return None
+        slews = tuple(tuple(int(s) for s in np.flatnonzero(part)) for part in (~best, best))
+        sd = np.sqrt(np.diag(A) + np.diag(B))
+        return SlewGroups((slews[0], slews[1]), float(min(p_value, 1.0)), second - first, sd)
+
+    def _fit_of(self, part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Step (n_shared,) to the optimum of some slews (slews,), and its covariance.
+
+        They take their share of the prior, so that the parts of a division take it once.
+        """
+        share, shares = float(np.mean(part)), self.shares
+        covariance = inverse(shares.matrix[part].sum(0) + share * shares.prior_matrix)
+        gradient = shares.gradient[part].sum(0) + share * shares.prior_gradient
+        return -covariance @ gradient, covariance
+
+    def _gain(self, second: np.ndarray) -> float:
+        """By how much chi^2 falls where the slews of a mask (slews,) are fitted by themselves."""
+        steps = ((part, *self._fit_of(part)) for part in (second, ~second))
+        return sum(float(step @ solve(covariance, step)) for _, step, covariance in steps)
+
+    def _pulls_within(
+        self, part: np.ndarray, step: np.ndarray, covariance: np.ndarray
+    ) -> tuple[_Pull, ...]:
+        """Pulls of some slews (slews,) at their own optimum; none of a slew by itself."""
+        if part.sum() < 2:
+            return ()
+        matrix = self.shares.matrix[part]
+        return _pulls(matrix, self.shares.gradient[part] + matrix @ step, covariance)
 
     @property
     def cr2_sd(self) -> np.ndarray:
@@ -186,6 +254,36 @@ class _Pull(NamedTuple):
     pull: np.ndarray
     tested: np.ndarray
     weights: np.ndarray
+
+
+def _pulls(matrix: np.ndarray, gradient: np.ndarray, covariance: np.ndarray) -> tuple[_Pull, ...]:
+    """Whitened pulls of slews, at the optimum whose covariance is given."""
+    scale = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(scale, scale)
+    return tuple(
+        _pull(block * np.outer(scale, scale), slope * scale, correlation, scale)
+        for block, slope in zip(matrix, gradient, strict=True)
+    )
+
+
+def _dispersion(pulls: Sequence[_Pull]) -> Dispersion:
+    """The Birge ratio of pulls."""
+    squares = sum(float(pull.pull @ pull.pull) for pull in pulls)
+    dof = sum(float(np.sum(pull.tested)) for pull in pulls)
+    return Dispersion(squares / dof, dof, float(stats.chi2.sf(squares, dof)))
+
+
+def _improved(second: np.ndarray, gain: Callable[[np.ndarray], float]) -> np.ndarray:
+    """A division of slews, with single slews moved as long as that gains; itself if none does."""
+    best, reached = second, gain(second)
+    while True:
+        moved = [best ^ (np.arange(len(best)) == k) for k in range(1, len(best))]
+        moved = [part for part in moved if part.any()]
+        gains = [gain(part) for part in moved]
+        if not gains or max(gains) <= reached * (1.0 + LIMITS.untested):
+            return best
+        reached = max(gains)
+        best = moved[int(np.argmax(gains))]
 
 
 def _pull(

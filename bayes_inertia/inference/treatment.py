@@ -135,7 +135,7 @@ def treated(campaign: Campaign, treatment: DirtTreatment, drive: Drive) -> Campa
     dirt = records_of_dirt(campaign, treatment)
     campaign = replace(campaign, slews=slews, dirt=dirt)
     if treatment.colour is not None:
-        sensor = _with_colour(campaign.rate_sensor, treatment.colour)
+        sensor = _with_colour(campaign.gyro, treatment.colour)
         campaign = replace(campaign, rate_sensor=sensor)
     if treatment.louder:
         campaign = with_measured_noise(campaign, treatment.level, drive)

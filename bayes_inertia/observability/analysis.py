@@ -33,7 +33,6 @@ import numpy as np
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.objective import block_index, prior_rows
-from bayes_inertia.inference.point import N_BIAS
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.observability.degeneracy import in_words, stated_degeneracies
 from bayes_inertia.observability.limits import LIMITS
@@ -105,16 +104,17 @@ def observe(estimate: Estimate, other_drive: Estimate | None = None) -> Observab
 def _groups(estimate: Estimate) -> dict[str, np.ndarray]:
     """Places of each group's unknowns in the joint vector; groups without any are left out."""
     free, m = estimate.free, estimate.point.n_local
-    f, structure = len(free), estimate.model.structure
+    f, b, structure = len(free), len(estimate.point.bias), estimate.model.structure
+    n = estimate.model.n_base
     n_start = 6 + (structure.wheels if structure.drive == "commanded" else 0)
-    local = f + N_BIAS + np.arange(estimate.point.local.size).reshape(-1, m)
+    local = f + b + np.arange(estimate.point.local.size).reshape(-1, m)
     parts = (
         np.flatnonzero(free < 6),
-        np.flatnonzero((free >= 6) & (free < 9)),
+        np.flatnonzero((free >= 6) & (free < n)),
         local[:, :n_start].ravel(),
         local[:, n_start:].ravel(),
-        f + np.arange(N_BIAS),
-        np.flatnonzero(free >= 9),
+        f + np.arange(b),
+        np.flatnonzero(free >= n),
     )
     return {name: part for name, part in zip(GROUPS, parts, strict=True) if len(part)}
 
@@ -151,8 +151,9 @@ def _followers(estimate: Estimate) -> np.ndarray:
 def _shares(estimate: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Parts of the marginal precision: data (slews, 3, f), own prior (f,), all priors (f,)."""
     f, m, w = len(estimate.free), estimate.point.n_local, _followers(estimate)
+    b = len(estimate.point.bias)
     variance = np.diag(estimate.joint_covariance)[:f]
-    blocks = [block_index(f + N_BIAS, m, s) for s in range(estimate.model.n_slews)]
+    blocks = [block_index(f + b, m, s) for s in range(estimate.model.n_slews)]
     share = (
         np.stack(
             [
@@ -242,12 +243,12 @@ def _directions(estimate: Estimate, names: list[str]) -> tuple[Direction, ...]:
 
 def _arrivals(estimate: Estimate) -> tuple[InformationArrival, ...]:
     model, w = estimate.model, _followers(estimate)
-    f, m = len(estimate.free), estimate.point.n_local
+    f, b, m = len(estimate.free), len(estimate.point.bias), estimate.point.n_local
     jacobian = estimate.linearised().fitted_columns()
     readings = model.data.arrays.telemetry.readings
     arrivals = []
     for s, slew in enumerate(model.campaign.slews):
-        follow = w[block_index(f + N_BIAS, m, s)]
+        follow = w[block_index(f + b, m, s)]
         rows = np.zeros((model.data.arrays.telemetry.sample.shape[1], len(readings), f))
         for c, (columns, of_channel) in enumerate(zip(jacobian, readings, strict=True)):
             projected = columns[s] @ follow

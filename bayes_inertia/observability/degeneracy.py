@@ -21,7 +21,6 @@ from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.observability.limits import LIMITS
 
 _GAIN_PREFIX = "wheel_torque_gain."
-_SCALE_FACTORS = ("K1", "K2", "K3")
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,7 @@ def in_words(names: Sequence[str], weights: np.ndarray, threshold: float = 0.3) 
     ]
     main = (
         [i for i in order if names[i] in inertia_tensor.ELEMENTS]
-        or [i for i in order if names[i] in _SCALE_FACTORS]
+        or [i for i in order if _is_scale_factor(names[i])]
         or order
     )
     sign = np.sign(weights[min(main)])
@@ -118,7 +117,9 @@ def turned_axes(campaign: Campaign) -> tuple[np.ndarray, np.ndarray]:
     Returns `rms` (3,): rates about the axes, largest first [rad/s]; `axes_B` (3, 3): the axes as
     columns, in the body frame.
     """
-    sensor = campaign.rate_sensor
+    (seen, noise), stated = campaign.body_rates, campaign
+    campaign, sensor = seen, seen.gyro
+    sigma = np.array(sensor.sigma) if seen is stated else np.full(3, noise)
     rates = np.concatenate(
         [s.complete_rates(campaign.valid_readings(s))[1] for s in campaign.slews]
     )
@@ -126,9 +127,13 @@ def turned_axes(campaign: Campaign) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros(3), np.eye(3)
     body = np.linalg.inv(sensor.axes)
     rates = (rates * np.array(sensor.scale_factor) - np.array(sensor.bias)) @ body.T
-    power = rates.T @ rates / len(rates) - body @ np.diag(np.square(sensor.sigma)) @ body.T
+    power = rates.T @ rates / len(rates) - body @ np.diag(np.square(sigma)) @ body.T
     values, axes = np.linalg.eigh(power)
     return np.sqrt(np.maximum(values[::-1], 0.0)), axes[:, ::-1]
+
+
+def _is_scale_factor(name: str) -> bool:
+    return name.startswith("K") and "." not in name
 
 
 def _free_names(estimate: Estimate) -> list[str]:
@@ -244,7 +249,8 @@ def _rests(campaign: Campaign, k: int) -> bool:
 def _unturned_axes(estimate: Estimate) -> list[Degeneracy]:
     campaign = estimate.model.campaign
     rms, axes_B = turned_axes(campaign)
-    noise = float(np.max(campaign.rate_sensor.sigma))
+    seen, noise = campaign.body_rates
+    noise = float(np.max(seen.gyro.sigma)) if seen is campaign else noise
     turned = int(np.sum(rms > max(LIMITS.min_turned_rate_ratio * rms[0], noise)))
     if turned == 3 or rms[0] == 0.0:
         return []
@@ -276,35 +282,38 @@ def _hidden_by_rest_about(estimate: Estimate, axes_B: np.ndarray) -> tuple[str, 
         unit = inertia_tensor.tensor(np.eye(6)[k])
         if np.linalg.norm(project @ unit @ project) > 0.5 * np.linalg.norm(unit):
             names.append(name)
-    sensor_axes = estimate.model.campaign.rate_sensor.axes
+    sensor = estimate.model.campaign.rate_sensor
     names += [
-        name
-        for i, name in enumerate(_SCALE_FACTORS)
-        if np.linalg.norm(project @ sensor_axes[i]) > 0.9
+        f"K{i}"
+        for i, axis_B in enumerate(sensor.axes if sensor else (), start=1)
+        if np.linalg.norm(project @ axis_B) > 0.9
     ]
     fitted = set(_free_names(estimate))
     return tuple(name for name in names if name in fitted)
 
 
 def _no_attitude(estimate: Estimate) -> list[Degeneracy]:
-    if estimate.information.n_data[:, 1].any():
+    tell = [channel.tells_angle for channel in estimate.model.channels]
+    if estimate.information.n_data[:, tell].any():
         return []
     ratio = _left_with_free_inertia(estimate)
     says = (
         "There is no star tracker fix: nothing measures the angle turned, "
-        "and a scale common to the three rate sensor axes trades against J, "
+        "and a scale common to the rate sensor's axes trades against J, "
         f"apart from gyroscopic terms: with J free, {ratio:.1g} of the information "
         "on that scale is left."
     )
-    concerned = (*inertia_tensor.ELEMENTS, *_SCALE_FACTORS)
+    space = estimate.model.space
+    concerned = space.names[: space.n_base]
     return [Degeneracy("no attitude", ratio < LIMITS.exact_below, True, concerned, ratio, says)]
 
 
 def _left_with_free_inertia(estimate: Estimate) -> float:
-    """Information on a scale common to K1, K2 and K3 with J free, over that with J known."""
+    """Information on a scale common to all of K with J free, over that with J known."""
     free, theta = estimate.free, estimate.theta
     information = data_information(estimate)
-    tensor, scales = (_places(estimate, n) for n in (inertia_tensor.ELEMENTS, _SCALE_FACTORS))
+    tensor = _places(estimate, inertia_tensor.ELEMENTS)
+    scales = _places(estimate, estimate.model.space.names[6 : estimate.model.n_base])
     direction = np.zeros(len(free))
     direction[scales] = theta[free[scales]]
     slope = prior_rows(estimate.model, theta)[0][free[tensor]]

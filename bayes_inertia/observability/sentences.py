@@ -96,7 +96,11 @@ def _factor(value: float) -> str:
 
 def _group_without(name: str, group: str) -> str:
     """A group of unknowns as seen from one parameter, which may be a member of it."""
-    is_member = {"J": name.startswith("J"), "K": name in ("K1", "K2", "K3"), "effects": "." in name}
+    is_member = {
+        "J": name.startswith("J"),
+        "K": name[:1] == "K" and "." not in name,
+        "effects": "." in name,
+    }
     return f"the rest of {group}" if is_member.get(group) else group
 
 

@@ -19,7 +19,6 @@ from bayes_inertia.physics.effect_declaration import check_declaration, guarded,
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.model_data import Data
 from bayes_inertia.physics.numerics import NUMERICS
-from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.prediction import Structure, predict_all
 from bayes_inertia.physics.random_inputs import prior_blocks
 from bayes_inertia.physics.simulator import LOOKING_BACK, MOVING_HOOKS
@@ -100,7 +99,8 @@ def check_effect(effect: Effect, campaign: Campaign | None = None) -> CheckedEff
     fingerprint: dict[str, dict[str, float]] = {
         drive: _in_drive(effect, campaign, drive, thorough=i == 0) for i, drive in enumerate(drives)
     }
-    for name in Model(campaign, (effect,)).space.names[N_BASE:]:
+    space = Model(campaign, (effect,)).space
+    for name in space.names[space.n_base :]:
         require_of_effect(
             max(sizes[name] for sizes in fingerprint.values()) > 1e-6,
             effect,
@@ -175,9 +175,9 @@ class _Bench:
 
     def _predict(self, x: Array) -> tuple[Array, ...]:
         model = self.model
-        theta = jnp.concatenate([jnp.asarray(model.space.mean[:N_BASE]), x])
+        theta = jnp.concatenate([jnp.asarray(model.space.mean[: model.n_base]), x])
         local = jnp.asarray(coefficient_draw(model))
-        return predict_all(model.structure, theta, local, jnp.zeros(3), model.data)
+        return predict_all(model.structure, theta, local, jnp.zeros(model.n_bias), model.data)
 
     def __call__(self, x: Array) -> Array:
         """Telemetry (numbers,) in units of its noise."""
@@ -186,7 +186,7 @@ class _Bench:
 
 @partial(jax.jit, static_argnums=0, compiler_options=_COMPILED_QUICKLY)
 def _prediction(structure: Structure, theta: Array, local: Array, data: Data) -> tuple[Array, ...]:
-    return predict_all(structure, theta, local, jnp.zeros(3), data)
+    return predict_all(structure, theta, local, jnp.zeros_like(data.scale.bias), data)
 
 
 def _undisturbed(
@@ -234,7 +234,7 @@ def _in_drive(effect: Effect, campaign: Campaign, drive: Drive, thorough: bool) 
     check_coefficients(effect, model, _points(model))
     undisturbed = _undisturbed(effect, campaign, drive, step)
     bench = _Bench(model, _noise_sigma(model, undisturbed))
-    points = _points(model)[:, N_BASE:]
+    points = _points(model)[:, model.n_base :]
     pushed = _compiled(lambda x, v: jax.jvp(bench, (x,), (v,)))
     telemetry = guarded(
         effect, "predicting telemetry", lambda: np.array([pushed(x, 0.0 * x)[0] for x in points])
@@ -298,7 +298,7 @@ def _check_style(trial: _Trial, size: float) -> None:
 def _check_derivatives(trial: _Trial) -> dict[str, float]:
     """Derivatives: finite everywhere, equal to differences at three points; the fingerprint."""
     effect, space, points = trial.effect, trial.bench.model.space, trial.points
-    units = np.diag(space.sd[N_BASE:])
+    units = np.diag(space.sd[space.n_base :])
     jacobian = guarded(
         effect,
         "differentiating",
@@ -316,7 +316,7 @@ def _check_derivatives(trial: _Trial) -> dict[str, float]:
     rng = np.random.default_rng(NUMERICS.checked_seed + 1)
     for i in range(min(3, len(points))):
         _compare_with_difference(trial, i, jacobian[i], float(sizes.max()), rng)
-    return dict(zip(space.names[N_BASE:], sizes.tolist(), strict=True))
+    return dict(zip(space.names[space.n_base :], sizes.tolist(), strict=True))
 
 
 def _compare_with_difference(
@@ -324,7 +324,7 @@ def _compare_with_difference(
 ) -> None:
     """The derivative (d, numbers) at point i, along a random diagonal, against a difference."""
     space, x, at_null = trial.bench.model.space, trial.points[i], i == 0
-    sd, lower = space.sd[N_BASE:], space.lower[N_BASE:]
+    sd, lower = space.sd[space.n_base :], space.lower[space.n_base :]
     step = NUMERICS.difference_step
     direction = rng.choice([-1.0, 1.0], size=len(sd))
     if at_null:  # where a prior ends at the null, the difference goes to the inside

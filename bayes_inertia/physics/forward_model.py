@@ -25,7 +25,6 @@ from bayes_inertia.physics.nuisances import NuisanceScale
 from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.packing import Arrays, pack
 from bayes_inertia.physics.parameters import (
-    BASE_NAMES,
     Normal,
     Parameter,
     ParameterSpace,
@@ -122,6 +121,16 @@ class Model:
         return self.structure.channels
 
     @property
+    def n_base(self) -> int:
+        """Number of parameters of J and K, the first of `space`."""
+        return self.structure.n_base
+
+    @property
+    def n_bias(self) -> int:
+        """Number of components of the rate bias, one a sensor axis."""
+        return len(self.data.scale.bias)
+
+    @property
     def n_slews(self) -> int:
         """Number of slews."""
         return len(self.campaign.slews)
@@ -173,6 +182,12 @@ def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> Non
             raise EffectError("two effects of one name", where=name, advice="give each effect once")
     for effect in effects:
         _check_acts(effect, campaign)
+        if needs_gyro(effect) and campaign.rate_sensor is None:
+            raise EffectError(
+                "needs a rate sensor, and this campaign has none",
+                where=effect.name,
+                advice="leave the effect out",
+            )
         for column in effect.needs:
             if any(getattr(s, column) is None for s in campaign.slews):
                 raise EffectError(
@@ -180,6 +195,11 @@ def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> Non
                     where=effect.name,
                     advice="add them to the campaign or leave the effect out",
                 )
+
+
+def needs_gyro(effect: Effect) -> bool:
+    """Whether an effect is one of the rate sensor."""
+    return effect.acts("rate_output")
 
 
 def _check_acts(effect: Effect, campaign: Campaign) -> None:
@@ -225,11 +245,10 @@ def _space(
         ("", scalar(name, unit="kg m^2", prior=Normal(mean, sd), null=mean))
         for name, mean, sd in elements
     ]
-    factors = zip(
-        BASE_NAMES[len(entries) :], sensor.scale_factor, sensor.scale_factor_sigma, strict=True
-    )
+    factors = zip(sensor.scale_factor, sensor.scale_factor_sigma, strict=True) if sensor else ()
     entries += [
-        ("", scalar(name, unit="", prior=Normal(mean, sd), null=1.0)) for name, mean, sd in factors
+        ("", scalar(f"K{i}", unit="", prior=Normal(mean, sd), null=1.0))
+        for i, (mean, sd) in enumerate(factors, start=1)
     ]
     entries += [(c.name, parameter) for c in channels for parameter in c.own_parameters(campaign)]
     entries += [
@@ -299,7 +318,8 @@ def _nuisance_scale(
     Start states are free: their prior is several times wider than anything the campaign contains.
     """
     rate, _, moment = campaign.scale_of_motion()
-    noise = float(np.max(campaign.rate_sensor.sigma))
+    sensor, smoothed = campaign.rate_sensor, campaign.with_body_rates is not campaign
+    noise = campaign.body_rates.noise if smoothed else float(np.max(campaign.gyro.sigma))
     rates = np.full(3, 10.0 * rate + 1e3 * noise)
     attitudes = np.full(3, 1.0)
     if structure.drive == "measured":
@@ -311,4 +331,4 @@ def _nuisance_scale(
     else:
         wheels = np.array([w.max_momentum or 10.0 * moment * rate for w in campaign.wheels])
     local = np.concatenate([rates, attitudes, np.asarray(wheels, dtype=float)])
-    return NuisanceScale(on_device(local), on_device(campaign.rate_sensor.bias_sigma))
+    return NuisanceScale(on_device(local), on_device(np.array(sensor.bias_sigma if sensor else ())))

@@ -111,13 +111,16 @@ def motion_scales(campaign: Campaign) -> MotionScales:
     tensor = campaign.inertia.tensor
     moments = np.linalg.eigvalsh(tensor)
     rate, momentum, turn = 0.0, 0.0, 0.0
-    for slew in campaign.slews:
-        rows, readings = slew.complete_rates(campaign.valid_readings(slew))
+    seen, noise = campaign.body_rates
+    # Smoothed rates may be too small.
+    doubt = 0.0 if seen is campaign else np.sqrt(3.0) * noise
+    for slew in seen.slews:
+        rows, readings = slew.complete_rates(seen.valid_readings(slew))
         if len(rows):
             of_body = readings @ tensor
             if slew.wheel_momentum is not None:
                 of_body = of_body + np.nan_to_num(slew.wheel_momentum[rows]) @ axes.T
-            rate = max(rate, _largest(readings))
+            rate = max(rate, _largest(readings) + doubt)
             momentum = max(momentum, _largest(of_body))
             turn = max(turn, slew.duration * float(np.mean(np.linalg.norm(readings, axis=1))))
     if any(slew.wheel_momentum is None for slew in campaign.slews):
@@ -155,11 +158,16 @@ def longest_smooth_step(campaign: Campaign, motion: MotionScales) -> float:
 
 def _angle_noise(campaign: Campaign, frequency: float) -> float:
     """The error of attitude that equals the noise of the sensor that sees it first [rad]."""
-    noise = float(min(campaign.rate_sensor.sigma)) / frequency
+    noise = _rate_noise(campaign) / frequency
     tracker = campaign.star_tracker
     if tracker is not None:
         noise = min(noise, tracker.sigma_cross, tracker.sigma_roll)
     return noise
+
+
+def _rate_noise(campaign: Campaign) -> float:
+    """Noise of the best axis of the rate sensor [rad/s]; infinite without one."""
+    return float(min(campaign.rate_sensor.sigma)) if campaign.rate_sensor else np.inf
 
 
 def _cheapest(campaign: Campaign, spacing: float, longest: float) -> int:
@@ -183,7 +191,7 @@ def _follows_the_wheels(
         return True
     turn = NUMERICS.coupling_of_wheels * motion.frequency * plan.rows_per_step * plan.spacing
     frequency = max(motion.frequency, 1e-9)
-    allowed_rate = NUMERICS.error_of_noise * float(min(campaign.rate_sensor.sigma)) / frequency
+    allowed_rate = NUMERICS.error_of_noise * _rate_noise(campaign) / frequency
     allowed_fix = NUMERICS.error_of_noise * _angle_noise(campaign, frequency)
     for angle, at_fix in _angles(campaign, plan, drive):
         error = angle * (angle + turn)

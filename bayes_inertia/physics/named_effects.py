@@ -141,5 +141,5 @@ def _check_traceable(effect: Effect) -> None:
         model = guarded(effect, "building the model", partial(Model, campaign, (effect,), drive))
         local = jnp.zeros((model.n_slews, model.structure.n_local))
         predict = partial(predict_all, model.structure)
-        arguments = (jnp.asarray(model.space.mean), local, jnp.zeros(3), model.data)
+        arguments = (jnp.asarray(model.space.mean), local, jnp.zeros(model.n_bias), model.data)
         guarded(effect, "predicting telemetry", partial(jax.eval_shape, predict, *arguments))

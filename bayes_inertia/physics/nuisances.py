@@ -29,7 +29,7 @@ class NuisanceScale(NamedTuple):
     ----------
     local : (n_start,) array
         Of one slew's nuisances without coefficients [rad/s, rad, N m s].
-    bias : (3,) array
+    bias : (axes,) array
         Of the rate bias [rad/s].
     """
 

@@ -111,7 +111,7 @@ def longest_step(campaign: Campaign) -> float:
     >>> longest_step(small_campaign())
     0.5
     """
-    readings = [s.complete_rates()[1] for s in campaign.slews]
+    readings = [s.complete_rates()[1] for s in campaign.with_body_rates.slews]
     rates = np.concatenate([np.linalg.norm(r, axis=1) for r in readings])
     high = float(np.quantile(rates, NUMERICS.largest_quantile)) if len(rates) else 0.0
     fastest = max(NUMERICS.fastest_over_quantile * high, 1e-9)
@@ -285,7 +285,7 @@ def _slew_input(
         wheel_axes_B=campaign.wheel_axes_B,
         spin_inertia=campaign.spin_inertias,
         boresight_B=np.array(boresight),
-        rate_axes=campaign.rate_sensor.axes,
+        rate_axes=campaign.rate_sensor.axes if campaign.rate_sensor else np.eye(3),
         **_lost_commands(campaign, slew, held, n_grid),
         fix_group=_fix_groups(slew, grid, n_grid),
     )

@@ -158,10 +158,23 @@ def _require_distribution(prior: Prior) -> None:
             raise SettingsError(what, where=f"{kind} prior", advice=advice)
 
 
-# J and K, first in every model, before the parameters of effects.
+# J and K, first in every model, before the parameters of effects: of a rate sensor of three axes,
+# as series of campaigns and planned flights have it. What a model has: `Structure.n_base`.
 BASE_NAMES = (*ELEMENTS, "K1", "K2", "K3")
 BASE_UNITS = (*("kg m^2" for _ in ELEMENTS), "", "", "")
 N_BASE = len(BASE_NAMES)
+N_BIAS = 3  # components of that sensor's bias
+
+
+def base_count(names: Sequence[str]) -> int:
+    """How many of a model's parameters, the first, are J and K: what has no owner.
+
+    Examples
+    --------
+    >>> base_count(("Jxx", "K1", "rate_bias.bias_x"))
+    2
+    """
+    return sum("." not in name for name in names)
 
 
 @dataclass(frozen=True)
@@ -311,6 +324,11 @@ class ParameterSpace:
         object.__setattr__(
             self, "priors", tuple(prior for _, p in self.entries for prior in p.priors)
         )
+
+    @property
+    def n_base(self) -> int:
+        """How many of them, the first, are J and K."""
+        return base_count(self.names)
 
     @property
     def size(self) -> int:

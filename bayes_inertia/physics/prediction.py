@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.channels import Channel
@@ -84,6 +85,12 @@ class Structure:
         return [each.name for each in self.channels].index(channel)
 
     @property
+    def n_base(self) -> int:
+        """Number of parameters of J and K."""
+        ends = (c.parameters[1] for c in self.channels if c.stream == RATE)
+        return next(ends, N_BASE)
+
+    @property
     def n_start(self) -> int:
         """Number of one slew's nuisances without coefficients.
 
@@ -124,7 +131,9 @@ class Structure:
     @property
     def hyperparameters(self) -> tuple[int, ...]:
         """Which parameters only fix the prior of coefficients; empty without stochastic effects."""
-        return hyperparameters(self.effects, self.layout) if self.coefficients else ()
+        if not self.coefficients:
+            return ()
+        return hyperparameters(self.effects, self.layout, self.n_base)
 
     def active_effects(self, theta: Array) -> ActiveEffects:
         """The effects with the parameters that a flat vector gives them.
@@ -132,7 +141,7 @@ class Structure:
         `theta` (d,).
         """
         values: dict[str, dict[str, Array]] = {effect.name: {} for effect in self.effects}
-        start = N_BASE
+        start = self.n_base
         for owner, name, size in self.layout:
             stop = start + (1 if size is None else size)
             values.setdefault(owner, {})[name] = theta[start] if size is None else theta[start:stop]
@@ -188,7 +197,7 @@ def predict(
 ) -> tuple[Array, ...]:
     """Predicted telemetry of one slew.
 
-    `theta` (d,); `bias` (3,). `slew`: one slew of `data.arrays`, as are `telemetry` and
+    `theta` (d,); `bias` (axes,). `slew`: one slew of `data.arrays`, as are `telemetry` and
     `reference`. `telemetry`: says where rows and fixes stand on the grid.
     """
     local, coefficients = nuisances
@@ -263,7 +272,7 @@ def predict_all(
 ) -> tuple[Array, ...]:
     """Predicted telemetry of all slews.
 
-    `theta` (d,); `local` (slews, n_local); `bias` (3,).
+    `theta` (d,); `local` (slews, n_local); `bias` (axes,).
     """
     one = jax.vmap(
         lambda x, slew, telemetry, reference: predict(

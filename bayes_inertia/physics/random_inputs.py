@@ -110,11 +110,14 @@ def _blocks(
 
 
 def hyperparameters(
-    effects: tuple[Effect, ...], layout: tuple[tuple[str, str, int | None], ...]
+    effects: tuple[Effect, ...],
+    layout: tuple[tuple[str, str, int | None], ...],
+    n_base: int = N_BASE,
 ) -> tuple[int, ...]:
     """Where the parameters of stochastic effects stand in the flat vector.
 
-    `layout`: owner, name and number of components (None: a scalar) of each parameter after J and K.
+    `layout`: owner, name and number of components (None: a scalar) of each parameter after the
+    `n_base` of J and K.
 
     Examples
     --------
@@ -123,7 +126,7 @@ def hyperparameters(
     """
     stochastic = {e.name for e in effects if isinstance(e, StochasticEffect)}
     indices: list[int] = []
-    start = N_BASE
+    start = n_base
     for owner, _, size in layout:
         stop = start + (1 if size is None else size)
         indices += range(start, stop) if owner in stochastic else ()

@@ -110,7 +110,7 @@ def simulate_slew(
     rate = momentum_B @ mass.inverse.T
     momentum = wheel if drive == "measured" else wheel - mass.spin_inertia * (rate @ mass.axes_B)
     no_states = jnp.zeros((len(context.time), 0))
-    trajectory = Trajectory(context.time, path.attitude, rate, momentum, no_states)
+    trajectory = Trajectory(context.time, path.attitude, rate, momentum, no_states, devices)
     return trajectory, path.effect_states
 
 

@@ -37,8 +37,8 @@ class SlewContext(NamedTuple):
         Spin inertias [kg m^2].
     boresight_B : (3,) array
         Unit boresight of the star tracker, body frame.
-    rate_axes : (3, 3) array
-        C_rate of the rate sensor, one row a sensor axis.
+    rate_axes : (n, 3) array
+        C_rate of the rate sensor, one row a sensor axis; the body axes without rate sensor.
     lost_command : (n,) array of int, optional
         Number from 1 of the piece of a gap in the commands that begins at each grid point; 0 where
         the command is known. None if all are.
@@ -162,6 +162,8 @@ class Trajectory(NamedTuple):
         Wheel momentum relative to the body [N m s].
     effect_states : (n, k) array
         The effect's own states.
+    inputs : mapping of str to (n, k) array, optional
+        What devices do, by the names of `Slew.inputs`.
     """
 
     time: Array
@@ -169,3 +171,4 @@ class Trajectory(NamedTuple):
     rate_B: Array
     wheel_momentum: Array
     effect_states: Array
+    inputs: Mapping[str, Array] | None = None

@@ -73,7 +73,8 @@ def free_momentum(campaign: Campaign) -> FreeMomentum | None:
     # Across twice the distance a smooth curve leaves its chord four times as far.
     sag = np.sqrt(np.maximum(np.mean(errors**2, axis=0) - 1.5 * noise**2, 0.0)) / 4.0
     inertia = float(np.linalg.eigvalsh(campaign.inertia.tensor)[0])
-    allowed = LIMITS.momentum_line_of_rate_noise * inertia * min(campaign.rate_sensor.sigma)
+    seen = campaign.with_body_rates
+    allowed = LIMITS.momentum_line_of_rate_noise * inertia * min(seen.gyro.sigma)
     if rates_between < NUMERICS.slow_tachometer or not (sag > allowed).any():
         return None
     longest = max(slew.duration for slew in campaign.slews)
@@ -81,7 +82,7 @@ def free_momentum(campaign: Campaign) -> FreeMomentum | None:
     if most < 1:
         return None
     counts = sorted({min(count, most) for count in NUMERICS.free_knots})
-    follow = (c for c in counts if _misfit_of_rates(campaign, c) < NUMERICS.rates_followed)
+    follow = (c for c in counts if _misfit_of_rates(seen, c) < NUMERICS.rates_followed)
     inner = next(follow, counts[-1])
     knots = (_knots(_readings(s)[0], s.duration, inner)[1] for s in campaign.slews)
     sd = np.maximum(np.sqrt(np.mean(errors**2, axis=0)), noise)

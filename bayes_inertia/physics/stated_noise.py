@@ -50,7 +50,9 @@ def stated_reading_noise(campaign: Campaign, effects: Sequence[Effect]) -> tuple
     ()
     """
     sensor, estimated = campaign.rate_sensor, {effect.name for effect in effects}
-    stated = []
+    stated: list[Process] = []
+    if sensor is None:
+        return ()
     if sensor.rate_random_walk is not None and RateRandomWalk.name not in estimated:
         stated.append(Process("rate", sensor.rate_random_walk))
     if sensor.bias_instability is not None and RateBiasInstability.name not in estimated:
@@ -73,8 +75,8 @@ def stated_terms(campaign: Campaign) -> tuple[str, ...]:
     """
     sensor, tracker = campaign.rate_sensor, campaign.star_tracker
     stated = {
-        RateRandomWalk.name: sensor.rate_random_walk,
-        RateBiasInstability.name: sensor.bias_instability,
+        RateRandomWalk.name: sensor.rate_random_walk if sensor else None,
+        RateBiasInstability.name: sensor.bias_instability if sensor else None,
         StarTrackerLowFrequency.name: tracker.low_frequency_sigma if tracker else None,
     }
     return tuple(name for name, size in stated.items() if size)

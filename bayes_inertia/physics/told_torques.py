@@ -83,7 +83,8 @@ def _measured_motion(
     campaign: Campaign, slew: int, grid: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Body rate (n, 3) and attitude (n, 4) on the grid (n,) that the readings tell."""
-    of, sensor = campaign.slews[slew], campaign.rate_sensor
+    campaign = campaign.with_body_rates
+    of, sensor = campaign.slews[slew], campaign.gyro
     time = of.time - of.time[0]
     readings = np.where(campaign.valid_readings(of), np.asarray(of.rate), np.nan)
     read = np.stack([bridged(grid, time, column) for column in readings.T], axis=-1)

@@ -30,7 +30,7 @@ def fit_verdict(summary: Mapping[str, Any], n_slews: int) -> Verdict:
         )
         sentences.append(f"The model explains the data: {typeset(says)}.")
     else:
-        sentences += _on_misfit(too_large, too_small, "diagnosed" in gates)
+        sentences += _on_misfit(too_large, too_small, fit, diagnosed="diagnosed" in gates)
     sentences += [f"{text[0].upper()}{text[1:]}." for text in failed]
     sentences += _on_starts(fit["starts_agreeing"])
     if explained and not failed:
@@ -143,7 +143,15 @@ def misfit_channels(fit: Mapping[str, Any], criteria: Criteria) -> tuple[list[st
     return too_large, too_small
 
 
-def _on_misfit(too_large: list[str], too_small: list[str], diagnosed: bool) -> list[str]:
+def _on_groups(fit: Mapping[str, Any]) -> list[str]:
+    """Groups of slews that disagree with each other; runs of before do not tell."""
+    groups = fit.get("groups")
+    return [f"{groups['says'][0].upper()}{typeset(groups['says'][1:])}."] if groups else []
+
+
+def _on_misfit(
+    too_large: list[str], too_small: list[str], fit: Mapping[str, Any], *, diagnosed: bool
+) -> list[str]:
     if too_large:
         missing = (
             f"The residuals ({listed(too_large)}) are larger, or more structured, "
@@ -155,6 +163,7 @@ def _on_misfit(too_large: list[str], too_small: list[str], diagnosed: bool) -> l
         return [
             missing,
             "No sd is quoted: a bias that all slews share shows in none.",
+            *_on_groups(fit),
             "Run “bayes-inertia diagnose” to find the missing effect.",
         ]
     if too_small:
@@ -188,6 +197,7 @@ def _on_uncertainty(summary: Mapping[str, Any], n_slews: int) -> list[str]:
             if dispersion["factor"] > 1.0
             else f"The slews agree: {scatter}."
         )
+        sentences += _on_groups(summary["fit"])
     elif n_slews == 1:
         sentences.append(
             "One slew is checked by no other: the quoted sd is right if the model and the stated "

@@ -15,11 +15,10 @@ from bayes_inertia.report.pictures.posterior_data import n_slews
 from bayes_inertia.report.section import Picture, Section, packaged
 from bayes_inertia.report.uncertainty import sd_in_print
 from bayes_inertia.report.verdict import Level, Verdict, worst_level
-from bayes_inertia.report.verdict_sentence import verdict_sentence
+from bayes_inertia.report.verdict_sentence import is_scale_factor, verdict_sentence
 
 _STATUS: dict[Level, str] = {"good": "Trusted", "caution": "Use with care", "bad": "Refused"}
 _TENSOR = (("Jxx", "Jxy", "Jxz"), ("Jxy", "Jyy", "Jyz"), ("Jxz", "Jyz", "Jzz"))
-_K = ("K1", "K2", "K3")
 
 
 def result_sections(
@@ -38,14 +37,16 @@ def result_sections(
         verdicts = {"What is missing?": diagnosis_verdict(diagnosis)} | verdicts
         bound = could_hide_text(hidden) if (hidden := diagnosis.get("could_hide")) else ""
     level, rows = level_of(summary, list(verdicts.values())), summary["parameters"]
+    scale_factors = [[row] for name, row in rows.items() if is_scale_factor(name)]
     context = {
         "level": level,
         "status": _STATUS[level],
         "sentence": verdict_sentence(summary, diagnosis),
         "bound": bound,
         "matrices": [
+            *_ratio_matrix(summary),
             _matrix("J", [[rows[name] for name in line] for line in _TENSOR]),
-            _matrix("K", [[rows[name]] for name in _K]),
+            *([_matrix("K", scale_factors)] if scale_factors else []),
         ],
         "quoted": posterior.quoted_factor is not None,
     }
@@ -65,6 +66,14 @@ def level_of(summary: Mapping[str, Any], verdicts: list[Verdict]) -> Level:
     if not summary["trusted"]:
         return "bad"
     return worst_level([verdict.level for verdict in verdicts])
+
+
+def _ratio_matrix(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """J over its trace, first where nothing ties its size."""
+    if summary.get("scale_of_J") != []:
+        return []
+    ratios = summary["ratios"]
+    return [_matrix("J / trace J", [[ratios[f"{n}/trace"] for n in line] for line in _TENSOR])]
 
 
 def _matrix(symbol: str, rows: list[list[Mapping[str, Any]]]) -> dict[str, Any]:

@@ -77,8 +77,10 @@ def determination(share: float, criteria: Criteria) -> str:
 
 
 def determination_of(row: Mapping[str, Any], criteria: Criteria) -> str:
-    """Degree of determination, by the sd."""
+    """Degree of determination, by the sd; none of J where nothing ties its size."""
     share = contraction(sd_in_print(row), row["prior_sd"])
+    if share > criteria.observable_above and not row.get("observable", True):
+        return "not determined"
     return determination(share, criteria)
 
 

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from bayes_inertia.maths.inertia_tensor import ELEMENTS
 from bayes_inertia.report.criteria import criteria_of
 from bayes_inertia.report.fit_verdict import misfit_channels
 from bayes_inertia.report.formatting import (
@@ -109,7 +110,10 @@ def _on_trusted(summary: Mapping[str, Any], diagnosis: Mapping[str, Any] | None)
     """Explained data, and open questions."""
     clauses = [_on_model(summary, diagnosis)]
     undetermined = names_by_determination(summary["parameters"], criteria_of(summary))
-    if names := undetermined["not determined"]:
+    names = undetermined["not determined"]
+    if summary.get("scale_of_J") == []:
+        names = [name for name in names if name not in ELEMENTS]
+    if names:
         verb = "is" if len(names) == 1 else "are"
         clauses.append(f"{listed([plain(name) for name in names])} {verb} not determined")
     agreeing, starts = summary["fit"]["starts_agreeing"]
@@ -148,9 +152,9 @@ def _accuracy(summary: Mapping[str, Any]) -> str:
     kinds: tuple[tuple[str, Callable[[str], bool], Callable[[Mapping[str, Any]], str]], ...] = (
         ("J", _is_moment, _percent),
         ("products of inertia", _is_product, _in_unit),
-        ("K", _is_scale_factor, _percent),
+        ("K", is_scale_factor, _percent),
     )
-    said = []
+    said = [_ratios_to(summary)] if summary.get("scale_of_J") == [] else []
     for label, belongs, text in kinds:
         members = [row for name, row in known.items() if belongs(name)]
         if members:
@@ -164,6 +168,13 @@ def _accuracy(summary: Mapping[str, Any]) -> str:
     return f"{', '.join(said)} (1 sd, {worst_of}{scale})"
 
 
+def _ratios_to(summary: Mapping[str, Any]) -> str:
+    """Worst sd of J over its trace; its size is the prior's."""
+    worst = max(sd_in_print(row) for name, row in summary["ratios"].items() if "trace" in name)
+    size = "nothing ties the size of J, which stays the prior's"
+    return f"J / trace J to {two_digits(100.0 * worst)} % ({size})"
+
+
 def _is_moment(name: str) -> bool:
     return len(name) == 3 and name[0] == "J" and name[1] == name[2]
 
@@ -172,7 +183,14 @@ def _is_product(name: str) -> bool:
     return len(name) == 3 and name[0] == "J" and name[1] != name[2]
 
 
-def _is_scale_factor(name: str) -> bool:
+def is_scale_factor(name: str) -> bool:
+    """Whether a parameter is one of K.
+
+    Examples
+    --------
+    >>> is_scale_factor("K4"), is_scale_factor("mems.K1")
+    (True, False)
+    """
     return name[0] == "K" and name[1:].isdigit()
 
 

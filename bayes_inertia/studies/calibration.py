@@ -231,7 +231,8 @@ def _correction_slews(case: CalibrationCase, thetas: np.ndarray) -> np.ndarray:
 
 
 def _with_held_scale_factors(campaign: Campaign) -> Campaign:
-    sensor = replace(campaign.rate_sensor, scale_factor_sigma=(LIMITS.held_scale_factor_sigma,) * 3)
+    held = (LIMITS.held_scale_factor_sigma,) * 3
+    sensor = replace(campaign.three_axis_gyro, scale_factor_sigma=held)
     return replace(campaign, rate_sensor=sensor)
 
 

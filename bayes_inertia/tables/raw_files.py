@@ -24,6 +24,7 @@ from bayes_inertia.tables.array_tables import (
     table_of,
     tables_of,
 )
+from bayes_inertia.tables.flight_logs import bag_arrays, ulog_arrays
 from bayes_inertia.tables.isolated import ArrayKind, read_arrays
 from bayes_inertia.tables.json_lines import json_arrays, read_json_lines
 from bayes_inertia.tables.limits import LIMITS
@@ -158,12 +159,11 @@ def _only_unit(units: Sequence[str] | None, own: np.ndarray) -> str:
 
 
 _WORKBOOKS = (".xlsx", ".xlsm", ".xlsb")
-_OF_ROS = (
-    "`pip install rosbags`; write the stamps and fields of each topic to a CSV, with its AnyReader"
-)
 _OF_ARDUPILOT = "`pip install pymavlink`, `mavlogdump.py --format csv --types IMU FILE.bin`"
 
-FileFormat = Literal["text", "aem", "json", "42", "parquet", "numpy", "hdf5", "netcdf", "mat"]
+FileFormat = Literal[
+    "text", "aem", "json", "42", "parquet", "numpy", "hdf5", "netcdf", "mat", "ulog", "bag"
+]
 
 
 def file_format(path: Path) -> FileFormat:
@@ -180,6 +180,10 @@ def file_format(path: Path) -> FileFormat:
         return "parquet"
     if head.startswith(b"\x93NUMPY") or (head.startswith(b"PK") and _is_npz(path)):
         return "numpy"
+    if head.startswith(b"ULog\x01\x12\x35"):
+        return "ulog"
+    if _is_bag(head, suffix):
+        return "bag"
     _refuse_packed(head, path)
     if is_aem(head):
         return "aem"
@@ -222,6 +226,13 @@ def _is_npz(path: Path) -> bool:
         return path.suffix.lower() == ".npz"
 
 
+def _is_bag(head: bytes, suffix: str) -> bool:
+    """Whether a file is a log of ROS 1 or 2."""
+    if head.startswith((b"#ROSBAG V", b"\x89MCAP0\r\n")):
+        return True
+    return suffix == ".db3" and head.startswith(b"SQLite format 3")
+
+
 def _refuse_packed(head: bytes, path: Path) -> None:
     """Refuse a format that nobody reads here, and say what makes a table of it."""
     sheets = "save each of its sheets as CSV"
@@ -233,12 +244,7 @@ def _refuse_packed(head: bytes, path: Path) -> None:
         b"\xd0\xcf\x11\xe0": ("an Excel workbook", sheets),
         b"BZh": ("a bzip2 archive", unpack),
         b"\xfd7zXZ": ("an xz archive", unpack),
-        b"SQLite format 3": ("a ROS 2 bag", _OF_ROS)
-        if suffix == ".db3"
-        else ("an SQLite database", unpack),
-        b"ULog\x01\x12\x35": ("a ULog of PX4", "`pip install pyulog`, `ulog2csv FILE.ulg`"),
-        b"#ROSBAG V": ("a ROS bag", _OF_ROS),
-        b"\x89MCAP0\r\n": ("an MCAP file", _OF_ROS),
+        b"SQLite format 3": ("an SQLite database", unpack),
         b"\xa3\x95\x80\x80": ("a log of ArduPilot", _OF_ARDUPILOT),
     }
     for mark, (what, advice) in marks.items():
@@ -304,5 +310,9 @@ def _arrays(file: Path, form: str) -> FileArrays | None:
         return None if arrays is None else FileArrays(arrays)
     if form == "numpy":
         return numpy_arrays(file)
+    if form == "ulog":
+        return ulog_arrays(file)
+    if form == "bag":
+        return bag_arrays(file)
     kinds: dict[str, ArrayKind] = {"hdf5": "hdf5", "netcdf": "netcdf", "mat": "mat"}
     return read_arrays(file, kinds[form]) if form in kinds else None

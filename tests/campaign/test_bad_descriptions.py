@@ -30,7 +30,7 @@ BAD_TOML = [
         ["campaign.toml, line 7", "TOML"],
     ),
     ("huge integer", [("start = 100\n", f"start = {'9' * 5000}\n")], ["campaign.toml", "TOML"]),
-    ("other format", [("campaign/1", "campaign/2")], ["key format", "bayes-inertia-campaign/1"]),
+    ("other format", [("campaign/1", "campaign/3")], ["key format", "bayes-inertia-campaign/1"]),
     ("no format", [('format = "bayes-inertia-campaign/1"\n', "")], ["key format", "missing"]),
     (
         "unknown key",

@@ -135,10 +135,10 @@ def test_the_check_of_commands_can_fail(command):
 @of_language("toml")
 def test_toml_is_read(block, tmp_path):
     content = tomllib.loads(block.text)
-    if content.get("format") == "bayes-inertia-campaign/1":
+    if content.get("format", "").startswith("bayes-inertia-campaign/"):
         (tmp_path / "campaign.toml").write_text(block.text, encoding="utf-8")
         # All that is wrong is that its tables are not here.
-        with pytest.raises(CampaignError, match=r"slew_01\.csv"):
+        with pytest.raises(CampaignError, match=r"slew_01\w*\.csv"):
             bi.read_campaign(tmp_path)
 
 

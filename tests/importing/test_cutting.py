@@ -92,6 +92,28 @@ def test_a_body_that_never_rests_is_cut_only_as_stated(tmp_path):
     assert read_campaign(tmp_path / "c").slews[0].duration == 50.0
 
 
+def test_sessions_of_a_body_that_never_rests_are_a_slew_each(tmp_path):
+    columns = log_columns([], 300.0)
+    columns["wz"] += 20.0 + 5.0 * np.sin(columns["t_ms"] / 3e3)
+    kept = (columns["t_ms"] < 40e3) | (columns["t_ms"] > 100e3)
+    # A session of three readings is no slew.
+    kept &= (columns["t_ms"] < 299e3 - 100e3) | (columns["t_ms"] > 299.9e3)
+    columns = {name: values[kept] for name, values in columns.items()}
+    by_gaps = ("[inertia]", '[cut]\nby = "gaps"\ngap_s = 30.0\nlongest_s = 60.0\n\n[inertia]')
+    cut = imported(tmp_path, columns, by_gaps).cut
+    assert cut.by == "gaps"
+    spans = [(window.start, window.end) for window in cut.windows]
+    assert len(spans) == 3
+    assert spans[0][0] == 0.0
+    assert spans[0][1] < 40.0
+    assert spans[1][0] == pytest.approx(100.0, abs=0.5)
+    assert spans[2][1] == pytest.approx(199.0, abs=0.5)
+    lengths = [end - start for start, end in spans[1:]]
+    assert max(lengths) <= 60.0
+    assert lengths[0] == pytest.approx(lengths[1], abs=0.5)
+    assert len(read_campaign(tmp_path / "c").slews) == 3
+
+
 def test_the_threshold_may_be_stated(tmp_path, columns):
     rest_rate = ("[inertia]", "[cut]\nrest_rate = 0.036\n\n[inertia]")
     cut = imported(tmp_path, columns, rest_rate).cut

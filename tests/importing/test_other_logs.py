@@ -124,10 +124,6 @@ def test_formats_are_recognised_by_content(tmp_path):
         with pytest.raises(CampaignError, match="unpack it, or save its table as CSV"):
             read_raw(file)
     for name, head, said in (
-        ("log.ulg", b"ULog\x01\x12\x35\x01\0\0", "is a ULog of PX4; .*ulog2csv FILE.ulg"),
-        ("log.bag", b"#ROSBAG V2.0\n", "is a ROS bag; .*rosbags"),
-        ("log.db3", b"SQLite format 3\0", "is a ROS 2 bag; .*rosbags"),
-        ("log.mcap", b"\x89MCAP0\r\n\x01", "is an MCAP file; .*rosbags"),
         ("log.bin", b"\xa3\x95\x80\x80\x59", "is a log of ArduPilot; .*mavlogdump"),
     ):
         (tmp_path / name).write_bytes(head)

@@ -7,9 +7,10 @@ import pytest
 
 from bayes_inertia.inference import descent, hyperparameters, likelihood
 from bayes_inertia.inference.noise_model import whitening
-from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.inference.point import Point
 from bayes_inertia.physics.effects import RateRandomWalk
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.parameters import N_BIAS
 from bayes_inertia.physics.small_campaign import small_campaign
 
 PROGRAMS = (*likelihood.PROGRAMS, *hyperparameters.PROGRAMS)

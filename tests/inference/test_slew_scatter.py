@@ -68,3 +68,37 @@ def test_the_bias_reduced_variance_is_right_on_average_and_says_how_little_it_kn
     # Satterthwaite: the scatter of the variance is that of chi^2 with these degrees of freedom.
     np.testing.assert_allclose(2.0 * exact**2 / np.var(variance, axis=0), dof, rtol=0.35)
     assert dof[-1] < 1.5 < dof[:-1].min()
+
+
+def two_groups(matrices: np.ndarray, noise: float, apart: float) -> list[SlewScatter]:
+    """Campaigns of eight slews, of which the last three tell of other unknowns, `apart` sds off."""
+    rng, found = np.random.default_rng(9), []
+    matrices = np.concatenate([matrices, matrices[:3]])
+    roots = np.linalg.cholesky(matrices)
+    prior = np.diag(1e-6 * np.diag(matrices.sum(0)))
+    sd = np.sqrt(np.diag(np.linalg.inv(matrices[5:].sum(0))))
+    change = np.zeros((8, UNKNOWNS))
+    change[5:] = apart * sd * [1.0, 1.0, 1.0, 0.0]
+    for _ in range(100):
+        told = noise * np.einsum("sij,sj->si", roots, rng.normal(size=(8, UNKNOWNS)))
+        told += np.einsum("sij,sj->si", matrices, change)
+        optimum = np.linalg.solve(matrices.sum(0) + prior, told.sum(0))
+        gradient = np.einsum("sij,j->si", matrices, optimum) - told
+        found.append(SlewScatter(SlewShares(matrices, gradient, prior, prior @ optimum)))
+    return found
+
+
+def test_slews_of_two_populations_are_told_apart(matrices):
+    found = [scatter.groups for scatter in two_groups(matrices, 1.0, apart=30.0)]
+    told = [groups for groups in found if groups is not None]
+    # Each group's own agreement is tested at one in a hundred.
+    assert len(told) >= 95
+    assert {groups.slews for groups in told} == {((0, 1, 2, 3, 4), (5, 6, 7))}
+    z = np.array([groups.difference / groups.sd for groups in told])
+    assert np.all(z.mean(0)[:3] > 5.0)
+
+
+def test_slews_that_agree_and_slews_that_all_disagree_are_no_two_groups(matrices):
+    """A negative control each: one population, and one a slew."""
+    assert not any(scatter.groups for scatter in two_groups(matrices, 1.0, apart=0.0))
+    assert sum(scatter.groups is not None for scatter in two_groups(matrices, 4.0, 0.0)) <= 5

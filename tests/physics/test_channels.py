@@ -16,12 +16,12 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.hyperparameters import information_with_learnt
 from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.noise_model import whitening
-from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.channels.channel import Readings, SeparateColumns
 from bayes_inertia.physics.effects import RateBiasSlewDrift
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.parameters import Normal, vector
+from bayes_inertia.physics.parameters import N_BIAS, Normal, vector
 from bayes_inertia.physics.prediction import predict_all
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -89,7 +91,7 @@ def test_every_prior_draw_of_a_model_is_physical_even_when_the_prior_is_nearly_f
     # A plate: the triangle inequality is nearly an equality, so that half of the plain draws are
     # unphysical.
     plate = InertiaPrior(np.diag([3.9, 2.0, 2.0]), 0.05, 0.1)
-    model = Model(type(flown.campaign)(**{**flown.campaign.__dict__, "inertia": plate}))
+    model = Model(replace(flown.campaign, inertia=plate))
     plain = model.space.draw(np.random.default_rng(1), 500)
     assert 0.1 < np.mean(np.asarray(inertia_tensor.is_physical(plain[:, :6]))) < 0.8
     drawn = model.draw_prior(np.random.default_rng(1), 500)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -58,12 +59,45 @@ def campaign_json(campaign: Campaign) -> dict[str, Any]:
             "inertia_sd_kgm2": inertia.sd,
             "includes_wheel_spin": inertia.includes_wheel_spin,
             "principal_moments_kgm2": np.linalg.eigvalsh(inertia.tensor),
-            "rate_sigma_radps": sensor.sigma,
+            "rate_sigma_radps": sensor.sigma if sensor else None,
             "star_tracker": campaign.star_tracker is not None,
+            "devices": [
+                dict(zip(("name", "is"), each, strict=True)) for each in _devices(campaign)
+            ],
             "possible_drives": _possible_drives(campaign),
             "dirt": [record.json() for record in campaign.dirt],
         }
     )
+
+
+def _devices(campaign: Campaign) -> list[tuple[str, str]]:
+    """Sensors, devices and changes beside wheels: each with what it is."""
+    from bayes_inertia.campaign.sensors import streams_of
+
+    sensors = [
+        (stream.sensor if stream.field else stream.name, stream, stream.hardware(campaign))
+        for stream in streams_of(campaign)
+        if not stream.per_wheel
+    ]
+    return [
+        *((name, _axes_in_words(stream.sensor, x)) for name, stream, x in sensors if x is not None),
+        *((device.name, _gain_in_words(device)) for device in campaign.actuators),
+        *(
+            (x.name, f"{x.part} changes at {x.time:.6g} s, by {100 * x.sigma_fraction:.2g} % or so")
+            for x in campaign.changes
+        ),
+    ]
+
+
+def _axes_in_words(kind: str, hardware: Any) -> str:
+    axes = getattr(hardware, "axes", None)
+    return kind if axes is None else f"{kind}, {len(axes)} axes"
+
+
+def _gain_in_words(device: Any) -> str:
+    kind = re.sub(r"(?<!^)([A-Z])", r" \1", type(device).__name__).lower()
+    gain = f"to {100 * device.gain_sigma:.2g} %" if device.gain_sigma else "exactly"
+    return f"{kind}, gain known {gain}"
 
 
 def _slew_row(slew: Slew) -> dict[str, Any]:
@@ -83,6 +117,7 @@ def _slew_row(slew: Slew) -> dict[str, Any]:
 
 def show_campaign(campaign: Campaign) -> None:
     """Print what a campaign contains, and what can be done with it."""
+    from bayes_inertia.campaign.hardware import RateSensor
     from bayes_inertia.report.dirt_wording import dirt_sentences
 
     console = plain_console()
@@ -94,6 +129,9 @@ def show_campaign(campaign: Campaign) -> None:
     console.print(table)
     if slews > LAYOUT.slews_shown:
         console.print(f"... and {slews - LAYOUT.slews_shown} slews more (all of them with --json)")
+    if campaign.more_sensors or campaign.actuators or campaign.changes:
+        said = (f"{name} ({what})" for name, what in _devices(campaign))
+        console.print(f"devices: {', '.join(said)}")
     moments = ", ".join(f"{m:.4g}" for m in np.linalg.eigvalsh(campaign.inertia.tensor))
     kind = "with" if campaign.inertia.includes_wheel_spin else "without"
     console.print(f"prior principal moments: {moments} kg m² ({kind} the wheels' spin inertia)")
@@ -101,7 +139,9 @@ def show_campaign(campaign: Campaign) -> None:
     console.print(
         f"possible drives: {drives or 'none: add wheel_torque or wheel_momentum columns'}"
     )
-    if campaign.star_tracker is None:
+    if campaign.star_tracker is None and all(
+        isinstance(sensor, RateSensor) for _, sensor in campaign.more_sensors
+    ):
         console.print(
             "no star tracker: attitude is not compared, "
             "start and final attitude errors stay unknown"

@@ -4,8 +4,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import RateSensor, StarTracker
+from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker
 from bayes_inertia.campaign.sensors.attitude import ATTITUDE, AttitudeStream
+from bayes_inertia.campaign.sensors.direction import DirectionStream
 from bayes_inertia.campaign.sensors.momentum import MOMENTUM
 from bayes_inertia.campaign.sensors.rate import RATE, RateStream
 from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
@@ -19,7 +20,11 @@ BY_KEY: Mapping[str, SensorStream] = MappingProxyType(
 CHANNELS = tuple(stream.name for stream in STREAMS)
 # Which class reads the sensors of `Campaign.more_sensors`; others name theirs as `stream`.
 KINDS: Mapping[type, type[SensorStream]] = MappingProxyType(
-    {RateSensor: RateStream, StarTracker: AttitudeStream}
+    {RateSensor: RateStream, StarTracker: AttitudeStream, DirectionSensor: DirectionStream}
+)
+# The class of a further sensor by what its columns hold.
+KINDS_BY_KEY: Mapping[str, type[SensorStream]] = MappingProxyType(
+    {kind.written[0]: kind for kind in KINDS.values()}
 )
 
 

@@ -20,7 +20,7 @@ from bayes_inertia.tables.number_table import Table
 
 @dataclass(frozen=True)
 class RateStream(SensorStream):
-    """Angular rate about the three axes of a rate sensor."""
+    """Angular rate about the axes of a rate sensor."""
 
     sensor = title = "rate sensor"
     unit = "rad/s"
@@ -36,10 +36,12 @@ class RateStream(SensorStream):
         """Those inside the sensor's range."""
         if self.field:
             return campaign.valid_readings(slew)
-        return in_range(self.values(slew), self.hardware(campaign).range)
+        sensor = self.hardware(campaign)
+        assert sensor is not None
+        return in_range(self.values(slew), sensor.range)
 
-    def hardware(self, campaign: Campaign) -> RateSensor:
-        """The sensor."""
+    def hardware(self, campaign: Campaign) -> RateSensor | None:
+        """The sensor, if there is one."""
         return campaign.rate_sensor if self.field else super().hardware(campaign)
 
     def unattainable(self, campaign: Campaign) -> float:
@@ -48,21 +50,25 @@ class RateStream(SensorStream):
 
     def components(self, campaign: Campaign) -> tuple[str, ...]:
         """The sensor's axes."""
-        return ("axis 1", "axis 2", "axis 3")
+        sensor = self.hardware(campaign)
+        return tuple(f"axis {i + 1}" for i in range(len(sensor.axes) if sensor else 3))
 
     def sigma(self, campaign: Campaign) -> Sequence[float | None]:
-        """White noise of each axis [rad/s]."""
-        return self.hardware(campaign).sigma
+        """White noise of each axis [rad/s]; none without rate sensor."""
+        sensor = self.hardware(campaign)
+        return sensor.sigma if sensor else ()
 
     def correlated(self, campaign: Campaign) -> CorrelatedNoise | None:
         """As a diagnosis measured it."""
-        return self.hardware(campaign).correlated_noise
+        sensor = self.hardware(campaign)
+        return sensor.correlated_noise if sensor else None
 
     def louder(self, campaign: Campaign, factor: float) -> Campaign:
         """The campaign with another noise of the rate sensor."""
         sensor = self.hardware(campaign)
-        x, y, z = (factor * sigma for sigma in sensor.sigma)
-        louder = replace(sensor, sigma=(x, y, z))
+        if sensor is None:
+            return campaign
+        louder = replace(sensor, sigma=tuple(factor * sigma for sigma in sensor.sigma))
         if self.field:
             return replace(campaign, rate_sensor=louder)
         return self.with_hardware(campaign, louder)

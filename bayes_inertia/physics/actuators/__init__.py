@@ -17,7 +17,9 @@ from bayes_inertia.physics.actuators.device import DeviceEffect
 from bayes_inertia.physics.actuators.gimballed_rotors import GimbalAngleNoise, RotorMomentum
 from bayes_inertia.physics.actuators.known_torque import ToldTorque
 from bayes_inertia.physics.actuators.magnetorquer import TorquerTorque
+from bayes_inertia.physics.actuators.stated_change import StatedChange
 from bayes_inertia.physics.actuators.thruster import ThrusterTorque
+from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 __all__ = ["KINDS", "DeviceEffect", "effects_of", "noise_of_inputs", "ties_of_scale"]
@@ -33,8 +35,8 @@ KINDS: Mapping[type, type[DeviceEffect]] = MappingProxyType(
 )
 
 
-def effects_of(campaign: Campaign) -> tuple[DeviceEffect, ...]:
-    """The effects that a campaign's own devices are, in the order of `Campaign.actuators`.
+def effects_of(campaign: Campaign) -> tuple[Effect, ...]:
+    """The effects that a campaign's own devices and changes are, in their order.
 
     Examples
     --------
@@ -42,7 +44,10 @@ def effects_of(campaign: Campaign) -> tuple[DeviceEffect, ...]:
     >>> effects_of(small_campaign())
     ()
     """
-    return tuple(KINDS[type(device)](device) for device in campaign.actuators)
+    devices = (KINDS[type(device)](device) for device in campaign.actuators)
+    starts = [slew.start for slew in campaign.slews]
+    changes = (StatedChange(x, tuple(s >= x.time for s in starts)) for x in campaign.changes)
+    return (*devices, *changes)
 
 
 def noise_of_inputs(campaign: Campaign) -> tuple[StochasticEffect, ...]:
@@ -71,4 +76,5 @@ def ties_of_scale(campaign: Campaign) -> list[dict[str, Any]]:
     return (wheels if campaign.wheels else []) + [
         {"device": e.name, "by": e.by, "relative_sd": e.device.gain_sigma}
         for e in effects_of(campaign)
+        if isinstance(e, DeviceEffect)
     ]

@@ -9,14 +9,15 @@ from types import MappingProxyType
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors import streams_of
 from bayes_inertia.campaign.sensors.attitude import AttitudeStream
+from bayes_inertia.campaign.sensors.direction import DirectionStream
 from bayes_inertia.campaign.sensors.momentum import MomentumStream
 from bayes_inertia.campaign.sensors.rate import RATE, RateStream
 from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
 from bayes_inertia.physics.channels.attitude import AttitudeChannel
 from bayes_inertia.physics.channels.channel import Channel, Readings
+from bayes_inertia.physics.channels.direction import DirectionChannel
 from bayes_inertia.physics.channels.momentum import MomentumChannel
 from bayes_inertia.physics.channels.rate import RateChannel
-from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.slew_input import Drive
 
 __all__ = ["KINDS", "Channel", "Readings", "channels_of"]
@@ -27,17 +28,19 @@ KINDS: Mapping[type[SensorStream], type[Channel]] = MappingProxyType(
         RateStream: RateChannel,
         AttitudeStream: AttitudeChannel,
         MomentumStream: MomentumChannel,
+        DirectionStream: DirectionChannel,
     }
 )
 
 
 def channels_of(campaign: Campaign, drive: Drive) -> tuple[Channel, ...]:
     """The channels of a model, in the order of all tables; tachometers may drive it."""
-    channels, begin = [], N_BASE
+    axes = len(campaign.rate_sensor.axes) if campaign.rate_sensor else 0
+    channels, begin = [], 6 + axes
     for stream in streams_of(campaign):
-        channel = (KINDS.get(type(stream)) or stream.channel)(stream)
+        channel = (KINDS.get(type(stream)) or stream.channel)(stream).of_campaign(campaign)
         if stream == RATE:
-            channel = replace(channel, parameters=(6, N_BASE))
+            channel = replace(channel, parameters=(6, 6 + axes))
         elif isinstance(stream, MomentumStream):
             channel = replace(channel, compared=drive == "commanded")
         elif own := channel.own_parameters(campaign):

@@ -26,6 +26,7 @@ class AttitudeChannel(Channel):
 
     hook = "attitude_output"
     columns = "quaternion"
+    tells_angle = True
     components = "body_axis"
     blank = (0.0, 0.0, 0.0, 1.0)
 

@@ -81,6 +81,8 @@ class Channel(ABC):
     components: ClassVar[str]
     # Whether readings in every row follow the attitude, which is then worked out at every row.
     sees_attitude: ClassVar[bool] = False
+    # Whether readings tell the angle turned.
+    tells_angle: ClassVar[bool] = False
     # What stands for a reading in padding.
     blank: ClassVar[tuple[float, ...]] = (0.0,)
 
@@ -111,6 +113,10 @@ class Channel(ABC):
     def own_parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         """What is estimated of the sensor itself, beside K of the rate sensor."""
         return ()
+
+    def of_campaign(self, campaign: Campaign) -> Channel:
+        """The channel with what decides compiled code of this campaign's sensor."""
+        return self
 
     def is_read(self, campaign: Campaign) -> bool:
         """Whether there are readings to compare."""

@@ -26,9 +26,9 @@ class RateConstants(NamedTuple):
 
     Parameters
     ----------
-    axes : (3, 3) array
+    axes : (n, 3) array
         C_rate, one row a sensor axis.
-    bias : (3,) array
+    bias : (n,) array
         Prior mean of the bias [rad/s].
     """
 
@@ -47,7 +47,8 @@ class RateChannel(Channel):
         """Those inside the sensor's range."""
         rows, known = np.arange(len(slew.time)), self.stream.of(slew)
         if known is None:
-            return Readings(np.zeros((len(rows), 3)), np.zeros((len(rows), 3), bool), rows)
+            shape = len(rows), len(self.constants(campaign).axes)
+            return Readings(np.zeros(shape), np.zeros(shape, bool), rows)
         valid = self.stream.valid(campaign, slew)
         return Readings(np.where(valid, known, 0.0), valid, rows)
 
@@ -55,8 +56,9 @@ class RateChannel(Channel):
         """The body rate by the first readings."""
         if not self.stream.field:
             return {}
-        sensor = campaign.rate_sensor
-        _, readings = slew.complete_rates(campaign.valid_readings(slew))
+        seen = campaign.with_body_rates
+        sensor, slew = seen.gyro, next(s for s in seen.slews if s.name == slew.name)
+        _, readings = slew.complete_rates(seen.valid_readings(slew))
         some = readings[: max(1, min(8, len(readings) // 50))]
         first = some.mean(axis=0) if len(some) else np.zeros(3)
         return {"rate_B": body_rates(sensor, first, sensor.scale_factor)}
@@ -64,7 +66,9 @@ class RateChannel(Channel):
     def constants(self, campaign: Campaign) -> RateConstants:
         """Axes and prior bias; a further sensor's bias is a parameter."""
         sensor = self.stream.hardware(campaign)
-        bias = sensor.bias if self.stream.field else np.zeros(3)
+        if sensor is None:
+            return RateConstants(on_device(np.eye(3)), on_device(np.zeros(3)))
+        bias = sensor.bias if self.stream.field else np.zeros(len(sensor.axes))
         return RateConstants(on_device(sensor.axes), on_device(bias))
 
     def own_parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
@@ -79,31 +83,37 @@ class RateChannel(Channel):
         return tuple(
             scalar(f"{name}{i + 1}", unit=unit, prior=Normal(mean[i], sd[i]), null=null)
             for name, unit, mean, sd, null in kinds
-            for i in range(3)
+            for i in range(len(sensor.axes))
         )
 
     def sensed(self, constants: Any, bias: Array, slew: SlewInput, trajectory: Trajectory) -> Array:
         """Rates about the sensor's axes, with its bias."""
-        bias_S = constants.bias + bias if self.stream.field else constants.bias
+        has_bias = self.stream.field and len(bias)
+        bias_S = constants.bias + bias if has_bias else constants.bias
         C = constants.axes
         rate_B = trajectory.rate_B
         return jnp.stack(
-            [sum(C[i, j] * rate_B[:, j] for j in range(3)) + bias_S[i] for i in range(3)], -1
+            [sum(C[i, j] * rate_B[:, j] for j in range(3)) + bias_S[i] for i in range(len(C))], -1
         )
 
     def read(self, parameters: Array, values: Array) -> Array:
         """Divided by the scale factors."""
-        K, bias = parameters[:3], parameters[3:]
+        n = values.shape[-1]
+        if not len(parameters):
+            return values
+        K, bias = parameters[:n], parameters[n : 2 * n]
         return (values if self.stream.field else values + bias) / K
 
     def noise(self, campaign: Campaign, theta: np.ndarray, drive: Drive) -> np.ndarray:
-        """Covariance (3, 3) of one reading [rad^2/s^2].
+        """Covariance (n, n) of one reading [rad^2/s^2].
 
         In the measured drive tachometer noise is an input, as is that of gimbal angles: it shakes
         the predicted rate by J^-1 G dh. (The part of it that accumulates in the attitude is among
         the nuisances.)
         """
         sensor = self.stream.hardware(campaign)
+        if sensor is None:
+            return np.eye(3)
         covariance = np.diag(np.square(sensor.sigma))
         if drive == "measured" and campaign.wheels:
             shake = self._shake(campaign, theta, campaign.wheel_axes_B)
@@ -115,12 +125,12 @@ class RateChannel(Channel):
         return covariance
 
     def _shake(self, campaign: Campaign, theta: np.ndarray, axes_B: np.ndarray) -> np.ndarray:
-        """Readings (3, k) by momentum along axes (3, k) in the body."""
+        """Readings (n, k) by momentum along axes (3, k) in the body."""
         sensor = self.stream.hardware(campaign)
         return (
             sensor.axes
             @ np.linalg.solve(_locked_inertia(campaign, theta), axes_B)
-            / np.asarray(theta[slice(*self.parameters)])[:3, None]
+            / np.asarray(theta[slice(*self.parameters)])[: len(sensor.axes), None]
         )
 
     def variance(self, noise: np.ndarray) -> np.ndarray:
@@ -128,11 +138,12 @@ class RateChannel(Channel):
         return 1.0 / np.diagonal(np.linalg.inv(noise))
 
     def factors(self, noise: np.ndarray, valid: np.ndarray) -> np.ndarray:
-        """Inverse Cholesky factor of the valid part of each reading's covariance (..., 3, 3)."""
-        factors = np.zeros((*valid.shape, 3))
-        for pattern in np.unique(valid.reshape(-1, 3), axis=0):
+        """Inverse Cholesky factor of the valid part of each reading's covariance (..., n, n)."""
+        n = len(noise)
+        factors = np.zeros((*valid.shape, n))
+        for pattern in np.unique(valid.reshape(-1, n), axis=0):
             keep = np.flatnonzero(pattern)
-            factor = np.zeros((3, 3))
+            factor = np.zeros((n, n))
             if len(keep):
                 block = noise[np.ix_(keep, keep)]
                 factor[np.ix_(keep, keep)] = np.linalg.inv(np.linalg.cholesky(block))
@@ -145,14 +156,16 @@ class RateChannel(Channel):
 
     def whitened(self, factors: Array, gap: Array) -> Array:
         """The factors are triangular."""
+        axes = range(gap.shape[-1])
         return jnp.stack(
-            [sum(factors[..., i, j] * gap[..., j] for j in range(i + 1)) for i in range(3)], -1
+            [sum(factors[..., i, j] * gap[..., j] for j in range(i + 1)) for i in axes], -1
         )
 
     def whitened_motion(self, fit: SensorAtFit, turn: np.ndarray, rate_B: np.ndarray) -> np.ndarray:
         """Along the sensor's axes, over the scale factors."""
-        axes = self.stream.hardware(fit.campaign).axes
-        scale_factors = fit.theta[slice(*self.parameters)][:3, None]
+        axes = np.asarray(self.constants(fit.campaign).axes)
+        K = fit.theta[slice(*self.parameters)][: len(axes)]
+        scale_factors = K[:, None] if len(K) else 1.0
         sensed = np.einsum("ij,snjk->snik", axes, rate_B) / scale_factors
         return self.whitened_columns(fit.factors, sensed)
 

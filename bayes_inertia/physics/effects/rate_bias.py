@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects.scales import rate_axes
 from bayes_inertia.physics.parameters import Normal, vector
 
 
@@ -37,11 +38,9 @@ class RateBias(Effect):
 
     def parameters(self, campaign):
         sigma = (
-            self.sigma
-            if self.sigma is not None
-            else 10.0 * float(np.max(campaign.rate_sensor.bias_sigma))
+            self.sigma if self.sigma is not None else 10.0 * float(np.max(campaign.gyro.bias_sigma))
         )
-        return (vector("bias", "xyz", unit="rad/s", prior=Normal(0.0, sigma)),)
+        return (vector("bias", rate_axes(campaign), unit="rad/s", prior=Normal(0.0, sigma)),)
 
     def looks_between_rows(self, campaign):
         return False

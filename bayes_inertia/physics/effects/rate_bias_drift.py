@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects.scales import rate_axes
 from bayes_inertia.physics.parameters import Normal, vector
 
 
@@ -39,8 +40,8 @@ class RateBiasDrift(Effect):
         sigma = self.sigma
         if sigma is None:
             first, last = campaign.span
-            sigma = 20.0 * float(np.max(campaign.rate_sensor.bias_sigma)) / (last - first)
-        return (vector("drift", "xyz", unit="rad/s^2", prior=Normal(0.0, sigma)),)
+            sigma = 20.0 * float(np.max(campaign.gyro.bias_sigma)) / (last - first)
+        return (vector("drift", rate_axes(campaign), unit="rad/s^2", prior=Normal(0.0, sigma)),)
 
     def looks_between_rows(self, campaign):
         return False

@@ -7,12 +7,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from bayes_inertia.physics.effects.scales import sd_and_time
+from bayes_inertia.physics.effects.scales import rate_axes, sd_and_time
 from bayes_inertia.physics.processes import Process
 from bayes_inertia.physics.random_basis import (
     hat_functions,
     on_axes,
     on_each_axis,
+    ornstein_uhlenbeck_covariance,
     ornstein_uhlenbeck_root,
     slew_duration,
     slew_fraction,
@@ -24,8 +25,9 @@ from bayes_inertia.physics.stochastic_effect import StochasticEffect
 class RateBiasInstability(StochasticEffect):
     """The rate bias of each axis and slew has a part that is a first-order Gauss-Markov process.
 
-    Its covariance is sd^2 exp(-|t - t'| / time). Flicker noise (BI of an Allan curve) has no finite
-    state; the Gauss-Markov process is the usual stand-in for it.
+    Its covariance is sd^2 exp(-|t - t'| / time). A fit takes two slews as independent; where the
+    process is weighed against other effects it goes on between slews. Flicker noise (BI of an Allan
+    curve) has no finite state; the Gauss-Markov process is the usual stand-in for it.
 
     Parameters
     ----------
@@ -59,22 +61,25 @@ class RateBiasInstability(StochasticEffect):
     knots: int = 17
 
     def parameters(self, campaign):
-        sensor = campaign.rate_sensor
+        sensor = campaign.gyro
         sd = self.median_sd or sensor.bias_instability or float(np.max(sensor.sigma))
         time = self.median_time or sensor.bias_instability_time
         return sd_and_time(campaign, "rad/s", sd, time, self.factor_sd)
 
     def coefficient_count(self, campaign):
-        return 3 * self.knots
+        return len(rate_axes(campaign)) * self.knots
 
     def coefficient_root(self, p, slew, count):
         spacing = slew_duration(slew) / (self.knots - 1)
         root = ornstein_uhlenbeck_root(p["sd"], p["time"], spacing, self.knots)
-        return on_each_axis(root, 3)
+        return on_each_axis(root, count // self.knots)
+
+    def covariance_across_slews(self, p, slews):
+        return ornstein_uhlenbeck_covariance(p["sd"], p["time"], slews, self.knots)
 
     def signal(self, p, slew, t):
         hats = hat_functions(slew_fraction(slew, t), self.knots)
-        return on_axes(hats, p["coefficients"], 3)
+        return on_axes(hats, p["coefficients"], p["coefficients"].size // self.knots)
 
     def reading_noise(self, p):
         return Process("rate", p["sd"], p["time"], self.knots)

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from bayes_inertia.physics.effects.scales import rate_axes
 from bayes_inertia.physics.parameters import LogNormal, scalar
 from bayes_inertia.physics.random_basis import independent
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
@@ -38,12 +39,12 @@ class RateBiasSlewDrift(StochasticEffect):
     factor_sd: float = 1.5
 
     def parameters(self, campaign):
-        sigma, duration = np.max(campaign.rate_sensor.sigma), campaign.scale_of_motion()[1]
+        sigma, duration = np.max(campaign.gyro.sigma), campaign.scale_of_motion()[1]
         median = self.median or float(sigma) / duration
         return (scalar("sd", unit="rad/s^2", prior=LogNormal(median, self.factor_sd)),)
 
     def coefficient_count(self, campaign):
-        return 3
+        return len(rate_axes(campaign))
 
     def coefficient_root(self, p, slew, count):
         return independent(p["sd"], count)

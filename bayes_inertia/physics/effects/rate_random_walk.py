@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from bayes_inertia.physics.effects.scales import rate_axes
 from bayes_inertia.physics.parameters import LogNormal, scalar
 from bayes_inertia.physics.processes import Process
 from bayes_inertia.physics.random_basis import (
@@ -64,24 +65,25 @@ class RateRandomWalk(StochasticEffect):
     knots: int = 17
 
     def parameters(self, campaign):
-        median = self.median or campaign.rate_sensor.rate_random_walk
+        median = self.median or campaign.gyro.rate_random_walk
         if median is None:
-            sigma = float(np.max(campaign.rate_sensor.sigma))
+            sigma = float(np.max(campaign.gyro.sigma))
             median = sigma / np.sqrt(campaign.scale_of_motion()[1])
         return (scalar("density", unit="rad/s^1.5", prior=LogNormal(median, self.factor_sd)),)
 
     def coefficient_count(self, campaign):
-        return 3 * self.knots
+        return len(rate_axes(campaign)) * self.knots
 
     def coefficient_root(self, p, slew, count):
-        return on_each_axis(random_walk_root(p["density"], slew, self.knots), 3)
+        root = random_walk_root(p["density"], slew, self.knots)
+        return on_each_axis(root, count // self.knots)
 
     def covariance_across_slews(self, p, slews):
         return random_walk_covariance(p["density"], slews, self.knots)
 
     def signal(self, p, slew, t):
         hats = hat_functions(slew_fraction(slew, t), self.knots)
-        return on_axes(hats, p["coefficients"], 3)
+        return on_axes(hats, p["coefficients"], p["coefficients"].size // self.knots)
 
     def reading_noise(self, p):
         return Process("rate", p["density"], knots=self.knots)

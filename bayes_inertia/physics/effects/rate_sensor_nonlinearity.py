@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects.scales import rate_axes
 from bayes_inertia.physics.parameters import Normal, vector
 
 
@@ -38,10 +39,11 @@ class RateSensorNonlinearity(Effect):
             float(np.max(np.abs(s.rate), where=campaign.valid_readings(s), initial=0.0))
             for s in campaign.slews
         )
-        full = max(full, float(np.mean(campaign.rate_sensor.sigma)))
+        full = max(full, float(np.mean(campaign.gyro.sigma)))
+        axes, second, third = rate_axes(campaign), self.sigma / full, self.sigma / full**2
         return (
-            vector("quadratic", "xyz", unit="s/rad", prior=Normal(0.0, self.sigma / full)),
-            vector("cubic", "xyz", unit="s^2/rad^2", prior=Normal(0.0, self.sigma / full**2)),
+            vector("quadratic", axes, unit="s/rad", prior=Normal(0.0, second)),
+            vector("cubic", axes, unit="s^2/rad^2", prior=Normal(0.0, third)),
         )
 
     def looks_between_rows(self, campaign):

@@ -7,7 +7,10 @@ disturbances are stated as fractions of it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import axis_names
 from bayes_inertia.physics.parameters import LogNormal, Parameter, Prior, scalar, vector
 
 
@@ -30,6 +33,17 @@ def torque_scale(campaign: Campaign) -> float:
     """
     rate, duration, inertia = campaign.scale_of_motion()
     return inertia * rate / duration
+
+
+def rate_axes(campaign: Campaign | None) -> Sequence[str]:
+    """Names of the rate sensor's axes: x, y and z of three, else 1 to n; none without one.
+
+    Examples
+    --------
+    >>> rate_axes(None)
+    ('x', 'y', 'z')
+    """
+    return tuple("xyz") if campaign is None else axis_names(campaign.rate_sensor)
 
 
 def per_wheel(

@@ -22,8 +22,7 @@ _SAYS = (
 def basilisk_text(result: ExportedResult) -> str:
     """A Python snippet for a `spacecraft.Spacecraft()` called `scObject`."""
     rows = [f"    [{', '.join(row)}]," for row in tensor_digits(result, result.inertia_locked_B)]
-    factors = (result.parameter(f"K{i}") for i in (1, 2, 3))
-    K = ", ".join(guarded_digits(p.new, p.sd) for p in factors)
+    K = ", ".join(guarded_digits(p.new, p.sd) for p in result.scale_factors)
     return "\n".join(
         [
             *(f"# {line}" for line in comment_lines(result, *_SAYS)),
@@ -31,7 +30,7 @@ def basilisk_text(result: ExportedResult) -> str:
             "scObject.hub.IHubPntBc_B = [  # [kg*m^2]",
             *rows,
             "]",
-            "# the rate sensor reads w / K; K of its three axes:",
+            "# the rate sensor reads w / K; K of its axes:",
             f"rate_sensor_K = [{K}]",
             "",
         ]

@@ -19,7 +19,7 @@ from bayes_inertia.report.export.content import (
 )
 
 _NO_EPOCH = "EPOCH_TZERO is when this message was made: no entry depends on time"
-_NAMES = (*(f"I{key}" for key in PLACES), "K1", "K2", "K3")
+_ELEMENTS = tuple(f"I{key}" for key in PLACES)
 
 
 def ccsds_acm_text(result: ExportedResult) -> str:
@@ -56,13 +56,13 @@ def ccsds_acm_text(result: ExportedResult) -> str:
 
 
 def _scale_factors(result: ExportedResult) -> list[str]:
-    parameters = (result.parameter(name) for name in _NAMES[6:])
-    return [f"USER_DEFINED_{p.name} = {guarded_digits(p.new, p.sd)}" for p in parameters]
+    return [f"USER_DEFINED_{p.name} = {guarded_digits(p.new, p.sd)}" for p in result.scale_factors]
 
 
 def _covariances(result: ExportedResult) -> list[str]:
+    names = (*_ELEMENTS, *(p.name for p in result.scale_factors))
     return [
         f"USER_DEFINED_COV_{a}_{b} = {result.covariance[i, j]:.8e}"
-        for i, a in enumerate(_NAMES)
-        for j, b in enumerate(_NAMES[: i + 1])
+        for i, a in enumerate(names)
+        for j, b in enumerate(names[: i + 1])
     ]

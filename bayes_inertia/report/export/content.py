@@ -10,6 +10,7 @@ import numpy as np
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.report.formatting import number
 from bayes_inertia.report.layout import LAYOUT
+from bayes_inertia.report.verdict_sentence import is_scale_factor
 
 FORMAT = "bayes-inertia-export/1"
 
@@ -111,6 +112,11 @@ class ExportedResult:
     inertia_locked_B: np.ndarray
     correction: ExportedCorrection | None = None
     notes: tuple[str, ...] = ()
+
+    @property
+    def scale_factors(self) -> tuple[ExportedParameter, ...]:
+        """Those of K, one an axis of the rate sensor."""
+        return tuple(p for p in self.parameters if is_scale_factor(p.name))
 
     def parameter(self, name: str) -> ExportedParameter:
         """The parameter of a name."""

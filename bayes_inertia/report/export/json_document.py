@@ -23,7 +23,7 @@ def json_text(result: ExportedResult) -> str:
         "includes_wheel_spin": result.includes_wheel_spin,
         "J_kgm2": result.inertia_B.tolist(),
         "J_locked_kgm2": result.inertia_locked_B.tolist(),
-        "K": [result.parameter(f"K{i}").new for i in (1, 2, 3)],
+        "K": [p.new for p in result.scale_factors],
         "parameters": {
             p.name: {k: v for k, v in asdict(p).items() if k != "name"} for p in result.parameters
         },

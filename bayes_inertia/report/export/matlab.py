@@ -19,7 +19,7 @@ def matlab_text(result: ExportedResult) -> str:
         "campaign": _quoted(result.campaign),
         "J": _matrix(result.inertia_B),
         "J_locked": _matrix(result.inertia_locked_B),
-        "K": _matrix(np.array([[result.parameter(f"K{i}").new for i in (1, 2, 3)]])),
+        "K": _matrix(np.array([[p.new for p in result.scale_factors]])),
         "names": _cells(p.name for p in rows),
         "units": _cells(p.unit for p in rows),
         "old": _matrix(np.array([[p.old for p in rows]])),

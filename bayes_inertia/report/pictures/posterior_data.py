@@ -32,7 +32,8 @@ class ChannelSeries:
     spread : (slews, rows, components) array
         Standard deviation of the predictive draws, in the unit of the channel.
     residual : (slews, rows, components) array
-        Measured minus predicted at the optimum, in stated sigmas.
+        Measured minus predicted at the optimum, in stated sigmas; rotations where quaternions are
+        measured.
     """
 
     slews: list[str]
@@ -58,21 +59,25 @@ def channel_series(posterior: Posterior, name: str) -> ChannelSeries | None:
         return None
     draws = values_of(posterior, "posterior_predictive", name)
     draws = draws.reshape(-1, *draws.shape[2:])
-    residual = values_of(posterior, "estimate", f"residual_{name}").reshape(values.shape)
-    last = measured.dims[-1]
+    flat = values_of(posterior, "estimate", f"residual_{name}")
+    # Of quaternions, small rotations.
+    residual = flat.reshape(*values.shape[:2], -1)
+    valid = np.isfinite(values)
+    valid = valid if residual.shape == values.shape else valid.all(-1, keepdims=True)
+    rows, last = measured.dims[1:]
     components = (
         [str(wheel) for wheel in measured[last].values]
         if last == "wheel"
-        else [f"axis {i + 1}" for i in range(values.shape[-1])]
+        else [f"axis {i + 1}" for i in range(residual.shape[-1])]
     )
     return ChannelSeries(
         slews=[str(slew) for slew in measured["slew"].values],
         components=components,
-        time=values_of(posterior, "constant_data", "time"),
+        time=values_of(posterior, "constant_data", "time" if rows == "row" else f"{rows}_time"),
         measured=values,
         predicted=draws.mean(0, dtype=float),
         spread=draws.std(0, dtype=float),
-        residual=np.where(np.isfinite(values), residual, np.nan),
+        residual=np.where(valid, residual, np.nan),
     )
 
 

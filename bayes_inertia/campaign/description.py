@@ -1,0 +1,157 @@
+"""What `campaign.toml` says, in one form for both formats: hardware, columns, tables of slews."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+from bayes_inertia.campaign.actuators import Actuator, Magnetorquer
+from bayes_inertia.campaign.changes import Change
+from bayes_inertia.campaign.hardware import (
+    DirectionSensor,
+    InertiaPrior,
+    RateSensor,
+    StarTracker,
+    Wheel,
+)
+from bayes_inertia.campaign.schema import InertiaPart, MissionPart, StreamColumns, TimeColumn
+from bayes_inertia.errors import CampaignError
+
+# Where a slew has what is called otherwise.
+FIELDS: Mapping[str, str] = MappingProxyType(
+    {
+        "magnetic_field": "magnetic_field_N",
+        "position": "position_N",
+        "wheel_speed": "wheel_momentum",
+    }
+)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What some columns of the tables hold.
+
+    Parameters
+    ----------
+    key : str
+        Its kind, as an entry of `[columns]` of format 1: "rate", "wheel_torque", ...
+    field : str
+        Of `Slew`, where it goes; "more.NAME" for a further sensor, "inputs.NAME" for a device.
+    columns : object
+        Its names, unit, sense and clock: one of the forms of `[columns]`.
+    paths : tuple of str
+        Its key in the description, such as "columns.rate"; one a column where each has its own.
+    wheels : tuple of int
+        The wheels that the columns are of, counted from 0; empty: all, in their order.
+    """
+
+    key: str
+    field: str
+    columns: Any
+    paths: tuple[str, ...]
+    wheels: tuple[int, ...] = ()
+
+    @property
+    def path(self) -> str:
+        """Its key in the description, or the first of them."""
+        return self.paths[0]
+
+
+@dataclass(frozen=True)
+class SlewTables:
+    """One of `[[slews]]`: the table of each entry, by the entry's path, under `file` or `files`."""
+
+    name: str
+    start: float
+    axis: Sequence[float] | None
+    angle_deg: float | None
+    key: str
+    files: Mapping[str, str]
+
+    def file_of(self, entry: Entry) -> str | None:
+        """The table that holds an entry; None if this slew has none."""
+        return self.files.get(entry.path)
+
+    def tables(self) -> list[str]:
+        """The tables of the slew, each once."""
+        return list(dict.fromkeys(self.files.values()))
+
+
+@dataclass(frozen=True)
+class Description:
+    """The content of a `campaign.toml` of either format.
+
+    Parameters
+    ----------
+    name : str
+        The campaign.
+    time : TimeColumn
+        The time of every entry that has no other.
+    entries : tuple of Entry
+        What the tables hold.
+    slews : tuple of SlewTables
+        In which tables.
+    inertia, wheels, rate_sensor, star_tracker, mission, more_sensors, actuators, changes
+        As `Campaign` has them.
+    devices : mapping of str to str
+        What this file calls a table of format 1, such as "wheels"; empty in format 1.
+    """
+
+    name: str
+    time: TimeColumn
+    entries: tuple[Entry, ...]
+    slews: tuple[SlewTables, ...]
+    inertia: InertiaPrior
+    wheels: tuple[Wheel, ...]
+    rate_sensor: RateSensor | None
+    star_tracker: StarTracker | None
+    mission: tuple[tuple[str, str], ...]
+    more_sensors: tuple[tuple[str, Any], ...] = ()
+    actuators: tuple[Actuator, ...] = ()
+    changes: tuple[Change, ...] = ()
+    devices: Mapping[str, str] = MappingProxyType({})
+
+    def clock(self, entry: Entry) -> TimeColumn:
+        """The time of an entry."""
+        return self.time if entry.columns.time is None else entry.columns.time
+
+
+# Fields of hardware that the description calls otherwise.
+_RENAMED = {
+    "axis": "axis_B",
+    "boresight": "boresight_B",
+    "torques": "torque_B",
+    "gimbal_axes": "gimbal_axes_B",
+    "spin_axes_at_zero": "spin_axes_at_zero_B",
+}
+
+
+def stated_keys(part: Any) -> dict[str, Any]:
+    """The keys of a part of the description that are there."""
+    return {
+        key: value for key in type(part).model_fields if (value := getattr(part, key)) is not None
+    }
+
+
+def built(kind: Any, part: Any, label: str, was: str = "", now: str = "", **more: Any) -> Any:
+    """Hardware of a part; errors say `now` where the record's own key is `was`."""
+    stated = {k: v for k, v in stated_keys(part).items() if not isinstance(v, StreamColumns)}
+    left_out = ("type", "name") if kind in (RateSensor, StarTracker, DirectionSensor) else ("type",)
+    renamed = _RENAMED | ({"axes": "axes_B"} if kind is Magnetorquer else {})
+    given = {renamed.get(k, k): v for k, v in stated.items() if k not in left_out}
+    try:
+        return kind(**given, **more)
+    except CampaignError as error:
+        where = f"{label}, {error.where.replace(was, now) if was else error.where}"
+        raise CampaignError(error.what, where=where, advice=error.advice) from None
+
+
+def common(inertia: InertiaPart, mission: MissionPart | None, label: str) -> dict[str, Any]:
+    """What both formats say alike."""
+    stated = {} if mission is None else stated_keys(mission)
+    return {
+        "inertia": built(InertiaPrior, inertia, label),
+        "mission": tuple(stated.items()),
+    }
