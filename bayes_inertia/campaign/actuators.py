@@ -109,6 +109,9 @@ class Thruster:
         Prior sd of the factor, near 1, by which all torques are larger; 0: they are known.
     each_gain_sigma : float, optional
         Prior sd of a further factor of each thruster alone; 0: all are alike.
+    direction_sigma : float, optional
+        Prior sd of a small rotation of all torques about each body axis [rad]; 0: the directions
+        are known.
 
     Raises
     ------
@@ -125,6 +128,7 @@ class Thruster:
     torque_B: np.ndarray
     gain_sigma: float = 0.0
     each_gain_sigma: float = 0.0
+    direction_sigma: float = 0.0
 
     def __post_init__(self) -> None:
         _check(self)
@@ -208,7 +212,7 @@ Actuator = KnownTorque | Magnetorquer | Thruster | GimballedRotors
 def _check(device: Any) -> None:
     """Raise `CampaignError` unless the device has a name and its sds are possible."""
     require(bool(device.name), "actuators", "a device without a name", "give each device a name")
-    for key in ("gain_sigma", "each_gain_sigma", "angle_sigma"):
+    for key in ("gain_sigma", "each_gain_sigma", "direction_sigma", "angle_sigma"):
         sd = getattr(device, key, 0.0)
         good = bool(np.isfinite(sd)) and sd >= 0.0
         where = f"actuators.{device.name}.{key}"

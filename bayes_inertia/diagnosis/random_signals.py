@@ -332,10 +332,12 @@ def roots_at(model: Model, shape: float) -> list[CandidateRoots]:
     slews = model.data.contexts
     blocks = prior_roots(model.structure, theta, slews)
     active = model.structure.active_effects(jnp.asarray(theta))
+    # Devices of the campaign, which have no coefficients, stand before them.
+    pairs = zip(active, model.structure.coefficients, strict=False)
+    random = [(e, p) for (e, p), n in pairs if n and isinstance(e, StochasticEffect)]
     return [
         candidate_roots(effect, p, slews, np.asarray(own))
-        for (effect, p), own in zip(active, blocks, strict=True)
-        if isinstance(effect, StochasticEffect)
+        for (effect, p), own in zip(random, blocks, strict=True)
     ]
 
 

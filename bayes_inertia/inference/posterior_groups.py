@@ -244,6 +244,7 @@ def _attributes(estimate: Estimate, chains: Chains, context: FitContext) -> dict
         "includes_wheel_spin": model.structure.includes_wheel_spin,
         "drive": model.structure.drive,
         "wheels": model.structure.wheels,
+        "free_momenta": model.structure.free_momenta,
         "scale_of_J": ties_of_scale(model.campaign),
         "versions": {name: metadata.version(name) for name in _LIBRARIES},
     }

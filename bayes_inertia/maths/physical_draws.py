@@ -61,6 +61,8 @@ def draw_physical(
     True
     """
     rows = draw(n)
+    if not n:  # of a case too improbable for a draw
+        return rows
     taken_off = 0.0 if wheel_spin is None else wheel_spin
     for _ in range(rounds):
         bad = ~are_physical(rows[:, :6] - taken_off)

@@ -122,6 +122,7 @@ def limits_section(posterior: Posterior) -> Section:
         "channels": [c for c in ("attitude", "momentum") if c in predicted],
         "wheels": attributes.get("wheels", 3),
         "ties": tie_sentences(posterior),
+        "free_momenta": attributes.get("free_momenta", 0),
         "n_slews": n_slews(posterior),
         "listed": listed,
     }

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.physical_draws import draw_physical
 
 _from_chart = jax.jit(inertia_tensor.from_chart)
 _to_chart = jax.jit(inertia_tensor.to_chart)
@@ -100,3 +101,7 @@ def test_wheel_spin_is_added_along_the_wheel_axes():
     spin = inertia_tensor.wheel_spin_tensor(jnp.asarray(axes), jnp.array([1e-3, 2e-3]))
     expected = 1e-3 * np.outer(axes[:, 0], axes[:, 0]) + 2e-3 * np.outer(axes[:, 1], axes[:, 1])
     np.testing.assert_allclose(spin, expected, rtol=1e-14)
+
+
+def test_no_draws_of_a_case_that_is_too_improbable():
+    assert draw_physical(lambda n: np.ones((n, 9)), 0).shape == (0, 9)

@@ -11,6 +11,7 @@ import pytest
 from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magnetorquer, Thruster
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.inputs import InputStream
+from bayes_inertia.diagnosis.random_signals import roots_at
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.active_effects import ActiveEffects
@@ -19,6 +20,7 @@ from bayes_inertia.physics.actuators.gimballed_rotors import momentum_noise
 from bayes_inertia.physics.channels import channels_of
 from bayes_inertia.physics.check_effect import check_effect
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects import RateRandomWalk, TorqueNoise
 from bayes_inertia.physics.effects.magnetic_dipole import MagneticDipole
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.packing import pack
@@ -131,6 +133,23 @@ def test_thrusters_by_on_times_are_the_torque_that_they_make():
         np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-13)
 
 
+def test_thrusters_that_are_turned_and_stronger_are_told_as_such():
+    torque_B = 0.01 * np.eye(3)[:2]
+    held = InputStream([0.0], [[0.3, 0.7]])
+    doubted = campaign_with(Thruster("jets", torque_B, 0.0, 0.05, 0.02), held)
+    model = Model(doubted)
+    assert model.space.names[9:] == (
+        *(f"jets.each_gain_{k}" for k in (1, 2)),
+        *(f"jets.direction_{k}" for k in "xyz"),
+    )
+    theta = np.append(model.space.mean[:9], [1.1, 0.9, 0.0, 0.0, 0.02])
+    told = np.array([0.3 * 1.1, 0.7 * 0.9]) @ torque_B
+    told = told + np.cross([0.0, 0.0, 0.02], told)
+    same = campaign_with(KnownTorque("jets"), InputStream([0.0], [told]))
+    for ours, theirs in zip(predicted(doubted, (), theta), predicted(same), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-13)
+
+
 def test_a_held_dipole_is_the_residual_dipole():
     dipole = np.array([0.3, -0.2, 0.5])
     axes = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
@@ -204,6 +223,16 @@ def test_gains_are_parameters_where_they_are_in_doubt():
     assert doubted.effects == ()
     assert doubted.space.mean[9] == 1.0
     assert doubted.space.sd[9] == 0.02
+
+
+def test_random_effects_stand_beside_devices_and_the_noise_of_their_inputs():
+    angles = InputStream(np.arange(64.0), np.zeros((64, 1)), "line")
+    rotor = GimballedRotors("one", 0.5, np.eye(3)[:1], np.eye(3)[1:2], angle_sigma=1e-4)
+    both = (RateRandomWalk(), TorqueNoise())
+    alone = roots_at(Model(small_campaign(), both), 0.0)
+    beside = roots_at(Model(campaign_with(rotor, angles), both), 0.0)
+    for first, second in zip(alone, beside[:2], strict=True):
+        np.testing.assert_array_equal(first.blocks, second.blocks)
 
 
 def test_an_effect_of_your_own_looks_up_an_input_by_name():
