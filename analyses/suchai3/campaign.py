@@ -44,6 +44,11 @@ class Setup:
         4 degrees makes them.
     gyro_y_sigma : float
         Prior sd of K2 around the ratio of the spins that magnetometer and gyro see.
+    mounting_sigma : float
+        Of the magnetometer's axes against the gyro's [rad].
+    every : int
+        Of the session of 90 minutes each so many-th slew is taken; it would weigh as much as all
+        others together.
     """
 
     magnetometer_sigma: float = 5e-7
@@ -51,6 +56,8 @@ class Setup:
     relative_sigma: float = 0.03
     product_sigma: float = 0.002
     gyro_y_sigma: float = 0.002
+    mounting_sigma: float = 0.05
+    every: int = 3
 
 
 def campaign(setup: Setup | None = None) -> Campaign:
@@ -64,6 +71,7 @@ def campaign(setup: Setup | None = None) -> Campaign:
         whole = imported.campaign
     epoch = np.datetime64("1970-01-01") + np.timedelta64(int(_first_stamp()), "s")
     whole = whole.subset([k for k, slew in enumerate(whole.slews) if not _saturated(slew)])
+    whole = whole.subset(_thinned(whole, setup.every))
     field_S, offset_S = _magnetometer(whole)
     slews = [
         replace(slew, more={"magnetometer": values - offset_S})
@@ -75,6 +83,7 @@ def campaign(setup: Setup | None = None) -> Campaign:
         offset_sigma=0.1 * GAUSS,
         scale_sigma=0.1,
         soft_iron_sigma=0.05,
+        mounting_sigma=setup.mounting_sigma,
     )
     known = replace(
         whole,
@@ -124,6 +133,18 @@ def _first_stamp() -> float:
 def _saturated(slew: bi.Slew) -> bool:
     """Whether an axis stands still at a reading."""
     return bool(np.any(np.ptp(np.asarray(slew.rate), axis=0) == 0.0))
+
+
+def _thinned(campaign: Campaign, every: int) -> list[int]:
+    """Slews, each so many-th of a session of more than an hour."""
+    starts = np.array([slew.start for slew in campaign.slews])
+    session = np.append(0, np.cumsum(np.diff(starts) > 3600.0))
+    kept: list[int] = []
+    for number in np.unique(session):
+        slews = np.flatnonzero(session == number)
+        is_long = starts[slews[-1]] - starts[slews[0]] > 3600.0
+        kept += slews[:: every if is_long else 1].tolist()
+    return kept
 
 
 def _magnetometer(campaign: Campaign) -> tuple[list[np.ndarray], np.ndarray]:
