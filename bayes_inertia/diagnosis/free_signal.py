@@ -133,8 +133,10 @@ def _integrals_at_rows(response: TorqueResponse, splines: np.ndarray) -> np.ndar
     return integrals[np.arange(len(integrals))[:, None], sample]
 
 
-def rate_reading(fit: LinearisedFit, response: TorqueResponse) -> SignalBasis:
-    """Build the basis of an error of the rate sensor's readings, sensor axes."""
+def rate_reading(fit: LinearisedFit, response: TorqueResponse) -> SignalBasis | None:
+    """Build the basis of an error of the rate sensor's readings, sensor axes; None without one."""
+    if response.estimate.model.campaign.rate_sensor is None:
+        return None
     white = _factors(response, "rate")
     scale = float(np.max(response.estimate.model.campaign.gyro.sigma))
     return _reading(fit, ("rate sensor", "rad/s"), fit.channels["rate"], white, scale)

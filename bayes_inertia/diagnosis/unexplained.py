@@ -93,6 +93,12 @@ def _slope(rate_B: np.ndarray, time: np.ndarray) -> np.ndarray:
     return np.concatenate([slope, slope[:, -1:]], axis=1)
 
 
+def _along_axes(driver: np.ndarray, axes: int) -> np.ndarray:
+    """Signals (slews, n, axes, k axes): each component of a driver (slews, n, k) on each axis."""
+    along = np.einsum("snk,ij->snikj", driver, np.eye(axes))
+    return along.reshape(*driver.shape[:2], axes, -1)
+
+
 def driven_columns(
     response: TorqueResponse,
 ) -> Iterator[tuple[tuple[str, str], np.ndarray]]:
@@ -101,7 +107,7 @@ def driven_columns(
     Returns: (source, driver) with each; the source is "body torque" or "rate sensor".
     """
     campaign = response.estimate.model.campaign
-    torque_size = torque_scale(campaign)
+    torque_size, sensor = torque_scale(campaign), campaign.rate_sensor
     rate_size = LIMITS.rate_error_share * campaign.scale_of_motion()[0]
     for name, values in drivers(response).items():
         rms = np.sqrt(np.mean(values**2, axis=(0, 1)))
@@ -110,11 +116,12 @@ def driven_columns(
         # Component by component along each axis: unit values are one rms of the driver.
         moving = rms > LIMITS.negligible_component * rms.max()
         scaled = values[..., moving] / rms[moving]
-        along = np.einsum("snk,ij->snikj", scaled, np.eye(3))
-        along = along.reshape(*scaled.shape[:2], 3, -1)
+        along = _along_axes(scaled, 3)
         change = response.residual_change(torque_size * along)
         yield ("body torque", name), change
-        yield ("rate sensor", name), response.reading_change("rate", rate_size * along)
+        if sensor is not None:
+            along = _along_axes(scaled, len(sensor.axes))
+            yield ("rate sensor", name), response.reading_change("rate", rate_size * along)
 
 
 def driven_evidence(response: TorqueResponse, fit: LinearisedFit) -> dict[tuple[str, str], float]:
@@ -241,7 +248,7 @@ def _better_signal(
         return None
     bases = [build(fit, response) for build in (rate_reading, wheel_torque, momentum_reading)]
     signals = [infer_signal(fit, basis) for basis in bases if basis is not None]
-    best = max(signals, key=lambda s: s.log_evidence)
+    best = max(signals, key=lambda s: s.log_evidence, default=torque)
     return best if best.log_evidence > torque.log_evidence + LIMITS.sensor_margin else None
 
 
