@@ -6,12 +6,14 @@
 A law is as strong as an ideal test, which knows it, finds in 99 % of campaigns at the level of one
 library effect, times 1, 3, ... The size comes from two flights of the second simulator with the
 same noise, with and without the law; what a fit moves is projected off their difference. Appends to
-`results/naming/formulas.jsonl`, a line a campaign; with --page, writes `formulas.md`.
+`results/naming/formulas.jsonl`, a line a campaign; goes on where it stopped; with --page, writes
+`formulas.md`.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 from dataclasses import replace
 from time import process_time
@@ -158,13 +160,14 @@ def main() -> None:
     parser.add_argument("--times", nargs="+", type=float, default=[1.0])
     parser.add_argument("--page", action="store_true")
     options = parser.parse_args()
-    for seed in options.seeds:
-        for times in options.times:
-            for law in options.laws:
-                row = row_of(law, seed, times)
-                print(law, seed, times, outcome(row), f"{row['seconds']:.0f} s", flush=True)
-                with ROWS.open("a") as file:
-                    file.write(json.dumps(row) + "\n")
+    wanted = itertools.product(options.seeds, options.times, options.laws)
+    known = [json.loads(line) for line in ROWS.read_text().splitlines()]
+    flown = {(row["seed"], row["times"], row["law"]) for row in known}
+    for seed, times, law in (case for case in wanted if case not in flown):
+        row = row_of(law, seed, times)
+        print(law, seed, times, outcome(row), f"{row['seconds']:.0f} s", flush=True)
+        with ROWS.open("a") as file:
+            file.write(json.dumps(row) + "\n")
     if options.page:
         write_atomically(FOLDER / "formulas.md", page())
 

@@ -45,7 +45,7 @@ def clean_campaign(index: int, tachometers: bool) -> dict:
     fit, response = begin.estimate.linearised(), torque_response(begin.estimate)
     effects = STOCHASTIC_CANDIDATES
     linear = linear_model(begin.estimate, (), begin.estimate.objective)
-    members = random_members(linear, begin.estimate, effects, nameless=False)
+    members = random_members(linear, response, effects, nameless=False)
     weighed = stochastic_candidates(linear, begin.estimate, effects)
     rng = np.random.default_rng(index)
     weighed = with_p_values(weighed, effects, members, fit, response, rng)

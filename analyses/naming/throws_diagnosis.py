@@ -2,6 +2,7 @@
 
     python -m analyses.naming.throws_diagnosis [--data ../shared/data/delft] [--only NAME] [--draw]
     python -m analyses.naming.throws_diagnosis --command [--only NAME]
+    python -m analyses.naming.throws_diagnosis --halves [--only NAME]
 
 writes `results/naming/throws_diagnosis.md` and `.json` and `figures/throws_diagnosis.png`.
 
@@ -21,7 +22,7 @@ all throws: its gain is too large by a few units. At the lowest frequency tried 
 throw) it is no ringing but stands for anything slow.
 
 With `--command` the command itself is run on each configuration (`throws_command`); the page begins
-with what it says.
+with what it says. With `--halves` each half of the throws is diagnosed alone (`throws_halves`).
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ import numpy as np
 
 from analyses import results_of
 from analyses.naming.throws_command import command_row
+from analyses.naming.throws_halves import halves_of
 from analyses.naming.throws_linear import LinearThrows, Term, scores, search
 from analyses.naming.throws_page import picture, report
 from bayes_inertia.campaign.campaign import Campaign
@@ -146,6 +148,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data" / "delft")
     parser.add_argument("--only", choices=CONFIGURATIONS)
     parser.add_argument("--command", action="store_true", help="run the command on each body")
+    parser.add_argument("--halves", action="store_true", help="diagnose halves of the throws")
     parser.add_argument("--draw", action="store_true", help="draw again what is in the results")
     arguments = parser.parse_args()
     if not arguments.data.is_dir():
@@ -162,8 +165,10 @@ def main() -> None:
         row = known.get(name, {})
         if arguments.command and row:
             row["command"] = command_row(folder)
+        elif arguments.halves and row:
+            row["halves"] = halves_of(folder)
         else:
-            kept = {"command": row["command"]} if "command" in row else {}
+            kept = {key: row[key] for key in ("command", "halves") if key in row}
             row = diagnose_configuration(folder) | kept
         known[name] = row
         rows = [known[n] for n in CONFIGURATIONS if n in known]

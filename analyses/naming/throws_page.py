@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from analyses.naming.throws_command import command_lines
+from analyses.naming.throws_halves import halves_lines
 from analyses.pages.table import table_lines
 from bayes_inertia.report.pictures import style
 
@@ -35,6 +36,7 @@ def report(rows: list[dict]) -> str:
         "# Bodies thrown by hand: what disturbs them",
         "",
         *command_lines(rows),
+        *halves_lines(rows),
         "## Each effect of the library, judged on throws held out",
         "",
         *_INTRODUCTION,

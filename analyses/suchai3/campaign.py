@@ -70,7 +70,7 @@ def campaign(setup: Setup | None = None) -> Campaign:
         for slew, values in zip(whole.slews, field_S, strict=True)
     ]
     sensor = DirectionSensor(
-        setup.magnetometer_sigma,
+        (setup.magnetometer_sigma,) * 3,
         unit="T",
         offset_sigma=0.1 * GAUSS,
         scale_sigma=0.1,
@@ -84,7 +84,7 @@ def campaign(setup: Setup | None = None) -> Campaign:
     )
     ratio, _ = spin_ratio(known)
     gyro = replace(
-        known.rate_sensor,
+        known.gyro,
         scale_factor=(1.0, ratio, 1.0),
         scale_factor_sigma=(0.03, setup.gyro_y_sigma, 0.03),
     )
@@ -105,8 +105,8 @@ def spin_ratio(campaign: Campaign) -> tuple[float, float]:
     """
     gyro, seen = [], []
     for slew in campaign.slews:
-        rate, time = float(np.nanmean(slew.rate[:, 1])), slew.time
-        field = slew.more["magnetometer"][:, [0, 2]]
+        rate, time = float(np.nanmean(np.asarray(slew.rate)[:, 1])), slew.time
+        field = (slew.more or {})["magnetometer"][:, [0, 2]]
         known = np.isfinite(field).all(axis=1)
         wave = field[known] - field[known].mean(axis=0)
         tried = np.abs(rate) * np.linspace(0.95, 1.05, 2001)
@@ -123,7 +123,7 @@ def _first_stamp() -> float:
 
 def _saturated(slew: bi.Slew) -> bool:
     """Whether an axis stands still at a reading."""
-    return bool(np.any(np.ptp(slew.rate, axis=0) == 0.0))
+    return bool(np.any(np.ptp(np.asarray(slew.rate), axis=0) == 0.0))
 
 
 def _magnetometer(campaign: Campaign) -> tuple[list[np.ndarray], np.ndarray]:

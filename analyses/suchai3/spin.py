@@ -80,11 +80,12 @@ class History:
 def spin_history(flown: Campaign, parameters: dict[str, dict[str, float]]) -> Spin:
     """Spins of the sessions, by the gyro's y axis."""
     K = parameters["K2"]["mean"]
-    time, spin = [], []
+    time: list[float] = []
+    spin: list[float] = []
     for slew in flown.slews:
         if not time or slew.start - time[-1] > _APART:
             time.append(slew.start)
-            spin.append(K * float(np.nanmean(slew.rate[:, 1])) / DEGREE)
+            spin.append(K * float(np.nanmean(np.asarray(slew.rate)[:, 1])) / DEGREE)
     stamp = float(np.min(read_raw(TELEMETRY).columns["unix_utc_s"].values))
     day = np.array(time) / _DAY
     epoch, motion = _mean_motion()

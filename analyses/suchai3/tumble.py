@@ -2,8 +2,8 @@
 
     python -m analyses.suchai3.tumble
 
-One fit of all sessions (gyro and magnetometer, free rotation), one of those of 2023 and one of those
-of 2024. Without wheels or a known torque only ratios of J can be had. It writes
+One fit of all sessions (gyro and magnetometer, free rotation), one of those of 2023, and one of
+those of 2024. Without wheels or a known torque only ratios of J can be had. It writes
 `results/suchai3/tumble.json`, `tumble.md` and `figures/suchai3.svg`. Ten minutes.
 """
 
@@ -25,6 +25,7 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.forward_model import Model
 
+_QUANTILES = {"low": 0.05, "median": 0.5, "high": 0.95}
 DRAWS, SEED = 20_000, 3
 _BEFORE_2024 = 1.0e7  # [s] after the first session, between those of 2023 and 2024
 RESULTS = results_of(__file__)
@@ -45,7 +46,7 @@ class Ratios:
     def summary(self) -> dict[str, dict[str, float]]:
         """Median and 90 % interval of each."""
         return {
-            name: dict(zip(("low", "median", "high"), np.quantile(values, [0.05, 0.5, 0.95])))
+            name: dict(zip(_QUANTILES, np.quantile(values, list(_QUANTILES.values())), strict=True))
             for name, values in self.draws.items()
         }
 
@@ -94,7 +95,8 @@ def _dispersion(found: Estimate) -> dict[str, float] | None:
 def main() -> None:
     """Fit, and write the page."""
     flown = campaign(Setup())
-    early = [slew.start < _BEFORE_2024 for slew in flown.slews]
+    first = flown.slews[0].start
+    early = [slew.start - first < _BEFORE_2024 for slew in flown.slews]
     parts = {
         "all sessions": flown,
         "sessions of 2023": flown.subset([k for k, is_early in enumerate(early) if is_early]),

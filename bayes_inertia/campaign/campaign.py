@@ -234,6 +234,27 @@ class Campaign:
         kept = {"", *(slew.name for slew in slews)}
         return replace(self, slews=slews, dirt=tuple(d for d in self.dirt if d.slew in kept))
 
+    def without_locked_wheels(self) -> Campaign:
+        """The same campaign where locked wheels are parts of the body, as a model takes them.
+
+        Returns
+        -------
+        Campaign
+            Without these wheels and their columns; itself if none is locked.
+        """
+        kept = [k for k, wheel in enumerate(self.wheels) if wheel.state != "locked"]
+        if len(kept) == len(self.wheels):
+            return self
+        keys = ("wheel_torque", "wheel_momentum", "lost_command_sd")
+        slews = []
+        for slew in self.slews:
+            given = {key: getattr(slew, key) for key in keys}
+            columns = {k: x[:, kept] for k, x in given.items() if x is not None}
+            # Without any wheel nothing was lost of its commands.
+            bare = dict.fromkeys((*columns, "lost_command"))
+            slews.append(replace(slew, **(columns if kept else bare)))
+        return replace(self, wheels=tuple(self.wheels[k] for k in kept), slews=tuple(slews))
+
     def dirt_of(self, slew: str) -> tuple[Dirt, ...]:
         """Records of one slew.
 

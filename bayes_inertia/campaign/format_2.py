@@ -12,6 +12,7 @@ from bayes_inertia.campaign.schema import (
     AngleUnit,
     AttitudeColumns,
     DipoleUnit,
+    FieldUnit,
     InertiaPart,
     LevelUnit,
     MagneticFieldColumns,
@@ -238,6 +239,44 @@ class AttitudeDevice(StarTrackerPart):
     )
 
 
+class DirectionColumns(StreamColumns):
+    """`direction` of a sensor: three components in body axes; a field has a unit."""
+
+    names: Names3 = Field(description=_NAMES + "three components in body axes")
+    frame: Literal["body"]
+    unit: FieldUnit | None = None
+    stream: str | None = None
+
+
+class ReferenceColumns(StreamColumns):
+    """`reference` of a direction that changes: three components in inertial axes."""
+
+    names: Names3 = Field(description=_NAMES + "three components in inertial axes")
+    frame: Literal["inertial"]
+    unit: FieldUnit | None = None
+    stream: str | None = None
+    between: Literal["line"] = "line"
+
+
+class DirectionDevice(Part):
+    """One of `[[sensors]]`: a Sun sensor, magnetometer or horizon sensor."""
+
+    type: Literal["direction"]
+    name: str = Field(description='name = "..."')
+    sigma: OneOrMore = Field(
+        description="sigma = the white noise of a reading: of a direction [rad], of a field [T]"
+    )
+    direction: DirectionColumns = Field(
+        description='direction = { stream = "...", names = ["...", "...", "..."], '
+        'frame = "body" }, of a field with unit = "T"'
+    )
+    reference_N: Vector3 | None = None
+    reference: ReferenceColumns | None = None
+    offset_sigma: float | None = None
+    scale_sigma: float | None = None
+    soft_iron_sigma: float | None = None
+
+
 class FieldVector(MagneticFieldColumns):
     """`vector` of a magnetic field."""
 
@@ -274,7 +313,7 @@ class PositionDevice(Part):
 
 OtherActuator = TorqueDevice | MagnetorquerDevice | ThrusterDevice | RotorsDevice
 Actuator = Annotated[WheelDevice | OtherActuator, Field(discriminator="type")]
-Sensor = Annotated[RateDevice | AttitudeDevice, Field(discriminator="type")]
+Sensor = Annotated[RateDevice | AttitudeDevice | DirectionDevice, Field(discriminator="type")]
 Environment = Annotated[FieldDevice | PositionDevice, Field(discriminator="type")]
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -190,6 +190,9 @@ def _require_physical(tensor: np.ndarray) -> None:
     )
 
 
+WheelState = Literal["running", "free", "locked"]
+
+
 @dataclass(frozen=True)
 class Wheel:
     """One reaction or momentum wheel.
@@ -208,11 +211,15 @@ class Wheel:
         Largest momentum relative to the body [N m s]; None where unknown.
     momentum_sigma : float, optional
         Noise of the tachometer's momentum per sample [N m s]; None without tachometer.
+    state : "running", "free" or "locked", optional
+        What the rotor does: its motor drives it; it spins freely; or it turns with the body, as a
+        part of it: then J includes its spin inertia, and neither its tachometer nor its commands
+        count.
 
     Raises
     ------
     CampaignError
-        If the axis is no unit vector, or a number is not positive.
+        If the axis is no unit vector, a number is not positive, or the state unknown.
 
     Examples
     --------
@@ -226,8 +233,13 @@ class Wheel:
     max_torque: float | None = None
     max_momentum: float | None = None
     momentum_sigma: float | None = None
+    state: WheelState = "running"
 
     def __post_init__(self) -> None:
+        states = get_args(WheelState)
+        what = f"{self.state!r} is unknown"
+        known = self.state in states
+        require(known, f"wheels.{self.name}.state", what, f"choose one of {', '.join(states)}")
         object.__setattr__(self, "axis_B", unit_vector(self.axis_B, f"wheels.{self.name}.axis"))
         require_positive(self.spin_inertia, f"wheels.{self.name}.spin_inertia")
         for key in ("max_torque", "max_momentum", "momentum_sigma"):

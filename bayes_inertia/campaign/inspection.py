@@ -45,8 +45,28 @@ def with_dirt_masked(campaign: Campaign) -> Campaign:
                     dirt.append(fault.record(stream.name, slew.name))
                     slew = stream.masked(slew, fault.mask) if fault.masks else slew
         slews.append(slew)
-    treated = replace(campaign, slews=tuple(slews))
+    treated, resting = _with_resting_wheels_locked(replace(campaign, slews=tuple(slews)))
+    dirt += resting
     return replace(treated, dirt=(*dirt, *_quantised(treated)))
+
+
+def _with_resting_wheels_locked(campaign: Campaign) -> tuple[Campaign, list[Dirt]]:
+    """The campaign where wheels that are off, though nobody says so, are locked; a record each."""
+    wheels, dirt = list(campaign.wheels), []
+    for k, wheel in enumerate(wheels):
+        columns = [
+            [x[:, k] for s in campaign.slews if (x := getattr(s, key)) is not None]
+            for key in ("wheel_momentum", "wheel_torque")
+        ]
+        if wheel.state != "running" or not stuck.always_zero(*columns):
+            continue
+        wheels[k] = replace(wheel, state="locked")
+        note = (
+            f"{wheel.name} reads exactly 0 in every row and is never commanded: taken as locked; "
+            f'state = "locked" says so'
+        )
+        dirt.append(Dirt("stuck", "momentum", "", (), "modelled", note))
+    return (replace(campaign, wheels=tuple(wheels)) if dirt else campaign), dirt
 
 
 def _quantised(campaign: Campaign) -> list[Dirt]:

@@ -12,10 +12,11 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.commands import with_known_torques, without_impossible_torques
-from bayes_inertia.campaign.description import Description, SlewTables, parse_description
+from bayes_inertia.campaign.description import Description, SlewTables
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.limits import LIMITS
+from bayes_inertia.campaign.parsed_description import parse_description
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import located, parts_of, with_known_momentum
 from bayes_inertia.campaign.streams import (

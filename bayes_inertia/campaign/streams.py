@@ -27,7 +27,7 @@ from bayes_inertia.campaign.schema import (
     TorqueColumns,
     to_si,
 )
-from bayes_inertia.campaign.sensors import BY_KEY
+from bayes_inertia.campaign.sensors import BY_KEY, KINDS_BY_KEY
 from bayes_inertia.campaign.sensors.sensor_stream import (
     SensorStream,
     all_empty,
@@ -272,9 +272,9 @@ def _of_jitter(rows: StreamRows, record: Dirt, slope: StampSlope) -> StreamRows:
 
 def sensor_of(entry: Entry) -> SensorStream | None:
     """The sensor whose readings an entry holds, if there is one."""
-    sensor = BY_KEY.get(entry.key)
-    further = entry.field.startswith(MORE)
-    return type(sensor)(entry.field.removeprefix(MORE)) if sensor and further else sensor
+    if entry.field.startswith(MORE):
+        return KINDS_BY_KEY[entry.key](entry.field.removeprefix(MORE))
+    return None if entry.field.startswith(INPUTS) else BY_KEY.get(entry.key)
 
 
 def counted_once(slews: Sequence[Sequence[StreamRows]]) -> list[list[StreamRows]]:
@@ -285,17 +285,16 @@ def counted_once(slews: Sequence[Sequence[StreamRows]]) -> list[list[StreamRows]
     result = [list(streams) for streams in slews]
     entries = {entry.path: entry for streams in slews for rows in streams
                for entry in rows.stream.entries}  # fmt: skip
-    kinds = list(BY_KEY)
-    for entry in sorted(
-        (e for e in entries.values() if e.key in kinds), key=lambda e: kinds.index(e.key)
-    ):
-        sensor = sensor_of(entry)
-        assert sensor is not None
+    kinds = list({**BY_KEY, **KINDS_BY_KEY})
+    read = [(sensor, entry) for entry in entries.values() if (sensor := sensor_of(entry))]
+    for sensor, entry in sorted(read, key=lambda pair: kinds.index(pair[1].key)):
         places = [(i, k) for i, streams in enumerate(result) for k, rows in enumerate(streams)
                   if entry.path in (e.path for e in rows.stream.entries)]  # fmt: skip
         names = entry.columns.names
         series = [(result[i][k].stamps, result[i][k].table.stack(names)) for i, k in places]
-        found = held_readings(series, by_axis=sensor.is_series)
+        # A vector is whole or missing.
+        by_axis = sensor.is_series and entry.key != "direction"
+        found = held_readings(series, by_axis=by_axis)
         for (i, k), held in zip(places, found, strict=True):
             if held is not None:
                 result[i][k] = _without_repeats(result[i][k], names, held, sensor.name)
@@ -370,7 +369,9 @@ def _input(table: Table, stream: Stream, entry: Entry) -> InputStream:
     time = to_si(table.columns[stream.time.names[0]], "time", stream.time.unit)
     names = entry.columns.names
     refuse_half_empty_rows(table, names, "fill the row, or leave all its cells empty")
-    values = to_si(table.stack(names), entry.key, entry.columns.unit)
+    values = table.stack(names)
+    # A direction has no unit.
+    values = to_si(values, entry.key, entry.columns.unit) if entry.columns.unit else values
     given = np.isfinite(values).all(axis=1)
     try:
         return InputStream(time[given] + stream.offset_s, values[given], entry.columns.between)

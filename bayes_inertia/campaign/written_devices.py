@@ -11,6 +11,7 @@ import numpy as np
 
 from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magnetorquer, Thruster
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import DirectionSensor
 from bayes_inertia.campaign.sensors import SensorStream, streams_of
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import MORE
@@ -96,10 +97,12 @@ def streams_for(
     channels = {c: word(c.removeprefix(MORE)) if c in partial else TELEMETRY for c in columns}
     taken = {TELEMETRY, *channels.values()}
     inputs: dict[str, str] = {}
-    for k, device in enumerate(campaign.actuators):
-        stream = word(device.name)
-        inputs[device.name] = f"{stream}_{k + 1}" if stream in taken else stream
-        taken.add(inputs[device.name])
+    seen = {name for slew in campaign.slews for name in slew.inputs or ()}
+    names = [device.name for device in campaign.actuators]
+    names += [name for name, _ in campaign.more_sensors if name in seen]
+    for k, name in enumerate(names):
+        inputs[name] = f"{word(name)}_{k + 1}" if word(name) in taken else word(name)
+        taken.add(inputs[name])
     return Streams(channels, inputs)
 
 
@@ -112,6 +115,9 @@ def input_tables(slew: Slew, streams: Streams, number: str) -> dict[str, Table]:
         raise OutputError(what, where=f"slew {slew.name}", advice=advice)
     tables = {}
     for device, stream in streams.inputs.items():
+        if device not in (slew.inputs or {}):
+            what, advice = f"{device} has no input here", "give it in every slew"
+            raise OutputError(what, where=f"slew {slew.name}", advice=advice)
         given = (slew.inputs or {})[device]
         columns = {f"{stream}_{k + 1}": column for k, column in enumerate(given.values.T)}
         columns = {"t_s": given.time, **columns}
@@ -139,7 +145,7 @@ def devices(
     return {
         "actuators": [*_wheels(campaign, columns, entry),
                       *(_actuator(campaign, device, streams) for device in campaign.actuators)],
-        "sensors": _sensors(campaign, columns, entry),
+        "sensors": _sensors(campaign, columns, entry, streams),
         "environment": [
             {"name": key.replace("_", " "), "type": key, "vector": said}
             for key, said in (entry(c) for c in columns if c.endswith("_N"))
@@ -162,7 +168,9 @@ def _wheels(campaign: Campaign, columns: Mapping[str, Sequence[str]], entry: Any
     return parts
 
 
-def _sensors(campaign: Campaign, columns: Mapping[str, Sequence[str]], entry: Any) -> list[dict]:
+def _sensors(
+    campaign: Campaign, columns: Mapping[str, Sequence[str]], entry: Any, streams: Streams
+) -> list[dict]:
     first = [("rate", "rate sensor", campaign.rate_sensor),
              ("attitude", "star tracker", campaign.star_tracker)]  # fmt: skip
     further = [(MORE + name, name, hardware) for name, hardware in campaign.more_sensors]
@@ -171,6 +179,14 @@ def _sensors(campaign: Campaign, columns: Mapping[str, Sequence[str]], entry: An
         if channel in columns:
             key, said = entry(channel)
             stated = dict(vars(hardware))
+            if isinstance(hardware, DirectionSensor):
+                unit = {"unit": "T"} if stated.pop("unit") else {}
+                said |= {"frame": "body", **unit}
+                if name in streams.inputs:
+                    stream = streams.inputs[name]
+                    names = [f"{stream}_{k + 1}" for k in range(3)]
+                    seen = {"stream": stream, "names": names, "frame": "inertial", **unit}
+                    stated["reference"] = seen
             stated |= {"boresight": stated.pop("boresight_B")} if "boresight_B" in stated else {}
             parts.append({"name": name, "type": key, **stated, key: said})
     return parts

@@ -20,8 +20,9 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.description import Description, parse_description
+from bayes_inertia.campaign.description import Description
 from bayes_inertia.campaign.inspection import with_dirt_masked
+from bayes_inertia.campaign.parsed_description import parse_description
 from bayes_inertia.campaign.reader import read_unmasked
 from bayes_inertia.campaign.schema import UNITS
 from bayes_inertia.campaign.sensors import BY_KEY, SensorStream

@@ -6,6 +6,6 @@ nothing explains, and J and K of every row.
 
 `search` leads through it: from a clean start (`clean_start`) everything that may be missing is one
 linear model (`linear_system`), every set of it one row (`hypothesis_table`), weighed again around
-the best (`table_search`) and read (`table_verdict`) by the `Rules`. `residuals` shows where the fit
+the best and read by the `Rules` (`table_search`). `residuals` shows where the fit
 disagrees, `unexplained` what is left, `quoted_parameters` what could hide.
 """

@@ -15,20 +15,20 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.hypothesis_table import log_evidence_of_columns
 from bayes_inertia.diagnosis.result import FormulaSearch, FormulaTerm
-from bayes_inertia.diagnosis.torque_response import TorqueResponse, changes_of, torque_response
-from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.diagnosis.torque_response import TorqueResponse, changes_of
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.device_arrays import repeated
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effects.formula import (
-    DRIVERS,
     PLACES,
+    Driver,
     Formula,
+    driver_of,
     driver_values,
+    drivers_known,
     knows,
 )
 from bayes_inertia.physics.parameters import N_BASE
@@ -38,10 +38,10 @@ from bayes_inertia.physics.slew_context import State
 _RESPONSE_HOOK = {"wheel_torque": "delivered_torque"}
 
 
-def search_formulas(estimate: Estimate) -> FormulaSearch:
+def search_formulas(response: TorqueResponse) -> FormulaSearch:
     """Weigh every term of the grammar at a fit; what it holds is projected off."""
-    fit = estimate.linearised()
-    return weighed(projected(block, fit) for block in blocks(torque_response(estimate)))
+    fit = response.estimate.linearised()
+    return weighed(projected(block, fit) for block in blocks(response))
 
 
 @array_dataclass
@@ -67,63 +67,91 @@ def blocks(response: TorqueResponse) -> Iterator[Block]:
     """Place by place and driver by driver."""
     campaign, structure = response.estimate.model.campaign, response.estimate.model.structure
     wheels = len(campaign.wheels)
-    for key, driver in DRIVERS.items():
-        if not _known(campaign, key):
+    for key, wheel, values, middle in drivers(response):
+        rms = float(np.sqrt(np.mean(values**2, axis=(0, 1)).max()))
+        if not rms > 0.0:
             continue
-        for wheel in range(wheels if driver.of_one_wheel else 1):
-            values = _along(response, key, wheel)
-            rms = float(np.sqrt(np.mean(values**2, axis=(0, 1)).max()))
-            if not rms > 0.0:
+        for name, place in PLACES.items():
+            if not _allowed(name, key, wheels, structure.drive):
                 continue
-            for name, place in PLACES.items():
-                if not _allowed(name, key, wheels, structure.drive):
-                    continue
-                if name == "rate_error" and structure.n_base != N_BASE:
-                    continue  # Its three components are those of three sensor axes.
-                formula = Formula(name, key, "full", wheel=wheel, rms=rms)
-                rows = wheels if place.rows == "wheels" else 3
-                size = place.size(campaign) / rms
-                columns = _columns(response, name, size * values, rows)
-                if columns.any():
-                    yield Block(formula, (rows, values.shape[-1]), columns)
+            if name == "rate_error" and structure.n_base != N_BASE:
+                continue  # Its three components are those of three sensor axes.
+            formula = Formula(name, key, "full", wheel=wheel, rms=rms, middle=middle)
+            rows = wheels if place.rows == "wheels" else 3
+            columns = _columns(response, name, place.size(campaign) / rms * values, rows)
+            if columns.any():
+                yield Block(formula, (rows, values.shape[-1]), columns)
 
 
-def _known(campaign: Campaign, key: str) -> bool:
-    """Whether a campaign tells a driver in every slew."""
-    driver = DRIVERS[key]
-    if (driver.columns == "wheels" or driver.of_one_wheel) and not campaign.wheels:
-        return False
-    if driver.commands and not campaign.has_commands:
-        return False
-    return all(getattr(s, need) is not None for s in campaign.slews for need in driver.needs)
+class Followed(NamedTuple):
+    """What a disturbance may follow, along all slews.
+
+    `key` of the driver, `wheel` where it is that of one; `values` (slews, n, k) on the integration
+    grid, SI units, less `middle`.
+    """
+
+    key: str
+    wheel: int
+    values: np.ndarray
+    middle: float
+
+
+def drivers(response: TorqueResponse) -> Iterator[Followed]:
+    """Everything in proportion to which a disturbance may be: one list for all that ask."""
+    campaign = response.estimate.model.campaign
+    for key in drivers_known(campaign):
+        driver = driver_of(key)
+        for wheel in range(len(campaign.wheels) if driver.of_one_wheel else 1):
+            values, middle = _along(response, driver, wheel), 0.0
+            if driver.inputs and driver.columns == "one":
+                # Counted from zero a temperature would not differ from a constant.
+                middle = float(f"{np.mean(values):.6g}")
+            yield Followed(key, wheel, values - middle, middle)
 
 
 def _allowed(place: str, key: str, wheels: int, drive: str) -> bool:
     """Whether a place goes with a driver."""
-    driver = DRIVERS[key]
+    driver = driver_of(key)
     if not knows(place, key):
         return False
     if PLACES[place].rows == "wheels":
         # Where tachometers drive the model, torques on the wheels do nothing.
-        return wheels > 0 and drive == "commanded" and not driver.of_one_wheel and not driver.needs
+        return wheels > 0 and drive == "commanded" and not (driver.of_one_wheel or driver.needs)
     if place == "inertial_torque":
         return driver.columns in ("one", "wheels")
     return True
 
 
-def _along(response: TorqueResponse, key: str, wheel: int) -> np.ndarray:
+def _along(response: TorqueResponse, driver: Driver, wheel: int) -> np.ndarray:
     """A driver along all slews (slews, n, k) of the integration grid."""
     data = response.estimate.model.data
     n = response.time.shape[1]
     contexts, slews = data.contexts, data.arrays.slews
     path = response.attitude, response.rate_B, response.wheel_momentum
     field, position = (np.asarray(x) for x in slews.environment)
+    inputs = [_input_along(response, name) for name in driver.inputs]
     shape = contexts.time.shape
-    padded = [repeated(x, shape[1]) for x in (*path, field, position)]
-    attitude, rate_B, momentum, field, position = padded
+    padded = [repeated(x, shape[1]) for x in (*path, field, position, *inputs)]
+    attitude, rate_B, momentum, field, position, *told = padded
     eye = np.broadcast_to(np.eye(3), (*shape, 3, 3))
-    states = State(attitude, rate_B, momentum, np.zeros((*shape, 0)), eye, field, position)  # type: ignore[arg-type]
-    return driver_values(DRIVERS[key], wheel, contexts, states, np.asarray(contexts.time))[:, :n]
+    own = eye, field, position, dict(zip(driver.inputs, told, strict=True))
+    states = State(attitude, rate_B, momentum, np.zeros((*shape, 0)), *own)  # type: ignore[arg-type]
+    return driver_values(driver, wheel, contexts, states, np.asarray(contexts.time))[:, :n]
+
+
+def _input_along(response: TorqueResponse, name: str) -> np.ndarray:
+    """A stream of `Slew.inputs` (slews, n, k) on the integration grid."""
+    found = []
+    for slew, grid in zip(response.estimate.model.campaign.slews, response.time, strict=True):
+        edges, first, last = slew.inputs[name].pieces()  # type: ignore[index]
+        t = slew.time[0] + grid
+        piece = np.searchsorted(edges, t, side="right")
+        begin, end = np.append(-np.inf, edges)[piece], np.append(edges, np.inf)[piece]
+        inside = np.isfinite(begin) & np.isfinite(end)
+        length = np.where(inside, end - begin, 1.0)
+        share = np.where(inside, t - np.where(inside, begin, 0.0), 0.0) / length
+        found.append(first[piece] + share[:, None] * (last[piece] - first[piece]))
+    return np.stack(found)
 
 
 def _columns(response: TorqueResponse, place: str, values: np.ndarray, rows: int) -> np.ndarray:
@@ -135,7 +163,9 @@ def _columns(response: TorqueResponse, place: str, values: np.ndarray, rows: int
             quaternion.to_body(jnp.asarray(response.attitude)[:, :, None], jnp.eye(3)[None, None])
         )
         unit = np.einsum("snji,snjk->snik", turn, unit)
-    hook = PLACES[place].hook
+    hook, sensor = PLACES[place].hook, response.estimate.model.campaign.rate_sensor
+    if hook == "rate_output" and sensor is not None and len(sensor.axes) != 3:
+        unit = np.einsum("ij,snjk->snik", sensor.axes, unit)
     return changes_of(response, {_RESPONSE_HOOK.get(hook, hook): unit}, unit.shape[-1])
 
 
@@ -199,7 +229,7 @@ def _terms(block: Block) -> Iterator[tuple[Formula, np.ndarray]]:
     if columns > 1:
         for j in range(columns):
             yield _form(block, "column", column=j), unit[:, j].T
-    kinds = PLACES[block.formula.place].rows, DRIVERS[block.formula.driver].columns
+    kinds = PLACES[block.formula.place].rows, driver_of(block.formula.driver).columns
     if rows == columns > 1 and kinds[0] == kinds[1]:
         own = np.arange(rows)
         diagonal = unit[own, own].T

@@ -9,16 +9,14 @@ is integrated out with it, so that no torque is claimed which J, K, start states
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from scipy import linalg, stats
 from scipy.interpolate import make_interp_spline
 from scipy.optimize import minimize_scalar
 
+from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.diagnosis.limits import LIMITS
-from bayes_inertia.diagnosis.torque_response import TorqueResponse
-from bayes_inertia.inference.channel_rows import ChannelRows
+from bayes_inertia.diagnosis.torque_response import TorqueResponse, changes_of
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effects.scales import torque_scale
@@ -79,105 +77,39 @@ def cardinal_splines(times: np.ndarray, time: np.ndarray) -> np.ndarray:
     return make_interp_spline(time, np.eye(len(time)), k=3)(np.clip(times, time[0], time[-1]))
 
 
-def body_torque(fit: LinearisedFit, response: TorqueResponse) -> SignalBasis:
-    """Build the basis of an external torque on the body, body axes."""
-    scale = torque_scale(response.estimate.model.campaign)
-    time = knots(fit, 3)
-
-    def torque_B(shape: np.ndarray) -> np.ndarray:
-        unit = np.einsum("snk,ij->snikj", shape, scale * np.eye(3))
-        return unit.reshape(*shape.shape[:2], 3, -1)
-
-    columns = _torque_columns(response, torque_B, _splines_on_grid(response, time))
-    return SignalBasis("body torque", "N m", time, columns, 3, scale)
+# Where a signal may enter: hook and unit. The rate sensor's is in its own axes.
+_SOURCES = {
+    "body torque": ("body_torque", "N m"),
+    "wheel torque": ("delivered_torque", "N m"),
+    "rate sensor": ("rate_output", "rad/s"),
+    "tachometers": ("momentum_output", "N m s"),
+}
+_OF_WHEELS = ("wheel torque", "tachometers")
 
 
-def wheel_torque(fit: LinearisedFit, response: TorqueResponse) -> SignalBasis | None:
-    """Build the basis of a torque between body and wheels beyond the commanded one.
+def signal_basis(fit: LinearisedFit, response: TorqueResponse, source: str) -> SignalBasis | None:
+    """Build the basis of a signal; one component a wheel or a body axis.
 
-    Returns: in N m, counted on the wheel, one component a wheel; None where wheels are not
-    predicted.
+    Returns: none for what acts in wheels that are not predicted, or in no rate sensor.
     """
-    campaign, momentum = response.estimate.model.campaign, fit.channels["momentum"]
-    if not momentum.valid.any():
+    campaign, (hook, unit) = response.estimate.model.campaign, _SOURCES[source]
+    of_wheels, sigma = source in _OF_WHEELS, np.array(RATE.sigma(campaign), float)
+    components = {"rate sensor": len(sigma)}.get(source, len(campaign.wheels) if of_wheels else 3)
+    if components == 0 or (of_wheels and not fit.channels["momentum"].valid.any()):
         return None
-    scale, wheels = torque_scale(campaign), len(campaign.wheels)
-    time = knots(fit, wheels)
-    splines = _splines_on_grid(response, time)
-
-    def torque_B(shape: np.ndarray) -> np.ndarray:
-        unit = np.einsum("snk,iw->snikw", shape, -scale * campaign.wheel_axes_B)
-        return unit.reshape(*shape.shape[:2], 3, -1)
-
-    columns = _torque_columns(response, torque_B, splines)
-    # The wheel's own momentum takes up the torque.
-    white = _factors(response, "momentum")
-    taken_up = scale * np.einsum(
-        "snw,snk,wv->snwkv", white, _integrals_at_rows(response, splines), np.eye(wheels)
-    )
-    columns[:, momentum.part] += taken_up.reshape(*taken_up.shape[:1], -1, columns.shape[-1])
-    return SignalBasis("wheel torque", "N m", time, columns, wheels, scale)
-
-
-def _integrals_at_rows(response: TorqueResponse, splines: np.ndarray) -> np.ndarray:
-    """Integrals over time (slews, rows, k) of splines (slews, n, k) on the integration grid."""
-    step = np.diff(response.time, axis=1)[..., None]
-    integrals = np.concatenate(
-        [
-            np.zeros_like(splines[:, :1]),
-            np.cumsum(0.5 * (splines[:, 1:] + splines[:, :-1]) * step, axis=1),
-        ],
-        axis=1,
-    )
-    sample = np.asarray(response.estimate.model.data.arrays.telemetry.sample)
-    return integrals[np.arange(len(integrals))[:, None], sample]
-
-
-def rate_reading(fit: LinearisedFit, response: TorqueResponse) -> SignalBasis | None:
-    """Build the basis of an error of the rate sensor's readings, sensor axes; None without one."""
-    if response.estimate.model.campaign.rate_sensor is None:
-        return None
-    white = _factors(response, "rate")
-    scale = float(np.max(response.estimate.model.campaign.gyro.sigma))
-    return _reading(fit, ("rate sensor", "rad/s"), fit.channels["rate"], white, scale)
-
-
-def momentum_reading(fit: LinearisedFit, response: TorqueResponse) -> SignalBasis | None:
-    """Build the basis of an error of the tachometers' readings.
-
-    Returns: in N m s, one component a wheel; None where wheels are not predicted.
-    """
-    momentum, white = fit.channels["momentum"], _factors(response, "momentum")
-    if not momentum.valid.any():
-        return None
-    diagonal = white[..., None] * np.eye(white.shape[-1])
-    scale = max(w.momentum_sigma or 0.0 for w in response.estimate.model.campaign.wheels)
-    return _reading(fit, ("tachometers", "N m s"), momentum, diagonal, scale)
-
-
-def _factors(response: TorqueResponse, channel: str) -> np.ndarray:
-    """What whitens one channel's readings."""
-    estimate = response.estimate
-    return np.asarray(estimate.white[estimate.model.structure.place(channel)].factors)
-
-
-def _reading(
-    fit: LinearisedFit,
-    source_and_unit: tuple[str, str],
-    rows: ChannelRows,
-    white: np.ndarray,
-    scale: float,
-) -> SignalBasis:
-    """An error of one channel's readings, whitened by `white` (slews, rows, c, c)."""
-    width = white.shape[-1]
-    time = knots(fit, width)
-    splines = np.stack(
-        [cardinal_splines(times, t) for times, t in zip(rows.time, time, strict=True)]
-    )
-    readings = scale * np.einsum("snij,snk->snikj", white, splines)
-    columns = np.zeros((*fit.residual.shape, time.shape[1] * width))
-    columns[:, rows.part] = readings.reshape(len(time), -1, columns.shape[-1])
-    return SignalBasis(*source_and_unit, time, columns, width, scale)
+    scale = {
+        "rate_output": float(np.max(sigma, initial=0.0)),
+        "momentum_output": max((w.momentum_sigma or 0.0 for w in campaign.wheels), default=0.0),
+    }.get(hook) or torque_scale(campaign)
+    time = knots(fit, components)
+    splines, parts = _splines_on_grid(response, time), []
+    for start in range(0, splines.shape[-1], LIMITS.knots_at_a_time):
+        some = splines[..., start : start + LIMITS.knots_at_a_time]
+        units = np.einsum("snk,ij->snikj", some, scale * np.eye(components))
+        units = units.reshape(*some.shape[:2], components, -1)
+        # What the data gain is what the residuals of the model without it gain.
+        parts.append(-changes_of(response, {hook: units}, units.shape[-1]))
+    return SignalBasis(source, unit, time, np.concatenate(parts, -1), components, scale)
 
 
 def _splines_on_grid(response: TorqueResponse, time: np.ndarray) -> np.ndarray:
@@ -189,20 +121,6 @@ def _splines_on_grid(response: TorqueResponse, time: np.ndarray) -> np.ndarray:
             for grid, t0, t in zip(response.time, first, time, strict=True)
         ]
     )
-
-
-def _torque_columns(
-    response: TorqueResponse, torque_B: Callable[[np.ndarray], np.ndarray], splines: np.ndarray
-) -> np.ndarray:
-    """Changes of the residuals by the torques on the body that belong to splines."""
-    parts = []
-    for start in range(0, splines.shape[-1], LIMITS.knots_at_a_time):
-        change = response.residual_change(
-            torque_B(splines[..., start : start + LIMITS.knots_at_a_time])
-        )
-        # What the data gain is what the residuals of the model without it gain.
-        parts.append(-change)
-    return np.concatenate(parts, -1)
 
 
 @array_dataclass

@@ -201,8 +201,10 @@ class Limits:
     # Independent trials a frequency tried: simulated maxima ask for 1.0 to 2.0.
     trials_a_frequency: float = 2.0
     # Random signals
-    # Correlation times tried [prior sd from the median].
-    shapes: tuple[float, ...] = (-2.0, -1.0, 0.0, 1.0, 2.0)
+    # Correlation times tried [prior sd from the median]: a twentieth of a slew to three ...
+    shapes: tuple[float, ...] = (-2.0, -1.0, 0.0, 1.0, 2.0, 4.0)
+    # ... of which those up to here end within a slew: nine tenths of one.
+    longest_in_slew: float = 2.0
     # Shortest length of a smooth signal, as a share of the knots' spacing ...
     shortest: float = 0.7
     # ... and how many lengths are tried up to the whole slew.

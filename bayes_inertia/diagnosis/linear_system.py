@@ -38,10 +38,10 @@ from bayes_inertia.diagnosis.random_signals import (
     dense,
     forms_of,
     imitated_share,
+    largest_size,
     parameters_at,
     projected_signal,
     roots_at,
-    settings_of,
     smooth_roots,
     source_of,
     usable,
@@ -256,7 +256,7 @@ def _projecting(estimate: Estimate, own: np.ndarray) -> LinearisedFit:
 
 def random_members(
     linear: LinearModel,
-    estimate: Estimate,
+    response: TorqueResponse,
     effects: Sequence[StochasticEffect],
     *,
     nameless: bool = True,
@@ -267,7 +267,7 @@ def random_members(
     `driven`: whether a shape may follow something known; not where formulas say what it follows.
     """
     forget_surplus(PROGRAMS)
-    response, fit = torque_response(estimate), linear.fit
+    fit = linear.fit
     numbers = fit.residual.size
     shapes = (TachometerShape(),) if nameless else ()
     both = (*usable(effects, fit.model, numbers), *usable(shapes, fit.model, numbers))
@@ -321,7 +321,7 @@ def stochastic_candidates(
     linear: LinearModel, estimate: Estimate, effects: Sequence[StochasticEffect]
 ) -> tuple[StochasticCandidate, ...]:
     """Weigh effects without a fixed shape at a fit, best evidence first."""
-    members = random_members(linear, estimate, effects, nameless=False)
+    members = random_members(linear, torque_response(estimate), effects, nameless=False)
     found = [candidate_of(m, float(logsumexp(log_evidence_of_random(m)))) for m in members]
     return tuple(sorted(found, key=lambda c: -c.log_bayes_factor))
 
@@ -338,24 +338,22 @@ def _random(
 
     `kept`: whether bases are, from which campaigns are simulated.
     """
-    tried, largest = settings_of(effect, model)
-    own, tried = forms_of(effect, roots, tried)
-    forms = [_signal(signal, root, largest, kept=kept) for root in own]
+    own, largest = forms_of(effect, model, roots), largest_size(effect, model)
+    forms = [_signal(signal, root, largest, kept=kept) for root in own.roots]
     starts = [
         parameters_at(model, effect, size, shape)
-        for form, shape in zip(forms, tried, strict=True)
+        for form, shape in zip(forms, own.shapes, strict=True)
         for size in form.sizes
     ]
-    odds = -0.5 * tried**2
-    return RandomMember(effect.name, forms, odds, source_of(effect), np.array(starts))
+    return RandomMember(effect.name, forms, own.log_odds, source_of(effect), np.array(starts))
 
 
 def _free(
     effect: StochasticEffect, model: Model, signal: _Projected, roots: Sequence[CandidateRoots]
 ) -> list[tuple[Signal, float]]:
     """Smooth signals where an effect on knots enters, and such that repeat in every slew."""
-    _, largest = settings_of(effect, model)
-    smooth = smooth_roots(roots[len(roots) // 2].blocks)
+    largest = largest_size(effect, model)
+    smooth = smooth_roots(roots[LIMITS.shapes.index(0.0)].blocks)
     same = signal.repeated()
     forms = [_signal(signal, dense(root), largest) for root in smooth]
     forms += [_signal(same, dense(root[:1]), largest) for root in smooth]

@@ -28,7 +28,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -341,26 +341,47 @@ def roots_at(model: Model, shape: float) -> list[CandidateRoots]:
     ]
 
 
-def forms_of(
-    effect: StochasticEffect, roots: Sequence[CandidateRoots], shapes: np.ndarray
-) -> tuple[list[np.ndarray], np.ndarray]:
-    """Roots of all forms that an effect may have, and their shapes [prior sd].
+class Forms(NamedTuple):
+    """What a random effect may look like.
 
-    An error of the rates that is one draw a slew, as a drift that restarts, may be the same in all
+    `roots`: of unit size; `shapes` [prior sd] and `log_odds` of each.
+    """
+
+    roots: list[np.ndarray]
+    shapes: np.ndarray
+    log_odds: np.ndarray
+
+
+def forms_of(effect: StochasticEffect, model: Model, roots: Sequence[CandidateRoots]) -> Forms:
+    """All forms that an effect may have; `roots` are its own at each of `LIMITS.shapes`.
+
+    What goes on between slews, such as a gyro's bias, may last longer than a slew, and may begin
+    anew in each, where it was measured before: a stationary process is the neighbour of a walk. An
+    error of the rates that is one draw a slew, as a drift that restarts, may be the same in all
     slews: both are as probable. The star tracker's is `star_tracker_shift` then.
     """
-    forms = [own.best for own in roots[: len(shapes)]]
-    if roots[0].blocks.shape[-1] > 1 or not effect.acts("rate_output"):
-        return forms, shapes
-    return [*forms, *(own.repeated for own in roots[: len(shapes)])], np.tile(shapes, 2)
-
-
-def settings_of(effect: StochasticEffect, model: Model) -> tuple[np.ndarray, float]:
-    """The shapes to try [prior sd], and the largest size in medians."""
-    part = model.space.slice_of(effect.name)
-    scale = float(np.asarray(model.space.constants()["scale"])[part.start])
+    part, lasts = model.space.slice_of(effect.name), roots[0].across is not None
     shapes = np.array(LIMITS.shapes) if part.stop - part.start > 1 else np.zeros(1)
-    return shapes, float(np.exp(LIMITS.largest_random_size * scale))
+    shapes = shapes if lasts else shapes[shapes <= LIMITS.longest_in_slew]
+    on = [own.best for own in roots[: len(shapes)]]
+    # A time that nobody stated is a guess: beyond what is thought of all are as probable.
+    odds = -0.5 * np.minimum(shapes, LIMITS.longest_in_slew) ** 2
+    if lasts:
+        long = (shapes == shapes[-1]) | (shapes >= LIMITS.longest_in_slew)
+        other = [dense(own.anew) for own, kept in zip(roots, long, strict=False) if kept]
+    elif roots[0].blocks.shape[-1] == 1 and effect.acts("rate_output"):
+        long = np.full(len(shapes), True)
+        other = [own.repeated for own in roots[: len(shapes)]]
+    else:
+        return Forms(on, shapes, odds)
+    more = odds[long] + logsumexp(odds) - logsumexp(odds[long])
+    return Forms([*on, *other], np.append(shapes, shapes[long]), np.append(odds, more))
+
+
+def largest_size(effect: StochasticEffect, model: Model) -> float:
+    """The largest size that the prior of an effect has, in medians."""
+    scale = np.asarray(model.space.constants()["scale"])[model.space.slice_of(effect.name).start]
+    return float(np.exp(LIMITS.largest_random_size * scale))
 
 
 def source_of(effect: StochasticEffect) -> str:
@@ -399,6 +420,11 @@ class CandidateRoots:
     def each(self) -> np.ndarray:
         """Of each slew (slews, b m, b m), where slews are independent."""
         return dense(self.blocks)
+
+    @property
+    def anew(self) -> np.ndarray:
+        """Of the process less its first value in each slew (slews, b, m, m)."""
+        return self.blocks - self.blocks[..., :1, :]
 
     @property
     def repeated(self) -> np.ndarray:

@@ -333,7 +333,8 @@ class Diagnosis:
     named : tuple of str
         Effects added.
     ambiguous_with : tuple of tuple of str
-        Sets of effects, the named one first, that this campaign cannot tell apart.
+        Sets of effects, the named one first, that this campaign cannot tell apart; "nothing",
+        last, where the effect may as well not be there.
     candidates : tuple of Candidate
         All candidates, scored at the base fit, best evidence first.
     threshold : float

@@ -5,7 +5,7 @@ library, random signals and shapes without a name have their log evidence from o
 (`linear_system`, `hypothesis_table`); the best row is refitted, and all are weighed again around it
 (`table_search`); the noise is measured again beside it, until it stays. A score test whose
 threshold is simulated guards the rate of false alarms. Verdict, steps, J and K of every row are
-read off (`table_verdict`).
+read off there.
 """
 
 from __future__ import annotations
@@ -53,25 +53,23 @@ from bayes_inertia.diagnosis.result import (
 from bayes_inertia.diagnosis.score_test import log_evidence_of_fit
 from bayes_inertia.diagnosis.table_search import (
     SHAPELESS,
+    Reading,
     Table,
     fit_of,
     fixed_part,
     given_row,
+    hypotheses_of,
+    read_table,
     table_of,
+    unexplained_reading,
     with_evidence,
     with_stochastic,
     without_effects,
 )
-from bayes_inertia.diagnosis.table_verdict import (
-    Reading,
-    hypotheses_of,
-    read_table,
-    unexplained_reading,
-)
-from bayes_inertia.diagnosis.torque_response import torque_response
+from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import move_to, re_estimate
-from bayes_inertia.inference.settings import OPEN_VERDICTS
+from bayes_inertia.inference.settings import NOTHING, OPEN_VERDICTS
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
@@ -79,9 +77,6 @@ from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 from bayes_inertia.progress import Progress, silent
-
-# What stands in place of the effects named where there are none.
-_NOTHING = "nothing"
 
 
 @dataclass(frozen=True)
@@ -165,12 +160,17 @@ def _alternatives(table: Table, reading: Reading, added: str) -> tuple[Alternati
     tests = table.refitted[frozenset()].tests
     found = []
     for other in own[1:]:
-        rows = [row for row in table.rows if other in row and added not in row]
+        rows = [row for row in table.rows if added not in row and _stands(other, row, reading)]
         lead = table.log_evidence[rows[0]] - table.log_evidence[reading.row] if rows else -np.inf
         known = added in tests.names and other in tests.names
         correlation = tests.correlation_between(added, other) if known else np.nan
         found.append(AlternativeEffect(other, float(lead), float(correlation)))
     return tuple(found)
+
+
+def _stands(other: str, row: Names, reading: Reading) -> bool:
+    """Whether a row has something, or nothing, in place of an effect named."""
+    return row < reading.row if other == NOTHING else other in row
 
 
 def _count(effects: CandidateEffects, stochastic: Sequence[StochasticEffect]) -> int:
@@ -199,9 +199,8 @@ def _scored(
     )
     random = _beside(table, frozenset())
     if not any(c.p_value < threshold for c in ranked) and p_values_decide(random):
-        response, fit = torque_response(first.estimate), first.linear.fit
-        own = rng.spawn(1)[0]
-        random = with_p_values(random, stochastic, first.random, fit, response, own)
+        fit, own = first.linear.fit, rng.spawn(1)[0]
+        random = with_p_values(random, stochastic, first.random, fit, first.response, own)
     rows = (*ranked, *as_candidates(random))
     return tuple(sorted(rows, key=lambda row: -row.log_bayes_factor)), threshold
 
@@ -311,7 +310,7 @@ def other_rows(table: Table, named: Names) -> tuple[AlternativeParameters, ...]:
     """J and K of all rows but that of the effects named; many improbable ones are one row."""
     space = table.refitted[frozenset()].estimate.model.space
     names = space.names[: space.n_base]
-    instead_of = " and ".join(sorted(named)) or _NOTHING
+    instead_of = " and ".join(sorted(named)) or NOTHING
     rows = []
     for row, probability in table.rows.items():
         if row != named and probability > LIMITS.negligible_probability:
@@ -470,7 +469,7 @@ def with_formulas(
         if now.reading.verdict == "consistent" or (found and now.reading.verdict == "named"):
             break
         say("weighing formulas", 0, 0)
-        searches = [search_formulas(fit) for fit in _fits(now)]
+        searches = [search_formulas(response) for response in _responses(now)]
         search = max(searches, key=lambda s: s.log_evidence)
         if search.log_evidence < -np.log(rules.false_alarm_probability):
             break
@@ -516,12 +515,12 @@ def _contested(weighed: Weighed, search: FormulaSearch, rules: Rules) -> bool:
     return search.terms[0].log_weight + single > named - rules.log_evidence_margin
 
 
-def _fits(weighed: Weighed) -> list[Estimate]:
+def _responses(weighed: Weighed) -> list[TorqueResponse]:
     """Fits at which formulas are looked for: without effects, and with what is named in part."""
-    fits = [weighed.begin.base]
+    fits = [weighed.table.refitted[frozenset()].response]
     fixed = not any(isinstance(e, StochasticEffect) for e in weighed.final.model.effects)
     part = fixed and weighed.reading.named and weighed.reading.verdict in OPEN_VERDICTS
-    return [*fits, weighed.final] if part else fits
+    return [*fits, torque_response(weighed.final)] if part else fits
 
 
 def _with_candidates(begin: CleanStart, effects: CandidateEffects) -> CleanStart:

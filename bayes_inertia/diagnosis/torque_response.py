@@ -235,17 +235,18 @@ def changes_of(response: TorqueResponse, units: Mapping[str, np.ndarray], count:
         taken = np.einsum("iw,snwk->snik", axes_B, momentum)
         gyroscopic = np.cross(response.rate_B[..., None], taken, axis=2)
         torque_B = -np.einsum("iw,snwk->snik", axes_B, delivered) - gyroscopic
-    if torque_B is None:
+    if torque_B is None and not units:
         torque_B = np.zeros((*response.time.shape, 3, count))
-    columns = response.residual_change(torque_B)
+    parts = [response.residual_change(torque_B)] if torque_B is not None else []
     if "rate_output" in units:
         factors = estimate.theta[6 : estimate.model.n_base]
-        columns -= response.reading_change("rate", units["rate_output"] / factors[:, None])
+        error = units["rate_output"] / factors[:, None]
+        parts.append(-response.reading_change("rate", error))
     if "attitude_output" in units:
-        columns -= response.reading_change("attitude", units["attitude_output"])
+        parts.append(-response.reading_change("attitude", units["attitude_output"]))
     if momentum is not None:
-        columns -= response.reading_change("momentum", momentum)
-    return columns
+        parts.append(-response.reading_change("momentum", momentum))
+    return sum(parts[1:], start=parts[0])
 
 
 def _integral(held: np.ndarray, time: np.ndarray) -> np.ndarray:
@@ -304,7 +305,7 @@ def _value(
         state = State(q, rate_B, momentum, states, jnp.eye(3), nothing, nothing)
         return effect.body_torque(p, slew, t, state)
 
-    return jax.vmap(torque)(*motion)
+    return jax.vmap(torque)(*motion[:-1])
 
 
 # What is compiled for each effect and size of slew.

@@ -15,29 +15,27 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
 
+from bayes_inertia.campaign.sensors.rate import RATE
+from bayes_inertia.diagnosis.formulas import drivers
 from bayes_inertia.diagnosis.free_signal import (
     FreeSignal,
-    body_torque,
     infer_signal,
-    momentum_reading,
-    rate_reading,
-    wheel_torque,
+    signal_basis,
 )
 from bayes_inertia.diagnosis.hypothesis_table import log_evidence_of_columns
 from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
-from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.physics.effects.formula import DRIVERS, driver_of
 from bayes_inertia.physics.effects.scales import torque_scale
 
-CONSTANT = "constant in the body"
-COMMAND = "commanded wheel torque"
-CAMPAIGN_TIME = "time in the campaign"
+CONSTANT, COMMAND, CAMPAIGN_TIME = (
+    DRIVERS[key].words for key in ("constant", "wheel_commands", "campaign_time")
+)
 # What effects of the library follow with the same freedom: constant_torque, wheel_torque_gain with
 # wheel_misalignment, rate_bias and rate_bias_drift.
 DRIVEN_BY_LIBRARY = (
@@ -48,55 +46,13 @@ DRIVEN_BY_LIBRARY = (
 )
 
 
-def drivers(response: TorqueResponse) -> dict[str, np.ndarray]:
-    """List what a disturbance may be proportional to.
+def told_drivers(response: TorqueResponse) -> dict[str, np.ndarray]:
+    """What a disturbance may be proportional to and a sentence can say.
 
-    Returns: {name: (slews, n, k) array} on the integration grid, in SI units.
+    Returns: {words: (slews, n, k) array} on the integration grid, in SI units.
     """
-    campaign = response.estimate.model.campaign
-    slews = response.estimate.model.data.arrays.slews
-    rate_B, time = response.rate_B, response.time
-    speed = np.linalg.norm(rate_B, axis=-1, keepdims=True)
-    # From the middle: counted from an epoch it would not differ from a constant.
-    since_middle = (
-        time + np.array([s.start for s in campaign.slews])[:, None] - 0.5 * sum(campaign.span)
-    )
-    known = {
-        CONSTANT: np.ones_like(speed),
-        "body rate": rate_B,
-        "square of the body rate": speed**2,
-        "products of body rates": np.stack(
-            [rate_B[..., i] * rate_B[..., j] for i in range(3) for j in range(i + 1)], -1
-        ),
-        "angular acceleration": _slope(rate_B, time),
-        "time in the slew": time[..., None],
-        CAMPAIGN_TIME: since_middle[..., None],
-    }
-    if campaign.wheels:
-        known["wheel momentum"] = response.wheel_momentum
-        known["square of the wheel momentum"] = response.wheel_momentum**2
-        if campaign.has_commands:
-            known[COMMAND] = np.asarray(slews.context.torque)
-    if all(s.magnetic_field_N is not None for s in campaign.slews):
-        known["magnetic field"] = np.asarray(
-            quaternion.to_body(jnp.asarray(response.attitude), slews.environment.magnetic_field_N)
-        )
-    return known
-
-
-def _slope(rate_B: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Angular acceleration (slews, n, 3); zero in padding."""
-    step = np.diff(time, axis=1)[..., None]
-    slope = np.divide(
-        np.diff(rate_B, axis=1), step, out=np.zeros_like(rate_B[:, 1:]), where=step > 0.0
-    )
-    return np.concatenate([slope, slope[:, -1:]], axis=1)
-
-
-def _along_axes(driver: np.ndarray, axes: int) -> np.ndarray:
-    """Signals (slews, n, axes, k axes): each component of a driver (slews, n, k) on each axis."""
-    along = np.einsum("snk,ij->snikj", driver, np.eye(axes))
-    return along.reshape(*driver.shape[:2], axes, -1)
+    told = {driver_of(d.key).words: d.values for d in drivers(response) if driver_of(d.key).words}
+    return {words: values for words, values in told.items() if values.any()}
 
 
 def driven_columns(
@@ -107,21 +63,22 @@ def driven_columns(
     Returns: (source, driver) with each; the source is "body torque" or "rate sensor".
     """
     campaign = response.estimate.model.campaign
-    torque_size, sensor = torque_scale(campaign), campaign.rate_sensor
+    torque_size, axes = torque_scale(campaign), len(RATE.sigma(campaign))
     rate_size = LIMITS.rate_error_share * campaign.scale_of_motion()[0]
-    for name, values in drivers(response).items():
+    for name, values in told_drivers(response).items():
         rms = np.sqrt(np.mean(values**2, axis=(0, 1)))
         if not rms.max() > 0.0:
             continue
         # Component by component along each axis: unit values are one rms of the driver.
         moving = rms > LIMITS.negligible_component * rms.max()
         scaled = values[..., moving] / rms[moving]
-        along = _along_axes(scaled, 3)
-        change = response.residual_change(torque_size * along)
-        yield ("body torque", name), change
-        if sensor is not None:
-            along = _along_axes(scaled, len(sensor.axes))
-            yield ("rate sensor", name), response.reading_change("rate", rate_size * along)
+        along, error = (
+            np.einsum("snk,ij->snikj", scaled, np.eye(n)).reshape(*scaled.shape[:2], n, -1)
+            for n in (3, axes)
+        )
+        yield ("body torque", name), response.residual_change(torque_size * along)
+        if axes:
+            yield ("rate sensor", name), response.reading_change("rate", rate_size * error)
 
 
 def driven_evidence(response: TorqueResponse, fit: LinearisedFit) -> dict[tuple[str, str], float]:
@@ -143,7 +100,7 @@ class Match:
     Parameters
     ----------
     name : str
-        What it may follow: a key of `drivers`.
+        What it may follow: a key of `told_drivers`.
     share : float
         Share of the torque's mean square that it explains, corrected for chance.
     correlation : float
@@ -179,7 +136,7 @@ class UnexplainedSignal:
     matches : tuple of Match
         Of the torque along the axis, best first.
     driven_evidence : dict
-        Log evidence for a disturbance in proportion to something known (`drivers`).
+        Log evidence for a disturbance in proportion to something known (`told_drivers`).
     quiet_before : float or None
         rms of the torque before the wheels first act over its rms afterwards, where known.
     """
@@ -215,7 +172,8 @@ def unexplained_signal(estimate: Estimate) -> UnexplainedSignal:
     Returns: the torque, or the sensor's error, and what it looks like.
     """
     fit, response = estimate.linearised(), torque_response(estimate)
-    torque = infer_signal(fit, body_torque(fit, response))
+    torque = _inferred(fit, response, "body torque")
+    assert torque is not None
     better = _better_signal(fit, response, torque)
     axis_B, share = _main_axis(torque.mean)
     along = torque.mean @ axis_B
@@ -246,10 +204,16 @@ def _better_signal(
     """The signal other than a body torque with the best evidence, if that is far better."""
     if torque.p_left > LIMITS.sufficient:
         return None
-    bases = [build(fit, response) for build in (rate_reading, wheel_torque, momentum_reading)]
-    signals = [infer_signal(fit, basis) for basis in bases if basis is not None]
-    best = max(signals, key=lambda s: s.log_evidence, default=torque)
+    sources = ("rate sensor", "wheel torque", "tachometers")
+    signals = [_inferred(fit, response, source) for source in sources]
+    found = (signal for signal in signals if signal is not None)
+    best = max(found, key=lambda s: s.log_evidence, default=torque)
     return best if best.log_evidence > torque.log_evidence + LIMITS.sensor_margin else None
+
+
+def _inferred(fit: LinearisedFit, response: TorqueResponse, source: str) -> FreeSignal | None:
+    basis = signal_basis(fit, response, source)
+    return infer_signal(fit, basis) if basis is not None else None
 
 
 def _main_axis(vectors: np.ndarray) -> tuple[np.ndarray, float]:
@@ -301,7 +265,7 @@ def _drivers_at_knots(response: TorqueResponse, time: np.ndarray) -> dict[str, n
             ]
         )
 
-    return {name: at_knots(values) for name, values in drivers(response).items()}
+    return {name: at_knots(values) for name, values in told_drivers(response).items()}
 
 
 def _quiet_before(estimate: Estimate, time: np.ndarray, along: np.ndarray) -> float | None:

@@ -67,6 +67,22 @@ def stuck_fixes(attitude: np.ndarray) -> np.ndarray:
     return stuck
 
 
+def always_zero(momentum: Sequence[np.ndarray], torque: Sequence[np.ndarray]) -> bool:
+    """Whether a wheel's tachometer reads exactly 0 in every row, and it is never commanded.
+
+    `momentum`, `torque`: a column (n,) for each slew that has one. A wheel at rest under control
+    has the noise of its tachometer.
+
+    Examples
+    --------
+    >>> always_zero([np.zeros(5)], [np.zeros(5)]), always_zero([np.zeros(5)], [np.ones(5)])
+    (True, False)
+    """
+    read = np.concatenate([np.zeros(0), *(column[np.isfinite(column)] for column in momentum)])
+    told = np.concatenate([np.zeros(0), *torque])
+    return len(read) > 0 and not read.any() and not np.nan_to_num(told).any()
+
+
 def _given(values: np.ndarray) -> np.ndarray:
     return values[np.isfinite(values)]
 

@@ -208,9 +208,9 @@ def most_like_spacecraft() -> Spacecraft:
     """
     J = np.array([[3.3311, -0.0119, 0.0027], [-0.0119, 2.2024, 0.0161], [0.0027, 0.0161, 1.8033]])
     axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    limits = {"max_torque": 0.02, "max_momentum": 0.3, "momentum_sigma": 5e-6}
+    limits = 0.02, 0.3, 5e-6  # of torque [N m] and momentum, and its noise [N m s]
     wheels = tuple(
-        Wheel(f"wheel_{name}", axis, 1e-3, **limits) for name, axis in zip("xyz", axes, strict=True)
+        Wheel(f"wheel_{name}", axis, 1e-3, *limits) for name, axis in zip("xyz", axes, strict=True)
     )
     sensor = RateSensor(sigma=(2e-5, 2e-5, 2e-5), bias_sigma=(2e-6, 2e-6, 2e-6))
     tracker = StarTracker((0.0, 0.0, 1.0), math.radians(5.0 / 3600.0), math.radians(30.0 / 3600.0))

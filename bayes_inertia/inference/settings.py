@@ -117,6 +117,8 @@ def usual_settings(effects: Iterable[Effect], *, seed: int = 0) -> Settings:
 
 # Verdicts of a diagnosis that leave something without a name.
 OPEN_VERDICTS = ("partial", "unknown")
+# What stands in an ambiguous set where the effect may as well not be there.
+NOTHING = "nothing"
 
 
 @dataclass(frozen=True)

@@ -313,7 +313,7 @@ class Effect:
         return jnp.zeros(3)
 
     def carried_momentum(
-        self, p: Mapping[str, Array], slew: SlewContext, inputs: Mapping[str, Array]
+        self, p: Mapping[str, Array], slew: SlewContext, t: Array, inputs: Mapping[str, Array]
     ) -> Array:
         """Angular momentum that a device carries, known from its input (gimballed rotors).
 
@@ -323,8 +323,10 @@ class Effect:
             The effect's parameters.
         slew : SlewContext
             The slew it acts in.
+        t : () array
+            Time from the slew's own zero [s].
         inputs : mapping of str to (k,) array
-            What the devices in `inputs` do at one instant.
+            What the devices in `inputs` do at that instant.
 
         Returns
         -------

@@ -99,7 +99,7 @@ def prepare(
     locked = with_wheel_spin(inertia_B, axes, context.spin_inertia)
     relative = start.wheel_momentum if drive == "commanded" else slew.momentum_at(0)
     inputs = None if slew.inputs is None else {k: x.first[0] for k, x in slew.inputs.items()}
-    internal = internal_momentum(active, context, effect_states, inputs)
+    internal = internal_momentum(active, context, effect_states, context.time[0], inputs)
     momentum_B = locked @ start.rate_B + axes @ relative + internal
     wheel = relative + context.spin_inertia * (axes.T @ start.rate_B)
     inverse = jnp.linalg.inv(inertia_B if drive == "commanded" else locked)
@@ -184,12 +184,14 @@ def internal_momentum(
     active: ActiveEffects,
     context: SlewContext,
     effect_states: Components,
+    t: Array | None = None,
     inputs: Mapping[str, Array] | None = None,
 ) -> Array:
     """Momentum that the effects' own states carry, and devices by what they do.
 
     `effect_states`: each effect's own states (k,), or (n, k) for a whole slew. `inputs`: of devices
-    (k,) or (n, k). Returns (n, 3): angular momentum in the body frame [N m s].
+    (k,) or (n, k), at times `t` () or (n,). Returns (n, 3): angular momentum in the body frame
+    [N m s].
 
     Examples
     --------
@@ -206,8 +208,8 @@ def internal_momentum(
                 if states.ndim == 1
                 else jax.vmap(lambda x, h=hook, p=p: h(p, context, x))(states)
             )
-        if effect.acts("carried_momentum") and inputs is not None:
+        if effect.acts("carried_momentum") and inputs is not None and t is not None:
             carried = partial(effect.carried_momentum, p, context)
             whole = inputs[effect.inputs[0]].ndim == 2
-            total = total + (jax.vmap(carried)(inputs) if whole else carried(inputs))
+            total = total + (jax.vmap(carried)(t, inputs) if whole else carried(t, inputs))
     return total

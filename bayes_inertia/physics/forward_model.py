@@ -13,7 +13,7 @@ from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.actuators import effects_of
+from bayes_inertia.physics.actuators import effects_of, noise_of_inputs
 from bayes_inertia.physics.channel_noise import NOISE_OWNER, NoiseModel
 from bayes_inertia.physics.channels import Channel, channels_of
 from bayes_inertia.physics.effect import Effect
@@ -77,7 +77,7 @@ class Model:
     data: Data = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        campaign, effects = self.campaign, tuple(self.effects)
+        campaign, effects = self.campaign.without_locked_wheels(), tuple(self.effects)
         commanded = campaign.has_commands or not campaign.wheels
         drive = self.drive or ("commanded" if commanded else "measured")
         devices = effects_of(campaign)
@@ -106,6 +106,7 @@ class Model:
         sensors = tuple(channel.constants(campaign) for channel in structure.channels)
         data = Data(arrays, sensors, _nuisance_scale(campaign, structure, free))
         for key, value in (
+            ("campaign", campaign),
             ("effects", effects),
             ("drive", drive),
             ("space", space),
@@ -297,7 +298,7 @@ def _structure(
 
 def _acting(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> tuple[Effect, ...]:
     """The effects, stated noise that wanders, and lost commands where commands drive the model."""
-    effects = (*effects, *stated_noise(campaign, effects))
+    effects = (*effects, *noise_of_inputs(campaign), *stated_noise(campaign, effects))
     lost = drive == "commanded" and any(s.lost_command is not None for s in campaign.slews)
     return (*effects, LostCommands()) if lost else effects
 

@@ -96,7 +96,8 @@ def state_slope(
     internal = None
     if active.act("internal_momentum", "carried_momentum"):
         known = inputs.inputs_at(fraction)
-        internal = internal_momentum(active, context, x.effect_states, known)
+        t = inputs.time + fraction * inputs.length
+        internal = internal_momentum(active, context, x.effect_states, t, known)
     rate = computed_once(rate_components(mass, attitude, x.momentum_N, wheel, internal))
     attitude_rate = quaternion.rate_of_components(x.attitude, rate)
     if not active:

@@ -69,11 +69,28 @@ def random_walk_covariance(density: Array, slews: SlewContext, knots: int) -> Ar
 
     Returns (slews knots, slews knots).
     """
-    first, last = slews.time[:, 0], slews.time[:, -1]
-    places = first[:, None] + (last - first)[:, None] * jnp.linspace(0.0, 1.0, knots)
-    since = (slews.start[:, None] + places - slews.middle[:, None]).ravel()
+    since = _knots_since_middle(slews, knots)
     away = jnp.minimum(jnp.abs(since)[:, None], jnp.abs(since))
     return density**2 * jnp.where(since[:, None] * since > 0.0, away, 0.0)
+
+
+def ornstein_uhlenbeck_covariance(
+    sd: Array, correlation_time: Array, slews: SlewContext, knots: int
+) -> Array:
+    """Covariance of one Ornstein-Uhlenbeck process at evenly spaced knots of all slews.
+
+    Returns (slews knots, slews knots).
+    """
+    since = _knots_since_middle(slews, knots)
+    apart = jnp.abs(since[:, None] - since)
+    return sd**2 * jnp.exp(-apart / jnp.maximum(correlation_time, 1e-9))
+
+
+def _knots_since_middle(slews: SlewContext, knots: int) -> Array:
+    """Times (slews knots,) of evenly spaced knots, from the campaign's middle [s]."""
+    first, last = slews.time[:, 0], slews.time[:, -1]
+    places = first[:, None] + (last - first)[:, None] * jnp.linspace(0.0, 1.0, knots)
+    return (slews.start[:, None] + places - slews.middle[:, None]).ravel()
 
 
 def ornstein_uhlenbeck_root(

@@ -105,12 +105,12 @@ def simulate_slew(
     if drive == "commanded":
         wheel = wheel + stacked(path.wheel)
     devices = None if slew.inputs is None else {k: x.first for k, x in slew.inputs.items()}
-    internal = internal_momentum(active, context, path.effect_states, devices)
+    internal = internal_momentum(active, context, path.effect_states, context.time, devices)
     momentum_B = path.momentum_B - wheel @ mass.axes_B.T - internal
     rate = momentum_B @ mass.inverse.T
     momentum = wheel if drive == "measured" else wheel - mass.spin_inertia * (rate @ mass.axes_B)
     no_states = jnp.zeros((len(context.time), 0))
-    trajectory = Trajectory(context.time, path.attitude, rate, momentum, no_states)
+    trajectory = Trajectory(context.time, path.attitude, rate, momentum, no_states, devices)
     return trajectory, path.effect_states
 
 

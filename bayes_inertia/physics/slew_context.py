@@ -162,6 +162,8 @@ class Trajectory(NamedTuple):
         Wheel momentum relative to the body [N m s].
     effect_states : (n, k) array
         The effect's own states.
+    inputs : mapping of str to (n, k) array, optional
+        What devices do, by the names of `Slew.inputs`.
     """
 
     time: Array
@@ -169,3 +171,4 @@ class Trajectory(NamedTuple):
     rate_B: Array
     wheel_momentum: Array
     effect_states: Array
+    inputs: Mapping[str, Array] | None = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -62,7 +63,8 @@ def _carried(effect: Effect, space: ParameterSpace, one: Arrays) -> tuple[np.nda
         p = space.split(flat).get(effect.name, {})
         if not effect.acts("carried_momentum"):
             return jnp.zeros((len(context.time), 3))
-        return jax.vmap(lambda given: effect.carried_momentum(p, context, given))(devices)
+        carried = partial(effect.carried_momentum, p, context)
+        return jax.vmap(carried)(context.time, devices)
 
     return _at_prior(at_all, space)
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bayes_inertia.campaign.sensors import CHANNELS
-from bayes_inertia.inference.settings import OPEN_VERDICTS
+from bayes_inertia.inference.settings import NOTHING, OPEN_VERDICTS
 from bayes_inertia.report.answer_wording import beyond_prior_text, probabilities_text
 from bayes_inertia.report.diagnosis_wording import (
     averaging_text,
@@ -109,7 +109,8 @@ def headline(content: Mapping[str, Any]) -> str:
         choices = "; and ".join(either_or([plain(name) for name in names]) for names in sets)
         sure = [plain(name) for name in named if not any(name in names for names in sets)]
         besides = f" Besides: {listed(sure)}." if sure else ""
-        return f"Something is missing: {choices}. This campaign cannot tell which.{besides}"
+        is_missing = "may be" if not sure and all(NOTHING in names for names in sets) else "is"
+        return f"Something {is_missing} missing: {choices}. This campaign cannot tell.{besides}"
     found = listed([plain(name) for name in named])
     if verdict == "formula":
         return f"Something is missing that no effect of the library is. Its formula: {found}."
@@ -187,10 +188,14 @@ def _on_next_slews(content: Mapping[str, Any]) -> list[str]:
     if content.get("correction_slew"):
         sentences.append(correction_text(content["correction_slew"]))
     for names in content["ambiguous_with"]:
-        sentences.append(
-            f"{listed([plain(name) for name in names]).capitalize()} would look so alike "
-            "in this campaign that naming one of them would be a guess."
-        )
+        effects = [plain(name) for name in names if name != NOTHING]
+        if len(effects) > 1:
+            sentences.append(
+                f"{listed(effects).capitalize()} would look so alike "
+                "in this campaign that naming one of them would be a guess."
+            )
+        if NOTHING in names:
+            sentences.append(f"Noise alone may look like {effects[0]} here.")
     return sentences + [separating_text(slew) for slew in content.get("separating", [])]
 
 

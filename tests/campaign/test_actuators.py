@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magnetorquer, Thruster
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.inputs import InputStream
+from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.slew_parts import parts_of
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.small_campaign import small_campaign
 
 
@@ -105,3 +108,40 @@ def test_impossible_devices_are_refused_in_words():
     ):
         with pytest.raises(CampaignError, match=words):
             make()
+
+
+def test_a_locked_wheel_is_a_part_of_the_body():
+    campaign = small_campaign()
+    wheels = (*campaign.wheels[:2], replace(campaign.wheels[2], state="locked"))
+    locked = replace(campaign, wheels=wheels)
+    bare = locked.without_locked_wheels()
+    assert [wheel.name for wheel in bare.wheels] == ["x", "y"]
+    assert bare.slews[0].wheel_torque.shape[1] == 2
+    np.testing.assert_array_equal(
+        bare.slews[1].wheel_momentum, campaign.slews[1].wheel_momentum[:, :2]
+    )
+    assert Model(locked).campaign == bare
+    assert Model(campaign).campaign is campaign
+    none = replace(campaign, wheels=tuple(replace(w, state="locked") for w in campaign.wheels))
+    assert none.without_locked_wheels().slews[0].wheel_momentum is None
+    with pytest.raises(CampaignError, match="choose one of running"):
+        replace(campaign.wheels[0], state="off")
+
+
+def test_a_wheel_that_reads_exactly_zero_is_taken_as_locked_and_told():
+    campaign = small_campaign()
+
+    def with_third(torque: float) -> Campaign:
+        slews = []
+        for slew in campaign.slews:
+            momentum, command = np.array(slew.wheel_momentum), np.array(slew.wheel_torque)
+            momentum[:, 2], command[:, 2] = 0.0, torque
+            slews.append(replace(slew, wheel_momentum=momentum, wheel_torque=command))
+        return replace(campaign, slews=tuple(slews))
+
+    off = with_dirt_masked(with_third(0.0))
+    assert [wheel.state for wheel in off.wheels] == ["running", "running", "locked"]
+    (record,) = [d for d in off.dirt if "locked" in d.note]
+    assert "z reads exactly 0 in every row" in record.note
+    assert with_dirt_masked(with_third(1e-4)).wheels[2].state == "running"
+    assert with_dirt_masked(campaign).wheels == campaign.wheels

@@ -11,7 +11,7 @@ from support.campaign_files import CSV, assert_same, assert_teaches, edited, mak
 from bayes_inertia.app.commands.check import campaign_json
 from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magnetorquer, Thruster
 from bayes_inertia.campaign.changes import Change
-from bayes_inertia.campaign.hardware import RateSensor, StarTracker
+from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_campaign
 from bayes_inertia.campaign.writer import write_campaign
@@ -99,6 +99,22 @@ axes = [[1, 0, 0], [0, 0.6, 0.8]]
 sigma = [1e-4, 2e-4]
 rate = { stream = "mems", names = ["m1", "m2"], unit = "deg/s", offset_s = 0.1 }
 """
+SUN = """
+[[sensors]]
+name = "sun"
+type = "direction"
+sigma = 0.01
+reference_N = [0, 0, 2]
+direction = { stream = "sun", names = ["s1", "s2", "s3"], frame = "body" }
+
+[[sensors]]
+name = "magnetometer"
+type = "direction"
+sigma = 1e-7
+offset_sigma = 1e-6
+direction = { stream = "mag", names = ["m1", "m2", "m3"], unit = "uT", frame = "body" }
+reference = { stream = "model", names = ["b1", "b2", "b3"], unit = "nT", frame = "inertial" }
+"""
 STREAMS = (
     ('file = "a.csv"', 'files = "a_{stream}.csv"'),
     ('file = "b.csv"', 'files = { all = "b.csv", mems = "b_mems.csv", mtq = "b_mtq.csv" }'),
@@ -161,6 +177,58 @@ def test_wheels_may_have_tachometers_of_several_kinds_and_tables(tmp_path):
         0.11, 0.12, 0.13, 0.14]  # fmt: skip
     speeds = slew.wheel_momentum[:, 1][np.isfinite(slew.wheel_momentum[:, 1])]
     np.testing.assert_allclose(speeds, 0.002 * 2.0 * np.pi * np.array([10.0, 20.0]))
+
+
+def suns(folder, toml=TOML + SUN):
+    """A folder with a Sun sensor and a magnetometer."""
+    files = [(f'file = "{s}.csv"', f'files = "{s}_{{stream}}.csv"') for s in "ab"]
+    make(folder, edited(toml, *files))
+    for slew in "ab":
+        (folder / f"{slew}.csv").rename(folder / f"{slew}_all.csv")
+        (folder / f"{slew}_sun.csv").write_text("t,s1,s2,s3\n0.1,0,0.6,0.8\n0.2,,,\n")
+        (folder / f"{slew}_mag.csv").write_text("t,m1,m2,m3\n0.1,1,2,3\n0.6,4,5,6\n")
+        (folder / f"{slew}_model.csv").write_text("t,b1,b2,b3\n-50,1,2,3\n50,1,2,4\n")
+    return folder
+
+
+def test_directions_and_fields_are_read_with_their_references(tmp_path):
+    campaign = read_campaign(suns(tmp_path / "in"))
+    sensors = dict(campaign.more_sensors)
+    assert sensors["sun"] == DirectionSensor(0.01, (0.0, 0.0, 1.0))
+    assert sensors["magnetometer"] == DirectionSensor(1e-7, unit="T", offset_sigma=1e-6)
+    slew = campaign.slews[0]
+    seen = slew.more["magnetometer"]
+    np.testing.assert_allclose(
+        seen[np.isfinite(seen).all(axis=1)], [[1e-6, 2e-6, 3e-6], [4e-6, 5e-6, 6e-6]]
+    )
+    assert slew.more["sun"][slew.time == 0.1].tolist() == [[0.0, 0.6, 0.8]]
+    np.testing.assert_allclose(slew.inputs["magnetometer"].values[1], [1e-9, 2e-9, 4e-9])
+    again = read_campaign(write_campaign(campaign, tmp_path / "out"))
+    assert again.more_sensors == campaign.more_sensors
+    for one, other in zip(campaign.slews, again.slews, strict=True):
+        np.testing.assert_array_equal(one.more["magnetometer"], other.more["magnetometer"])
+        np.testing.assert_array_equal(one.more["sun"], other.more["sun"])
+        reference, same = (s.inputs["magnetometer"] for s in (one, other))
+        np.testing.assert_array_equal(reference.values, same.values)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ("reference_N = [0, 0, 2]\n", "", ["sensors.sun.reference_N", "missing"]),
+        ('"uT", frame', '"rad", frame', ["sensors.magnetometer.direction.unit", '"uT"']),
+        (', unit = "nT"', "", ["sensors.magnetometer.reference.unit"]),
+        ("offset_sigma = 1e-6", "ofset_sigma = 1e-6", ["ofset_sigma", '"offset_sigma"']),
+        ("sigma = 0.01", "sigma = [0.01, 0.02]", ["sensors.sun.sigma"]),
+        ("sigma = 0.01", "sigma = 0.01\nscale_sigma = 0.1", ["sensors.sun.scale_sigma"]),
+        ('frame = "body"', 'frame = "inertial"', ["sensors.sun.direction.frame"]),
+        ('"s1", "s2", "s3"', '"s1", "s2"', ["sensors.sun.direction.names"]),
+    ],
+)
+def test_bad_directions_name_file_and_key(tmp_path, old, new, named):
+    error = refusal(suns(tmp_path / "in", TOML + edited(SUN, (old, new))))
+    assert error is not None
+    assert_teaches(error, ["campaign.toml", *named])
 
 
 BAD = [

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_inertia.diagnosis.torque_response import torque_response
-from bayes_inertia.diagnosis.unexplained import CONSTANT, driven_evidence, drivers
+from bayes_inertia.diagnosis.unexplained import CONSTANT, driven_evidence, told_drivers
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.small_campaign import small_campaign
@@ -41,7 +41,7 @@ def test_the_campaigns_clock_may_count_from_any_epoch():
     campaign = small_campaign()
     late = replace(campaign, slews=tuple(replace(s, start=s.start + 1.7e9) for s in campaign.slews))
     now, then = estimate_of(campaign), estimate_of(late)
-    times = [drivers(torque_response(at))[TIME] for at in (now, then)]
+    times = [told_drivers(torque_response(at))[TIME] for at in (now, then)]
     np.testing.assert_allclose(times[1], times[0], atol=1e-5)
     assert abs(times[1].min() + times[1].max()) < 1e-5
     before, after = evidence_in(now), evidence_in(then)

@@ -1,10 +1,13 @@
 """Formulas for what has no name: their columns, their prior, their rate of false alarms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import logsumexp
 
 from bayes_inertia.app.diagnosis_json import next_fit_from
+from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.diagnosis.formulas import blocks, projected, search_formulas, weighed
 from bayes_inertia.diagnosis.result import FormulaSearch, FormulaTerm
 from bayes_inertia.diagnosis.search import diagnose
@@ -23,17 +26,30 @@ FORMULAS = (
     Formula("rate_error", "wheel_speeds", "full"),
     Formula("attitude_error", "time_in_slew", "full"),
     Formula("tachometer_error", "wheel_rates", "full"),
+    Formula("body_torque", "inertial_sun", "full"),
+    Formula("rate_error", "input_temperature", "full"),
+    Formula("attitude_error", "vector_sun", "full"),
 )
+
+
+def heated(slew):
+    """The slew with a temperature and the direction of the Sun beside it."""
+    k = int(slew.start) % 7
+    degrees = 293.0 + 3.0 * np.sin(0.1 * slew.time + k) + k
+    sun = np.roll([[0.8, -0.5, 0.33]], k, axis=1)
+    inputs = {"temperature": InputStream(slew.time, degrees, "line")}
+    return replace(slew, inputs=inputs | {"sun": InputStream(slew.time[:1], sun)})
 
 
 @pytest.fixture(scope="module")
 def fit():
-    return estimate(Model(small_campaign()), starts=1)
+    campaign = small_campaign()
+    return estimate(Model(replace(campaign, slews=tuple(map(heated, campaign.slews)))), starts=1)
 
 
 @pytest.fixture(scope="module")
 def search(fit):
-    return search_formulas(fit)
+    return search_formulas(torque_response(fit))
 
 
 @pytest.mark.slow
@@ -81,6 +97,22 @@ def _searched(own, residual):
     """Log evidence of any formula for residuals that a fit left."""
     of_block = [p._replace(gradient=np.einsum("snk,sn->k", p.block.columns, residual)) for p in own]
     return weighed(of_block).log_evidence
+
+
+@pytest.mark.slow
+def test_a_bias_that_follows_the_users_own_temperature_is_named(clean, rigid_library):
+    """The column is counted from its mean: a bias is fitted anyway."""
+    slews = []
+    for slew in map(heated, clean.slews):
+        warmer = slew.inputs["temperature"].values - 293.0
+        error = 0.5 * clean.rate_sensor.sigma[0] * warmer * np.array([1.0, -0.4, 0.2])
+        slews.append(replace(slew, rate=slew.rate + error))
+    found = diagnose(replace(clean, slews=tuple(slews)), library=rigid_library)
+    assert found.verdict == "formula"
+    (name,) = found.named
+    assert name.startswith("formula_rate_error_input_temperature")
+    (formula,) = found.effects_added
+    assert 285.0 < formula.middle < 305.0
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import pytest
 from scipy.special import logsumexp
 
 from bayes_inertia.diagnosis.hypothesis_table import log_evidence_of_random
-from bayes_inertia.diagnosis.limits import LIMITS
+from bayes_inertia.diagnosis.limits import LIMITS, Rules
 from bayes_inertia.diagnosis.linear_system import (
     linear_model,
     random_members,
@@ -30,10 +30,10 @@ from bayes_inertia.inference.likelihood import padded_sensitivities
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.point import Point
 from bayes_inertia.physics.effects import STOCHASTIC, ConstantTorque
+from bayes_inertia.physics.effects.rate_bias_instability import RateBiasInstability
 from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
 from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.parameters import N_BIAS
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def of_the_model(estimate, effect):
     local = np.concatenate([estimate.point.local, np.zeros((model.n_slews, count))], 1)
     point = Point(theta, estimate.point.bias, local)
     white = whitening(model, theta)
-    first = N_BIAS + model.structure.n_start
+    first = model.n_bias + model.structure.n_start
     jacobian = padded_sensitivities(model, point, white, np.arange(0)).jacobian
     columns = np.concatenate([np.asarray(j)[..., first : first + count] for j in jacobian], 1)
     (blocks,) = prior_roots(model.structure, theta, model.data.arrays.slews.context)
@@ -94,7 +94,7 @@ def test_p_values_of_a_fit_are_of_the_whole_family_and_below_the_bound(plain):
     fit, response = plain.linearised(), torque_response(plain)
     linear = linear_model(plain, (), plain.objective)
     some = [e for e in STOCHASTIC_CANDIDATES if e.name in ("rate_random_walk", "torque_noise")]
-    members = random_members(linear, plain, some, nameless=False)
+    members = random_members(linear, response, some, nameless=False)
     one = [m for m in members if m.name == some[0].name]
     levels = [-2.0, 0.0, 2.0, 4.0, 6.0]
     asked = [StochasticCandidate("torque_noise", "body torque", level) for level in levels]
@@ -114,7 +114,7 @@ def test_p_values_of_a_fit_are_of_the_whole_family_and_below_the_bound(plain):
     with pytest.MonkeyPatch.context() as patched:
         module = sys.modules[random_members.__module__]
         patched.setattr(module, "LIMITS", replace(LIMITS, largest_matrices=1.0))
-        many = random_members(linear, plain, some, nameless=False)
+        many = random_members(linear, response, some, nameless=False)
     assert with_p_values(asked, some, many, fit, response, None) == tuple(asked)
 
 
@@ -154,6 +154,58 @@ def test_a_walk_is_weighed_as_one_process_over_the_campaign(clean):
     assert np.mean(gains) > 2.0 * np.std(gains) / np.sqrt(len(gains))
 
 
+def stationary(campaign, sd, time, seed):
+    """The campaign with a rate bias that wanders about its mean, in each slew and between them."""
+    rng = np.random.default_rng(seed)
+    at = np.concatenate([s.start + s.time for s in campaign.slews])
+    kept = np.exp(-np.diff(at, prepend=-np.inf) / time)
+    bias = np.zeros((len(at), 3))
+    for i, (share, fresh) in enumerate(zip(kept, rng.normal(size=bias.shape), strict=True)):
+        bias[i] = share * bias[i - 1] + np.sqrt(1.0 - share**2) * fresh
+    parts = np.split(sd * bias, np.cumsum([len(s.time) for s in campaign.slews])[:-1])
+    pairs = zip(campaign.slews, parts, strict=True)
+    return replace(campaign, slews=tuple(replace(s, rate=s.rate + part) for s, part in pairs))
+
+
+def restarting(campaign, density, seed):
+    """The campaign with a rate bias that walks off from zero in each slew."""
+    walks, slews = walking(campaign, density, seed), []
+    for old, slew in zip(campaign.slews, walks.slews, strict=True):
+        slews.append(replace(slew, rate=slew.rate - (slew.rate - old.rate)[:1]))
+    return replace(campaign, slews=tuple(slews))
+
+
+# Kind, how it is made, its size in sds of a reading, and its time in slews.
+WANDERING = [
+    ("walk", walking, 0.1, None),
+    ("walk that restarts", restarting, 0.1, None),
+    ("lasting", stationary, 1.0, 3.0),
+    ("short", stationary, 1.0, 0.05),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "made", "size", "time"), WANDERING)
+def test_a_walk_and_its_stationary_neighbour_are_told_apart_only_where_the_data_do(
+    clean, kind, made, size, time
+):
+    """The true one is never ruled out; what ends within a slew is no walk."""
+    sizes, leads = [size * clean.rate_sensor.sigma[0]], []
+    if time is not None:
+        sizes.append(time * clean.slews[0].duration)
+    for seed in range(3):
+        fit = optimizer.estimate(Model(made(clean, *sizes, seed)), starts=1, discount=False)
+        both = [RateRandomWalk(), RateBiasInstability()]
+        weighed = stochastic_candidates(linear_model(fit, (), fit.objective), fit, both)
+        value = {c.effect: c.log_bayes_factor for c in weighed}
+        assert max(value.values()) > 20.0
+        leads.append(value["rate_random_walk"] - value["rate_bias_instability"])
+    true = 1.0 if kind.startswith("walk") else -1.0
+    assert min(true * lead for lead in leads) > -Rules().log_evidence_margin
+    if kind == "short":
+        assert max(leads) < -Rules().log_evidence_margin
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("alike", [True, False])
 def test_a_drift_that_restarts_alike_in_all_slews_is_told_from_one_of_each_slew(clean, alike):
@@ -165,7 +217,7 @@ def test_a_drift_that_restarts_alike_in_all_slews_is_told_from_one_of_each_slew(
     ]
     fit = optimizer.estimate(Model(replace(clean, slews=tuple(slews))), starts=1, discount=False)
     linear = linear_model(fit, (), fit.objective)
-    (member,) = random_members(linear, fit, [RateBiasSlewDrift()], nameless=False)
+    (member,) = random_members(linear, torque_response(fit), [RateBiasSlewDrift()], nameless=False)
     of_each, of_all = (logsumexp(x) for x in np.split(log_evidence_of_random(member), 2))
     assert (of_all > of_each + 1.0) if alike else (of_each > of_all + 1.0)
 

@@ -5,8 +5,12 @@ import pytest
 
 from bayes_inertia.diagnosis.hypothesis_table import log_prior_of_set, posterior
 from bayes_inertia.diagnosis.limits import Rules
-from bayes_inertia.diagnosis.table_search import Table
-from bayes_inertia.diagnosis.table_verdict import hypotheses_of, read_table, unexplained_reading
+from bayes_inertia.diagnosis.table_search import (
+    Table,
+    hypotheses_of,
+    read_table,
+    unexplained_reading,
+)
 
 TORQUE, SHAPE = "constant_torque", "nameless_body_torque"
 
@@ -36,6 +40,28 @@ def test_sets_that_explain_the_data_nearly_as_well_are_ambiguous():
     found = read_table(table(values | {SHAPE: 19.0}), Rules(), significant=True)
     assert found.verdict == "ambiguous"
     assert found.ambiguous_with == ((TORQUE, SHAPE, "rate_bias"),)
+
+
+def test_nothing_and_fewer_effects_are_weighed_like_any_other_set():
+    """A name that leaves a twentieth of its probability to nothing is no certainty."""
+    weak = {"": 0.0, TORQUE: 5.5, "rate_bias": -1.0}
+    found = read_table(table(weak), Rules(), significant=True)
+    assert (found.verdict, found.ambiguous_with) == ("ambiguous", ((TORQUE, "nothing"),))
+    strong = weak | {TORQUE: 9.0}
+    assert read_table(table(strong), Rules(), significant=True).verdict == "named"
+    both, friction = f"{TORQUE} wheel_friction", "wheel_friction"
+    values = {"": 0.0, TORQUE: 20.0, friction: 3.0, f"{TORQUE} rate_bias": 26.0, both: 27.0}
+    found = read_table(table(values), Rules(), significant=True)
+    assert set(found.named) == {TORQUE, friction}
+    assert found.ambiguous_with == ((friction, "rate_bias", "nothing"),)
+
+
+def test_shapes_without_a_name_count_together():
+    """Each alone has less than a twentieth of the name's probability."""
+    shapes = ("nameless_body_torque", "nameless_wheel_torque", "nameless_rate_error")
+    values = {"": 0.0, TORQUE: 20.0} | dict.fromkeys(shapes, 16.5)
+    found = read_table(table(values), Rules(), significant=True)
+    assert found.ambiguous_with == ((TORQUE, SHAPE),)
 
 
 def test_a_set_that_only_adds_to_the_best_is_no_alternative():

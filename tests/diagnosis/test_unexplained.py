@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayes_inertia.diagnosis.free_signal import body_torque, cardinal_splines, infer_signal
+from bayes_inertia.diagnosis.free_signal import cardinal_splines, infer_signal, signal_basis
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.diagnosis.unexplained import CONSTANT, describe, unexplained_signal
 from bayes_inertia.inference.optimizer import estimate
@@ -131,7 +131,8 @@ def test_a_glitch_of_the_rate_sensor_is_no_torque(planted):
 @pytest.mark.slow
 def test_nothing_is_found_in_perfect_data(planted):
     at = fitted(planted())
-    history = infer_signal(at.linearised(), body_torque(at.linearised(), torque_response(at)))
+    fit = at.linearised()
+    history = infer_signal(fit, signal_basis(fit, torque_response(at), "body torque"))
     assert history.log_evidence < 8.0  # the best of many sizes and lengths gains a little by chance
     assert np.mean(np.abs(history.mean) < 2.5 * history.sd) > 0.97
 

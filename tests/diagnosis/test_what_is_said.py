@@ -31,8 +31,11 @@ def test_ambiguity_is_worded_as_such():
     }
     assert (
         headline(content) == "Something is missing: either wheel friction or viscous torque. "
-        "This campaign cannot tell which. Besides: rate bias."
+        "This campaign cannot tell. Besides: rate bias."
     )
+    weak = content | {"named": ["rate_bias"], "ambiguous_with": [["rate_bias", "nothing"]]}
+    expected = "Something may be missing: either rate bias or nothing. This campaign cannot tell."
+    assert headline(weak) == expected
 
 
 @pytest.mark.slow

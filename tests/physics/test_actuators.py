@@ -15,6 +15,7 @@ from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.actuators import effects_of
+from bayes_inertia.physics.actuators.gimballed_rotors import momentum_noise
 from bayes_inertia.physics.channels import channels_of
 from bayes_inertia.physics.check_effect import check_effect
 from bayes_inertia.physics.effect import Effect
@@ -173,6 +174,23 @@ def test_rotors_exchange_momentum_and_lose_none():
     momentum_N = np.asarray(quaternion.to_inertial(path.attitude, momentum_B))
     assert np.abs(path.rate_B).max() > 0.1
     np.testing.assert_allclose(momentum_N, np.tile(momentum_N[0], (len(a), 1)), atol=1e-13)
+
+
+def test_noise_of_gimbal_angles_is_noise_of_an_input():
+    axes = np.eye(3)
+    device = GimballedRotors("one", 0.5, axes[:1], axes[1:2], angle_sigma=1e-4)
+    campaign = campaign_with(device, InputStream(np.arange(64.0), np.zeros((64, 1)), "line"))
+    # At angle 0 the momentum along y turns towards z.
+    np.testing.assert_allclose(momentum_noise(campaign), np.diag([0.0, 0.0, 0.5e-4**2]), atol=1e-20)
+    noisy = Model(campaign)
+    exact = Model(replace(campaign, actuators=(replace(device, angle_sigma=0.0),)))
+    assert noisy.structure.n_local == exact.structure.n_local + 12
+    channel = noisy.channels[0]
+    more = channel.noise(campaign, noisy.space.mean, "commanded") - channel.noise(
+        exact.campaign, noisy.space.mean, "commanded"
+    )
+    shaken = np.linalg.inv(campaign.inertia.tensor + 1e-3 * np.eye(3))[:, 2] * 0.5e-4
+    np.testing.assert_allclose(more, np.outer(shaken, shaken), rtol=1e-9)
 
 
 def test_gains_are_parameters_where_they_are_in_doubt():

@@ -9,7 +9,7 @@ import pytest
 from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.check_effect import check_effect
 from bayes_inertia.physics.effects import by_name
-from bayes_inertia.physics.effects.formula import DRIVERS, FORMS, PLACES, Formula
+from bayes_inertia.physics.effects.formula import DRIVERS, FORMS, PLACES, Formula, driver_of
 from bayes_inertia.physics.slew_context import State
 from bayes_inertia.physics.small_campaign import small_campaign
 
@@ -18,8 +18,9 @@ CAMPAIGN = small_campaign()
 
 @pytest.mark.parametrize("place", PLACES)
 def test_a_formula_is_found_by_its_name(place):
-    for driver, form in itertools.product(DRIVERS, FORMS):
-        wheel = 1 if DRIVERS[driver].of_one_wheel else 0
+    told = ("input_temperature", "vector_plume_full", "inertial_sun")
+    for driver, form in itertools.product((*DRIVERS, *told), FORMS):
+        wheel = 1 if driver_of(driver).of_one_wheel else 0
         row, column = {"entry": (2, 1), "column": (0, 1)}.get(form, (0, 0))
         formula = Formula(place, driver, form, row, column, wheel)
         assert formula.name.isidentifier()

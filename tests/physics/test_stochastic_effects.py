@@ -21,6 +21,7 @@ from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.random_basis import (
     hat_functions,
     matern_root,
+    ornstein_uhlenbeck_covariance,
     ornstein_uhlenbeck_mean_root,
     ornstein_uhlenbeck_root,
     random_walk_covariance,
@@ -114,6 +115,17 @@ def test_knots_have_the_covariance_of_an_ornstein_uhlenbeck_process(time):
     root = np.asarray(ornstein_uhlenbeck_root(2.0, time, spacing, knots))
     apart = spacing * np.abs(np.subtract.outer(np.arange(knots), np.arange(knots)))
     np.testing.assert_allclose(root @ root.T, 4.0 * np.exp(-apart / time), rtol=1e-9, atol=1e-12)
+
+
+def test_a_stationary_process_goes_on_between_slews():
+    start, knots = np.array([0.0, 30.0]), 5
+    slews = SimpleNamespace(
+        time=jnp.array([[1.0, 17.0]] * 2), start=jnp.array(start), middle=jnp.full(2, 64.0)
+    )
+    covariance = np.asarray(ornstein_uhlenbeck_covariance(2.0, 7.0, slews, knots))
+    at = (start[:, None] + np.linspace(1.0, 17.0, knots)).ravel()
+    expected = 4.0 * np.exp(-np.abs(np.subtract.outer(at, at)) / 7.0)
+    np.testing.assert_allclose(covariance, expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize("derivatives", [1, 2])

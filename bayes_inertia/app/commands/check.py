@@ -117,6 +117,7 @@ def _slew_row(slew: Slew) -> dict[str, Any]:
 
 def show_campaign(campaign: Campaign) -> None:
     """Print what a campaign contains, and what can be done with it."""
+    from bayes_inertia.campaign.hardware import RateSensor
     from bayes_inertia.report.dirt_wording import dirt_sentences
 
     console = plain_console()
@@ -138,7 +139,9 @@ def show_campaign(campaign: Campaign) -> None:
     console.print(
         f"possible drives: {drives or 'none: add wheel_torque or wheel_momentum columns'}"
     )
-    if campaign.star_tracker is None:
+    if campaign.star_tracker is None and all(
+        isinstance(sensor, RateSensor) for _, sensor in campaign.more_sensors
+    ):
         console.print(
             "no star tracker: attitude is not compared, "
             "start and final attitude errors stay unknown"

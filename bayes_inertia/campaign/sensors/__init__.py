@@ -22,6 +22,10 @@ CHANNELS = tuple(stream.name for stream in STREAMS)
 KINDS: Mapping[type, type[SensorStream]] = MappingProxyType(
     {RateSensor: RateStream, StarTracker: AttitudeStream, DirectionSensor: DirectionStream}
 )
+# The class of a further sensor by what its columns hold.
+KINDS_BY_KEY: Mapping[str, type[SensorStream]] = MappingProxyType(
+    {kind.written[0]: kind for kind in KINDS.values()}
+)
 
 
 def streams_of(campaign: Campaign) -> tuple[SensorStream, ...]:

@@ -9,17 +9,20 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magnetorquer, Thruster
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.physics.actuators.device import DeviceEffect
-from bayes_inertia.physics.actuators.gimballed_rotors import RotorMomentum
+from bayes_inertia.physics.actuators.gimballed_rotors import GimbalAngleNoise, RotorMomentum
 from bayes_inertia.physics.actuators.known_torque import ToldTorque
 from bayes_inertia.physics.actuators.magnetorquer import TorquerTorque
 from bayes_inertia.physics.actuators.stated_change import StatedChange
 from bayes_inertia.physics.actuators.thruster import ThrusterTorque
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
-__all__ = ["KINDS", "DeviceEffect", "effects_of", "ties_of_scale"]
+__all__ = ["KINDS", "DeviceEffect", "effects_of", "noise_of_inputs", "ties_of_scale"]
 
 # Which effect a device is.
 KINDS: Mapping[type, type[DeviceEffect]] = MappingProxyType(
@@ -45,6 +48,16 @@ def effects_of(campaign: Campaign) -> tuple[Effect, ...]:
     starts = [slew.start for slew in campaign.slews]
     changes = (StatedChange(x, tuple(s >= x.time for s in starts)) for x in campaign.changes)
     return (*devices, *changes)
+
+
+def noise_of_inputs(campaign: Campaign) -> tuple[StochasticEffect, ...]:
+    """The slow part of the noise that inputs of devices have, integrated out at its stated size."""
+    noisy = [d for d in campaign.actuators if isinstance(d, GimballedRotors) and d.angle_sigma]
+    counts = [
+        int(np.median([len((slew.inputs or {})[d.name].time) for slew in campaign.slews]))
+        for d in noisy
+    ]
+    return tuple(GimbalAngleNoise(d, n) for d, n in zip(noisy, counts, strict=True))
 
 
 def ties_of_scale(campaign: Campaign) -> list[dict[str, Any]]:

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
 
+from bayes_inertia.campaign.actuators import GimballedRotors
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.physics.actuators.device import DeviceEffect, gain
+from bayes_inertia.physics.numerics import NUMERICS
+from bayes_inertia.physics.random_basis import independent, slew_fraction
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
 @dataclass(frozen=True)
@@ -17,10 +22,65 @@ class RotorMomentum(DeviceEffect):
 
     by: ClassVar[str] = "momentum"
 
-    def carried_momentum(self, p, slew, inputs):
-        angle, device = inputs[self.name], self.device
-        across = np.cross(device.gimbal_axes_B, device.spin_axes_at_zero_B)
-        directions = (
-            jnp.cos(angle)[:, None] * device.spin_axes_at_zero_B + jnp.sin(angle)[:, None] * across
-        )
-        return gain(p) * (device.momentum @ directions)
+    def carried_momentum(self, p, slew, t, inputs):
+        directions, _ = _directions(self.device, inputs[self.name], jnp)
+        return gain(p) * (self.device.momentum @ directions)
+
+
+@dataclass(frozen=True)
+class GimbalAngleNoise(StochasticEffect):
+    """The slow part of the noise of the gimbal angles, an input: it moves the attitude.
+
+    Parameters
+    ----------
+    device : GimballedRotors
+        Whose angles they are, with their noise.
+    readings : int
+        How many a slew has.
+    """
+
+    device: GimballedRotors
+    readings: int
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """The device's name, and what it is."""
+        return f"{self.device.name} angle noise"
+
+    @property
+    def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The gimbal angles."""
+        return (self.device.name,)
+
+    def coefficient_count(self, campaign):
+        return self.device.columns * min(NUMERICS.tachometer_modes, self.readings)
+
+    def coefficient_root(self, p, slew, count):
+        return independent(self.device.angle_sigma / np.sqrt(self.readings), count)
+
+    def carried_momentum(self, p, slew, t, inputs):
+        size = p["coefficients"].reshape(self.device.columns, -1)
+        mode = jnp.arange(size.shape[1])
+        shape = jnp.cos(jnp.pi * mode * slew_fraction(slew, t)) * jnp.where(mode == 0, 1.0, 2**0.5)
+        _, turning = _directions(self.device, inputs[self.device.name], jnp)
+        return -(self.device.momentum * (size @ shape)) @ turning
+
+
+def _directions(device: GimballedRotors, angle: Any, xp: Any) -> tuple[Any, Any]:
+    """Spin axes (..., k, 3) at gimbal angles (..., k), and their derivatives by the angles."""
+    along = device.spin_axes_at_zero_B
+    across = np.cross(device.gimbal_axes_B, along)
+    c, s = xp.cos(angle)[..., None], xp.sin(angle)[..., None]
+    return c * along + s * across, c * across - s * along
+
+
+def momentum_noise(campaign: Campaign) -> np.ndarray:
+    """Covariance (3, 3) of the carried momentum that the noise of one reading makes [(N m s)^2]."""
+    total = np.zeros((3, 3))
+    for device in campaign.actuators:
+        if isinstance(device, GimballedRotors) and device.angle_sigma:
+            angles = [(slew.inputs or {})[device.name].values for slew in campaign.slews]
+            _, turning = _directions(device, np.concatenate(angles), np)
+            moved = device.angle_sigma * np.asarray(device.momentum)[:, None] * turning
+            total += np.einsum("nki,nkj->ij", moved, moved) / len(moved)
+    return total

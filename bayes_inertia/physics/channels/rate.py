@@ -14,6 +14,7 @@ from bayes_inertia.campaign.hardware import body_rates
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
+from bayes_inertia.physics.actuators.gimballed_rotors import momentum_noise
 from bayes_inertia.physics.channels.channel import Channel, Readings, SensorAtFit
 from bayes_inertia.physics.parameters import Normal, Parameter, scalar
 from bayes_inertia.physics.slew_context import Trajectory
@@ -106,22 +107,31 @@ class RateChannel(Channel):
     def noise(self, campaign: Campaign, theta: np.ndarray, drive: Drive) -> np.ndarray:
         """Covariance (n, n) of one reading [rad^2/s^2].
 
-        In the measured drive tachometer noise is an input: it shakes the predicted rate by
-        J^-1 G dh. (The part of it that accumulates in the attitude is among the nuisances.)
+        In the measured drive tachometer noise is an input, as is that of gimbal angles: it shakes
+        the predicted rate by J^-1 G dh. (The part of it that accumulates in the attitude is among
+        the nuisances.)
         """
         sensor = self.stream.hardware(campaign)
         if sensor is None:
             return np.eye(3)
         covariance = np.diag(np.square(sensor.sigma))
         if drive == "measured" and campaign.wheels:
-            shake = (
-                sensor.axes
-                @ np.linalg.solve(_locked_inertia(campaign, theta), campaign.wheel_axes_B)
-                / np.asarray(theta[slice(*self.parameters)])[: len(sensor.axes), None]
-            )
+            shake = self._shake(campaign, theta, campaign.wheel_axes_B)
             wheels = np.diag(np.square([w.momentum_sigma or 0.0 for w in campaign.wheels]))
             covariance = covariance + shake @ wheels @ shake.T
+        if campaign.actuators:
+            shake = self._shake(campaign, theta, np.eye(3))
+            covariance = covariance + shake @ momentum_noise(campaign) @ shake.T
         return covariance
+
+    def _shake(self, campaign: Campaign, theta: np.ndarray, axes_B: np.ndarray) -> np.ndarray:
+        """Readings (n, k) by momentum along axes (3, k) in the body."""
+        sensor = self.stream.hardware(campaign)
+        return (
+            sensor.axes
+            @ np.linalg.solve(_locked_inertia(campaign, theta), axes_B)
+            / np.asarray(theta[slice(*self.parameters)])[: len(sensor.axes), None]
+        )
 
     def variance(self, noise: np.ndarray) -> np.ndarray:
         """Whitened readings have one over these as sigmas."""

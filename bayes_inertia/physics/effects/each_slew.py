@@ -139,8 +139,8 @@ class EachSlew(Effect):
     def internal_momentum(self, p, slew, effect_states):
         return self._call("internal_momentum", p, slew, effect_states)
 
-    def carried_momentum(self, p, slew, inputs):
-        return self._call("carried_momentum", p, slew, inputs)
+    def carried_momentum(self, p, slew, t, inputs):
+        return self._call("carried_momentum", p, slew, t, inputs)
 
     def rate_output(self, p, slew, trajectory, rate_S):
         return self._call("rate_output", p, slew, trajectory, rate_S)

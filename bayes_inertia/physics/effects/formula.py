@@ -1,7 +1,8 @@
 """A disturbance that follows something known: a formula in place of a name.
 
 Where no effect of the library explains the data, a diagnosis looks for a formula: what acts
-(`PLACES`), in proportion to what (`DRIVERS`), and which components follow which (`form`).
+(`PLACES`), in proportion to what (`DRIVERS`, or an input of the user's own), and which components
+follow which (`form`).
 """
 
 from __future__ import annotations
@@ -47,6 +48,10 @@ class Driver(NamedTuple):
         Whether it follows the wheels' torque commands.
     switches : bool
         Whether it changes its sign at once.
+    inputs : tuple of str
+        Streams of `Slew.inputs` that it is made of.
+    words : str
+        What it is in a sentence; empty where formulas alone follow it.
     """
 
     symbol: str
@@ -57,11 +62,13 @@ class Driver(NamedTuple):
     of_one_wheel: bool = False
     commands: bool = False
     switches: bool = False
+    inputs: tuple[str, ...] = ()
+    words: str = ""
 
     @property
     def abrupt(self) -> bool:
         """Whether it changes faster than the body moves."""
-        return self.commands or self.switches
+        return self.commands or self.switches or bool(self.inputs)
 
 
 class Place(NamedTuple):
@@ -136,7 +143,7 @@ def _norm(v):
     return jnp.sqrt(v @ v + 1e-24)
 
 
-def _commanded(slew, t):
+def _commanded(slew, t, state=None, wheel=0):
     row = jnp.clip(jnp.searchsorted(slew.time, t, side="right") - 1, 0, len(slew.time) - 1)
     return slew.torque[row]
 
@@ -167,23 +174,35 @@ def _products(slew, t, state, wheel):
 _FIELD, _POSITION = ("magnetic_field_N",), ("position_N",)
 _MOMENTUM = {"N m": 1, "s": 1}
 DRIVERS: Mapping[str, Driver] = {
-    "constant": Driver("1", _one, {}, "one"),
-    "time_in_slew": Driver("t", _time_in_slew, {"s": 1}, "one"),
-    "campaign_time": Driver("t_campaign", _campaign_time, {"s": 1}, "one"),
+    "constant": Driver("1", _one, {}, "one", words="constant in the body"),
+    "time_in_slew": Driver("t", _time_in_slew, {"s": 1}, "one", words="time in the slew"),
+    "campaign_time": Driver(
+        "t_campaign", _campaign_time, {"s": 1}, "one", words="time in the campaign"
+    ),
     "speed": Driver("|ω|", lambda s, t, x, w: _norm(x.rate_B)[None], {"s": -1}, "one"),
     "speed_squared": Driver(
-        "|ω|²", lambda s, t, x, w: (x.rate_B @ x.rate_B)[None], {"s": -2}, "one"
+        "|ω|²",
+        lambda s, t, x, w: (x.rate_B @ x.rate_B)[None],
+        {"s": -2},
+        "one",
+        words="square of the body rate",
     ),
-    "rate": Driver("ω", lambda s, t, x, w: x.rate_B, {"s": -1}),
+    "rate": Driver("ω", lambda s, t, x, w: x.rate_B, {"s": -1}, words="body rate"),
     "rate_times_speed": Driver("|ω| ω", lambda s, t, x, w: _norm(x.rate_B) * x.rate_B, {"s": -2}),
-    "rate_squares": Driver("ω²", lambda s, t, x, w: x.rate_B**2, {"s": -2}),
-    "rate_products": Driver("(ω_y ω_z, ω_x ω_z, ω_x ω_y)", _products, {"s": -2}),
+    "rate_squares": Driver(
+        "ω²", lambda s, t, x, w: x.rate_B**2, {"s": -2}, words="squares of body rates"
+    ),
+    "rate_products": Driver(
+        "(ω_y ω_z, ω_x ω_z, ω_x ω_y)", _products, {"s": -2}, words="products of body rates"
+    ),
     "momentum": Driver("h", lambda s, t, x, w: s.wheel_axes_B @ x.wheel_momentum, _MOMENTUM),
     "gyroscopic": Driver("ω × h", _gyroscopic, {"N m": 1}),
     "command": Driver(
         "u", lambda s, t, x, w: s.wheel_axes_B @ _commanded(s, t), {"N m": 1}, commands=True
     ),
-    "field": Driver("B", lambda s, t, x, w: _field(x), {"T": 1}, needs=_FIELD),
+    "field": Driver(
+        "B", lambda s, t, x, w: _field(x), {"T": 1}, needs=_FIELD, words="magnetic field"
+    ),
     "field_change": Driver(
         "ω × B", lambda s, t, x, w: jnp.cross(x.rate_B, _field(x)), {"T": 1, "s": -1}, needs=_FIELD
     ),
@@ -194,12 +213,18 @@ DRIVERS: Mapping[str, Driver] = {
         needs=_FIELD,
     ),
     "nadir": Driver("down", lambda s, t, x, w: _down(x), {}, needs=_POSITION),
-    "wheel_momenta": Driver("h_w", lambda s, t, x, w: x.wheel_momentum, _MOMENTUM, "wheels"),
+    "wheel_momenta": Driver(
+        "h_w", lambda s, t, x, w: x.wheel_momentum, _MOMENTUM, "wheels", words="wheel momentum"
+    ),
     "wheel_speeds": Driver(
         "|h_w|", lambda s, t, x, w: jnp.abs(x.wheel_momentum), _MOMENTUM, "wheels"
     ),
     "wheel_squares": Driver(
-        "h_w²", lambda s, t, x, w: x.wheel_momentum**2, {"N m": 2, "s": 2}, "wheels"
+        "h_w²",
+        lambda s, t, x, w: x.wheel_momentum**2,
+        {"N m": 2, "s": 2},
+        "wheels",
+        words="square of the wheel momentum",
     ),
     "wheel_signed_squares": Driver(
         "|h_w| h_w",
@@ -209,7 +234,7 @@ DRIVERS: Mapping[str, Driver] = {
     ),
     "wheel_signs": Driver("sign h_w", _sign, {}, "wheels", switches=True),
     "wheel_commands": Driver(
-        "u_w", lambda s, t, x, w: _commanded(s, t), {"N m": 1}, "wheels", commands=True
+        "u_w", _commanded, {"N m": 1}, "wheels", commands=True, words="commanded wheel torque"
     ),
     "wheel_efforts": Driver(
         "|u_w|", lambda s, t, x, w: jnp.abs(_commanded(s, t)), {"N m": 1}, "wheels", commands=True
@@ -240,10 +265,57 @@ DRIVERS: Mapping[str, Driver] = {
     ),
 }
 
+# Kinds of inputs: one number; a vector in body axes; one in inertial axes.
+_INPUT = re.compile(r"(input|vector|inertial)_(\w+)")
+
+
+def driver_of(key: str) -> Driver:
+    """The driver of a key: one of `DRIVERS`, or an input of the user's own.
+
+    >>> driver_of("input_temperature").words, driver_of("inertial_sun").columns
+    ('temperature', 'body')
+    """
+    found = None if key in DRIVERS else _INPUT.fullmatch(key)
+    if found is None:
+        return DRIVERS[key]
+    kind, name = found.groups()
+
+    def value(slew, t, state, wheel):
+        told = state.input(name)
+        return quaternion.to_body(state.attitude, told) if kind == "inertial" else told
+
+    words = name.replace("_", " ") + (" (inertial axes)" if kind == "inertial" else "")
+    return Driver(
+        words, value, {name: 1}, "one" if kind == "input" else "body", inputs=(name,), words=words
+    )
+
+
+def drivers_known(campaign) -> tuple[str, ...]:
+    """Keys of the drivers that a campaign tells in every slew."""
+    known = tuple(key for key, driver in DRIVERS.items() if _is_known(campaign, driver))
+    first, *others = (slew.inputs or {} for slew in campaign.slews)
+    kinds = {1: ("input",), 3: ("vector", "inertial")}
+    told = tuple(
+        f"{kind}_{name}"
+        for name, stream in first.items()
+        for kind in kinds.get(stream.width, ())
+        if all(name in own and own[name].width == stream.width for own in others)
+    )
+    return known + tuple(key for key in told if _INPUT.fullmatch(key))
+
+
+def _is_known(campaign, driver: Driver) -> bool:
+    if (driver.columns == "wheels" or driver.of_one_wheel) and not campaign.wheels:
+        return False
+    if driver.commands and not campaign.has_commands:
+        return False
+    return all(getattr(s, need) is not None for s in campaign.slews for need in driver.needs)
+
+
 _BODY = ("x", "y", "z")
 FORMS = ("full", "diagonal", "scalar", "cross", "column", "entry")
 _NAMES = re.compile(
-    f"formula_({'|'.join(PLACES)})_({'|'.join(DRIVERS)})_({'|'.join(FORMS)})((?:_[0-9]+)*)"
+    f"formula_({'|'.join(PLACES)})_({'|'.join(DRIVERS)}|{_INPUT.pattern})_({'|'.join(FORMS)})((?:_[0-9]+)*)"
     "(?:_wheel([0-9]+))?"
 )
 
@@ -258,7 +330,9 @@ class Formula(Effect):
         What acts: a key of `PLACES`. Torques are in N m, on the body in body or inertial axes or
         on the wheels; errors are added to the readings of a sensor.
     driver : str, optional
-        What it is in proportion to: a key of `DRIVERS`.
+        What it is in proportion to: a key of `DRIVERS`; or a stream of `Slew.inputs`, such as a
+        temperature: "input_NAME" (one number), "vector_NAME" (x, y, z in body axes) or
+        "inertial_NAME" (in inertial axes).
     form : {"full", "diagonal", "scalar", "cross", "column", "entry"}, optional
         All of C; its diagonal; one number times the unit matrix; c x d; one column; one entry.
     row, column : int, optional
@@ -269,6 +343,8 @@ class Formula(Effect):
         Typical size of the driver in the campaign, in its unit; None guesses it from the motion.
         The prior of C lets the disturbance be a tenth of the torque that makes the motion, or a
         hundredth of a reading.
+    middle : float, optional
+        What is taken off an input of one number; a diagnosis takes its mean in the campaign.
     prior_scale : float, optional
         What the sds of its priors are multiplied by in a `Model`.
 
@@ -290,10 +366,12 @@ class Formula(Effect):
     column: int = 0
     wheel: int = 0
     rms: float | None = field(default=None, kw_only=True)
+    middle: float = field(default=0.0, kw_only=True)
 
     def __post_init__(self):
         for key, table in (("place", PLACES), ("driver", DRIVERS), ("form", FORMS)):
-            if getattr(self, key) not in table:
+            given = getattr(self, key)
+            if given not in table and not (key == "driver" and _INPUT.fullmatch(given)):
                 raise EffectError(
                     f"no {key} {getattr(self, key)!r}",
                     where="formula",
@@ -306,7 +384,7 @@ class Formula(Effect):
         parts = ["formula", self.place, self.driver, self.form]
         parts += [str(self.row)] if self.form == "entry" else []
         parts += [str(self.column)] if self.form in ("entry", "column") else []
-        parts += [f"wheel{self.wheel}"] if DRIVERS[self.driver].of_one_wheel else []
+        parts += [f"wheel{self.wheel}"] if self._driver.of_one_wheel else []
         return "_".join(parts)
 
     @classmethod
@@ -336,7 +414,7 @@ class Formula(Effect):
         found = _NAMES.fullmatch(name)
         if found is None:
             raise KeyError(name)
-        place, driver, form, numbers, wheel = found.groups()
+        place, driver, _, _, form, numbers, wheel = found.groups()
         given = [int(number) for number in numbers.split("_")[1:]]
         row, column = {"entry": given, "column": [0, *given]}.get(form, [0, 0])
         return cls(place, driver, form, row, column, int(wheel or 0))
@@ -344,13 +422,23 @@ class Formula(Effect):
     @property
     def needs(self) -> tuple[str, ...]:  # type: ignore[override]
         """The environment columns of its driver."""
-        return DRIVERS[self.driver].needs
+        return self._driver.needs
+
+    @property
+    def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The input that its driver is."""
+        return self._driver.inputs
+
+    @property
+    def _driver(self) -> Driver:
+        return driver_of(self.driver)
 
     @property
     def text(self) -> str:
         """The formula as it is printed."""
-        place, driver = PLACES[self.place], DRIVERS[self.driver]
+        place, driver = PLACES[self.place], self._driver
         symbol = driver.symbol.replace("{w}", str(self.wheel + 1))
+        symbol = f"({symbol} − {self.middle:g})" if self.middle else symbol
         right = {
             "full": f"C {symbol}" if driver.columns != "one" else f"c {symbol}",
             "diagonal": f"diag(c) {symbol}",
@@ -363,7 +451,7 @@ class Formula(Effect):
         return f"{place.symbol}{left} = {whole}"
 
     def parameters(self, campaign):
-        place, driver = PLACES[self.place], DRIVERS[self.driver]
+        place, driver = PLACES[self.place], self._driver
         rows, columns = (_labels(kind, campaign) for kind in (place.rows, driver.columns))
         self._check(len(rows), len(columns), len(campaign.wheels))
         sigma = place.size(campaign) / (self.rms or _typical(driver.unit, campaign))
@@ -378,7 +466,7 @@ class Formula(Effect):
     def _check(self, rows: int, columns: int, wheels: int) -> None:
         """Raise unless C has this form."""
         given = {"row": (self.row, rows), "column": (self.column, columns)}
-        if DRIVERS[self.driver].of_one_wheel:
+        if self._driver.of_one_wheel:
             given["wheel"] = self.wheel, wheels
         for key, (value, most) in given.items():
             if most and not 0 <= value < most:
@@ -413,7 +501,7 @@ class Formula(Effect):
         return hook == PLACES[self.place].hook
 
     def max_step(self, campaign):
-        return None if DRIVERS[self.driver].abrupt else math.inf
+        return None if self._driver.abrupt else math.inf
 
     def looks_between_rows(self, campaign):
         return False
@@ -430,8 +518,8 @@ class Formula(Effect):
 
     def _value(self, p, slew, t, state):
         """What acts at one instant (m,)."""
-        driver = DRIVERS[self.driver]
-        acting = self._of_driver(p["c"], driver.value(slew, t, state, self.wheel))
+        told = self._driver.value(slew, t, state, self.wheel)
+        acting = self._of_driver(p["c"], told - self.middle)
         if self.form == "entry":
             rows = 3 if PLACES[self.place].rows != "wheels" else len(state.wheel_momentum)
             acting = jnp.zeros(rows).at[self.row].set(acting[0])
@@ -455,15 +543,19 @@ class Formula(Effect):
         """What acts along a slew (n, m)."""
         nothing = jnp.zeros(3)
 
-        def at(t, attitude, rate_B, momentum):
-            state = State(attitude, rate_B, momentum, jnp.zeros(0), jnp.eye(3), nothing, nothing)
-            return self._value(p, slew, t, state)
+        def at(t, attitude, rate_B, momentum, told):
+            own = jnp.zeros(0), jnp.eye(3), nothing, nothing, told
+            return self._value(p, slew, t, State(attitude, rate_B, momentum, *own))
 
         motion = trajectory.attitude, trajectory.rate_B, trajectory.wheel_momentum
-        return jax.vmap(at)(trajectory.time, *motion)
+        return jax.vmap(at)(trajectory.time, *motion, trajectory.inputs)
 
     def rate_output(self, p, slew, trajectory, rate_S):
-        return rate_S + self._along(p, slew, trajectory) if self.acts("rate_output") else rate_S
+        if not self.acts("rate_output"):
+            return rate_S
+        error = self._along(p, slew, trajectory)
+        # Three axes have an error each; others that of the body's axes along them.
+        return rate_S + (error if rate_S.shape[1] == 3 else error @ slew.rate_axes.T)
 
     def attitude_output(self, p, slew, trajectory, attitude):
         if not self.acts("attitude_output"):
@@ -482,7 +574,7 @@ def knows(place: str, driver: str) -> bool:
     >>> knows("body_torque", "field"), knows("rate_error", "field")
     (True, False)
     """
-    return not (DRIVERS[driver].needs and PLACES[place].hook.endswith("output"))
+    return not (driver_of(driver).needs and PLACES[place].hook.endswith("output"))
 
 
 def _labels(kind: str, campaign) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from bayes_inertia.physics.random_basis import (
     hat_functions,
     on_axes,
     on_each_axis,
+    ornstein_uhlenbeck_covariance,
     ornstein_uhlenbeck_root,
     slew_duration,
     slew_fraction,
@@ -24,8 +25,9 @@ from bayes_inertia.physics.stochastic_effect import StochasticEffect
 class RateBiasInstability(StochasticEffect):
     """The rate bias of each axis and slew has a part that is a first-order Gauss-Markov process.
 
-    Its covariance is sd^2 exp(-|t - t'| / time). Flicker noise (BI of an Allan curve) has no finite
-    state; the Gauss-Markov process is the usual stand-in for it.
+    Its covariance is sd^2 exp(-|t - t'| / time). A fit takes two slews as independent; where the
+    process is weighed against other effects it goes on between slews. Flicker noise (BI of an Allan
+    curve) has no finite state; the Gauss-Markov process is the usual stand-in for it.
 
     Parameters
     ----------
@@ -71,6 +73,9 @@ class RateBiasInstability(StochasticEffect):
         spacing = slew_duration(slew) / (self.knots - 1)
         root = ornstein_uhlenbeck_root(p["sd"], p["time"], spacing, self.knots)
         return on_each_axis(root, count // self.knots)
+
+    def covariance_across_slews(self, p, slews):
+        return ornstein_uhlenbeck_covariance(p["sd"], p["time"], slews, self.knots)
 
     def signal(self, p, slew, t):
         hats = hat_functions(slew_fraction(slew, t), self.knots)

@@ -1,0 +1,82 @@
+"""Tachometers slower than the rates: what the wheels did in between is estimated along."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import bayes_inertia as bi
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.simulator import simulate_slew
+from bayes_inertia.physics.slew_input import Start, idle_slew
+from bayes_inertia.physics.slow_tachometers import free_momentum
+from bayes_inertia.physics.small_campaign import small_campaign
+
+EVERY = 40  # rows of the rates to one reading of the tachometers
+
+
+@pytest.fixture(scope="module")
+def slow() -> Campaign:
+    """Five smooth slews, rates at 4 Hz and tachometers at 0.1 Hz, no commands in the telemetry."""
+    small, rng = small_campaign(), np.random.default_rng(8)
+    J = np.array(small.inertia.tensor)
+    time = np.arange(0.0, 80.25, 0.25)
+    turns = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, -1, -1), (1, -1, 0.6)]
+    slews = []
+    for i, axis in enumerate(turns):
+        s = np.clip((time - 10.0) / 60.0, 0.0, 1.0)
+        torque = -2e-3 * np.sin(2.0 * np.pi * s)[:, None] * (J @ np.array(axis)) / 2.0
+        torque = torque + 1.5e-5 * rng.normal(size=torque.shape)
+        flown = idle_slew(
+            time, wheel_axes_B=np.eye(3), spin_inertia=np.full(3, 1e-3), torque=torque
+        )
+        begin = Start(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.array([0.05, -0.04, 0.06]))
+        path = simulate_slew(flown, begin, J)[0]
+        rate = np.asarray(path.rate_B) + 2e-5 * rng.normal(size=(len(time), 3))
+        momentum = np.asarray(path.wheel_momentum) + 5e-6 * rng.normal(size=(len(time), 3))
+        momentum[np.arange(len(time)) % EVERY > 0] = np.nan
+        slews.append(Slew(f"slew {i}", 300.0 * i, time, rate=rate, wheel_momentum=momentum))
+    return replace(small, slews=tuple(slews))
+
+
+def test_momentum_is_free_between_slow_readings_only(slow):
+    free = free_momentum(slow)
+    assert free is not None
+    slew = slow.slews[0]
+    grid = slew.time - slew.time[0]
+    lines, shapes = free.on_grid(slew, grid)
+    read = np.isfinite(slew.wheel_momentum[:, 0])
+    np.testing.assert_allclose(lines[read], slew.wheel_momentum[read], atol=1e-12)
+    np.testing.assert_allclose(shapes[read], 0.0, atol=1e-12)
+    assert free.columns == 8 * free.inner
+    assert np.abs(shapes).max() >= 1.0 - 1e-9
+
+
+def test_fast_tachometers_are_left_as_they_are(slow):
+    rng = np.random.default_rng(1)
+    fast = tuple(
+        replace(s, wheel_momentum=0.05 + 5e-6 * rng.normal(size=(len(s.time), 3)))
+        for s in slow.slews
+    )
+    assert free_momentum(replace(slow, slews=fast)) is None
+    still = tuple(
+        replace(s, wheel_momentum=np.where(np.isfinite(s.wheel_momentum), f.wheel_momentum, np.nan))
+        for s, f in zip(slow.slews, fast, strict=True)
+    )
+    # Slow, but a line is as good as the readings.
+    assert free_momentum(replace(slow, slews=still)) is None
+
+
+def test_the_tensor_is_right_and_good_rates_are_no_outliers(slow):
+    estimate = bi.estimate(Model(slow))
+    truth = slow.inertia.elements
+    z = (estimate.theta[:6] - truth) / estimate.sd[:6]
+    assert np.abs(z).max() < 3.5
+    rate = estimate.tests["rate"]
+    assert not rate.rejected
+    assert abs(rate.reduced_chi2 - 1.0) < 0.06
+    assert estimate.sd[0] / truth[0] < 2e-3
