@@ -127,15 +127,16 @@ class Channel(ABC):
         turns = tuple(scalar(f"mounting_{axis}", unit="rad", prior=prior) for axis in "xyz")
         return (*own, *turns)
 
-    def as_mounted(self, parameters: Array, trajectory: Trajectory) -> Trajectory:
-        """The motion of a body that is turned as the sensor is."""
-        if not self.mounting:
-            return trajectory
-        turn = quaternion.exp(parameters[-3:])
-        return trajectory._replace(
-            attitude=quaternion.multiply(trajectory.attitude, turn),
-            rate_B=quaternion.to_body(turn, trajectory.rate_B),
-        )
+    def seen(
+        self, theta: Array, constants: Any, bias: Array, slew: SlewInput, trajectory: Trajectory
+    ) -> Array:
+        """As `sensed`, of a sensor that may be turned: the body's motion as if it were turned."""
+        if self.mounting:
+            turn = quaternion.exp(theta[slice(*self.parameters)][-3:])
+            attitude = quaternion.multiply(trajectory.attitude, turn)
+            rate_B = quaternion.to_body(turn, trajectory.rate_B)
+            trajectory = trajectory._replace(attitude=attitude, rate_B=rate_B)
+        return self.sensed(constants, bias, slew, trajectory)
 
     def of_campaign(self, campaign: Campaign) -> Channel:
         """The channel with what decides compiled code of this campaign's sensor."""
