@@ -105,7 +105,7 @@ class Campaign:
             require(known, f"more_sensors.{name}", what, advice)
         for key in ("rate_sensor", "star_tracker"):
             # Frames need a reference; effects turn the one against the other.
-            turned = getattr(getattr(self, key), "mounting_sigma", 0.0) > 0.0
+            turned = getattr(getattr(self, key), "mounting_sigma", None) is not None
             advice = f"state it of a further sensor, or fit the effect {key}_misalignment"
             what = "the first sensor of a kind is the reference of frames"
             require(not turned, f"{key}.mounting_sigma", what, advice)

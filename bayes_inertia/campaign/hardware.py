@@ -111,11 +111,6 @@ def require_positive(value: Any, key: str, *, optional: bool = False) -> None:
     require(positive, key, f"{value!r} is not positive", "give a positive number in SI units")
 
 
-def _require_sd(value: float, key: str) -> None:
-    """Raise an error unless a number is zero, or positive and finite."""
-    require(0.0 <= value < np.inf, key, f"{value!r} is no sd", "give 0 (known) or an sd")
-
-
 @array_dataclass
 class InertiaPrior:
     """Pre-flight knowledge of the inertia tensor.
@@ -326,7 +321,7 @@ class RateSensor:
         Its correlation time [s]; wanted with `bias_instability`.
     mounting_sigma : float, optional
         Of a further sensor: how far it may be turned from its axes as stated, about each body axis,
-        one sd [rad]. 0: it sits as stated.
+        one sd [rad]; None: it sits as stated.
 
     Raises
     ------
@@ -351,7 +346,7 @@ class RateSensor:
     rate_random_walk: float | None = None
     bias_instability: float | None = None
     bias_instability_time: float | None = None
-    mounting_sigma: float = 0.0
+    mounting_sigma: float | None = None
 
     def __post_init__(self) -> None:
         axes = np.array(self.axes, dtype=float)
@@ -364,7 +359,7 @@ class RateSensor:
                 require_positive(getattr(self, key), f"rate_sensor.{key}")
         for key in ("range", "rate_random_walk", "bias_instability", "bias_instability_time"):
             require_positive(getattr(self, key), f"rate_sensor.{key}", optional=True)
-        _require_sd(self.mounting_sigma, "rate_sensor.mounting_sigma")
+        require_positive(self.mounting_sigma, "rate_sensor.mounting_sigma", optional=True)
         require(
             (self.bias_instability is None) == (self.bias_instability_time is None),
             "rate_sensor.bias_instability",
@@ -452,7 +447,7 @@ class StarTracker:
     sigma_cross: float
     sigma_roll: float
     low_frequency_sigma: float | None = None
-    mounting_sigma: float = 0.0
+    mounting_sigma: float | None = None
 
     def __post_init__(self) -> None:
         boresight_B = unit_vector(self.boresight_B, "star_tracker.boresight")
@@ -461,7 +456,7 @@ class StarTracker:
         require_positive(self.sigma_roll, "star_tracker.sigma_roll")
         key = "star_tracker.low_frequency_sigma"
         require_positive(self.low_frequency_sigma, key, optional=True)
-        _require_sd(self.mounting_sigma, "star_tracker.mounting_sigma")
+        require_positive(self.mounting_sigma, "star_tracker.mounting_sigma", optional=True)
 
 
 @array_dataclass
@@ -504,7 +499,7 @@ class DirectionSensor:
     offset_sigma: float = 0.0
     scale_sigma: float = 0.0
     soft_iron_sigma: float = 0.0
-    mounting_sigma: float = 0.0
+    mounting_sigma: float | None = None
 
     def __post_init__(self) -> None:
         key = "sensors.direction"
@@ -516,10 +511,11 @@ class DirectionSensor:
         what = "a direction has one noise about all axes across it"
         require(alike, f"{key}.sigma", what, "give one number [rad]")
         object.__setattr__(self, "sigma", sigma)
-        _require_sd(self.mounting_sigma, f"{key}.mounting_sigma")
+        require_positive(self.mounting_sigma, f"{key}.mounting_sigma", optional=True)
         for name in ("offset_sigma", "scale_sigma", "soft_iron_sigma"):
             size = getattr(self, name)
-            _require_sd(size, f"{key}.{name}")
+            what, advice = f"{size!r} is no sd", "give 0 (known) or an sd"
+            require(0.0 <= size < np.inf, f"{key}.{name}", what, advice)
             advice = 'leave it out, or give unit = "T"'
             own = self.is_field or size == 0.0
             require(own, f"{key}.{name}", "only a magnetometer has it", advice)

@@ -209,7 +209,7 @@ def test_the_first_sensor_of_a_kind_is_the_reference_of_frames(flown):
         ({"offset_sigma": 1e-7}, "only a magnetometer"),
         ({"sigma": (0.01, 0.02, 0.03)}, "one noise"),
         ({"reference_N": (0.0, 0.0, 0.0)}, "not positive"),
-        ({"mounting_sigma": -1.0}, "no sd"),
+        ({"mounting_sigma": -1.0}, "not positive"),
     ],
     ids=["unit", "offset of a direction", "three noises", "no direction", "negative sd"],
 )

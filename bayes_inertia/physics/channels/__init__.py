@@ -37,8 +37,8 @@ def _mounted(channel: Channel, campaign: Campaign) -> Channel:
     """The channel of a further sensor, whose mounting is estimated if a sd of it is stated."""
     if channel.stream.field:
         return channel
-    sigma = getattr(channel.stream.hardware(campaign), "mounting_sigma", 0.0)
-    return replace(channel, mounting=True) if sigma > 0.0 else channel
+    sigma = getattr(channel.stream.hardware(campaign), "mounting_sigma", None)
+    return channel if sigma is None else replace(channel, mounting=True)
 
 
 def channels_of(campaign: Campaign, drive: Drive) -> tuple[Channel, ...]:
