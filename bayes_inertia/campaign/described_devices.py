@@ -28,6 +28,7 @@ from bayes_inertia.campaign.format_2 import (
     ChangePart,
     DirectionDevice,
     MagnetorquerDevice,
+    OrbitDevice,
     OtherActuator,
     RateDevice,
     RotorsDevice,
@@ -68,6 +69,7 @@ def described(parsed: Campaign2Part, label: str) -> Description:
         more_sensors=tuple((p.name, sensor) for p, sensor in sensors if p is not first.get(p.type)),
         actuators=tuple(_actuator(part, label) for part in others),
         changes=tuple(_change(part, parsed.slews, label) for part in parsed.changes),
+        orbit=_orbit(parsed, label),
         devices={"wheels": "actuators"}
         | {
             key: f"sensors.{first[kind].name}"
@@ -75,6 +77,18 @@ def described(parsed: Campaign2Part, label: str) -> Description:
             if kind in first
         },
     )
+
+
+def _orbit(parsed: Campaign2Part, label: str) -> tuple[str, str] | None:
+    """The file of two-line elements and the epoch, if position and field come from them."""
+    orbits = [part for part in parsed.environment if isinstance(part, OrbitDevice)]
+    if not orbits:
+        return None
+    if len(parsed.environment) > 1:
+        what = "position and magnetic field are given twice"
+        advice = "keep the orbit alone, or the columns"
+        refuse(label, f"environment.{orbits[0].name}", what, advice)
+    return orbits[0].tle, orbits[0].epoch
 
 
 def _require_different(label: str, key: str, names: Sequence[str]) -> None:
@@ -140,6 +154,7 @@ def _environment_entries(parsed: Campaign2Part) -> list[Entry]:
     return [
         Entry(part.type, FIELDS[part.type], part.vector, (f"environment.{part.name}.vector",))
         for part in parsed.environment
+        if not isinstance(part, OrbitDevice)
     ]
 
 
@@ -254,7 +269,7 @@ def _check_wheels(wheels: Sequence[WheelDevice], label: str) -> None:
         if part.momentum is not None and part.speed is not None:
             advice = "keep one of the two, they are the same measurement"
             refuse(label, f"{place}.speed", "momentum is given too", advice)
-        if part.torque is None and commanded:
+        if part.torque is None and commanded and part.state != "locked":
             what = f"missing key, but {commanded[0][0]} has it"
             advice = "give the commands of every wheel, or leave all out: tachometers drive then"
             refuse(label, f"{place}.torque", what, advice)

@@ -95,6 +95,8 @@ class Description:
         In which tables.
     inertia, wheels, rate_sensor, star_tracker, mission, more_sensors, actuators, changes
         As `Campaign` has them.
+    orbit : (str, str) or None
+        A file of two-line elements, and UTC at time zero of the campaign.
     devices : mapping of str to str
         What this file calls a table of format 1, such as "wheels"; empty in format 1.
     """
@@ -111,6 +113,7 @@ class Description:
     more_sensors: tuple[tuple[str, Any], ...] = ()
     actuators: tuple[Actuator, ...] = ()
     changes: tuple[Change, ...] = ()
+    orbit: tuple[str, str] | None = None
     devices: Mapping[str, str] = MappingProxyType({})
 
     def clock(self, entry: Entry) -> TimeColumn:

@@ -17,6 +17,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.limits import LIMITS
+from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import CampaignError, SettingsError
 from bayes_inertia.files import read_bytes, text_of
 
@@ -57,17 +58,24 @@ def with_orbit(campaign: Campaign, tle: str | Path, epoch: datetime | str) -> Ca
     Traceback (most recent call last):
     bayes_inertia.errors.CampaignError: no.tle: does not exist; ...
     """
+    return replace(campaign, slews=slews_with_orbit(campaign.slews, tle, epoch))
+
+
+def slews_with_orbit(
+    slews: Sequence[Slew], tle: str | Path, epoch: datetime | str
+) -> tuple[Slew, ...]:
+    """The same slews with position and magnetic field."""
     path = Path(tle)
     satellites = _satellites(text_of(read_bytes(path), str(path)), str(path))
     zero = _unix_time(epoch)
-    slews = []
-    for slew in campaign.slews:
+    flown = []
+    for slew in slews:
         utc = zero + slew.start + slew.time
         satellite = _nearest(satellites, float(utc[0]), str(path))
         position_N = _position_N(satellite, utc, str(path))
         field_N = _magnetic_field_N(position_N, utc)
-        slews.append(replace(slew, position_N=position_N, magnetic_field_N=field_N))
-    return replace(campaign, slews=tuple(slews))
+        flown.append(replace(slew, position_N=position_N, magnetic_field_N=field_N))
+    return tuple(flown)
 
 
 def _unix_time(epoch: datetime | str) -> float:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
 from annotated_types import Len
 from pydantic import BeforeValidator, Field
 
+from bayes_inertia.campaign.hardware import WheelState
 from bayes_inertia.campaign.schema import (
     AngleUnit,
     AttitudeColumns,
@@ -65,6 +66,13 @@ class WheelSpeed(SpeedColumns):
     sigma: float | None = None  # noise of a reading [rad/s]
 
 
+# The states that a wheel may have are those of `hardware.Wheel`.
+if TYPE_CHECKING:
+    type WheelStates = str
+else:
+    WheelStates = Literal[get_args(WheelState)]
+
+
 class WheelDevice(Part):
     """One of `[[actuators]]`: a reaction or momentum wheel."""
 
@@ -79,6 +87,7 @@ class WheelDevice(Part):
     max_torque: float | None = None
     max_momentum: float | None = None
     momentum_sigma: float | None = None
+    state: WheelStates | None = None
     torque: WheelTorque | None = None
     momentum: WheelMomentum | None = None
     speed: WheelSpeed | None = None
@@ -314,10 +323,21 @@ class PositionDevice(Part):
     )
 
 
+class OrbitDevice(Part):
+    """One of `[[environment]]`: position and magnetic field of two-line elements."""
+
+    type: Literal["orbit"]
+    name: str = "orbit"
+    tle: str = Field(description='tle = a file of two-line elements, such as "orbit.tle"')
+    epoch: str = Field(
+        description='epoch = UTC at time zero of the campaign, such as "2023-09-04T14:48:23"'
+    )
+
+
 OtherActuator = TorqueDevice | MagnetorquerDevice | ThrusterDevice | RotorsDevice
 Actuator = Annotated[WheelDevice | OtherActuator, Field(discriminator="type")]
 Sensor = Annotated[RateDevice | AttitudeDevice | DirectionDevice, Field(discriminator="type")]
-Environment = Annotated[FieldDevice | PositionDevice, Field(discriminator="type")]
+Environment = Annotated[FieldDevice | PositionDevice | OrbitDevice, Field(discriminator="type")]
 
 
 class ChangePart(Part):

@@ -13,6 +13,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.commands import with_known_torques, without_impossible_torques
 from bayes_inertia.campaign.description import Description, SlewTables
+from bayes_inertia.campaign.environment import slews_with_orbit
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.limits import LIMITS
@@ -89,7 +90,8 @@ def read_unmasked(path: str | Path, *, keep_commands: bool = False) -> Campaign:
     def table(file: str, names: Sequence[str], slew: str) -> Table:
         return read_table(paths[file], names, group=slew)
 
-    return _assembled(parsed, label, table, keep_commands)
+    orbit = _orbit_path(parsed, description)
+    return _assembled(parsed, label, table, keep_commands, orbit)
 
 
 def campaign_of(description: str, label: str, tables: Mapping[str, Table]) -> Campaign:
@@ -100,7 +102,11 @@ def campaign_of(description: str, label: str, tables: Mapping[str, Table]) -> Ca
 
 
 def _assembled(
-    parsed: Description, label: str, table: _TableReader, keep_commands: bool = False
+    parsed: Description,
+    label: str,
+    table: _TableReader,
+    keep_commands: bool = False,
+    orbit: Path | None = None,
 ) -> Campaign:
     """The campaign of a description, whose tables are asked for by file, columns and slew."""
     slews, dirt = [], []
@@ -114,6 +120,8 @@ def _assembled(
             raise error.inside(label) from None
         slews += parts
         dirt += located(records + unknown, parts)
+    if parsed.orbit is not None and orbit is not None:
+        slews = list(slews_with_orbit(slews, orbit, parsed.orbit[1]))
     try:
         return Campaign(
             name=parsed.name,
@@ -169,7 +177,17 @@ def _files(path: str | Path) -> list[tuple[str, bytes]]:
     parsed = parse_description(text_of(content, str(description)), str(description))
     tables = _table_paths(parsed, description)
     files = [file for part in parsed.slews for file in part.tables()]
-    return [("campaign.toml", content), *((file, read_bytes(tables[file])) for file in files)]
+    read = [(file, read_bytes(tables[file])) for file in files]
+    orbit = _orbit_path(parsed, description)
+    read += [] if parsed.orbit is None or orbit is None else [(parsed.orbit[0], read_bytes(orbit))]
+    return [("campaign.toml", content), *read]
+
+
+def _orbit_path(parsed: Description, description: Path) -> Path | None:
+    """The file of two-line elements, if there is one."""
+    if parsed.orbit is None:
+        return None
+    return table_path(description.parent, parsed.orbit[0], f"{description}, key environment.tle")
 
 
 def _table_paths(parsed: Description, description: Path) -> dict[str, Path]:
@@ -232,7 +250,12 @@ def _channels(
         disorder += [(record, of_stream["time"][list(record.rows)]) for record in rows.dirt]
         # What only tells what devices did has times of its own.
         readings += [] if rows.stream.is_input else [of_stream]
-    return union(readings, f"slews.{part.name}"), disorder
+    channels = union(readings, f"slews.{part.name}")
+    for k, wheel in enumerate(parsed.wheels):
+        for name in ("wheel_torque", "wheel_momentum") if wheel.state == "locked" else ():
+            if name in channels and np.isnan(channels[name][:, k]).all():
+                channels[name][:, k] = 0.0
+    return channels, disorder
 
 
 def _slews(

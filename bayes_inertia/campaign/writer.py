@@ -222,7 +222,8 @@ def _toml(campaign: Campaign, columns: dict[str, list[str]], files: list[str]) -
             "name": campaign.name,
             "mission": dict(campaign.mission),
             "inertia": vars(campaign.inertia),
-            "wheels": [_renamed(vars(wheel), axis_B="axis") for wheel in campaign.wheels],
+            # A wheel that is not running is said in format 2.
+            "wheels": [_renamed(vars(w) | {"state": None}, axis_B="axis") for w in campaign.wheels],
             "rate_sensor": vars(campaign.rate_sensor),
             "star_tracker": _renamed(tracker, boresight_B="boresight"),
             "columns": entries,

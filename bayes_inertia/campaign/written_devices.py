@@ -29,6 +29,7 @@ def needs_format_2(campaign: Campaign) -> bool:
         campaign.more_sensors
         or campaign.actuators
         or campaign.changes
+        or any(wheel.state != "running" for wheel in campaign.wheels)
         or sensor is None
         or len(sensor.axes) != 3
     )
@@ -159,6 +160,7 @@ def _wheels(campaign: Campaign, columns: Mapping[str, Sequence[str]], entry: Any
     for k, wheel in enumerate(campaign.wheels):
         part = {"name": wheel.name, "type": "wheel", **vars(wheel)}
         part["axis"] = part.pop("axis_B")
+        part["state"] = None if wheel.state == "running" else wheel.state
         for channel, key in (("wheel_torque", "torque"), ("wheel_momentum", "momentum")):
             if channel in columns:
                 part[key] = entry(channel)[1] | {"names": [columns[channel][k]]}

@@ -6,8 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.campaign_files import FORMAT_2 as TOML
+from support.campaign_files import edited, make, refusal
 
 from bayes_inertia import Campaign, CampaignError, InertiaPrior, RateSensor, Slew, with_orbit
+from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_campaign
 
 # Of a CubeSat in low orbit, public catalogue.
 ELEMENTS = """\
@@ -87,3 +90,21 @@ def test_what_gives_no_orbit_is_said(tmp_path, text, epoch, says):
     tle.write_text(text)
     with pytest.raises(CampaignError, match=says):
         with_orbit(tumbling(), tle, epoch)
+
+
+def test_an_orbit_is_a_key_of_the_campaign_folder(tmp_path):
+    folder = tmp_path / "in"
+    field = 'type = "magnetic_field"\nvector = { stream = "all", names = ["bx", "by", "bz"], '
+    orbit = f'type = "orbit"\ntle = "orbit.tle"\nepoch = "{EPOCH}"'
+    make(folder, edited(TOML, (f'{field}unit = "T", frame = "inertial" }}', orbit)))
+    assert "orbit.tle" in str(refusal(folder))
+    (folder / "orbit.tle").write_text(ELEMENTS)
+    campaign = read_campaign(folder)
+    expected = with_orbit(campaign, folder / "orbit.tle", EPOCH)
+    for slew, other in zip(campaign.slews, expected.slews, strict=True):
+        np.testing.assert_array_equal(slew.magnetic_field_N, other.magnetic_field_N)
+        np.testing.assert_array_equal(slew.position_N, other.position_N)
+    before = campaign_sha256(folder)
+    assert (copy_campaign(folder, tmp_path / "copy") / "orbit.tle").read_text() == ELEMENTS
+    (folder / "orbit.tle").write_text(ELEMENTS + "\n")
+    assert campaign_sha256(folder) != before

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.campaign_files import CSV, assert_same, assert_teaches, edited, make, refusal
+from support.campaign_files import FORMAT_2 as TOML
 
 from bayes_inertia.app.commands.check import campaign_json
 from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magnetorquer, Thruster
@@ -17,72 +18,6 @@ from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_c
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.physics.actuators import effects_of
 
-TOML = """\
-format = "bayes-inertia-campaign/2"
-name = "two slews"
-
-[inertia]
-tensor = [[3.0, 0.01, 0.0], [0.01, 2.0, 0.0], [0.0, 0.0, 2.0]]
-relative_sigma = 0.04
-product_sigma = 0.03
-includes_wheel_spin = false
-
-[time]
-names = ["t"]
-unit = "s"
-
-[[actuators]]
-name = "x"
-type = "wheel"
-axis = [1, 0, 0]
-spin_inertia = 0.001
-torque = { stream = "all", names = ["u1"], unit = "N m", acts_on = "wheel" }
-momentum = { stream = "all", names = ["h1"], unit = "N m s", relative_to = "body", sigma = 5e-6 }
-
-[[actuators]]
-name = "y"
-type = "wheel"
-axis = [0, 1, 0]
-spin_inertia = 0.002
-torque = { stream = "all", names = ["u2"], unit = "N m", acts_on = "wheel" }
-momentum = { stream = "all", names = ["h2"], unit = "N m s", relative_to = "body" }
-
-[[sensors]]
-name = "gyro"
-type = "rate"
-sigma = 2e-5
-rate = { stream = "all", names = ["wx", "wy", "wz"], unit = "rad/s" }
-
-[[sensors]]
-name = "tracker"
-type = "attitude"
-boresight = [0, 0, 1]
-sigma_cross = 2e-5
-sigma_roll = 1e-4
-
-[sensors.attitude]
-stream = "all"
-names = ["q1", "q2", "q3", "q4"]
-scalar = "last"
-maps = "inertial_to_body"
-
-[[environment]]
-name = "field"
-type = "magnetic_field"
-vector = { stream = "all", names = ["bx", "by", "bz"], unit = "T", frame = "inertial" }
-
-[[slews]]
-name = "first"
-file = "a.csv"
-start = 0.0
-axis = [1.0, 0.0, 0.0]
-angle_deg = 30.0
-
-[[slews]]
-name = "second"
-file = "b.csv"
-start = 100
-"""
 TORQUERS = """
 [[actuators]]
 name = "torquers"
@@ -229,6 +164,27 @@ def test_bad_directions_name_file_and_key(tmp_path, old, new, named):
     error = refusal(suns(tmp_path / "in", TOML + edited(SUN, (old, new))))
     assert error is not None
     assert_teaches(error, ["campaign.toml", *named])
+
+
+def test_a_locked_wheel_needs_no_telemetry(tmp_path):
+    wheel = """
+[[actuators]]
+name = "z"
+type = "wheel"
+axis = [0, 0, 1]
+spin_inertia = 0.003
+state = "locked"
+
+[[sensors]]
+name = "gyro\""""
+    toml = edited(TOML, ('\n[[sensors]]\nname = "gyro"', wheel))
+    campaign = read_campaign(make(tmp_path / "in", toml))
+    assert [wheel.state for wheel in campaign.wheels] == ["running", "running", "locked"]
+    assert campaign.has_commands
+    assert not campaign.slews[0].wheel_torque[:, 2].any()
+    assert read_campaign(write_campaign(campaign, tmp_path / "out")).wheels == campaign.wheels
+    wrong = edited(toml, ('state = "locked"', 'state = "off"'))
+    assert_teaches(refusal(make(tmp_path / "wrong", wrong)), ["actuators.z.state", '"locked"'])
 
 
 BAD = [

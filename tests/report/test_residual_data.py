@@ -1,10 +1,13 @@
 """Residuals in the page: nothing lost, and outliers kept where there are too many rows."""
 
 import base64
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import xarray
 
+from bayes_inertia.report.pictures.posterior_data import channel_series
 from bayes_inertia.report.pictures.thinning import thinned_rows
 from bayes_inertia.report.residual_sections import explorer_data, residual_channels
 
@@ -59,3 +62,27 @@ def test_the_middle_of_noise_is_not_left_empty():
     assert len(shown) <= 600
     # The evenly spaced half are an unbiased sample: 38 % within half a sigma.
     assert np.mean(np.abs(shown) < 0.5) > 0.19 - 4.0 * np.sqrt(0.25 / shown.size)
+
+
+def test_fixes_of_a_further_star_tracker_have_times_and_small_rotations():
+    fixes, dims = np.full((1, 3, 4), np.nan), ("slew", "tracker 2_fix", "quaternion")
+    fixes[0, :2] = [0.0, 0.0, 0.0, 1.0]
+    time = np.array([[5.0, 6.0, np.nan]])
+    tree = {
+        "observed_data": {"tracker 2": (dims, fixes)},
+        "posterior_predictive": {"tracker 2": (("chain", "draw", *dims), fixes[None, None])},
+        "estimate": {"residual_tracker 2": (("row", "axis"), np.arange(9.0).reshape(3, 3))},
+        "constant_data": {
+            "time": (("slew", "row"), np.arange(9.0)[None]),
+            "tracker 2_fix_time": (dims[:2], time),
+        },
+    }
+    coords = {"slew": ["slew 1"]}
+    groups = {key: xarray.Dataset(values, coords=coords if key == "observed_data" else None)
+              for key, values in tree.items()}  # fmt: skip
+    posterior = SimpleNamespace(tree=xarray.DataTree.from_dict(groups))
+    series = channel_series(posterior, "tracker 2")
+    np.testing.assert_array_equal(series.time, time)
+    assert series.components == ["axis 1", "axis 2", "axis 3"]
+    np.testing.assert_array_equal(series.residual[0, :2], [[0, 1, 2], [3, 4, 5]])
+    assert np.isnan(series.residual[0, 2]).all()

@@ -62,6 +62,75 @@ start = 100
 """
 
 
+# The same in format 2.
+FORMAT_2 = """\
+format = "bayes-inertia-campaign/2"
+name = "two slews"
+
+[inertia]
+tensor = [[3.0, 0.01, 0.0], [0.01, 2.0, 0.0], [0.0, 0.0, 2.0]]
+relative_sigma = 0.04
+product_sigma = 0.03
+includes_wheel_spin = false
+
+[time]
+names = ["t"]
+unit = "s"
+
+[[actuators]]
+name = "x"
+type = "wheel"
+axis = [1, 0, 0]
+spin_inertia = 0.001
+torque = { stream = "all", names = ["u1"], unit = "N m", acts_on = "wheel" }
+momentum = { stream = "all", names = ["h1"], unit = "N m s", relative_to = "body", sigma = 5e-6 }
+
+[[actuators]]
+name = "y"
+type = "wheel"
+axis = [0, 1, 0]
+spin_inertia = 0.002
+torque = { stream = "all", names = ["u2"], unit = "N m", acts_on = "wheel" }
+momentum = { stream = "all", names = ["h2"], unit = "N m s", relative_to = "body" }
+
+[[sensors]]
+name = "gyro"
+type = "rate"
+sigma = 2e-5
+rate = { stream = "all", names = ["wx", "wy", "wz"], unit = "rad/s" }
+
+[[sensors]]
+name = "tracker"
+type = "attitude"
+boresight = [0, 0, 1]
+sigma_cross = 2e-5
+sigma_roll = 1e-4
+
+[sensors.attitude]
+stream = "all"
+names = ["q1", "q2", "q3", "q4"]
+scalar = "last"
+maps = "inertial_to_body"
+
+[[environment]]
+name = "field"
+type = "magnetic_field"
+vector = { stream = "all", names = ["bx", "by", "bz"], unit = "T", frame = "inertial" }
+
+[[slews]]
+name = "first"
+file = "a.csv"
+start = 0.0
+axis = [1.0, 0.0, 0.0]
+angle_deg = 30.0
+
+[[slews]]
+name = "second"
+file = "b.csv"
+start = 100
+"""
+
+
 CSV = """\
 t,u1,u2,h1,h2,wx,wy,wz,q1,q2,q3,q4,bx,by,bz,mode
 0,0.001,0.002,0.11,0.21,0.01,0.02,0.03,,,,,1e-5,2e-5,3e-5,idle
