@@ -28,6 +28,7 @@ _PUBLIC = {
     "InertiaPrior": "campaign.hardware",
     "CorrelatedNoise": "campaign.hardware",
     "Change": "campaign.changes",
+    "DirectionSensor": "campaign.hardware",
     "GimballedRotors": "campaign.actuators",
     "InputStream": "campaign.inputs",
     "KnownTorque": "campaign.actuators",

@@ -21,8 +21,8 @@ import bayes_inertia as bi
 # Adding a name is a decision; removing one breaks notebooks.
 PUBLIC = set(
     """
-    Campaign Change CorrelatedNoise Dirt GimballedRotors InertiaPrior InputStream KnownTorque
-    Magnetorquer RateSensor Slew StarTracker Thruster Wheel
+    Campaign Change CorrelatedNoise DirectionSensor Dirt GimballedRotors InertiaPrior InputStream
+    KnownTorque Magnetorquer RateSensor Slew StarTracker Thruster Wheel
     read_campaign with_orbit write_campaign
     DroppedPart ImportedCampaign NoiseFit RestNoise SlewCut SlewWindow import_logs
     ConventionChange ConventionsCheck check_conventions

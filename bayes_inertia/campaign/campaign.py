@@ -103,6 +103,12 @@ class Campaign:
             what = f"a {type(sensor).__name__} is no kind of sensor"
             advice = "give a RateSensor, StarTracker, DirectionSensor, or what names its stream"
             require(known, f"more_sensors.{name}", what, advice)
+        for key in ("rate_sensor", "star_tracker"):
+            # Frames need a reference; effects turn the one against the other.
+            turned = getattr(getattr(self, key), "mounting_sigma", None) is not None
+            advice = f"state it of a further sensor, or fit the effect {key}_misalignment"
+            what = "the first sensor of a kind is the reference of frames"
+            require(not turned, f"{key}.mounting_sigma", what, advice)
         for device in self.actuators:
             what = f"a {type(device).__name__} is no device beside wheels"
             advice = "give a KnownTorque, Magnetorquer, Thruster or GimballedRotors"

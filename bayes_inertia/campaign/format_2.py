@@ -229,6 +229,7 @@ class RateDevice(Part):
     rate_random_walk: float | None = None
     bias_instability: float | None = None
     bias_instability_time: float | None = None
+    mounting_sigma: float | None = None
 
 
 class DeviceAttitude(AttitudeColumns):
@@ -246,6 +247,7 @@ class AttitudeDevice(StarTrackerPart):
         description='attitude = { stream = "...", names = ["q1", "q2", "q3", "q4"], scalar = ..., '
         "maps = ... }"
     )
+    mounting_sigma: float | None = None
 
 
 class DirectionColumns(StreamColumns):
@@ -284,6 +286,7 @@ class DirectionDevice(Part):
     offset_sigma: float | None = None
     scale_sigma: float | None = None
     soft_iron_sigma: float | None = None
+    mounting_sigma: float | None = None
 
 
 class FieldVector(MagneticFieldColumns):

@@ -319,6 +319,9 @@ class RateSensor:
         Sd of a bias that wanders about its mean, BI [rad/s]; None: it does not.
     bias_instability_time : float, optional
         Its correlation time [s]; wanted with `bias_instability`.
+    mounting_sigma : float, optional
+        Of a further sensor: how far it may be turned from its axes as stated, about each body axis,
+        one sd [rad]; None: it sits as stated.
 
     Raises
     ------
@@ -343,6 +346,7 @@ class RateSensor:
     rate_random_walk: float | None = None
     bias_instability: float | None = None
     bias_instability_time: float | None = None
+    mounting_sigma: float | None = None
 
     def __post_init__(self) -> None:
         axes = np.array(self.axes, dtype=float)
@@ -355,6 +359,7 @@ class RateSensor:
                 require_positive(getattr(self, key), f"rate_sensor.{key}")
         for key in ("range", "rate_random_walk", "bias_instability", "bias_instability_time"):
             require_positive(getattr(self, key), f"rate_sensor.{key}", optional=True)
+        require_positive(self.mounting_sigma, "rate_sensor.mounting_sigma", optional=True)
         require(
             (self.bias_instability is None) == (self.bias_instability_time is None),
             "rate_sensor.bias_instability",
@@ -424,6 +429,8 @@ class StarTracker:
     low_frequency_sigma : float, optional
         Sd of the error that all fixes of a group share, another in each group, on each axis [rad];
         None: there is none.
+    mounting_sigma : float, optional
+        As of `RateSensor`.
 
     Raises
     ------
@@ -440,6 +447,7 @@ class StarTracker:
     sigma_cross: float
     sigma_roll: float
     low_frequency_sigma: float | None = None
+    mounting_sigma: float | None = None
 
     def __post_init__(self) -> None:
         boresight_B = unit_vector(self.boresight_B, "star_tracker.boresight")
@@ -448,6 +456,7 @@ class StarTracker:
         require_positive(self.sigma_roll, "star_tracker.sigma_roll")
         key = "star_tracker.low_frequency_sigma"
         require_positive(self.low_frequency_sigma, key, optional=True)
+        require_positive(self.mounting_sigma, "star_tracker.mounting_sigma", optional=True)
 
 
 @array_dataclass
@@ -469,6 +478,8 @@ class DirectionSensor:
         Of the readings: "" for a direction, "T" for a field.
     offset_sigma, scale_sigma, soft_iron_sigma : float, optional
         Prior sds of a magnetometer's own errors [T, 1, 1]; what has none is not estimated.
+    mounting_sigma : float, optional
+        As of `RateSensor`.
 
     Raises
     ------
@@ -488,6 +499,7 @@ class DirectionSensor:
     offset_sigma: float = 0.0
     scale_sigma: float = 0.0
     soft_iron_sigma: float = 0.0
+    mounting_sigma: float | None = None
 
     def __post_init__(self) -> None:
         key = "sensors.direction"
@@ -499,10 +511,11 @@ class DirectionSensor:
         what = "a direction has one noise about all axes across it"
         require(alike, f"{key}.sigma", what, "give one number [rad]")
         object.__setattr__(self, "sigma", sigma)
+        require_positive(self.mounting_sigma, f"{key}.mounting_sigma", optional=True)
         for name in ("offset_sigma", "scale_sigma", "soft_iron_sigma"):
             size = getattr(self, name)
-            what = f"{size!r} is no sd"
-            require(0.0 <= size < np.inf, f"{key}.{name}", what, "give 0 (known) or an sd")
+            what, advice = f"{size!r} is no sd", "give 0 (known) or an sd"
+            require(0.0 <= size < np.inf, f"{key}.{name}", what, advice)
             advice = 'leave it out, or give unit = "T"'
             own = self.is_field or size == 0.0
             require(own, f"{key}.{name}", "only a magnetometer has it", advice)

@@ -298,8 +298,10 @@ def usable(
     campaign, kept = model.campaign, []
     for effect in effects:
         count = effect.coefficient_count(campaign)
+        if count == 0:
+            continue
         known = not effect.parameters(campaign) or effect.name in fitted
-        if not known and count > 0 and numbers * count <= LIMITS.largest_columns:
+        if not known and numbers * count <= LIMITS.largest_columns:
             kept.append(effect)
     return tuple(kept)
 

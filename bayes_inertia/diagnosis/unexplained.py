@@ -206,7 +206,8 @@ def _better_signal(
         return None
     sources = ("rate sensor", "wheel torque", "tachometers")
     signals = [_inferred(fit, response, source) for source in sources]
-    best = max((s for s in signals if s is not None), key=lambda s: s.log_evidence)
+    found = (signal for signal in signals if signal is not None)
+    best = max(found, key=lambda s: s.log_evidence, default=torque)
     return best if best.log_evidence > torque.log_evidence + LIMITS.sensor_margin else None
 
 

@@ -250,7 +250,7 @@ def _space(
         ("", scalar(f"K{i}", unit="", prior=Normal(mean, sd), null=1.0))
         for i, (mean, sd) in enumerate(factors, start=1)
     ]
-    entries += [(c.name, parameter) for c in channels for parameter in c.own_parameters(campaign)]
+    entries += [(c.name, parameter) for c in channels for parameter in c.every_parameter(campaign)]
     entries += [
         (effect.name, parameter)
         for effect in effects

@@ -213,7 +213,7 @@ def predict(
         slew, start, J, active, structure.drive, structure.rows_per_step
     )
     values = tuple(
-        channel.sensed(constants, bias * data.scale.bias, slew, trajectory)
+        channel.seen(theta, constants, bias * data.scale.bias, slew, trajectory)
         for channel, constants in zip(structure.channels, data.sensors, strict=True)
     )
     for (effect, p), states in zip(active, effect_states, strict=True):

@@ -33,6 +33,14 @@ KINDS: Mapping[type[SensorStream], type[Channel]] = MappingProxyType(
 )
 
 
+def _mounted(channel: Channel, campaign: Campaign) -> Channel:
+    """The channel of a further sensor, whose mounting is estimated if a sd of it is stated."""
+    if channel.stream.field:
+        return channel
+    sigma = getattr(channel.stream.hardware(campaign), "mounting_sigma", None)
+    return channel if sigma is None else replace(channel, mounting=True)
+
+
 def channels_of(campaign: Campaign, drive: Drive) -> tuple[Channel, ...]:
     """The channels of a model, in the order of all tables; tachometers may drive it."""
     axes = len(campaign.rate_sensor.axes) if campaign.rate_sensor else 0
@@ -43,7 +51,7 @@ def channels_of(campaign: Campaign, drive: Drive) -> tuple[Channel, ...]:
             channel = replace(channel, parameters=(6, 6 + axes))
         elif isinstance(stream, MomentumStream):
             channel = replace(channel, compared=drive == "commanded")
-        elif own := channel.own_parameters(campaign):
+        elif own := (channel := _mounted(channel, campaign)).every_parameter(campaign):
             end = begin + sum(len(parameter.names) for parameter in own)
             channel, begin = replace(channel, parameters=(begin, end)), end
         channels.append(channel)

@@ -18,9 +18,10 @@ from jax import Array
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
 from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.parameters import Parameter
+from bayes_inertia.physics.parameters import Normal, Parameter, scalar
 from bayes_inertia.physics.slew_context import SlewContext, Trajectory
 from bayes_inertia.physics.slew_input import Drive, SlewInput
 
@@ -68,11 +69,14 @@ class Channel(ABC):
         Whether residuals are taken; tachometers that drive the model are an input.
     parameters : (int, int)
         Where its parameters begin and end in theta.
+    mounting : bool
+        Whether the last three are a rotation of the sensor from where it is said to sit.
     """
 
     stream: SensorStream
     compared: bool = True
     parameters: tuple[int, int] = (0, 0)
+    mounting: bool = False
 
     # Hook of `Effect` by which effects reach the readings.
     hook: ClassVar[str]
@@ -113,6 +117,26 @@ class Channel(ABC):
     def own_parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         """What is estimated of the sensor itself, beside K of the rate sensor."""
         return ()
+
+    def every_parameter(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        """Its own, then the rotation of its mounting [rad]."""
+        own = self.own_parameters(campaign)
+        if not self.mounting:
+            return own
+        prior = Normal(0.0, self.stream.hardware(campaign).mounting_sigma)
+        turns = tuple(scalar(f"mounting_{axis}", unit="rad", prior=prior) for axis in "xyz")
+        return (*own, *turns)
+
+    def seen(
+        self, theta: Array, constants: Any, bias: Array, slew: SlewInput, trajectory: Trajectory
+    ) -> Array:
+        """As `sensed`, of a sensor that may be turned: the body's motion as if it were turned."""
+        if self.mounting:
+            turn = quaternion.exp(theta[slice(*self.parameters)][-3:])
+            attitude = quaternion.multiply(trajectory.attitude, turn)
+            rate_B = quaternion.to_body(turn, trajectory.rate_B)
+            trajectory = trajectory._replace(attitude=attitude, rate_B=rate_B)
+        return self.sensed(constants, bias, slew, trajectory)
 
     def of_campaign(self, campaign: Campaign) -> Channel:
         """The channel with what decides compiled code of this campaign's sensor."""

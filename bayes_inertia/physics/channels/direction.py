@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import jax
@@ -71,7 +71,7 @@ class DirectionChannel(SeparateColumns):
         sensor = self.stream.hardware(campaign)
         sizes = (sensor.offset_sigma, sensor.scale_sigma, sensor.soft_iron_sigma)
         errors = tuple(e for e, size in zip(_ERRORS, sizes, strict=True) if size > 0.0)
-        return type(self)(self.stream, self.compared, self.parameters, sensor.is_field, errors)
+        return replace(self, is_field=sensor.is_field, errors=errors)
 
     def readings(self, campaign: Campaign, slew: Slew) -> Readings:
         """Whole vectors whose reference is known; directions at length one."""

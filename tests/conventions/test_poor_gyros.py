@@ -1,0 +1,66 @@
+"""An honest poor gyro, or none, is not taken for motion, and not accused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayes_inertia.conventions.check import check_conventions
+from bayes_inertia.physics.integration_plan import motion_scales
+
+NOISES = (0.001, 0.005, 0.02, 0.05, 0.2)
+
+
+@pytest.fixture(scope="module")
+def good(flying, setup_type):
+    return flying(6, setup_type(rows=320, dt=0.25)).campaign
+
+
+def louder(campaign, sigma, seed=1):
+    """The campaign with honest noise of another size on all axes."""
+    rng = np.random.default_rng(seed)
+    slews = (
+        replace(slew, rate=slew.rate + sigma * rng.normal(size=slew.rate.shape))
+        for slew in campaign.slews
+    )
+    sensor = replace(campaign.rate_sensor, sigma=(sigma,), range=None)
+    sensor = replace(sensor, sigma=(sigma,) * 3)
+    return replace(campaign, rate_sensor=sensor, slews=tuple(slews))
+
+
+def gyroless(campaign):
+    slews = tuple(replace(slew, rate=None) for slew in campaign.slews)
+    return replace(campaign, rate_sensor=None, slews=slews)
+
+
+@pytest.mark.parametrize("sigma", NOISES)
+def test_noise_of_a_poor_gyro_is_not_taken_for_motion(good, sigma):
+    poor = louder(good, sigma)
+    true, found = motion_scales(good), motion_scales(poor)
+    assert 0.5 * true.frequency < found.frequency < 2.5 * true.frequency
+    assert poor.scale_of_motion()[0] == pytest.approx(good.scale_of_motion()[0], rel=0.3)
+
+
+@pytest.mark.parametrize("sigma", NOISES)
+def test_the_doctor_counts_the_noise_that_rates_add_up_to(good, sigma):
+    check = check_conventions(louder(good, sigma), quick=True)
+    assert check.verdict == "consistent", check.sentence
+
+
+def test_a_wrong_sign_of_the_wheels_is_found_without_a_gyro(flying, setup_type):
+    setup = setup_type(fix_rows=tuple(range(96)))
+    campaign = gyroless(flying(6, setup).campaign)
+    assert check_conventions(campaign, quick=True).verdict == "consistent"
+    slews = tuple(
+        replace(s, wheel_torque=-s.wheel_torque, wheel_momentum=-s.wheel_momentum)
+        for s in campaign.slews
+    )
+    check = check_conventions(replace(campaign, slews=slews), quick=True)
+    assert check.verdict == "wrong"
+    assert not any(change.key.startswith("columns.rate") for change in check.changes)
+
+
+def test_a_good_gyro_is_taken_as_it_is(good):
+    assert good.with_body_rates is good
