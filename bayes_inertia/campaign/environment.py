@@ -70,7 +70,7 @@ def slews_with_orbit(
     zero = _unix_time(epoch)
     flown = []
     for slew in slews:
-        utc = zero + slew.start + slew.time
+        utc = zero + slew.start + slew.time - slew.time[0]
         satellite = _nearest(satellites, float(utc[0]), str(path))
         position_N = _position_N(satellite, utc, str(path))
         field_N = _magnetic_field_N(position_N, utc)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +76,12 @@ def test_field_is_nearly_that_of_a_dipole_that_turns_with_the_earth(orbiting):
     # Negative controls: the dipole at another longitude, and the field turned about.
     assert agreement(dipole * [-3.0, -3.0, 1.0]) < agreement(dipole) - 0.03
     assert agreement(-dipole) < -0.95
+
+
+def test_the_first_row_is_at_the_start_whatever_its_own_clock_says(orbiting, tmp_path):
+    late = replace(orbiting.slews[0], time=orbiting.slews[0].time + 50.0)
+    again = with_orbit(replace(orbiting, slews=(late,)), tmp_path / "orbit.tle", EPOCH)
+    np.testing.assert_array_equal(again.slews[0].position_N, orbiting.slews[0].position_N)
 
 
 @pytest.mark.parametrize(
