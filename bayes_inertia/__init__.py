@@ -151,6 +151,17 @@ _PUBLIC = {
     "separating_slew": "design.separating_slew",
     # Compiled code kept between runs.
     "keep_compiled_code": "app.compiled_code",
+    # Plots on axes of your own.
+    "plot_attitude": "report.plots",
+    "plot_candidates": "report.plots",
+    "plot_observability": "report.plots",
+    "plot_pairs": "report.plots",
+    "plot_prior": "report.plots",
+    "plot_ranks": "report.plots",
+    "plot_rates": "report.plots",
+    "plot_residuals": "report.plots",
+    "plot_telemetry": "report.plots",
+    "plot_trace": "report.plots",
     # Reports.
     "Picture": "report.section",
     "Section": "report.section",

@@ -12,6 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import pandas
 import pytest
 import xarray
 from numpydoc.docscrape import NumpyDocString
@@ -43,6 +44,8 @@ PUBLIC = set(
     compare_plans design_plan next_slew separating_slew
     keep_compiled_code
     Picture Section standard_sections write_report
+    plot_attitude plot_candidates plot_observability plot_pairs plot_prior plot_ranks plot_rates
+    plot_residuals plot_telemetry plot_trace
     BayesInertiaError CampaignError DesignError EffectError EstimateError OutputError
     SettingsError StudyError
     """.split()  # noqa: SIM905
@@ -65,7 +68,7 @@ def is_described(value: Any) -> bool:
 FUNCTIONS = sorted(n for n in PUBLIC if inspect.isfunction(getattr(bi, n, None)))
 CLASSES = sorted(n for n in PUBLIC if inspect.isclass(getattr(bi, n, None)))
 # What hints may name that a module imports for type checking only.
-FOR_HINTS = {"xr": xarray, "Mapping": Mapping, "Sequence": Sequence} | {
+FOR_HINTS = {"pd": pandas, "xr": xarray, "Mapping": Mapping, "Sequence": Sequence} | {
     name: getattr(bi, name) for name in CLASSES
 }
 

@@ -12,8 +12,30 @@ from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracke
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.saturated import in_range
+from bayes_inertia.maths.printed import Card, parameter_lines, shown_as
 
 
+def _card(campaign: Campaign) -> Card:
+    """What was flown, with what, and what was known before."""
+    slews, wheels = campaign.slews, len(campaign.wheels)
+    rows = tuple(
+        (s.name, f"{s.start:.6g}", f"{s.duration:.4g}", str(len(s.time)), str(s.fixes.sum()))
+        for s in slews
+    )
+    begin, end = campaign.span
+    sensors = ["star tracker"] if campaign.star_tracker else []
+    sensors += [name for name, _ in campaign.more_sensors]
+    prior = campaign.inertia
+    known = zip(("Jxx", "Jyy", "Jzz"), prior.elements.tolist(), prior.sd.tolist(), strict=False)
+    lines = (
+        f"Campaign {campaign.name}: {len(slews)} slews in {end - begin:.4g} s",
+        ", ".join([f"{wheels} wheels", "rate sensor", *sensors]),
+        f"before flight {parameter_lines({name: (at, sd) for name, at, sd in known})[0]}",
+    )
+    return Card(lines, ("slew", "start [s]", "duration [s]", "rows", "fixes"), rows)
+
+
+@shown_as(_card)
 @dataclass(frozen=True)
 class Campaign:
     """A named set of slews of one spacecraft, with its hardware and prior knowledge.

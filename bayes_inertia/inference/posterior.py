@@ -21,12 +21,15 @@ from scipy import stats
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.likelihood_summary import LikelihoodSummary, summary_of
 from bayes_inertia.inference.limits import LIMITS
+from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.printed import Card, parameter_lines, shown_as, value_text
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.sealing import blaming, is_sealed, write_sealed
 from bayes_inertia.tables.isolated import check_readable
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 FORMAT = "bayes-inertia-posterior/1"
@@ -57,6 +60,33 @@ def sd_of_interval(low: Any, high: Any) -> Any:
     return (high - low) / (2.0 * stats.norm.isf(0.05))
 
 
+def _card(posterior: Posterior) -> Card:
+    """Whether to trust it, J and K as quoted, and all parameters."""
+    summary = posterior.summary()
+    trust = "trusted" if summary["trusted"] else f"not trusted: {'; '.join(summary['reasons'])}"
+    quoted = {
+        name: (p["mean"], p["sd"] if p["quoted_sd"] is None else p["quoted_sd"])
+        for name, p in summary["parameters"].items()
+    }
+    lines = (
+        f"Posterior of {summary['campaign']}, {len(posterior.samples):,} draws: {trust}",
+        *parameter_lines(quoted),
+    )
+    rows = tuple(
+        (
+            name,
+            value_text(p | {"sd": quoted[name][1]}),
+            f"{p['prior_sd']:.2g}",
+            "yes" if p["observable"] else "no",
+        )
+        for name, p in summary["parameters"].items()
+    )
+    # Without a number to quote the model's own sds are shown, and called that.
+    name = "sd" if posterior.quoted_factor is None else "quoted sd"
+    return Card(lines, ("parameter", f"mean ± {name}", "prior sd", "determined"), rows)
+
+
+@shown_as(_card)
 @array_dataclass
 class Posterior:
     """A finished fit: draws, prior, predictions and what the fit says about itself.
@@ -172,6 +202,11 @@ class Posterior:
         return np.stack(columns, -1)
 
     @property
+    def inertia(self) -> np.ndarray:
+        """All draws of J as tensors (n, 3, 3) [kg m^2], in the order of `samples`."""
+        return np.asarray(inertia_tensor.tensor(self.samples[:, :6]))
+
+    @property
     def attributes(self) -> dict[str, Any]:
         """What the fit says about itself: `diagnostics`, `fit`, `gates`, `effects`, `seed`, ..."""
         return json.loads(self.tree.attrs["bayes_inertia"])
@@ -239,6 +274,18 @@ class Posterior:
         content["likelihood"] = None if self.likelihood is None else self.likelihood.json()
         others = [key for key in content if key not in _SUMMARY_ORDER]
         return {key: content[key] for key in [*_SUMMARY_ORDER, *others]}
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """The parameters of `summary` as a table.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row a parameter, one column a number; `quoted_sd` is the one to use.
+        """
+        from pandas import DataFrame
+
+        return DataFrame.from_dict(self.summary()["parameters"], orient="index")
 
     def _parameter(self, i: int, name: str) -> dict[str, Any]:
         """A parameter as it stands in summary.json."""

@@ -30,8 +30,11 @@ from math import factorial
 
 import numpy as np
 
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import EstimateError
-from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference import optimizer
+from bayes_inertia.inference.cleaning import clean_fit
+from bayes_inertia.inference.laplace import Estimate, model_of
 from bayes_inertia.inference.objective import block_index, prior_rows
 from bayes_inertia.inference.point import N_BIAS
 from bayes_inertia.maths.linear_algebra import inverse
@@ -43,20 +46,30 @@ from bayes_inertia.observability.result import (
     Observability,
     ParameterObservability,
 )
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.progress import Progress, as_callback, with_bar
 
 GROUPS = ("J", "K", "initial conditions", "tachometer noise", "rate bias", "effects")
 
 
-def observe(estimate: Estimate, other_drive: Estimate | None = None) -> Observability:
+@with_bar
+def observe(
+    estimate: Estimate | Model | Campaign,
+    other_drive: Estimate | None = None,
+    *,
+    progress: Progress | bool | None = None,
+) -> Observability:
     """What the campaign tells about each fitted parameter, and why not more.
 
     Parameters
     ----------
-    estimate : Estimate
-        Of the campaign.
+    estimate : Estimate, Model or Campaign
+        Of the campaign; a campaign or a model is estimated first, outliers left out as `fit` does.
     other_drive : Estimate, optional
         The same campaign and effects estimated in the other drive, to see what the recorded
         commands are worth.
+    progress : bool or callable, optional
+        True for a bar; or called with (stage, done, of), `of` 0 where a stage is not counted.
 
     Returns
     -------
@@ -70,13 +83,15 @@ def observe(estimate: Estimate, other_drive: Estimate | None = None) -> Observab
 
     Examples
     --------
-    >>> from bayes_inertia.inference import optimizer
-    >>> from bayes_inertia.physics.forward_model import Model
     >>> from bayes_inertia.physics.small_campaign import small_campaign
-    >>> seen = observe(optimizer.estimate(Model(small_campaign())))
+    >>> seen = observe(small_campaign())
     >>> [row.name for row in seen.parameters][:3]
     ['Jxx', 'Jyy', 'Jzz']
     """
+    say = as_callback(progress)
+    if not isinstance(estimate, Estimate):
+        estimate = clean_fit(optimizer.estimate(model_of(estimate), progress=say)).estimate
+    say("asking each slew what it tells", 0, 0)
     model = estimate.model
     if other_drive is not None and (
         other_drive.model.space.names != model.space.names
