@@ -33,7 +33,7 @@ PUBLIC = set(
     Controller Flight Mission Orbit Plan PlannedSlew Spacecraft fly most_like_prior
     most_like_spacecraft paper_like_plan read_plan simulate write_plan
     ChannelTest Colour ColourOfAxis DirtTreatment Estimate FitContext Posterior Settings
-    estimate fit
+    LogDensity estimate fit log_density
     Execution Task TaskFailure Work WorkResult fit_many
     Degeneracy Direction InformationArrival Observability ParameterObservability observe
     AlternativeEffect AlternativeParameters BeyondPrior BinnedResiduals Candidate DiagnosedFit

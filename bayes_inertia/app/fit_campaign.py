@@ -104,13 +104,7 @@ def fit(
         settings = replace(settings, seed=seed)
     say = as_callback(progress)
     say("fitting", 0, 0)
-    # A flexible mode explains nothing near its null value: it begins at the ringing that is there.
-    estimate = restarted_with_mode(optimizer.estimate(model, seed=settings.seed))
-    if not as_stated:
-        say("looking for outliers, measuring the noise", 0, 0)
-        estimate, context = _cleaned(estimate, context, settings.seed)
-    if not model.noise.is_stated:
-        estimate = with_modelled_outliers(estimate)
+    estimate, context = settled_estimate(model, settings.seed, as_stated, context, say)
     samples = sample(estimate, settings, folder=chains, progress=say)
     say("predicting the telemetry", 0, 0)
     posterior = build_posterior(estimate, samples, context or FitContext(), settings.seed)
@@ -120,6 +114,20 @@ def fit(
         alternatives = undetected_alternatives(estimate)
     posterior = averaged_posterior(posterior, alternatives, settings.seed)
     return _with_seconds(posterior, perf_counter() - began)
+
+
+def settled_estimate(
+    model: Model, seed: int, as_stated: bool, context: FitContext | None, say: Progress
+) -> tuple[Estimate, FitContext | None]:
+    """The estimate that is sampled, and the context with the noise that was measured."""
+    # A flexible mode explains nothing near its null value: it begins at the ringing that is there.
+    estimate = restarted_with_mode(optimizer.estimate(model, seed=seed))
+    if not as_stated:
+        say("looking for outliers, measuring the noise", 0, 0)
+        estimate, context = _cleaned(estimate, context, seed)
+    if not model.noise.is_stated:
+        estimate = with_modelled_outliers(estimate)
+    return estimate, context
 
 
 def _cleaned(

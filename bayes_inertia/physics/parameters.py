@@ -423,6 +423,22 @@ class ParameterSpace:
             [p.distribution.rvs(n, random_state=rng) for p in self.priors], axis=-1
         ).reshape(n, self.size)
 
+    def from_unit(self, unit: np.ndarray) -> np.ndarray:
+        """Points of the unit cube as parameters that follow the one-dimensional priors.
+
+        Parameters
+        ----------
+        unit : (..., size) array
+            Uniform between 0 and 1.
+
+        Returns
+        -------
+        (..., size) array
+            Physical values.
+        """
+        columns = zip(self.priors, np.moveaxis(unit, -1, 0), strict=True)
+        return np.stack([p.distribution.ppf(u) for p, u in columns], axis=-1)
+
 
 def prior_residual(constants: Mapping[str, Array], flat: Array) -> Array:
     """Whitened distance of every parameter from its prior's centre.
