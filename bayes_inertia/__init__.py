@@ -25,12 +25,14 @@ _PUBLIC = {
     # Campaigns: what was flown.
     "Campaign": "campaign.campaign",
     "Dirt": "faults.fault",
+    "GaussianPrior": "campaign.prior",
     "InertiaPrior": "campaign.hardware",
     "CorrelatedNoise": "campaign.hardware",
     "RateSensor": "campaign.hardware",
     "Slew": "campaign.slew",
     "StarTracker": "campaign.hardware",
     "Wheel": "campaign.hardware",
+    "prior_in": "campaign.prior",
     "read_campaign": "campaign.reader",
     "write_campaign": "campaign.writer",
     # Conventions held against physics, before any fit.

@@ -22,8 +22,8 @@ import bayes_inertia as bi
 # Adding a name is a decision; removing one breaks notebooks.
 PUBLIC = set(
     """
-    Campaign CorrelatedNoise Dirt InertiaPrior RateSensor Slew StarTracker Wheel
-    read_campaign write_campaign
+    Campaign CorrelatedNoise Dirt GaussianPrior InertiaPrior RateSensor Slew StarTracker Wheel
+    prior_in read_campaign write_campaign
     DroppedPart ImportedCampaign NoiseFit RestNoise SlewCut SlewWindow import_logs
     ConventionChange ConventionsCheck check_conventions
     ChannelNoise CheckedEffect Drive Effect LIBRARY LogNormal Model NoiseModel Normal

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel, require
+from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.saturated import in_range
@@ -65,6 +66,9 @@ class Campaign:
     more_sensors : sequence of (str, hardware), optional
         Further sensors beside those above, each a `RateSensor` or `StarTracker` with the name under
         which `Slew.more` has its readings.
+    prior : GaussianPrior, optional
+        J and K known together, in place of what `inertia` and the rate sensor state of them: a
+        former result, or correlations and bounds of one's own.
 
     Raises
     ------
@@ -88,6 +92,7 @@ class Campaign:
     dirt: tuple[Dirt, ...] = ()
     mission: tuple[tuple[str, str], ...] = ()
     more_sensors: tuple[tuple[str, Any], ...] = ()
+    prior: GaussianPrior | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "wheels", tuple(self.wheels))

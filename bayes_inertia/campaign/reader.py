@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from bayes_inertia.campaign.commands import with_known_torques, without_impossib
 from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.limits import LIMITS
+from bayes_inertia.campaign.prior import COPY_FILE, GaussianPrior, prior_in
 from bayes_inertia.campaign.schema import CampaignPart, ColumnsPart, SlewPart, parse_description
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import located, parts_of, with_known_momentum
@@ -88,7 +91,22 @@ def read_unmasked(path: str | Path, *, keep_commands: bool = False) -> Campaign:
     def table(file: str, names: Sequence[str], slew: str) -> Table:
         return read_table(paths[file], names, group=slew)
 
-    return _assembled(parsed, label, table, keep_commands)
+    campaign = _assembled(parsed, label, table, keep_commands)
+    return replace(campaign, prior=_prior(parsed, description))
+
+
+def _prior(parsed: CampaignPart, description: Path) -> GaussianPrior | None:
+    """The prior that a description names: a copy beside it, or what lies where it points."""
+    if parsed.prior is None:
+        return None
+    copied = description.parent / COPY_FILE
+    if copied.is_file():
+        return prior_in(copied)
+    try:
+        prior = prior_in(description.parent / parsed.prior.from_)
+    except CampaignError as error:
+        raise error.inside(f"{description}, key prior.from") from None
+    return prior if parsed.prior.inflate is None else prior.inflated(parsed.prior.inflate.relative)
 
 
 def campaign_of(description: str, label: str, tables: Mapping[str, Table]) -> Campaign:
@@ -162,7 +180,10 @@ def _files(path: str | Path) -> list[tuple[str, bytes]]:
     parsed = parse_description(text_of(content, str(description)), str(description))
     tables = _table_paths(parsed, description)
     files = [file for part in parsed.slews for file in part.tables()]
-    return [("campaign.toml", content), *((file, read_bytes(tables[file])) for file in files)]
+    read = [("campaign.toml", content), *((file, read_bytes(tables[file])) for file in files)]
+    prior = _prior(parsed, description)
+    # Where the run lies, or whether it changes, does not matter to a copy.
+    return read if prior is None else [*read, (COPY_FILE, json.dumps(prior.json()).encode())]
 
 
 def _table_paths(parsed: CampaignPart, description: Path) -> dict[str, Path]:

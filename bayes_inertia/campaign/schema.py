@@ -304,6 +304,21 @@ class SlewPart(_Part):
         return list(dict.fromkeys(file for file in files if file is not None))
 
 
+class InflatePart(_Part):
+    """What may have changed since a former result."""
+
+    relative: float = Field(description="inflate = { relative = ... }")
+
+
+class PriorPart(_Part):
+    """`[prior]`: a former result in place of other knowledge."""
+
+    model_config = ConfigDict(validate_by_alias=True)
+
+    from_: str = Field(alias="from", description='from = "RUN" or a JSON file')
+    inflate: InflatePart | None = None
+
+
 class CampaignPart(_Part):
     """The whole of `campaign.toml`."""
 
@@ -320,6 +335,7 @@ class CampaignPart(_Part):
     wheels: list[WheelPart] = Field(default=[])
     star_tracker: StarTrackerPart | None = None
     mission: MissionPart | None = None
+    prior: PriorPart | None = None
 
 
 def parse_description(text: str, label: str) -> CampaignPart:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.prior import COPY_FILE
 from bayes_inertia.campaign.schema import FORMAT
 from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.campaign.slew import Slew
@@ -71,7 +73,9 @@ def write_campaign(campaign: Campaign, folder: str | Path) -> Path:
     ...     sorted(path.name for path in folder.iterdir())[:2]
     ['campaign.toml', 'slew_01.csv']
     """
-    return write_new_files(folder, files_of(*content_of(campaign)), holds="campaign")
+    known = {} if campaign.prior is None else {COPY_FILE: json.dumps(campaign.prior.json())}
+    files = {name: text.encode() for name, text in known.items()}
+    return write_new_files(folder, files | files_of(*content_of(campaign)), holds="campaign")
 
 
 def files_of(description: str, tables: Mapping[str, Table]) -> dict[str, bytes]:
@@ -178,6 +182,7 @@ def _toml(campaign: Campaign, columns: dict[str, list[str]], files: list[str]) -
             "name": campaign.name,
             "mission": dict(campaign.mission),
             "inertia": vars(campaign.inertia),
+            "prior": {} if campaign.prior is None else {"from": COPY_FILE},
             "wheels": [_renamed(vars(wheel), axis_B="axis") for wheel in campaign.wheels],
             "rate_sensor": vars(campaign.rate_sensor),
             "star_tracker": _renamed(tracker, boresight_B="boresight"),

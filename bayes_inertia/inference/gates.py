@@ -229,7 +229,10 @@ def prior_gate(estimate: Estimate) -> dict[str, Any]:
     """
     space, theta = estimate.model.space, estimate.theta
     distance = ((theta - space.mean) / space.sd)[:N_BASE]
-    p_value = float(stats.chi2.sf(distance @ distance, N_BASE))
+    joint = distance
+    if space.whitening is not None:
+        joint = space.whitening[:N_BASE, :N_BASE] @ distance
+    p_value = float(stats.chi2.sf(joint @ joint, N_BASE))
     far = np.flatnonzero(np.abs(distance) > LIMITS.prior_sd_at_most)
     worst = int(np.argmax(np.abs(distance)))
     place = (

@@ -21,7 +21,7 @@ from bayes_inertia.inference.noise_model import (
     noise_between_knots,
     stated_noise_of,
 )
-from bayes_inertia.inference.objective import prior_rows
+from bayes_inertia.inference.objective import prior_root
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.inference.residual_tests import (
     ChannelTest,
@@ -228,8 +228,7 @@ class Estimate:
         n = self.model.n_slews
         left_out = np.array([self.without_slew(s) for s in range(n)])
         scatter = left_out - left_out.mean(0)
-        slope, _ = prior_rows(self.model, self.theta)
-        shift = self.covariance * slope
+        shift = self.covariance @ prior_root(self.model, self.theta).T
         return (n - 1) / n * scatter.T @ scatter + shift @ shift.T
 
     @property

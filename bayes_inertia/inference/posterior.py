@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import stats
 
+from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.likelihood_summary import LikelihoodSummary, summary_of
 from bayes_inertia.inference.limits import LIMITS
@@ -240,21 +241,60 @@ class Posterior:
 
         None where no sd can be quoted.
         """
-        factor = self.quoted_factor
-        if factor is None:
+        widened = self._widened()
+        if widened is None:
             return None
         estimate: Any = self.tree["estimate"]
-        mean, prior_mean, prior_sd = (
-            np.array(estimate[key])[:N_BASE] for key in ("theta", "prior_mean", "prior_sd")
+        prior_mean, prior_sd = (
+            np.array(estimate[key])[:N_BASE] for key in ("prior_mean", "prior_sd")
         )
-        wider = np.full(N_BASE, factor)
+        correlation = None
+        if "prior_correlation" in estimate:
+            correlation = np.array(estimate["prior_correlation"])[:N_BASE, :N_BASE]
+        mean, wider = widened
+        covariance = self._covariance() * np.outer(wider, wider)
+        name = str(self.attributes.get("campaign"))
+        return summary_of(name, mean, covariance, prior_mean, prior_sd, correlation)
+
+    def _widened(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """J and K as quoted (9,), and by how much the model's sds are widened for that (9,)."""
+        factor, estimate = self.quoted_factor, self.tree["estimate"]
+        if factor is None:
+            return None
+        mean, wider = np.array(estimate["theta"])[:N_BASE], np.full(N_BASE, factor)
         if self._is_averaged(self.names[0]):
             # Along each parameter, as what is quoted.
             low, mean, high = np.quantile(self.averaged_samples[:, :N_BASE], _NINETY, axis=0)
             wider *= np.maximum(1.0, sd_of_interval(low, high) / self.samples[:, :N_BASE].std(0))
-        covariance = np.array(estimate["covariance"])[:N_BASE, :N_BASE] * np.outer(wider, wider)
-        name = str(self.attributes.get("campaign"))
-        return summary_of(name, mean, covariance, prior_mean, prior_sd)
+        return mean, wider
+
+    def _covariance(self) -> np.ndarray:
+        """Covariance (9, 9) of J and K, by Laplace's approximation."""
+        return np.array(self.tree["estimate"]["covariance"])[:N_BASE, :N_BASE]
+
+    @property
+    def as_prior(self) -> GaussianPrior | None:
+        """J and K as this fit knows them, for the next campaign; None where it is not to be used.
+
+        A fit with it is the joint fit of both campaigns. What this fit quotes beyond its model's
+        sds does not move the next one, and is counted in what that quotes.
+        """
+        widened = self._widened()
+        if widened is None:
+            return None
+        names, covariance = tuple(self.names[:N_BASE]), self._covariance()
+        mean, wider = widened
+        sd, beyond = np.sqrt(np.diag(covariance)), self._beyond("prior_beyond_sd", N_BASE)
+        if not self.trusted:
+            return GaussianPrior(names, mean, covariance * np.outer(wider, wider), beyond_sd=beyond)
+        beyond = np.sqrt(beyond**2 + sd**2 * np.maximum(wider**2 - 1.0, 0.0))
+        at = np.array(self.tree["estimate"]["theta"])[:N_BASE]
+        return GaussianPrior(names, at, covariance, beyond_sd=beyond)
+
+    def _beyond(self, key: str, size: int) -> np.ndarray:
+        """What a former result, taken as prior, adds to quoted sds (size,)."""
+        estimate: Any = self.tree["estimate"]
+        return np.array(estimate[key])[:size] if key in estimate else np.zeros(size)
 
     def summary(self) -> dict[str, Any]:
         """The content of summary.json.
@@ -272,6 +312,7 @@ class Posterior:
         content["parameters"] = {n: self._parameter(i, n) for i, n in enumerate(self.names)}
         content["derived"] = self._principal_moments()
         content["likelihood"] = None if self.likelihood is None else self.likelihood.json()
+        content["as_prior"] = None if self.as_prior is None else self.as_prior.json()
         others = [key for key in content if key not in _SUMMARY_ORDER]
         return {key: content[key] for key in [*_SUMMARY_ORDER, *others]}
 
@@ -299,7 +340,7 @@ class Posterior:
         return {
             "mean": q50 if self._is_averaged(name) else float(draws.mean()),
             "sd": sd,
-            "quoted_sd": self._quoted(q05, q95),
+            "quoted_sd": self._quoted(q05, q95, self._beyond("prior_beyond_sd", i + 1)[i]),
             "robust_sd": robust if np.isfinite(robust) else None,
             **{key: float(estimate[key][i]) for key in _OTHER_MEASURES if key in estimate},
             **self._decisive_slew(i),
@@ -316,10 +357,16 @@ class Posterior:
         """Whether draws are an average over models: thin long tails rule the mean of one."""
         return "averaged" in self.tree and name in self.tree["averaged"]
 
-    def _quoted(self, q05: float, q95: float) -> float | None:
-        """The sd to quote of draws with these quantiles, None where none can be."""
+    def _quoted(self, q05: float, q95: float, beyond: float) -> float | None:
+        """The sd to quote of draws with these quantiles, None where none can be.
+
+        `beyond`: what a former result, taken as prior, adds.
+        """
         factor = self.quoted_factor
-        return None if factor is None else factor * float(sd_of_interval(q05, q95))
+        if factor is None:
+            return None
+        quoted = factor * float(sd_of_interval(q05, q95))
+        return float(np.hypot(quoted, beyond)) if beyond else quoted
 
     def _decisive_slew(self, i: int) -> dict[str, Any]:
         """The slew without which a parameter would be known worst, with its sds."""
@@ -344,11 +391,13 @@ class Posterior:
         # As for the parameters.
         estimate: Any = self.tree["estimate"]
         robust = np.maximum(estimate["robust_principal_sd"].values, sd)
+        ends = np.quantile(draws, [0.05, 0.95], axis=0)
+        beyond = self._beyond("prior_beyond_principal_sd", 3)
         return {
             f"I{i + 1}": {
                 "mean": float(middle(draws[:, i])),
                 "sd": float(sd[i]),
-                "quoted_sd": self._quoted(*np.quantile(draws[:, i], [0.05, 0.95]).tolist()),
+                "quoted_sd": self._quoted(float(ends[0, i]), float(ends[1, i]), float(beyond[i])),
                 "robust_sd": float(robust[i]) if np.isfinite(robust[i]) else None,
                 "unit": "kg m^2",
             }

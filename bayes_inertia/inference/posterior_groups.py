@@ -21,6 +21,7 @@ from bayes_inertia.inference.gates import check_gates
 from bayes_inertia.inference.laplace import Estimate, principal_sd
 from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.limits import LIMITS, criteria
+from bayes_inertia.inference.objective import prior_root
 from bayes_inertia.inference.posterior import FORMAT, Posterior
 from bayes_inertia.inference.predicted_telemetry import predicted_telemetry
 from bayes_inertia.inference.sampler import Chains
@@ -188,6 +189,7 @@ def _estimate_group(estimate: Estimate) -> xr.DataTree:
         "slew_n_data": (("slew", "channel"), estimate.information.n_data),
     }
     variables |= {name: (("parameter",), x) for name, x in estimate.scatter_sds.items()}
+    variables |= _joint_prior(estimate)
     model = estimate.model
     flat = residuals(model.structure, estimate.point, model.data, estimate.stated)
     for channel, values, valid in zip(model.channels, flat, measured(model), strict=True):
@@ -201,6 +203,23 @@ def _estimate_group(estimate: Estimate) -> xr.DataTree:
         "slew": [s.name for s in estimate.model.campaign.slews],
     }
     return xr.DataTree(xr.Dataset(variables, coords=coords))
+
+
+def _joint_prior(estimate: Estimate) -> dict[str, tuple]:
+    """Correlations of a joint prior, and how far what it may be off moves this fit."""
+    space, prior = estimate.model.space, estimate.model.campaign.prior
+    variables: dict[str, tuple] = {}
+    if space.correlation is not None:
+        variables["prior_correlation"] = (("parameter", "parameter_2"), space.correlation)
+    if prior is not None and prior.beyond_sd is not None:
+        root = prior_root(estimate.model, estimate.theta)
+        place = [space.names.index(name) for name in prior.names]
+        moved = (estimate.covariance @ root.T @ root)[:, place] * prior.beyond_sd
+        covariance = moved @ moved.T
+        variables["prior_beyond_sd"] = (("parameter",), np.sqrt(np.diag(covariance)))
+        principal = principal_sd(estimate, covariance)
+        variables["prior_beyond_principal_sd"] = (("axis",), principal)
+    return variables
 
 
 def _write_units(tree: xr.DataTree, units: dict[str, str], channels: tuple[Channel, ...]) -> None:

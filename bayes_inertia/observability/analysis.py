@@ -35,7 +35,7 @@ from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import clean_fit
 from bayes_inertia.inference.laplace import Estimate, model_of
-from bayes_inertia.inference.objective import block_index, prior_rows
+from bayes_inertia.inference.objective import block_index, prior_equations, prior_rows
 from bayes_inertia.inference.point import N_BIAS
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.observability.degeneracy import in_words, stated_degeneracies
@@ -177,8 +177,14 @@ def _shares(estimate: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         )
         * variance
     )
-    slope = prior_rows(estimate.model, estimate.theta)[0][estimate.free]
-    prior = np.concatenate([slope**2, np.ones(len(w) - f)])[:, None] * w**2 * variance
+    precision, _ = prior_equations(estimate.model, estimate.theta, estimate.free)
+    own = precision if precision.ndim == 1 else np.diag(precision)
+    prior = np.concatenate([own, np.ones(len(w) - f)])[:, None] * w**2 * variance
+    if precision.ndim == 2:
+        # What parameters share is counted with the other priors.
+        across = np.einsum("pf,pq,qf->pf", w[:f], precision - np.diag(own), w[:f]) * variance
+        prior[:f] += across * (1.0 - np.eye(f))
+        prior[-1] += across.diagonal()
     return share, np.diag(prior[:f]), np.array([prior[:, k].sum() for k in range(f)])
 
 
@@ -234,6 +240,13 @@ def _directions(estimate: Estimate, names: list[str]) -> tuple[Direction, ...]:
     slope = prior_rows(estimate.model, estimate.theta)[0][estimate.free]
     covariance = estimate.covariance[np.ix_(estimate.free, estimate.free)]
     left, vectors = np.linalg.eigh(covariance * np.outer(slope, slope))
+    precision, _ = prior_equations(estimate.model, estimate.theta, estimate.free)
+    if precision.ndim == 2:
+        # Shares of the joint prior: directions of generalised eigenvectors, in prior sds.
+        root = np.linalg.cholesky(precision)
+        left, vectors = np.linalg.eigh(root.T @ covariance @ root)
+        vectors = slope[:, None] * np.linalg.solve(root.T, vectors)
+        vectors /= np.linalg.norm(vectors, axis=0)
     left = np.clip(left, 1e-300, 1.0)
     information = (1.0 - left) / left
     typical = max(float(np.median(information)), 1.0)

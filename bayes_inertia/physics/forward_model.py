@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
@@ -25,9 +26,11 @@ from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.packing import Arrays, pack
 from bayes_inertia.physics.parameters import (
     BASE_NAMES,
+    LogNormal,
     Normal,
     Parameter,
     ParameterSpace,
+    Prior,
     scalar,
     with_prior_scale,
 )
@@ -230,7 +233,47 @@ def _space(
         )
     ]
     entries += [(NOISE_OWNER, p) for p in noise.parameters()]
-    return ParameterSpace(tuple(entries))
+    space = ParameterSpace(tuple(entries))
+    return space if campaign.prior is None else _with_joint_prior(space, campaign.prior)
+
+
+def _with_joint_prior(space: ParameterSpace, prior: GaussianPrior) -> ParameterSpace:
+    """The space with J and K as a joint prior has them; their correlations where it has any."""
+    unknown = [name for name in prior.names if name not in space.names[: _base_size(space)]]
+    if unknown:
+        raise CampaignError(
+            f"{unknown[0]!r} is no element of J or scale factor of this campaign",
+            where="prior.names",
+            advice=f"choose among {', '.join(space.names[: _base_size(space)])}",
+        )
+    place = [space.names.index(name) for name in prior.names]
+    entries = list(space.entries)
+    ends = [
+        np.full(len(place), end) if given is None else given
+        for given, end in ((prior.lower, -np.inf), (prior.upper, np.inf))
+    ]
+    for at, name, mean, sd, low, high in zip(
+        place, prior.names, prior.mean, prior.sd, *ends, strict=True
+    ):
+        kind: Prior = Normal(float(mean), float(sd), float(low), float(high))
+        if name in prior.logarithmic:
+            kind = LogNormal(float(np.exp(mean)), float(sd), max(float(low), 0.0), float(high))
+        owner, parameter = entries[at]
+        # The null of a scale factor is one, whatever is known of it.
+        centre = float(np.exp(mean)) if kind.logarithmic else float(mean)
+        null = parameter.null if name.startswith("K") else centre
+        entries[at] = owner, replace(parameter, priors=(kind,), null=null)
+    scaled = prior.covariance / np.outer(prior.sd, prior.sd)
+    if np.array_equal(scaled, np.diag(np.diag(scaled))):
+        return ParameterSpace(tuple(entries))
+    correlation = np.eye(space.size)
+    correlation[np.ix_(place, place)] = scaled
+    return ParameterSpace(tuple(entries), correlation)
+
+
+def _base_size(space: ParameterSpace) -> int:
+    """How many entries at the beginning are J and K: one number each."""
+    return sum(owner == "" for owner, _ in space.entries)
 
 
 def _parameters_of(effect: Effect, campaign: Campaign) -> tuple[Parameter, ...]:
