@@ -5,7 +5,6 @@ A former result is such a prior: `prior_in` reads it from the summary of its run
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -15,8 +14,8 @@ import numpy as np
 
 from bayes_inertia.campaign.hardware import require
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.files import read_bytes
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.sealing import read_sealed_json
 
 # Where a result keeps the prior that it is for the next campaign.
 SUMMARY_FILE, SUMMARY_KEY = "summary.json", "as_prior"
@@ -140,7 +139,13 @@ class GaussianPrior:
         return replace(self, covariance=wider)
 
     def json(self) -> dict[str, Any]:
-        """As it stands in a file: lists of numbers."""
+        """As it stands in a file.
+
+        Returns
+        -------
+        dict
+            Names, and lists of numbers.
+        """
         content = {
             "names": list(self.names),
             "mean": self.mean.tolist(),
@@ -205,19 +210,15 @@ def prior_in(source: str | Path) -> GaussianPrior:
     path = Path(source)
     of_run = path.is_dir()
     file = path / SUMMARY_FILE if of_run else path
-    try:
-        content = json.loads(read_bytes(file))
-    except ValueError as error:
-        advice = "give the folder of a run, or a JSON file"
-        raise CampaignError(f"no JSON ({error})", where=str(file), advice=advice) from error
-    if of_run or (isinstance(content, dict) and SUMMARY_KEY in content):
-        content = _of_summary(content, str(file))
+    content = read_sealed_json(file, "give the folder of a finished run, or a JSON file")
+    if of_run or SUMMARY_KEY in content:
+        return prior_from_json(_of_summary(content, str(file)), str(file))
     return prior_from_json(content, str(file))
 
 
-def _of_summary(content: Any, where: str) -> Mapping[str, Any]:
+def _of_summary(content: Mapping[str, Any], where: str) -> Mapping[str, Any]:
     """The part of a summary that is a prior."""
-    if not isinstance(content, dict) or SUMMARY_KEY not in content:
+    if SUMMARY_KEY not in content:
         what, advice = f"it holds no {SUMMARY_KEY!r}", "fit that campaign again with this version"
         raise CampaignError(what, where=where, advice=advice)
     if content[SUMMARY_KEY] is None:

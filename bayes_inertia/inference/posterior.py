@@ -1,10 +1,11 @@
 """The result of a fit: an ArviZ DataTree with units, and the summary an engineer reads.
 
 Groups: `posterior` (chain, draw; one variable a parameter), `prior`, `derived` (principal
-moments), `sample_stats` (lp), `log_prior`, `log_likelihood` and `posterior_predictive` (thinned
-draws), `observed_data`, `constant_data`, and `estimate` (the optimizer's result and both
-covariances). After an ambiguous diagnosis also `averaged`: J, K and principal moments, whichever
-effect of the set is the true one. `posterior_groups` builds them.
+moments), `sample_stats` (lp), `log_prior`, `log_likelihood` (of each slew),
+`log_likelihood_reading` and `posterior_predictive` (thinned draws), `observed_data`,
+`constant_data`, and `estimate` (the optimizer's result and both covariances). After an ambiguous
+diagnosis also `averaged`: J, K and principal moments, whichever effect of the set is the true one.
+`posterior_groups` builds them.
 """
 
 from __future__ import annotations
@@ -98,8 +99,10 @@ class Posterior:
     ----------
     tree : xarray.DataTree
         ArviZ's groups: `posterior` (chain, draw; one variable a parameter, with its unit), `prior`,
-        `sample_stats` (lp), `log_prior`, `log_likelihood` and `posterior_predictive` (thinned
-        draws), `observed_data`, `constant_data`. Beside them `derived` (principal moments),
+        `sample_stats` (lp), `log_prior`, `log_likelihood` (of each slew, which ArviZ leaves out one
+        at a time), `log_likelihood_reading` and `posterior_predictive` (thinned draws),
+        `observed_data`, `constant_data`. A chain is one ensemble, its walkers one after the other:
+        R-hat compares what is independent. Beside them `derived` (principal moments),
         `estimate` (the optimizer's result and its covariances) and, where J and K are averaged over
         what may be true, `averaged`.
 

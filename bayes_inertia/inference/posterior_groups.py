@@ -6,7 +6,7 @@ Effects without a fixed shape over time, as the posterior draws them.
 from __future__ import annotations
 
 import json
-import warnings
+from collections.abc import Sequence
 from dataclasses import asdict
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
@@ -26,6 +26,7 @@ from bayes_inertia.inference.posterior import FORMAT, Posterior
 from bayes_inertia.inference.predicted_telemetry import predicted_telemetry
 from bayes_inertia.inference.sampler import Chains
 from bayes_inertia.inference.settings import FitContext
+from bayes_inertia.inference.slew_likelihood import slew_log_likelihood
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.parameters import log_prior
@@ -48,6 +49,7 @@ Groups = dict[str, dict[str, np.ndarray]]
 _LIBRARIES = ("bayes-inertia", "jax", "emcee", "arviz", "numpy", "scipy")
 _DIMENSIONS = {
     "principal_moment": ["axis"],
+    "slew": ["left_out"],
     "time": ["slew", "row"],
     "signal_time": ["slew", "instant"],
 }
@@ -73,12 +75,12 @@ def build_posterior(
 
     rng = np.random.default_rng([seed, 1])
     campaign, space = estimate.model.campaign, estimate.model.space
-    groups = _sampled(estimate, chains, rng)
+    groups = _sampled(estimate, chains, rng, [seed, 6])
     predicted, pointwise = predicted_telemetry(estimate, chains, rng)
     observed, constant = _observed(estimate)
     groups |= {
         "posterior_predictive": predicted,
-        "log_likelihood": pointwise,
+        "log_likelihood_reading": pointwise,
         "observed_data": observed,
         "constant_data": constant,
     }
@@ -86,6 +88,7 @@ def build_posterior(
         "slew": [s.name for s in campaign.slews],
         "wheel": [w.name for w in campaign.wheels],
         "axis": [1, 2, 3],
+        "left_out": [s.name for s in campaign.slews],
     }
     dimensions = _dimensions(estimate.model.channels)
     if signals := stochastic_signals(estimate, chains, np.random.default_rng([seed, 2])):
@@ -94,10 +97,8 @@ def build_posterior(
         for effect in drawable(estimate):
             dimensions[effect.name] = ["slew", "instant", f"{effect.name}_component"]
             coords[f"{effect.name}_component"] = list(effect.signal_components)
-    with warnings.catch_warnings():
-        # Walkers are many by design.
-        warnings.filterwarnings("ignore", "Found chain dimension to be longer", UserWarning)
-        tree = from_dict(groups, dims=dimensions, coords=coords)
+    # ArviZ takes the first axis for chains, and a group without any for none.
+    tree = from_dict({k: v for k, v in groups.items() if v}, dims=dimensions, coords=coords)
     tree["estimate"] = _estimate_group(estimate)
     _write_units(tree, dict(zip(space.names, space.units, strict=True)), estimate.model.channels)
     for effect in drawable(estimate):
@@ -131,19 +132,28 @@ def _signal_words(effect: StochasticEffect) -> dict[str, str]:
     }
 
 
-def _sampled(estimate: Estimate, chains: Chains, rng: np.random.Generator) -> Groups:
-    """Groups of the draws themselves; walkers are chains."""
+def _sampled(
+    estimate: Estimate, chains: Chains, rng: np.random.Generator, spawn: Sequence[int]
+) -> Groups:
+    """Groups of the draws themselves: an ensemble is a chain, its walkers one after the other."""
     model = estimate.model
+    # Walkers of one ensemble are no independent chains, and theirs are too short for R-hat: ArviZ
+    # would raise alarms on perfect ensembles.
     ensembles, walkers, draws, d = chains.samples.shape
-    flat = chains.samples.reshape(ensembles * walkers, draws, d)
+    flat = chains.samples.reshape(ensembles, walkers * draws, d)
     prior = model.draw_prior(rng, LIMITS.prior_draws)
-    density = chains.log_posterior.reshape(ensembles * walkers, draws)
-    return {
+    density = chains.log_posterior.reshape(ensembles, walkers * draws)
+    of_prior = np.asarray(_log_prior(model.space.constants(), flat))
+    of_slews = slew_log_likelihood(
+        estimate, flat.reshape(-1, d), (density - of_prior).ravel(), np.random.default_rng(spawn)
+    )
+    likelihood = {} if of_slews is None else {"slew": of_slews.reshape(*density.shape, -1)}
+    return {"log_likelihood": likelihood} | {
         "posterior": {name: flat[..., i] for i, name in enumerate(model.space.names)},
         "prior": {name: prior[None, :, i] for i, name in enumerate(model.space.names)},
         "derived": {"principal_moment": inertia_tensor.principal_moments(flat[..., :6])},
         "sample_stats": {"lp": density},
-        "log_prior": {"theta": np.asarray(_log_prior(model.space.constants(), flat))},
+        "log_prior": {"theta": of_prior},
     }
 
 
@@ -257,6 +267,7 @@ def _attributes(estimate: Estimate, chains: Chains, context: FitContext) -> dict
         "effects": [e.name for e in model.effects],
         "dirt": [dirt.json() for dirt in model.campaign.dirt],
         "ensembles": len(chains.samples),
+        "walkers": chains.samples.shape[1],
         "includes_wheel_spin": model.structure.includes_wheel_spin,
         "drive": model.structure.drive,
         "wheels": model.structure.wheels,

@@ -308,7 +308,7 @@ def _ensembles(posterior: Posterior, name: str | None) -> tuple[np.ndarray, styl
     shown = chains.worst_parameter(posterior) if name is None else name
     _index(posterior.names, shown, "name")
     variable: Any = posterior.tree["posterior"][shown]
-    values = chains.by_ensemble(variable.values, posterior_data.n_ensembles(posterior))
+    values = chains.by_ensemble(posterior, "posterior", shown)
     unit = str(variable.attrs.get("units", ""))
     return values, style.scale(shown, unit, float(values.mean()), 3.0 * float(values.std()))
 

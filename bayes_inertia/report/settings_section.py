@@ -22,6 +22,7 @@ def settings_rows(posterior: Posterior) -> list[tuple[str, str]]:
     """Inputs and settings of a fit."""
     attributes, chains = posterior.attributes, posterior.tree["posterior"].sizes["chain"]
     diagnostics, ensembles = attributes["diagnostics"], n_ensembles(posterior)
+    walkers = attributes.get("walkers") or chains // ensembles
     versions = (f"{name} {version}" for name, version in attributes["versions"].items())
     return [
         ("campaign", attributes["campaign"]),
@@ -35,7 +36,7 @@ def settings_rows(posterior: Posterior) -> list[tuple[str, str]]:
         ("seed", str(attributes["seed"])),
         (
             "sampler",
-            f"{ensembles} ensembles of {chains // ensembles} walkers, "
+            f"{ensembles} ensembles of {walkers} walkers, "
             f"{diagnostics['steps']} steps, the first {diagnostics['discarded']} discarded",
         ),
         ("versions", ", ".join(versions)),
