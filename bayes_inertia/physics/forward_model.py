@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import field, replace
 from functools import partial
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.prior import GaussianPrior
@@ -34,7 +37,7 @@ from bayes_inertia.physics.parameters import (
     scalar,
     with_prior_scale,
 )
-from bayes_inertia.physics.prediction import Structure
+from bayes_inertia.physics.prediction import Structure, predict_all
 from bayes_inertia.physics.random_inputs import coefficient_counts
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stated_noise import stated_noise
@@ -140,6 +143,41 @@ class Model:
             If hardly any draw is physical.
         """
         return draw_physical(lambda count: self.space.draw(rng, count), n)
+
+    def predict(self, theta: np.ndarray) -> dict[str, np.ndarray]:
+        """Telemetry of the campaign's slews, were these the parameters; without noise.
+
+        Each slew begins at its first readings, and the wheels are driven as recorded. Of draws of
+        the prior it is the prior predictive, of a posterior's `samples` the posterior predictive of
+        other slews.
+
+        Parameters
+        ----------
+        theta : (n, d) array
+            Parameter vectors in the order of `space.names`.
+
+        Returns
+        -------
+        dict of str to (n, slews, rows, columns) array
+            By channel, where anything was measured; NaN elsewhere. Attitudes stand at the fixes.
+        """
+        thetas = np.asarray(theta, float).reshape(-1, self.space.size)
+        local = np.zeros((self.n_slews, self.structure.n_local))
+        each = [_predicted(self.structure, x, local, self.data) for x in thetas]
+        readings = self.data.arrays.telemetry.readings
+        return {
+            channel.name: np.stack(
+                [channel.known(given._replace(values=np.asarray(one))) for one in of_channel]
+            )
+            for channel, given, *of_channel in zip(self.channels, readings, *each, strict=True)
+            if np.asarray(given.valid).any()
+        }
+
+
+@partial(jax.jit, static_argnums=0)
+def _predicted(structure: Structure, theta: Array, local: Array, data: Data) -> tuple[Array, ...]:
+    """Predicted telemetry without a rate bias, at one theta (d,)."""
+    return predict_all(structure, theta, local, jnp.zeros(3), data)
 
 
 def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> None:
