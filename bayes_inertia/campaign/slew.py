@@ -41,7 +41,7 @@ def _card(slew: Slew) -> Card:
     )
     size = f"{len(slew.time)} rows in {slew.duration:.4g} s"
     names = ", ".join(f"{name} ({count})" for name, _, count in rows)
-    return Card((f"Slew {slew.name}: {size}", names), ("channel", "columns", "readings"), rows)
+    return Card((f'Slew "{slew.name}": {size}', names), ("channel", "columns", "readings"), rows)
 
 
 @shown_as(_card)

@@ -336,7 +336,8 @@ def _card(diagnosis: Diagnosis) -> Card:
         for h in diagnosis.hypotheses[:_SHOWN_ANSWERS]
     )
     answers = ", ".join(f"{name} {share}" for name, share, _ in rows[:3])
-    lines = (f"Diagnosis of {campaign}: {diagnosis.verdict}", named, answers)
+    verdict = ", ".join(part for part in (diagnosis.verdict, named) if part)
+    lines = (f"Diagnosis of {campaign}: {verdict}", answers)
     head = ("answer", "probability", "log evidence")
     return Card(tuple(line for line in lines if line), head, rows)
 

@@ -37,7 +37,7 @@ from bayes_inertia.inference.slew_shares import SlewScatter, SlewShares
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve
-from bayes_inertia.maths.printed import Card, parameter_lines, shown_as, value_text
+from bayes_inertia.maths.printed import Card, parameter_lines, parameter_text, shown_as
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
@@ -69,7 +69,7 @@ def _card(estimate: Estimate) -> Card:
         *parameter_lines({name: (at, sd) for name, _, at, sd, _ in values}),
     )
     rows = tuple(
-        (name, value_text({"mean": at, "sd": sd, "unit": unit}), f"{prior:.2g}")
+        (name, parameter_text(name, at, sd, unit), f"{prior:.2g}")
         for name, unit, at, sd, prior in values
     )
     return Card(lines, ("parameter", "estimate ± sd", "prior sd"), rows)

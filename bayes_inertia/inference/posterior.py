@@ -24,7 +24,7 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.likelihood_summary import LikelihoodSummary, summary_of
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.maths.printed import Card, parameter_lines, shown_as, value_text
+from bayes_inertia.maths.printed import Card, parameter_lines, parameter_text, shown_as
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.sealing import blaming, is_sealed, write_sealed
@@ -77,7 +77,7 @@ def _card(posterior: Posterior) -> Card:
     rows = tuple(
         (
             name,
-            value_text(p | {"sd": quoted[name][1]}),
+            parameter_text(name, *quoted[name], p["unit"]),
             f"{p['prior_sd']:.2g}",
             "yes" if p["observable"] else "no",
         )

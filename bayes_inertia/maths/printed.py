@@ -175,6 +175,13 @@ def parameter_lines(values: Mapping[str, tuple[float, float]]) -> tuple[str, ...
     )
 
 
+def parameter_text(name: str, mean: float, sd: float, unit: str) -> str:
+    """A parameter's value in a table: J and K without powers of ten, so that they compare."""
+    if "." in name:
+        return value_text({"mean": mean, "sd": sd, "unit": unit})
+    return f"{_with_sd(mean, sd)} {unit_text(unit)}" if unit else _with_sd(mean, sd)
+
+
 def _with_sd(mean: float, sd: float) -> str:
     """A value and its sd."""
     return f"{number(mean, sd)} ± {number(sd, sd)}" if math.isfinite(sd) else number(mean, sd)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from bayes_inertia.inference.limits import LIMITS as GATES
-from bayes_inertia.maths.printed import Card, shown_as, value_text
+from bayes_inertia.maths.printed import Card, parameter_text, shown_as
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.observability.degeneracy import Degeneracy
 from bayes_inertia.observability.limits import LIMITS
@@ -154,7 +154,7 @@ def _card(observability: Observability) -> Card:
     rows = tuple(
         (
             p.name,
-            value_text({"mean": p.value, "sd": p.sd, "unit": p.unit}),
+            parameter_text(p.name, p.value, p.sd, p.unit),
             f"{p.prior_sd:.2g}",
             p.verdict,
         )
