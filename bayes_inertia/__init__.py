@@ -25,6 +25,7 @@ _PUBLIC = {
     # Campaigns: what was flown.
     "Campaign": "campaign.campaign",
     "Dirt": "faults.fault",
+    "GaussianPrior": "campaign.prior",
     "InertiaPrior": "campaign.hardware",
     "CorrelatedNoise": "campaign.hardware",
     "Change": "campaign.changes",
@@ -38,6 +39,7 @@ _PUBLIC = {
     "StarTracker": "campaign.hardware",
     "Thruster": "campaign.actuators",
     "Wheel": "campaign.hardware",
+    "prior_in": "campaign.prior",
     "read_campaign": "campaign.reader",
     "with_orbit": "campaign.environment",
     "write_campaign": "campaign.writer",
@@ -100,8 +102,10 @@ _PUBLIC = {
     "FitContext": "inference.settings",
     "Posterior": "inference.posterior",
     "Settings": "inference.sampler",
+    "LogDensity": "app.log_density",
     "estimate": "inference.optimizer",
     "fit": "app.fit_campaign",
+    "log_density": "app.log_density",
     # Many fits.
     "Execution": "studies.engine",
     "Task": "studies.work",
@@ -159,6 +163,17 @@ _PUBLIC = {
     "separating_slew": "design.separating_slew",
     # Compiled code kept between runs.
     "keep_compiled_code": "app.compiled_code",
+    # Plots on axes of your own.
+    "plot_attitude": "report.plots",
+    "plot_candidates": "report.plots",
+    "plot_observability": "report.plots",
+    "plot_pairs": "report.plots",
+    "plot_prior": "report.plots",
+    "plot_ranks": "report.plots",
+    "plot_rates": "report.plots",
+    "plot_residuals": "report.plots",
+    "plot_telemetry": "report.plots",
+    "plot_trace": "report.plots",
     # Reports.
     "Picture": "report.section",
     "Section": "report.section",

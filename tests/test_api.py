@@ -12,6 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import pandas
 import pytest
 import xarray
 from numpydoc.docscrape import NumpyDocString
@@ -21,9 +22,9 @@ import bayes_inertia as bi
 # Adding a name is a decision; removing one breaks notebooks.
 PUBLIC = set(
     """
-    Campaign Change CorrelatedNoise DirectionSensor Dirt GimballedRotors InertiaPrior InputStream
-    KnownTorque Magnetorquer RateSensor Slew StarTracker Thruster Wheel
-    read_campaign with_orbit write_campaign
+    Campaign Change CorrelatedNoise DirectionSensor Dirt GaussianPrior GimballedRotors
+    InertiaPrior InputStream KnownTorque Magnetorquer RateSensor Slew StarTracker Thruster Wheel
+    prior_in read_campaign with_orbit write_campaign
     DroppedPart ImportedCampaign NoiseFit RestNoise SlewCut SlewWindow import_logs
     ConventionChange ConventionsCheck check_conventions
     ChannelNoise CheckedEffect Drive Effect LIBRARY LogNormal Model NoiseModel Normal
@@ -33,7 +34,7 @@ PUBLIC = set(
     Controller Flight Mission Orbit Plan PlannedSlew Spacecraft fly most_like_prior
     most_like_spacecraft paper_like_plan read_plan simulate write_plan
     ChannelTest Colour ColourOfAxis DirtTreatment Estimate FitContext Posterior Settings
-    estimate fit
+    LogDensity estimate fit log_density
     Execution Task TaskFailure Work WorkResult fit_many
     Degeneracy Direction InformationArrival Observability ParameterObservability observe
     AlternativeEffect AlternativeParameters BeyondPrior BinnedResiduals Candidate DiagnosedFit
@@ -44,6 +45,8 @@ PUBLIC = set(
     compare_plans design_plan next_slew separating_slew
     keep_compiled_code
     Picture Section standard_sections write_report
+    plot_attitude plot_candidates plot_observability plot_pairs plot_prior plot_ranks plot_rates
+    plot_residuals plot_telemetry plot_trace
     BayesInertiaError CampaignError DesignError EffectError EstimateError OutputError
     SettingsError StudyError
     """.split()  # noqa: SIM905
@@ -66,7 +69,7 @@ def is_described(value: Any) -> bool:
 FUNCTIONS = sorted(n for n in PUBLIC if inspect.isfunction(getattr(bi, n, None)))
 CLASSES = sorted(n for n in PUBLIC if inspect.isclass(getattr(bi, n, None)))
 # What hints may name that a module imports for type checking only.
-FOR_HINTS = {"xr": xarray, "Mapping": Mapping, "Sequence": Sequence} | {
+FOR_HINTS = {"pd": pandas, "xr": xarray, "Mapping": Mapping, "Sequence": Sequence} | {
     name: getattr(bi, name) for name in CLASSES
 }
 

@@ -35,6 +35,7 @@ from bayes_inertia.app.commands.resume import resume_command
 from bayes_inertia.app.commands.series import fleet_command, history_command
 from bayes_inertia.app.commands.simulate import simulate_command
 from bayes_inertia.app.commands.study import study_command
+from bayes_inertia.app.commands.update import update_command
 from bayes_inertia.app.compiled_code import compiled_code_kept
 from bayes_inertia.app.interruption import ending_soon_on_signals, how_to_go_on
 from bayes_inertia.app.terminal import quietly, safe_message, usable_streams
@@ -46,6 +47,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "check": check_command,
     "fit": fit_command,
     "fit-many": fit_many_command,
+    "update": update_command,
     "diagnose": diagnose_command,
     "observe": observe_command,
     "design": design_command,

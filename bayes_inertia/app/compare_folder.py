@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from bayes_inertia.app.named_plans import plan_sha256, plans_named, prior_mission
+from bayes_inertia.app.named_plans import plan_sha256, plans_named
 from bayes_inertia.app.plan_json import contender_json
 from bayes_inertia.app.result_folder import ResultFolder, write_page
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.design.comparison import Contender
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.report.pictures.design import draw_comparison
 from bayes_inertia.report.pictures.figure_file import write_png
 from bayes_inertia.report.plan_sections import comparison_sections
@@ -45,7 +46,7 @@ def run_compare(
     owner.holds_this_work()
     contenders = compare_plans(
         named,
-        prior_mission(flown),
+        Mission.of(flown),
         simulated=simulated,
         seed=seed,
         folder=folder / "fits",

@@ -9,7 +9,6 @@ from typing import Any
 
 from bayes_inertia.app.design_request import DesignRequest
 from bayes_inertia.app.layout import LAYOUT
-from bayes_inertia.app.named_plans import prior_mission
 from bayes_inertia.app.plan_json import design_json, slew_rows
 from bayes_inertia.app.result_folder import ResultFolder, write_page
 from bayes_inertia.campaign.campaign import Campaign
@@ -19,6 +18,7 @@ from bayes_inertia.design.designer import Design, design_plan
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.follow_on import following_plan
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_file import write_plan
 from bayes_inertia.inference.cleaning import clean_fit
@@ -59,7 +59,7 @@ def run_design(
     if request.after:
         progress("fitting the campaign", 0, 0)
     after = _cleaned(flown, request.seed) if request.after else None
-    mission = prior_mission(flown)
+    mission = Mission.of(flown)
     design = design_plan(
         mission,
         request.goal,

@@ -31,7 +31,7 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
-from bayes_inertia.progress import Progress
+from bayes_inertia.progress import Progress, with_bar
 
 
 @dataclass(frozen=True)
@@ -86,6 +86,7 @@ class DiagnosedFit:
         return self.posterior.trusted
 
 
+@with_bar
 def diagnose_and_fit(
     campaign: Campaign,
     *,
@@ -96,7 +97,7 @@ def diagnose_and_fit(
     rules: Rules | None = None,
     chains: Path | None = None,
     as_stated: bool = False,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> DiagnosedFit:
     """Find which effect is missing, then estimate J, K and that effect, and sample their posterior.
 
@@ -118,8 +119,8 @@ def diagnose_and_fit(
         Folder in which the chains are kept while they grow.
     as_stated : bool
         Take the telemetry as it is: leave no outlier out, and take the noise for white.
-    progress : callable or None
-        Called with (stage, done, of); `of` is 0 where a stage is not counted.
+    progress : bool or callable, optional
+        True for a bar; or called with (stage, done, of), `of` 0 where a stage is not counted.
 
     Returns
     -------
@@ -200,7 +201,7 @@ def fit_after_diagnosis(
     chains: Path | None = None,
     campaign_sha256: str | None = None,
     as_stated: bool = False,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> Posterior:
     """The posterior with what a diagnosis named, averaged over what it could not tell apart.
 

@@ -18,7 +18,7 @@ from bayes_inertia.diagnosis.quoted_parameters import (
 )
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import clean_fit, with_modelled_outliers
-from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.laplace import Estimate, model_of
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.posterior_groups import build_posterior
 from bayes_inertia.inference.sampler import sample
@@ -29,12 +29,13 @@ from bayes_inertia.physics.channel_noise import NoiseModel
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_input import Drive
-from bayes_inertia.progress import Progress, silent
+from bayes_inertia.progress import Progress, as_callback, with_bar
 
 
+@with_bar
 @on_one_blas_thread
 def fit(
-    campaign: Campaign,
+    campaign: Campaign | Model | Estimate,
     *,
     effects: Sequence[Effect] = (),
     drive: Drive | None = None,
@@ -45,14 +46,14 @@ def fit(
     alternatives: Sequence[AlternativeParameters] = (),
     as_stated: bool = False,
     noise: NoiseModel | None = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> Posterior:
     """Estimate J, K and the parameters of active effects, and sample their posterior.
 
     Parameters
     ----------
-    campaign : Campaign
-        What was flown.
+    campaign : Campaign, Model or Estimate
+        What was flown; a model, or the model of an estimate, brings effects, drive and noise along.
     effects : sequence of Effect
         Physical effects to fit along.
     drive : {"commanded", "measured"} or None
@@ -71,8 +72,8 @@ def fit(
         Take telemetry and noise as they are stated: leave no outlier out, measure no noise.
     noise : NoiseModel or None
         The noise of each channel; None for Gaussian noise of the stated sigma.
-    progress : callable or None
-        Called with (stage, done, of); `of` is 0 where a stage is not counted.
+    progress : bool or callable, optional
+        True for a bar; or called with (stage, done, of), `of` 0 where a stage is not counted.
 
     Returns
     -------
@@ -97,20 +98,14 @@ def fit(
     began = perf_counter()
     # ArviZ takes long to import. Its plots are not needed.
     import_in_background(["arviz_stats"])
-    settings = settings or usual_settings(effects)
+    model = model_of(campaign, effects=tuple(effects), drive=drive, noise=noise)
+    settings = settings or usual_settings(model.effects)
     if seed is not None:
         settings = replace(settings, seed=seed)
-    say = progress or silent
+    say = as_callback(progress)
     say("fitting", 0, 0)
-    model = Model(campaign, tuple(effects), drive, noise or NoiseModel())
-    # A flexible mode explains nothing near its null value: it begins at the ringing that is there.
-    estimate = restarted_with_mode(optimizer.estimate(model, seed=settings.seed))
-    if not as_stated:
-        say("looking for outliers, measuring the noise", 0, 0)
-        estimate, context = _cleaned(estimate, context, settings.seed)
-    if not model.noise.is_stated:
-        estimate = with_modelled_outliers(estimate)
-    samples = sample(estimate, settings, folder=chains, progress=progress)
+    estimate, context = settled_estimate(model, settings.seed, as_stated, context, say)
+    samples = sample(estimate, settings, folder=chains, progress=say)
     say("predicting the telemetry", 0, 0)
     posterior = build_posterior(estimate, samples, context or FitContext(), settings.seed)
     if posterior.trusted and not alternatives:
@@ -119,6 +114,20 @@ def fit(
         alternatives = undetected_alternatives(estimate)
     posterior = averaged_posterior(posterior, alternatives, settings.seed)
     return _with_seconds(posterior, perf_counter() - began)
+
+
+def settled_estimate(
+    model: Model, seed: int, as_stated: bool, context: FitContext | None, say: Progress
+) -> tuple[Estimate, FitContext | None]:
+    """The estimate that is sampled, and the context with the noise that was measured."""
+    # A flexible mode explains nothing near its null value: it begins at the ringing that is there.
+    estimate = restarted_with_mode(optimizer.estimate(model, seed=seed))
+    if not as_stated:
+        say("looking for outliers, measuring the noise", 0, 0)
+        estimate, context = _cleaned(estimate, context, seed)
+    if not model.noise.is_stated:
+        estimate = with_modelled_outliers(estimate)
+    return estimate, context
 
 
 def _cleaned(

@@ -34,7 +34,7 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
-from bayes_inertia.progress import Progress, silent
+from bayes_inertia.progress import Progress, as_callback, with_bar
 
 
 @dataclass(frozen=True)
@@ -75,6 +75,7 @@ class Investigation:
     readings_a_mean: int = 1
 
 
+@with_bar
 @on_one_blas_thread
 def investigate(
     campaign: Campaign,
@@ -84,7 +85,7 @@ def investigate(
     library: Sequence[Effect] = LIBRARY,
     rules: Rules | None = None,
     as_stated: bool = False,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> Investigation:
     """Diagnose a campaign and ask everything of the answer.
 
@@ -102,8 +103,8 @@ def investigate(
         Thresholds of the search; None for the usual ones.
     as_stated : bool
         Take the telemetry as it is: leave no outlier out, and take the noise for white.
-    progress : callable or None
-        Called with (stage, done, of); `of` is 0 where a stage is not counted.
+    progress : bool or callable, optional
+        True for a bar; or called with (stage, done, of), `of` 0 where a stage is not counted.
 
     Returns
     -------
@@ -136,7 +137,7 @@ def investigate(
     changed = diagnosis.steps or any(factor > 1.0 for factor in diagnosis.noise.values())
     # A stochastic signal cannot be foretold for another slew.
     corrected = diagnosis.steps and not unknown and not diagnosis.steps[-1].stochastic
-    (progress or silent)("bounding what could hide, forecasting the next slews", 0, 0)
+    as_callback(progress)("bounding what could hide, forecasting the next slews", 0, 0)
     with ThreadPoolExecutor(1) as pool:
         # Mostly compiling, which leaves the interpreter to what follows.
         alternatives = pool.submit(alternatives_of, diagnosis)

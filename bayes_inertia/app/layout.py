@@ -64,8 +64,6 @@ class Layout:
     # `terminal.py`
     # In fewer columns, tables are made as narrow as they can be.
     narrow_columns: int = 100
-    # Time [s] over which the speed of a stage is averaged: one fit of many may last minutes.
-    speed_period_s: float = 3600.0
     # Characters of a message, and how many of them are its end, which says what to do.
     longest_message: int = 4000
     message_end: int = 1000

@@ -6,12 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.flight.follow_on import following_plan, spacecraft_at
-from bayes_inertia.flight.mission import Mission
+from bayes_inertia.flight.follow_on import following_plan
 from bayes_inertia.flight.plan import Plan, paper_like_plan
 from bayes_inertia.flight.plan_file import read_plan
 from bayes_inertia.sealing import sha256_of
@@ -41,12 +38,3 @@ def plans_named(texts: Sequence[str], campaign: Campaign) -> dict[str, Plan]:
 def plan_sha256(plan: Plan) -> str:
     """Digest of a plan: two plans of one digest are flown alike."""
     return sha256_of(repr(plan))
-
-
-def prior_mission(campaign: Campaign) -> Mission:
-    """The mission that a campaign's hardware and prior describe.
-
-    Returns: its spacecraft has J and K at the mean of their prior.
-    """
-    theta = np.concatenate([campaign.inertia.elements, campaign.three_axis_gyro.scale_factor])
-    return Mission(spacecraft_at(campaign, theta), campaign.inertia)

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from bayes_inertia.app.layout import LAYOUT
-from bayes_inertia.app.named_plans import prior_mission
 from bayes_inertia.app.plan_json import slew_rows
 from bayes_inertia.app.run_folder import read_run
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.flown_slews import other_slews
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_file import read_plan
 from bayes_inertia.physics.parameters import BASE_NAMES
@@ -41,7 +41,7 @@ def promise_of_plan(run: Path, plan: Path, summary: dict[str, Any]) -> PlanPromi
     source = "what design.json says beside the plan"
     if stored is None:
         source = "forecast now, with hardware and prior of the run's campaign"
-        (contender,) = compare_plans([promised], prior_mission(campaign))
+        (contender,) = compare_plans([promised], Mission.of(campaign))
         stored = dict(zip(BASE_NAMES, contender.expected.tolist(), strict=True))
     return plan_promise(promised.name, str(plan), source, stored, summary)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,6 +22,7 @@ from bayes_inertia.app.result_folder import ResultFolder, origin, write_json
 from bayes_inertia.app.run_report import run_summary, write_run_report
 from bayes_inertia.app.stored_diagnosis import DIAGNOSIS_FILE, blaming_diagnosis, read_diagnosis
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.prior import GaussianPrior, prior_from_json
 from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_campaign
 from bayes_inertia.errors import CampaignError, EffectError, SettingsError
 from bayes_inertia.files import write_atomically
@@ -67,6 +68,8 @@ class Run:
         Take telemetry and noise as they are stated: no dirt is looked for in residuals.
     noise : NoiseModel
         The noise of each channel, of a run of the kind "fit".
+    prior : dict or None
+        J and K known before, as `GaussianPrior.json`; None for the campaign's own.
     """
 
     campaign_sha256: str
@@ -76,6 +79,7 @@ class Run:
     kind: Literal["fit", "diagnose"] = "fit"
     as_stated: bool = False
     noise: NoiseModel = field(default_factory=NoiseModel)
+    prior: dict[str, Any] | None = None
 
     def owner(self, folder: Path) -> ResultFolder:
         """The claim of this run on a folder."""
@@ -94,6 +98,7 @@ class Run:
                 "kind": "fit",
                 "as_stated": False,
                 "noise": NoiseModel().json(),
+                "prior": None,
             },
         )
 
@@ -117,6 +122,7 @@ def read_run(folder: Path) -> Run:
             content.get("kind", "fit"),
             content.get("as_stated", False),
             noise_model_from_json(content.get("noise", {})),
+            content.get("prior"),
         )
         if run.drive not in (None, "commanded", "measured") or run.kind not in ("fit", "diagnose"):
             raise ValueError(f"drive {run.drive!r}, kind {run.kind!r}")
@@ -144,6 +150,7 @@ def start(
     kind: Literal["fit", "diagnose"] = "fit",
     as_stated: bool = False,
     noise: NoiseModel | None = None,
+    prior: GaussianPrior | None = None,
 ) -> Run:
     """Begin a run in a folder, or find the same run there (then it goes on).
 
@@ -152,13 +159,14 @@ def start(
     `settings`: of the sampler, seed included; None for the usual ones. `kind`: whether to fit what
     is given, or what a diagnosis names. `as_stated`: take telemetry and noise as they are stated:
     no dirt is looked for in residuals. `noise`: the noise of each channel; None for Gaussian noise
-    of the stated sigma.
+    of the stated sigma. `prior`: J and K known before; None for the campaign's own.
     """
     names, noise = pinned_names(effects), noise or NoiseModel()
     settings = settings or usual_settings(effects_named(names))
-    Model(read_campaign(campaign), effects_named(names), drive, noise)
+    Model(_with_prior(read_campaign(campaign), prior), effects_named(names), drive, noise)
     digest = campaign_sha256(campaign)
-    run = Run(digest, names, drive, settings, kind, as_stated, noise)
+    known = None if prior is None else prior.json()
+    run = Run(digest, names, drive, settings, kind, as_stated, noise, known)
     owner = run.owner(folder)
     if not owner.holds_this_work():
         with working_in(folder):
@@ -167,6 +175,11 @@ def start(
             copy_campaign(campaign, folder / "campaign")
             owner.claim({"version": __version__, **origin(campaign)})
     return run
+
+
+def _with_prior(campaign: Campaign, prior: GaussianPrior | None) -> Campaign:
+    """The campaign with what is known of J and K before; None for its own."""
+    return campaign if prior is None else replace(campaign, prior=prior)
 
 
 def finish(folder: Path, *, report: bool = True, progress: Progress | None = None) -> Posterior:
@@ -199,6 +212,8 @@ def _finish(folder: Path, run: Run, report: bool, progress: Progress | None) -> 
 def _posterior(folder: Path, run: Run, progress: Progress | None) -> Posterior:
     """Posterior of the effects that the run names, or that its diagnosis does."""
     campaign, chains = read_campaign(folder / "campaign"), folder / "chains"
+    known = None if run.prior is None else prior_from_json(run.prior, str(folder / "run.json"))
+    campaign = _with_prior(campaign, known)
     if run.kind == "diagnose":
         content = _diagnosed(folder, campaign, run, progress)
         # Always from the file's content, so that a run that was killed gives the same bits.

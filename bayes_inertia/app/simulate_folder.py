@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_inertia.app.named_plans import PAPER, plans_named, prior_mission
+from bayes_inertia.app.named_plans import PAPER, plans_named
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError
@@ -68,7 +68,7 @@ def run_simulate(
     given = read_campaign(campaign)
     _has_wheels(given, campaign)
     (chosen,) = plans_named([plan or PAPER], given).values()
-    mission = _drawn_mission(given, seed) if draw else prior_mission(given)
+    mission = _drawn_mission(given, seed) if draw else Mission.of(given)
     flight = simulate(chosen, mission, folder, seed, hidden=hidden)
     truth = "drawn from" if draw else "at the mean of"
     spacecraft = f"the spacecraft of {campaign}, J and K {truth} its prior"

@@ -16,11 +16,12 @@ import numpy as np
 from scipy import stats
 
 from bayes_inertia.app.layout import LAYOUT
-from bayes_inertia.app.named_plans import PAPER, plan_sha256, plans_named, prior_mission
+from bayes_inertia.app.named_plans import PAPER, plan_sha256, plans_named
 from bayes_inertia.app.result_folder import ResultFolder, write_json
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.design.simulated_fits import AchievedErrors
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.physics.parameters import BASE_NAMES
 from bayes_inertia.report.pictures.figure_file import write_png
@@ -99,7 +100,7 @@ def run_study(
     options = {"plan": plan_sha256(chosen), "seed": seed}
     owner = ResultFolder(folder, "study", "study_of.json", FORMAT, digest, options, flat=True)
     owner.claim()
-    mission = prior_mission(given)
+    mission = Mission.of(given)
     work = simulated_fits(
         chosen, mission, campaigns, seed, options={**options, "campaign_sha256": digest}
     )

@@ -19,22 +19,19 @@ import webbrowser
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from datetime import timedelta
 from pathlib import Path
-from time import monotonic
 from typing import Any, TextIO
 
 import typer
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.padding import Padding
-from rich.progress import Progress as Live
-from rich.progress import ProgressColumn, SpinnerColumn, Task
 from rich.table import Table
 from rich.text import Text
 
 from bayes_inertia.app.layout import LAYOUT
-from bayes_inertia.progress import Progress, silent
+from bayes_inertia.progress import Progress
+from bayes_inertia.progress import progress_bar as bar_on
 from bayes_inertia.report.layout import LAYOUT as REPORT_LAYOUT
 
 # Whether the command at hand prints nothing but errors and what was asked for as JSON.
@@ -266,51 +263,8 @@ def open_in_browser(page: Path, wanted: bool) -> None:
             browser.open(page.resolve().as_uri())
 
 
-class _Stage(ProgressColumn):
-    """The time since the command began, the stage, how far it is, and what is left of it."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._began = monotonic()
-
-    def render(self, task: Task) -> Text:
-        """`0:01:40  sampling, steps 10/128, 0:00:09 left`."""
-        text = f"{_duration(monotonic() - self._began)}  {task.description}"
-        if task.total:
-            text += f" {task.completed:.0f}/{task.total:.0f}"
-        if task.total and task.time_remaining is not None:
-            text += f", {_duration(task.time_remaining)} left"
-        return Text(text, overflow="ellipsis")
-
-
-def _duration(seconds: float) -> str:
-    """Hours, minutes and seconds."""
-    return str(timedelta(seconds=int(seconds)))
-
-
 @contextmanager
 def progress_bar() -> Iterator[Progress]:
     """A callback that shows the stage of a command on stderr while the context lasts."""
-    console = plain_console(stderr=True)
-    if not console.is_terminal or console.quiet:
-        yield silent
-        return
-    spinner = SpinnerColumn("line" if console.options.ascii_only else "dots")
-    live = Live(
-        spinner,
-        _Stage(),
-        console=console,
-        transient=True,
-        speed_estimate_period=LAYOUT.speed_period_s,
-    )
-    with live:
-        live.add_task("starting", total=None)
-
-        def update(stage: str, done: int, of: int) -> None:
-            if stage != live.tasks[0].description:
-                # Anew, so that the time that is left counts from the beginning of this stage.
-                live.remove_task(live.tasks[0].id)
-                live.add_task(stage, total=of or None)
-            live.update(live.tasks[0].id, completed=done)
-
+    with bar_on(plain_console(stderr=True)) as update:
         yield update

@@ -20,11 +20,34 @@ from bayes_inertia.campaign.hardware import (
     Wheel,
     require,
 )
+from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.saturated import in_range
+from bayes_inertia.maths.printed import Card, parameter_lines, shown_as
 
 
+def _card(campaign: Campaign) -> Card:
+    """What was flown, with what, and what was known before."""
+    slews, wheels = campaign.slews, len(campaign.wheels)
+    rows = tuple(
+        (s.name, f"{s.start:.6g}", f"{s.duration:.4g}", str(len(s.time)), str(s.fixes.sum()))
+        for s in slews
+    )
+    begin, end = campaign.span
+    sensors = ["star tracker"] if campaign.star_tracker else []
+    sensors += [name for name, _ in campaign.more_sensors]
+    prior = campaign.inertia
+    known = zip(("Jxx", "Jyy", "Jzz"), prior.elements.tolist(), prior.sd.tolist(), strict=False)
+    lines = (
+        f"Campaign {campaign.name}: {len(slews)} slews in {end - begin:.4g} s",
+        ", ".join([f"{wheels} wheels", "rate sensor", *sensors]),
+        f"before flight {parameter_lines({name: (at, sd) for name, at, sd in known})[0]}",
+    )
+    return Card(lines, ("slew", "start [s]", "duration [s]", "rows", "fixes"), rows)
+
+
+@shown_as(_card)
 @dataclass(frozen=True)
 class Campaign:
     """A named set of slews of one spacecraft, with its hardware and prior knowledge.
@@ -59,6 +82,9 @@ class Campaign:
         `GimballedRotors`, each with its input in every slew under `Slew.inputs`.
     changes : sequence of Change, optional
         What is known to have changed during the campaign, and when.
+    prior : GaussianPrior, optional
+        J and K known together, in place of what `inertia` and the rate sensor state of them: a
+        former result, or correlations and bounds of one's own.
 
     Raises
     ------
@@ -84,6 +110,7 @@ class Campaign:
     more_sensors: tuple[tuple[str, Any], ...] = ()
     actuators: tuple[Actuator, ...] = ()
     changes: tuple[Change, ...] = ()
+    prior: GaussianPrior | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "wheels", tuple(self.wheels))

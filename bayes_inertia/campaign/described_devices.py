@@ -62,7 +62,7 @@ def described(parsed: Campaign2Part, label: str) -> Description:
         time=parsed.time,
         entries=entries,
         slews=tuple(_tables_of_2(part, entries, label) for part in parsed.slews),
-        **common(parsed.inertia, parsed.mission, label),
+        **common(parsed.inertia, parsed.mission, parsed.prior, label),
         wheels=tuple(_wheel(part, label) for part in wheels),
         rate_sensor=hardware.get("rate"),
         star_tracker=hardware.get("attitude"),

@@ -16,7 +16,13 @@ from bayes_inertia.campaign.hardware import (
     StarTracker,
     Wheel,
 )
-from bayes_inertia.campaign.schema import InertiaPart, MissionPart, StreamColumns, TimeColumn
+from bayes_inertia.campaign.schema import (
+    InertiaPart,
+    MissionPart,
+    PriorPart,
+    StreamColumns,
+    TimeColumn,
+)
 from bayes_inertia.errors import CampaignError
 
 # Where a slew has what is called otherwise.
@@ -95,6 +101,8 @@ class Description:
         In which tables.
     inertia, wheels, rate_sensor, star_tracker, mission, more_sensors, actuators, changes
         As `Campaign` has them.
+    prior : PriorPart or None
+        The former result that takes the place of other knowledge.
     orbit : (str, str) or None
         A file of two-line elements, and UTC at time zero of the campaign.
     devices : mapping of str to str
@@ -110,6 +118,7 @@ class Description:
     rate_sensor: RateSensor | None
     star_tracker: StarTracker | None
     mission: tuple[tuple[str, str], ...]
+    prior: PriorPart | None
     more_sensors: tuple[tuple[str, Any], ...] = ()
     actuators: tuple[Actuator, ...] = ()
     changes: tuple[Change, ...] = ()
@@ -151,10 +160,13 @@ def built(kind: Any, part: Any, label: str, was: str = "", now: str = "", **more
         raise CampaignError(error.what, where=where, advice=error.advice) from None
 
 
-def common(inertia: InertiaPart, mission: MissionPart | None, label: str) -> dict[str, Any]:
+def common(
+    inertia: InertiaPart, mission: MissionPart | None, prior: PriorPart | None, label: str
+) -> dict[str, Any]:
     """What both formats say alike."""
     stated = {} if mission is None else stated_keys(mission)
     return {
         "inertia": built(InertiaPrior, inertia, label),
         "mission": tuple(stated.items()),
+        "prior": prior,
     }

@@ -24,6 +24,7 @@ from bayes_inertia.campaign.schema import (
     Names3,
     Part,
     PositionColumns,
+    PriorPart,
     RateColumns,
     SpeedColumns,
     StarTrackerPart,
@@ -389,3 +390,4 @@ class Campaign2Part(Part):
     environment: list[Environment] = Field(default=[])
     changes: list[ChangePart] = Field(default=[])
     mission: MissionPart | None = None
+    prior: PriorPart | None = None

@@ -77,7 +77,7 @@ def upgrade(parsed: CampaignPart, label: str) -> Description:
         time=parsed.columns.time,
         entries=entries,
         slews=tuple(_tables_of(part, entries) for part in parsed.slews),
-        **common(parsed.inertia, parsed.mission, label),
+        **common(parsed.inertia, parsed.mission, parsed.prior, label),
         wheels=tuple(built(Wheel, part, label) for part in parsed.wheels),
         rate_sensor=built(RateSensor, parsed.rate_sensor, label),
         star_tracker=None if tracker is None else built(StarTracker, tracker, label),

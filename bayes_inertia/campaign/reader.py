@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.parsed_description import parse_description
+from bayes_inertia.campaign.prior import COPY_FILE, GaussianPrior, prior_in
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import located, parts_of, with_known_momentum
 from bayes_inertia.campaign.streams import (
@@ -90,8 +93,22 @@ def read_unmasked(path: str | Path, *, keep_commands: bool = False) -> Campaign:
     def table(file: str, names: Sequence[str], slew: str) -> Table:
         return read_table(paths[file], names, group=slew)
 
-    orbit = _orbit_path(parsed, description)
-    return _assembled(parsed, label, table, keep_commands, orbit)
+    campaign = _assembled(parsed, label, table, keep_commands, _orbit_path(parsed, description))
+    return replace(campaign, prior=_prior(parsed, description))
+
+
+def _prior(parsed: Description, description: Path) -> GaussianPrior | None:
+    """The prior that a description names: a copy beside it, or what lies where it points."""
+    if parsed.prior is None:
+        return None
+    copied = description.parent / COPY_FILE
+    if copied.is_file():
+        return prior_in(copied)
+    try:
+        prior = prior_in(description.parent / parsed.prior.from_)
+    except CampaignError as error:
+        raise error.inside(f"{description}, key prior.from") from None
+    return prior if parsed.prior.inflate is None else prior.inflated(parsed.prior.inflate.relative)
 
 
 def campaign_of(description: str, label: str, tables: Mapping[str, Table]) -> Campaign:
@@ -177,10 +194,12 @@ def _files(path: str | Path) -> list[tuple[str, bytes]]:
     parsed = parse_description(text_of(content, str(description)), str(description))
     tables = _table_paths(parsed, description)
     files = [file for part in parsed.slews for file in part.tables()]
-    read = [(file, read_bytes(tables[file])) for file in files]
+    read = [("campaign.toml", content), *((file, read_bytes(tables[file])) for file in files)]
     orbit = _orbit_path(parsed, description)
     read += [] if parsed.orbit is None or orbit is None else [(parsed.orbit[0], read_bytes(orbit))]
-    return [("campaign.toml", content), *read]
+    prior = _prior(parsed, description)
+    # Where the run lies, or whether it changes, does not matter to a copy.
+    return read if prior is None else [*read, (COPY_FILE, json.dumps(prior.json()).encode())]
 
 
 def _orbit_path(parsed: Description, description: Path) -> Path | None:

@@ -309,6 +309,21 @@ class SlewPart(Part):
         return self.file if self.files is None else getattr(self.files, key)
 
 
+class InflatePart(Part):
+    """What may have changed since a former result."""
+
+    relative: float = Field(description="inflate = { relative = ... }")
+
+
+class PriorPart(Part):
+    """`[prior]`: a former result in place of other knowledge."""
+
+    model_config = ConfigDict(validate_by_alias=True)
+
+    from_: str = Field(alias="from", description='from = "RUN" or a JSON file')
+    inflate: InflatePart | None = None
+
+
 class CampaignPart(Part):
     """The whole of `campaign.toml`."""
 
@@ -333,6 +348,7 @@ class CampaignPart(Part):
     wheels: list[WheelPart] = Field(default=[])
     star_tracker: StarTrackerPart | None = None
     mission: MissionPart | None = None
+    prior: PriorPart | None = None
 
 
 _WHEEL_KEYS = ("wheel_torque", "wheel_momentum", "wheel_speed")

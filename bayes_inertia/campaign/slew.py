@@ -6,6 +6,7 @@ Groups of star-tracker fixes: runs without a gap, usually one before and one aft
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,10 @@ from bayes_inertia.campaign.hardware import require, unit_length, unit_vector
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.maths.printed import Card, shown_as
 from bayes_inertia.maths.values import Vector, array_dataclass
 
+_EPOCH = np.datetime64(0, "s")
 # Columns of each channel; None: one a wheel, or one a sensor axis.
 _COLUMNS_OF_CHANNEL = {
     "wheel_torque": None,
@@ -28,6 +31,21 @@ _COLUMNS_OF_CHANNEL = {
 }
 
 
+def _card(slew: Slew) -> Card:
+    """Which channels a slew has, and how many readings of each."""
+    channels: dict[str, Any] = {key: getattr(slew, key) for key in _COLUMNS_OF_CHANNEL}
+    channels |= slew.more or {}
+    rows = tuple(
+        (name, str(values.shape[1]), f"{np.isfinite(values).any(axis=1).sum()}")
+        for name, values in channels.items()
+        if values is not None
+    )
+    size = f"{len(slew.time)} rows in {slew.duration:.4g} s"
+    names = ", ".join(f"{name} ({count})" for name, _, count in rows)
+    return Card((f'Slew "{slew.name}": {size}', names), ("channel", "columns", "readings"), rows)
+
+
+@shown_as(_card)
 @array_dataclass
 class Slew:
     """Telemetry of one slew: arrays of n rows.
@@ -38,10 +56,10 @@ class Slew:
     ----------
     name : str
         The slew, as printed.
-    start : float
-        Time of the slew's first row on the campaign's clock [s].
+    start : float or datetime
+        Time of the slew's first row on the campaign's clock [s]; of a datetime, since 1970 (UTC).
     time : (n,) array
-        Time from the slew's own zero [s], strictly increasing.
+        Time from the slew's own zero [s], strictly increasing; of datetimes, from the first row.
     rate : (n, axes) array, optional
         Output of the rate sensor [rad/s], one column a sensor axis.
     attitude : (n, 4) array, optional
@@ -78,6 +96,9 @@ class Slew:
     --------
     >>> Slew("a", 0.0, np.arange(3.0), rate=np.zeros((3, 3))).duration
     2.0
+    >>> stamps = np.array(["2026-01-01T00:00:00", "2026-01-01T00:00:02.5"], "datetime64[ms]")
+    >>> Slew("a", stamps[0], stamps, rate=np.zeros((2, 3))).time
+    array([0. , 2.5])
     """
 
     name: str
@@ -98,7 +119,11 @@ class Slew:
 
     def __post_init__(self) -> None:
         where = f"slews.{self.name}"
-        time = np.asarray(self.time, dtype=float)
+        time = _seconds(self.time)
+        # A moment, not a number, where it is no float already.
+        begin = np.atleast_1d(np.asarray(self.start))
+        if begin.dtype.kind in "MO" and self.start is not None:
+            object.__setattr__(self, "start", float(_seconds(begin, since=_EPOCH)[0]))
         _require_increasing(time, f"{where}.time")
         object.__setattr__(self, "time", time)
         for key in ("start", "angle"):
@@ -229,6 +254,29 @@ def bad_quaternion(attitude: np.ndarray) -> tuple[int, str] | None:
     if given[row] == 4:
         return row, f"the quaternion has length {norm[row]:.6g}, not 1"
     return row, "the quaternion is incomplete"
+
+
+def _seconds(time: Any, since: np.datetime64 | None = None) -> np.ndarray:
+    """Times (n,) in seconds; datetimes count from `since`, or from the first of them."""
+    array = np.asarray(time)
+    if array.dtype.kind == "O":
+        # Of pandas, with a time zone, or Python's own.
+        stamps = [_utc(moment) for moment in array.ravel()]
+        if any(stamp is not None for stamp in stamps):
+            array = np.array(stamps, "datetime64[ns]")
+    if array.dtype.kind == "M" and array.size:
+        array = array.astype("datetime64[ns]") - (array[0] if since is None else since)
+    if array.dtype.kind == "m":
+        return array / np.timedelta64(1, "s")
+    return np.asarray(array, dtype=float)
+
+
+def _utc(moment: Any) -> np.datetime64 | None:
+    """A datetime as numpy's, in UTC; None for what is no datetime."""
+    if not isinstance(moment, datetime):
+        return None
+    aware = moment if moment.tzinfo is None else moment.astimezone(UTC).replace(tzinfo=None)
+    return np.datetime64(aware)
 
 
 def _require_increasing(time: np.ndarray, key: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.prior import COPY_FILE
 from bayes_inertia.campaign.schema import FORMAT, FORMAT_2
 from bayes_inertia.campaign.sensors import STREAMS, SensorStream
 from bayes_inertia.campaign.slew import Slew
@@ -82,7 +84,9 @@ def write_campaign(campaign: Campaign, folder: str | Path) -> Path:
     ...     sorted(path.name for path in folder.iterdir())[:2]
     ['campaign.toml', 'slew_01.csv']
     """
-    return write_new_files(folder, files_of(*content_of(campaign)), holds="campaign")
+    known = {} if campaign.prior is None else {COPY_FILE: json.dumps(campaign.prior.json())}
+    files = {name: text.encode() for name, text in known.items()}
+    return write_new_files(folder, files | files_of(*content_of(campaign)), holds="campaign")
 
 
 def files_of(description: str, tables: Mapping[str, Table]) -> dict[str, bytes]:
@@ -118,6 +122,7 @@ def _content_2(campaign: Campaign, columns: dict[str, list[str]]) -> tuple[str, 
         "name": campaign.name,
         "mission": dict(campaign.mission),
         "inertia": vars(campaign.inertia),
+        "prior": {} if campaign.prior is None else {"from": COPY_FILE},
         "time": {"names": ["t_s"], "unit": "s"},
         **devices(campaign, columns, senses, streams),
         "slews": slews,
@@ -222,6 +227,7 @@ def _toml(campaign: Campaign, columns: dict[str, list[str]], files: list[str]) -
             "name": campaign.name,
             "mission": dict(campaign.mission),
             "inertia": vars(campaign.inertia),
+            "prior": {} if campaign.prior is None else {"from": COPY_FILE},
             # A wheel that is not running is said in format 2.
             "wheels": [_renamed(vars(w) | {"state": None}, axis_B="axis") for w in campaign.wheels],
             "rate_sensor": vars(campaign.rate_sensor),

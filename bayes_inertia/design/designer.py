@@ -23,7 +23,7 @@ from bayes_inertia.design.after_campaign import forecast_after, missions_after, 
 from bayes_inertia.design.expected_accuracy import likely_missions
 from bayes_inertia.design.feasibility import require_feasible
 from bayes_inertia.design.feasible_region import FeasibleRegion, draw_variables, region_within
-from bayes_inertia.design.goals import Goal, parse_goal
+from bayes_inertia.design.goals import GOALS, Goal, parse_goal
 from bayes_inertia.design.information_forecast import prepare_forecast
 from bayes_inertia.design.limits import Limits, hardware_limits
 from bayes_inertia.design.margins import Margin, broken_limits, flown_margins, planned_margins
@@ -31,17 +31,19 @@ from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_arrays import planned_slews, slew_arrays
 from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.errors import DesignError
-from bayes_inertia.flight.follow_on import spacecraft_at
+from bayes_inertia.flight.follow_on import following_plan, spacecraft_at
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.spacecraft import Spacecraft
-from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.laplace import Estimate, model_of
+from bayes_inertia.maths.printed import Card, exponent, number, shown_as, unit_text
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.named_effects import effects_named
 from bayes_inertia.physics.parameters import ParameterSpace
-from bayes_inertia.progress import Progress, silent
+from bayes_inertia.progress import Progress, as_callback, silent, with_bar
 
 
 def random_plans(
@@ -134,6 +136,30 @@ def _least(slacks: dict[str, np.ndarray], n: int) -> np.ndarray:
     )
 
 
+def _card(design: Design) -> Card:
+    """The slews to fly, and what they gain."""
+    plan, limits = design.plan, "kept" if design.kept else "broken"
+    _, unit = GOALS[design.goal.kind]
+    power = exponent(design.value, 0.0)
+    value = f"{number(design.value, design.value, power)} {unit_text(unit, power)}"
+    lines = (
+        f"Design of {len(plan.slews)} slews for {design.goal}: {value}, limits {limits}",
+        f"{design.gain:.2g} times better than slews like the paper's in the same time",
+    )
+    rows = tuple(
+        (
+            str(k + 1),
+            ", ".join(f"{x:.3f}" for x in slew.axis_B),
+            f"{math.degrees(slew.angle):.1f}",
+            f"{math.degrees(slew.rate):.3g}",
+            f"{seconds:.4g}",
+        )
+        for k, (slew, seconds) in enumerate(zip(plan.slews, plan.durations, strict=True))
+    )
+    return Card(lines, ("slew", "axis", "angle [deg]", "rate [deg/s]", "duration [s]"), rows)
+
+
+@shown_as(_card)
 @dataclass(frozen=True)
 class Design:
     """A designed plan and what to expect of it.
@@ -210,8 +236,9 @@ class Design:
         return not broken_limits((*self.margins, *self.flown))
 
 
+@with_bar
 def design_plan(
-    mission: Mission,
+    mission: Mission | Campaign | Model | Estimate,
     goal: str | Goal = "cross_terms",
     limits: Limits | None = None,
     *,
@@ -223,21 +250,22 @@ def design_plan(
     draws: int = 3,
     after: Estimate | None = None,
     effects: Sequence[str] = (),
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> Design:
     """Design a campaign.
 
     Parameters
     ----------
-    mission : Mission
-        Wheels and sensors, and what is known of J; J and K are the prior's.
+    mission : Mission, Campaign, Model or Estimate
+        Wheels and sensors, and what is known of J; J and K are the prior's. After a campaign the
+        plan begins where it ended; after an estimate, what the campaign tells counts too.
     goal : str or Goal, optional
         What to determine, see `parse_goal`.
     limits : Limits, optional
         None for a planned rate of 1 deg/s, in the time that slews like the paper's take.
     base : Plan, optional
         Start attitude, wheel momentum, telemetry, rests and orbit; None for those of
-        `paper_like_plan`.
+        the campaign, without one of `paper_like_plan`.
     n_slews : int, optional
         How many slews the plan has.
     seed : int, optional
@@ -253,8 +281,8 @@ def design_plan(
         from it.
     effects : sequence of str, optional
         Names of effects that are fitted along, see `effects_named`; at their null in the forecast.
-    progress : callable or None, optional
-        Called with (stage, done, of); `of` is 0 where a stage is not counted.
+    progress : bool or callable, optional
+        True for a bar; or called with (stage, done, of), `of` 0 where a stage is not counted.
 
     Returns
     -------
@@ -278,8 +306,8 @@ def design_plan(
     """
     began, parsed_goal = time.perf_counter(), parse_goal(goal)
     limits = limits or Limits(rate=math.radians(1.0) / (1.0 - Limits().rate_reserve))
-    base = base or paper_like_plan()
-    say = progress or silent
+    mission, base, after = _begin(mission, base, after)
+    say = as_callback(progress)
     say("preparing the forecast", 0, 0)
     base = replace(base, start_attitude=limits.start_attitude or base.start_attitude)
     setup = set_up_design(
@@ -301,6 +329,19 @@ def design_plan(
     say("flying the plan in closed loop", 0, 0)
     design = _judged(plan, setup, seed, log_values[least_slacks >= 0.0], history)
     return replace(design, seconds=time.perf_counter() - began)
+
+
+def _begin(
+    source: Mission | Campaign | Model | Estimate, base: Plan | None, after: Estimate | None
+) -> tuple[Mission, Plan, Estimate | None]:
+    """The mission, where its plan begins, and the fit that counts, of whatever was given."""
+    if isinstance(source, Mission):
+        return source, base or paper_like_plan(), after
+    if isinstance(source, Estimate):
+        after = after or source
+    campaign = model_of(source).campaign
+    plan = following_plan(campaign) if after is None else plan_after(after)
+    return Mission.of(campaign), base or plan, after
 
 
 def next_slew(

@@ -52,7 +52,7 @@ from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.flight.follow_on import spacecraft_at
 from bayes_inertia.flight.plan import PlannedSlew
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.objective import marginal_information, prior_rows
+from bayes_inertia.inference.objective import as_matrix, marginal_information, prior_equations
 from bayes_inertia.maths.linear_algebra import canonical_correlation, inverse
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
@@ -368,8 +368,8 @@ def _known(estimate: Estimate, model: Model, theta: np.ndarray) -> tuple[np.ndar
     information = marginal_information(
         model, replace(estimate.point, theta=point), estimate.white, columns
     )
-    slope = prior_rows(model, point)[0][columns]
-    return information, np.diag(np.concatenate([slope**2, np.ones(N_BIAS)]))
+    precision, _ = prior_equations(model, point, columns)
+    return information, as_matrix(precision, N_BIAS)
 
 
 def _with_commands(campaign: Campaign) -> Campaign:

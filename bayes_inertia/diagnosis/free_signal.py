@@ -218,7 +218,7 @@ class _NormalEquations:
 
 
 def _normal_equations(fit: LinearisedFit, basis: SignalBasis) -> _NormalEquations:
-    knots, cross, gradient, shared = [], [], [], np.diag(fit.prior_precision)
+    knots, cross, gradient, shared = [], [], [], fit.prior_precision
     for B, L, S, r in zip(basis.columns, fit.local, fit.shared, fit.settled_residual, strict=True):
         factor = linalg.cho_factor(L.T @ L + np.eye(L.shape[1]))
         by_knots, by_shared = linalg.cho_solve(factor, L.T @ B), linalg.cho_solve(factor, L.T @ S)

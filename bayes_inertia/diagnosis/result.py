@@ -8,8 +8,8 @@ evidence, and the verdict says that either the prior is too narrow or the cause 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import Literal, NamedTuple
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -20,10 +20,17 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import move_to, re_estimate
 from bayes_inertia.inference.residual_tests import ChannelTest
 from bayes_inertia.inference.treatment import DirtTreatment, records_of_dirt
+from bayes_inertia.maths.printed import Card, shown_as
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects.formula import Formula
 from bayes_inertia.physics.forward_model import Model
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+# Answers in the table of a notebook: less probable ones are in `hypotheses`.
+_SHOWN_ANSWERS = 8
 
 
 @dataclass(frozen=True)
@@ -320,6 +327,22 @@ class FormulaSearch:
         return tuple(term for term in self.terms if best - term.log_weight < margin)
 
 
+def _card(diagnosis: Diagnosis) -> Card:
+    """The verdict, and the most probable answers."""
+    named = " and ".join(diagnosis.named)
+    campaign = diagnosis.final.model.campaign.name
+    rows = tuple(
+        (" and ".join(h.effects) or h.kind, f"{h.probability:.1%}", f"{h.log_evidence:.1f}")
+        for h in diagnosis.hypotheses[:_SHOWN_ANSWERS]
+    )
+    answers = ", ".join(f"{name} {share}" for name, share, _ in rows[:3])
+    verdict = ", ".join(part for part in (diagnosis.verdict, named) if part)
+    lines = (f"Diagnosis of {campaign}: {verdict}", answers)
+    head = ("answer", "probability", "log evidence")
+    return Card(tuple(line for line in lines if line), head, rows)
+
+
+@shown_as(_card)
 @array_dataclass
 class Diagnosis:
     """The answer.
@@ -392,6 +415,21 @@ class Diagnosis:
     hypotheses: tuple[Hypothesis, ...] = ()
     other_rows: tuple[AlternativeParameters, ...] = ()
     formulas: FormulaSearch | None = None
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """The candidates as a table, best evidence first.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row an effect: degrees of freedom, score, p-value, log Bayes factor, and whether it
+            was named.
+        """
+        from pandas import DataFrame
+
+        rows = [asdict(c) | {"named": c.effect in self.named} for c in self.candidates]
+        columns = [*(field.name for field in fields(Candidate)), "named"]
+        return DataFrame(rows, columns=columns).set_index("effect")
 
     @property
     def effects_added(self) -> tuple[Effect, ...]:

@@ -18,7 +18,7 @@ from scipy import stats
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.noise_model import log_normalisation
-from bayes_inertia.inference.objective import prior_rows
+from bayes_inertia.inference.objective import prior_equations, prior_rows
 from bayes_inertia.maths.linear_algebra import canonical_correlation
 from bayes_inertia.maths.numerics import NUMERICS as MATHS_NUMERICS
 from bayes_inertia.maths.values import array_dataclass
@@ -36,6 +36,9 @@ def log_evidence_of_fit(estimate: Estimate) -> float:
         return -np.inf
     slope, _ = prior_rows(estimate.model, estimate.theta)
     priors = float(np.log(np.abs(slope[estimate.free])).sum())
+    if estimate.model.space.whitening is not None:
+        precision, _ = prior_equations(estimate.model, estimate.theta, estimate.free)
+        priors = 0.5 * float(np.linalg.slogdet(precision)[1])
     half_log_det = 0.5 * float(np.linalg.slogdet(estimate.hessian)[1])
     return (
         log_normalisation(estimate.model, estimate.white)

@@ -67,7 +67,7 @@ from bayes_inertia.diagnosis.table_search import (
     without_effects,
 )
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
-from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.laplace import Estimate, model_of
 from bayes_inertia.inference.optimizer import move_to, re_estimate
 from bayes_inertia.inference.settings import NOTHING, OPEN_VERDICTS
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
@@ -76,7 +76,7 @@ from bayes_inertia.physics.effects import LIBRARY
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
-from bayes_inertia.progress import Progress, silent
+from bayes_inertia.progress import Progress, as_callback, with_bar
 
 
 @dataclass(frozen=True)
@@ -337,9 +337,10 @@ def _together(rows: Sequence[AlternativeParameters]) -> AlternativeParameters:
     )
 
 
+@with_bar
 @on_one_blas_thread
 def diagnose(
-    campaign: Campaign,
+    campaign: Campaign | Model | Estimate,
     *,
     library: Sequence[Effect] = LIBRARY,
     stochastic: Sequence[StochasticEffect] = STOCHASTIC_CANDIDATES,
@@ -347,14 +348,15 @@ def diagnose(
     rules: Rules | None = None,
     seed: int = 0,
     as_stated: bool = False,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> Diagnosis:
     """Find where model and data disagree, and which effects explain it.
 
     Parameters
     ----------
-    campaign : Campaign
-        What was flown. Of slews with thousands of rows block means are taken.
+    campaign : Campaign, Model or Estimate
+        What was flown, or what was made of it: its effects are not kept. Of slews with thousands
+        of rows block means are taken.
     library : sequence of Effect
         Candidate effects; instances of your own may be among them.
     stochastic : sequence of StochasticEffect
@@ -368,8 +370,8 @@ def diagnose(
     as_stated : bool
         Take the telemetry as it is: leave no outlier out, take no block means, and take the noise
         for white.
-    progress : callable or None
-        Called with (stage, done, of); `of` is 0 where a stage is not counted.
+    progress : bool or callable, optional
+        True for a bar; or called with (stage, done, of), `of` 0 where a stage is not counted.
 
     Returns
     -------
@@ -393,7 +395,10 @@ def diagnose(
         diagnosis.verdict, diagnosis.named
         # ('named', ('wheel_command_lag',))
     """
-    say = progress or silent
+    say = as_callback(progress)
+    if not isinstance(campaign, Campaign):
+        model = model_of(campaign)
+        campaign, drive = model.campaign, drive or model.structure.drive
     if not as_stated:
         campaign = without_surplus_rows(campaign)
     own = [e for e in library if isinstance(e, StochasticEffect)]

@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import InertiaPrior
+from bayes_inertia.flight.follow_on import spacecraft_at
 from bayes_inertia.flight.spacecraft import (
     Controller,
     Spacecraft,
@@ -38,6 +40,29 @@ class Mission:
 
     spacecraft: Spacecraft
     prior: InertiaPrior
+
+    @classmethod
+    def of(cls, campaign: Campaign) -> Mission:
+        """The mission that a campaign's hardware and prior describe.
+
+        Parameters
+        ----------
+        campaign : Campaign
+            What was flown.
+
+        Returns
+        -------
+        Mission
+            Its spacecraft has J and K at the mean of their prior, and no effects.
+
+        Examples
+        --------
+        >>> from bayes_inertia.physics.small_campaign import small_campaign
+        >>> Mission.of(small_campaign()).spacecraft.scale_factor
+        (1.0, 1.0, 1.0)
+        """
+        theta = np.concatenate([campaign.inertia.elements, campaign.three_axis_gyro.scale_factor])
+        return cls(spacecraft_at(campaign, theta), campaign.inertia)
 
     @property
     def theta(self) -> np.ndarray:

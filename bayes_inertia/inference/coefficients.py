@@ -180,7 +180,10 @@ def eliminated(change: Roots, equations: SlewEquations) -> EliminatedSlews:
     solved = solve_triangular(root, right, lower=True)
     step, across = solved[..., 0], solved[..., 1:]
     left = matrix[:, :s, :s] - jnp.einsum("ski,skj->sij", across, across)
-    shared_root = jnp.linalg.cholesky(jnp.diag(equations.precision) + left.sum(0))
+    # (s,) where priors are independent, else (s, s).
+    prior = equations.precision
+    prior = jnp.diag(prior) if prior.ndim == 1 else prior
+    shared_root = jnp.linalg.cholesky(prior + left.sum(0))
     of_slews = jnp.sum(slope[:, :s] - jnp.einsum("ski,sk->si", across, step), 0)
     shared_step = solve_triangular(shared_root, equations.shared_gradient + of_slews, lower=True)
     return EliminatedSlews(constant, started, root, step, across, shared_root, shared_step)

@@ -271,8 +271,10 @@ def prior_gate(estimate: Estimate) -> dict[str, Any]:
     `estimate`: its J and K are judged, each for itself and all together.
     """
     space, theta = estimate.model.space, estimate.theta
-    distance = ((theta - space.mean) / space.sd)[: space.n_base]
-    p_value = float(stats.chi2.sf(distance @ distance, space.n_base))
+    n = space.n_base
+    distance = ((theta - space.mean) / space.sd)[:n]
+    joint = distance if space.whitening is None else space.whitening[:n, :n] @ distance
+    p_value = float(stats.chi2.sf(joint @ joint, n))
     far = np.flatnonzero(np.abs(distance) > LIMITS.prior_sd_at_most)
     worst = int(np.argmax(np.abs(distance)))
     place = (

@@ -19,6 +19,7 @@ import numpy as np
 from jax import Array
 from jax.scipy.linalg import solve_triangular
 from scipy import optimize
+from scipy.linalg import block_diag
 
 from bayes_inertia.inference.coefficients import (
     EliminatedSlews,
@@ -33,7 +34,7 @@ from bayes_inertia.inference.coefficients import (
 from bayes_inertia.inference.likelihood import Information, information_blocks
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import Whitenings
-from bayes_inertia.inference.objective import prior_rows
+from bayes_inertia.inference.objective import prior_equations, prior_rows
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.device_arrays import filled, on_device, padded_size, repeated
 from bayes_inertia.maths.values import AnyArray
@@ -51,8 +52,10 @@ class SharedFirst(NamedTuple):
         One prior sd of (theta[free], bias, own nuisances).
     order : (f + n_bias + n_local,) array of int
         Where each stands among those: the bias, theta[free], own nuisances.
-    precision, gradient : (n_bias + f,) arrays
-        Of the prior of what slews share, in that order.
+    precision : (n_bias + f,) array
+        Of the prior of what slews share, in that order; squared where priors are correlated.
+    gradient : (n_bias + f,) array
+        Of the same.
     """
 
     scale: np.ndarray
@@ -66,16 +69,31 @@ def shared_first(model: Model, point: Point, free: np.ndarray) -> SharedFirst:
 
     `free` (f,).
     """
-    slope, distance = (rows[free] for rows in prior_rows(model, point.theta))
+    slope = prior_rows(model, point.theta)[0][free]
+    precision, gradient = prior_equations(model, point.theta, free)
     unit = np.where(slope != 0.0, slope, 1.0)
     f, b = len(free), len(point.bias)
     end = f + b + point.n_local
     return SharedFirst(
         np.concatenate([1.0 / unit, np.ones(b + point.n_local)]),
         np.r_[f : f + b, :f, f + b : end],
-        np.concatenate([np.ones(b), (slope / unit) ** 2]),
-        np.concatenate([point.bias, slope * distance / unit]),
+        _after_bias(precision / (np.outer(unit, unit) if precision.ndim == 2 else unit**2), b),
+        np.concatenate([point.bias, gradient / unit]),
     )
+
+
+def _after_bias(precision: np.ndarray, bias: int) -> np.ndarray:
+    """A precision with that of the bias, one, before it."""
+    if precision.ndim == 1:
+        return np.concatenate([np.ones(bias), precision])
+    return block_diag(np.eye(bias), precision)
+
+
+def _with_held(precision: np.ndarray, held: np.ndarray) -> np.ndarray:
+    """A precision with that of parameters that may not move behind it."""
+    if precision.ndim == 1:
+        return np.concatenate([precision, held])
+    return block_diag(precision, np.diag(held)) if len(held) else precision
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +114,8 @@ class LearntParameters:
     def priors(self) -> dict[str, np.ndarray]:
         """Of these parameters, as `ParameterSpace.constants`."""
         constants = self.model.space.constants().items()
-        return {key: np.asarray(values)[self.learnt] for key, values in constants}
+        kept = ((key, values) for key, values in constants if key != "whitening")
+        return {key: np.asarray(values)[self.learnt] for key, values in kept}
 
     def standardised(self, theta: np.ndarray) -> np.ndarray:
         """The learnt parameters of all.
@@ -219,7 +238,7 @@ class Evidence:
             0.0,
             np.insert(rows, places, 0.0, axis=2),
             np.insert(gradient, places, 0.0, axis=1),
-            np.concatenate([unknowns.precision, of_held + 1.0]),
+            _with_held(unknowns.precision, of_held + 1.0),
             np.concatenate([unknowns.gradient, of_held]),
             0.0,
             point.local,

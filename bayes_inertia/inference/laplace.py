@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.coefficients import CoefficientPart, prior_roots
 from bayes_inertia.inference.likelihood import Information, Residuals
 from bayes_inertia.inference.limits import LIMITS
@@ -20,7 +22,7 @@ from bayes_inertia.inference.noise_model import (
     noise_between_knots,
     stated_noise_of,
 )
-from bayes_inertia.inference.objective import prior_rows
+from bayes_inertia.inference.objective import prior_root
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import (
     ChannelTest,
@@ -37,6 +39,7 @@ from bayes_inertia.inference.slew_shares import SlewScatter, SlewShares
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve
+from bayes_inertia.maths.printed import Card, parameter_lines, parameter_text, shown_as
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
@@ -57,6 +60,24 @@ class Starts(NamedTuple):
     tried: int
 
 
+def _card(estimate: Estimate) -> Card:
+    """The maximum with its sds, and whether the model explains the data."""
+    space, total = estimate.model.space, estimate.tests["total"]
+    values = list(zip(space.names, space.units, estimate.theta, estimate.sd, space.sd, strict=True))
+    found, tried = estimate.starts
+    says = f"reduced χ² {total.reduced_chi2:.3f}, {found} of {tried} starts agree"
+    lines = (
+        f"Estimate of {estimate.model.campaign.name}: {says}",
+        *parameter_lines({name: (at, sd) for name, _, at, sd, _ in values}),
+    )
+    rows = tuple(
+        (name, parameter_text(name, at, sd, unit), f"{prior:.2g}")
+        for name, unit, at, sd, prior in values
+    )
+    return Card(lines, ("parameter", "estimate ± sd", "prior sd"), rows)
+
+
+@shown_as(_card)
 @array_dataclass
 class Estimate:
     """The posterior's maximum and its Laplace approximation.
@@ -230,8 +251,7 @@ class Estimate:
         n = self.model.n_slews
         left_out = np.array([self.without_slew(s) for s in range(n)])
         scatter = left_out - left_out.mean(0)
-        slope, _ = prior_rows(self.model, self.theta)
-        shift = self.covariance * slope
+        shift = self.covariance @ prior_root(self.model, self.theta).T
         return (n - 1) / n * scatter.T @ scatter + shift @ shift.T
 
     @property
@@ -311,6 +331,26 @@ class Estimate:
         return LinearisedFit(
             self.model, self.point, self.white, self.information, self.hessian, self.discount
         )
+
+
+def model_of(source: Campaign | Model | Estimate, **asked: Any) -> Model:
+    """The model that a campaign makes, or that a model or an estimate is of.
+
+    `asked`: effects, drive and noise; those that are None or empty are as the source has them.
+    """
+    if isinstance(source, Estimate):
+        source = source.model
+    asked = {key: value for key, value in asked.items() if value}
+    if isinstance(source, Campaign):
+        return Model(source, **asked)
+    if not isinstance(source, Model):
+        raise CampaignError(
+            f"a {type(source).__name__} was given",
+            where="first argument",
+            advice="give a Campaign, or a Model or an Estimate of one",
+        )
+    own = {"effects": source.effects, "drive": source.drive, "noise": source.noise}
+    return source if own | asked == own else Model(source.campaign, **own | asked)
 
 
 def plain_series(estimate: Estimate) -> dict[str, list[np.ndarray]]:

@@ -7,6 +7,7 @@ taken off: so a series needs no telemetry of the past.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,8 @@ class LikelihoodSummary:
         Inverse covariance there, without the prior; positive semidefinite.
     prior_mean, prior_sd : (n,) arrays
         The prior that was taken off.
+    prior_correlation : (9, 9) array or None
+        Of that prior; None where its parameters were independent.
     """
 
     campaign: str
@@ -38,6 +41,7 @@ class LikelihoodSummary:
     precision: np.ndarray
     prior_mean: np.ndarray
     prior_sd: np.ndarray
+    prior_correlation: np.ndarray | None = None
 
     def whitened(self, first: LikelihoodSummary) -> tuple[np.ndarray, np.ndarray]:
         """The summary as data in units of another one's prior.
@@ -52,7 +56,10 @@ class LikelihoodSummary:
 
     def json(self) -> dict[str, Any]:
         """As it stands in a file: lists of numbers."""
-        return {"campaign": self.campaign} | {k: getattr(self, k).tolist() for k in _ARRAYS}
+        content = {"campaign": self.campaign} | {k: getattr(self, k).tolist() for k in _ARRAYS}
+        if self.prior_correlation is not None:
+            content["prior_correlation"] = self.prior_correlation.tolist()
+        return content
 
 
 def summary_of(
@@ -61,10 +68,11 @@ def summary_of(
     covariance: np.ndarray,
     prior_mean: np.ndarray,
     prior_sd: np.ndarray,
+    prior_correlation: np.ndarray | None = None,
 ) -> LikelihoodSummary:
-    """The likelihood that a Gaussian prior of independent parameters and a posterior imply.
+    """The likelihood that a Gaussian prior and a posterior imply.
 
-    `mean` (n,); `covariance` (n, n).
+    `mean` (n,); `covariance` (n, n); `prior_correlation` (n, n), None for independent parameters.
 
     Examples
     --------
@@ -74,21 +82,33 @@ def summary_of(
     (np.float64(1.0), np.float64(1.0))
     """
     scaled = covariance / np.outer(prior_sd, prior_sd)
+    distance = (mean - prior_mean) / prior_sd
+    root = None
+    if prior_correlation is not None:
+        # In units in which the prior is white.
+        root = np.linalg.cholesky(prior_correlation)
+        scaled = np.linalg.solve(root, np.linalg.solve(root, scaled).T)
+        distance = np.linalg.solve(root, distance)
     powers, directions = np.linalg.eigh(0.5 * (scaled + scaled.T))
     # The prior's precision is one in these units.
     told = 1.0 / powers - 1.0
     told = np.where(told > LIMITS.told_share, told, 0.0)
-    along = directions.T @ ((mean - prior_mean) / prior_sd)
+    along = directions.T @ distance
     shift = directions @ (np.where(told > 0.0, along / np.maximum(powers * told, 1e-300), 0.0))
-    precision = (directions * told) @ directions.T / np.outer(prior_sd, prior_sd)
-    return LikelihoodSummary(
-        campaign, prior_mean + prior_sd * shift, precision, prior_mean, prior_sd
-    )
+    precision = (directions * told) @ directions.T
+    if root is not None:
+        shift = root @ shift
+        precision = np.linalg.solve(root.T, np.linalg.solve(root.T, precision).T)
+    precision = precision / np.outer(prior_sd, prior_sd)
+    at = prior_mean + prior_sd * shift
+    return LikelihoodSummary(campaign, at, precision, prior_mean, prior_sd, prior_correlation)
 
 
 def summary_from_json(content: Mapping[str, Any]) -> LikelihoodSummary:
     """The summary that `LikelihoodSummary.json` wrote."""
     arrays = {key: np.array(content[key], dtype=float) for key in _ARRAYS}
+    if content.get("prior_correlation") is not None:
+        arrays["prior_correlation"] = np.array(content["prior_correlation"], dtype=float)
     return LikelihoodSummary(str(content["campaign"]), **arrays)
 
 
@@ -104,13 +124,15 @@ def product(summaries: Sequence[LikelihoodSummary]) -> LikelihoodSummary:
     scaled = precision * np.outer(first.prior_sd, first.prior_sd)
     shift = np.linalg.lstsq(scaled, pull * first.prior_sd, rcond=LIMITS.told_share**2)[0]
     mean = first.prior_mean + first.prior_sd * shift
-    return LikelihoodSummary(first.campaign, mean, precision, first.prior_mean, first.prior_sd)
+    return replace(first, mean=mean, precision=precision)
 
 
 def with_prior(summary: LikelihoodSummary) -> tuple[np.ndarray, np.ndarray]:
     """Mean (n,) and covariance (n, n) of the posterior that a summary and its prior make."""
     scaled = summary.precision * np.outer(summary.prior_sd, summary.prior_sd)
-    covariance = np.linalg.inv(scaled + np.eye(len(scaled)))
+    correlation = summary.prior_correlation
+    prior = np.eye(len(scaled)) if correlation is None else np.linalg.inv(correlation)
+    covariance = np.linalg.inv(scaled + prior)
     pull = scaled @ ((summary.mean - summary.prior_mean) / summary.prior_sd)
     scale = summary.prior_sd
     return summary.prior_mean + scale * (covariance @ pull), covariance * np.outer(scale, scale)

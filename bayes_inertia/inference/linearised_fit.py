@@ -22,7 +22,12 @@ from bayes_inertia.inference.likelihood import (
     unpadded_sensitivities,
 )
 from bayes_inertia.inference.noise_model import Whitenings
-from bayes_inertia.inference.objective import block_index, normal_equations, prior_rows
+from bayes_inertia.inference.objective import (
+    as_matrix,
+    block_index,
+    normal_equations,
+    prior_equations,
+)
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.slew_shares import SlewShares, slew_shares
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root
@@ -99,9 +104,9 @@ class LinearisedFit:
 
     @cached_property
     def prior_precision(self) -> np.ndarray:
-        """Prior precision (n_shared,) of the shared unknowns."""
-        slope, _ = prior_rows(self.model, self.point.theta)
-        return np.concatenate([slope[self.free] ** 2, np.ones(len(self.point.bias))])
+        """Prior precision (n_shared, n_shared) of the shared unknowns."""
+        precision, _ = prior_equations(self.model, self.point.theta, self.free)
+        return as_matrix(precision, len(self.point.bias))
 
     def normal_equations(self, weights: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Hessian and gradient of everything fitted, priors included.
@@ -139,8 +144,8 @@ class LinearisedFit:
     @cached_property
     def shares(self) -> SlewShares:
         """What each slew tells of the shared unknowns."""
-        slope, distance = (x[self.free] for x in prior_rows(self.model, self.point.theta))
-        gradient = np.concatenate([slope * distance, self.point.bias])
+        _, slope = prior_equations(self.model, self.point.theta, self.free)
+        gradient = np.concatenate([slope, self.point.bias])
         return slew_shares(self.information, self.point.local, self.prior_precision, gradient)
 
     @cached_property
@@ -249,8 +254,11 @@ class LinearisedFit:
         of them. Returns (unknowns, n).
         """
         slews, _, n = data.shape
-        precision = np.concatenate([self.prior_precision, np.ones(slews * self.n_local)])
-        gradient = np.sqrt(precision)[:, None] * rng.standard_normal((len(precision), n))
+        gradient = rng.standard_normal((self.n_shared + slews * self.n_local, n))
+        shared = self.prior_precision
+        independent = self.model.space.whitening is None
+        root = np.diag(np.sqrt(np.diag(shared))) if independent else np.linalg.cholesky(shared)
+        gradient[: self.n_shared] = root @ gradient[: self.n_shared]
         for s, change in enumerate(data):
             gradient[self.index(s)] += self.columns[s].T @ change
         return gradient
@@ -259,9 +267,9 @@ class LinearisedFit:
     def _row_equations(self) -> tuple[np.ndarray, np.ndarray]:
         """As `normal_equations`, from the rows: they round like what is projected off them."""
         theta, bias, local = self.point.theta, self.point.bias, self.point.local
-        slope, distance = (rows[self.free] for rows in prior_rows(self.model, theta))
+        _, slope = prior_equations(self.model, theta, self.free)
         hessian = self._prior_matrix()
-        gradient = np.concatenate([slope * distance, bias, local.ravel()])
+        gradient = np.concatenate([slope, bias, local.ravel()])
         for s, (columns, r) in enumerate(zip(self._columns_to_project, self.residual, strict=True)):
             index = self.index(s)
             hessian[np.ix_(index, index)] += columns.T @ columns
@@ -327,5 +335,5 @@ class LinearisedFit:
         return channel_rows(self.model)
 
     def _prior_matrix(self) -> np.ndarray:
-        """Prior precision of everything fitted, as a diagonal matrix."""
-        return np.diag(np.concatenate([self.prior_precision, np.ones(self.point.local.size)]))
+        """Prior precision of everything fitted."""
+        return as_matrix(self.prior_precision, self.point.local.size)

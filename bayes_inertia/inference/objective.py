@@ -58,20 +58,52 @@ def normal_equations(
         weight = 1.0 if weights is None else weights[s]
         hessian[np.ix_(index, index)] += weight * block.sum(0)
         gradient[index] += weight * slew_gradient.sum(0)
-    slope, distance = (rows[information.free] for rows in prior_rows(model, point.theta))
-    hessian[np.arange(size), np.arange(size)] += np.concatenate([slope**2, np.ones(size - f)])
-    gradient += np.concatenate([slope * distance, point.bias, point.local.ravel()])
+    precision, slope = prior_equations(model, point.theta, information.free)
+    hessian[:f, :f] += as_matrix(precision)
+    hessian[np.arange(f, size), np.arange(f, size)] += 1.0
+    gradient += np.concatenate([slope, point.bias, point.local.ravel()])
     return hessian, gradient
 
 
 def prior_rows(model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The prior as whitened residuals.
+    """The prior of each parameter alone as whitened residuals.
 
     `theta` (d,). Returns `slope` (d,): derivative of the whitened distance of each parameter from
     its prior mean; `distance` (d,): the distance itself [prior sd].
     """
-    constants = model.space.constants()
+    constants = {k: v for k, v in model.space.constants().items() if k != "whitening"}
     return np.asarray(_prior_slope(constants, theta)), np.asarray(_prior_residual(constants, theta))
+
+
+def prior_root(model: Model, theta: np.ndarray) -> np.ndarray:
+    """Derivatives (d, d) of the prior's independent residuals: R, with R^T R its precision."""
+    slope, _ = prior_rows(model, theta)
+    whitening = model.space.whitening
+    return np.diag(slope) if whitening is None else whitening * slope
+
+
+def prior_equations(
+    model: Model, theta: np.ndarray, free: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Normal equations of the prior, for parameters that may move.
+
+    `theta` (d,); `free` (f,). Returns `precision`: (f,) where priors are independent, else (f, f);
+    `gradient` (f,).
+    """
+    slope, distance = prior_rows(model, theta)
+    whitening = model.space.whitening
+    if whitening is None:
+        return slope[free] ** 2, slope[free] * distance[free]
+    root = prior_root(model, theta)[:, free]
+    return root.T @ root, root.T @ (whitening @ distance)
+
+
+def as_matrix(precision: np.ndarray, more: int = 0) -> np.ndarray:
+    """A precision (n,) or (n, n) as a matrix, with `more` unknowns of unit precision behind it."""
+    n = len(precision)
+    matrix = np.eye(n + more)
+    matrix[:n, :n] = np.diag(precision) if precision.ndim == 1 else precision
+    return matrix
 
 
 def block_index(n_shared: int, n_local: int, slew: int) -> np.ndarray:

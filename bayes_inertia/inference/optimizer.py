@@ -17,11 +17,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.descent import descend, gentle_descents, guess_nuisances, roughly
 from bayes_inertia.inference.hyperparameters import information_with_learnt, without_hyperparameters
-from bayes_inertia.inference.laplace import Estimate, Starts
+from bayes_inertia.inference.laplace import Estimate, Starts, model_of
 from bayes_inertia.inference.likelihood import information_blocks
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import (
@@ -41,24 +42,27 @@ from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.progress import Progress, as_callback, with_bar
 
 
+@with_bar
 @on_one_blas_thread
 def estimate(
-    model: Model,
+    model: Model | Campaign,
     *,
     seed: int = 0,
     starts: int = 3,
     start: np.ndarray | None = None,
     discount: bool = True,
     free: np.ndarray | None = None,
+    progress: Progress | bool | None = None,
 ) -> Estimate:
     """Find the posterior's maximum.
 
     Parameters
     ----------
-    model : Model
-        What is fitted to which campaign.
+    model : Model or Campaign
+        What is fitted to which campaign; of a campaign J and K alone.
     seed : int
         Seed of the further starts.
     starts : int
@@ -72,6 +76,8 @@ def estimate(
     free : (f,) array of int, optional
         Indices of the parameters that may move, J's elements among them. The others keep their
         start values. None: all.
+    progress : bool or callable, optional
+        True for a bar; or called with (stage, done, of), `of` 0 where a stage is not counted.
 
     Returns
     -------
@@ -87,11 +93,13 @@ def estimate(
     --------
     It compiles for some seconds, so this is no doctest::
 
-        fitted = estimate(Model(read_campaign("my_campaign")))
+        fitted = estimate(read_campaign("my_campaign"))
         dict(zip(fitted.model.space.names, fitted.sd))
         # {'Jxx': 0.00022, ...}
     """
+    model, say = model_of(model), as_callback(progress)
     forget_surplus()
+    say("descending from several starts", 0, 0)
     free = np.arange(model.space.size) if free is None else np.asarray(free)
     descents = gentle_descents(model, seed, starts, start, free)
     if not np.isfinite(min(objective for objective, _ in descents)):
@@ -100,6 +108,7 @@ def estimate(
             advice="check units and signs of the telemetry columns",
         )
     full = np.ones((model.n_slews, len(model.channels)))
+    say("finding the optimum", 0, 0)
     optima = [
         (_best_optimum_with_noise(model, point, full, free), point, count)
         for point, count in distinct_optima(model, descents)

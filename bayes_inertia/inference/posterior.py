@@ -1,10 +1,11 @@
 """The result of a fit: an ArviZ DataTree with units, and the summary an engineer reads.
 
 Groups: `posterior` (chain, draw; one variable a parameter), `prior`, `derived` (principal
-moments), `sample_stats` (lp), `log_prior`, `log_likelihood` and `posterior_predictive` (thinned
-draws), `observed_data`, `constant_data`, and `estimate` (the optimizer's result and both
-covariances). After an ambiguous diagnosis also `averaged`: J, K and principal moments, whichever
-effect of the set is the true one. `posterior_groups` builds them.
+moments), `sample_stats` (lp), `log_prior`, `log_likelihood` (of each slew),
+`log_likelihood_reading` and `posterior_predictive` (thinned draws), `observed_data`,
+`constant_data`, and `estimate` (the optimizer's result and both covariances). After an ambiguous
+diagnosis also `averaged`: J, K and principal moments, whichever effect of the set is the true one.
+`posterior_groups` builds them.
 """
 
 from __future__ import annotations
@@ -18,16 +19,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import stats
 
+from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.likelihood_summary import LikelihoodSummary, summary_of
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.printed import Card, parameter_lines, parameter_text, shown_as
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.parameters import base_count
 from bayes_inertia.sealing import blaming, is_sealed, write_sealed
 from bayes_inertia.tables.isolated import check_readable
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 FORMAT = "bayes-inertia-posterior/1"
@@ -58,6 +62,33 @@ def sd_of_interval(low: Any, high: Any) -> Any:
     return (high - low) / (2.0 * stats.norm.isf(0.05))
 
 
+def _card(posterior: Posterior) -> Card:
+    """Whether to trust it, J and K as quoted, and all parameters."""
+    summary = posterior.summary()
+    trust = "trusted" if summary["trusted"] else f"not trusted: {'; '.join(summary['reasons'])}"
+    quoted = {
+        name: (p["mean"], p["sd"] if p["quoted_sd"] is None else p["quoted_sd"])
+        for name, p in summary["parameters"].items()
+    }
+    lines = (
+        f"Posterior of {summary['campaign']}, {len(posterior.samples):,} draws: {trust}",
+        *parameter_lines(quoted),
+    )
+    rows = tuple(
+        (
+            name,
+            parameter_text(name, *quoted[name], p["unit"]),
+            f"{p['prior_sd']:.2g}",
+            "yes" if p["observable"] else "no",
+        )
+        for name, p in summary["parameters"].items()
+    )
+    # Without a number to quote the model's own sds are shown, and called that.
+    name = "sd" if posterior.quoted_factor is None else "quoted sd"
+    return Card(lines, ("parameter", f"mean ± {name}", "prior sd", "determined"), rows)
+
+
+@shown_as(_card)
 @array_dataclass
 class Posterior:
     """A finished fit: draws, prior, predictions and what the fit says about itself.
@@ -68,8 +99,10 @@ class Posterior:
     ----------
     tree : xarray.DataTree
         ArviZ's groups: `posterior` (chain, draw; one variable a parameter, with its unit), `prior`,
-        `sample_stats` (lp), `log_prior`, `log_likelihood` and `posterior_predictive` (thinned
-        draws), `observed_data`, `constant_data`. Beside them `derived` (principal moments),
+        `sample_stats` (lp), `log_prior`, `log_likelihood` (of each slew, which ArviZ leaves out one
+        at a time), `log_likelihood_reading` and `posterior_predictive` (thinned draws),
+        `observed_data`, `constant_data`. A chain is one ensemble, its walkers one after the other:
+        R-hat compares what is independent. Beside them `derived` (principal moments),
         `estimate` (the optimizer's result and its covariances) and, where J and K are averaged over
         what may be true, `averaged`.
 
@@ -173,6 +206,11 @@ class Posterior:
         return np.stack(columns, -1)
 
     @property
+    def inertia(self) -> np.ndarray:
+        """All draws of J as tensors (n, 3, 3) [kg m^2], in the order of `samples`."""
+        return np.asarray(inertia_tensor.tensor(self.samples[:, :6]))
+
+    @property
     def attributes(self) -> dict[str, Any]:
         """What the fit says about itself: `diagnostics`, `fit`, `gates`, `effects`, `seed`, ..."""
         return json.loads(self.tree.attrs["bayes_inertia"])
@@ -206,22 +244,60 @@ class Posterior:
 
         None where no sd can be quoted.
         """
-        factor = self.quoted_factor
-        if factor is None:
+        widened = self._widened()
+        if widened is None:
             return None
         estimate: Any = self.tree["estimate"]
         n = base_count(self.names)
-        mean, prior_mean, prior_sd = (
-            np.array(estimate[key])[:n] for key in ("theta", "prior_mean", "prior_sd")
-        )
-        wider = np.full(n, factor)
+        prior_mean, prior_sd = (np.array(estimate[key])[:n] for key in ("prior_mean", "prior_sd"))
+        correlation = None
+        if "prior_correlation" in estimate:
+            correlation = np.array(estimate["prior_correlation"])[:n, :n]
+        mean, wider = widened
+        covariance = self._covariance() * np.outer(wider, wider)
+        name = str(self.attributes.get("campaign"))
+        return summary_of(name, mean, covariance, prior_mean, prior_sd, correlation)
+
+    def _widened(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """J and K as quoted (n,), and by how much the model's sds are widened for that (n,)."""
+        factor, estimate, n = self.quoted_factor, self.tree["estimate"], base_count(self.names)
+        if factor is None:
+            return None
+        mean, wider = np.array(estimate["theta"])[:n], np.full(n, factor)
         if self._is_averaged(self.names[0]):
             # Along each parameter, as what is quoted.
             low, mean, high = np.quantile(self.averaged_samples[:, :n], _NINETY, axis=0)
             wider *= np.maximum(1.0, sd_of_interval(low, high) / self.samples[:, :n].std(0))
-        covariance = np.array(estimate["covariance"])[:n, :n] * np.outer(wider, wider)
-        name = str(self.attributes.get("campaign"))
-        return summary_of(name, mean, covariance, prior_mean, prior_sd)
+        return mean, wider
+
+    def _covariance(self) -> np.ndarray:
+        """Covariance (n, n) of J and K, by Laplace's approximation."""
+        n = base_count(self.names)
+        return np.array(self.tree["estimate"]["covariance"])[:n, :n]
+
+    @property
+    def as_prior(self) -> GaussianPrior | None:
+        """J and K as this fit knows them, for the next campaign; None where it is not to be used.
+
+        A fit with it is the joint fit of both campaigns. What this fit quotes beyond its model's
+        sds does not move the next one, and is counted in what that quotes.
+        """
+        widened = self._widened()
+        if widened is None:
+            return None
+        n, covariance = base_count(self.names), self._covariance()
+        names, (mean, wider) = tuple(self.names[:n]), widened
+        sd, beyond = np.sqrt(np.diag(covariance)), self._beyond("prior_beyond_sd", n)
+        if not self.trusted:
+            return GaussianPrior(names, mean, covariance * np.outer(wider, wider), beyond_sd=beyond)
+        beyond = np.sqrt(beyond**2 + sd**2 * np.maximum(wider**2 - 1.0, 0.0))
+        at = np.array(self.tree["estimate"]["theta"])[:n]
+        return GaussianPrior(names, at, covariance, beyond_sd=beyond)
+
+    def _beyond(self, key: str, size: int) -> np.ndarray:
+        """What a former result, taken as prior, adds to quoted sds (size,)."""
+        estimate: Any = self.tree["estimate"]
+        return np.array(estimate[key])[:size] if key in estimate else np.zeros(size)
 
     def summary(self) -> dict[str, Any]:
         """The content of summary.json.
@@ -240,8 +316,21 @@ class Posterior:
         content["derived"] = self._principal_moments()
         content["ratios"] = self._ratios()
         content["likelihood"] = None if self.likelihood is None else self.likelihood.json()
+        content["as_prior"] = None if self.as_prior is None else self.as_prior.json()
         others = [key for key in content if key not in _SUMMARY_ORDER]
         return {key: content[key] for key in [*_SUMMARY_ORDER, *others]}
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """The parameters of `summary` as a table.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row a parameter, one column a number; `quoted_sd` is the one to use.
+        """
+        from pandas import DataFrame
+
+        return DataFrame.from_dict(self.summary()["parameters"], orient="index")
 
     def _parameter(self, i: int, name: str) -> dict[str, Any]:
         """A parameter as it stands in summary.json."""
@@ -257,7 +346,9 @@ class Posterior:
         return {
             "mean": q50 if self._is_averaged(name) else float(draws.mean()),
             "sd": sd,
-            "quoted_sd": None if untied else self._quoted(q05, q95),
+            "quoted_sd": None
+            if untied
+            else self._quoted(q05, q95, self._beyond("prior_beyond_sd", i + 1)[i]),
             "robust_sd": robust if np.isfinite(robust) else None,
             **{key: float(estimate[key][i]) for key in _OTHER_MEASURES if key in estimate},
             **self._decisive_slew(i),
@@ -285,7 +376,7 @@ class Posterior:
         for name, values in draws.items():
             q05, q50, q95 = (float(q) for q in np.quantile(values, _NINETY))
             row = {"mean": float(values.mean()), "sd": float(values.std(ddof=1)), "unit": ""}
-            quoted = {"quoted_sd": self._quoted(q05, q95), "q05": q05, "q50": q50, "q95": q95}
+            quoted = {"quoted_sd": self._quoted(q05, q95, 0.0), "q05": q05, "q50": q50, "q95": q95}
             rows[name] = row | quoted
         return rows
 
@@ -293,10 +384,16 @@ class Posterior:
         """Whether draws are an average over models: thin long tails rule the mean of one."""
         return "averaged" in self.tree and name in self.tree["averaged"]
 
-    def _quoted(self, q05: float, q95: float) -> float | None:
-        """The sd to quote of draws with these quantiles, None where none can be."""
+    def _quoted(self, q05: float, q95: float, beyond: float) -> float | None:
+        """The sd to quote of draws with these quantiles, None where none can be.
+
+        `beyond`: what a former result, taken as prior, adds.
+        """
         factor = self.quoted_factor
-        return None if factor is None else factor * float(sd_of_interval(q05, q95))
+        if factor is None:
+            return None
+        quoted = factor * float(sd_of_interval(q05, q95))
+        return float(np.hypot(quoted, beyond)) if beyond else quoted
 
     def _decisive_slew(self, i: int) -> dict[str, Any]:
         """The slew without which a parameter would be known worst, with its sds."""
@@ -321,11 +418,13 @@ class Posterior:
         # As for the parameters.
         estimate: Any = self.tree["estimate"]
         robust = np.maximum(estimate["robust_principal_sd"].values, sd)
+        ends = np.quantile(draws, [0.05, 0.95], axis=0)
+        beyond = self._beyond("prior_beyond_principal_sd", 3)
         return {
             f"I{i + 1}": {
                 "mean": float(middle(draws[:, i])),
                 "sd": float(sd[i]),
-                "quoted_sd": self._quoted(*np.quantile(draws[:, i], [0.05, 0.95]).tolist()),
+                "quoted_sd": self._quoted(float(ends[0, i]), float(ends[1, i]), float(beyond[i])),
                 "robust_sd": float(robust[i]) if np.isfinite(robust[i]) else None,
                 "unit": "kg m^2",
             }

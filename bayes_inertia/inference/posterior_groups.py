@@ -6,7 +6,7 @@ Effects without a fixed shape over time, as the posterior draws them.
 from __future__ import annotations
 
 import json
-import warnings
+from collections.abc import Sequence
 from dataclasses import asdict
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
@@ -21,10 +21,12 @@ from bayes_inertia.inference.gates import check_gates, groups_of_slews
 from bayes_inertia.inference.laplace import Estimate, principal_sd
 from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.limits import LIMITS, criteria
+from bayes_inertia.inference.objective import prior_root
 from bayes_inertia.inference.posterior import FORMAT, Posterior
 from bayes_inertia.inference.predicted_telemetry import predicted_telemetry
 from bayes_inertia.inference.sampler import Chains
 from bayes_inertia.inference.settings import FitContext
+from bayes_inertia.inference.slew_likelihood import slew_log_likelihood
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.actuators import ties_of_scale
 from bayes_inertia.physics.channels import Channel
@@ -48,6 +50,7 @@ Groups = dict[str, dict[str, np.ndarray]]
 _LIBRARIES = ("bayes-inertia", "jax", "emcee", "arviz", "numpy", "scipy")
 _DIMENSIONS = {
     "principal_moment": ["axis"],
+    "slew": ["left_out"],
     "time": ["slew", "row"],
     "signal_time": ["slew", "instant"],
 }
@@ -73,12 +76,12 @@ def build_posterior(
 
     rng = np.random.default_rng([seed, 1])
     campaign, space = estimate.model.campaign, estimate.model.space
-    groups = _sampled(estimate, chains, rng)
+    groups = _sampled(estimate, chains, rng, [seed, 6])
     predicted, pointwise = predicted_telemetry(estimate, chains, rng)
     observed, constant = _observed(estimate)
     groups |= {
         "posterior_predictive": predicted,
-        "log_likelihood": pointwise,
+        "log_likelihood_reading": pointwise,
         "observed_data": observed,
         "constant_data": constant,
     }
@@ -86,6 +89,7 @@ def build_posterior(
         "slew": [s.name for s in campaign.slews],
         "wheel": [w.name for w in campaign.wheels],
         "axis": [1, 2, 3],
+        "left_out": [s.name for s in campaign.slews],
     }
     dimensions = _dimensions(estimate.model.channels)
     if signals := stochastic_signals(estimate, chains, np.random.default_rng([seed, 2])):
@@ -95,10 +99,8 @@ def build_posterior(
             dimensions[effect.name] = ["slew", "instant", f"{effect.name}_component"]
             named, n = effect.signal_components, signals[effect.name].shape[-1]
             coords[f"{effect.name}_component"] = list(named if len(named) == n else range(1, n + 1))
-    with warnings.catch_warnings():
-        # Walkers are many by design.
-        warnings.filterwarnings("ignore", "Found chain dimension to be longer", UserWarning)
-        tree = from_dict(groups, dims=dimensions, coords=coords)
+    # ArviZ takes the first axis for chains, and a group without any for none.
+    tree = from_dict({k: v for k, v in groups.items() if v}, dims=dimensions, coords=coords)
     tree["estimate"] = _estimate_group(estimate)
     _write_units(tree, dict(zip(space.names, space.units, strict=True)), estimate.model.channels)
     for effect in drawable(estimate):
@@ -132,19 +134,28 @@ def _signal_words(effect: StochasticEffect) -> dict[str, str]:
     }
 
 
-def _sampled(estimate: Estimate, chains: Chains, rng: np.random.Generator) -> Groups:
-    """Groups of the draws themselves; walkers are chains."""
+def _sampled(
+    estimate: Estimate, chains: Chains, rng: np.random.Generator, spawn: Sequence[int]
+) -> Groups:
+    """Groups of the draws themselves: an ensemble is a chain, its walkers one after the other."""
     model = estimate.model
+    # Walkers of one ensemble are no independent chains, and theirs are too short for R-hat: ArviZ
+    # would raise alarms on perfect ensembles.
     ensembles, walkers, draws, d = chains.samples.shape
-    flat = chains.samples.reshape(ensembles * walkers, draws, d)
+    flat = chains.samples.reshape(ensembles, walkers * draws, d)
     prior = model.draw_prior(rng, LIMITS.prior_draws)
-    density = chains.log_posterior.reshape(ensembles * walkers, draws)
-    return {
+    density = chains.log_posterior.reshape(ensembles, walkers * draws)
+    of_prior = np.asarray(_log_prior(model.space.constants(), flat))
+    of_slews = slew_log_likelihood(
+        estimate, flat.reshape(-1, d), (density - of_prior).ravel(), np.random.default_rng(spawn)
+    )
+    likelihood = {} if of_slews is None else {"slew": of_slews.reshape(*density.shape, -1)}
+    return {"log_likelihood": likelihood} | {
         "posterior": {name: flat[..., i] for i, name in enumerate(model.space.names)},
         "prior": {name: prior[None, :, i] for i, name in enumerate(model.space.names)},
         "derived": {"principal_moment": inertia_tensor.principal_moments(flat[..., :6])},
         "sample_stats": {"lp": density},
-        "log_prior": {"theta": np.asarray(_log_prior(model.space.constants(), flat))},
+        "log_prior": {"theta": of_prior},
     }
 
 
@@ -190,6 +201,7 @@ def _estimate_group(estimate: Estimate) -> xr.DataTree:
         "slew_n_data": (("slew", "channel"), estimate.information.n_data),
     }
     variables |= {name: (("parameter",), x) for name, x in estimate.scatter_sds.items()}
+    variables |= _joint_prior(estimate)
     model = estimate.model
     flat = residuals(model.structure, estimate.point, model.data, estimate.stated)
     for channel, values, valid in zip(model.channels, flat, measured(model), strict=True):
@@ -203,6 +215,23 @@ def _estimate_group(estimate: Estimate) -> xr.DataTree:
         "slew": [s.name for s in estimate.model.campaign.slews],
     }
     return xr.DataTree(xr.Dataset(variables, coords=coords))
+
+
+def _joint_prior(estimate: Estimate) -> dict[str, tuple]:
+    """Correlations of a joint prior, and how far what it may be off moves this fit."""
+    space, prior = estimate.model.space, estimate.model.campaign.prior
+    variables: dict[str, tuple] = {}
+    if space.correlation is not None:
+        variables["prior_correlation"] = (("parameter", "parameter_2"), space.correlation)
+    if prior is not None and prior.beyond_sd is not None:
+        root = prior_root(estimate.model, estimate.theta)
+        place = [space.names.index(name) for name in prior.names]
+        moved = (estimate.covariance @ root.T @ root)[:, place] * prior.beyond_sd
+        covariance = moved @ moved.T
+        variables["prior_beyond_sd"] = (("parameter",), np.sqrt(np.diag(covariance)))
+        principal = principal_sd(estimate, covariance)
+        variables["prior_beyond_principal_sd"] = (("axis",), principal)
+    return variables
 
 
 def _write_units(tree: xr.DataTree, units: dict[str, str], channels: tuple[Channel, ...]) -> None:
@@ -241,6 +270,7 @@ def _attributes(estimate: Estimate, chains: Chains, context: FitContext) -> dict
         "effects": [e.name for e in model.effects],
         "dirt": [dirt.json() for dirt in model.campaign.dirt],
         "ensembles": len(chains.samples),
+        "walkers": chains.samples.shape[1],
         "includes_wheel_spin": model.structure.includes_wheel_spin,
         "drive": model.structure.drive,
         "wheels": model.structure.wheels,

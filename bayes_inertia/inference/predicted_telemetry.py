@@ -36,13 +36,14 @@ def predicted_telemetry(
 
     Returns `predicted` (ensembles, draws, slews, rows, components): by channel, with measurement
     noise; NaN where nothing was measured; `pointwise` (ensembles, draws, slews, rows): log
-    densities of the measurements, under "rate_point", "attitude_point", "momentum_point".
+    densities of the measurements, NaN without any, under "rate_point", "attitude_point",
+    "momentum_point".
     """
     thinned = thinned_draws(chains, rng)
     shape = (len(chains.samples), LIMITS.telemetry_draws)
     predicted: dict[str, np.ndarray] = {}
     pointwise: dict[str, np.ndarray] = {}
-    norms = _log_norms(estimate)
+    norms, known = _log_norms(estimate), _measured_rows(estimate)
     # Each draw goes to its place at once: copies of telemetry-sized arrays would be the largest
     # things that a fit holds.
     for k, (channels, lost) in enumerate(_of_draws(estimate, thinned, rng)):
@@ -51,7 +52,7 @@ def predicted_telemetry(
                 predicted[c] = np.empty((len(thinned), *values.shape))
                 pointwise[c] = np.empty((len(thinned), *values.shape[:2]), np.float32)
             predicted[c][k] = values
-            pointwise[c][k] = norms[c] - lost[c]
+            pointwise[c][k] = np.where(known[c], norms[c] - lost[c], np.nan)
     densities = _by_channel(estimate)
     for c, values in predicted.items():
         for of_ensemble in np.split(np.arange(len(thinned)), shape[0]):
@@ -62,6 +63,12 @@ def predicted_telemetry(
         {c: values.reshape(*shape, *values.shape[1:]) for c, values in predicted.items()},
         {f"{c}_point": p.reshape(*shape, *p.shape[1:]) for c, p in pointwise.items()},
     )
+
+
+def _measured_rows(estimate: Estimate) -> dict[str, np.ndarray]:
+    """Rows (slews, rows) in which anything was measured, by channel; padding holds nothing."""
+    names = (channel.name for channel in estimate.model.channels)
+    return {c: v.any(-1) for c, v in zip(names, measured(estimate.model), strict=True)}
 
 
 def _of_draws(

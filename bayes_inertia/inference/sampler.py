@@ -34,7 +34,7 @@ from bayes_inertia.inference.gates import (
 )
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.limits import LIMITS
-from bayes_inertia.inference.marginal_posterior import LogDensity, log_density_of
+from bayes_inertia.inference.marginal_posterior import LogDensity, Marginal, log_density_of
 from bayes_inertia.inference.proposal import (
     Proposal,
     find_proposal,
@@ -207,11 +207,16 @@ def log_density_at(estimate: Estimate, most: int = 32) -> LogDensity:
     """The compiled density that is sampled around an estimate."""
     if not estimate.model.noise.is_stated:
         return log_density_with_densities(estimate, batch=min(most, batch_size(estimate)))
-    structure = estimate.model.structure
-    few = compressed(structure, marginal(estimate))
+    few = sampled_marginal(estimate)
     telemetry = few.data.pieces[0].arrays.telemetry
     rows = telemetry.sample if telemetry.combined_at is None else telemetry.combined_at
+    structure = estimate.model.structure
     return log_density_of(structure, few, batch=min(most, _batch(rows.shape[1])))
+
+
+def sampled_marginal(estimate: Estimate) -> Marginal:
+    """What the density that is sampled is made of; noise as stated."""
+    return compressed(estimate.model.structure, marginal(estimate))
 
 
 def steps_wanted(diagnostics: Diagnostics, settings: Settings) -> int:

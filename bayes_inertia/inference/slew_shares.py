@@ -66,7 +66,8 @@ def slew_shares(
 ) -> SlewShares:
     """Eliminate the nuisances of every slew.
 
-    `local` (slews, n_local) [prior sd]; `prior_precision` and `prior_gradient` (n_shared,).
+    `local` (slews, n_local) [prior sd]; `prior_precision` (n_shared, n_shared); `prior_gradient`
+    (n_shared,).
     """
     shared, parts = len(prior_precision), []
     for block, slope, nuisances in zip(
@@ -85,7 +86,7 @@ def slew_shares(
     return SlewShares(
         np.array([matrix for matrix, _ in parts]),
         np.array([gradient for _, gradient in parts]),
-        np.diag(prior_precision),
+        prior_precision,
         prior_gradient,
     )
 

@@ -25,9 +25,11 @@ def are_physical(elements: np.ndarray) -> np.ndarray:
     --------
     >>> are_physical(np.array([[3.0, 2.0, 2.0, 0.0, 0.0, 0.0], [5.0, 2.0, 2.0, 0.0, 0.0, 0.0]]))
     array([ True, False])
+    >>> are_physical(np.zeros((0, 6))).shape  # Of what hardly ever is drawn.
+    (0,)
     """
     if not len(elements):
-        return np.zeros(0, dtype=bool)
+        return np.zeros(0, bool)
     require_usable_jax()
     padded = repeated(np.asarray(elements, float), padded_size(len(elements)), axis=0)
     return np.array(_is_physical(padded))[: len(elements)]

@@ -30,9 +30,12 @@ from math import factorial
 
 import numpy as np
 
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import EstimateError
-from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.objective import block_index, prior_rows
+from bayes_inertia.inference import optimizer
+from bayes_inertia.inference.cleaning import clean_fit
+from bayes_inertia.inference.laplace import Estimate, model_of
+from bayes_inertia.inference.objective import block_index, prior_equations, prior_rows
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.observability.degeneracy import in_words, stated_degeneracies
 from bayes_inertia.observability.limits import LIMITS
@@ -42,20 +45,30 @@ from bayes_inertia.observability.result import (
     Observability,
     ParameterObservability,
 )
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.progress import Progress, as_callback, with_bar
 
 GROUPS = ("J", "K", "initial conditions", "tachometer noise", "rate bias", "effects")
 
 
-def observe(estimate: Estimate, other_drive: Estimate | None = None) -> Observability:
+@with_bar
+def observe(
+    estimate: Estimate | Model | Campaign,
+    other_drive: Estimate | None = None,
+    *,
+    progress: Progress | bool | None = None,
+) -> Observability:
     """What the campaign tells about each fitted parameter, and why not more.
 
     Parameters
     ----------
-    estimate : Estimate
-        Of the campaign.
+    estimate : Estimate, Model or Campaign
+        Of the campaign; a campaign or a model is estimated first, outliers left out as `fit` does.
     other_drive : Estimate, optional
         The same campaign and effects estimated in the other drive, to see what the recorded
         commands are worth.
+    progress : bool or callable, optional
+        True for a bar; or called with (stage, done, of), `of` 0 where a stage is not counted.
 
     Returns
     -------
@@ -69,13 +82,15 @@ def observe(estimate: Estimate, other_drive: Estimate | None = None) -> Observab
 
     Examples
     --------
-    >>> from bayes_inertia.inference import optimizer
-    >>> from bayes_inertia.physics.forward_model import Model
     >>> from bayes_inertia.physics.small_campaign import small_campaign
-    >>> seen = observe(optimizer.estimate(Model(small_campaign())))
+    >>> seen = observe(small_campaign())
     >>> [row.name for row in seen.parameters][:3]
     ['Jxx', 'Jyy', 'Jzz']
     """
+    say = as_callback(progress)
+    if not isinstance(estimate, Estimate):
+        estimate = clean_fit(optimizer.estimate(model_of(estimate), progress=say)).estimate
+    say("asking each slew what it tells", 0, 0)
     model = estimate.model
     if other_drive is not None and (
         other_drive.model.space.names != model.space.names
@@ -163,8 +178,14 @@ def _shares(estimate: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         )
         * variance
     )
-    slope = prior_rows(estimate.model, estimate.theta)[0][estimate.free]
-    prior = np.concatenate([slope**2, np.ones(len(w) - f)])[:, None] * w**2 * variance
+    precision, _ = prior_equations(estimate.model, estimate.theta, estimate.free)
+    own = precision if precision.ndim == 1 else np.diag(precision)
+    prior = np.concatenate([own, np.ones(len(w) - f)])[:, None] * w**2 * variance
+    if precision.ndim == 2:
+        # What parameters share is counted with the other priors.
+        across = np.einsum("pf,pq,qf->pf", w[:f], precision - np.diag(own), w[:f]) * variance
+        prior[:f] += across * (1.0 - np.eye(f))
+        prior[-1] += across.diagonal()
     return share, np.diag(prior[:f]), np.array([prior[:, k].sum() for k in range(f)])
 
 
@@ -220,6 +241,13 @@ def _directions(estimate: Estimate, names: list[str]) -> tuple[Direction, ...]:
     slope = prior_rows(estimate.model, estimate.theta)[0][estimate.free]
     covariance = estimate.covariance[np.ix_(estimate.free, estimate.free)]
     left, vectors = np.linalg.eigh(covariance * np.outer(slope, slope))
+    precision, _ = prior_equations(estimate.model, estimate.theta, estimate.free)
+    if precision.ndim == 2:
+        # Shares of the joint prior: directions of generalised eigenvectors, in prior sds.
+        root = np.linalg.cholesky(precision)
+        left, vectors = np.linalg.eigh(root.T @ covariance @ root)
+        vectors = slope[:, None] * np.linalg.solve(root.T, vectors)
+        vectors /= np.linalg.norm(vectors, axis=0)
     left = np.clip(left, 1e-300, 1.0)
     information = (1.0 - left) / left
     typical = max(float(np.median(information)), 1.0)

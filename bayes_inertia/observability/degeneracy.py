@@ -15,7 +15,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.objective import prior_rows
+from bayes_inertia.inference.objective import as_matrix, prior_equations, prior_rows
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.observability.limits import LIMITS
@@ -60,8 +60,8 @@ def data_information(estimate: Estimate) -> np.ndarray:
     Returns (f, f).
     """
     free = estimate.free
-    slope = prior_rows(estimate.model, estimate.theta)[0][free]
-    return inverse(estimate.covariance[np.ix_(free, free)]) - np.diag(slope**2)
+    prior = as_matrix(prior_equations(estimate.model, estimate.theta, free)[0])
+    return inverse(estimate.covariance[np.ix_(free, free)]) - prior
 
 
 def in_words(names: Sequence[str], weights: np.ndarray, threshold: float = 0.3) -> str:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from itertools import pairwise
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from bayes_inertia.inference.limits import LIMITS as GATES
+from bayes_inertia.maths.printed import Card, parameter_text, shown_as
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.observability.degeneracy import Degeneracy
 from bayes_inertia.observability.limits import LIMITS
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Determination = Literal["determined", "partly", "weakly", "prior"]
 
@@ -135,6 +140,30 @@ class InformationArrival:
     precision: np.ndarray
 
 
+def _card(observability: Observability) -> Card:
+    """Which parameters the campaign determines."""
+    parameters = observability.parameters
+    known = sum(p.verdict == "determined" for p in parameters)
+    worst = max(parameters, key=lambda p: p.sd / p.prior_sd)
+    hidden = ", ".join(d.name for d in observability.degeneracies)
+    lines = (
+        f"Observability of {observability.campaign}: {known} of {len(parameters)} determined",
+        f"least: {worst.name}, {worst.sd / worst.prior_sd:.2g} of its prior sd is left",
+        *([f"not told apart: {hidden}"] if hidden else []),
+    )
+    rows = tuple(
+        (
+            p.name,
+            parameter_text(p.name, p.value, p.sd, p.unit),
+            f"{p.prior_sd:.2g}",
+            p.verdict,
+        )
+        for p in parameters
+    )
+    return Card(lines, ("parameter", "estimate ± sd", "prior sd", "verdict"), rows)
+
+
+@shown_as(_card)
 @array_dataclass
 class Observability:
     """What a campaign tells about each of f fitted parameters, and why not more.
@@ -181,6 +210,27 @@ class Observability:
     def __getitem__(self, name: str) -> ParameterObservability:
         """The parameter of this name; KeyError if it was not fitted."""
         return dict(zip(self.names, self.parameters, strict=True))[name]
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """The parameters as a table.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row a parameter: its sds, its verdict, and all else that is one number.
+        """
+        from pandas import DataFrame
+
+        rows = {
+            p.name: {
+                field.name: getattr(p, field.name)
+                for field in fields(p)
+                if field.type in ("str", "float", "float | None") and field.name != "name"
+            }
+            | {"verdict": p.verdict}
+            for p in self.parameters
+        }
+        return DataFrame.from_dict(rows, orient="index")
 
     def middle_half(self, name: str) -> tuple[str, float, float] | None:
         """When the middle half of what one slew tells of a parameter arrives.

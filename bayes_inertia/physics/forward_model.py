@@ -5,9 +5,13 @@ from __future__ import annotations
 from dataclasses import field, replace
 from functools import partial
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
@@ -25,13 +29,15 @@ from bayes_inertia.physics.nuisances import NuisanceScale
 from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.packing import Arrays, pack
 from bayes_inertia.physics.parameters import (
+    LogNormal,
     Normal,
     Parameter,
     ParameterSpace,
+    Prior,
     scalar,
     with_prior_scale,
 )
-from bayes_inertia.physics.prediction import Structure
+from bayes_inertia.physics.prediction import Structure, predict_all
 from bayes_inertia.physics.random_inputs import coefficient_counts
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.slow_tachometers import FreeMomentum, free_momentum
@@ -157,6 +163,41 @@ class Model:
         """
         return draw_physical(lambda count: self.space.draw(rng, count), n)
 
+    def predict(self, theta: np.ndarray) -> dict[str, np.ndarray]:
+        """Telemetry of the campaign's slews, were these the parameters; without noise.
+
+        Each slew begins at its first readings, and the wheels are driven as recorded. Of draws of
+        the prior it is the prior predictive, of a posterior's `samples` the posterior predictive of
+        other slews.
+
+        Parameters
+        ----------
+        theta : (n, d) array
+            Parameter vectors in the order of `space.names`.
+
+        Returns
+        -------
+        dict of str to (n, slews, rows, columns) array
+            By channel, where anything was measured; NaN elsewhere. Attitudes stand at the fixes.
+        """
+        thetas = np.asarray(theta, float).reshape(-1, self.space.size)
+        local = np.zeros((self.n_slews, self.structure.n_local))
+        each = [_predicted(self.structure, x, local, self.data) for x in thetas]
+        readings = self.data.arrays.telemetry.readings
+        return {
+            channel.name: np.stack(
+                [channel.known(given._replace(values=np.asarray(one))) for one in of_channel]
+            )
+            for channel, given, *of_channel in zip(self.channels, readings, *each, strict=True)
+            if np.asarray(given.valid).any()
+        }
+
+
+@partial(jax.jit, static_argnums=0)
+def _predicted(structure: Structure, theta: Array, local: Array, data: Data) -> tuple[Array, ...]:
+    """Predicted telemetry without a rate bias, at one theta (d,)."""
+    return predict_all(structure, theta, local, jnp.zeros(3), data)
+
 
 def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> None:
     if drive not in ("commanded", "measured"):
@@ -259,7 +300,47 @@ def _space(
         )
     ]
     entries += [(NOISE_OWNER, p) for p in noise.parameters()]
-    return ParameterSpace(tuple(entries))
+    space = ParameterSpace(tuple(entries))
+    return space if campaign.prior is None else _with_joint_prior(space, campaign.prior)
+
+
+def _with_joint_prior(space: ParameterSpace, prior: GaussianPrior) -> ParameterSpace:
+    """The space with J and K as a joint prior has them; their correlations where it has any."""
+    unknown = [name for name in prior.names if name not in space.names[: _base_size(space)]]
+    if unknown:
+        raise CampaignError(
+            f"{unknown[0]!r} is no element of J or scale factor of this campaign",
+            where="prior.names",
+            advice=f"choose among {', '.join(space.names[: _base_size(space)])}",
+        )
+    place = [space.names.index(name) for name in prior.names]
+    entries = list(space.entries)
+    ends = [
+        np.full(len(place), end) if given is None else given
+        for given, end in ((prior.lower, -np.inf), (prior.upper, np.inf))
+    ]
+    for at, name, mean, sd, low, high in zip(
+        place, prior.names, prior.mean, prior.sd, *ends, strict=True
+    ):
+        kind: Prior = Normal(float(mean), float(sd), float(low), float(high))
+        if name in prior.logarithmic:
+            kind = LogNormal(float(np.exp(mean)), float(sd), max(float(low), 0.0), float(high))
+        owner, parameter = entries[at]
+        # The null of a scale factor is one, whatever is known of it.
+        centre = float(np.exp(mean)) if kind.logarithmic else float(mean)
+        null = parameter.null if name.startswith("K") else centre
+        entries[at] = owner, replace(parameter, priors=(kind,), null=null)
+    scaled = prior.covariance / np.outer(prior.sd, prior.sd)
+    if np.array_equal(scaled, np.diag(np.diag(scaled))):
+        return ParameterSpace(tuple(entries))
+    correlation = np.eye(space.size)
+    correlation[np.ix_(place, place)] = scaled
+    return ParameterSpace(tuple(entries), correlation)
+
+
+def _base_size(space: ParameterSpace) -> int:
+    """How many entries at the beginning are J and K: one number each."""
+    return sum(owner == "" for owner, _ in space.entries)
 
 
 def _parameters_of(effect: Effect, campaign: Campaign) -> tuple[Parameter, ...]:

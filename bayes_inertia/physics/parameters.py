@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +15,7 @@ from scipy import stats
 from bayes_inertia.errors import SettingsError
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
+from bayes_inertia.maths.values import array_dataclass
 
 
 @dataclass(frozen=True)
@@ -293,7 +295,7 @@ def with_prior_scale(parameter: Parameter, factor: float) -> Parameter:
     return replace(parameter, priors=tuple(priors))
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class ParameterSpace:
     """All sampled parameters in one flat vector: blocks of parameters, each with its owner's name.
 
@@ -304,6 +306,9 @@ class ParameterSpace:
     ----------
     entries : tuple of (str, Parameter)
         Owner and parameter, in the order of the vector.
+    correlation : (size, size) array, optional
+        Of the parameters' priors: of their Gaussians, whose sds the entries state. None where all
+        are independent.
 
     Examples
     --------
@@ -313,6 +318,7 @@ class ParameterSpace:
     """
 
     entries: tuple[tuple[str, Parameter], ...]
+    correlation: np.ndarray | None = None
     names: tuple[str, ...] = field(init=False, repr=False, compare=False)
     units: tuple[str, ...] = field(init=False, repr=False, compare=False)
     priors: tuple[Prior, ...] = field(init=False, repr=False, compare=False)
@@ -416,14 +422,24 @@ class ParameterSpace:
         Returns
         -------
         dict of str to (size,) array
-            `logarithmic`, `mean`, `scale`, `lower` and `upper`.
+            `logarithmic`, `mean`, `scale`, `lower` and `upper`; `whitening` (size, size) where
+            priors are correlated.
         """
         kinds = ("logarithmic", "mean", "scale", "lower", "upper")
-        columns = {kind: [getattr(prior, kind) for prior in self.priors] for kind in kinds}
+        columns: dict[str, Any] = {k: [getattr(prior, k) for prior in self.priors] for k in kinds}
+        if self.whitening is not None:
+            columns["whitening"] = self.whitening
         return {kind: on_device(np.array(column)) for kind, column in columns.items()}
 
+    @cached_property
+    def whitening(self) -> np.ndarray | None:
+        """What makes the distances from the priors' means independent, in prior sds; or None."""
+        if self.correlation is None:
+            return None
+        return np.linalg.inv(np.linalg.cholesky(self.correlation))
+
     def draw(self, rng: np.random.Generator, n: int) -> np.ndarray:
-        """Independent draws of the one-dimensional priors.
+        """Draws of the priors.
 
         Parameters
         ----------
@@ -437,15 +453,56 @@ class ParameterSpace:
         (n, size) array
             Physical values; J is not checked (`Model.draw_prior` does).
         """
-        return np.stack(
+        drawn = np.stack(
             [p.distribution.rvs(n, random_state=rng) for p in self.priors], axis=-1
         ).reshape(n, self.size)
+        if self.correlation is None:
+            return drawn
+        together = np.any(self.correlation != np.eye(self.size), axis=1)
+        kept = drawn[:0]
+        while len(kept) < n:  # Gaussians are seldom outside their ends.
+            drawn[:, together] = self._correlated(rng.standard_normal(drawn.shape))[:, together]
+            inside = ((drawn >= self.lower) & (drawn <= self.upper)).all(1)
+            kept = np.concatenate([kept, drawn[inside]])
+        return kept[:n]
+
+    def _correlated(self, normal: np.ndarray) -> np.ndarray:
+        """Standard normal numbers (..., size) as parameters of the untruncated joint prior."""
+        assert self.correlation is not None
+        standardised = normal @ np.linalg.cholesky(self.correlation).T
+        numbers = np.array([(p.mean, p.scale) for p in self.priors]).T
+        values = numbers[0] + numbers[1] * standardised
+        logarithmic = np.array([p.logarithmic for p in self.priors])
+        return np.where(logarithmic, np.exp(np.where(logarithmic, values, 0.0)), values)
+
+    def from_unit(self, unit: np.ndarray) -> np.ndarray:
+        """Points of the unit cube as parameters that follow the priors.
+
+        Of correlated priors the ends are open.
+
+        Parameters
+        ----------
+        unit : (..., size) array
+            Uniform between 0 and 1.
+
+        Returns
+        -------
+        (..., size) array
+            Physical values.
+        """
+        columns = zip(self.priors, np.moveaxis(unit, -1, 0), strict=True)
+        values = np.stack([p.distribution.ppf(u) for p, u in columns], axis=-1)
+        if self.correlation is None:
+            return values
+        together = np.any(self.correlation != np.eye(self.size), axis=1)
+        return np.where(together, self._correlated(stats.norm.ppf(unit)), values)
 
 
 def prior_residual(constants: Mapping[str, Array], flat: Array) -> Array:
-    """Whitened distance of every parameter from its prior's centre.
+    """Whitened distances of the parameters from their priors' centres.
 
-    `flat` (..., size). Returns (..., size).
+    `flat` (..., size). Returns (..., size): of correlated priors as many, independent of each
+    other.
 
     Examples
     --------
@@ -455,7 +512,8 @@ def prior_residual(constants: Mapping[str, Array], flat: Array) -> Array:
     """
     positive = jnp.where(constants["logarithmic"], jnp.maximum(flat, 1e-300), 1.0)
     value = jnp.where(constants["logarithmic"], jnp.log(positive), flat)
-    return (value - constants["mean"]) / constants["scale"]
+    distance = (value - constants["mean"]) / constants["scale"]
+    return distance @ constants["whitening"].T if "whitening" in constants else distance
 
 
 def log_prior(constants: Mapping[str, Array], flat: Array) -> Array:

@@ -11,13 +11,18 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bayes_inertia.campaign.sensors import STREAMS
+from bayes_inertia.maths.printed import NOT_GIVEN as NOT_GIVEN
+from bayes_inertia.maths.printed import exponent as exponent
+from bayes_inertia.maths.printed import number as number
+from bayes_inertia.maths.printed import power_text as power_text
+from bayes_inertia.maths.printed import unit_text as unit_text
+from bayes_inertia.maths.printed import value_text as value_text
+from bayes_inertia.maths.printed import with_minus_sign as with_minus_sign
 from bayes_inertia.report.layout import LAYOUT
 
 _CHANNEL_NAMES = {**{stream.name: stream.title for stream in STREAMS}, "total": "all channels"}
-NOT_GIVEN = "–"
 # What the last letter of a quantity's name says of its frame: `torque_N`, `rate_B`.
 _FRAMES = {"N": "inertial axes", "B": "body axes"}
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def channel_name(channel: str) -> str:
@@ -29,20 +34,6 @@ def channel_name(channel: str) -> str:
     ('star tracker', 'rate_2')
     """
     return _CHANNEL_NAMES.get(channel, channel)
-
-
-def exponent(mean: float, sd: float) -> int:
-    """Power of ten that is factored out of a number in print.
-
-    Returns: A multiple of three; 0 for numbers that read well as they are.
-
-    Examples
-    --------
-    >>> exponent(3.3, 1e-4), exponent(1.6e-3, 1e-5), exponent(2e-6, 1e-5)
-    (0, -3, -6)
-    """
-    size = max(abs(mean), sd)
-    return 0 if size == 0 or 5e-3 <= size < 1e4 else 3 * math.floor(math.log10(size) / 3.0 + 1e-9)
 
 
 def common_exponents(values: Mapping[str, tuple[str, float, float]]) -> dict[str, int]:
@@ -77,48 +68,6 @@ def _kind(name: str) -> str:
     return name.rstrip("0123456789")
 
 
-def number(value: float, sd: float, power: int = 0) -> str:
-    """A value, rounded where its uncertainty has its second digit.
-
-    `sd`: its uncertainty, in the same unit; without a positive one, four digits are printed.
-
-    Examples
-    --------
-    >>> number(3.3311733, 0.000196), number(0.0016886, 1.4e-5, -3), number(1234.5, 200.0)
-    ('3.33117', '1.689', '1230')
-    """
-    if not (math.isfinite(value) and sd > 0 and math.isfinite(sd)):
-        return f"{value / 10.0**power:.4g}"
-    decimals = 1 - math.floor(math.log10(sd / 10.0**power))
-    rounded = round(value / 10.0**power, decimals) + 0.0  # no minus before a zero
-    return with_minus_sign(f"{rounded:.{max(0, decimals)}f}")
-
-
-def unit_text(unit: str, power: int = 0) -> str:
-    """A unit, with the power of ten that was factored out of the number.
-
-    `unit`: as parameters carry it, "kg m^2"; empty for a pure number. Returns: A dash where there
-    is neither unit nor power.
-
-    Examples
-    --------
-    >>> unit_text("kg m^2", -3), unit_text("")
-    ('× 10⁻³ kg m²', '–')
-    """
-    factor = power_text(power) if power else ""
-    parts = (factor, unit.replace("^2", "²").replace("^3", "³"))
-    return " ".join(part for part in parts if part) or NOT_GIVEN
-
-
-def power_text(power: int) -> str:
-    """A power of ten behind a number.
-
-    >>> power_text(-4)
-    '× 10⁻⁴'
-    """
-    return f"× 10{str(power).translate(_SUPERSCRIPT)}"
-
-
 def two_digits(value: float) -> str:
     """Two significant digits, with a power of ten where the number is small.
 
@@ -148,24 +97,6 @@ def sd_column(sds: Sequence[float]) -> tuple[int, list[str]]:
 def sd_head(name: str, power: int) -> str:
     """Heading of a column of `sd_column`: its name and power of ten."""
     return f"{name} {power_text(power)}" if power else name
-
-
-def value_text(value: Mapping[str, Any]) -> str:
-    """A value with its sd and its unit.
-
-    Returns: all three, with a power of ten where that is shorter.
-
-    Examples
-    --------
-    >>> value_text({"mean": 2.31e-6, "sd": 1.1e-7, "unit": "N m"})
-    '(2.31 ± 0.11) × 10⁻⁶ N m'
-    """
-    mean, sd, unit = value["mean"], value["sd"], value["unit"]
-    power = exponent(mean, sd)
-    both = f"{number(mean, sd, power)} ± {number(sd, sd, power)}"
-    if power:
-        return f"({both}) {unit_text(unit, power)}"
-    return f"{both} {unit_text(unit)}" if unit else both
 
 
 def tenths(value: float) -> str:
@@ -226,15 +157,6 @@ def arcsec_text(angle: float) -> str:
     """
     seconds = arcsec(angle)
     return f"{seconds:,.0f}" if seconds >= 10.0 else f"{seconds:.2g}"
-
-
-def with_minus_sign(text: str) -> str:
-    """The text of a number with a real minus in place of the hyphen.
-
-    >>> with_minus_sign("-0.5")
-    '−0.5'
-    """
-    return text.replace("-", "−")
 
 
 def plain(name: str) -> str:

@@ -24,6 +24,7 @@ def settings_rows(posterior: Posterior) -> list[tuple[str, str]]:
     diagnostics, ensembles = attributes["diagnostics"], n_ensembles(posterior)
     names = [tie["device"] for tie in attributes.get("scale_of_J", []) if tie["device"] != "wheels"]
     devices = [("devices beside wheels", listed(names))] if names else []
+    walkers = attributes.get("walkers") or chains // ensembles
     versions = (f"{name} {version}" for name, version in attributes["versions"].items())
     return [
         ("campaign", attributes["campaign"]),
@@ -38,7 +39,7 @@ def settings_rows(posterior: Posterior) -> list[tuple[str, str]]:
         ("seed", str(attributes["seed"])),
         (
             "sampler",
-            f"{ensembles} ensembles of {chains // ensembles} walkers, "
+            f"{ensembles} ensembles of {walkers} walkers, "
             f"{diagnostics['steps']} steps, the first {diagnostics['discarded']} discarded",
         ),
         ("versions", ", ".join(versions)),

@@ -15,12 +15,13 @@ from bayes_inertia.design.simulated_fits import AchievedErrors
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
-from bayes_inertia.progress import Progress, silent
+from bayes_inertia.progress import Progress, as_callback, with_bar
 from bayes_inertia.studies.engine import Notice
 from bayes_inertia.studies.simulated_fits import fit_simulated_campaigns, simulated_fits
 from bayes_inertia.studies.workers import Engine, Workers, open_workers
 
 
+@with_bar
 def compare_plans(
     plans: Sequence[Plan] | Mapping[str, Plan],
     mission: Mission,
@@ -32,7 +33,7 @@ def compare_plans(
     engine: Engine | None = None,
     scheduler: str | None = None,
     folder: Path | None = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     notice: Notice | None = None,
 ) -> tuple[Contender, ...]:
     """Compare plans of one mission.
@@ -58,8 +59,8 @@ def compare_plans(
         Address of a dask scheduler.
     folder : Path or None, optional
         Where fits are kept, so that a comparison that was killed goes on.
-    progress : callable or None, optional
-        Called with (stage, done, of).
+    progress : bool or callable, optional
+        True for a bar; or called with (stage, done, of), `of` 0 where a stage is not counted.
     notice : callable or None, optional
         Called with what should be known of files and failures.
 
@@ -95,11 +96,11 @@ def compare_plans(
     if not simulated:
         contenders: list[Contender] = []
         for name, plan in named.items():
-            (progress or silent)("flying each once, plans", len(contenders), len(named))
+            as_callback(progress)("flying each once, plans", len(contenders), len(named))
             contenders.append(assess_plan(name, plan, mean, limits, seed=seed))
         return tuple(contenders)
     with open_workers(engine, jobs, scheduler) as workers:
-        callbacks = {"progress": progress, "notice": notice}
+        callbacks = {"progress": as_callback(progress), "notice": notice}
         fits = _Fits(mean, joblib.hash(mean), simulated, seed, folder, callbacks)
         return tuple(
             assess_plan(name, plan, mean, limits, seed=seed, achieved=fits.of_plan(plan, workers))

@@ -223,6 +223,7 @@ def test_fit_of_the_example_is_trusted_and_right(tmp_path, capsys):
         "observed_data",
         "posterior_predictive",
         "log_likelihood",
+        "log_likelihood_reading",
     ):
         assert group in tree.children
     assert (out / "report.html").stat().st_size > 100_000

@@ -14,6 +14,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "fit campaign -o run --seed 1",
         "fit campaign -o run --effects my_effects.py:SolarPressure",
     ),
+    "update": ("update run campaign_2027 -o run_2027 --inflate 1e-3",),
     "fit-many": ("fit-many fleet -o fits --jobs 8",),
     "diagnose": (
         "diagnose campaign -o run",

@@ -9,9 +9,11 @@ from bayes_inertia.app.commands.options import (
     CampaignFolder,
     DriveName,
     EffectNames,
+    Inflate,
     NoiseOfChannel,
     OpenPage,
     OutputFolder,
+    PriorRun,
     Remainder,
     SampledNoise,
     Seed,
@@ -34,6 +36,8 @@ def fit_command(
     noise: NoiseOfChannel = None,
     sample_noise: SampledNoise = "",
     remainder: Remainder = None,
+    prior: PriorRun = None,
+    inflate: Inflate = 0.0,
     as_json: AsJson = False,
 ) -> None:
     """Estimate J, K and active effects.
@@ -49,6 +53,7 @@ def fit_command(
             refuse_or_warn(campaign, progress, names_in(effects))
 
         from bayes_inertia.app import run_folder
+        from bayes_inertia.campaign.prior import prior_in
         from bayes_inertia.inference.settings import usual_settings
         from bayes_inertia.physics.channel_noise import noise_model_from_text
         from bayes_inertia.physics.named_effects import effects_named, remainders
@@ -62,6 +67,7 @@ def fit_command(
             settings=usual_settings(effects_named(names), seed=seed),
             as_stated=as_stated,
             noise=noise_model_from_text(noise or [], names_in(sample_noise)),
+            prior=None if prior is None else prior_in(prior).inflated(inflate),
         )
         posterior = run_folder.finish(out, report=report, progress=progress)
     show_run(posterior, out, report, as_json=as_json, open_page=open_page)

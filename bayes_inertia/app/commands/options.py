@@ -69,6 +69,22 @@ SampledNoise = Annotated[
         help="Channels whose noise level is estimated along, separated by commas.",
     ),
 ]
+PriorRun = Annotated[
+    Path | None,
+    typer.Option(
+        "--prior",
+        help="J and K as a former result has them: the folder of a finished run of this spacecraft "
+        "or of a sister, or a JSON file with names, mean and covariance.",
+    ),
+]
+Inflate = Annotated[
+    float,
+    typer.Option(
+        help="How much J and K may have changed since that result: an sd, as a fraction of the "
+        "mean moment of inertia and of K, such as 1e-3.",
+        min=0.0,
+    ),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 Jobs = Annotated[int, typer.Option(help="Processes.", min=1)]
 EngineName = Annotated[

@@ -29,7 +29,7 @@ def draw_attitude(posterior: Posterior) -> Figure | None:
         for c, after in enumerate((False, True)):
             axes = figure.add_axes(cells[2 * r + c])
             where = np.isfinite(misfit.time) & (misfit.after == after)
-            _panel(
+            attitude_panel(
                 axes, np.where(where[..., None], values, np.nan), misfit.slews, label_slews=r == 1
             )
             if r == 1:
@@ -68,7 +68,7 @@ def _legend(figure: Figure) -> None:
     figure.legend(handles=handles, loc="upper left", ncols=5, bbox_to_anchor=(0.01, 1.0))
 
 
-def _panel(axes: Axes, values: np.ndarray, slews: list[str], *, label_slews: bool) -> None:
+def attitude_panel(axes: Axes, values: np.ndarray, slews: list[str], *, label_slews: bool) -> None:
     """One panel of misfits (slews, fixes, 3)."""
     for i in range(3):
         for s in range(len(slews)):

@@ -24,11 +24,24 @@ def draw_candidates(
     scored = [c for c in candidates if c["p_value"] is not None and c["dof"]]
     if not scored:
         return None
+    figure, (place,) = style.grid(0.9 + 0.23 * len(scored), 1, 1, left=2.3, right=1.9, top=0.4)
+    candidates_panel(figure.add_axes(place), scored, threshold, named)
+    handles = [
+        Patch(fc=style.VERMILLION, hatch="////", ec="white", label="named"),
+        Patch(fc=style.BLUE, label="significant by itself, before anything was added"),
+        Line2D([], [], color=style.INK, ls=(0, (4, 2)), lw=1.0, label="significance"),
+    ]
+    figure.legend(handles=handles, loc="upper left", ncols=3, bbox_to_anchor=(0.01, 1.0))
+    return figure
+
+
+def candidates_panel(
+    axes: Axes, scored: Sequence[Mapping[str, Any]], threshold: float, named: Sequence[str]
+) -> None:
+    """One bar a candidate that the campaign can see, the strongest on top."""
     scored = sorted(scored, key=lambda c: (-c["p_value"], c["log_bayes_factor"]))
     strength = np.array([-np.log10(max(c["p_value"], LAYOUT.smallest_p_drawn)) for c in scored])
     limit = -np.log10(max(threshold, LAYOUT.smallest_p_drawn))
-    figure, (place,) = style.grid(0.9 + 0.23 * len(scored), 1, 1, left=2.3, right=1.9, top=0.4)
-    axes = figure.add_axes(place)
     _bars(axes, [c["effect"] for c in scored], strength, limit, named)
     if strength.max() > LAYOUT.largest_on_linear_axis:
         axes.set_xscale("symlog", linthresh=10.0, linscale=1.5)
@@ -39,13 +52,6 @@ def draw_candidates(
     _bayes_factors(axes, [c["log_bayes_factor"] for c in scored], strength > limit)
     off_scale = " (300: off the scale)" if strength.max() >= 299 else ""
     axes.set_xlabel(f"strength of the evidence: −log₁₀ of the p-value{off_scale}")
-    handles = [
-        Patch(fc=style.VERMILLION, hatch="////", ec="white", label="named"),
-        Patch(fc=style.BLUE, label="significant by itself, before anything was added"),
-        Line2D([], [], color=style.INK, ls=(0, (4, 2)), lw=1.0, label="significance"),
-    ]
-    figure.legend(handles=handles, loc="upper left", ncols=3, bbox_to_anchor=(0.01, 1.0))
-    return figure
 
 
 def _bars(

@@ -18,17 +18,17 @@ def draw_chains(posterior: Posterior) -> Figure:
     diagnostics, n = posterior.attributes["diagnostics"], posterior_data.n_ensembles(posterior)
     name = worst_parameter(posterior)
     variable = posterior.tree["posterior"][name]
-    values = _by_ensemble(posterior_data.values_of(posterior, "posterior", name), n)
+    values = by_ensemble(posterior, "posterior", name)
     mean, sd = float(values.mean()), float(values.std())
     scale = style.scale(name, str(variable.attrs.get("units", "")), mean, 3.0 * sd)
     figure, cells = style.grid(2.8, 1, 3, left=0.8, top=0.7, bottom=0.55, gap_x=0.85)
     trace, ranks, height = (figure.add_axes(cell) for cell in cells)
-    _trace(trace, scale(values), scale.label, diagnostics["discarded"])
+    trace_panel(trace, scale(values), scale.label, diagnostics["discarded"])
     trace.set_title(f"trace of {name}: mean and 90 % of walkers")
-    _ranks(ranks, values, diagnostics["tau_max"])
+    rank_panel(ranks, values, diagnostics["tau_max"])
     ranks.set_title(f"ranks of {name}")
-    lp = _by_ensemble(posterior_data.values_of(posterior, "sample_stats", "lp"), n)
-    _trace(height, lp - lp.max(), "below the highest draw [nat]", diagnostics["discarded"])
+    lp = by_ensemble(posterior, "sample_stats", "lp")
+    trace_panel(height, lp - lp.max(), "below the highest draw [nat]", diagnostics["discarded"])
     height.set_title("log posterior")
     figure.legend(
         [trace.lines[i] for i in range(n)],
@@ -43,21 +43,27 @@ def draw_chains(posterior: Posterior) -> Figure:
 
 def worst_parameter(posterior: Posterior) -> str:
     """The parameter whose ensembles' means differ most, in units of its sd."""
-    n = posterior_data.n_ensembles(posterior)
 
     def distance(name: str) -> float:
-        values = _by_ensemble(posterior_data.values_of(posterior, "posterior", name), n)
+        values = by_ensemble(posterior, "posterior", name)
         return float(values.mean((1, 2)).std() / max(values.std(), 1e-300))
 
     return max(posterior.names, key=distance)
 
 
-def _by_ensemble(values: np.ndarray, n: int) -> np.ndarray:
-    """(chain, draw) to (ensembles, walkers, draw)."""
-    return values.reshape(n, -1, values.shape[-1])
+def by_ensemble(posterior: Posterior, group: str, name: str) -> np.ndarray:
+    """A variable as (ensembles, walkers, draws)."""
+    values, n = (
+        posterior_data.values_of(posterior, group, name),
+        posterior_data.n_ensembles(posterior),
+    )
+    # Runs of earlier versions have a chain for each walker.
+    walkers = posterior.attributes.get("walkers") or len(values) // n
+    return values.reshape(n, walkers, -1)
 
 
-def _trace(axes: Axes, values: np.ndarray, label: str, discarded: int) -> None:
+def trace_panel(axes: Axes, values: np.ndarray, label: str, discarded: int) -> None:
+    """Mean and 90 % of the walkers of each ensemble, step by step."""
     step = discarded + np.arange(values.shape[-1])
     for i, walkers in enumerate(values):
         x, y = style.envelope(step, walkers.mean(0), 800)
@@ -69,7 +75,7 @@ def _trace(axes: Axes, values: np.ndarray, label: str, discarded: int) -> None:
     axes.set(xlabel="step of the ensemble", ylabel=label)
 
 
-def _ranks(axes: Axes, values: np.ndarray, tau: float) -> None:
+def rank_panel(axes: Axes, values: np.ndarray, tau: float) -> None:
     """Share of each ensemble's draws in equal-population bins of all draws.
 
     The band holds 99 % of the shares of independent ensembles.

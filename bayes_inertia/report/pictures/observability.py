@@ -32,7 +32,7 @@ def draw_observability(observability: Observability) -> Figure:
     figure = Figure(figsize=(style.WIDTH, height))
     place = (height - top - bars) / height
     left = figure.add_axes((0.13, place, 0.36, bars / height))
-    _bars(left, observability)
+    sd_panel(left, observability)
     right = figure.add_axes((0.56, place, 0.42, bars / height), sharey=left)
     _inflation(right, observability)
     width = 0.87 / slews
@@ -53,7 +53,8 @@ def _telling(observability: Observability, shown: list[str]) -> list[Information
     ]
 
 
-def _bars(axes: Axes, observability: Observability) -> None:
+def sd_panel(axes: Axes, observability: Observability) -> None:
+    """Draw sd over prior sd of every parameter."""
     y = np.arange(len(observability.parameters))
     sd = np.array([p.sd / p.prior_sd for p in observability.parameters])
     known = np.array([p.conditional_sd / p.prior_sd for p in observability.parameters])

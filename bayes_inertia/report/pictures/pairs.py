@@ -26,6 +26,18 @@ from bayes_inertia.report.pictures import style
 @style.styled
 def draw_pairs(posterior: Posterior, max_parameters: int = 16) -> Figure:
     """Draw density and 90 % ellipse of each pair below, correlation above the diagonal."""
+    d = min(len(posterior.names), max_parameters)
+    size = min(style.WIDTH, 2.6 + 0.72 * d)
+    figure = Figure(figsize=(size, size * 0.98))
+    bottom = 0.05 if d <= LAYOUT.most_upright_labels else 0.09
+    pairs_panel(figure.add_axes((0.15, bottom, 0.84, 0.95 - bottom)), posterior, max_parameters)
+    _legend(figure)
+    figure.text(0.005, 0.985, "name [unit]\nmiddle ± half width of the cells", va="top", fontsize=7)
+    return figure
+
+
+def pairs_panel(axes: Axes, posterior: Posterior, max_parameters: int) -> None:
+    """All pairs in one axes."""
     index = _chosen(posterior.samples, max_parameters)
     draws = posterior.samples[:, index]
     names = [posterior.names[i] for i in index]
@@ -33,10 +45,6 @@ def draw_pairs(posterior: Posterior, max_parameters: int = 16) -> Figure:
     half = LAYOUT.cell_half_width_sd * np.sqrt(np.diag(covariance))
     z = (draws - draws.mean(0)) / half
     d = len(names)
-    size = min(style.WIDTH, 2.6 + 0.72 * d)
-    figure = Figure(figsize=(size, size * 0.98))
-    bottom = 0.05 if d <= LAYOUT.most_upright_labels else 0.09
-    axes = figure.add_axes((0.15, bottom, 0.84, 0.95 - bottom))
     _densities(axes, z)
     _diagonal(axes, z)
     _ellipses(axes, covariance / np.outer(half, half), color=style.BLUE, ls="-")
@@ -44,9 +52,6 @@ def draw_pairs(posterior: Posterior, max_parameters: int = 16) -> Figure:
     _labels(axes, names, _row_labels(posterior, names, draws.mean(0), half))
     axes.set(xlim=(-0.02, d + 0.02), ylim=(d + 0.02, -0.02), xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
-    _legend(figure)
-    figure.text(0.005, 0.985, "name [unit]\nmiddle ± half width of the cells", va="top", fontsize=7)
-    return figure
 
 
 def _legend(figure: Figure) -> None:

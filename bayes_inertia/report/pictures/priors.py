@@ -29,16 +29,8 @@ def draw_priors(posterior: Posterior) -> Figure:
     figure, cells = style.grid(
         0.75 + 1.95 * rows, rows, columns, left=0.25, top=0.5, bottom=0.5, gap_x=0.3, gap_y=0.62
     )
-    prior_mean = values_of(posterior, "estimate", "prior_mean")
-    for i, (name, cell) in enumerate(zip(names, cells, strict=False)):
-        _panel(
-            figure.add_axes(cell),
-            name,
-            summary[name],
-            posterior.averaged_samples[:, i],
-            values_of(posterior, "prior", name).ravel(),
-            float(prior_mean[i]),
-        )
+    for name, cell in zip(names, cells, strict=False):
+        prior_panel(figure.add_axes(cell), posterior, name, summary[name])
     handles = [
         Patch(fc=style.BLUE, alpha=0.35, ec=style.BLUE, label="posterior"),
         Line2D([], [], color=style.MUTED, ls=(0, (4, 2)), label="prior"),
@@ -52,9 +44,12 @@ def draw_priors(posterior: Posterior) -> Figure:
     return figure
 
 
-def _panel(
-    axes: Axes, name: str, row: dict, draws: np.ndarray, prior: np.ndarray, prior_mean: float
-) -> None:
+def prior_panel(axes: Axes, posterior: Posterior, name: str, row: dict) -> None:
+    """One parameter: its posterior, its prior, and its row of the summary as bars."""
+    i = posterior.names.index(name)
+    draws = posterior.averaged_samples[:, i]
+    prior = values_of(posterior, "prior", name).ravel()
+    prior_mean = float(values_of(posterior, "estimate", "prior_mean")[i])
     mean, prior_sd = row["mean"], row["prior_sd"]
     quoted = sd_in_print(row)
     zoomed = quoted < LAYOUT.zoomed_sd_ratio * prior_sd

@@ -35,7 +35,7 @@ INK, MUTED, PALE = "#222222", "#6b6b6b", "#d9d9d9"
 MARKERS = ("o", "s", "^", "D", "v", "P")
 WIDTH, DASHES = LAYOUT.picture_width, LAYOUT.dashes
 
-_RC: dict[Any, Any] = {
+RC: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
     "axes.titlesize": 9.5,
@@ -72,7 +72,7 @@ def styled[**P, F: Figure | None](picture: Callable[P, F]) -> Callable[P, F]:
 
     @wraps(picture)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> F:
-        with rc_context(_RC):
+        with rc_context(RC):
             return picture(*args, **kwargs)
 
     return drawn

@@ -40,7 +40,7 @@ def draw_rates(posterior: Posterior, slews: Sequence[int] | None = None) -> Figu
         left, bottom, width, height = cells[k]
         above = figure.add_axes((left, bottom + 0.44 * height, width, 0.56 * height))
         below = figure.add_axes((left, bottom, width, 0.38 * height), sharex=above)
-        _rate_panel(above, channel, s, scale)
+        rate_panel(above, channel, s, scale)
         residual_panel(below, channel, s)
         above.tick_params(labelbottom=False)
         if k % columns == 0:
@@ -68,9 +68,10 @@ def _rates_legend(figure: Figure, components: Sequence[str]) -> None:
     )
 
 
-def _rate_panel(
+def rate_panel(
     axes: Axes, channel: posterior_data.ChannelSeries, s: int, scale: style.Scale
 ) -> None:
+    """Draw measured and predicted rates of one slew."""
     time = channel.time[s]
     for i in range(len(channel.components)):
         measured, predicted, spread = (

@@ -1,0 +1,230 @@
+"""What was known of J and K before a campaign, all together: a Gaussian with correlations.
+
+A former result is such a prior: `prior_in` reads it from the summary of its run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_inertia.campaign.hardware import require
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.sealing import read_sealed_json
+
+# Where a result keeps the prior that it is for the next campaign.
+SUMMARY_FILE, SUMMARY_KEY = "summary.json", "as_prior"
+# What lies in a copy of a campaign whose description names a run.
+COPY_FILE = "prior.json"
+_MOMENTS = ("Jxx", "Jyy", "Jzz")
+
+
+@array_dataclass
+class GaussianPrior:
+    """J and K before a campaign, with what goes along with what.
+
+    Of parameters that it does not name the campaign's own priors hold. A tensor that no body can
+    have has no probability, whatever the covariance.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Elements of J and scale factors: "Jxx" to "Jyz", "K1", "K2", ...
+    mean : (k,) array
+        Of each [kg m^2, 1]; of a logarithmic one, of its logarithm.
+    covariance : (k, k) array
+        Of all.
+    lower, upper : (k,) arrays, optional
+        Ends of what each may be; None for none.
+    logarithmic : tuple of str, optional
+        Names of those whose logarithm is Gaussian: moments of inertia known to a factor.
+    beyond_sd : (k,) array, optional
+        How far the mean may be off beyond the covariance: by what a former result quotes more than
+        its model says. It does not move a fit, and is counted in what the fit quotes.
+
+    Raises
+    ------
+    CampaignError
+        If shapes do not fit, a name stands twice, or the covariance is none.
+
+    Examples
+    --------
+    >>> prior = GaussianPrior(("Jxx", "K1"), [3.3, 1.0], [[4e-4, 1e-5], [1e-5, 1e-6]])
+    >>> prior.sd
+    array([0.02 , 0.001])
+    >>> prior.inflated(1e-3).sd.round(5)
+    array([0.02027, 0.00141])
+    """
+
+    names: tuple[str, ...]
+    mean: np.ndarray
+    covariance: np.ndarray
+    lower: np.ndarray | None = None
+    upper: np.ndarray | None = None
+    logarithmic: tuple[str, ...] = ()
+    beyond_sd: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        names, key = tuple(self.names), "prior"
+        for field in ("mean", "covariance", "lower", "upper", "beyond_sd"):
+            value = getattr(self, field)
+            if value is not None:
+                object.__setattr__(self, field, np.array(value, dtype=float))
+        object.__setattr__(self, "names", names)
+        object.__setattr__(self, "logarithmic", tuple(self.logarithmic))
+        k, advice = len(names), "give one number a name, and one covariance a pair"
+        vectors = (self.mean, self.lower, self.upper, self.beyond_sd)
+        fits = all(x is None or x.shape == (k,) for x in vectors)
+        fits = fits and self.covariance.shape == (k, k)
+        require(k > 0 and fits, key, f"{k} names do not fit the numbers", advice)
+        require(len(set(names)) == k, f"{key}.names", "a name is used twice", "give each once")
+        known = set(self.logarithmic) <= set(names)
+        require(known, f"{key}.logarithmic", "names what has no mean", "name it under names too")
+        finite = bool(np.isfinite(self.mean).all() and np.isfinite(self.covariance).all())
+        require(finite, key, "a number is not finite", "give finite numbers")
+        self._require_covariance(f"{key}.covariance")
+
+    def _require_covariance(self, key: str) -> None:
+        C, variances = self.covariance, np.diag(self.covariance)
+        positive = bool((variances > 0.0).all())
+        require(positive, key, "a variance is not above zero", "give squares of sds")
+        scaled = C / np.sqrt(np.outer(variances, variances))
+        symmetric = bool(np.allclose(scaled, scaled.T, rtol=0.0, atol=1e-9))
+        require(symmetric, key, "it is not symmetric", "give C[i][j] = C[j][i]")
+        definite = bool(np.linalg.eigvalsh(scaled)[0] > 0.0)
+        advice = "no combination of parameters may be known exactly: widen it"
+        require(definite, key, "it is not positive definite", advice)
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Standard deviations (k,), each alone."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def inflated(self, relative: float) -> GaussianPrior:
+        """The prior if everything may have changed a little since.
+
+        Parameters
+        ----------
+        relative : float
+            Sd of the change of each parameter alone: of J as a fraction of its mean moment, of K as
+            a fraction of it.
+
+        Returns
+        -------
+        GaussianPrior
+            With the same mean.
+        """
+        require(
+            np.isfinite(relative) and relative >= 0.0,
+            "prior.inflate",
+            f"{relative} is no fraction",
+            "give 0 or more, such as 1e-3",
+        )
+        moments = [
+            m for n, m in zip(self.names, self.mean, strict=True) if n in _MOMENTS and m > 0.0
+        ]
+        size = float(np.mean(moments)) if moments else 1.0
+        of_each = np.array(
+            [
+                1.0 if name in self.logarithmic else size if name.startswith("J") else abs(mean)
+                for name, mean in zip(self.names, self.mean, strict=True)
+            ]
+        )
+        wider = self.covariance + np.diag((relative * of_each) ** 2)
+        return replace(self, covariance=wider)
+
+    def json(self) -> dict[str, Any]:
+        """As it stands in a file.
+
+        Returns
+        -------
+        dict
+            Names, and lists of numbers.
+        """
+        content = {
+            "names": list(self.names),
+            "mean": self.mean.tolist(),
+            "covariance": self.covariance.tolist(),
+        }
+        ends = {"lower": self.lower, "upper": self.upper}
+        content |= {key: _ends_json(x) for key, x in ends.items() if x is not None}
+        if self.beyond_sd is not None:
+            content["beyond_sd"] = self.beyond_sd.tolist()
+        return content | ({"logarithmic": list(self.logarithmic)} if self.logarithmic else {})
+
+
+def _ends_json(ends: np.ndarray) -> list[float | None]:
+    """Ends, None where there is none."""
+    return [float(x) if np.isfinite(x) else None for x in ends]
+
+
+def prior_from_json(content: Mapping[str, Any], where: str) -> GaussianPrior:
+    """The prior that `GaussianPrior.json` wrote."""
+    try:
+        ends = {
+            key: np.array([sign * np.inf if x is None else x for x in content[key]], float)
+            for key, sign in (("lower", -1.0), ("upper", 1.0))
+            if content.get(key) is not None
+        }
+        return GaussianPrior(
+            tuple(map(str, content["names"])),
+            np.array(content["mean"], float),
+            np.array(content["covariance"], float),
+            logarithmic=tuple(content.get("logarithmic", ())),
+            beyond_sd=content.get("beyond_sd"),
+            **ends,
+        )
+    except CampaignError as error:
+        raise error.inside(where) from None
+    except (KeyError, TypeError, ValueError) as error:
+        raise CampaignError(
+            f"no prior of J and K ({error})",
+            where=where,
+            advice="give names, mean and covariance, or the folder of a run",
+        ) from error
+
+
+def prior_in(source: str | Path) -> GaussianPrior:
+    """What a former result knew of J and K.
+
+    Parameters
+    ----------
+    source : str or Path
+        The folder of a finished run, or a JSON file with `names`, `mean` and `covariance`.
+
+    Returns
+    -------
+    GaussianPrior
+        The posterior of that run, effects and nuisances integrated out.
+
+    Raises
+    ------
+    CampaignError
+        If there is none, or its result cannot be trusted.
+    """
+    path = Path(source)
+    of_run = path.is_dir()
+    file = path / SUMMARY_FILE if of_run else path
+    content = read_sealed_json(file, "give the folder of a finished run, or a JSON file")
+    if of_run or SUMMARY_KEY in content:
+        return prior_from_json(_of_summary(content, str(file)), str(file))
+    return prior_from_json(content, str(file))
+
+
+def _of_summary(content: Mapping[str, Any], where: str) -> Mapping[str, Any]:
+    """The part of a summary that is a prior."""
+    if SUMMARY_KEY not in content:
+        what, advice = f"it holds no {SUMMARY_KEY!r}", "fit that campaign again with this version"
+        raise CampaignError(what, where=where, advice=advice)
+    if content[SUMMARY_KEY] is None:
+        raise CampaignError(
+            "the result is not trusted: it is no prior",
+            where=where,
+            advice="read its report, and use a result that is trusted",
+        )
+    return content[SUMMARY_KEY]

@@ -1,0 +1,75 @@
+"""`update` and `fit --prior`: a former run and a new campaign are the joint fit."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.commands import run
+
+import bayes_inertia as bi
+from bayes_inertia.app import run_folder
+
+EXAMPLE = Path(bi.__file__).parent / "example"
+J_AND_K = ("Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz", "K1", "K2", "K3")
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    """Two campaign folders, made of the example's slews."""
+    root, example = tmp_path_factory.mktemp("campaigns"), bi.read_campaign(EXAMPLE)
+    parts = {"a": example.subset(range(3)), "b": example.subset(range(3, 5))}
+    return {name: bi.write_campaign(part, root / name) for name, part in parts.items()}
+
+
+@pytest.mark.parametrize("command", ["update", "fit"])
+def test_a_run_without_a_prior_is_refused_before_any_work(command, folders, tmp_path, capsys):
+    (tmp_path / "run").mkdir()
+    former = {"update": [tmp_path / "run", folders["b"]], "fit": [folders["b"]]}[command]
+    options = ["--prior", tmp_path / "run"] if command == "fit" else []
+    assert run(command, *former, "-o", tmp_path / "out", *options) == 2
+    assert "summary.json" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_run_keeps_the_prior_it_began_with(folders, tmp_path):
+    prior = bi.GaussianPrior(("Jxx",), [3.3], [[1e-6]])
+    begun = run_folder.start(folders["b"], tmp_path / "run", prior=prior)
+    assert run_folder.read_run(tmp_path / "run") == begun
+    assert begun.prior == prior.json()
+    with pytest.raises(bi.OutputError, match="holds a run with other prior"):
+        run_folder.start(folders["b"], tmp_path / "run", prior=prior.inflated(1e-3))
+    with pytest.raises(bi.OutputError, match="holds a run with other prior"):
+        run_folder.start(folders["b"], tmp_path / "run")
+
+
+@pytest.mark.slow
+def test_an_update_is_the_joint_fit_and_quotes_no_less_than_its_parts(folders, tmp_path):
+    assert run("fit", folders["a"], "-o", tmp_path / "a", "--no-report") == 0
+    begun = (tmp_path / "a", folders["b"], "-o", tmp_path / "ab", "--no-report")
+    assert run("update", *begun) == 0
+    first, both = (
+        json.loads((tmp_path / name / "summary.json").read_text()) for name in ("a", "ab")
+    )
+    known, prior = first["as_prior"], bi.prior_in(tmp_path / "a")
+    assert prior.names == J_AND_K
+    # In one fit, by the estimate: exactly what the command's fit begins with.
+    campaign = replace(bi.read_campaign(folders["b"]), prior=prior)
+    fitted = bi.estimate(campaign)
+    sd = np.array([both["parameters"][name]["sd"] for name in J_AND_K])
+    mean = np.array([both["parameters"][name]["q50"] for name in J_AND_K])
+    assert np.abs(fitted.sd / sd - 1.0).max() < 0.1
+    assert np.abs((fitted.theta - mean) / sd).max() < 1.0
+    known_sd = np.sqrt(np.diag(known["covariance"]))
+    for i, row in enumerate(both["parameters"].values()):
+        assert row["sd"] <= 1.02 * known_sd[i]
+        assert row["quoted_sd"] >= 0.98 * row["sd"]
+    # The prior is taken off again: the likelihood is that of the second campaign alone.
+    alone = bi.estimate(bi.read_campaign(folders["b"]))
+    told = np.array(both["likelihood"]["precision"])
+    own = np.linalg.inv(alone.covariance) - np.diag(alone.model.space.sd**-2.0)
+    assert np.all(np.diag(told) < 1.5 * np.diag(own))
+    assert "as_prior" in both

@@ -1,0 +1,81 @@
+"""Plots on axes of one's own."""
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib import pyplot, rcParams
+from matplotlib.figure import Figure
+
+import bayes_inertia as bi
+from bayes_inertia.diagnosis.result import Candidate
+from bayes_inertia.observability.analysis import observe
+from bayes_inertia.physics.small_campaign import small_campaign
+from bayes_inertia.report.plots import plot_candidates
+
+OF_POSTERIOR = {
+    "plot_attitude": {},
+    "plot_pairs": {},
+    "plot_prior": {"name": "Jxy"},
+    "plot_ranks": {},
+    "plot_rates": {"slew": 1},
+    "plot_residuals": {"slew": "slew 3", "channel": "momentum"},
+    "plot_trace": {"name": "K1"},
+}
+
+
+@pytest.mark.parametrize("name", OF_POSTERIOR)
+def test_plots_draw_on_the_axes_they_are_given(posteriors, name):
+    before, figure = dict(rcParams), Figure()
+    axes = figure.subplots()
+    assert getattr(bi, name)(posteriors["good"], **OF_POSTERIOR[name], ax=axes) is axes
+    assert axes.has_data() or axes.texts
+    assert figure.axes == [axes]
+    assert dict(rcParams) == before
+
+
+def test_without_axes_a_new_figure_is_made(posteriors):
+    matplotlib.use("agg")
+    axes = bi.plot_rates(posteriors["good"])
+    assert axes.figure is pyplot.gcf()
+    pyplot.close(axes.figure)
+
+
+def test_the_report_draws_with_the_same_code(posteriors):
+    from bayes_inertia.report.pictures.priors import draw_priors
+
+    drawn = draw_priors(posteriors["good"]).axes[3].lines
+    own = bi.plot_prior(posteriors["good"], "Jxy", ax=Figure().subplots()).lines
+    for ours, theirs in zip(own, drawn, strict=True):
+        np.testing.assert_array_equal(ours.get_xydata(), theirs.get_xydata())
+
+
+def test_telemetry_and_observability_are_drawn_before_any_fit():
+    campaign = small_campaign()
+    axes = bi.plot_telemetry(campaign.slews[0], ax=Figure().subplots())
+    assert len(axes.lines) == 3
+    assert axes.get_ylabel() == "rate sensor [rad/s]"
+    seen = observe(campaign)
+    axes = bi.plot_observability(seen, ax=Figure().subplots())
+    assert [text.get_text() for text in axes.get_yticklabels()] == list(seen.names)
+
+
+def test_candidates_are_drawn_without_a_report():
+    class Found:
+        candidates = (Candidate("rate_bias", 3, 40.0, 1e-8, 15.0),)
+        threshold, named = 0.05, ("rate_bias",)
+
+    axes = plot_candidates(Found(), ax=Figure().subplots())
+    assert [text.get_text() for text in axes.get_yticklabels()] == ["rate bias"]
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "says"),
+    [
+        ("plot_prior", {"name": "Jzx"}, "there is no 'Jzx'"),
+        ("plot_rates", {"slew": "slew 9"}, "there is no 'slew 9'"),
+        ("plot_residuals", {"channel": "gyro_2"}, "the fit predicts no gyro_2"),
+    ],
+)
+def test_what_is_not_there_is_said(posteriors, name, settings, says):
+    with pytest.raises(bi.SettingsError, match=says):
+        getattr(bi, name)(posteriors["good"], **settings, ax=Figure().subplots())
