@@ -73,7 +73,7 @@ def innovations(rate: Any, memory: Memory) -> Any:
     def padded(rows: Any) -> Any:
         return filled(filled(np.asarray(rows), size[0], 0), padded_size(n))
 
-    new = _innovations(filled(padded(columns), size[1], -1), Memory(*map(padded, memory)))
+    new = _innovations(filled(padded(columns), size[2], -1), Memory(*map(padded, memory)))
     return np.asarray(new)[:slews, :n, :, : columns.shape[-1]].reshape(rate.shape)
 
 
