@@ -56,7 +56,7 @@ def with_orbit(campaign: Campaign, tle: str | Path, epoch: datetime | str) -> Ca
     >>> from bayes_inertia.physics.small_campaign import small_campaign
     >>> with_orbit(small_campaign(), "no.tle", "2023-09-04")
     Traceback (most recent call last):
-    bayes_inertia.errors.CampaignError: no.tle: does not exist; ...
+    bayes_inertia.errors.CampaignError: no.tle: cannot be read ...
     """
     return replace(campaign, slews=slews_with_orbit(campaign.slews, tle, epoch))
 

@@ -8,11 +8,10 @@ from typing import Literal, get_args
 import numpy as np
 
 from bayes_inertia.campaign.hardware import require
+from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.maths.values import array_dataclass
 
 Between = Literal["hold", "line", "on_time", "mean"]
-# Times that differ by less than this share of the stream's span are one: rounding of a file.
-SAME_TIME = 1e-9
 
 
 @array_dataclass
@@ -105,7 +104,7 @@ class InputStream:
             return self.time[1:], self.values
         ends = self.time[:, None] + self.values
         edges = np.unique(np.concatenate([self.time, ends.ravel()]))
-        scale = SAME_TIME * max(1.0, float(np.abs(edges).max()))
+        scale = LIMITS.same_time * max(1.0, float(np.abs(edges).max()))
         edges = edges[np.concatenate([[True], np.diff(edges) > scale])]
         middle = np.append(0.5 * (edges[1:] + edges[:-1]), np.inf)
         pulse = np.searchsorted(self.time, middle, side="right") - 1
@@ -143,7 +142,7 @@ def _require_pulses(time: np.ndarray, values: np.ndarray, key: str) -> None:
     row, late = divmod(int(np.argmax(values[:-1] - step[:, None])), values.shape[1])
     longest = float(values[row, late])
     require(
-        longest <= step[row] * (1.0 + 1e-6) + SAME_TIME * max(1.0, abs(float(time[-1]))),
+        longest <= step[row] * (1.0 + 1e-6) + LIMITS.same_time * max(1.0, abs(float(time[-1]))),
         key,
         f"the on-time {longest:.6g} s at {time[row]:.6g} s lasts beyond the next reading",
         "give on-times in seconds, one a command period",
