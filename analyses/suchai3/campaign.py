@@ -46,9 +46,11 @@ class Setup:
         Prior sd of K2 around the ratio of the spins that magnetometer and gyro see.
     mounting_sigma : float
         Of the magnetometer's axes against the gyro's [rad].
-    every : int
-        Of the session of 90 minutes each so many-th slew is taken; it would weigh as much as all
-        others together.
+    most : int
+        Slews of one session at most, evenly chosen: neighbours tell the same, and one session of 90
+        minutes would weigh as much as all others together.
+    fewest : int
+        Readings of a slew: fewer see less than a turn of the nutation.
     """
 
     magnetometer_sigma: float = 5e-7
@@ -57,7 +59,8 @@ class Setup:
     product_sigma: float = 0.002
     gyro_y_sigma: float = 0.002
     mounting_sigma: float = 0.05
-    every: int = 3
+    most: int = 3
+    fewest: int = 150
 
 
 def campaign(setup: Setup | None = None) -> Campaign:
@@ -71,7 +74,7 @@ def campaign(setup: Setup | None = None) -> Campaign:
         whole = imported.campaign
     epoch = np.datetime64("1970-01-01") + np.timedelta64(int(_first_stamp()), "s")
     whole = whole.subset([k for k, slew in enumerate(whole.slews) if not _saturated(slew)])
-    whole = whole.subset(_thinned(whole, setup.every))
+    whole = whole.subset(_thinned(whole, setup))
     field_S, offset_S = _magnetometer(whole)
     slews = [
         replace(slew, more={"magnetometer": values - offset_S})
@@ -135,15 +138,16 @@ def _saturated(slew: bi.Slew) -> bool:
     return bool(np.any(np.ptp(np.asarray(slew.rate), axis=0) == 0.0))
 
 
-def _thinned(campaign: Campaign, every: int) -> list[int]:
-    """Slews, each so many-th of a session of more than an hour."""
+def _thinned(campaign: Campaign, setup: Setup) -> list[int]:
+    """Slews that are long enough, so many of a session."""
     starts = np.array([slew.start for slew in campaign.slews])
     session = np.append(0, np.cumsum(np.diff(starts) > 3600.0))
+    long = np.array([len(slew.time) >= setup.fewest for slew in campaign.slews])
     kept: list[int] = []
     for number in np.unique(session):
-        slews = np.flatnonzero(session == number)
-        is_long = starts[slews[-1]] - starts[slews[0]] > 3600.0
-        kept += slews[:: every if is_long else 1].tolist()
+        slews = np.flatnonzero((session == number) & long)
+        chosen = np.linspace(0, len(slews) - 1, min(setup.most, len(slews))).round().astype(int)
+        kept += slews[chosen].tolist()
     return kept
 
 

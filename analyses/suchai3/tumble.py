@@ -102,7 +102,10 @@ def main() -> None:
         "sessions of 2023": flown.subset([k for k, is_early in enumerate(early) if is_early]),
         "sessions of 2024": flown.subset([k for k, is_early in enumerate(early) if not is_early]),
     }
-    found = {name: fitted(part) for name, part in parts.items()}
+    found = {}
+    for name, part in parts.items():
+        found[name] = fitted(part)
+        print(name, found[name]["reduced_chi2"], flush=True)
     spin = spin_history(flown, found["all sessions"]["parameters"])
     content = {
         "fits": found,
