@@ -35,7 +35,8 @@ class Setup:
     Parameters
     ----------
     magnetometer_sigma : float
-        Noise of a reading [T]: 5 mG fit; the builders state 2.8 mG.
+        Noise of a reading [T]: 15 mG is what a fit leaves. The builders state 2.8 mG; but packets
+        are stamped in whole seconds, and at 50 deg/s a tenth of a second is 20 mG.
     nutation_ratio : float
         Of nutation to spin: a line in the spectrum of the x rate in every session. It sets where
         Jyy - Jxx starts, not its prior's width.
@@ -53,7 +54,7 @@ class Setup:
         Readings of a slew: fewer see less than a turn of the nutation.
     """
 
-    magnetometer_sigma: float = 5e-7
+    magnetometer_sigma: float = 1.5e-6
     nutation_ratio: float = 0.135
     relative_sigma: float = 0.03
     product_sigma: float = 0.002
