@@ -138,6 +138,11 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
             "throws_diagnosis",
         ),
         ("The same bodies, fitted alone", "all throws of a body in one fit", "throws"),
+        (
+            "A real CubeSat in free rotation, gyro and magnetometer",
+            "which number of its CAD tensor is wrong, and what turns its spin",
+            "tumble",
+        ),
     ),
     "Telemetry": (
         (

@@ -16,10 +16,38 @@ from bayes_inertia.version import __version__
 
 _TEMPLATE = Path(__file__).parent / "tumble.md.jinja"
 _DIFFERENCE = "largest minus middle, in 1000 of the largest"
+# An interval that reaches beyond these, which no body can have, says that nothing is determined.
+_POSSIBLE = {
+    "middle over largest": (0.0, 1.0),
+    _DIFFERENCE: (0.0, 1000.0),
+    "nutation over spin": (0.0, 1.0),
+    "spin axis towards x [deg]": (-45.0, 45.0),
+    "spin axis towards z [deg]": (-45.0, 45.0),
+}
+
+
+def widened(fit: Mapping[str, Any]) -> dict[str, Any]:
+    """A fit whose intervals and sds are widened by as much as its slews disagree."""
+    factor = fit["spread_of_slews"]["factor"]
+    ratios = {
+        name: {key: row["median"] + factor * (value - row["median"]) for key, value in row.items()}
+        for name, row in fit["ratios"].items()
+    }
+    for name, (low, high) in _POSSIBLE.items():
+        ratios[name]["determined"] = ratios[name]["low"] >= low and ratios[name]["high"] <= high
+    rows = {name: row | {"sd": factor * row["sd"]} for name, row in fit["parameters"].items()}
+    return dict(fit) | {"ratios": ratios, "parameters": rows, "factor": factor}
+
+
+def quoted(content: Mapping[str, Any]) -> dict[str, Any]:
+    """The content of `tumble.json` as the page says it."""
+    fits = {name: widened(fit) for name, fit in content["fits"].items()}
+    return dict(content) | {"fits": fits}
 
 
 def page(content: Mapping[str, Any]) -> str:
     """Markdown."""
+    content = quoted(content)
     template = Environment(autoescape=False, keep_trailing_newline=True).from_string(
         _TEMPLATE.read_text(encoding="utf-8")
     )
@@ -46,6 +74,9 @@ def _picture(content: Mapping[str, Any]) -> Figure:
     name = _DIFFERENCE
     for k, fit in enumerate(names):
         row = content["fits"][fit]["ratios"][name]
+        if not row["determined"]:
+            right.annotate("not determined", (2.0, k), va="center", color=style.MUTED)
+            continue
         right.plot([row["low"], row["high"]], [k, k], color=style.color(k), lw=3)
         right.plot(row["median"], k, style.MARKERS[k], color=style.color(k))
     right.axvline(content["cad"][name], color=style.INK, ls="--", lw=1)
@@ -63,4 +94,4 @@ def _picture(content: Mapping[str, Any]) -> Figure:
 
 def draw(content: Mapping[str, Any]) -> None:
     """Write the figure."""
-    save_svg(_picture(content), "suchai3")
+    save_svg(_picture(quoted(content)), "suchai3")
