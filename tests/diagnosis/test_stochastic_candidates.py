@@ -177,10 +177,10 @@ def restarting(campaign, density, seed):
 
 # Kind, how it is made, its size in sds of a reading, and its time in slews.
 WANDERING = [
-    ("walk", walking, 0.1, None),
+    pytest.param("walk", walking, 0.1, None, marks=pytest.mark.long),
     ("walk that restarts", restarting, 0.1, None),
-    ("lasting", stationary, 1.0, 3.0),
-    ("short", stationary, 1.0, 0.05),
+    pytest.param("lasting", stationary, 1.0, 3.0, marks=pytest.mark.long),
+    pytest.param("short", stationary, 1.0, 0.05, marks=pytest.mark.long),
 ]
 
 
