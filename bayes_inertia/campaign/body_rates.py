@@ -167,7 +167,7 @@ def _spline(slew: Slew, seen: list[_Seen], pieces: int, sd: float) -> tuple[_Smo
             columns[:, shared + 3 * part.run :][:, :3] = part.direction_B
         normal += columns.T @ columns
         pull += columns.T @ part.values
-        covariance = np.linalg.inv(normal)
+    covariance = np.linalg.inv(normal)
     found = covariance @ pull
     log_evidence = 0.5 * (np.sum(np.log(prior)) - np.linalg.slogdet(normal)[1] + pull @ found)
     at_rows = np.concatenate([basis(slew.time), np.ones((len(slew.time), 1))], axis=1)
@@ -266,16 +266,10 @@ def _from_directions(campaign: Campaign, slew: Slew) -> tuple[np.ndarray, np.nda
     known = np.array([np.isfinite(part.body).all(axis=1) for part in seen])
     rows = np.flatnonzero(known.sum(axis=0) > 1)
     rows = rows[:: max(1, len(rows) // LIMITS.attitudes_by_directions)]
-    attitude = [
-        _turned_together(
-            [
-                (part, np.array([row]))
-                for part, whole in zip(seen, known[:, row], strict=True)
-                if whole
-            ]
-        )
-        for row in rows
-    ]
+    attitude = []
+    for row in rows:
+        both = [(seen[k], np.array([row])) for k in np.flatnonzero(known[:, row])]
+        attitude.append(_turned_together(both))
     sigma = LIMITS.attitude_of_directions * max(part.sigma for part in seen)
     return rows, np.array(attitude).reshape(-1, 4), sigma
 
@@ -302,7 +296,7 @@ def first_attitude_by_rates(campaign: Campaign, slew: Slew) -> np.ndarray | None
     from scipy.spatial.transform import Rotation
 
     sensor, seen = campaign.rate_sensor, _directions(campaign, slew)
-    if sensor is None or not seen or not reads_body_rates(campaign):
+    if sensor is None or not seen or campaign.with_body_rates is not campaign:
         return None
     rows, readings = slew.complete_rates(campaign.valid_readings(slew))
     time, rate_B = slew.time, body_rates(sensor, readings, sensor.scale_factor)

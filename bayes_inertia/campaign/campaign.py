@@ -35,13 +35,14 @@ def _card(campaign: Campaign) -> Card:
         for s in slews
     )
     begin, end = campaign.span
-    sensors = ["star tracker"] if campaign.star_tracker else []
+    sensors = ["rate sensor"] if campaign.rate_sensor else []
+    sensors += ["star tracker"] if campaign.star_tracker else []
     sensors += [name for name, _ in campaign.more_sensors]
     prior = campaign.inertia
     known = zip(("Jxx", "Jyy", "Jzz"), prior.elements.tolist(), prior.sd.tolist(), strict=False)
     lines = (
         f"Campaign {campaign.name}: {len(slews)} slews in {end - begin:.4g} s",
-        ", ".join([f"{wheels} wheels", "rate sensor", *sensors]),
+        ", ".join([f"{wheels} wheels", *sensors]),
         f"before flight {parameter_lines({name: (at, sd) for name, at, sd in known})[0]}",
     )
     return Card(lines, ("slew", "start [s]", "duration [s]", "rows", "fixes"), rows)

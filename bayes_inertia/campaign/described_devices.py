@@ -54,9 +54,12 @@ def described(parsed: Campaign2Part, label: str) -> Description:
             first.setdefault(part.type, part)
     sensors = [(part, _sensor(part, label)) for part in parsed.sensors]
     hardware = {part.type: sensor for part, sensor in sensors if part is first.get(part.type)}
-    entries = (*_sensor_entries(parsed, first), *_wheel_entries(wheels, label),
-               *(_input_entry(part, label) for part in others),
-               *_environment_entries(parsed))  # fmt: skip
+    entries = (
+        *_sensor_entries(parsed, first),
+        *_wheel_entries(wheels, label),
+        *(_input_entry(part, label) for part in others),
+        *_environment_entries(parsed),
+    )
     return Description(
         name=parsed.name,
         time=parsed.time,

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
+from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -93,7 +94,7 @@ def _unix_time(epoch: datetime | str) -> float:
 
 def _library(name: str) -> Any:
     try:
-        return __import__(name, fromlist=["api"])
+        return import_module(name)
     except ImportError:
         raise SettingsError(
             f"an orbit from two-line elements needs the package {name.split('.')[0]}",

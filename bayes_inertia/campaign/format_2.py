@@ -34,6 +34,7 @@ from bayes_inertia.campaign.schema import (
     TorqueColumns,
     TorqueUnit,
     Vector3,
+    WheelPart,
 )
 
 
@@ -44,26 +45,31 @@ def _listed(value: Any) -> Any:
 OneOrMore = Annotated[list[float], Len(1), BeforeValidator(_listed)]
 
 
-class WheelTorque(TorqueColumns):
+class OfStream(StreamColumns):
+    """Columns of a stream; of the one table of a slew where no stream is named."""
+
+    stream: str | None = None
+
+
+class OfWheel(OfStream):
+    """The column of one wheel."""
+
+    names: Names1 = Field(description='names = ["..."], the column of this wheel')
+
+
+class WheelTorque(OfWheel, TorqueColumns):
     """`torque` of a wheel."""
 
-    names: Names1 = Field(description='names = ["..."], the column of this wheel')
-    stream: str | None = None
 
-
-class WheelMomentum(MomentumColumns):
+class WheelMomentum(OfWheel, MomentumColumns):
     """`momentum` of a wheel by its tachometer."""
 
-    names: Names1 = Field(description='names = ["..."], the column of this wheel')
-    stream: str | None = None
     sigma: float | None = None  # noise of a reading [N m s]
 
 
-class WheelSpeed(SpeedColumns):
+class WheelSpeed(OfWheel, SpeedColumns):
     """`speed` of a wheel by its tachometer."""
 
-    names: Names1 = Field(description='names = ["..."], the column of this wheel')
-    stream: str | None = None
     sigma: float | None = None  # noise of a reading [rad/s]
 
 
@@ -74,20 +80,10 @@ else:
     WheelStates = Literal[get_args(WheelState)]
 
 
-class WheelDevice(Part):
+class WheelDevice(WheelPart):
     """One of `[[actuators]]`: a reaction or momentum wheel."""
 
     type: Literal["wheel"]
-    name: str = Field(description='name = "..."')
-    axis: Vector3 = Field(
-        description="axis = the unit spin axis in body axes, such as [1.0, 0.0, 0.0]"
-    )
-    spin_inertia: float = Field(
-        description="spin_inertia = the inertia about the spin axis [kg m^2]"
-    )
-    max_torque: float | None = None
-    max_momentum: float | None = None
-    momentum_sigma: float | None = None
     state: WheelStates | None = None
     torque: WheelTorque | None = None
     momentum: WheelMomentum | None = None
@@ -98,10 +94,9 @@ Held = Literal["hold", "line", "mean"]
 _NAMES = 'names = ["...", ...], '
 
 
-class InputColumns(StreamColumns):
+class InputColumns(OfStream):
     """What a device was told to do, or did: its stream, and what it did between the readings."""
 
-    stream: str | None = None
     between: Held = "hold"
 
 
@@ -150,12 +145,11 @@ class LevelInput(InputColumns):
     unit: LevelUnit
 
 
-class OnTimeInput(StreamColumns):
+class OnTimeInput(OfStream):
     """`on_time` of thrusters: how long each is on from the time of its row."""
 
     names: Names = Field(description=_NAMES + "one column a thruster")
     unit: TimeUnit
-    stream: str | None = None
     between: Literal["on_time"] = "on_time"
 
 
@@ -172,6 +166,7 @@ class ThrusterDevice(Part):
     level: LevelInput | None = None
     gain_sigma: float = 0.0
     each_gain_sigma: float = 0.0
+    direction_sigma: float = 0.0
 
 
 class GimbalInput(InputColumns):
@@ -203,11 +198,10 @@ class RotorsDevice(Part):
     gain_sigma: float = 0.0
 
 
-class DeviceRate(RateColumns):
+class DeviceRate(OfStream, RateColumns):
     """`rate` of a rate sensor."""
 
     names: Names = Field(description='names = ["...", ...], one column a sensor axis')
-    stream: str | None = None
 
 
 class RateDevice(Part):
@@ -233,10 +227,8 @@ class RateDevice(Part):
     mounting_sigma: float | None = None
 
 
-class DeviceAttitude(AttitudeColumns):
+class DeviceAttitude(OfStream, AttitudeColumns):
     """`attitude` of a star tracker."""
-
-    stream: str | None = None
 
 
 class AttitudeDevice(StarTrackerPart):
@@ -251,22 +243,20 @@ class AttitudeDevice(StarTrackerPart):
     mounting_sigma: float | None = None
 
 
-class DirectionColumns(StreamColumns):
+class DirectionColumns(OfStream):
     """`direction` of a sensor: three components in body axes; a field has a unit."""
 
     names: Names3 = Field(description=_NAMES + "three components in body axes")
     frame: Literal["body"]
     unit: FieldUnit | None = None
-    stream: str | None = None
 
 
-class ReferenceColumns(StreamColumns):
+class ReferenceColumns(OfStream):
     """`reference` of a direction that changes: three components in inertial axes."""
 
     names: Names3 = Field(description=_NAMES + "three components in inertial axes")
     frame: Literal["inertial"]
     unit: FieldUnit | None = None
-    stream: str | None = None
     between: Literal["line"] = "line"
 
 
@@ -290,16 +280,12 @@ class DirectionDevice(Part):
     mounting_sigma: float | None = None
 
 
-class FieldVector(MagneticFieldColumns):
+class FieldVector(OfStream, MagneticFieldColumns):
     """`vector` of a magnetic field."""
 
-    stream: str | None = None
 
-
-class PositionVector(PositionColumns):
+class PositionVector(OfStream, PositionColumns):
     """`vector` of a position."""
-
-    stream: str | None = None
 
 
 class FieldDevice(Part):

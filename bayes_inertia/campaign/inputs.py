@@ -134,8 +134,8 @@ class InputStream:
 
 def _require_pulses(time: np.ndarray, values: np.ndarray, key: str) -> None:
     """Raise `CampaignError` unless on-times (n, k) are times that end before the next reading."""
-    negative = bool((values >= 0.0).all())
-    require(negative, key, "an on-time is negative", "give the seconds that the device was on")
+    on = bool((values >= 0.0).all())
+    require(on, key, "an on-time is negative", "give the seconds that the device was on")
     if len(time) < 2:
         return
     step = np.diff(time)

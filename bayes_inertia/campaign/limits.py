@@ -38,6 +38,8 @@ class Limits:
     # the worst direction (two of them 45 deg apart).
     attitudes_by_directions: int = 300
     attitude_of_directions: float = 1.5
+    # [rad]; rows whose turn since the first one is known worse tell nothing of the start
+    known_turn: float = 0.5
 
     # `checked_toml.py`
     # Keys that are alike to this degree are one word misspelt; less alike ones are other physics,
@@ -86,10 +88,6 @@ class Limits:
 
     # `streams.py`
     same_time: float = 1e-9  # [s]; stamps closer than this are one time
-
-    # `body_rates.py`
-    # [rad]; rows whose turn since the first one is known worse tell nothing of the start
-    known_turn: float = 0.5
 
     # `environment.py`
     # [days]; in low orbit older elements are some degrees along the orbit off, the field with them

@@ -70,14 +70,14 @@ FORMAT = "bayes-inertia-campaign/1"
 FORMAT_2 = "bayes-inertia-campaign/2"
 
 
-def spread(value: Any) -> Any:
+def _spread(value: Any) -> Any:
     """One number as three, anything else as it is."""
     return [value] * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
 Vector3 = Annotated[list[float], Len(3, 3)]
 Matrix33 = Annotated[list[Vector3], Len(3, 3)]
-OneOrThree = Annotated[Vector3, BeforeValidator(spread)]
+OneOrThree = Annotated[Vector3, BeforeValidator(_spread)]
 Names = Annotated[list[str], Len(1)]
 Names1 = Annotated[list[str], Len(1, 1)]
 Names3 = Annotated[list[str], Len(3, 3)]

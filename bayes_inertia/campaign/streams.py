@@ -244,8 +244,12 @@ def _slope(streams: Sequence[StreamRows]) -> StampSlope:
     """Whether the readings of a stream move with the jitter of its stamps, over all slews."""
     evidence = []
     for rows in streams:
-        names = [name for entry in rows.stream.entries if entry.key in _READINGS
-                 for name in entry.columns.names]  # fmt: skip
+        names = [
+            name
+            for entry in rows.stream.entries
+            if entry.key in _READINGS
+            for name in entry.columns.names
+        ]
         clock, _ = regular_clock(rows.stamps)
         if names and clock is not None:
             evidence.append((rows.stamps, clock, rows.table.stack(names)))
@@ -283,13 +287,18 @@ def counted_once(slews: Sequence[Sequence[StreamRows]]) -> list[list[StreamRows]
     Returns: the same with a record of kind "duplicate" where readings are held.
     """
     result = [list(streams) for streams in slews]
-    entries = {entry.path: entry for streams in slews for rows in streams
-               for entry in rows.stream.entries}  # fmt: skip
+    entries = {
+        entry.path: entry for streams in slews for rows in streams for entry in rows.stream.entries
+    }
     kinds = list({**BY_KEY, **KINDS_BY_KEY})
     read = [(sensor, entry) for entry in entries.values() if (sensor := sensor_of(entry))]
     for sensor, entry in sorted(read, key=lambda pair: kinds.index(pair[1].key)):
-        places = [(i, k) for i, streams in enumerate(result) for k, rows in enumerate(streams)
-                  if entry.path in (e.path for e in rows.stream.entries)]  # fmt: skip
+        places = [
+            (i, k)
+            for i, streams in enumerate(result)
+            for k, rows in enumerate(streams)
+            if entry.path in (e.path for e in rows.stream.entries)
+        ]
         names = entry.columns.names
         series = [(result[i][k].stamps, result[i][k].table.stack(names)) for i, k in places]
         # A vector is whole or missing.

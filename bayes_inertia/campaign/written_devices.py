@@ -144,15 +144,17 @@ def devices(
         return key, {**said, **sense, **more}
 
     return {
-        "actuators": [*_wheels(campaign, columns, entry),
-                      *(_actuator(campaign, device, streams) for device in campaign.actuators)],
+        "actuators": [
+            *_wheels(campaign, columns, entry),
+            *(_actuator(campaign, device, streams) for device in campaign.actuators),
+        ],
         "sensors": _sensors(campaign, columns, entry, streams),
         "environment": [
             {"name": key.replace("_", " "), "type": key, "vector": said}
             for key, said in (entry(c) for c in columns if c.endswith("_N"))
         ],
         "changes": [dict(vars(change)) for change in campaign.changes],
-    }  # fmt: skip
+    }
 
 
 def _wheels(campaign: Campaign, columns: Mapping[str, Sequence[str]], entry: Any) -> list[dict]:
@@ -173,8 +175,10 @@ def _wheels(campaign: Campaign, columns: Mapping[str, Sequence[str]], entry: Any
 def _sensors(
     campaign: Campaign, columns: Mapping[str, Sequence[str]], entry: Any, streams: Streams
 ) -> list[dict]:
-    first = [("rate", "rate sensor", campaign.rate_sensor),
-             ("attitude", "star tracker", campaign.star_tracker)]  # fmt: skip
+    first = [
+        ("rate", "rate sensor", campaign.rate_sensor),
+        ("attitude", "star tracker", campaign.star_tracker),
+    ]
     further = [(MORE + name, name, hardware) for name, hardware in campaign.more_sensors]
     parts = []
     for channel, name, hardware in (*first, *further):
@@ -213,7 +217,7 @@ def _actuator(campaign: Campaign, device: Any, streams: Streams) -> dict[str, An
         said |= {"unit": "A m^2", "between": between}
         return {"name": name, "type": "magnetorquer", "axes": device.axes_B, **gain, "dipole": said}
     if isinstance(device, Thruster):
-        gain |= {"each_gain_sigma": device.each_gain_sigma}
+        gain |= {key: stated[key] for key in ("each_gain_sigma", "direction_sigma")}
         part = {"name": name, "type": "thruster", "torques": device.torque_B, **gain}
         if between == "on_time":
             return part | {"on_time": said | {"unit": "s"}}

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.maths.linear_algebra import inverse_root
+from bayes_inertia.inference.slew_shares import eliminated
 
 
 def slew_log_likelihood(
@@ -57,23 +57,17 @@ def _equations(estimate: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     Each slew's own nuisances are integrated out.
     """
-    information, shared = estimate.information, len(estimate.free) + len(estimate.point.bias)
-    constants, gradients, matrices = [], [], []
-    for block, slope, chi2, local in zip(
-        information.matrix,
-        information.gradient,
-        information.chi2,
-        estimate.point.local,
-        strict=True,
-    ):
-        matrix, gradient = block.sum(0), slope.sum(0)
-        root = inverse_root(matrix[shared:, shared:] + np.eye(len(local)))
-        across, pull = root @ matrix[shared:, :shared], root @ (gradient[shared:] + local)
-        squares = chi2.sum() + local @ local - pull @ pull
-        constants.append(-0.5 * squares + np.log(np.abs(np.diag(root))).sum())
-        gradients.append(gradient[:shared] - across.T @ pull)
-        matrices.append(matrix[:shared, :shared] - across.T @ across)
-    return np.array(constants) + _against_stated(estimate), np.array(gradients), np.array(matrices)
+    information, local = estimate.information, estimate.point.local
+    parts = eliminated(information, local, len(estimate.free) + len(estimate.point.bias))
+    constants = []
+    for part, chi2, nuisances in zip(parts, information.chi2, local, strict=True):
+        squares = chi2.sum() + nuisances @ nuisances - part.pull @ part.pull
+        constants.append(-0.5 * squares + np.log(np.abs(np.diag(part.root))).sum())
+    return (
+        np.array(constants) + _against_stated(estimate),
+        np.array([part.gradient for part in parts]),
+        np.array([part.matrix for part in parts]),
+    )
 
 
 def _against_stated(estimate: Estimate) -> np.ndarray:

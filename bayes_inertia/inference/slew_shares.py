@@ -69,26 +69,36 @@ def slew_shares(
     `local` (slews, n_local) [prior sd]; `prior_precision` (n_shared, n_shared); `prior_gradient`
     (n_shared,).
     """
-    shared, parts = len(prior_precision), []
+    parts = eliminated(information, local, len(prior_precision))
+    return SlewShares(
+        np.array([part.matrix for part in parts]),
+        np.array([part.gradient for part in parts]),
+        prior_precision,
+        prior_gradient,
+    )
+
+
+class Eliminated(NamedTuple):
+    """Normal equations of what one slew shares, with its own nuisances eliminated."""
+
+    matrix: np.ndarray  # (n_shared, n_shared)
+    gradient: np.ndarray  # (n_shared,)
+    root: np.ndarray  # (n_local, n_local), of the inverse of the nuisances' matrix
+    pull: np.ndarray  # (n_local,), slope of the nuisances, whitened
+
+
+def eliminated(information: Information, local: np.ndarray, shared: int) -> list[Eliminated]:
+    """Each slew's equations of the first `shared` unknowns; `local` (slews, n_local)."""
+    parts = []
     for block, slope, nuisances in zip(
         information.matrix, information.gradient, local, strict=True
     ):
         matrix, gradient = block.sum(0), slope.sum(0)
         root = inverse_root(matrix[shared:, shared:] + np.eye(len(nuisances)))
-        across = root @ matrix[shared:, :shared]
-        pull = root @ (gradient[shared:] + nuisances)
-        parts.append(
-            (
-                matrix[:shared, :shared] - across.T @ across,
-                gradient[:shared] - across.T @ pull,
-            )
-        )
-    return SlewShares(
-        np.array([matrix for matrix, _ in parts]),
-        np.array([gradient for _, gradient in parts]),
-        prior_precision,
-        prior_gradient,
-    )
+        across, pull = root @ matrix[shared:, :shared], root @ (gradient[shared:] + nuisances)
+        left = matrix[:shared, :shared] - across.T @ across
+        parts.append(Eliminated(left, gradient[:shared] - across.T @ pull, root, pull))
+    return parts
 
 
 class SlewGroups(NamedTuple):
@@ -187,9 +197,8 @@ class SlewScatter:
         parts = ((~best, first, A), (best, second, B))
         pulls = [pull for part in parts for pull in self._pulls_within(*part)]
         rest = _dispersion(pulls) if pulls else None
-        if p_value >= LIMITS.disagree_below or rest is None:
-            return None
-        if rest.p_value < LIMITS.disagree_below:
+        explained = rest is not None and rest.p_value >= LIMITS.disagree_below
+        if p_value >= LIMITS.disagree_below or not explained:
             return None
         slews = tuple(tuple(int(s) for s in np.flatnonzero(part)) for part in (~best, best))
         sd = np.sqrt(np.diag(A) + np.diag(B))

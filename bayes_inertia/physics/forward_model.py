@@ -196,7 +196,7 @@ class Model:
 @partial(jax.jit, static_argnums=0)
 def _predicted(structure: Structure, theta: Array, local: Array, data: Data) -> tuple[Array, ...]:
     """Predicted telemetry without a rate bias, at one theta (d,)."""
-    return predict_all(structure, theta, local, jnp.zeros(3), data)
+    return predict_all(structure, theta, local, jnp.zeros_like(data.scale.bias), data)
 
 
 def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> None:
@@ -306,12 +306,13 @@ def _space(
 
 def _with_joint_prior(space: ParameterSpace, prior: GaussianPrior) -> ParameterSpace:
     """The space with J and K as a joint prior has them; their correlations where it has any."""
-    unknown = [name for name in prior.names if name not in space.names[: _base_size(space)]]
+    elements = space.names[: space.n_base]
+    unknown = [name for name in prior.names if name not in elements]
     if unknown:
         raise CampaignError(
             f"{unknown[0]!r} is no element of J or scale factor of this campaign",
             where="prior.names",
-            advice=f"choose among {', '.join(space.names[: _base_size(space)])}",
+            advice=f"choose among {', '.join(elements)}",
         )
     place = [space.names.index(name) for name in prior.names]
     entries = list(space.entries)
@@ -336,11 +337,6 @@ def _with_joint_prior(space: ParameterSpace, prior: GaussianPrior) -> ParameterS
     correlation = np.eye(space.size)
     correlation[np.ix_(place, place)] = scaled
     return ParameterSpace(tuple(entries), correlation)
-
-
-def _base_size(space: ParameterSpace) -> int:
-    """How many entries at the beginning are J and K: one number each."""
-    return sum(owner == "" for owner, _ in space.entries)
 
 
 def _parameters_of(effect: Effect, campaign: Campaign) -> tuple[Parameter, ...]:

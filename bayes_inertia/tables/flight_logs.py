@@ -6,6 +6,7 @@ Their libraries are the extra `logs`. A topic is a table, a field of its message
 from __future__ import annotations
 
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +90,7 @@ def _messages_of_ros() -> Any:
 
 def _library(name: str, path: Path, otherwise: str) -> Any:
     try:
-        return __import__(name, fromlist=["core"])
+        return import_module(name)
     except ImportError:
         advice = f"install bayes_inertia[logs]; {otherwise}".rstrip("; ")
         raise CampaignError(

@@ -280,7 +280,7 @@ def everything(tmp_path):
     actuators = (
         KnownTorque("known", 0.01, "inertial"),
         Magnetorquer("torquers, all", eye[:2]),
-        Thruster("jets", 0.1 * eye, 0.02, 0.01),
+        Thruster("jets", 0.1 * eye, 0.02, 0.01, direction_sigma=0.03),
         Thruster("levels", 0.1 * eye),
         GimballedRotors("cmg", [1.0, 2.0], eye[:2], eye[1:], 1e-5, 0.03),
     )

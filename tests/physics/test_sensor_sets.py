@@ -60,6 +60,12 @@ def test_a_gyro_of_n_axes_has_n_scale_factors_and_finds_J(flying, axes):
     assert np.abs(z).max() < 4.0
     chi2 = fitted.information.chi2.sum() / fitted.information.n_data.sum()
     assert 0.9 < chi2 < 1.1
+    read = np.stack([slew.rate for slew in campaign.slews])
+    predicted = fitted.model.predict(fitted.theta)["rate"][0]
+    assert predicted.shape == read.shape
+    # Each slew begins at its first reading, whose noise and bias last.
+    assert np.std(predicted - read) < 0.1 * np.std(read)
+    assert np.std(predicted[::-1] - read) > 0.1 * np.std(read)
 
 
 def test_without_a_gyro_J_comes_from_the_star_tracker(flying, setup_type):

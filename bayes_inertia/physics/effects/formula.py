@@ -373,7 +373,7 @@ class Formula(Effect):
             given = getattr(self, key)
             if given not in table and not (key == "driver" and _INPUT.fullmatch(given)):
                 raise EffectError(
-                    f"no {key} {getattr(self, key)!r}",
+                    f"no {key} {given!r}",
                     where="formula",
                     advice=f"choose {', '.join(table)}",
                 )
