@@ -25,7 +25,6 @@ from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.inference.marginal_posterior import log_density_of
-from bayes_inertia.inference.reading_compression import compressed
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
@@ -70,8 +69,7 @@ def _scaling_costs() -> dict[str, float]:
     evaluate, thetas = {}, {}
     for name, (campaign, effects) in kinds.items():
         model = Model(campaign, effects)
-        few = compressed(model.structure, frozen(model))
-        evaluate[name] = log_density_of(model.structure, few, batch=BATCH)
+        evaluate[name] = log_density_of(model.structure, frozen(model), batch=BATCH)
         thetas[name] = thetas_of(model)
     return cost(evaluate, thetas)
 

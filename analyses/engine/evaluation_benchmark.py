@@ -4,9 +4,7 @@
 
 writes `results/engine/evaluation_benchmark.{md,json}`. Everything runs on one core, in batches of
 32 walkers as the sampler's; processor time, the smallest of several tries taken in turns, so that
-other work on the machine counts little. Compiling is not in it. Where the rate of telemetry is high
-readings are combined, as the sampler does (`reading_compression`); beside it stands what one
-reading after the other costs.
+other work on the machine counts little. Compiling is not in it.
 
 `--throws` names the campaign of thrown bodies at 4 kHz (not in the repository); without it the
 block means of real telemetry are left out.
@@ -46,7 +44,6 @@ from bayes_inertia.inference.marginal_posterior import Marginal, log_density_of
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.objective import normal_equations
 from bayes_inertia.inference.point import Point
-from bayes_inertia.inference.reading_compression import compressed
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.integration_plan import longest_smooth_step, motion_scales
@@ -231,12 +228,6 @@ def described(campaign: Campaign, model: Model) -> dict:
     }
 
 
-def _compared(marginal: Marginal) -> int:
-    """Rows that an evaluation compares, padding included."""
-    slews, rows = marginal.data.arrays.telemetry.readings[0].values.shape[:2]
-    return int(slews * rows)
-
-
 def fewest_steps(campaign: Campaign) -> int:
     """Integration steps if all were as long as the motion and the sensors' noise allow."""
     longest = longest_smooth_step(campaign, motion_scales(campaign))
@@ -256,21 +247,12 @@ def measure(throws: Path | None) -> dict:
         campaigns["real throws"] = read_campaign(throws)
         campaigns["real throws, block means"] = reduced(campaigns["real throws"])
         blocks["real throws"] = longest_block(campaigns["real throws"])
-    evaluate, thetas, sizes, gaps = {}, {}, {}, {}
+    evaluate, thetas, sizes = {}, {}, {}
     for name, campaign in campaigns.items():
         model = Model(campaign)
         at = frozen(model)
-        few = compressed(model.structure, at)
-        evaluate[name] = log_density_of(model.structure, few, batch=BATCH)
+        evaluate[name] = log_density_of(model.structure, at, batch=BATCH)
         thetas[name], sizes[name] = thetas_of(model), described(campaign, model)
-        sizes[name]["compared"] = _compared(few)
-        if few is not at:
-            key = f"{name}, each reading"
-            evaluate[key] = log_density_of(model.structure, at, batch=BATCH)
-            thetas[key] = thetas[name]
-            sizes[key] = {**sizes[name], "compared": _compared(at)}
-            one, other = (evaluate[k](thetas[name]) for k in (name, key))
-            gaps[name] = float(np.abs(one - other).max() / np.abs(other).max())
         if name == "4 Hz":
             evaluate["4 Hz, by hand"] = by_hand(model, at)
             thetas["4 Hz, by hand"] = thetas[name]
@@ -283,13 +265,6 @@ def measure(throws: Path | None) -> dict:
         "4 kHz over 400 Hz": seconds["throws 4 kHz"] / seconds["throws 400 Hz"],
         "block means over 4 kHz": seconds["throws 4 kHz, block means"] / seconds["throws 4 kHz"],
     }
-    each = seconds["throws 4 kHz, each reading"]
-    means = seconds["throws 4 kHz, block means"]
-    ratios["block means over each reading, throws 4 kHz"] = means / each
-    for name in gaps:
-        ratios[f"combined over each reading, {name}"] = (
-            seconds[name] / seconds[f"{name}, each reading"]
-        )
     if throws is not None:
         ratio = seconds["real throws, block means"] / seconds["real throws"]
         ratios["block means over real throws"] = ratio
@@ -299,7 +274,6 @@ def measure(throws: Path | None) -> dict:
         "sizes": sizes,
         "readings a block": blocks,
         "fewest steps of block means": fewest_steps(campaigns["throws 4 kHz, block means"]),
-        "largest share by which combining changes log densities": gaps,
         "largest difference from the kernel, over the spread of the batch": agreement,
     }
 
@@ -313,15 +287,13 @@ def page(result: dict) -> str:
         "one core;",
         "processor time, the best of seven tries in turns. Only the ratios hold elsewhere.",
         "",
-        "Where the rate is high, readings are combined (`inference.reading_compression`).",
-        "",
-        "| campaign | slews | rows | integration steps | rows compared | microseconds |",
-        "| --- | ---: | ---: | ---: | ---: | ---: |",
+        "| campaign | slews | rows | integration steps | microseconds |",
+        "| --- | ---: | ---: | ---: | ---: |",
     ]
     for name, value in result["microseconds"].items():
-        empty = {"slews": "", "rows": "", "steps": "every row", "compared": ""}
+        empty = {"slews": "", "rows": "", "steps": "every row"}
         size = result["sizes"].get(name, empty)
-        cells = " | ".join(str(size[k]) for k in ("slews", "rows", "steps", "compared"))
+        cells = " | ".join(str(size[k]) for k in ("slews", "rows", "steps"))
         cells += f" | {value:.0f}"
         lines.append(f"| {name} | {cells} |")
     lines += ["", "| ratio | |", "| --- | ---: |"]
@@ -334,12 +306,6 @@ def page(result: dict) -> str:
         f"{result['fewest steps of block means']}; that is the bound of their cost.",
         "",
         f"Log densities are the kernel's but for {result[key]:.1g} of their spread.",
-        *(
-            f"Combining changes those of {name} by {gap:.1g} of their size."
-            for name, gap in result[
-                "largest share by which combining changes log densities"
-            ].items()
-        ),
     ]
     return "\n".join(lines) + "\n"
 

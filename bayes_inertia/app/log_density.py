@@ -14,10 +14,10 @@ from bayes_inertia.app.fit_campaign import settled_estimate
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import SettingsError
 from bayes_inertia.inference.density_marginal import density_marginal, log_posterior_with_densities
-from bayes_inertia.inference.laplace import Estimate, model_of
+from bayes_inertia.inference.laplace import Estimate, marginal, model_of
 from bayes_inertia.inference.marginal_posterior import log_posterior_of
 from bayes_inertia.inference.noise_model import densities_of
-from bayes_inertia.inference.sampler import log_density_at, sampled_marginal
+from bayes_inertia.inference.sampler import log_density_at
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.maths.values import array_dataclass
@@ -197,7 +197,7 @@ class LogDensity:
         # The first call may come while JAX traces a function of the user's.
         with jax.ensure_compile_time_eval():
             if self.estimate.model.noise.is_stated:
-                one = partial(log_posterior_of, structure, sampled_marginal(self.estimate))
+                one = partial(log_posterior_of, structure, marginal(self.estimate))
             else:
                 given = densities_of(self.estimate.model), density_marginal(self.estimate)
                 one = partial(log_posterior_with_densities, structure, *given)

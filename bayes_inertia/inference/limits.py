@@ -249,13 +249,6 @@ class Limits:
     most_bytes: int = 10 * 2**20
     # Of each small function, for whose programs nobody knows the size.
     most_programs: int = 24
-    # Functions of which the model holds less than this share of one reading's noise are left out of
-    # compressed readings; nuisances and parameters may make it so many times as large.
-    negligible: float = 1e-6
-    compression_margin: float = 10.0
-    # Rows a step with which compression is tried, and the share of them that is worth it.
-    fewest_rows: int = 12
-    worthwhile: float = 0.6
 
     @property
     def gentle_stop(self) -> dict[str, Any]:

@@ -66,9 +66,6 @@ class Marginal(NamedTuple):
         The noise as used.
     coefficients : CoefficientPart, optional
         What the integral over coefficients needs whose prior is sampled; None where there are none.
-    unexplained : () array, optional
-        chi^2 of what was taken out of the readings because no model can explain it
-        (`reading_compression`).
     """
 
     optimum: Point
@@ -80,7 +77,6 @@ class Marginal(NamedTuple):
     data: Data
     white: Whitenings
     coefficients: CoefficientPart | None = None
-    unexplained: Array | float = 0.0
 
 
 def point_on_ridge(marginal: Any, theta: Array) -> Point:
@@ -117,7 +113,6 @@ class _Nuisances(NamedTuple):
     root: Array
     prior: dict
     coefficients: CoefficientPart | None
-    unexplained: Array | float
     contexts: SlewContext | None
 
 
@@ -153,7 +148,7 @@ def _log_integral(
     bias, local = point.bias, point.local
     n = len(bias)
     every = jnp.concatenate([gradient[:, :n].sum(0) + bias, (gradient[:, n:] + local).ravel()])
-    squares = chi2 + jnp.sum(bias**2) + jnp.sum(local**2) + nuisances.unexplained
+    squares = chi2 + jnp.sum(bias**2) + jnp.sum(local**2)
     return -0.5 * (squares - jnp.sum((nuisances.root @ every) ** 2))
 
 

@@ -34,14 +34,13 @@ from bayes_inertia.inference.gates import (
 )
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.limits import LIMITS
-from bayes_inertia.inference.marginal_posterior import LogDensity, Marginal, log_density_of
+from bayes_inertia.inference.marginal_posterior import LogDensity, log_density_of
 from bayes_inertia.inference.proposal import (
     Proposal,
     find_proposal,
     finite_starts,
     walkers_needed,
 )
-from bayes_inertia.inference.reading_compression import compressed
 from bayes_inertia.inference.settings import Settings
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.progress import Progress
@@ -207,16 +206,10 @@ def log_density_at(estimate: Estimate, most: int = 32) -> LogDensity:
     """The compiled density that is sampled around an estimate."""
     if not estimate.model.noise.is_stated:
         return log_density_with_densities(estimate, batch=min(most, batch_size(estimate)))
-    few = sampled_marginal(estimate)
+    few = marginal(estimate)
     telemetry = few.data.pieces[0].arrays.telemetry
-    rows = telemetry.sample if telemetry.combined_at is None else telemetry.combined_at
     structure = estimate.model.structure
-    return log_density_of(structure, few, batch=min(most, _batch(rows.shape[1])))
-
-
-def sampled_marginal(estimate: Estimate) -> Marginal:
-    """What the density that is sampled is made of; noise as stated."""
-    return compressed(estimate.model.structure, marginal(estimate))
+    return log_density_of(structure, few, batch=min(most, _batch(telemetry.sample.shape[1])))
 
 
 def steps_wanted(diagnostics: Diagnostics, settings: Settings) -> int:

@@ -97,7 +97,7 @@ def prepare(
         torque = effect.delivered_torque(p, context, torque)
     effect_states = tuple(effect.initial_state(p, context, start.rate_B) for effect, p in active)
     locked = with_wheel_spin(inertia_B, axes, context.spin_inertia)
-    relative = start.wheel_momentum if drive == "commanded" else slew.momentum_at(0)
+    relative = start.wheel_momentum if drive == "commanded" else slew.momentum[0]
     inputs = None if slew.inputs is None else {k: x.first[0] for k, x in slew.inputs.items()}
     internal = internal_momentum(active, context, effect_states, context.time[0], inputs)
     momentum_B = locked @ start.rate_B + axes @ relative + internal

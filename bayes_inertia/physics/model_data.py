@@ -15,9 +15,9 @@ import jax
 import numpy as np
 from jax import Array
 
-from bayes_inertia.maths.device_arrays import filled, on_device, padded_size, repeated
+from bayes_inertia.maths.device_arrays import on_device, padded_size, repeated
 from bayes_inertia.physics.nuisances import NuisanceScale
-from bayes_inertia.physics.packing import Arrays, Telemetry
+from bayes_inertia.physics.packing import Arrays
 from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.slew_input import SlewInput
 
@@ -48,7 +48,9 @@ class Data:
     def pieces(self) -> tuple[Data, ...]:
         """Each slew alone (the leading axis stays), its last row and fix repeated up to a size."""
         arrays = jax.tree.map(np.asarray, self.arrays)
-        padded = Arrays(_padded_inputs(arrays.slews), _padded_telemetry(arrays), arrays.reference)
+        padded = Arrays(
+            _padded_inputs(arrays.slews), jax.tree.map(_padded, arrays.telemetry), arrays.reference
+        )
         alone = (jax.tree.map(partial(_slew, k), padded) for k in range(len(arrays.slews.momentum)))
         return tuple(Data(of_slew, self.sensors, self.scale) for of_slew in alone)
 
@@ -77,26 +79,3 @@ def _padded_inputs(slews: SlewInput) -> SlewInput:
         environment=jax.tree.map(_padded, slews.environment),
         inputs=jax.tree.map(_padded, slews.inputs),
     )
-
-
-def _padded_telemetry(arrays: Arrays) -> Telemetry:
-    telemetry = arrays.telemetry
-    plain = tuple(readings._replace(combined=None) for readings in telemetry.readings)
-    alone = telemetry._replace(readings=plain, combined_at=None)
-    padded: Telemetry = jax.tree.map(_padded, alone)
-    if telemetry.combined_at is None:
-        return padded
-    # As many integration steps as the grid has; the model's rows there count nothing.
-    grid = arrays.slews.momentum.shape[1]
-    steps, q = next(x.combined for x in telemetry.readings if x.combined is not None).shape[1:3]
-    m = padded_size(grid) // (grid // steps)
-    combined = tuple(
-        other
-        if readings.combined is None
-        else other._replace(
-            values=filled(readings.values, m * q), combined=filled(readings.combined, m)
-        )
-        for readings, other in zip(telemetry.readings, padded.readings, strict=True)
-    )
-    combined_at = repeated(telemetry.combined_at, m * q)
-    return padded._replace(readings=combined, combined_at=combined_at)

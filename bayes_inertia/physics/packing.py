@@ -38,15 +38,11 @@ class Telemetry(NamedTuple):
         Of each channel of the model.
     tachometer_modes : (grid, modes) array
         Orthonormal shapes of slow tachometer noise.
-    combined_at : (m q,) array of int, optional
-        Where readings are combined: grid points at which the model is evaluated, q in each of m
-        steps. None where each is a reading.
     """
 
     sample: Array
     readings: tuple[Readings, ...]
     tachometer_modes: Array
-    combined_at: Array | None = None
 
 
 class Arrays(NamedTuple):
@@ -331,7 +327,7 @@ def _stacked_readings(campaign: Campaign, channel: Channel, n_rows: int) -> list
 
     return [
         Readings(padded(values, channel.blank), padded(valid, False), padded(row, last(row)))
-        for values, valid, row, _ in of_slews
+        for values, valid, row in of_slews
     ]
 
 

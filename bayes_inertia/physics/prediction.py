@@ -30,7 +30,6 @@ from bayes_inertia.physics.simulator import BODY_HOOKS, LOOKING_BACK, MOVING_HOO
 from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.slew_input import (
     Drive,
-    OutputRows,
     SlewInput,
     Start,
     without_slow_error,
@@ -207,7 +206,7 @@ def predict(
         noise = (local[6:] * data.scale.local[6:]).reshape(structure.wheels, structure.modes)
         slew = without_slow_error(slew, telemetry.tachometer_modes, noise)
     if structure.has_sparse_output:
-        slew = slew._replace(output=_output_rows(structure, telemetry))
+        slew = slew._replace(fixes=_fixes(structure, telemetry))
     start = start_of(structure, data.scale, reference, local)
     trajectory, effect_states = simulate_slew(
         slew, start, J, active, structure.drive, structure.rows_per_step
@@ -230,14 +229,14 @@ def predict(
     )
 
 
-def _output_rows(structure: Structure, telemetry: Telemetry) -> OutputRows:
-    """Where readings and fixes stand on the grid."""
+def _fixes(structure: Structure, telemetry: Telemetry) -> Array:
+    """Where fixes stand on the grid."""
     fixes = [
         _on_grid(structure, readings.row, telemetry)
         for channel, readings in zip(structure.channels, telemetry.readings, strict=True)
         if not channel.stream.is_series
     ]
-    return OutputRows(telemetry.combined_at, jnp.concatenate(fixes))
+    return jnp.concatenate(fixes)
 
 
 def _on_grid(structure: Structure, rows: Array, telemetry: Telemetry) -> Array:
@@ -247,10 +246,8 @@ def _on_grid(structure: Structure, rows: Array, telemetry: Telemetry) -> Array:
 def _at_readings(
     structure: Structure, channel: Channel, values: Array, telemetry: Telemetry
 ) -> Array:
-    """What a sensor reports along the grid, at its readings or in combinations of them."""
+    """What a sensor reports along the grid, at its readings."""
     readings = telemetry.readings[structure.place(channel.name)]
-    if readings.combined is not None:
-        return _combined(readings.combined, values)
     if channel.stream.is_series:
         return values[telemetry.sample] if structure.refined else values
     if structure.has_sparse_output:
@@ -259,12 +256,6 @@ def _at_readings(
         first = sum(len(x.row) for other, x in pairs if not other.stream.is_series)
         return values[first : first + len(readings.row)]
     return values[_on_grid(structure, readings.row, telemetry)]
-
-
-def _combined(factor: Array, rows: Array) -> Array:
-    """Combinations (m q, c) of each step's rows (m q, c)."""
-    pieces = rows.reshape(*factor.shape[:2], -1)
-    return jnp.einsum("mpq,mqc->mpc", factor, pieces).reshape(rows.shape)
 
 
 def predict_all(

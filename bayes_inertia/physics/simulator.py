@@ -45,7 +45,6 @@ from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
 from bayes_inertia.physics.step_drive import (
     KnownMomentum,
     StepPoints,
-    at_output,
     derivative,
     known_momentum,
     polynomials,
@@ -81,7 +80,7 @@ def simulate_slew(
     torques are the input, wheel momentum is an output. Measured: wheel momentum is the input.
     `rows_per_step`: grid points that one integration step spans; the grid's length is a multiple of
     it (`integration_plan` finds how many the motion allows). Returns `trajectory`: the slew on the
-    grid, or where `slew.output` wants it (its `time` is always the grid's); its `effect_states` is
+    grid, its attitude at `slew.fixes` where these are given; its `effect_states` is
     empty; `effect_states` (n, k).
 
     Examples
@@ -99,7 +98,7 @@ def simulate_slew(
     if active.act(*MOVING_HOOKS):
         path = full_path(slew, mass, state, known, active, drive)
     else:
-        known = at_output(known, slew)
+        known = known.with_points(slew.fixes)
         path = attitude_path(mass, state, known, drive)
     wheel = known.at_rows
     if drive == "commanded":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -47,22 +47,6 @@ class InputRows(NamedTuple):
     last: Array
 
 
-class OutputRows(NamedTuple):
-    """Grid points at which a trajectory is wanted, where that is not everywhere.
-
-    Parameters
-    ----------
-    readings : (k,) array of int or None
-        Of body rate and wheel momentum: as many in each integration step, step after step; None
-        for all.
-    fixes : (f,) array of int
-        Of the attitude.
-    """
-
-    readings: Array | None
-    fixes: Array
-
-
 class SlewInput(NamedTuple):
     """Everything the simulator needs of one slew, on its grid of n points.
 
@@ -78,8 +62,8 @@ class SlewInput(NamedTuple):
     slow_error : SlowError, optional
         What was taken off the readings to give `momentum`; draws of one slew then share what the
         integration makes of the readings.
-    output : OutputRows, optional
-        Where the trajectory is wanted; everywhere by default. Heeded where nothing but the
+    fixes : (f,) array of int, optional
+        Grid points at which the attitude is wanted; all by default. Heeded where nothing but the
         attitude changes during the slew, in steps of several rows.
     inputs : mapping of str to InputRows, optional
         What devices do, by the names of `Slew.inputs`, as far as effects ask for it. The grid then
@@ -90,18 +74,8 @@ class SlewInput(NamedTuple):
     momentum: Array
     environment: Environment
     slow_error: SlowError | None = None
-    output: OutputRows | None = None
+    fixes: Array | None = None
     inputs: Mapping[str, InputRows] | None = None
-
-    def momentum_at(self, rows: Any) -> Array:
-        """`momentum` at some grid points, without working out the others.
-
-        `rows` (k,). Returns (k, wheels): wheel momentum relative to the body [N m s].
-        """
-        if self.slow_error is None:
-            return self.momentum[rows]
-        readings, modes, size = self.slow_error
-        return readings[rows] - modes[rows] @ size.T
 
 
 def without_slow_error(slew: SlewInput, modes: Array, size: Array) -> SlewInput:

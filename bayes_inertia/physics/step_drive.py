@@ -193,33 +193,18 @@ class KnownMomentum(NamedTuple):
     left_out: Array | None
     fixes: StepPoints | None = None
 
-    def at_points(self, rows: Array) -> StepPoints:
-        """What is known at some grid points.
-
-        `rows` (k,).
-        """
-        fraction = self.steps.fraction
-        assert self.left_out is not None
-        lacking = self.left_out.reshape(fraction.size, -1)
-        return StepPoints(rows // fraction.shape[1], fraction.ravel()[rows], lacking[rows])
-
-
-def at_output(known: KnownMomentum, slew: SlewInput) -> KnownMomentum:
-    """Known momentum at the rows at which a trajectory is wanted."""
-    if slew.output is None or known.left_out is None:
-        return known
-    fixes, rows = known.at_points(slew.output.fixes), slew.output.readings
-    if rows is None:
-        return known._replace(fixes=fixes)
-    points, shape = known.at_points(rows), (len(known.steps.length), -1)
-    steps = known.steps._replace(fraction=points.fraction.reshape(shape))
-    at_rows = known.at_rows[rows] if slew.slow_error is None else slew.momentum_at(rows)
-    lacking = points.left_out.reshape(*steps.fraction.shape, -1)
-    return known._replace(steps=steps, at_rows=at_rows, left_out=lacking, fixes=fixes)
+    def with_points(self, fixes: Array | None) -> KnownMomentum:
+        """With `fixes` at some grid points (f,); None: at all rows."""
+        if fixes is None or self.left_out is None:
+            return self
+        fraction, lacking = self.steps.fraction, self.left_out
+        lacking = lacking.reshape(fraction.size, -1)
+        points = StepPoints(fixes // fraction.shape[1], fraction.ravel()[fixes], lacking[fixes])
+        return self._replace(fixes=points)
 
 
 def known_momentum(
-    slew: SlewInput, torque: Array, drive: Drive, rows_per_step: int, xp: ModuleType = jnp
+    slew: SlewInput, torque: Array, drive: Drive, rows_per_step: int
 ) -> KnownMomentum:
     """Wheel momentum that follows from held commands, or from tachometers.
 
@@ -234,30 +219,28 @@ def known_momentum(
     [0.0, 1.0, 1.0, 1.0]
     """
     context = slew.context
-    steps = step_grid(context.time, context.step, rows_per_step, xp)
+    steps = step_grid(context.time, context.step, rows_per_step)
     if drive == "commanded":
         # Kept apart from the start value, so that draws of one slew share these rows.
-        gained = xp.cumsum(torque * context.step[:, None], axis=0)
-        at_rows = xp.concatenate([xp.zeros((1, torque.shape[1])), gained[:-1]])
-        return KnownMomentum(steps, at_rows, *_over_steps(steps, at_rows, gained[-1], xp))
+        gained = jnp.cumsum(torque * context.step[:, None], axis=0)
+        at_rows = jnp.concatenate([jnp.zeros((1, torque.shape[1])), gained[:-1]])
+        return KnownMomentum(steps, at_rows, *_over_steps(steps, at_rows, gained[-1]))
     if slew.slow_error is None:
         read = slew.momentum
-        return KnownMomentum(steps, read, *_over_steps(steps, read, read[-1], xp))
+        return KnownMomentum(steps, read, *_over_steps(steps, read, read[-1]))
     readings, modes, size = slew.slow_error
-    cubic, lacking = _over_steps(steps, readings, readings[-1], xp)
-    of_modes, _ = _over_steps(steps, modes, modes[-1], xp)
+    cubic, lacking = _over_steps(steps, readings, readings[-1])
+    of_modes, _ = _over_steps(steps, modes, modes[-1])
     cubic = cubic - jnp.einsum("mlk,wk->mlw", of_modes, size)
     return KnownMomentum(steps, slew.momentum, cubic, lacking)
 
 
-def _over_steps(
-    steps: StepGrid, at_rows: Array, last: Array, xp: ModuleType
-) -> tuple[Array, Array | None]:
+def _over_steps(steps: StepGrid, at_rows: Array, last: Array) -> tuple[Array, Array | None]:
     """The cubics of all steps, and the integral of what they leave out (None for single rows)."""
     rows_per_step = steps.fraction.shape[1]
-    pieces = step_ends(at_rows, last, rows_per_step, xp)
-    cubic = polynomials(steps, pieces, xp)
-    return cubic, left_out(steps, pieces, cubic, xp) if rows_per_step > 1 else None
+    pieces = step_ends(at_rows, last, rows_per_step)
+    cubic = polynomials(steps, pieces)
+    return cubic, left_out(steps, pieces, cubic) if rows_per_step > 1 else None
 
 
 def value(coefficients: tuple, fraction: Any) -> Any:

@@ -36,16 +36,12 @@ class Readings(NamedTuple):
         Which numbers count; components are those of a residual.
     row : (n,) array of int
         Row of the slew's telemetry.
-    combined : (m, q, q) array, optional
-        From predictions at `Telemetry.rows` to what `values` tell of, where these are combinations
-        of readings (`reading_compression`): n is m q then. None where each is a reading.
     """
 
     # Of numpy on the host, of JAX in compiled code.
     values: AnyArray
     valid: AnyArray
     row: AnyArray
-    combined: AnyArray | None = None
 
 
 class SensorAtFit(NamedTuple):
