@@ -71,12 +71,15 @@ class Channel(ABC):
         Where its parameters begin and end in theta.
     mounting : bool
         Whether the last three are a rotation of the sensor from where it is said to sit.
+    device : str
+        What effects call the sensor.
     """
 
     stream: SensorStream
     compared: bool = True
     parameters: tuple[int, int] = (0, 0)
     mounting: bool = False
+    device: str = ""
 
     # Hook of `Effect` by which effects reach the readings.
     hook: ClassVar[str]
@@ -159,9 +162,9 @@ class Channel(ABC):
     def with_effect(
         self, effect: Effect, p: Any, slew: SlewContext, trajectory: Trajectory, values: Array
     ) -> Array:
-        """`values` as an effect leaves them."""
-        if not self.stream.field:
-            return values  # Effects are those of the first sensor of a kind.
+        """`values` as an effect leaves them: one of this sensor, or of the first of its kind."""
+        if effect.device != self.device and (effect.device or not self.stream.field):
+            return values
         return getattr(effect, self.hook)(p, slew, trajectory, values)
 
     def read(self, parameters: Array, values: Array) -> Array:
