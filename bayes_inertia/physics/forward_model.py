@@ -83,7 +83,8 @@ class Model:
     data: Data = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        campaign, effects = self.campaign.without_locked_wheels(), tuple(self.effects)
+        campaign = self.campaign.without_locked_wheels()
+        effects = tuple(effect.in_campaign(campaign) for effect in self.effects)
         commanded = campaign.has_commands or not campaign.wheels
         drive = self.drive or ("commanded" if commanded else "measured")
         devices = effects_of(campaign)

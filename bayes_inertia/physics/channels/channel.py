@@ -160,12 +160,23 @@ class Channel(ABC):
         """What a perfect sensor would give along a trajectory (n, columns)."""
 
     def with_effect(
-        self, effect: Effect, p: Any, slew: SlewContext, trajectory: Trajectory, values: Array
+        self,
+        effect: Effect,
+        p: Any,
+        constants: Any,
+        slew: SlewContext,
+        trajectory: Trajectory,
+        values: Array,
     ) -> Array:
         """`values` as an effect leaves them: one of this sensor, or of the first of its kind."""
         if effect.device != self.device and (effect.device or not self.stream.field):
             return values
+        slew = self.context(constants, slew)
         return getattr(effect, self.hook)(p, slew, trajectory, values)
+
+    def context(self, constants: Any, slew: SlewContext) -> SlewContext:
+        """What an effect of this sensor knows of the slew."""
+        return slew
 
     def read(self, parameters: Array, values: Array) -> Array:
         """What the sensor reports of `values`, by its own `parameters`."""
