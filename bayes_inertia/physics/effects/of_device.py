@@ -157,7 +157,9 @@ def candidates_in(campaign: Campaign, library: Sequence[Effect]) -> tuple[Effect
     several = {type(e) for kind in _FIRST if kinds.count(kind) > 1 for e in KINDS[kind]}
     own = [e for e in given if e.device]
     found = [
-        replace(e, device=first[type(e)]) if type(e) in several else e for e in given if not e.device
+        replace(e, device=first[type(e)]) if type(e) in several else e
+        for e in given
+        if not e.device
     ]
     if first.keys() <= {type(e) for e in given}:
         further = [*dict(campaign.more_sensors), *(device.name for device in campaign.actuators)]
