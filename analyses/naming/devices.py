@@ -205,7 +205,7 @@ def write_page(rows: list[dict]) -> None:
         f"the size that an ideal test finds in {100 * POWER:.0f} % among {rows[0]['candidates']}",
         "candidates, in a direction of its own.",
         "",
-        "| hidden | campaigns | named, or an answer | named alone | wrong name | rms z of J and K |",
+        "| hidden | campaigns | named, or an answer | alone | wrong name | rms z of J and K |",
         "|---|---|---|---|---|---|",
     ]
     for name in (*HIDDEN, "all hidden"):

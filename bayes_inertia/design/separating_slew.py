@@ -287,6 +287,13 @@ def forecast_separation(estimate: Estimate, a: Effect, b: Effect) -> SeparationF
     `estimate`: the campaign's fit; what it fitted is fitted along.
     """
     campaign = estimate.model.campaign
+    for effect in (a, b):
+        if effect.device not in ("", *campaign.names):
+            raise EffectError(
+                "acts on a device that a planned slew does not fly",
+                where=effect.name,
+                advice="plans fly wheels, the first rate sensor and the first star tracker",
+            )
     fitted = _names_of_fitted_effects(estimate) - {a.name, b.name}
     kept = tuple(effect for effect in estimate.model.effects if effect.name in fitted)
     model = Model(campaign, (*kept, a, b), estimate.model.structure.drive)
