@@ -331,8 +331,8 @@ def forecast_separation(estimate: Estimate, a: Effect, b: Effect) -> SeparationF
 
 def _names_of_fitted_effects(estimate: Estimate) -> set[str]:
     """Names of the effects of which at least one parameter was fitted."""
-    names = estimate.model.space.names
-    return {names[i].partition(".")[0] for i in estimate.free if i >= 9}
+    names, known = estimate.model.space.names, estimate.model.n_known
+    return {names[i].partition(".")[0] for i in estimate.free if i >= known}
 
 
 def _require_parameters(model: Model, effect: Effect) -> None:
@@ -349,7 +349,8 @@ def _at_null_of_new(estimate: Estimate, model: Model, fitted: set[str]) -> np.nd
     """Parameters (d,) of the model: as estimated, where they were fitted, else at their null."""
     estimated = dict(zip(estimate.model.space.names, estimate.theta, strict=True))
     names, nulls = model.space.names, model.space.nulls
-    known = [name for name in names if name.partition(".")[0] in fitted or "." not in name]
+    own = set(names[: model.n_known])
+    known = [name for name in names if name in own or name.partition(".")[0] in fitted]
     return np.array(
         [
             estimated[name] if name in known else null

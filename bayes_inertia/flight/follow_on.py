@@ -35,6 +35,21 @@ def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
     )
 
 
+def devices_at_rest(campaign: Campaign) -> tuple[str, ...]:
+    """What of a campaign's devices and changes no plan flies, in a sentence; none if all fly.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> devices_at_rest(small_campaign())
+    ()
+    """
+    names = [name for name, _ in campaign.more_sensors]
+    names += [device.name for device in (*campaign.actuators, *campaign.changes)]
+    flying = "wheels, the first rate sensor and the first star tracker fly; left out: "
+    return (flying + ", ".join(names),) if names else ()
+
+
 def following_plan(campaign: Campaign, wheel_momentum: np.ndarray | None = None) -> Plan:
     """A plan of one slew, yet to be chosen, that begins where a campaign ended.
 

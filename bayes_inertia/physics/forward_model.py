@@ -133,6 +133,15 @@ class Model:
         return self.structure.n_base
 
     @property
+    def n_known(self) -> int:
+        """Number of parameters that every model of the campaign has, the first of `space`.
+
+        J and K, errors of further sensors and of devices, changes.
+        """
+        others = {NOISE_OWNER, *(effect.name for effect in self.effects)}
+        return sum(len(p.names) for owner, p in self.space.entries if owner not in others)
+
+    @property
     def n_bias(self) -> int:
         """Number of components of the rate bias, one a sensor axis."""
         return len(self.data.scale.bias)
