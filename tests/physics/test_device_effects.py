@@ -133,6 +133,15 @@ def test_a_direction_turns_the_torques_of_thrusters(equipped):
     np.testing.assert_allclose(model.predict(theta)["rate"], expected["rate"], atol=1e-13)
 
 
+def test_errors_of_sensors_and_devices_come_before_every_effect(equipped):
+    doubtful = (replace(equipped.actuators[0], gain_sigma=0.02), *equipped.actuators[1:])
+    campaign = replace(equipped, actuators=doubtful)
+    model = Model(campaign, by_name(["delay[mems]", "constant_torque"]))
+    known = model.space.names[: model.n_known]
+    assert known == Model(campaign).space.names
+    assert known[9:] == ("mems.K1", "mems.K2", "mems.bias1", "mems.bias2", "torquers.gain")
+
+
 def test_an_effect_of_a_device_may_differ_from_slew_to_slew(equipped):
     (delay,) = by_name(["delay[mems]"])
     model = Model(equipped, (EachSlew.of(delay, equipped),))
