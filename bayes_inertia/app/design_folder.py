@@ -95,7 +95,8 @@ def _start(plan: Plan, flown: Campaign, request: DesignRequest) -> dict[str, Any
     """Start of the plan, as it stands in design.json."""
     return {
         "after": request.after,
-        "start_wheel_momentum_Nms": list(plan.wheel_momentum) or [0.0] * len(flown.without_locked_wheels().wheels),
+        "start_wheel_momentum_Nms": list(plan.wheel_momentum)
+        or [0.0] * len(flown.without_locked_wheels().wheels),
         "start_wheel_momentum_from": _momentum_source(flown, request),
     }
 

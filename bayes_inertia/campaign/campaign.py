@@ -148,6 +148,9 @@ class Campaign:
             require(isinstance(device, Actuator), "actuators", what, advice)
         names = [device.name for device in (*self.actuators, *self.changes)]
         _require_different("actuators", [*names, *(wheel.name for wheel in self.wheels)])
+        first = zip(self.names, (self.rate_sensor, self.star_tracker), strict=True)
+        sensors = [name for name, sensor in (*first, *self.more_sensors) if sensor is not None]
+        _require_different("sensors", [*sensors, *(device.name for device in self.actuators)])
         known = self.reference is None or self.reference in self.sensors
         what, advice = f"no sensor is called {self.reference!r}", f"choose {list(self.sensors)}"
         require(known, "reference", what, advice)

@@ -70,10 +70,7 @@ def described(parsed: Campaign2Part, label: str) -> Description:
         rate_sensor=hardware.get("rate"),
         star_tracker=hardware.get("attitude"),
         more_sensors=tuple((p.name, sensor) for p, sensor in sensors if p is not first.get(p.type)),
-        names=tuple(
-            first[kind].name if kind in first else name
-            for kind, name in zip(("rate", "attitude"), Description.names, strict=True)
-        ),
+        names=_names(first),
         reference=_reference(parsed, label),
         actuators=tuple(_actuator(part, label) for part in others),
         changes=tuple(_change(part, parsed.slews, label) for part in parsed.changes),
@@ -84,6 +81,15 @@ def described(parsed: Campaign2Part, label: str) -> Description:
             for key, kind in (("rate_sensor", "rate"), ("star_tracker", "attitude"))
             if kind in first
         },
+    )
+
+
+def _names(first: Mapping[str, Any]) -> tuple[str, str]:
+    """What the first rate sensor and the first star tracker are called."""
+    gyro, tracker = Description.names
+    return (
+        first["rate"].name if "rate" in first else gyro,
+        first["attitude"].name if "attitude" in first else tracker,
     )
 
 

@@ -288,12 +288,7 @@ def forecast_separation(estimate: Estimate, a: Effect, b: Effect) -> SeparationF
     """
     campaign = estimate.model.campaign
     for effect in (a, b):
-        if effect.device not in ("", *campaign.names):
-            raise EffectError(
-                "acts on a device that a planned slew does not fly",
-                where=effect.name,
-                advice="plans fly wheels, the first rate sensor and the first star tracker",
-            )
+        _require_flying(effect, campaign)
     fitted = _names_of_fitted_effects(estimate) - {a.name, b.name}
     kept = tuple(effect for effect in estimate.model.effects if effect.name in fitted)
     model = Model(campaign, (*kept, a, b), estimate.model.structure.drive)
@@ -327,6 +322,15 @@ def forecast_separation(estimate: Estimate, a: Effect, b: Effect) -> SeparationF
     )
     first, second = ((part.start, part.stop) for part in slices)
     return SeparationForecast(Forecast(layout, arrays), theta, (first, second))
+
+
+def _require_flying(effect: Effect, campaign: Campaign) -> None:
+    if effect.device not in ("", *campaign.names):
+        raise EffectError(
+            "acts on a device that a planned slew does not fly",
+            where=effect.name,
+            advice="plans fly wheels, the first rate sensor and the first star tracker",
+        )
 
 
 def _names_of_fitted_effects(estimate: Estimate) -> set[str]:

@@ -62,7 +62,23 @@ class Effect:
             object.__setattr__(self, "name", f"{self.kind}[{self.device}]")
 
     def in_campaign(self, campaign: Campaign) -> Effect:
-        """The effect as it acts in a campaign: itself, unless it was named by kind and device."""
+        """The effect as it acts in a campaign.
+
+        Parameters
+        ----------
+        campaign : Campaign
+            Tells what its device is, where it was named by kind and device alone.
+
+        Returns
+        -------
+        Effect
+            An effect of the same name.
+
+        Examples
+        --------
+        >>> Effect().in_campaign(None) == Effect()
+        True
+        """
         return self
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
