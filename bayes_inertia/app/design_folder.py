@@ -17,7 +17,7 @@ from bayes_inertia.design.after_campaign import plan_after
 from bayes_inertia.design.designer import Design, design_plan
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.files import write_atomically
-from bayes_inertia.flight.follow_on import following_plan
+from bayes_inertia.flight.follow_on import devices_at_rest, following_plan
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_file import write_plan
@@ -75,6 +75,8 @@ def run_design(
         [design.plan, design.reference], mission, limits=design.limits, progress=progress
     )
     content = design_json(design, contenders, flown) | _start(design.plan, flown, request)
+    if left_out := devices_at_rest(flown):
+        content["left_out"] = left_out
     owner.claim(content)
     _write_flyable_plan(design, folder / "plan.toml")
     write_png(draw_comparison(contenders), folder / "design.png")
@@ -93,7 +95,8 @@ def _start(plan: Plan, flown: Campaign, request: DesignRequest) -> dict[str, Any
     """Start of the plan, as it stands in design.json."""
     return {
         "after": request.after,
-        "start_wheel_momentum_Nms": list(plan.wheel_momentum) or [0.0] * len(flown.wheels),
+        "start_wheel_momentum_Nms": list(plan.wheel_momentum)
+        or [0.0] * len(flown.without_locked_wheels().wheels),
         "start_wheel_momentum_from": _momentum_source(flown, request),
     }
 

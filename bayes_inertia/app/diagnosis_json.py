@@ -25,6 +25,7 @@ from bayes_inertia.maths.values import json_ready
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, STOCHASTIC
 from bayes_inertia.physics.effects.formula import Formula
+from bayes_inertia.physics.effects.of_device import OfDevice
 
 FORMAT = "bayes-inertia-diagnosis/1"
 
@@ -136,7 +137,8 @@ def next_fit_from(content: Mapping[str, Any], library: Sequence[Effect] = LIBRAR
     # Files of earlier versions state the level of the noise alone.
     before = DirtTreatment(level=content["noise"])
     fitted = tuple(
-        replace(known.get(row["effect"]) or Formula.of_name(row["effect"]), **row["settings"])
+        OfDevice.of_name(row["effect"], row["settings"])
+        or replace(known.get(row["effect"]) or Formula.of_name(row["effect"]), **row["settings"])
         for row in content["fitted"]
     )
     if content["verdict"] == "unknown" and not content.get("alternatives"):

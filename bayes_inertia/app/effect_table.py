@@ -60,7 +60,8 @@ def effect_lines(row: Mapping[str, Any]) -> list[str]:
 
 def _row(effect: Effect, campaign: Campaign) -> dict[str, Any]:
     stochastic = isinstance(effect, StochasticEffect)
-    kind = "library" if effect in LIBRARY else "named" if stochastic else "outside"
+    tried = effect in LIBRARY or effect.device
+    kind = "library" if tried else "named" if stochastic else "outside"
     return {
         "name": effect.name,
         "kind": kind,

@@ -49,7 +49,7 @@ def exported_result(
     """
     stored = run / "posterior.nc"
     posterior = Posterior.load(stored)
-    campaign = read_campaign(run / "campaign")
+    campaign = read_campaign(run / "campaign").without_locked_wheels()
     with blaming(stored, intact=is_sealed(stored, _DAMAGED), advice=_DAMAGED):
         summary = posterior.summary()
         parameters = _parameters(posterior, summary)

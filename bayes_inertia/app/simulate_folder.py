@@ -12,6 +12,7 @@ from bayes_inertia.app.named_plans import PAPER, plans_named
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.flight.follow_on import devices_at_rest
 from bayes_inertia.flight.mission import Mission, most_like_mission
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.plan_file import read_plan
@@ -97,11 +98,4 @@ def _left_out(campaign: Campaign) -> tuple[str, ...]:
     if wandering:
         said = ", ".join(wandering)
         notes.append(f"noise that the campaign states and the simulation does not draw: {said}")
-    if campaign.more_sensors or campaign.actuators or campaign.changes:
-        names = [name for name, _ in campaign.more_sensors]
-        names += [device.name for device in (*campaign.actuators, *campaign.changes)]
-        notes.append(
-            "wheels, the first rate sensor and the first star tracker fly; left out: "
-            f"{', '.join(names)}"
-        )
-    return tuple(notes)
+    return (*notes, *devices_at_rest(campaign))

@@ -35,9 +35,7 @@ def _card(campaign: Campaign) -> Card:
         for s in slews
     )
     begin, end = campaign.span
-    sensors = ["rate sensor"] if campaign.rate_sensor else []
-    sensors += ["star tracker"] if campaign.star_tracker else []
-    sensors += [name for name, _ in campaign.more_sensors]
+    sensors = list(campaign.sensors)
     prior = campaign.inertia
     known = zip(("Jxx", "Jyy", "Jzz"), prior.elements.tolist(), prior.sd.tolist(), strict=False)
     lines = (
@@ -86,6 +84,11 @@ class Campaign:
     prior : GaussianPrior, optional
         J and K known together, in place of what `inertia` and the rate sensor state of them: a
         former result, or correlations and bounds of one's own.
+    names : tuple of str, optional
+        What the rate sensor and the star tracker are called.
+    reference : str, optional
+        Name of the sensor whose axes are the body's: no misalignment of it is looked for. None:
+        the first star tracker, else the first rate sensor.
 
     Raises
     ------
@@ -112,6 +115,8 @@ class Campaign:
     actuators: tuple[Actuator, ...] = ()
     changes: tuple[Change, ...] = ()
     prior: GaussianPrior | None = None
+    names: tuple[str, str] = ("rate sensor", "star tracker")
+    reference: str | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "wheels", tuple(self.wheels))
@@ -143,6 +148,12 @@ class Campaign:
             require(isinstance(device, Actuator), "actuators", what, advice)
         names = [device.name for device in (*self.actuators, *self.changes)]
         _require_different("actuators", [*names, *(wheel.name for wheel in self.wheels)])
+        first = zip(self.names, (self.rate_sensor, self.star_tracker), strict=True)
+        sensors = [name for name, sensor in (*first, *self.more_sensors) if sensor is not None]
+        _require_different("sensors", [*sensors, *(device.name for device in self.actuators)])
+        known = self.reference is None or self.reference in self.sensors
+        what, advice = f"no sensor is called {self.reference!r}", f"choose {list(self.sensors)}"
+        require(known, "reference", what, advice)
         for slew in self.slews:
             self._check_slew(slew)
             self._check_inputs(slew)
@@ -205,6 +216,19 @@ class Campaign:
         columns, axes = np.asarray(slew.rate).shape[1], len(sensor.axes)
         what = f"{columns} columns for a rate sensor of {axes} axes"
         require(columns == axes, key, what, "give one a sensor axis")
+
+    @property
+    def sensors(self) -> dict[str, Any]:
+        """The hardware of every sensor by its name; the first of a kind before the further ones."""
+        first = zip(self.names, (self.rate_sensor, self.star_tracker), strict=True)
+        return {name: x for name, x in (*first, *self.more_sensors) if x is not None}
+
+    @property
+    def frame_reference(self) -> str:
+        """The sensor whose axes are the body's: as stated, else a star tracker, else a gyro."""
+        kinds = (StarTracker, RateSensor, object)
+        ranked = (name for kind in kinds for name, x in self.sensors.items() if isinstance(x, kind))
+        return self.reference or next(ranked)
 
     @cached_property
     def body_rates(self) -> BodyRates:

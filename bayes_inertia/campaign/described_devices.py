@@ -70,6 +70,8 @@ def described(parsed: Campaign2Part, label: str) -> Description:
         rate_sensor=hardware.get("rate"),
         star_tracker=hardware.get("attitude"),
         more_sensors=tuple((p.name, sensor) for p, sensor in sensors if p is not first.get(p.type)),
+        names=_names(first),
+        reference=_reference(parsed, label),
         actuators=tuple(_actuator(part, label) for part in others),
         changes=tuple(_change(part, parsed.slews, label) for part in parsed.changes),
         orbit=_orbit(parsed, label),
@@ -80,6 +82,29 @@ def described(parsed: Campaign2Part, label: str) -> Description:
             if kind in first
         },
     )
+
+
+def _names(first: Mapping[str, Any]) -> tuple[str, str]:
+    """What the first rate sensor and the first star tracker are called."""
+    gyro, tracker = Description.names
+    return (
+        first["rate"].name if "rate" in first else gyro,
+        first["attitude"].name if "attitude" in first else tracker,
+    )
+
+
+def _reference(parsed: Campaign2Part, label: str) -> str | None:
+    """The sensor that says it is the reference of frames."""
+    stated = [s for s in parsed.sensors if not isinstance(s, DirectionDevice) and s.reference]
+    for part in stated[1:]:
+        what = f"{stated[0].name} is the reference of frames too"
+        refuse(label, f"sensors.{part.name}.reference", what, "keep one: its axes are the body's")
+    for part in stated:
+        if part.mounting_sigma is not None:
+            advice = "leave mounting_sigma out: its axes are the body's"
+            what = "the reference of frames sits as it is stated"
+            refuse(label, f"sensors.{part.name}.mounting_sigma", what, advice)
+    return stated[0].name if stated else None
 
 
 def _orbit(parsed: Campaign2Part, label: str) -> tuple[str, str] | None:

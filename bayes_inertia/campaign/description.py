@@ -99,7 +99,8 @@ class Description:
         What the tables hold.
     slews : tuple of SlewTables
         In which tables.
-    inertia, wheels, rate_sensor, star_tracker, mission, more_sensors, actuators, changes
+    inertia, wheels, rate_sensor, star_tracker, mission, more_sensors, names, reference, actuators,
+    changes
         As `Campaign` has them.
     prior : PriorPart or None
         The former result that takes the place of other knowledge.
@@ -120,6 +121,8 @@ class Description:
     mission: tuple[tuple[str, str], ...]
     prior: PriorPart | None
     more_sensors: tuple[tuple[str, Any], ...] = ()
+    names: tuple[str, str] = ("rate sensor", "star tracker")
+    reference: str | None = None
     actuators: tuple[Actuator, ...] = ()
     changes: tuple[Change, ...] = ()
     orbit: tuple[str, str] | None = None
@@ -150,7 +153,8 @@ def stated_keys(part: Any) -> dict[str, Any]:
 def built(kind: Any, part: Any, label: str, was: str = "", now: str = "", **more: Any) -> Any:
     """Hardware of a part; errors say `now` where the record's own key is `was`."""
     stated = {k: v for k, v in stated_keys(part).items() if not isinstance(v, StreamColumns)}
-    left_out = ("type", "name") if kind in (RateSensor, StarTracker, DirectionSensor) else ("type",)
+    is_sensor = kind in (RateSensor, StarTracker, DirectionSensor)
+    left_out = ("type", "name", "reference") if is_sensor else ("type",)
     renamed = _RENAMED | ({"axes": "axes_B"} if kind is Magnetorquer else {})
     given = {renamed.get(k, k): v for k, v in stated.items() if k not in left_out}
     try:

@@ -225,6 +225,7 @@ class RateDevice(Part):
     bias_instability: float | None = None
     bias_instability_time: float | None = None
     mounting_sigma: float | None = None
+    reference: bool = False  # of frames
 
 
 class DeviceAttitude(OfStream, AttitudeColumns):
@@ -241,6 +242,7 @@ class AttitudeDevice(StarTrackerPart):
         "maps = ... }"
     )
     mounting_sigma: float | None = None
+    reference: bool = False
 
 
 class DirectionColumns(OfStream):

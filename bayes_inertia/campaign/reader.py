@@ -150,6 +150,8 @@ def _assembled(
             dirt=tuple(dirt),
             mission=parsed.mission,
             more_sensors=parsed.more_sensors,
+            names=parsed.names,
+            reference=parsed.reference,
             actuators=parsed.actuators,
             changes=parsed.changes,
         )

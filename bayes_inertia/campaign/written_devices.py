@@ -29,6 +29,7 @@ def needs_format_2(campaign: Campaign) -> bool:
         campaign.more_sensors
         or campaign.actuators
         or campaign.changes
+        or campaign.reference
         or any(wheel.state != "running" for wheel in campaign.wheels)
         or sensor is None
         or len(sensor.axes) != 3
@@ -176,8 +177,8 @@ def _sensors(
     campaign: Campaign, columns: Mapping[str, Sequence[str]], entry: Any, streams: Streams
 ) -> list[dict]:
     first = [
-        ("rate", "rate sensor", campaign.rate_sensor),
-        ("attitude", "star tracker", campaign.star_tracker),
+        ("rate", campaign.names[0], campaign.rate_sensor),
+        ("attitude", campaign.names[1], campaign.star_tracker),
     ]
     further = [(MORE + name, name, hardware) for name, hardware in campaign.more_sensors]
     parts = []
@@ -194,6 +195,7 @@ def _sensors(
                     seen = {"stream": stream, "names": names, "frame": "inertial", **unit}
                     stated["reference"] = seen
             stated |= {"boresight": stated.pop("boresight_B")} if "boresight_B" in stated else {}
+            stated |= {"reference": True} if name == campaign.reference else {}
             parts.append({"name": name, "type": key, **stated, key: said})
     return parts
 

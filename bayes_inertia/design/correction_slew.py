@@ -151,13 +151,14 @@ def _can_slew(campaign: Campaign) -> bool:
 
 
 def _fully_fitted_effects(estimate: Estimate) -> tuple[Effect, ...]:
-    """The effects of which all parameters were fitted."""
-    space = estimate.model.space
+    """The effects of which all parameters were fitted; without those of devices that do not fly."""
+    space, flying = estimate.model.space, ("", *estimate.model.campaign.names)
     held = {i for i in range(space.size) if i not in estimate.free}
     return tuple(
         effect
         for effect in estimate.model.effects
-        if not set(range(*space.slice_of(effect.name).indices(space.size))) & held
+        if effect.device in flying
+        and not set(range(*space.slice_of(effect.name).indices(space.size))) & held
     )
 
 

@@ -287,6 +287,8 @@ def forecast_separation(estimate: Estimate, a: Effect, b: Effect) -> SeparationF
     `estimate`: the campaign's fit; what it fitted is fitted along.
     """
     campaign = estimate.model.campaign
+    for effect in (a, b):
+        _require_flying(effect, campaign)
     fitted = _names_of_fitted_effects(estimate) - {a.name, b.name}
     kept = tuple(effect for effect in estimate.model.effects if effect.name in fitted)
     model = Model(campaign, (*kept, a, b), estimate.model.structure.drive)
@@ -322,10 +324,19 @@ def forecast_separation(estimate: Estimate, a: Effect, b: Effect) -> SeparationF
     return SeparationForecast(Forecast(layout, arrays), theta, (first, second))
 
 
+def _require_flying(effect: Effect, campaign: Campaign) -> None:
+    if effect.device not in ("", *campaign.names):
+        raise EffectError(
+            "acts on a device that a planned slew does not fly",
+            where=effect.name,
+            advice="plans fly wheels, the first rate sensor and the first star tracker",
+        )
+
+
 def _names_of_fitted_effects(estimate: Estimate) -> set[str]:
     """Names of the effects of which at least one parameter was fitted."""
-    names = estimate.model.space.names
-    return {names[i].partition(".")[0] for i in estimate.free if i >= 9}
+    names, known = estimate.model.space.names, estimate.model.n_known
+    return {names[i].partition(".")[0] for i in estimate.free if i >= known}
 
 
 def _require_parameters(model: Model, effect: Effect) -> None:
@@ -342,7 +353,8 @@ def _at_null_of_new(estimate: Estimate, model: Model, fitted: set[str]) -> np.nd
     """Parameters (d,) of the model: as estimated, where they were fitted, else at their null."""
     estimated = dict(zip(estimate.model.space.names, estimate.theta, strict=True))
     names, nulls = model.space.names, model.space.nulls
-    known = [name for name in names if name.partition(".")[0] in fitted or "." not in name]
+    own = set(names[: model.n_known])
+    known = [name for name in names if name in own or name.partition(".")[0] in fitted]
     return np.array(
         [
             estimated[name] if name in known else null

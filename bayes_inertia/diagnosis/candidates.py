@@ -36,7 +36,7 @@ from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.optimizer import re_estimate, without_effect
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.effects import FlexibleMode
+from bayes_inertia.physics.effects import FlexibleMode, candidates_in
 from bayes_inertia.physics.forward_model import needs_gyro
 
 # Products of the coupling's components: xx, yy, zz, xy, xz, yz.
@@ -317,6 +317,7 @@ def candidate_effects(campaign: Campaign, library: Sequence[Effect]) -> Candidat
 
     `campaign`: what was flown. An effect needs its columns in every slew.
     """
+    library = candidates_in(campaign, library)
     _check_names(library)
     missing = {
         effect.name: [

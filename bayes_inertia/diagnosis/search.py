@@ -218,9 +218,9 @@ def _beside(table: Table, fixed: Names) -> tuple[StochasticCandidate, ...]:
 
 def _without_effects(estimate: Estimate, base: Estimate) -> Estimate:
     """The fit without any effect, at another noise than before."""
-    space, theta = estimate.model.space, estimate.theta.copy()
-    theta[space.n_base :] = space.nulls[space.n_base :]
-    return re_estimate(estimate, theta, base.free[base.free < space.n_base])
+    known, theta = estimate.model.n_known, estimate.theta.copy()
+    theta[known:] = estimate.model.space.nulls[known:]
+    return re_estimate(estimate, theta, base.free[base.free < known])
 
 
 def _steps(
@@ -258,7 +258,7 @@ def _part_of(final: Estimate, base: Estimate, names: Sequence[str]) -> Estimate:
         old = base.model
         final = move_to(final, Model(old.campaign, (*kept, *more), old.structure.drive))
     space, theta = final.model.space, final.theta.copy()
-    free = [i for i in final.free if i < space.n_base]
+    free = [i for i in final.free if i < final.model.n_known]
     for effect in final.model.effects:
         part = space.slice_of(effect.name)
         if effect.name in names:

@@ -287,7 +287,7 @@ def _refit(
     space = estimate.model.space
     scales = {e.name: e.prior_scale for e in estimate.model.effects}
     predicted = _amplitudes(near.linear, sorted(names))
-    free = [np.intersect1d(np.arange(space.n_base), base.free)]
+    free = [np.intersect1d(np.arange(estimate.model.n_known), base.free)]
     for name in sorted(names):
         part = space.slice_of(name)
         free.append(np.arange(part.start, part.stop))

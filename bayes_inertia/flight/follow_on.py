@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import require
 from bayes_inertia.flight.plan import Plan, PlannedSlew
 from bayes_inertia.flight.spacecraft import Spacecraft, without_spin
 
@@ -18,6 +19,10 @@ def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
     rest is not used. Returns: without effects; its bias is drawn from the sensor's prior in every
     flight.
     """
+    campaign = campaign.without_locked_wheels()
+    for wheel in campaign.wheels:
+        what, advice = "the wheel spins freely", "plans fly wheels that motors drive: leave it out"
+        require(wheel.state == "running", f"wheels.{wheel.name}.state", what, advice)
     J = np.array(
         [
             [theta[0], theta[3], theta[4]],
@@ -35,6 +40,22 @@ def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
     )
 
 
+def devices_at_rest(campaign: Campaign) -> tuple[str, ...]:
+    """What of a campaign's devices and changes no plan flies, in a sentence; none if all fly.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> devices_at_rest(small_campaign())
+    ()
+    """
+    names = [wheel.name for wheel in campaign.wheels if wheel.state == "locked"]
+    names += [name for name, _ in campaign.more_sensors]
+    names += [device.name for device in (*campaign.actuators, *campaign.changes)]
+    flying = "wheels, the first rate sensor and the first star tracker fly; left out: "
+    return (flying + ", ".join(names),) if names else ()
+
+
 def following_plan(campaign: Campaign, wheel_momentum: np.ndarray | None = None) -> Plan:
     """A plan of one slew, yet to be chosen, that begins where a campaign ended.
 
@@ -45,6 +66,7 @@ def following_plan(campaign: Campaign, wheel_momentum: np.ndarray | None = None)
     starts at the last star-tracker fix (no rotation from inertial axes if there is none) and with
     the last complete tachometer reading of the last slew.
     """
+    campaign = campaign.without_locked_wheels()
     last = campaign.slews[-1]
     # Without the rounding of times read from a file, so that alike campaigns share compiled code.
     period = float(f"{np.median(np.concatenate([s.rate_steps for s in campaign.slews])):.9g}")

@@ -87,7 +87,7 @@ def _hidden_effects(
     """Effects and values that requests name."""
     requests = [_Request.parsed(text) for text in texts]
     names = tuple(dict.fromkeys(request.effect for request in requests))
-    effects = effects_named(pinned_names(names))
+    effects = tuple(e.in_campaign(template) for e in effects_named(pinned_names(names)))
     values: dict[str, dict[str, Any]] = {}
     for name, effect in zip(names, effects, strict=True):
         space = parameter_space(effect, template)

@@ -276,8 +276,15 @@ def _attributes(estimate: Estimate, chains: Chains, context: FitContext) -> dict
         "wheels": model.structure.wheels,
         "free_momenta": model.structure.free_momenta,
         "scale_of_J": ties_of_scale(model.campaign),
+        **_frames(model.campaign),
         "versions": {name: metadata.version(name) for name in _LIBRARIES},
     }
+
+
+def _frames(campaign: Campaign) -> dict[str, str]:
+    """Which sensor's axes are the body's, where more than one could be."""
+    several = campaign.more_sensors or campaign.reference
+    return {"frame_reference": campaign.frame_reference} if several else {}
 
 
 def drawable(estimate: Estimate) -> tuple[StochasticEffect, ...]:

@@ -40,6 +40,9 @@ class Effect:
     prior_scale : float, optional
         What the sds of its Gaussian priors are multiplied by in a `Model`: above 1 where data
         contradict them. Priors of shapes and of random sizes, log-normal, stay as they are.
+    device : str, optional
+        The sensor or actuator it acts on, where `kind` says what is wrong with it: its name then
+        is "kind[device]". Empty: the first sensor of its kind.
 
     Examples
     --------
@@ -50,7 +53,33 @@ class Effect:
     name: ClassVar[str] = "no_effect"
     needs: ClassVar[tuple[str, ...]] = ()
     inputs: ClassVar[tuple[str, ...]] = ()
+    kind: ClassVar[str] = ""
     prior_scale: float = field(default=1.0, kw_only=True)
+    device: str = field(default="", kw_only=True)
+
+    def __post_init__(self) -> None:
+        if self.kind and self.device:
+            object.__setattr__(self, "name", f"{self.kind}[{self.device}]")
+
+    def in_campaign(self, campaign: Campaign) -> Effect:
+        """The effect as it acts in a campaign.
+
+        Parameters
+        ----------
+        campaign : Campaign
+            Tells what its device is, where it was named by kind and device alone.
+
+        Returns
+        -------
+        Effect
+            An effect of the same name.
+
+        Examples
+        --------
+        >>> Effect().in_campaign(None) == Effect()
+        True
+        """
+        return self
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         """The effect's parameters.
@@ -381,6 +410,29 @@ class Effect:
             The same, changed.
         """
         return attitude
+
+    def direction_output(
+        self, p: Mapping[str, Array], slew: SlewContext, trajectory: Trajectory, seen_B: Array
+    ) -> Array:
+        """What a sensor of directions or of a field sees, before its own offset and scale.
+
+        Parameters
+        ----------
+        p : mapping of str to Array
+            The effect's parameters.
+        slew : SlewContext
+            The slew it acts in.
+        trajectory : Trajectory
+            The simulated slew, with the effect's own states.
+        seen_B : (n, 3) array
+            The vector in body axes: of length 1, or a field [T].
+
+        Returns
+        -------
+        (n, 3) array
+            The same, changed.
+        """
+        return seen_B
 
     def momentum_output(
         self, p: Mapping[str, Array], slew: SlewContext, trajectory: Trajectory, momentum: Array

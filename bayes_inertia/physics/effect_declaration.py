@@ -114,9 +114,8 @@ def _check_class(effect: Effect) -> None:
         "the class is not a frozen dataclass",
         "decorate it with @dataclass(frozen=True)",
     )
-    named = (
-        isinstance(effect.name, str) and effect.name.isidentifier() and effect.name != Effect.name
-    )
+    name = effect.kind if effect.device else effect.name
+    named = isinstance(name, str) and name.isidentifier() and name != Effect.name
     require_of_effect(
         named,
         effect,

@@ -83,7 +83,8 @@ class Model:
     data: Data = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        campaign, effects = self.campaign.without_locked_wheels(), tuple(self.effects)
+        campaign = self.campaign.without_locked_wheels()
+        effects = tuple(effect.in_campaign(campaign) for effect in self.effects)
         commanded = campaign.has_commands or not campaign.wheels
         drive = self.drive or ("commanded" if commanded else "measured")
         devices = effects_of(campaign)
@@ -130,6 +131,15 @@ class Model:
     def n_base(self) -> int:
         """Number of parameters of J and K, the first of `space`."""
         return self.structure.n_base
+
+    @property
+    def n_known(self) -> int:
+        """Number of parameters that every model of the campaign has, the first of `space`.
+
+        J and K, errors of further sensors and of devices, changes.
+        """
+        others = {NOISE_OWNER, *(effect.name for effect in self.effects)}
+        return sum(len(p.names) for owner, p in self.space.entries if owner not in others)
 
     @property
     def n_bias(self) -> int:

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import difflib
-import typing
-from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from collections.abc import Sequence
 from functools import partial
 
 import jax
 import jax.numpy as jnp
-import pydantic
 
 from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effect_declaration import check_declaration, guarded
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, STOCHASTIC, by_name
+from bayes_inertia.physics.effects.of_device import with_settings
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.outside_effects import load_effect, pinned, reference_of
 from bayes_inertia.physics.prediction import predict_all
@@ -28,7 +25,7 @@ def effects_named(names: Sequence[str]) -> tuple[Effect, ...]:
 
     `names`: each a name of the library ("rate_bias"), `FILE.py:Class`, `package.module:Class`, the
     name of an entry point of an installed package, or what `pinned_names` returned; behind each,
-    settings as in "flexible_mode:frequency=0.12:damping=0.01".
+    settings as in "flexible_mode:frequency=0.12:damping=0.01". "delay[mems]" is of one device.
 
     Examples
     --------
@@ -85,7 +82,7 @@ def _effect_named(name: str) -> Effect:
     plain, settings = split_settings(name)
     reference = reference_of(plain)
     if reference is None or _of_library(plain) is not None:
-        return _with_settings(by_name([plain])[0], settings)
+        return with_settings(by_name([plain])[0], settings)
     effect = load_effect(reference)
     alike = _of_library(str(effect.name))
     # The library's own class with other settings is no other effect.
@@ -95,27 +92,7 @@ def _effect_named(name: str) -> Effect:
             where=str(reference),
             advice="give the class another `name`",
         )
-    return _with_settings(effect, settings)
-
-
-def _with_settings(effect: Effect, settings: Mapping[str, str]) -> Effect:
-    hints = typing.get_type_hints(type(effect))
-    known = {field.name: hints[field.name] for field in fields(effect) if field.init}
-    values = {}
-    for key, text in settings.items():
-        if key not in known:
-            near = difflib.get_close_matches(key, known, 1) or list(known)
-            has = f"perhaps {', '.join(near)}" if near else "it has none"
-            raise EffectError(f"no setting {key!r}", where=effect.name, advice=has)
-        try:
-            values[key] = pydantic.TypeAdapter(known[key]).validate_python(text)
-        except pydantic.ValidationError as error:
-            raise EffectError(
-                f"{text!r} is no value of {key} ({error.errors()[0]['msg']})",
-                where=effect.name,
-                advice=f"give it as {known[key]}, such as {effect.name}:{key}=...",
-            ) from None
-    return replace(effect, **values)
+    return with_settings(effect, settings)
 
 
 def _pinned_name(name: str) -> str:

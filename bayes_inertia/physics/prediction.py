@@ -218,8 +218,10 @@ def predict(
     for (effect, p), states in zip(active, effect_states, strict=True):
         with_states = trajectory._replace(effect_states=states)
         values = tuple(
-            channel.with_effect(effect, p, slew.context, with_states, value)
-            for channel, value in zip(structure.channels, values, strict=True)
+            channel.with_effect(effect, p, constants, slew.context, with_states, value)
+            for channel, constants, value in zip(
+                structure.channels, data.sensors, values, strict=True
+            )
         )
     return tuple(
         _at_readings(

@@ -63,7 +63,7 @@ MOVING_HOOKS = (
 # Hooks that decide how the body and its wheels move: all that the simulator calls.
 BODY_HOOKS = ("inertia", "wheel_axes", "delivered_torque", *MOVING_HOOKS, "state_rate")
 # Hooks that are given the whole slew, and may look between its rows.
-LOOKING_BACK = ("rate_output", "attitude_output", "momentum_output")
+LOOKING_BACK = ("rate_output", "attitude_output", "momentum_output", "direction_output")
 
 
 def simulate_slew(

@@ -37,6 +37,8 @@ class StochasticEffect(Effect):
     ----------
     prior_scale : float, optional
         As of `Effect`; sizes and times with log-normal priors stay as they are.
+    device : str, optional
+        As of `Effect`; nothing here.
 
     Raises
     ------

@@ -62,6 +62,7 @@ def _gain_section(
         "notes": (
             f"Now: {now}. Paper's slews: such slews in the same time and limits. Sds if the model "
             "and the stated noise are right.",
+            *(f"{note[0].upper()}{note[1:]}." for note in content.get("left_out", ())),
         ),
     }
     caption = "The plan beside slews like the paper's, each flown alone from the prior."

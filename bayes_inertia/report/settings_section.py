@@ -24,6 +24,8 @@ def settings_rows(posterior: Posterior) -> list[tuple[str, str]]:
     diagnostics, ensembles = attributes["diagnostics"], n_ensembles(posterior)
     names = [tie["device"] for tie in attributes.get("scale_of_J", []) if tie["device"] != "wheels"]
     devices = [("devices beside wheels", listed(names))] if names else []
+    if reference := attributes.get("frame_reference"):
+        devices.append(("reference of frames", f"{reference}: its axes are the body's"))
     walkers = attributes.get("walkers") or chains // ensembles
     versions = (f"{name} {version}" for name, version in attributes["versions"].items())
     return [

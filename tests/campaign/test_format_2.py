@@ -11,6 +11,7 @@ from support.campaign_files import FORMAT_2 as TOML
 
 from bayes_inertia.app.commands.check import campaign_json
 from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magnetorquer, Thruster
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.changes import Change
 from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker
 from bayes_inertia.campaign.inputs import InputStream
@@ -67,7 +68,9 @@ def streams(folder, toml=TOML + TORQUERS + MEMS):
 
 
 def test_both_formats_are_read_as_one_campaign(tmp_path):
-    assert_same(read_campaign(make(tmp_path / "2", TOML)), read_campaign(make(tmp_path / "1")))
+    read = read_campaign(make(tmp_path / "2", TOML))
+    assert list(read.sensors) == ["gyro", "tracker"]
+    assert_same(replace(read, names=Campaign.names), read_campaign(make(tmp_path / "1")))
 
 
 def test_every_stream_keeps_its_own_times(tmp_path):
@@ -84,7 +87,7 @@ def test_every_stream_keeps_its_own_times(tmp_path):
         assert dipole.between == "hold"
     assert dict(campaign.more_sensors)["mems"].sigma == (1e-4, 2e-4)
     names = [device["name"] for device in campaign_json(campaign)["devices"]]
-    assert names == ["rate sensor", "star tracker", "mems", "torquers"]
+    assert names == ["gyro", "tracker", "mems", "torquers"]
 
 
 def test_every_table_counts_in_the_digest_and_is_copied(tmp_path):
@@ -166,6 +169,22 @@ def test_bad_directions_name_file_and_key(tmp_path, old, new, named):
     assert_teaches(error, ["campaign.toml", *named])
 
 
+def test_one_sensor_is_the_reference_of_frames(tmp_path):
+    campaign = read_campaign(streams(tmp_path / "in"))
+    assert campaign.frame_reference == "tracker"
+    stated = edited(TOML + TORQUERS + MEMS, ("sigma = [1e-4", "reference = true\nsigma = [1e-4"))
+    campaign = read_campaign(streams(tmp_path / "stated", stated))
+    again = read_campaign(write_campaign(campaign, tmp_path / "out"))
+    assert campaign.frame_reference == again.frame_reference == "mems"
+    assert again.names == ("gyro", "tracker")
+    said = {row["name"]: row["is"] for row in campaign_json(campaign)["devices"]}
+    assert said["mems"] == "rate sensor, 2 axes, reference of frames"
+    assert said["tracker"] == "star tracker"
+    twice = edited(stated, ("sigma_cross", "reference = true\nsigma_cross"))
+    error = refusal(streams(tmp_path / "twice", twice))
+    assert_teaches(error, ["sensors.mems.reference", "tracker is the reference"])
+
+
 def test_a_locked_wheel_needs_no_telemetry(tmp_path):
     wheel = """
 [[actuators]]
@@ -209,6 +228,8 @@ BAD = [
     ("no table", [('file = "a.csv"', 'files = "c_{stream}.csv"')], ["slews.first", "c_all.csv"]),
     ("no stream", [('file = "a.csv"', 'files = { al = "a.csv" }')], ["files.al", "here: all"]),
     ("old keys", [("[[environment]]", "[[wheels]]")], ["key wheels", "[[actuators]]"]),
+    ("moved", [("sigma_r", "reference = true\nmounting_sigma = 0.01\nsigma_r")], ["sits as"]),
+    ("frames", [("sigma = 2e-5", "sigma = 2e-5\nreference = 1")], ["sensors.gyro.reference"]),
     ("no sensor", [("[[sensors]]", "[[sensor]]")], ["key sensor", '"sensors"']),
 ]  # fmt: skip
 BAD_DEVICES = [

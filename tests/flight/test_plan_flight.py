@@ -14,6 +14,7 @@ import pytest
 import bayes_inertia
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError, EffectError
+from bayes_inertia.flight.follow_on import devices_at_rest, following_plan, spacecraft_at
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import Flight, fly
 from bayes_inertia.flight.spacecraft import (
@@ -25,6 +26,7 @@ from bayes_inertia.physics.effects import (
     MagneticDipole,
 )
 from bayes_inertia.physics.parameters import Normal, scalar
+from bayes_inertia.physics.small_campaign import small_campaign
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 ARCSECOND = math.radians(1.0 / 3600.0)
@@ -218,3 +220,18 @@ def measured_error(slew) -> np.ndarray:
     start = mean / jnp.linalg.norm(mean)
     goal = quaternion.multiply(start, quaternion.exp(slew.angle * jnp.asarray(slew.axis_B)))
     return np.asarray(quaternion.error(goal, last)).mean(axis=0)
+
+
+def test_a_locked_wheel_is_a_part_of_the_body_that_flies():
+    campaign = small_campaign()
+    state = (*campaign.wheels[:2], replace(campaign.wheels[2], state="locked"))
+    campaign = replace(campaign, wheels=state)
+    theta = np.array([*campaign.inertia.elements, 1.0, 1.0, 1.0])
+    craft = spacecraft_at(campaign, theta)
+    assert [wheel.name for wheel in craft.wheels] == ["x", "y"]
+    np.testing.assert_array_equal(craft.inertia_B, campaign.inertia.tensor)
+    assert len(following_plan(campaign).wheel_momentum) == 2
+    assert devices_at_rest(campaign)[0].endswith("left out: z")
+    free = replace(campaign, wheels=(*state[:2], replace(state[2], state="free")))
+    with pytest.raises(CampaignError, match=r"wheels.z.state: the wheel spins freely"):
+        spacecraft_at(free, theta)

@@ -72,15 +72,13 @@ def campaign_json(campaign: Campaign) -> dict[str, Any]:
 
 def _devices(campaign: Campaign) -> list[tuple[str, str]]:
     """Sensors, devices and changes beside wheels: each with what it is."""
-    from bayes_inertia.campaign.sensors import streams_of
+    from bayes_inertia.campaign.sensors import stream_of_device
 
-    sensors = [
-        (stream.sensor if stream.field else stream.name, stream, stream.hardware(campaign))
-        for stream in streams_of(campaign)
-        if not stream.per_wheel
-    ]
     return [
-        *((name, _axes_in_words(stream.sensor, x)) for name, stream, x in sensors if x is not None),
+        *(
+            (name, _axes_in_words(stream_of_device(name, campaign).sensor, name, campaign))
+            for name in campaign.sensors
+        ),
         *((device.name, _gain_in_words(device)) for device in campaign.actuators),
         *(
             (x.name, f"{x.part} changes at {x.time:.6g} s, by {100 * x.sigma_fraction:.2g} % or so")
@@ -89,9 +87,10 @@ def _devices(campaign: Campaign) -> list[tuple[str, str]]:
     ]
 
 
-def _axes_in_words(kind: str, hardware: Any) -> str:
-    axes = getattr(hardware, "axes", None)
-    return kind if axes is None else f"{kind}, {len(axes)} axes"
+def _axes_in_words(kind: str, name: str, campaign: Campaign) -> str:
+    axes = getattr(campaign.sensors[name], "axes", None)
+    said = kind if axes is None else f"{kind}, {len(axes)} axes"
+    return f"{said}, reference of frames" if name == campaign.frame_reference else said
 
 
 def _gain_in_words(device: Any) -> str:

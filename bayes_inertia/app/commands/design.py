@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -118,12 +120,15 @@ def design_command(
     if as_json:
         print_json_file(out / "design.json")
     else:
-        show_design(design, out, after)
+        notes = json.loads((out / "design.json").read_text()).get("left_out", ())
+        show_design(design, out, after, notes)
     open_in_browser(out / "design.html", open_page)
     raise typer.Exit(0 if design.kept else 3)
 
 
-def show_design(design: Design, folder: Path, after: bool = False) -> None:
+def show_design(
+    design: Design, folder: Path, after: bool = False, notes: Sequence[str] = ()
+) -> None:
     """Print a designed plan: what each parameter gains or loses, its slews, its margins."""
     from bayes_inertia.app.design_folder import WHEELS_AT_REST
 
@@ -137,6 +142,8 @@ def show_design(design: Design, folder: Path, after: bool = False) -> None:
         console.print("with --after this campaign's telemetry counts too")
     console.print(_slew_table(console, design.plan))
     _show_margins(console, design)
+    for note in notes:
+        console.print(headed("note", f": {note}", style="bold yellow"))
     if not design.plan.wheel_momentum:
         console.print(WHEELS_AT_REST)
     console.print(

@@ -22,8 +22,8 @@ def effects_command(
     campaign: Annotated[
         Path | None,
         typer.Option(
-            help="List for this campaign: its wheels, and default priors on its scale. Without "
-            "it a small campaign stands for it."
+            help="List for this campaign: each of its devices, with default priors on its scale. "
+            "Without it a small campaign stands for it."
         ),
     ] = None,
     check: Annotated[
@@ -41,12 +41,15 @@ def effects_command(
     proven. Then name them anywhere: `--effects my_effects.py:MyEffect`.
     """
     from bayes_inertia.campaign.reader import read_campaign
-    from bayes_inertia.physics.effects import LIBRARY, STOCHASTIC
+    from bayes_inertia.physics.effects import LIBRARY, STOCHASTIC, candidates_in
+    from bayes_inertia.physics.forward_model import needs_gyro
     from bayes_inertia.physics.small_campaign import small_campaign
 
     flown = small_campaign() if campaign is None else read_campaign(campaign)
     if check is None:
-        _list((*LIBRARY, *STOCHASTIC), flown, as_json)
+        known = (*candidates_in(flown, LIBRARY), *STOCHASTIC)
+        has_gyro = flown.rate_sensor is not None
+        _list(tuple(e for e in known if has_gyro or not needs_gyro(e)), flown, as_json)
         return
     _check(check, None if campaign is None else flown, as_json)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -113,5 +114,7 @@ def names_in(text: str) -> list[str]:
     --------
     >>> names_in("wheel_friction, rate_bias_drift,")
     ['wheel_friction', 'rate_bias_drift']
+    >>> names_in("delay[gyro, spare]")
+    ['delay[gyro, spare]']
     """
-    return [name.strip() for name in text.split(",") if name.strip()]
+    return [name.strip() for name in re.split(r",(?![^\[]*\])", text) if name.strip()]

@@ -39,6 +39,12 @@ def series_of(campaign: Campaign) -> tuple[SensorStream, ...]:
     return tuple(stream for stream in streams_of(campaign) if stream.is_series)
 
 
+def stream_of_device(device: str, campaign: Campaign) -> SensorStream:
+    """The stream of a sensor by its name; of the first rate sensor where there is none."""
+    first = dict(zip(campaign.names, (RATE, ATTITUDE), strict=True)) | {"": RATE}
+    return first.get(device) or stream_named(device, campaign)
+
+
 def stream_named(channel: str, campaign: Campaign) -> SensorStream:
     """The stream of a channel."""
     return next(stream for stream in streams_of(campaign) if stream.name == channel)

@@ -1,4 +1,4 @@
-"""The devices of a campaign beside wheels, as effects: one small file for each kind.
+"""The devices of a campaign beside wheels, as effects.
 
 They are in every model of the campaign: no candidates of a diagnosis, and known but for a gain.
 """
@@ -13,12 +13,14 @@ import numpy as np
 
 from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magnetorquer, Thruster
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.physics.actuators.device import DeviceEffect
+from bayes_inertia.physics.actuators.device import (
+    DeviceEffect,
+    ThrusterTorque,
+    ToldTorque,
+    TorquerTorque,
+)
 from bayes_inertia.physics.actuators.gimballed_rotors import GimbalAngleNoise, RotorMomentum
-from bayes_inertia.physics.actuators.known_torque import ToldTorque
-from bayes_inertia.physics.actuators.magnetorquer import TorquerTorque
 from bayes_inertia.physics.actuators.stated_change import StatedChange
-from bayes_inertia.physics.actuators.thruster import ThrusterTorque
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
@@ -74,7 +76,7 @@ def ties_of_scale(campaign: Campaign) -> list[dict[str, Any]]:
     """
     wheels = [{"device": "wheels", "by": "momentum", "relative_sd": 0.0}]
     return (wheels if campaign.wheels else []) + [
-        {"device": e.name, "by": e.by, "relative_sd": e.device.gain_sigma}
+        {"device": e.name, "by": e.by, "relative_sd": e.record.gain_sigma}
         for e in effects_of(campaign)
         if isinstance(e, DeviceEffect)
     ]

@@ -10,7 +10,7 @@ import numpy as np
 
 from bayes_inertia.campaign.actuators import GimballedRotors
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.physics.actuators.device import DeviceEffect, gain
+from bayes_inertia.physics.actuators.device import DeviceEffect
 from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.random_basis import independent, slew_fraction
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
@@ -22,9 +22,11 @@ class RotorMomentum(DeviceEffect):
 
     by: ClassVar[str] = "momentum"
 
+    def stated(self, given):
+        return self.record.momentum @ _directions(self.record, given, jnp)[0]
+
     def carried_momentum(self, p, slew, t, inputs):
-        directions, _ = _directions(self.device, inputs[self.name], jnp)
-        return gain(p) * (self.device.momentum @ directions)
+        return self.made(p, inputs[self.name])
 
 
 @dataclass(frozen=True)
@@ -33,37 +35,37 @@ class GimbalAngleNoise(StochasticEffect):
 
     Parameters
     ----------
-    device : GimballedRotors
+    record : GimballedRotors
         Whose angles they are, with their noise.
     readings : int
         How many a slew has.
     """
 
-    device: GimballedRotors
+    record: GimballedRotors
     readings: int
 
     @property
     def name(self) -> str:  # type: ignore[override]
         """The device's name, and what it is."""
-        return f"{self.device.name} angle noise"
+        return f"{self.record.name} angle noise"
 
     @property
     def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
         """The gimbal angles."""
-        return (self.device.name,)
+        return (self.record.name,)
 
     def coefficient_count(self, campaign):
-        return self.device.columns * min(NUMERICS.tachometer_modes, self.readings)
+        return self.record.columns * min(NUMERICS.tachometer_modes, self.readings)
 
     def coefficient_root(self, p, slew, count):
-        return independent(self.device.angle_sigma / np.sqrt(self.readings), count)
+        return independent(self.record.angle_sigma / np.sqrt(self.readings), count)
 
     def carried_momentum(self, p, slew, t, inputs):
-        size = p["coefficients"].reshape(self.device.columns, -1)
+        size = p["coefficients"].reshape(self.record.columns, -1)
         mode = jnp.arange(size.shape[1])
         shape = jnp.cos(jnp.pi * mode * slew_fraction(slew, t)) * jnp.where(mode == 0, 1.0, 2**0.5)
-        _, turning = _directions(self.device, inputs[self.device.name], jnp)
-        return -(self.device.momentum * (size @ shape)) @ turning
+        _, turning = _directions(self.record, inputs[self.record.name], jnp)
+        return -(self.record.momentum * (size @ shape)) @ turning
 
 
 def _directions(device: GimballedRotors, angle: Any, xp: Any) -> tuple[Any, Any]:

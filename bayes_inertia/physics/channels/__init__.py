@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors import streams_of
-from bayes_inertia.campaign.sensors.attitude import AttitudeStream
+from bayes_inertia.campaign.sensors.attitude import ATTITUDE, AttitudeStream
 from bayes_inertia.campaign.sensors.direction import DirectionStream
 from bayes_inertia.campaign.sensors.momentum import MomentumStream
 from bayes_inertia.campaign.sensors.rate import RATE, RateStream
@@ -33,12 +33,13 @@ KINDS: Mapping[type[SensorStream], type[Channel]] = MappingProxyType(
 )
 
 
-def _mounted(channel: Channel, campaign: Campaign) -> Channel:
-    """The channel of a further sensor, whose mounting is estimated if a sd of it is stated."""
-    if channel.stream.field:
-        return channel
-    sigma = getattr(channel.stream.hardware(campaign), "mounting_sigma", None)
-    return channel if sigma is None else replace(channel, mounting=True)
+def _named(channel: Channel, campaign: Campaign) -> Channel:
+    """The channel with the sensor's name; of a further one, whether its mounting is estimated."""
+    if not channel.stream.field:
+        sigma = getattr(channel.stream.hardware(campaign), "mounting_sigma", None)
+        return replace(channel, device=channel.name, mounting=sigma is not None)
+    first = dict(zip((RATE.name, ATTITUDE.name), campaign.names, strict=True))
+    return replace(channel, device=first.get(channel.name, ""))
 
 
 def channels_of(campaign: Campaign, drive: Drive) -> tuple[Channel, ...]:
@@ -47,11 +48,12 @@ def channels_of(campaign: Campaign, drive: Drive) -> tuple[Channel, ...]:
     channels, begin = [], 6 + axes
     for stream in streams_of(campaign):
         channel = (KINDS.get(type(stream)) or stream.channel)(stream).of_campaign(campaign)
+        channel = _named(channel, campaign)
         if stream == RATE:
             channel = replace(channel, parameters=(6, 6 + axes))
         elif isinstance(stream, MomentumStream):
             channel = replace(channel, compared=drive == "commanded")
-        elif own := (channel := _mounted(channel, campaign)).every_parameter(campaign):
+        elif own := channel.every_parameter(campaign):
             end = begin + sum(len(parameter.names) for parameter in own)
             channel, begin = replace(channel, parameters=(begin, end)), end
         channels.append(channel)

@@ -67,12 +67,15 @@ class Channel(ABC):
         Where its parameters begin and end in theta.
     mounting : bool
         Whether the last three are a rotation of the sensor from where it is said to sit.
+    device : str
+        What effects call the sensor.
     """
 
     stream: SensorStream
     compared: bool = True
     parameters: tuple[int, int] = (0, 0)
     mounting: bool = False
+    device: str = ""
 
     # Hook of `Effect` by which effects reach the readings.
     hook: ClassVar[str]
@@ -153,12 +156,23 @@ class Channel(ABC):
         """What a perfect sensor would give along a trajectory (n, columns)."""
 
     def with_effect(
-        self, effect: Effect, p: Any, slew: SlewContext, trajectory: Trajectory, values: Array
+        self,
+        effect: Effect,
+        p: Any,
+        constants: Any,
+        slew: SlewContext,
+        trajectory: Trajectory,
+        values: Array,
     ) -> Array:
-        """`values` as an effect leaves them."""
-        if not self.stream.field:
-            return values  # Effects are those of the first sensor of a kind.
+        """`values` as an effect leaves them: one of this sensor, or of the first of its kind."""
+        if effect.device != self.device and (effect.device or not self.stream.field):
+            return values
+        slew = self.context(constants, slew)
         return getattr(effect, self.hook)(p, slew, trajectory, values)
+
+    def context(self, constants: Any, slew: SlewContext) -> SlewContext:
+        """What an effect of this sensor knows of the slew."""
+        return slew
 
     def read(self, parameters: Array, values: Array) -> Array:
         """What the sensor reports of `values`, by its own `parameters`."""

@@ -55,7 +55,7 @@ class DirectionChannel(SeparateColumns):
     is_field: bool = False
     errors: tuple[str, ...] = ()
 
-    hook = ""
+    hook = "direction_output"
     columns = "body_axis"
     components = "component"
     sees_attitude = True

@@ -17,7 +17,7 @@ from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.physics.actuators.gimballed_rotors import momentum_noise
 from bayes_inertia.physics.channels.channel import Channel, Readings, SensorAtFit
 from bayes_inertia.physics.parameters import Normal, Parameter, scalar
-from bayes_inertia.physics.slew_context import Trajectory
+from bayes_inertia.physics.slew_context import SlewContext, Trajectory
 from bayes_inertia.physics.slew_input import Drive, SlewInput
 
 
@@ -95,6 +95,10 @@ class RateChannel(Channel):
         return jnp.stack(
             [sum(C[i, j] * rate_B[:, j] for j in range(3)) + bias_S[i] for i in range(len(C))], -1
         )
+
+    def context(self, constants: Any, slew: SlewContext) -> SlewContext:
+        """With the axes of this sensor."""
+        return slew if self.stream.field else slew._replace(rate_axes=constants.axes)
 
     def read(self, parameters: Array, values: Array) -> Array:
         """Divided by the scale factors."""

@@ -20,16 +20,19 @@ from bayes_inertia.physics.effects.formula import Formula
 from bayes_inertia.physics.effects.gravity_gradient import GravityGradient
 from bayes_inertia.physics.effects.inertia_change import InertiaChange
 from bayes_inertia.physics.effects.magnetic_dipole import MagneticDipole
+from bayes_inertia.physics.effects.of_device import OfDevice, candidates_in
 from bayes_inertia.physics.effects.rate_bias import RateBias
 from bayes_inertia.physics.effects.rate_bias_drift import RateBiasDrift
 from bayes_inertia.physics.effects.rate_bias_instability import RateBiasInstability, RateRemainder
 from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
 from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
 from bayes_inertia.physics.effects.rate_sensor_delay import RateSensorDelay
-from bayes_inertia.physics.effects.rate_sensor_misalignment import RateSensorMisalignment
 from bayes_inertia.physics.effects.rate_sensor_nonlinearity import RateSensorNonlinearity
+from bayes_inertia.physics.effects.sensor_misalignment import (
+    RateSensorMisalignment,
+    StarTrackerMisalignment,
+)
 from bayes_inertia.physics.effects.star_tracker_low_frequency import StarTrackerLowFrequency
-from bayes_inertia.physics.effects.star_tracker_misalignment import StarTrackerMisalignment
 from bayes_inertia.physics.effects.star_tracker_shift import StarTrackerShift
 from bayes_inertia.physics.effects.star_tracker_time_offset import StarTrackerTimeOffset
 from bayes_inertia.physics.effects.tachometer_noise_walk import TachometerNoiseWalk
@@ -113,11 +116,12 @@ __all__ = [
     "WheelTorqueGain",
     "WheelTorqueNoise",
     "by_name",
+    "candidates_in",
 ]
 
 
 def by_name(names: Sequence[str]) -> tuple[Effect, ...]:
-    """The effects with these names, of the library or without a fixed shape.
+    """The effects with these names: of the library, without a fixed shape, or of one device.
 
     Examples
     --------
@@ -127,7 +131,7 @@ def by_name(names: Sequence[str]) -> tuple[Effect, ...]:
     known = {effect.name: effect for effect in (*LIBRARY, *STOCHASTIC)}
     for name in names:
         with suppress(KeyError):
-            known.setdefault(name, Formula.of_name(name))
+            known.setdefault(name, OfDevice.of_name(name) or Formula.of_name(name))
         if name not in known:
             near = difflib.get_close_matches(name, known, n=3, cutoff=0.4) or list(known)
             raise EffectError(

@@ -60,10 +60,11 @@ class EachSlew(Effect):
         >>> EachSlew.of(WheelCommandLag(), campaign).parameters(campaign)[0].names[:2]
         ('tau_1', 'tau_2')
         """
+        inner = inner.in_campaign(campaign)
         parameters = inner.parameters(campaign)
         scalars = tuple(p.name for p in parameters if not p.components)
         nulls = tuple((p.name, p.null) for p in parameters)
-        return cls(inner, len(campaign.slews), scalars, nulls)
+        return cls(inner, len(campaign.slews), scalars, nulls, device=inner.device)
 
     @property
     def name(self) -> str:  # type: ignore[override]
@@ -147,6 +148,9 @@ class EachSlew(Effect):
 
     def attitude_output(self, p, slew, trajectory, attitude):
         return self._call("attitude_output", p, slew, trajectory, attitude)
+
+    def direction_output(self, p, slew, trajectory, seen_B):
+        return self._call("direction_output", p, slew, trajectory, seen_B)
 
     def momentum_output(self, p, slew, trajectory, momentum):
         return self._call("momentum_output", p, slew, trajectory, momentum)

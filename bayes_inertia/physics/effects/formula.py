@@ -347,6 +347,8 @@ class Formula(Effect):
         What is taken off an input of one number; a diagnosis takes its mean in the campaign.
     prior_scale : float, optional
         What the sds of its priors are multiplied by in a `Model`.
+    device : str, optional
+        As of `Effect`; nothing here.
 
     Raises
     ------

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.effects.scales import rate_axes
+from bayes_inertia.physics.effects.scales import gyro_of, rate_axes
 from bayes_inertia.physics.parameters import Normal, vector
 
 
@@ -34,13 +34,15 @@ class RateBias(Effect):
     """
 
     name: ClassVar[str] = "rate_bias"
+    kind: ClassVar[str] = "bias"
     sigma: float | None = None
 
     def parameters(self, campaign):
-        sigma = (
-            self.sigma if self.sigma is not None else 10.0 * float(np.max(campaign.gyro.bias_sigma))
-        )
-        return (vector("bias", rate_axes(campaign), unit="rad/s", prior=Normal(0.0, sigma)),)
+        sigma = self.sigma
+        if sigma is None:
+            sigma = 10.0 * float(np.max(gyro_of(campaign, self.device).bias_sigma))
+        axes = rate_axes(campaign, self.device)
+        return (vector("bias", axes, unit="rad/s", prior=Normal(0.0, sigma)),)
 
     def looks_between_rows(self, campaign):
         return False

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.effects.scales import rate_axes
+from bayes_inertia.physics.effects.scales import gyro_of, rate_axes
 from bayes_inertia.physics.parameters import Normal, vector
 
 
@@ -34,14 +34,17 @@ class RateBiasDrift(Effect):
     """
 
     name: ClassVar[str] = "rate_bias_drift"
+    kind: ClassVar[str] = "bias_drift"
     sigma: float | None = None
 
     def parameters(self, campaign):
         sigma = self.sigma
         if sigma is None:
             first, last = campaign.span
-            sigma = 20.0 * float(np.max(campaign.gyro.bias_sigma)) / (last - first)
-        return (vector("drift", rate_axes(campaign), unit="rad/s^2", prior=Normal(0.0, sigma)),)
+            bias_sigma = gyro_of(campaign, self.device).bias_sigma
+            sigma = 20.0 * float(np.max(bias_sigma)) / (last - first)
+        axes = rate_axes(campaign, self.device)
+        return (vector("drift", axes, unit="rad/s^2", prior=Normal(0.0, sigma)),)
 
     def looks_between_rows(self, campaign):
         return False

@@ -43,6 +43,8 @@ class RateRandomWalk(StochasticEffect):
         readings, of the size that belongs to it, and is filtered out.
     prior_scale : float, optional
         Of every effect; nothing here, because the prior is log-normal.
+    device : str, optional
+        As of `Effect`; nothing here.
 
     References
     ----------

@@ -39,6 +39,7 @@ class RateSensorDelay(Effect):
     """
 
     name: ClassVar[str] = "rate_sensor_delay"
+    kind: ClassVar[str] = "delay"
     sigma: float | None = None
 
     def parameters(self, campaign):
@@ -50,6 +51,33 @@ class RateSensorDelay(Effect):
 
     def rate_output(self, p, slew, trajectory, rate_S):
         return _at(slew, rate_S, slew.time - p["tau"])
+
+
+@dataclass(frozen=True)
+class DirectionDelay(RateSensorDelay):
+    """A sensor of directions or of a field reports what it saw tau >= 0 earlier.
+
+    Parameters
+    ----------
+    sigma : float or None, optional
+        As of `RateSensorDelay`.
+
+    Examples
+    --------
+    >>> DirectionDelay(device="sun").name
+    'delay[sun]'
+    """
+
+    name: ClassVar[str] = "direction_delay"
+
+    def rate_output(self, p, slew, trajectory, rate_S):
+        return rate_S
+
+    def acts(self, hook):
+        return hook == "direction_output"
+
+    def direction_output(self, p, slew, trajectory, seen_B):
+        return _at(slew, seen_B, slew.time - p["tau"])
 
 
 def _at(slew: SlewContext, rows: Array, times: Array) -> Array:

@@ -7,8 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from bayes_inertia.campaign.sensors import stream_of_device
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.effects.scales import rate_axes
+from bayes_inertia.physics.effects.scales import gyro_of, rate_axes
 from bayes_inertia.physics.parameters import Normal, vector
 
 
@@ -32,15 +33,19 @@ class RateSensorNonlinearity(Effect):
     """
 
     name: ClassVar[str] = "rate_sensor_nonlinearity"
+    kind: ClassVar[str] = "nonlinearity"
     sigma: float = 0.003
 
     def parameters(self, campaign):
+        stream = stream_of_device(self.device, campaign)
         full = max(
-            float(np.max(np.abs(s.rate), where=campaign.valid_readings(s), initial=0.0))
+            float(np.max(np.abs(stream.values(s)), where=stream.valid(campaign, s), initial=0.0))
             for s in campaign.slews
+            if stream.of(s) is not None
         )
-        full = max(full, float(np.mean(campaign.gyro.sigma)))
-        axes, second, third = rate_axes(campaign), self.sigma / full, self.sigma / full**2
+        full = max(full, float(np.mean(gyro_of(campaign, self.device).sigma)))
+        axes = rate_axes(campaign, self.device)
+        second, third = self.sigma / full, self.sigma / full**2
         return (
             vector("quadratic", axes, unit="s/rad", prior=Normal(0.0, second)),
             vector("cubic", axes, unit="s^2/rad^2", prior=Normal(0.0, third)),

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import axis_names
+from bayes_inertia.campaign.hardware import RateSensor, axis_names
 from bayes_inertia.physics.parameters import LogNormal, Parameter, Prior, scalar, vector
 
 
@@ -35,15 +35,22 @@ def torque_scale(campaign: Campaign) -> float:
     return inertia * rate / duration
 
 
-def rate_axes(campaign: Campaign | None) -> Sequence[str]:
-    """Names of the rate sensor's axes: x, y and z of three, else 1 to n; none without one.
+def gyro_of(campaign: Campaign, device: str) -> RateSensor:
+    """The rate sensor that an effect acts on: the first where it names none."""
+    return campaign.sensors[device] if device else campaign.gyro
+
+
+def rate_axes(campaign: Campaign | None, device: str = "") -> Sequence[str]:
+    """Names of a rate sensor's axes: x, y and z of three, else 1 to n; none without one.
 
     Examples
     --------
     >>> rate_axes(None)
     ('x', 'y', 'z')
     """
-    return tuple("xyz") if campaign is None else axis_names(campaign.rate_sensor)
+    if campaign is None:
+        return tuple("xyz")
+    return axis_names(campaign.sensors[device] if device else campaign.rate_sensor)
 
 
 def per_wheel(

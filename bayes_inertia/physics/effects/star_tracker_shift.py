@@ -35,12 +35,14 @@ class StarTrackerShift(Effect):
     """
 
     name: ClassVar[str] = "star_tracker_shift"
+    kind: ClassVar[str] = "shift"
     sigma: float | None = None
 
     def parameters(self, campaign):
         sigma = self.sigma
         if sigma is None:
-            sigma = 20.0 * campaign.star_tracker.sigma_cross if campaign.star_tracker else 5e-4
+            tracker = campaign.sensors.get(self.device or campaign.names[1])
+            sigma = 20.0 * tracker.sigma_cross if tracker else 5e-4
         return (vector("shift", "xyz", unit="rad", prior=Normal(0.0, sigma)),)
 
     def looks_between_rows(self, campaign):

@@ -35,6 +35,7 @@ class StarTrackerTimeOffset(Effect):
     """
 
     name: ClassVar[str] = "star_tracker_time_offset"
+    kind: ClassVar[str] = "delay"
     sigma: float | None = None
 
     def parameters(self, campaign):
