@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
-from bayes_inertia.campaign.actuators import Magnetorquer
+from bayes_inertia.campaign.actuators import Magnetorquer, Thruster
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import Description, Entry, SlewTables
 from bayes_inertia.campaign.inputs import InputStream
@@ -116,8 +116,10 @@ def _planned_slew(
     parsed: Description, part: SlewTables, duration: float, first: Rotation
 ) -> tuple[Slew, np.ndarray]:
     """A slew that begins at an attitude, and its rate then (3,) [rad/s]."""
-    assert part.axis is not None and part.angle_deg is not None
-    axis, angle = np.array(part.axis), np.deg2rad(part.angle_deg)
+    assert part.axis is not None
+    assert part.angle_deg is not None
+    axis: Any = np.array(part.axis)
+    angle = float(np.deg2rad(part.angle_deg))
     step, row = duration / _ROWS, np.arange(_ROWS + 1)
     sense = np.zeros(_ROWS + 1)
     if parsed.wheels or parsed.actuators:
@@ -134,29 +136,33 @@ def _planned_slew(
         part.name,
         part.start,
         row * step,
-        attitude=attitude.as_quat(),
         magnetic_field_N=orbit.magnetic_field_N,
-        axis_B=tuple(part.axis),
-        angle=float(angle),
+        axis_B=axis,
+        angle=angle,
     )
-    slew = replace(slew, inputs=_inputs(parsed, slew, torque_B) or None)
-    return _with_readings(parsed, slew, rate[:, None] * axis, torque_B), rate[0] * axis
+    slew = replace(slew, inputs=_inputs(parsed, slew, attitude, torque_B) or None)
+    slew = _with_readings(parsed, slew, attitude, rate[:, None] * axis, torque_B)
+    return slew, rate[0] * axis
 
 
-def _inputs(parsed: Description, slew: Slew, torque_B: np.ndarray) -> dict[str, InputStream]:
+def _inputs(
+    parsed: Description, slew: Slew, attitude: Rotation, torque_B: np.ndarray
+) -> dict[str, InputStream]:
     """What devices beside wheels are told, to give a torque (n, 3) [N m]."""
-    between = {entry.field: getattr(entry.columns, "between", "") for entry in parsed.entries}
+    between: dict[str, Any] = {
+        entry.field: getattr(entry.columns, "between", "hold") for entry in parsed.entries
+    }
     rows = np.arange(0, _ROWS, _EVERY_INPUT)
     time, wanted_B = slew.time[rows], torque_B[rows]
     inputs = {}
     for device in parsed.actuators:
         form = between[INPUTS + device.name]
         if isinstance(device, Magnetorquer):
-            turn = Rotation.from_quat(slew.attitude[rows])
-            field_B = turn.inv().apply(slew.magnetic_field_N[rows])
+            field_B = attitude[rows].inv().apply(np.asarray(slew.magnetic_field_N)[rows])
             dipole_B = np.cross(field_B, wanted_B) / np.sum(field_B**2, axis=1, keepdims=True)
             values = dipole_B @ np.linalg.pinv(np.asarray(device.axes_B))
         else:
+            assert isinstance(device, Thruster), f"no example flies {device}"
             levels = [nnls(np.asarray(device.torque_B).T, torque)[0] for torque in wanted_B]
             values = np.clip(levels, 0.0, 1.0) * (time[1] if form == "on_time" else 1.0)
         inputs[device.name] = InputStream(time, _rounded(values), form)
@@ -164,32 +170,32 @@ def _inputs(parsed: Description, slew: Slew, torque_B: np.ndarray) -> dict[str, 
 
 
 def _with_readings(
-    parsed: Description, slew: Slew, rate_B: np.ndarray, torque_B: np.ndarray
+    parsed: Description, slew: Slew, attitude: Rotation, rate_B: np.ndarray, torque_B: np.ndarray
 ) -> Slew:
-    """The slew with readings where there will be some, of about their size."""
-    turn = Rotation.from_quat(slew.attitude)
-    wheels = np.linalg.pinv(np.array([w.axis_B for w in parsed.wheels]).T) if parsed.wheels else None
+    """The slew with readings where there will be some, of about their size, and its commands."""
+    to_wheels = -np.linalg.pinv(np.array([w.axis_B for w in parsed.wheels]).reshape(-1, 3))
     momentum_B = rate_B @ parsed.inertia.tensor
-    more, sensors = {}, dict(parsed.more_sensors)
-    fields: dict[str, Any] = {"attitude": None}
+    sensors = dict(parsed.more_sensors)
+    more: dict[str, np.ndarray] = {}
+    fields: dict[str, Any] = {}
     for entry in parsed.entries:
         name = entry.field.removeprefix(MORE)
-        sensor = sensors.get(name, parsed.rate_sensor)
-        given = {
-            "rate": lambda sensor=sensor: rate_B @ np.asarray(sensor.axes).T,
-            "attitude": turn.as_quat,
-            "direction": lambda sensor=sensor: turn.inv().apply(
-                slew.magnetic_field_N if sensor.is_field else sensor.reference_N
-            ),
-            "wheel_torque": lambda: _rounded(-torque_B @ wheels.T),
-            "wheel_momentum": lambda: -momentum_B @ wheels.T,
-            "wheel_speed": lambda: -momentum_B @ wheels.T,
-        }.get(entry.key)
-        if given is None:
+        sensor: Any = sensors.get(name, parsed.rate_sensor)
+        if entry.key == "wheel_torque":  # which is held, and so known in every row
+            fields[name] = _rounded(torque_B @ to_wheels)
             continue
-        values = given()
-        if entry.key != "wheel_torque":  # which is held
-            values[np.arange(_ROWS + 1) % _EVERY.get(entry.key, 1) > 0] = np.nan
+        if entry.key == "rate":
+            values = rate_B @ sensor.axes.T
+        elif entry.key == "attitude":
+            values = attitude.as_quat()
+        elif entry.key == "direction":
+            seen_N = slew.magnetic_field_N if sensor.is_field else sensor.reference_N
+            values = attitude.inv().apply(seen_N)
+        elif entry.key in ("wheel_momentum", "wheel_speed"):
+            values = momentum_B @ to_wheels
+        else:
+            continue
+        values[np.arange(_ROWS + 1) % _EVERY.get(entry.key, 1) > 0] = np.nan
         (more if name != entry.field else fields)[name] = values
     return replace(slew, **fields, more=more or None)
 
@@ -208,9 +214,7 @@ def _readings(
     data = replace(model.data, arrays=arrays)
     seen = jax.jit(predict_all, static_argnums=0)(model.structure, theta, local, bias, data)
     told = {}
-    for channel, given, values in zip(
-        model.channels, arrays.telemetry.readings, seen, strict=True
-    ):
+    for channel, given, values in zip(model.channels, arrays.telemetry.readings, seen, strict=True):
         valid, row = np.asarray(given.valid), np.asarray(given.row)
         noise = channel.noise(model.campaign, theta, "commanded")
         unit = rng.standard_normal(valid.shape)
