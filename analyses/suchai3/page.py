@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,10 @@ from typing import Any
 from jinja2 import Environment
 from matplotlib.figure import Figure
 
+from analyses import results_of
 from analyses.pages.figures import save_svg
 from analyses.suchai3.spin import SPIN_SIGMA
+from bayes_inertia.files import write_atomically
 from bayes_inertia.report.pictures import style
 from bayes_inertia.version import __version__
 
@@ -92,6 +95,11 @@ def _picture(content: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def draw(content: Mapping[str, Any]) -> None:
-    """Write the figure."""
+def write_page() -> None:
+    """Write page and figures from the committed numbers of both studies."""
+    folder = results_of(__file__)
+    content = json.loads((folder / "tumble.json").read_text())
+    held_out = folder / "held_out.json"
+    content["held_out"] = json.loads(held_out.read_text()) if held_out.exists() else None
+    write_atomically(folder / "tumble.md", page(content))
     save_svg(_picture(quoted(content)), "suchai3")
