@@ -82,6 +82,8 @@ def page(content: Mapping[str, Any]) -> str:
         difference=_DIFFERENCE,
         spin_sigma=SPIN_SIGMA,
         torque_sum=1e9 * _mean_torque(content["spin"]),
+        old=content["fits"]["sessions of 2023"]["parameters"]["magnetometer.offset_x"],
+        new=content["fits"]["sessions of 2024"]["parameters"]["magnetometer.offset_x"],
         share=partial(within, content["held_out"]),
         apart=partial(apart, content["held_out"]),
     )
