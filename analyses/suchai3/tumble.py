@@ -17,7 +17,7 @@ import numpy as np
 
 from analyses import results_of
 from analyses.suchai3.campaign import CAD, DEGREE, Setup, campaign
-from analyses.suchai3.page import draw, page
+from analyses.suchai3.page import write_page
 from analyses.suchai3.spin import histories, spin_history
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.files import write_atomically
@@ -68,9 +68,14 @@ def ratios_of(tensors: np.ndarray) -> Ratios:
     )
 
 
-def fitted(flown: Campaign) -> dict[str, Any]:
-    """Numbers of one fit."""
-    found = estimate(Model(flown), starts=1)
+def fitted(flown: Campaign) -> Estimate:
+    """One fit."""
+    return estimate(Model(flown), starts=1)
+
+
+def numbers_of(found: Estimate) -> dict[str, Any]:
+    """What the page says of a fit."""
+    flown = found.model.campaign
     rng = np.random.default_rng(SEED)
     drawn = rng.multivariate_normal(found.theta, found.covariance, size=DRAWS, method="svd")
     Jxx, Jyy, Jzz, Jxy, Jxz, Jyz = drawn[:, :6].T
@@ -104,7 +109,7 @@ def main() -> None:
     }
     found = {}
     for name, part in parts.items():
-        found[name] = fitted(part)
+        found[name] = numbers_of(fitted(part))
         print(name, found[name]["reduced_chi2"], flush=True)
     spin = spin_history(flown, found["all sessions"]["parameters"])
     content = {
@@ -115,8 +120,7 @@ def main() -> None:
     }
     RESULTS.mkdir(parents=True, exist_ok=True)
     write_atomically(RESULTS / "tumble.json", json.dumps(content, indent=1) + "\n")
-    write_atomically(RESULTS / "tumble.md", page(content))
-    draw(content)
+    write_page()
 
 
 if __name__ == "__main__":

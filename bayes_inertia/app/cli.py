@@ -29,6 +29,7 @@ from bayes_inertia.app.commands.export import export_command
 from bayes_inertia.app.commands.fit import fit_command
 from bayes_inertia.app.commands.fit_many import fit_many_command
 from bayes_inertia.app.commands.import_raw import import_command
+from bayes_inertia.app.commands.new import new_command
 from bayes_inertia.app.commands.observe import observe_command
 from bayes_inertia.app.commands.report import report_command
 from bayes_inertia.app.commands.resume import resume_command
@@ -43,6 +44,7 @@ from bayes_inertia.errors import BayesInertiaError
 from bayes_inertia.version import __version__
 
 COMMANDS: dict[str, Callable[..., None]] = {
+    "new": new_command,
     "import": import_command,
     "check": check_command,
     "fit": fit_command,

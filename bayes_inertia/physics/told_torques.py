@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.campaign.body_rates import attitudes_seen, first_attitude_by_rates
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import body_rates
 from bayes_inertia.maths import quaternion
@@ -83,7 +84,7 @@ def _measured_motion(
     campaign: Campaign, slew: int, grid: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Body rate (n, 3) and attitude (n, 4) on the grid (n,) that the readings tell."""
-    campaign = campaign.with_body_rates
+    original, campaign = campaign, campaign.with_body_rates
     of, sensor = campaign.slews[slew], campaign.gyro
     time = of.time - of.time[0]
     readings = np.where(campaign.valid_readings(of), np.asarray(of.rate), np.nan)
@@ -91,12 +92,15 @@ def _measured_motion(
     rate_B = body_rates(sensor, read, sensor.scale_factor)
     turns = 0.5 * (rate_B[1:] + rate_B[:-1]) * np.diff(grid)[:, None]
     path = np.asarray(_accumulated(jnp.asarray(turns)))
-    fixes = np.flatnonzero(of.fixes)
-    if of.attitude is None or not len(fixes):
-        return rate_B, path
-    at = int(np.searchsorted(grid, time[fixes[0]]))
-    start = quaternion.multiply(jnp.asarray(of.attitude[fixes[0]]), quaternion.conjugate(path[at]))
-    return rate_B, np.asarray(quaternion.multiply(start, jnp.asarray(path)))
+    rows, seen, _ = attitudes_seen(original, original.slews[slew])
+    if not len(rows):
+        first = first_attitude_by_rates(original, original.slews[slew])
+        rows, seen = np.zeros(1, dtype=int), np.array([path[0] if first is None else first])
+    at = np.searchsorted(grid, time[rows])
+    # What each seen attitude says of the first moment; the nearest one counts, for a bias drifts.
+    begun = quaternion.multiply(jnp.asarray(seen), quaternion.conjugate(jnp.asarray(path[at])))
+    nearest = np.searchsorted(0.5 * (grid[at][1:] + grid[at][:-1]), grid)
+    return rate_B, np.asarray(quaternion.multiply(begun[nearest], jnp.asarray(path)))
 
 
 @jax.jit

@@ -95,6 +95,19 @@ def test_rates_have_one_column_an_axis(flown):
         replace(flown.campaign, rate_sensor=RateSensor(1e-5, np.eye(3)[:2]))
 
 
+def test_gyros_of_different_axes_have_their_own_dimension_in_a_posterior(flown):
+    slews = tuple(replace(slew, more={"mems": slew.rate[:, :2]}) for slew in flown.campaign.slews)
+    sensors = (("mems", RateSensor(1e-4, np.eye(3)[:2])),)
+    model = Model(replace(flown.campaign, slews=slews, more_sensors=sensors))
+    lengths: dict[str, set[int]] = {}
+    for channel, given in zip(model.channels, model.data.arrays.telemetry.readings, strict=True):
+        lengths.setdefault(channel.axes[-1], set()).add(given.values.shape[-1])
+        lengths.setdefault(channel.residual_axes[-1], set()).add(given.valid.shape[-1])
+    assert lengths["sensor_axis"] == {3}
+    assert lengths["mems_axis"] == {2}
+    assert all(len(of_name) == 1 for of_name in lengths.values())
+
+
 SUN_N = np.array([0.5, 0.7, 0.51]) / np.linalg.norm([0.5, 0.7, 0.51])
 OFFSET = np.array([3e-7, -2e-7, 1e-7])
 SCALE = np.array([0.02, -0.01, 0.015])

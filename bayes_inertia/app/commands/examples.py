@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 EXAMPLES: Mapping[str, tuple[str, ...]] = {
+    "new": ("new campaign --like cubesat",),
     "import": (
         "import gyro.csv wheels.csv --start mapping.toml",
         "import gyro.csv wheels.csv --using mapping.toml -o campaign",

@@ -43,6 +43,17 @@ class RateChannel(Channel):
     hook = "rate_output"
     columns = components = "sensor_axis"
 
+    @property
+    def axes(self) -> tuple[str, str, str]:
+        """A further rate sensor may have another number of axes."""
+        own = self.columns if self.stream.field else f"{self.name}_axis"
+        return (*super().axes[:2], own)
+
+    @property
+    def residual_axes(self) -> tuple[str, str, str]:
+        """One residual a reading."""
+        return self.axes
+
     def readings(self, campaign: Campaign, slew: Slew) -> Readings:
         """Those inside the sensor's range."""
         rows, known = np.arange(len(slew.time)), self.stream.of(slew)

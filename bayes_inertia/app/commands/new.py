@@ -1,0 +1,63 @@
+"""`new`: a commented campaign to begin with, and a flight of it."""
+
+from __future__ import annotations
+
+import json
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bayes_inertia.app.commands.options import Seed
+from bayes_inertia.app.terminal import progress_bar, say
+from bayes_inertia.errors import SettingsError
+from bayes_inertia.files import text_of, write_new_files
+
+NewFolder = Annotated[Path, typer.Argument(help="Folder for the campaign; made if absent.")]
+Like = Annotated[
+    str,
+    typer.Option(
+        help="Which spacecraft: microsat, cubesat, gyroless, two-gyros, spinner, thruster or "
+        "torquers."
+    ),
+]
+
+
+def new_command(folder: NewFolder, like: Like = "microsat", seed: Seed = 1) -> None:
+    """Write a commented campaign to begin with: a spacecraft like yours, and a simulated flight.
+
+    Every key stands in campaign.toml with its unit. `check`, `doctor` and `fit` work at once; what
+    the fit should find is in truth.json.
+    """
+    text = template(like)
+    with progress_bar() as progress:
+        progress("flying the slews", 0, 0)
+        from bayes_inertia.campaign.writer import files_of
+        from bayes_inertia.flight.example_flight import example_flight
+
+        flight = example_flight(text, f"{like}.toml", seed)
+    truth = json.dumps(flight.truth, indent=1) + "\n"
+    content = {"truth.json": truth.encode(), **files_of(text, flight.tables)}
+    write_new_files(folder, content, holds="campaign")
+    say(f"wrote campaign.toml, {len(flight.tables)} tables and truth.json in {folder}")
+    say(f"next: bayes-inertia fit {folder} -o run")
+
+
+def templates() -> dict[str, str]:
+    """The text of each commented campaign, by its name."""
+    found = (files("bayes_inertia") / "templates").iterdir()
+    texts = {each.name: text_of(each.read_bytes(), each.name) for each in found}
+    return {name.removesuffix(".toml"): text for name, text in sorted(texts.items())}
+
+
+def template(name: str) -> str:
+    """The text of one commented campaign."""
+    known = templates()
+    if name not in known:
+        raise SettingsError(
+            f"no spacecraft is called {name!r}",
+            where="--like",
+            advice=f"choose among {', '.join(known)}",
+        )
+    return known[name]

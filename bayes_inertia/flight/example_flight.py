@@ -1,0 +1,262 @@
+"""Telemetry for a description that has none: its own devices fly it, at a truth that is drawn.
+
+The forward model is the spacecraft, so whatever a description may hold flies: wheels, thrusters,
+torquers or nothing. J, K and all else that the description leaves in doubt are one draw of its
+prior; commands are those that would make each slew, were J at its mean. The loop is open.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import jax
+import numpy as np
+from scipy.optimize import nnls
+from scipy.spatial.transform import Rotation
+
+from bayes_inertia.campaign.actuators import Magnetorquer, Thruster
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.description import Description, Entry, SlewTables
+from bayes_inertia.campaign.inputs import InputStream
+from bayes_inertia.campaign.parsed_description import parse_description
+from bayes_inertia.campaign.schema import UNITS
+from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.campaign.slew_parts import INPUTS, MORE
+from bayes_inertia.flight.orbit import Orbit
+from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.prediction import predict_all
+from bayes_inertia.physics.slew_input import Start
+from bayes_inertia.tables.number_table import Table
+
+# A slew lasts for this share of the time to the next one.
+_FLOWN_SHARE = 0.75
+_ROWS = 600  # steps of a slew; the shares of rest below are whole numbers of all kinds of rows
+_REST = _ROWS // 10  # before and after the rotation
+# One reading, or command, every so many steps.
+_EVERY = {"wheel_torque": 2, "wheel_momentum": 2, "wheel_speed": 2, "attitude": 10, "direction": 5}
+_EVERY_INPUT = 10
+_DIGITS = 10  # significant, of numbers in the tables
+
+
+@dataclass(frozen=True)
+class ExampleFlight:
+    """What a description's devices told.
+
+    Parameters
+    ----------
+    tables : mapping of str to Table
+        By file.
+    truth : dict
+        J, K and every other parameter as they were.
+    """
+
+    tables: Mapping[str, Table]
+    truth: dict[str, Any]
+
+
+def example_flight(description: str, label: str, seed: int) -> ExampleFlight:
+    """Fly the slews of a description, which knows no tables yet.
+
+    `label`: the description, as messages name it.
+    """
+    parsed = parse_description(description, label)
+    rng = np.random.default_rng(seed)
+    planned, starts = _planned(parsed, rng)
+    model = Model(planned)
+    theta = model.draw_prior(rng, 1)[0]
+    bias = rng.standard_normal(model.n_bias)
+    readings = _readings(model, theta, bias, starts, rng)
+    tables: dict[str, Table] = {}
+    for k, part in enumerate(parsed.slews):
+        told = _told_beside(planned.slews[k]) | {name: given[k] for name, given in readings.items()}
+        for entry in parsed.entries:
+            _add_columns(tables, parsed, part, entry, *told[entry.field])
+    scale = np.asarray(model.data.scale.bias)
+    return ExampleFlight(tables, _truth(model, theta, bias * scale, seed))
+
+
+def _truth(model: Model, theta: np.ndarray, bias: np.ndarray, seed: int) -> dict[str, Any]:
+    return {
+        "J_kgm2": np.asarray(inertia_tensor.tensor(theta[:6])).tolist(),
+        "K": theta[6 : model.n_base].tolist(),
+        "b_radps": bias.tolist(),
+        "parameters": dict(zip(model.space.names, theta.tolist(), strict=True)),
+        "seed": seed,
+    }
+
+
+def _planned(parsed: Description, rng: np.random.Generator) -> tuple[Campaign, Start]:
+    """The campaign as it is meant, and how each slew begins."""
+    begin = [part.start for part in parsed.slews]
+    gaps = np.diff([*begin, 2.0 * begin[-1] - begin[-2]])
+    first = Rotation.random(len(begin), rng=rng)
+    slews, rates = [], []
+    for part, gap, attitude in zip(parsed.slews, gaps, first, strict=True):
+        slew, rate_B = _planned_slew(parsed, part, _FLOWN_SHARE * gap, attitude)
+        slews.append(slew)
+        rates.append(rate_B)
+    campaign = Campaign(
+        parsed.name,
+        parsed.inertia,
+        parsed.wheels,
+        parsed.rate_sensor,
+        parsed.star_tracker,
+        tuple(slews),
+        more_sensors=parsed.more_sensors,
+        actuators=parsed.actuators,
+    )
+    still: Any = np.zeros((len(begin), len(parsed.wheels)))
+    return campaign, Start(np.array(rates), first.as_quat(), still)  # type: ignore[arg-type]
+
+
+def _planned_slew(
+    parsed: Description, part: SlewTables, duration: float, first: Rotation
+) -> tuple[Slew, np.ndarray]:
+    """A slew that begins at an attitude, and its rate then (3,) [rad/s]."""
+    assert part.axis is not None
+    assert part.angle_deg is not None
+    axis: Any = np.array(part.axis)
+    angle = float(np.deg2rad(part.angle_deg))
+    step, row = duration / _ROWS, np.arange(_ROWS + 1)
+    sense = np.zeros(_ROWS + 1)
+    if parsed.wheels or parsed.actuators:
+        sense[_REST : _ROWS // 2], sense[_ROWS // 2 : _ROWS - _REST] = 1.0, -1.0
+        acceleration = angle / ((_ROWS // 2 - _REST) * step) ** 2
+        rate = acceleration * step * np.append(0.0, np.cumsum(sense)[:-1])
+    else:  # It spins as it is.
+        acceleration, rate = 0.0, np.full(_ROWS + 1, angle / duration)
+    turned = np.append(0.0, np.cumsum(0.5 * step * (rate[1:] + rate[:-1])))
+    attitude = first * Rotation.from_rotvec(turned[:, None] * axis)
+    orbit = Orbit().environment(part.start + row * step)
+    torque_B = acceleration * sense[:, None] * (parsed.inertia.tensor @ axis)
+    slew = Slew(
+        part.name,
+        part.start,
+        row * step,
+        magnetic_field_N=orbit.magnetic_field_N,
+        axis_B=axis,
+        angle=angle,
+    )
+    slew = replace(slew, inputs=_inputs(parsed, slew, attitude, torque_B) or None)
+    slew = _with_readings(parsed, slew, attitude, rate[:, None] * axis, torque_B)
+    return slew, rate[0] * axis
+
+
+def _inputs(
+    parsed: Description, slew: Slew, attitude: Rotation, torque_B: np.ndarray
+) -> dict[str, InputStream]:
+    """What devices beside wheels are told, to give a torque (n, 3) [N m]."""
+    between: dict[str, Any] = {
+        entry.field: getattr(entry.columns, "between", "hold") for entry in parsed.entries
+    }
+    rows = np.arange(0, _ROWS, _EVERY_INPUT)
+    time, wanted_B = slew.time[rows], torque_B[rows]
+    inputs = {}
+    for device in parsed.actuators:
+        form = between[INPUTS + device.name]
+        if isinstance(device, Magnetorquer):
+            field_B = attitude[rows].inv().apply(np.asarray(slew.magnetic_field_N)[rows])
+            dipole_B = np.cross(field_B, wanted_B) / np.sum(field_B**2, axis=1, keepdims=True)
+            values = dipole_B @ np.linalg.pinv(np.asarray(device.axes_B))
+        else:
+            assert isinstance(device, Thruster), f"no example flies {device}"
+            levels = [nnls(np.asarray(device.torque_B).T, torque)[0] for torque in wanted_B]
+            values = np.clip(levels, 0.0, 1.0) * (time[1] if form == "on_time" else 1.0)
+        inputs[device.name] = InputStream(time, _rounded(values), form)
+    return inputs
+
+
+def _with_readings(
+    parsed: Description, slew: Slew, attitude: Rotation, rate_B: np.ndarray, torque_B: np.ndarray
+) -> Slew:
+    """The slew with readings where there will be some, of about their size, and its commands."""
+    to_wheels = -np.linalg.pinv(np.array([w.axis_B for w in parsed.wheels]).reshape(-1, 3))
+    momentum_B = rate_B @ parsed.inertia.tensor
+    sensors = dict(parsed.more_sensors)
+    more: dict[str, np.ndarray] = {}
+    fields: dict[str, Any] = {}
+    for entry in parsed.entries:
+        name = entry.field.removeprefix(MORE)
+        sensor: Any = sensors.get(name, parsed.rate_sensor)
+        if entry.key == "wheel_torque":  # which is held, and so known in every row
+            fields[name] = _rounded(torque_B @ to_wheels)
+            continue
+        if entry.key == "rate":
+            values = rate_B @ sensor.axes.T
+        elif entry.key == "attitude":
+            values = attitude.as_quat()
+        elif entry.key == "direction":
+            seen_N = slew.magnetic_field_N if sensor.is_field else sensor.reference_N
+            values = attitude.inv().apply(seen_N)
+        elif entry.key in ("wheel_momentum", "wheel_speed"):
+            values = momentum_B @ to_wheels
+        else:
+            continue
+        values[np.arange(_ROWS + 1) % _EVERY.get(entry.key, 1) > 0] = np.nan
+        (more if name != entry.field else fields)[name] = values
+    return replace(slew, **fields, more=more or None)
+
+
+def _rounded(values: np.ndarray) -> np.ndarray:
+    """Numbers as the tables will hold them."""
+    return np.vectorize(lambda x: float(f"{x:.{_DIGITS}g}"), otypes=[float])(values)
+
+
+def _readings(
+    model: Model, theta: np.ndarray, bias: np.ndarray, starts: Start, rng: np.random.Generator
+) -> dict[str, list[tuple[np.ndarray, np.ndarray]]]:
+    """Of each channel, by the field of `Slew`: times and readings of each slew, with noise."""
+    arrays = model.data.arrays._replace(reference=starts)
+    local = np.zeros((model.n_slews, model.structure.n_local))
+    data = replace(model.data, arrays=arrays)
+    seen = jax.jit(predict_all, static_argnums=0)(model.structure, theta, local, bias, data)
+    told = {}
+    for channel, given, values in zip(model.channels, arrays.telemetry.readings, seen, strict=True):
+        valid, row = np.asarray(given.valid), np.asarray(given.row)
+        noise = channel.noise(model.campaign, theta, "commanded")
+        unit = rng.standard_normal(valid.shape)
+        noisy = np.asarray(channel.moved(np.asarray(values), channel.drawn(noise, unit)))
+        there = valid.any(axis=-1)
+        told[channel.stream.field or MORE + channel.name] = [
+            (slew.time[row[k][there[k]]], noisy[k][there[k]])
+            for k, slew in enumerate(model.campaign.slews)
+        ]
+    return told
+
+
+def _told_beside(slew: Slew) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Times and values of what is no reading: commands, inputs of devices, environment."""
+    told = {INPUTS + name: (x.time, x.values) for name, x in (slew.inputs or {}).items()}
+    for field, every in (("wheel_torque", _EVERY["wheel_torque"]), ("magnetic_field_N", 10)):
+        values = getattr(slew, field)
+        if values is not None:
+            told[field] = slew.time[::every], values[::every]
+    return told
+
+
+def _add_columns(
+    tables: dict[str, Table],
+    parsed: Description,
+    part: SlewTables,
+    entry: Entry,
+    time: np.ndarray,
+    values: np.ndarray,
+) -> None:
+    """Put an entry into its table, in the units of the description."""
+    file, clock = part.files[entry.path], parsed.clock(entry)
+    unit = getattr(entry.columns, "unit", None)
+    quantity = "magnetic_field" if entry.key == "direction" else entry.key
+    if entry.key == "wheel_speed":
+        values = values / [wheel.spin_inertia for wheel in parsed.wheels]
+    values = values[:, list(entry.wheels)] if entry.wheels else values
+    values = values / (UNITS[quantity][unit] if unit else 1.0)
+    columns = dict(zip(entry.columns.names, _rounded(values).T, strict=True))
+    table = tables.get(file)
+    if table is None:
+        columns = {clock.names[0]: _rounded(time / UNITS["time"][clock.unit]), **columns}
+        tables[file] = Table(file, columns, lines=np.arange(len(time)) + 2)
+    else:
+        tables[file] = replace(table, columns=table.columns | columns)
