@@ -61,8 +61,8 @@ def page(sizes: dict[str, int], before: dict[str, int]) -> str:
         [
             "# What an installation takes on the disk",
             "",
-            "Files of the dependencies and theirs, in the versions of `constraints.txt`, without the",
-            "bytecode that Python adds (0.15 GB where all of it is compiled).",
+            "Files of the dependencies and theirs, in the versions of `constraints.txt`; without",
+            "the bytecode that Python adds (0.15 GB where all of it is compiled).",
             "",
             "| | MB |",
             "|---|---|",

@@ -39,7 +39,7 @@ READINGS = 3
 
 
 def attitudes(kernel: str, structure: int) -> Iterator[tuple[float, np.ndarray]]:
-    """Time [s since J2000 in TDB] and SPICE's quaternion, EME2000 to structure, of each attitude."""
+    """Time [s of TDB] and SPICE's quaternion, EME2000 to structure, of each attitude."""
     handle = spiceypy.dafopr(kernel)
     spiceypy.dafbfs(handle)
     while spiceypy.daffna():
