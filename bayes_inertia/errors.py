@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+from typing import Any
+
 
 class BayesInertiaError(Exception):
     """Base of all errors a user can cause or must know of.
@@ -73,3 +76,20 @@ class SettingsError(BayesInertiaError):
 
 class StudyError(BayesInertiaError):
     """A study cannot go on as it is: its workers or its scheduler are lost, or all tasks failed."""
+
+
+def library_of_extra(
+    name: str,
+    extra: str,
+    *,
+    where: str = "",
+    otherwise: str = "",
+    error: type[BayesInertiaError] = CampaignError,
+) -> Any:
+    """A module of an extra of this package; where it is absent the error names the extra."""
+    try:
+        return import_module(name)
+    except ImportError:
+        advice = f"pip install 'bayes-inertia[{extra}]'{', or ' if otherwise else ''}{otherwise}"
+        what = f"needs the package {name.partition('.')[0]}, which is not installed"
+        raise error(what, where=where, advice=advice) from None

@@ -16,7 +16,12 @@ from bayes_inertia.app.result_folder import ResultFolder, write_json
 from bayes_inertia.app.told_torques import torques_of
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.conventions.check import refuse_impossible
-from bayes_inertia.errors import BayesInertiaError, CampaignError
+from bayes_inertia.errors import (
+    BayesInertiaError,
+    CampaignError,
+    OutputError,
+    library_of_extra,
+)
 from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.settings import FitContext, Settings, usual_settings
 from bayes_inertia.maths.values import json_ready
@@ -148,7 +153,7 @@ def fit_many(
     EffectError
         If an effect is unknown.
     OutputError
-        If `out` holds something else.
+        If `out` holds something else, or pyarrow (the extra `parquet`) is not installed.
     StudyError
         If the workers are lost.
 
@@ -160,6 +165,8 @@ def fit_many(
         [(row["campaign"], row["trusted"]) for row in result.rows]
     """
     folder, out = Path(campaigns).resolve(), Path(out)
+    # Before hours of fits.
+    library_of_extra("pyarrow", "parquet", where=str(out / "fits.parquet"), error=OutputError)
     names = pinned_names(effects)
     settings = settings or usual_settings(effects_named(names))
     settings = replace(settings, seed=seed, threads=1)

@@ -13,7 +13,7 @@ import numpy as np
 from bayes_inertia.app import run_folder
 from bayes_inertia.app.result_folder import ResultFolder, write_page
 from bayes_inertia.conventions.check import refuse_impossible
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, library_of_extra
 from bayes_inertia.inference.likelihood_summary import (
     LikelihoodSummary,
     means_and_sds,
@@ -159,11 +159,10 @@ def _summary(content: Mapping[str, Any], source: Path) -> LikelihoodSummary | No
 
 
 def _of_many(fits: Path) -> list[tuple[str, LikelihoodSummary | None]]:
-    import pyarrow.parquet as pq
-
     path = fits / "fits.parquet"
     if not path.is_file():
         raise CampaignError("no fits.parquet", where=str(fits), advice="run `fit-many` first")
+    pq = library_of_extra("pyarrow.parquet", "parquet", where=str(path))
     return [
         (row["campaign"], _summary(_likelihood_in(row), fits))
         for row in pq.read_table(path).to_pylist()

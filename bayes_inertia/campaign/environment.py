@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
-from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.errors import CampaignError, SettingsError
+from bayes_inertia.errors import CampaignError, library_of_extra
 from bayes_inertia.files import read_bytes, text_of
 
 _DAY = 86_400.0  # [s]
@@ -48,9 +47,8 @@ def with_orbit(campaign: Campaign, tle: str | Path, epoch: datetime | str) -> Ca
     Raises
     ------
     CampaignError
-        If the file holds no elements, none is near enough in time, or SGP4 finds no orbit.
-    SettingsError
-        If the packages `sgp4` and `ppigrf` are not installed.
+        If the file holds no elements, none is near enough in time, SGP4 finds no orbit, or the
+        packages `sgp4` and `ppigrf` (the extra `orbit`) are not installed.
 
     Examples
     --------
@@ -92,16 +90,6 @@ def _unix_time(epoch: datetime | str) -> float:
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
-def _library(name: str) -> Any:
-    try:
-        return import_module(name)
-    except ImportError:
-        raise SettingsError(
-            f"an orbit from two-line elements needs the package {name.split('.')[0]}",
-            advice="install bayes_inertia[orbit]",
-        ) from None
-
-
 def _satellites(text: str, label: str) -> Sequence[Any]:
     """Orbits of all sets of elements in a text."""
     lines = [line.rstrip() for line in text.splitlines()]
@@ -114,7 +102,7 @@ def _satellites(text: str, label: str) -> Sequence[Any]:
             where=label,
             advice="each set is a line that begins with 1 and a line that begins with 2",
         )
-    api = _library("sgp4.api")
+    api = library_of_extra("sgp4.api", "orbit", where=label)
     return [api.Satrec.twoline2rv(one, two) for one, two in pairs]
 
 
@@ -158,7 +146,7 @@ def _magnetic_field_N(position_N: np.ndarray, utc: np.ndarray) -> np.ndarray:
     from_pole = np.arccos(position_N[:, 2] / radius)
     from_equinox = np.arctan2(position_N[:, 1], position_N[:, 0])
     middle = datetime.fromtimestamp(float(np.mean(utc)), UTC).replace(tzinfo=None)
-    parts = _library("ppigrf").igrf_gc(
+    parts = library_of_extra("ppigrf", "orbit").igrf_gc(
         radius / 1e3, np.degrees(from_pole), np.degrees(from_equinox - turned), middle
     )
     up, south, east = (1e-9 * np.ravel(part) for part in parts)  # nT

@@ -10,7 +10,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from scipy import stats
+from scipy import special, stats
 
 from bayes_inertia.errors import SettingsError
 from bayes_inertia.maths.device_arrays import on_device
@@ -469,11 +469,12 @@ class ParameterSpace:
     def _correlated(self, normal: np.ndarray) -> np.ndarray:
         """Standard normal numbers (..., size) as parameters of the untruncated joint prior."""
         assert self.correlation is not None
-        standardised = normal @ np.linalg.cholesky(self.correlation).T
-        numbers = np.array([(p.mean, p.scale) for p in self.priors]).T
-        values = numbers[0] + numbers[1] * standardised
-        logarithmic = np.array([p.logarithmic for p in self.priors])
-        return np.where(logarithmic, np.exp(np.where(logarithmic, values, 0.0)), values)
+        return self._of_standard(normal @ np.linalg.cholesky(self.correlation).T)
+
+    def _of_standard(self, standardised: np.ndarray) -> np.ndarray:
+        """Distances from the priors' centres in their scales (..., size) as parameters."""
+        values = self._centres + self._scales * standardised
+        return np.where(self._logarithmic, np.exp(np.where(self._logarithmic, values, 0.0)), values)
 
     def from_unit(self, unit: np.ndarray) -> np.ndarray:
         """Points of the unit cube as parameters that follow the priors.
@@ -490,12 +491,34 @@ class ParameterSpace:
         (..., size) array
             Physical values.
         """
-        columns = zip(self.priors, np.moveaxis(unit, -1, 0), strict=True)
-        values = np.stack([p.distribution.ppf(u) for p, u in columns], axis=-1)
+        low, high = self._ends_in_unit
+        normal = special.ndtri(low + (high - low) * unit)
+        values = self._of_standard(normal)
         if self.correlation is None:
             return values
         together = np.any(self.correlation != np.eye(self.size), axis=1)
-        return np.where(together, self._correlated(stats.norm.ppf(unit)), values)
+        return np.where(together, self._correlated(special.ndtri(unit)), values)
+
+    @cached_property
+    def _centres(self) -> np.ndarray:
+        return np.array([p.mean for p in self.priors])
+
+    @cached_property
+    def _scales(self) -> np.ndarray:
+        return np.array([p.scale for p in self.priors])
+
+    @cached_property
+    def _logarithmic(self) -> np.ndarray:
+        return np.array([p.logarithmic for p in self.priors], bool)
+
+    @cached_property
+    def _ends_in_unit(self) -> np.ndarray:
+        """Shares (2, size) of the untruncated priors below each end."""
+        ends = np.array([self.lower, self.upper], float)
+        with np.errstate(divide="ignore"):
+            logs = np.log(np.where(self._logarithmic, np.maximum(ends, 0.0), 1.0))
+        ends = np.where(self._logarithmic, logs, ends)
+        return special.ndtr((ends - self._centres) / self._scales)
 
 
 def prior_residual(constants: Mapping[str, Array], flat: Array) -> Array:

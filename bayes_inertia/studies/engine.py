@@ -24,7 +24,7 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from bayes_inertia.errors import BayesInertiaError, OutputError, StudyError
+from bayes_inertia.errors import BayesInertiaError, OutputError, StudyError, library_of_extra
 from bayes_inertia.files import read_bytes, write_atomically
 from bayes_inertia.folder_lock import working_in
 from bayes_inertia.progress import Progress
@@ -121,9 +121,8 @@ class RowFile:
 
 def _rows_of_0_4(folder: Path, study: str) -> Iterator[tuple[str, Row]]:
     """Rows in Parquet files of version 0.4, which hold their SHA-256 with zeros in its place."""
-    import pyarrow.parquet as pq
-
     for path in sorted((*folder.glob("*.parquet"), *folder.glob("shards/*.parquet"))):
+        pq = library_of_extra("pyarrow.parquet", "parquet", where=str(path))
         data = read_bytes(path)
         for stated in list(re.finditer(rb"bayes-inertia-sha256:([0-9a-f]{64})", data))[-1:]:
             bare = data[: stated.start(1)] + b"0" * 64 + data[stated.end(1) :]

@@ -20,7 +20,7 @@ from warnings import catch_warnings, filterwarnings
 
 from joblib.externals.loky import ProcessPoolExecutor
 
-from bayes_inertia.errors import SettingsError, StudyError
+from bayes_inertia.errors import SettingsError, StudyError, library_of_extra
 from bayes_inertia.studies.limits import LIMITS
 
 if TYPE_CHECKING:
@@ -125,27 +125,25 @@ def _live_with(driver: int) -> None:
 @contextmanager
 def _dask(scheduler: str | None, jobs: int) -> Iterator[Workers]:
     """Workers of a scheduler, or of a cluster on this machine. They may come and go."""
-    try:
-        from distributed import Client, LocalCluster
-        from distributed.scheduler import KilledWorker
-    except ImportError as error:  # pragma: no cover
-        raise SettingsError(
-            "dask is not installed",
-            where="engine",
-            advice="pip install 'bayes-inertia[cluster]', or use --engine joblib",
-        ) from error
+    dask = library_of_extra(
+        "distributed",
+        "cluster",
+        where="engine",
+        otherwise="use --engine joblib",
+        error=SettingsError,
+    )
     with ExitStack() as closing:
         address = scheduler or ""
         if not scheduler:
             # Any free port: the usual one may be taken.
             quiet = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.CRITICAL}
-            cluster = LocalCluster(n_workers=jobs, threads_per_worker=1, **quiet)
+            cluster = dask.LocalCluster(n_workers=jobs, threads_per_worker=1, **quiet)
             closing.callback(_close, cluster)
             # A worker that is killed while it starts is given up otherwise.
             cluster.adapt(minimum=jobs, maximum=jobs)
             address = cluster.scheduler_address
         try:
-            client = Client(address, timeout=LIMITS.connect_seconds, set_as_default=False)
+            client = dask.Client(address, timeout=LIMITS.connect_seconds, set_as_default=False)
         except (OSError, ValueError) as error:
             advice = "start one with `dask scheduler`, and give the address that it prints"
             raise StudyError("no dask scheduler answers", where=address, advice=advice) from error
@@ -157,7 +155,8 @@ def _dask(scheduler: str | None, jobs: int) -> Iterator[Workers]:
             advice = "start workers with `dask worker ADDRESS`"
             raise StudyError(what, where=address, advice=advice) from error
         executor = client.get_executor(pure=False)
-        yield Workers(executor.submit, lambda: _room(client, address), (KilledWorker,))
+        lost = (dask.scheduler.KilledWorker,)
+        yield Workers(executor.submit, lambda: _room(client, address), lost)
 
 
 def _room(client: distributed.Client, address: str) -> int:

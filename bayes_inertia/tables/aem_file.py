@@ -1,21 +1,38 @@
-"""Files of attitude ephemeris messages: keywords and values (KVN), and XML."""
+"""Files of attitude ephemeris messages (AEM): keywords and values (KVN), and XML.
+
+Blocks of attitudes in a comprehensive message (ACM, 504.0-B-2) are read as those of an AEM 2.0.
+"""
 
 from __future__ import annotations
 
 import codecs
 import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from xml.etree import ElementTree
+
+import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes
 from bayes_inertia.tables.aem import AemSegment, joined_segments, segment_table
 from bayes_inertia.tables.raw_table import RawTable
+from bayes_inertia.tables.stamp_parts import SECOND, tai_to_utc, utc_to_tai
 from bayes_inertia.tables.text_cells import decoded
+from bayes_inertia.tables.time_texts import text_to_ns
 
 _PAIR = re.compile(r"\s*([A-Za-z][A-Za-z0-9_]*)\s*=\s*(.*?)\s*")
 _UNIT = re.compile(r"\s*\[[^\]]*\]\s*$")
+_BLOCK = re.compile(r"([A-Z]+)_(START|STOP)")
+# Keywords of a block of an ACM that do not change what a number means, or stand under other names.
+_OF_BLOCK = frozenset(
+    "ATT_ID ATT_PREV_ID ATT_BASIS ATT_BASIS_ID ATT_TYPE RATE_TYPE NUMBER_STATES".split()  # noqa: SIM905
+)
+_RATES = MappingProxyType(
+    {"NONE": "", "ANGVEL": "/ANGVEL", "Q_DOT": "/DERIVATIVE", "EULER_RATE": "/DERIVATIVE"}
+)
+_ZERO = np.datetime64("1958-01-01", "ns")
 _ADVICE = "export the message again"
 _MESSAGE = re.compile(rb"""(?:^|\n|id\s*=\s*["'])\s*CCSDS_([A-Z]{3})_VERS\s*["'=]""")
 _AS_AEM = "export the attitudes as an attitude ephemeris message (AEM), or as CSV"
@@ -27,7 +44,6 @@ _FROM_STK = (
 _OTHER_MESSAGES = MappingProxyType(
     {
         "APM": ("attitude parameter message: one attitude, no history", _AS_AEM),
-        "ACM": ("attitude comprehensive message", _AS_AEM),
         "OEM": ("orbit ephemeris message", _AS_CSV),
         "OPM": ("orbit parameter message: one orbit, no history", _AS_CSV),
         "OMM": ("orbit mean-elements message", _AS_CSV),
@@ -40,8 +56,8 @@ _OTHER_MESSAGES = MappingProxyType(
 
 
 def is_aem(head: bytes) -> bool:
-    """Whether a file with these first bytes is an AEM, KVN or XML."""
-    return b"CCSDS_AEM_VERS" in head.replace(b"\0", b"")
+    """Whether a file with these first bytes is an AEM, KVN or XML, or an ACM."""
+    return re.search(rb"CCSDS_A[EC]M_VERS", head.replace(b"\0", b"")) is not None
 
 
 def refuse_other_messages(head: bytes, path: Path) -> None:
@@ -87,9 +103,10 @@ def _names(count: int) -> list[str]:
 
 def _segments(path: Path) -> list[AemSegment]:
     text = decoded(read_bytes(path), str(path))
-    segments = (
-        _from_xml(text, str(path)) if text.lstrip().startswith("<") else _from_kvn(text, str(path))
-    )
+    read = _from_acm if "CCSDS_ACM_VERS" in text else _from_kvn
+    if text.lstrip().startswith("<"):
+        read = _from_xml
+    segments = read(text, str(path))
     if not segments:
         raise CampaignError("holds no segment of attitudes", where=str(path), advice=_ADVICE)
     return segments
@@ -102,10 +119,7 @@ def _from_kvn(text: str, label: str) -> list[AemSegment]:
     meta: dict[str, str] = {}
     rows: list[tuple[str, ...]] = []
     lines: list[int] = []
-    for number, raw in enumerate(re.split("\r\n|\n|\r", text), start=1):
-        line = raw.strip()
-        if not line or line.startswith("COMMENT"):
-            continue
+    for number, line in _lines(text):
         where = f"{label}, line {number}"
         if line in ("META_START", "META_STOP", "DATA_START", "DATA_STOP"):
             part = _next_part(part, line, where)
@@ -125,6 +139,74 @@ def _from_kvn(text: str, label: str) -> list[AemSegment]:
     if part not in ("between", "header"):
         raise CampaignError("ends within a segment", where=label, advice=_ADVICE)
     return segments
+
+
+def _lines(text: str) -> Iterator[tuple[int, str]]:
+    """Lines that say something, with their numbers."""
+    for number, raw in enumerate(re.split("\r\n|\n|\r", text), start=1):
+        line = raw.strip()
+        if line and not line.startswith("COMMENT"):
+            yield number, line
+
+
+def _from_acm(text: str, label: str) -> list[AemSegment]:
+    """Blocks of attitudes of a comprehensive message; other blocks are passed over."""
+    part = ""
+    segments: list[AemSegment] = []
+    meta: dict[str, str] = {}
+    block: dict[str, str] = {}
+    rows: list[tuple[str, ...]] = []
+    lines: list[int] = []
+    for number, line in _lines(text):
+        where = f"{label}, line {number}"
+        mark = _BLOCK.fullmatch(line)
+        if mark:
+            if part != (mark[1] if mark[2] == "STOP" else ""):
+                raise CampaignError(f"{line} does not belong here", where=where, advice=_ADVICE)
+            part = mark[1] if mark[2] == "START" else ""
+            if line == "ATT_START":
+                block, rows, lines = {}, [], []
+            elif line == "ATT_STOP":
+                stated, stamped = _as_aem(meta, block, rows, label)
+                segments.append(AemSegment("2.0", stated, stamped, tuple(lines)))
+        elif part in ("META", "ATT") and "=" in line:
+            _add(meta if part == "META" else block, *_pair(line, where), where)
+        elif part == "ATT":
+            rows.append(tuple(line.split()))
+            lines.append(number)
+    if part:
+        raise CampaignError("ends within a segment", where=label, advice=_ADVICE)
+    return segments
+
+
+def _as_aem(
+    meta: Mapping[str, str], block: Mapping[str, str], rows: list[tuple[str, ...]], label: str
+) -> tuple[dict[str, str], tuple[tuple[str, ...], ...]]:
+    """Metadata and rows of a block as an AEM has them: its times count from EPOCH_TZERO [s]."""
+    system = meta.get("TIME_SYSTEM", "")
+    stated = {key: value for key, value in block.items() if key not in _OF_BLOCK}
+    kind = block.get("ATT_TYPE", "").upper()
+    rate = block.get("RATE_TYPE", "NONE").upper()
+    stated["ATTITUDE_TYPE"] = kind.replace("EULER_ANGLES", "EULER_ANGLE") + _RATES.get(
+        rate, f"/{rate}"
+    )
+    stated["TIME_SYSTEM"] = system
+    utc = system.upper() == "UTC"
+    zero = text_to_ns(meta.get("EPOCH_TZERO", ""), utc=utc, place=lambda: f"{label}, EPOCH_TZERO")
+    if zero is None:
+        raise CampaignError(
+            "the metadata lack EPOCH_TZERO", where=label, advice="add the line EPOCH_TZERO = ..."
+        )
+    tai = int(utc_to_tai(np.array(zero[0]))) if utc else zero[0]
+
+    def stamp(cell: str) -> str:
+        try:
+            ns = tai + round(float(cell) * SECOND)
+        except ValueError:
+            return cell  # A date.
+        return str(_ZERO + np.timedelta64(tai_to_utc(ns) if utc else ns, "ns"))
+
+    return stated, tuple((stamp(row[0]), *row[1:]) for row in rows)
 
 
 def _next_part(part: str, mark: str, where: str) -> str:

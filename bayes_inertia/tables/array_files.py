@@ -407,9 +407,9 @@ def _open_objects(path: str, into: FileArrays) -> None:
         return
     try:
         opened = opened_objects(path, places)
-    except ImportError:  # mat-io has no wheel for Python 3.14 yet, so is no dependency there.
+    except ImportError:  # The extra is not installed; for Python 3.14 it has no wheel yet.
         for place in places:
-            into.closed[place] += " (mat-io may open it: pip install mat-io)"
+            into.closed[place] += " (pip install 'bayes-inertia[matlab]' may open it)"
         return
     for place, parts in opened.items():
         del into.closed[place]

@@ -20,7 +20,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, library_of_extra
 from bayes_inertia.tables.array_files import FileArrays
 from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.raw_table import RawColumn, RawTable
@@ -30,9 +30,10 @@ from bayes_inertia.tables.time_texts import text_to_ns
 
 def parquet_arrays(path: Path) -> FileArrays:
     """Columns of a Parquet file: structs as a.b, lists of one length as a[0]; null is NaN or ""."""
-    from pyarrow import parquet
-
     label = str(path)
+    parquet = library_of_extra(
+        "pyarrow.parquet", "parquet", where=label, otherwise="export it as CSV"
+    )
     try:
         with parquet.ParquetFile(path) as file:
             table = file.read()

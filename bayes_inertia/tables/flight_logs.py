@@ -6,20 +6,19 @@ Their libraries are the extra `logs`. A topic is a table, a field of its message
 from __future__ import annotations
 
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, library_of_extra
 from bayes_inertia.tables.array_files import FileArrays
 from bayes_inertia.tables.limits import LIMITS
 
 
 def ulog_arrays(path: Path) -> FileArrays:
     """Topics of a ULog; time stamps in microseconds since boot."""
-    core = _library("pyulog.core", path, "`ulog2csv FILE.ulg` of pyulog writes tables too")
+    core = library_of_extra("pyulog.core", "logs", where=str(path), otherwise="run ulog2csv on it")
     held = FileArrays()
     try:
         with path.open("rb") as file:
@@ -35,7 +34,7 @@ def ulog_arrays(path: Path) -> FileArrays:
 
 def bag_arrays(path: Path) -> FileArrays:
     """Topics of a ROS bag or an MCAP file; `received` is when a message was logged [ns]."""
-    highlevel = _library("rosbags.highlevel", path, "")
+    highlevel = library_of_extra("rosbags.highlevel", "logs", where=str(path))
     columns: dict[str, dict[str, list[Any]]] = {}
     held = FileArrays()
     try:
@@ -86,16 +85,6 @@ def _messages_of_ros() -> Any:
     from rosbags.typesys import Stores, get_typestore
 
     return get_typestore(Stores.LATEST)
-
-
-def _library(name: str, path: Path, otherwise: str) -> Any:
-    try:
-        return import_module(name)
-    except ImportError:
-        advice = f"install bayes_inertia[logs]; {otherwise}".rstrip("; ")
-        raise CampaignError(
-            f"needs the package {name.split('.')[0]}", where=str(path), advice=advice
-        ) from None
 
 
 def _damaged(error: Exception, what: str, path: Path) -> CampaignError:

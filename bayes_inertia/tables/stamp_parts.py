@@ -14,6 +14,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import date
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from functools import cache
@@ -47,17 +48,14 @@ SECOND = SCALES.second
 
 @cache
 def leap_table() -> tuple[np.ndarray, np.ndarray]:
-    """UTC [ns since 1958] at each change of TAI - UTC [ns], and that, (changes,), of astropy."""
-    import warnings
+    """UTC [ns since 1958] at each change of TAI - UTC [ns], and that, (changes,), of ERFA."""
+    import erfa
 
-    from astropy.utils import iers
-
-    with warnings.catch_warnings(), iers.conf.set_temp("auto_download", False):
-        # An old table is still right for all seconds that it lists.
-        warnings.simplefilter("ignore")
-        table = iers.LeapSeconds.open(iers.IERS_LEAP_SECOND_FILE)
-    days = np.asarray(table["mjd"], dtype=np.int64) - SCALES.mjd_1958
-    return days * (86400 * SECOND), np.asarray(table["tai_utc"], dtype=np.int64) * SECOND
+    # Before 1972 UTC had no whole leap seconds.
+    table = [row for row in erfa.leap_seconds.get().tolist() if row[0] >= 1972]
+    starts = [date(year, month, 1) - date(1958, 1, 1) for year, month, _ in table]
+    days = np.array([start.days for start in starts], np.int64)
+    return days * SCALES.day, np.array([row[2] for row in table], np.int64) * SECOND
 
 
 def utc_to_tai(utc_ns: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ Time stamps of any clock on one continuous scale: integer nanoseconds of TAI.
 
 A gyro stamped in UTC, wheels in GPS seconds and a star tracker in an AEM then line up. 64-bit
 floats of seconds since 1958 have steps of 2.4e-7 s; integer nanoseconds lose nothing. UTC has leap
-seconds; their table is that of astropy, read from its own data without a network.
+seconds; their table is that of ERFA, and needs no network.
 
 Stamps in plain seconds (or ms, us, ns, min, h) come from a clock with a zero of its own: such a
 clock can be lined up with another only where both are of that kind, or by a stated offset.

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.importing.starting_mapping import write_starting_mapping
 from bayes_inertia.tables.raw_files import read_raw, tables_in
 from bayes_inertia.tables.raw_table import RawTable
+from bayes_inertia.tables.time_stamps import times_to_seconds
 
 ROWS = 40
 TIME = [0.25 * i for i in range(ROWS)]
@@ -91,6 +93,39 @@ def test_one_row_a_parameter_becomes_one_row_a_time(tmp_path, kind):
     np.testing.assert_allclose(table.stack(names).astype(float), RATE, atol=1e-9)
     assert any("one row a parameter" in note for note in table.notes)
     assert table.columns[names[0]].unit == ("rad/s" if kind == "YAMCS" else "")
+
+
+def cosmos(mode: str) -> str:
+    """As COSMOS extracts two packets: each leaves the cells of the other empty."""
+    names = ["PACKET_TIMESECONDS", "PACKET_TIMEFORMATTED", *AXES, "MODE"]
+    if mode == "full":
+        names = [f"INST {'HK' if name == 'MODE' else 'ADCS'} {name}" for name in names]
+    head = [*([] if mode == "full" else ["TARGET", "PACKET"]), *names]
+    rows = []
+    for t, stamp, rates in zip(TIME, STAMPS, RATE, strict=True):
+        shown = stamp.replace("-", "/").replace("T", " ").removesuffix("Z")
+        time = [f"{1772366400.0 + t}", shown]
+        rates = [f"{w:.5f}" for w in rates]
+        for packet, cells in (("ADCS", [*time, *rates, ""]), ("HK", [*time, "", "", "", "SLEW"])):
+            rows.append([*([] if mode == "full" else ["INST", packet]), *cells])
+    mark, tab = ("% ", "\t") if mode == "MATLAB" else ("", ",")
+    return "\n".join([mark + tab.join(head), *(tab.join(row) for row in rows)]) + "\n"
+
+
+@pytest.mark.parametrize("mode", ["normal", "MATLAB", "full"])
+def test_two_packets_of_cosmos_in_one_table(tmp_path, mode):
+    table = read(tmp_path, "a.csv", cosmos(mode))
+    of_packet = "INST ADCS " if mode == "full" else ""
+    read_rates = table.stack([f"{of_packet}{axis}" for axis in AXES])
+    held = np.isfinite(read_rates).all(axis=1)
+    np.testing.assert_allclose(read_rates[held], RATE, atol=1e-9)
+    for name, kind in (("PACKET_TIMESECONDS", "unix_s"), ("PACKET_TIMEFORMATTED", "utc")):
+        stamps = times_to_seconds(table, [f"{of_packet}{name}"], kind)
+        seconds = stamps.seconds_since(stamps.first_ns)[held]
+        np.testing.assert_allclose(seconds, TIME, atol=1e-6)
+    mapping = tmp_path / "mapping.toml"
+    write_starting_mapping([tmp_path / "a.csv"], mapping)
+    assert 'holds = "rate"' in mapping.read_text()
 
 
 def test_parameters_below_each_other_with_times_of_their_own_come_in_the_order_of_time(tmp_path):

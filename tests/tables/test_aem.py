@@ -266,8 +266,8 @@ def test_spin_that_is_no_whole_attitude_says_why(tmp_path):
             "is an APM .*one attitude",
         ),
         (
-            "COMMENT\nCCSDS_ACM_VERS=2.0\nATT_START\n 0.0 0.1 0.2\n",
-            "is an ACM .*an attitude eph",
+            "COMMENT\nCCSDS_APM_VERS=2.0\nQUAT_START\n Q1 = 0.1\n",
+            "is an APM .*an attitude eph",
         ),
         ("\ufeffCCSDS_OEM_VERS = 2.0\nMETA_START\n", "is an OEM .*holds no attitudes"),
         ('<?xml version="1.0"?>\n<omm id="CCSDS_OMM_VERS" version="2.0">', "is an OMM .*mean"),
@@ -282,3 +282,82 @@ def test_other_messages_are_named_and_what_to_export_instead(tmp_path, content, 
         file.write_text(content, encoding="utf-8")
         with pytest.raises(CampaignError, match=message):
             read_raw(file)
+
+
+ACM_HEAD = """CCSDS_ACM_VERS = 2.0
+CREATION_DATE = 2024-05-01T00:00:00
+ORIGINATOR = DEMO
+META_START
+OBJECT_NAME = DEMO
+TIME_SYSTEM = {system}
+EPOCH_TZERO = {zero}
+META_STOP
+"""
+ACM_BLOCK = """ATT_START
+COMMENT relative times, then a date
+ATT_ID = 1
+REF_FRAME_A = EME2000
+REF_FRAME_B = SC_BODY_1
+NUMBER_STATES = {states}
+ATT_TYPE = {kind}
+{more}{rows}
+ATT_STOP
+PHYS_START
+WET_MASS = 50.0 [kg]
+PHYS_STOP
+"""
+
+
+def acm(rows: str, kind="QUATERNION", more="", states=4, system="UTC", zero="2024-05-01T00:00:00"):
+    head = ACM_HEAD.format(system=system, zero=zero)
+    return head + ACM_BLOCK.format(kind=kind, more=more, states=states, rows=rows)
+
+
+def test_attitudes_of_a_comprehensive_message_as_the_library_of_the_format_writes_it(tmp_path):
+    meta = ccsds_ndm.AcmMetadata(
+        object_name="DEMO", time_system="UTC", epoch_tzero="2024-05-01T00:00:00"
+    )
+    lines = [[0.25 + i, *q] for i, q in enumerate(Q.tolist())]
+    block = ccsds_ndm.AcmAttitudeState("EME2000", "SC_BODY_1", "QUATERNION", lines)
+    block.number_states = 4
+    header = ccsds_ndm.AdmHeader("2024-05-01T00:00:00", "DEMO")
+    data = ccsds_ndm.AcmData(att=[block])
+    message = ccsds_ndm.Acm(header, ccsds_ndm.AcmSegment(meta, data))
+    table = read(tmp_path, message.to_str("kvn"))
+    np.testing.assert_allclose(table.stack(NAMES), Q, atol=1e-9)
+    assert table.attitude == StatedAttitude(NAMES, "last", "EME2000", "SC_BODY_1")
+    assert [str(stamp)[:23] for stamp in table.columns["EPOCH"].values] == EPOCHS
+
+
+def test_times_of_a_comprehensive_message_count_a_leap_second(tmp_path):
+    rows = "-1.5 0 0 0 1\n0.5 0 0 0 1\n2017-01-01T00:00:00.5 0 0 0 1"
+    zero = "2016-12-31T23:59:59"
+    table = read(tmp_path, acm(rows, zero=zero))
+    stamps = times_to_seconds(table, table.time_names, table.time_kind)
+    np.testing.assert_allclose(stamps.seconds_since(stamps.first_ns), [0.0, 2.0, 4.0])
+    after = read(tmp_path, acm("2.5 0 0 0 1", zero=zero))
+    assert str(after.columns["EPOCH"].values[0]).startswith("2017-01-01T00:00:00.5")
+
+
+def test_angles_and_rates_of_a_comprehensive_message(tmp_path):
+    more = "EULER_ROT_SEQ = ZYX\nRATE_TYPE = ANGVEL\n"
+    table = read(tmp_path, acm("0.0 10 20 30 0.1 0.2 0.3", "EULER_ANGLES", more, 6))
+    assert table.attitude.sequence == "ZYX"
+    assert table.stack(table.attitude.names).tolist() == [[10.0, 20.0, 30.0]]
+    assert table.columns["ANGVEL_X"].unit == "deg/s"
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (acm("0.0 1 0 0 0 1 0 0 0 1", "DCM", states=9), "ATTITUDE_TYPE = DCM is not read"),
+        (acm("0.0 0 0 0 1 0 0 0", more="RATE_TYPE = GYRO_BIAS\n"), "GYRO_BIAS is not read"),
+        (acm("0.0 0 0 0 1", more="TURNED = TRUE\n"), "TURNED is not one of an AEM"),
+        (acm("0.0 0 0 0 1", zero=""), "lack EPOCH_TZERO"),
+        (acm("0.0 0 0 0 1").replace("ATT_STOP\n", ""), "PHYS_START does not belong here"),
+        (acm("").split("ATT_START")[0], "holds no segment of attitudes"),
+    ],
+)
+def test_what_a_comprehensive_message_may_not_say(tmp_path, text, says):
+    with pytest.raises(CampaignError, match=says):
+        read(tmp_path, text)

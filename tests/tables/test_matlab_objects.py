@@ -136,6 +136,6 @@ def test_without_the_library_objects_say_what_opens_them(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matio", None)
     held = contents(file)
     assert held.closed["gyro"].endswith(
-        "timeseries object (mat-io may open it: pip install mat-io)"
+        "timeseries object (pip install 'bayes-inertia[matlab]' may open it)"
     )
     assert list(held.arrays) == ["plain"]
