@@ -57,7 +57,7 @@ def random_plans(
     rng = np.random.default_rng([seed, 7])
     body = problem.forecast.body(problem.thetas[0])
     x = draw_variables(rng, n, slews, problem.region, problem.forecast.layout.times, body)
-    values, slacks, _ = problem.score(x)
+    values, slacks, *_ = problem.score(x)
     return x, np.where(np.isfinite(values), values, np.inf), _least(slacks, n)
 
 
@@ -125,7 +125,7 @@ def improved_plans(
 
 def _ranked(problem: PlanProblem, plans: list[np.ndarray]) -> np.ndarray:
     """Order of plans, best first: feasible ones by the goal's number, then the nearest misses."""
-    log_values, slacks, _ = problem.score(np.array(plans))
+    log_values, slacks, *_ = problem.score(np.array(plans))
     return np.lexsort((log_values, -np.minimum(_least(slacks, len(plans)), 0.0)))
 
 
