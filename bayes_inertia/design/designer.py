@@ -264,8 +264,8 @@ def design_plan(
     limits : Limits, optional
         None for a planned rate of 1 deg/s, in the time that slews like the paper's take.
     base : Plan, optional
-        Start attitude, wheel momentum, telemetry, rests and orbit; None for those of
-        the campaign, without one of `paper_like_plan`.
+        How the plan starts, telemetry, rests and orbit; None for those of the
+        campaign, without one of `paper_like_plan`.
     n_slews : int, optional
         How many slews the plan has.
     seed : int, optional
@@ -580,7 +580,7 @@ def best_plan(
 def rounded_slews(slews: Sequence[PlannedSlew], problem: PlanProblem) -> tuple[PlannedSlew, ...]:
     """Slews with axes to 3 digits, angles to 0.1 deg, rates and accelerations rounded down.
 
-    `problem`: where it gives the end attitude, the last slew stays exact.
+    `problem`: where it says how the plan ends, the last slew stays exact.
     """
     out = [
         PlannedSlew(
