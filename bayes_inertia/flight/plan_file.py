@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
+from types import GenericAlias
 from typing import Annotated, Any, Literal
 
 from annotated_types import Len
@@ -65,9 +66,9 @@ _TYPES: dict[str, Any] = {
 def _form(name: str, keys: _Keys, required: dict[str, str], **tables: Any) -> Any:
     """The form of a table of the file; `required`: what to add where such a key is missing."""
     kinds = {key: _TYPES.get(field, float) for key, (field, _) in keys.items()}
-    needed = {key: (kinds[key], Field(description=says)) for key, says in required.items()}
-    optional = {key: (kind | None, None) for key, kind in kinds.items() if key not in needed}
-    return create_model(name, __base__=Part, **needed, **optional, **tables)
+    fields: dict[str, Any] = {key: (kind | None, None) for key, kind in kinds.items()}
+    fields |= {key: (kinds[key], Field(description=says)) for key, says in required.items()}
+    return create_model(name, __base__=Part, **(fields | tables))
 
 
 _SlewForm = _form(
@@ -82,8 +83,8 @@ _PlanForm = _form(
     "Plan",
     _PLAN,
     {"name": 'name = "..."'},
-    format=(Literal[FORMAT], ...),
-    slews=(list[_SlewForm], []),
+    format=(Literal["bayes-inertia-plan/1"], ...),
+    slews=(GenericAlias(list, _SlewForm), []),
     orbit=(_form("Orbit", _ORBIT, {}) | None, None),
 )
 
