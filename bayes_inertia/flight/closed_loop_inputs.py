@@ -59,11 +59,16 @@ def closed_loop_inputs(
         slew_schedule(plan, i, grid.n_rows, tracked=craft.star_tracker is not None)
         for i in range(len(plan.slews))
     ]
-    plant = (craft.inertia_B, craft.scale_factor, bias, craft.rate_sensor.axes)
     return planned, ClosedLoop(
         slew=grid.slews,
         schedule=stacked_pytrees(schedules),
-        plant=Plant(*map(jnp.asarray, plant), starts),
+        plant=Plant(
+            jnp.asarray(craft.inertia_B),
+            jnp.asarray(craft.scale_factor),
+            jnp.asarray(bias),
+            jnp.asarray(craft.rate_sensor.axes),
+            starts,
+        ),
         law=control_law(craft, controller),
         noise=sensor_noise((len(plan.slews),), craft, controller, plan, grid.n_rows, rng),
         active=craft.active_effects,
