@@ -181,24 +181,12 @@ def flown(
         drawn = draw_spacecraft(_template(craft), rng, effects, values)
         mission = Mission(drawn, craft.mission.prior)
     plan = plan or vary_plan(craft.plan, rng, craft.angles)
-    inputs = closed_loop_inputs(plan, mission, controller, rng)
-    on_host: Any = jax.tree.map(
-        np.asarray,
-        fly_slews(
-            inputs.slews,
-            inputs.schedules,
-            inputs.plant,
-            inputs.law,
-            inputs.noise,
-            inputs.active,
-            inputs.substeps,
-        ),
-    )
+    planned, loop = closed_loop_inputs(plan, mission, controller, rng)
+    on_host: Any = jax.tree.map(np.asarray, fly_slews(loop))
     slews = tuple(
-        _telemetry(plan, i, slew, on_host, moving_fixes)
-        for i, slew in enumerate(inputs.planned.slews)
+        _telemetry(plan, i, slew, on_host, moving_fixes) for i, slew in enumerate(planned.slews)
     )
-    return replace(inputs.planned, slews=slews)
+    return replace(planned, slews=slews)
 
 
 def _telemetry(plan: Plan, i: int, slew: Slew, flight: Any, moving_fixes: bool) -> Slew:

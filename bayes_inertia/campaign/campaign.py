@@ -61,7 +61,7 @@ class Campaign:
     inertia : InertiaPrior
         What was known of the inertia tensor before flight.
     wheels : sequence of Wheel
-        The wheels, in the order of the columns of torque and momentum; may be empty.
+        The wheels, in the order of their columns; may be empty.
     rate_sensor : RateSensor or None
         The rate sensor; None if there is none.
     star_tracker : StarTracker or None

@@ -30,7 +30,7 @@ of a gap differ more, half of that is added: a step inside the gap. In gaps of m
 commands can have done anything: the largest command is the sd there.
 
 Short gaps have a piece for each lost row. Where that makes too many, pieces grow longer, at least
-two a gap: enough for any change of rate and of attitude across it. What was measured inside such a
+two a gap: enough for any change of the motion across it. What was measured inside such a
 gap is left out.
 """
 

@@ -302,7 +302,7 @@ def _slews(
 
 
 def _negligible_impulse(time: np.ndarray, parsed: Description) -> float:
-    """An error of the wheels' momentum that rates and attitude cannot tell [N m s]."""
+    """An error of what the wheels store that no reading of the motion can tell [N m s]."""
     inertia = float(np.linalg.eigvalsh(parsed.inertia.tensor)[0])
     sensor = parsed.rate_sensor
     rate = np.inf if sensor is None else LIMITS.negligible_of_rate_noise * min(sensor.sigma)

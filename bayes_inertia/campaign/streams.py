@@ -336,7 +336,7 @@ def stream_from_table(
 
     `table`: the telemetry, in the file's own units and in the order of time. `stream`: which
     entries to take from the table, and their clock. `spin_inertias` (wheels,): spin inertia of each
-    wheel [kg m^2], to turn wheel speed into momentum. Returns: channels (rows, width), named as
+    wheel [kg m^2], for tachometers that tell speeds. Returns: channels (rows, width), named as
     `Slew` names them ("more.NAME" of a further sensor), and their true "time" (rows,) [s].
     """
     time = to_si(table.columns[stream.time.names[0]], "time", stream.time.unit)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.description import keys_of
 from bayes_inertia.campaign.prior import COPY_FILE
 from bayes_inertia.campaign.schema import FORMAT, FORMAT_2
 from bayes_inertia.campaign.sensors import STREAMS, SensorStream
@@ -216,7 +217,6 @@ def _table_of(slew: Slew, columns: dict[str, list[str]]) -> Table:
 
 def _toml(campaign: Campaign, columns: dict[str, list[str]], files: list[str]) -> str:
     """The text of campaign.toml."""
-    tracker = {} if campaign.star_tracker is None else dict(vars(campaign.star_tracker))
     entries = {"time": {"names": ["t_s"], "unit": "s"}}
     for channel, names in columns.items():
         key, sense, _ = _CHANNELS[channel]
@@ -229,17 +229,13 @@ def _toml(campaign: Campaign, columns: dict[str, list[str]], files: list[str]) -
             "inertia": vars(campaign.inertia),
             "prior": {} if campaign.prior is None else {"from": COPY_FILE},
             # A wheel that is not running is said in format 2.
-            "wheels": [_renamed(vars(w) | {"state": None}, axis_B="axis") for w in campaign.wheels],
-            "rate_sensor": vars(campaign.rate_sensor),
-            "star_tracker": _renamed(tracker, boresight_B="boresight"),
+            "wheels": [keys_of(wheel) | {"state": None} for wheel in campaign.wheels],
+            "rate_sensor": keys_of(campaign.rate_sensor),
+            "star_tracker": keys_of(campaign.star_tracker),
             "columns": entries,
             "slews": [_slew(s, f, columns) for s, f in zip(campaign.slews, files, strict=True)],
         }
     )
-
-
-def _renamed(entries: Mapping[str, Any], **names: str) -> dict[str, Any]:
-    return {names.get(key, key): value for key, value in entries.items()}
 
 
 def _slew(slew: Slew, file: str, columns: dict[str, list[str]]) -> dict[str, Any]:

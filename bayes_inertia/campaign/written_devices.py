@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magnetorquer, Thruster
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.description import keys_of
 from bayes_inertia.campaign.hardware import DirectionSensor
 from bayes_inertia.campaign.sensors import SensorStream, streams_of
 from bayes_inertia.campaign.slew import Slew
@@ -161,8 +163,7 @@ def devices(
 def _wheels(campaign: Campaign, columns: Mapping[str, Sequence[str]], entry: Any) -> list[dict]:
     parts = []
     for k, wheel in enumerate(campaign.wheels):
-        part = {"name": wheel.name, "type": "wheel", **vars(wheel)}
-        part["axis"] = part.pop("axis_B")
+        part = {"name": wheel.name, "type": "wheel", **keys_of(wheel)}
         part["state"] = None if wheel.state == "running" else wheel.state
         for channel, key in (("wheel_torque", "torque"), ("wheel_momentum", "momentum")):
             if channel in columns:
@@ -185,7 +186,7 @@ def _sensors(
     for channel, name, hardware in (*first, *further):
         if channel in columns:
             key, said = entry(channel)
-            stated = dict(vars(hardware))
+            stated = keys_of(hardware)
             if isinstance(hardware, DirectionSensor):
                 unit = {"unit": "T"} if stated.pop("unit") else {}
                 said |= {"frame": "body", **unit}
@@ -194,7 +195,6 @@ def _sensors(
                     names = [f"{stream}_{k + 1}" for k in range(3)]
                     seen = {"stream": stream, "names": names, "frame": "inertial", **unit}
                     stated["reference"] = seen
-            stated |= {"boresight": stated.pop("boresight_B")} if "boresight_B" in stated else {}
             stated |= {"reference": True} if name == campaign.reference else {}
             parts.append({"name": name, "type": key, **stated, key: said})
     return parts
@@ -206,32 +206,23 @@ def _actuator(campaign: Campaign, device: Any, streams: Streams) -> dict[str, An
         what = f"the input of {device.name!r} is {' in one slew, '.join(sorted(kinds))} in another"
         advice = "give it one form in all slews: a campaign folder says it once"
         raise OutputError(what, where=f"campaign {campaign.name}", advice=advice)
-    between = kinds.pop()
-    stream = streams.inputs[device.name]
-    said: dict[str, Any] = {"stream": stream}
-    said |= {"names": [f"{stream}_{k + 1}" for k in range(device.columns)]}
-    stated = dict(vars(device))
-    name, gain = stated["name"], {"gain_sigma": stated["gain_sigma"]}
-    if isinstance(device, KnownTorque):
-        said |= {"unit": "N m", "frame": device.frame, "between": between}
-        return {"name": name, "type": "torque", **gain, "torque": said}
-    if isinstance(device, Magnetorquer):
-        said |= {"unit": "A m^2", "between": between}
-        return {"name": name, "type": "magnetorquer", "axes": device.axes_B, **gain, "dipole": said}
-    if isinstance(device, Thruster):
-        gain |= {key: stated[key] for key in ("each_gain_sigma", "direction_sigma")}
-        part = {"name": name, "type": "thruster", "torques": device.torque_B, **gain}
-        if between == "on_time":
-            return part | {"on_time": said | {"unit": "s"}}
-        return part | {"level": said | {"unit": "1", "between": between}}
-    assert isinstance(device, GimballedRotors)
-    said |= {"unit": "rad", "between": between, "sigma": device.angle_sigma}
-    return {
-        "name": name,
-        "type": "gimballed_rotors",
-        "momentum": device.momentum,
-        "gimbal_axes": device.gimbal_axes_B,
-        "spin_axes_at_zero": device.spin_axes_at_zero_B,
-        **gain,
-        "gimbal_angle": said,
+    between, stream, stated = kinds.pop(), streams.inputs[device.name], keys_of(device)
+    kind, key, unit = _INPUTS[type(device)]
+    names = [f"{stream}_{k + 1}" for k in range(device.columns)]
+    frame = {"frame": stated.pop("frame")} if "frame" in stated else {}
+    sigma = {"sigma": stated.pop("angle_sigma")} if "angle_sigma" in stated else {}
+    said = {"stream": stream, "names": names, "unit": unit, **frame, "between": between, **sigma}
+    if between == "on_time":
+        key, said = between, {"stream": stream, "names": names, "unit": "s"}
+    return {"name": stated.pop("name"), "type": kind, **stated, key: said}
+
+
+# Of each device: its type, and the key and unit of its input.
+_INPUTS: Mapping[type, tuple[str, str, str]] = MappingProxyType(
+    {
+        KnownTorque: ("torque", "torque", "N m"),
+        Magnetorquer: ("magnetorquer", "dipole", "A m^2"),
+        Thruster: ("thruster", "level", "1"),
+        GimballedRotors: ("gimballed_rotors", "gimbal_angle", "rad"),
     }
+)

@@ -57,7 +57,7 @@ def random_plans(
     rng = np.random.default_rng([seed, 7])
     body = problem.forecast.body(problem.thetas[0])
     x = draw_variables(rng, n, slews, problem.region, problem.forecast.layout.times, body)
-    values, slacks, _ = problem.score(x)
+    values, slacks, *_ = problem.score(x)
     return x, np.where(np.isfinite(values), values, np.inf), _least(slacks, n)
 
 
@@ -125,7 +125,7 @@ def improved_plans(
 
 def _ranked(problem: PlanProblem, plans: list[np.ndarray]) -> np.ndarray:
     """Order of plans, best first: feasible ones by the goal's number, then the nearest misses."""
-    log_values, slacks, _ = problem.score(np.array(plans))
+    log_values, slacks, *_ = problem.score(np.array(plans))
     return np.lexsort((log_values, -np.minimum(_least(slacks, len(plans)), 0.0)))
 
 
@@ -264,8 +264,8 @@ def design_plan(
     limits : Limits, optional
         None for a planned rate of 1 deg/s, in the time that slews like the paper's take.
     base : Plan, optional
-        Start attitude, wheel momentum, telemetry, rests and orbit; None for those of
-        the campaign, without one of `paper_like_plan`.
+        How the plan starts, telemetry, rests and orbit; None for those of the
+        campaign, without one of `paper_like_plan`.
     n_slews : int, optional
         How many slews the plan has.
     seed : int, optional
@@ -580,7 +580,7 @@ def best_plan(
 def rounded_slews(slews: Sequence[PlannedSlew], problem: PlanProblem) -> tuple[PlannedSlew, ...]:
     """Slews with axes to 3 digits, angles to 0.1 deg, rates and accelerations rounded down.
 
-    `problem`: where it gives the end attitude, the last slew stays exact.
+    `problem`: where it says how the plan ends, the last slew stays exact.
     """
     out = [
         PlannedSlew(

@@ -13,24 +13,94 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
-from bayes_inertia.design.flight_conditions import (
-    FlightConditions,
-    conditions_of,
-    orbit_environment,
-)
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_arrays import PlanStart, PlanTimes, plan_start, plan_times
 from bayes_inertia.design.planned_motion import RigidBody
+from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.mission import Mission
+from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import AnyArray, array_dataclass
+from bayes_inertia.physics.channels.rate import RateConstants
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.nuisances import NuisanceScale
 from bayes_inertia.physics.parameters import N_BIAS
 from bayes_inertia.physics.prediction import Structure
+from bayes_inertia.physics.slew_context import Environment, SlewContext
+
+
+class InverseNoise(NamedTuple):
+    """Inverse noise of one sample; zero for what is not measured.
+
+    Parameters
+    ----------
+    rate : (3,) array
+        Inverse sds of the rate sensor's readings [s/rad].
+    attitude : (3, 3) array
+        Inverse root of the covariance of one fix [1/rad].
+    momentum : (wheels,) array
+        Inverse sds of the tachometers' readings [1/(N m s)].
+    """
+
+    rate: AnyArray
+    attitude: AnyArray
+    momentum: AnyArray
+
+
+class EnvironmentTable(NamedTuple):
+    """The environment on a clock.
+
+    Parameters
+    ----------
+    time : (k,) array
+        Time in the campaign [s], ascending.
+    values : Environment
+        Its columns (k, 3).
+    """
+
+    time: AnyArray
+    values: Environment
+
+    def at(self, moments: Array) -> Environment:
+        """The columns (n, 3) at times (n,) [s]."""
+        column = jax.vmap(jnp.interp, (None, None, 1), 1)
+        return Environment(*(column(moments, self.time, values) for values in self.values))
+
+
+class FlightConditions(NamedTuple):
+    """Everything that a slew's information depends on, besides the slews and the parameters.
+
+    Parameters
+    ----------
+    context : SlewContext
+        Of the first slew, without its grid.
+    sensors : RateConstants
+        Axes and bias of the rate sensor.
+    scale : NuisanceScale
+        Prior sds of bias and start states.
+    noise : InverseNoise
+        Inverse noise of one sample.
+    environment : EnvironmentTable
+        Magnetic field and position on the campaign's clock.
+    allocation : (wheels, 3) array
+        Pseudo-inverse of the wheels' axes.
+    """
+
+    context: SlewContext
+    sensors: RateConstants
+    scale: NuisanceScale
+    noise: InverseNoise
+    environment: EnvironmentTable
+    allocation: AnyArray
 
 
 class ForecastArrays(NamedTuple):
@@ -118,20 +188,96 @@ def prepare_forecast(plan: Plan, mission: Mission, effects: tuple[Effect, ...] =
     >>> len(prepare_forecast(paper_like_plan(), most_like_mission()).layout.names)
     9
     """
-    campaign = planned_campaign(plan, mission.without_effects())
-    model = Model(campaign, effects, "commanded")
-    end = campaign.span[1]
-    environment = orbit_environment(plan.orbit, 2.0 * end)
-    conditions = conditions_of(
-        model, environment, first=0, slew_count=len(plan.slews), start_time=0.0, middle=0.5 * end
-    )
-    sd = model.space.sd
-    structure = replace(model.structure, refined=False)
-    space = model.space
+    model = Model(planned_campaign(plan, mission.without_effects()), effects, "commanded")
+    environment = orbit_environment(plan.orbit, 2.0 * model.campaign.span[1])
+    conditions = conditions_of(model, environment, first=0, start_time=0.0)
+    prior = np.diag(np.concatenate([model.space.sd**-2.0, np.ones(N_BIAS)]))
+    return forecast_of(model, plan, conditions, prior)
+
+
+def forecast_of(
+    model: Model, plan: Plan, conditions: FlightConditions, prior: np.ndarray
+) -> Forecast:
+    """The forecast of slews that a model will fit.
+
+    `plan`: its start and times; `prior` (d + 3, d + 3): precision of parameters and whitened bias.
+    """
+    structure, space = replace(model.structure, refined=False), model.space
     layout = ForecastLayout(structure, space.names, space.units, plan_times(plan))
-    prior = np.diag(np.concatenate([sd**-2.0, np.ones(N_BIAS)]))
-    start = plan_start(plan, len(campaign.wheels))
-    return Forecast(layout, ForecastArrays(conditions, start, sd, prior))
+    start = plan_start(plan, len(model.campaign.wheels))
+    return Forecast(layout, ForecastArrays(conditions, start, space.sd, prior))
+
+
+def conditions_of(
+    model: Model, environment: EnvironmentTable, *, first: int, start_time: float
+) -> FlightConditions:
+    """The conditions of slews flown with a model's hardware.
+
+    `first`: index of the first of these slews in the campaign, `start_time`: when it begins on the
+    campaign's clock [s].
+    """
+    campaign, data = model.campaign, model.data
+    if not campaign.wheels:
+        raise CampaignError(
+            "no wheels to fly slews with",
+            where="key wheels",
+            advice="describe the wheels in campaign.toml",
+        )
+    context = jax.tree.map(lambda x: np.asarray(x)[0], data.arrays.slews.context)
+    none = dict.fromkeys(("lost_command", "lost_command_sd", "fix_group"))
+    on_grid = dict.fromkeys(("time", "step", "torque"), np.zeros(0))
+    context = context._replace(index=np.array(first), start=np.array(start_time), **none, **on_grid)
+    return FlightConditions(
+        context,
+        data.sensors[model.structure.place("rate")],
+        data.scale,
+        _inverse_noise(campaign),
+        environment,
+        np.linalg.pinv(campaign.wheel_axes_B),
+    )
+
+
+def orbit_environment(orbit: Orbit | None, duration: float) -> EnvironmentTable:
+    """The environment along an orbit.
+
+    `duration` [s].
+
+    Examples
+    --------
+    >>> orbit_environment(None, 100.0).values.position_N.shape
+    (200, 3)
+    """
+    time = np.linspace(0.0, duration, NUMERICS.orbit_points)
+    none = np.zeros((len(time), 3))
+    nothing = Environment(*(none for _ in Environment._fields))
+    return EnvironmentTable(time, nothing if orbit is None else orbit.environment(time))
+
+
+def last_environment(campaign: Campaign) -> EnvironmentTable:
+    """The environment that a campaign measured last, taken to stay as it was.
+
+    Returns: two equal rows; zero for what the last slew did not measure.
+    """
+    last = campaign.slews[-1]
+    given = (_last_complete(getattr(last, key)) for key in Environment._fields)
+    values = Environment(*(np.tile(row, (2, 1)) for row in given))
+    return EnvironmentTable(np.array([0.0, 1.0]), values)
+
+
+def _last_complete(values: np.ndarray | None) -> np.ndarray:
+    """The last row (3,) without gaps of (n, 3); zero without any."""
+    complete = np.zeros(0, bool) if values is None else np.isfinite(values).all(1)
+    return values[complete][-1] if values is not None and complete.any() else np.zeros(3)
+
+
+def _inverse_noise(campaign: Campaign) -> InverseNoise:
+    """The inverse noise of a campaign's sensors."""
+    attitude, tracker = np.zeros((3, 3)), campaign.star_tracker
+    if tracker is not None:
+        along = np.outer(tracker.boresight_B, tracker.boresight_B)
+        attitude = (np.eye(3) - along) / tracker.sigma_cross + along / tracker.sigma_roll
+    momentum = np.array([1.0 / (wheel.momentum_sigma or np.inf) for wheel in campaign.wheels])
+    return InverseNoise(1.0 / np.array(campaign.three_axis_gyro.sigma), attitude, momentum)
 
 
 def rigid_body_at(structure: Structure, theta: AnyArray, conditions: FlightConditions) -> RigidBody:
@@ -139,8 +285,7 @@ def rigid_body_at(structure: Structure, theta: AnyArray, conditions: FlightCondi
 
     `theta` (d,). `structure`: of the model; it knows whether J includes the wheels' spin.
     """
-    J = inertia_tensor.tensor(theta[:6])
-    wheels = conditions.wheel_axes_B, conditions.spin_inertia
+    J, context = inertia_tensor.tensor(theta[:6]), conditions.context
     if structure.includes_wheel_spin:
-        J = inertia_tensor.without_wheel_spin(J, *wheels)
-    return RigidBody(J, conditions.wheel_axes_B, conditions.allocation, conditions.spin_inertia)
+        J = inertia_tensor.without_wheel_spin(J, context.wheel_axes_B, context.spin_inertia)
+    return RigidBody(J, context.wheel_axes_B, conditions.allocation, context.spin_inertia)

@@ -13,10 +13,11 @@ in body axes, and C, J, G, H as in `simulator`,
     dw = J^-1 ([m]x C psi + s),
 
 where dJ, dG, dM_N, dH are what an unknown does to inertia, wheel axes, total momentum and wheel
-momentum. All of that is asked of the effects' own hooks by differentiating them along the planned
-motion. How a deviation of the state would change an effect is left out: it vanishes at the effect's
-null. Sensitivities out of the simulator give the same sds to 0.2 %, but the goal's gradient for
-five slews then takes 30 s to compile and 18 times as long to run (237 ms against 13 ms).
+momentum. All of that is asked of the effects' own hooks along the planned motion, and JAX
+differentiates it. How a deviation of the state would change an effect is left out: it vanishes at
+the effect's null. Sensitivities out of the simulator give the same sds to 0.2 %, but the goal's
+gradient for five slews then takes 30 s to compile and 18 times as long to run (237 ms against 13
+ms).
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.design.flight_conditions import InverseNoise, environment_at
 from bayes_inertia.design.information_forecast import (
+    FlightConditions,
     ForecastArrays,
     ForecastLayout,
     rigid_body_at,
@@ -41,52 +42,15 @@ from bayes_inertia.design.planned_motion import motion_of_slews
 from bayes_inertia.errors import EffectError
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.maths.values import AnyArray
-from bayes_inertia.physics.channels.rate import RateConstants
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.nuisances import NuisanceScale
 from bayes_inertia.physics.parameters import N_BIAS
 from bayes_inertia.physics.prediction import Structure
 from bayes_inertia.physics.slew_context import Environment, SlewContext, State, Trajectory
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
-class PlannedTrajectory(NamedTuple):
-    """The planned motion of one slew and its environment.
-
-    Parameters
-    ----------
-    path : Trajectory
-        The motion on n rows, without states of effects.
-    environment : Environment
-        Its columns (n, 3).
-    """
-
-    path: Trajectory
-    environment: Environment
-
-
-class TelemetrySensitivity(NamedTuple):
-    """Derivatives of one slew's telemetry with respect to p unknowns.
-
-    The unknowns are theta, the whitened bias, and the whitened start state.
-
-    Parameters
-    ----------
-    rate : (n, 3, p) array
-        Of the rate sensor's readings [rad/s].
-    attitude : (n, 3, p) array
-        Of the attitude, as a rotation vector in body axes [rad].
-    momentum : (n, wheels, p) array
-        Of the tachometers' readings [N m s].
-    """
-
-    rate: Array
-    attitude: Array
-    momentum: Array
-
-
-class _Quantities(NamedTuple):
-    """Quantities along the planned motion that the parameters decide."""
+class _Along(NamedTuple):
+    """Inertia, wheels, torques and sensor signals that parameters give along the planned motion."""
 
     inertia_B: Array
     axes_B: Array
@@ -96,131 +60,31 @@ class _Quantities(NamedTuple):
     rate_S: Array
     attitude: Array
     momentum: Array
-    scale_factor: Array
 
 
-class _StateDeviation(NamedTuple):
-    """Derivatives of the state along the planned motion with respect to p unknowns.
-
-    `attitude` (n, 3, p) as a rotation vector in body axes, `rate_B` (n, 3, p), and `wheel`
-    (n, wheels, p) of the wheels' total momentum.
-    """
-
-    attitude: Array
-    rate_B: Array
-    wheel: Array
-
-
-def telemetry_sensitivity(
-    structure: Structure,
-    theta: Array,
-    context: SlewContext,
-    planned: PlannedTrajectory,
-    sensors: RateConstants,
-    scale: NuisanceScale,
-) -> TelemetrySensitivity:
-    """First-order sensitivity of one slew's telemetry; the slew begins at rest.
-
-    `theta` (d,). `structure`: of the model that will be fitted, with n_local nuisances a slew.
-    """
+def _require_plain(structure: Structure) -> None:
+    """Raise for effects that a plan cannot be designed for."""
+    advice = "leave it out of the design"
     for effect in structure.effects:
         if effect.acts("state_rate"):
-            raise EffectError(
-                "has states of its own, which plans are not designed for",
-                where=effect.name,
-                advice="leave it out of the design",
-            )
-    stochastic = [e.name for e in structure.effects if isinstance(e, StochasticEffect)]
+            what = "has states of its own, which plans are not designed for"
+            raise EffectError(what, where=effect.name, advice=advice)
     if structure.hyperparameters:
-        raise EffectError(
-            "is stochastic, which plans are not designed for",
-            where=stochastic[0],
-            advice="leave it out of the design",
-        )
-    quantities = partial(_quantities, structure, context=context, planned=planned, sensors=sensors)
-    nominal, by_theta = quantities(theta), jax.jacfwd(quantities)(theta)
-    d, p = len(theta), len(theta) + N_BIAS + structure.n_local
-    derivatives = jax.tree.map(
-        lambda x: jnp.concatenate([x, jnp.zeros((*x.shape[:-1], p - d))], -1), by_theta
-    )
-    deviation = _state_deviation(nominal, derivatives, planned.path, context, scale, d)
-    return _of_sensors(nominal, derivatives, deviation, planned.path, context, sensors, scale, d)
+        stochastic = [e.name for e in structure.effects if isinstance(e, StochasticEffect)]
+        what = "is stochastic, which plans are not designed for"
+        raise EffectError(what, where=stochastic[0], advice=advice)
 
 
-def _state_deviation(
-    nominal: _Quantities,
-    derivatives: _Quantities,
-    path: Trajectory,
-    context: SlewContext,
-    scale: NuisanceScale,
-    d: int,
-) -> _StateDeviation:
-    """Sensitivity of the state to the unknowns, of which the first d are parameters."""
-    spin, G = context.spin_inertia, nominal.axes_B
-    total, d_total, d_wheel = _start_deviation(nominal, derivatives, path, context, scale, d)
-    wheel = path.wheel_momentum + spin * (path.rate_B @ G)
-    step = jnp.diff(path.time)[:, None, None]
-    d_wheel = (
-        d_wheel
-        + _integral(step, derivatives.delivered[:-1])
-        + _integral(step, _midpoints(derivatives.wheel_torque))
-    )
-    d_total = d_total + _integral(
-        step, _midpoints(_to_inertial(path.attitude, derivatives.body_torque))
-    )
-    momentum_B = quaternion.to_body(path.attitude, jnp.broadcast_to(total, path.rate_B.shape))
-    source = _to_body(path.attitude, d_total) - jnp.einsum("iw,nwp->nip", G, d_wheel)
-    source = (
-        source
-        - jnp.einsum("iwp,nw->nip", derivatives.axes_B, wheel)
-        - jnp.einsum("ijp,nj->nip", derivatives.inertia_B, path.rate_B)
-    )
-    inverse = _inverse(nominal.inertia_B)
-    attitude, d_rate = _integrated(path, momentum_B, inverse, source, d + N_BIAS, scale)
-    return _StateDeviation(attitude, d_rate, d_wheel)
-
-
-def _of_sensors(
-    nominal: _Quantities,
-    derivatives: _Quantities,
-    deviation: _StateDeviation,
-    path: Trajectory,
-    context: SlewContext,
-    sensors: RateConstants,
-    scale: NuisanceScale,
-    d: int,
-) -> TelemetrySensitivity:
-    """Sensitivity of the sensors, by the state's deviation and by their own parameters."""
-    p, spin, G = deviation.rate_B.shape[-1], context.spin_inertia, nominal.axes_B
-    rate_S = jnp.einsum("ij,njp->nip", sensors.axes, deviation.rate_B) + derivatives.rate_S
-    rate_S = rate_S + jnp.zeros((3, p)).at[jnp.arange(3), d + jnp.arange(N_BIAS)].set(scale.bias)
-    rate = (
-        rate_S - (nominal.rate_S / nominal.scale_factor)[..., None] * derivatives.scale_factor
-    ) / nominal.scale_factor[:, None]
-    by_tracker = (
-        2.0
-        * quaternion.multiply(
-            quaternion.conjugate(nominal.attitude)[:, None],
-            jnp.swapaxes(derivatives.attitude, 1, 2),
-        )[..., :3]
-    )
-    h = deviation.wheel - spin[:, None] * (
-        jnp.einsum("iwp,ni->nwp", derivatives.axes_B, path.rate_B)
-        + jnp.einsum("iw,nip->nwp", G, deviation.rate_B)
-    )
-    attitude = deviation.attitude + jnp.swapaxes(by_tracker, 1, 2)
-    return TelemetrySensitivity(rate, attitude, h + derivatives.momentum)
-
-
-def _quantities(
+def _along(
     structure: Structure,
-    theta: Array,
+    conditions: FlightConditions,
     context: SlewContext,
-    planned: PlannedTrajectory,
-    sensors: RateConstants,
-) -> _Quantities:
-    """Inertia, wheels, torques and sensor signals that theta (d,) gives along the motion."""
-    active, path = structure.active_effects(theta), planned.path
+    path: Trajectory,
+    environment: Environment,
+    theta: Array,
+) -> _Along:
+    """What theta (d,) gives along the planned motion."""
+    active, sensors = structure.active_effects(theta), conditions.sensors
     J, axes, torque = inertia_tensor.tensor(theta[:6]), context.wheel_axes_B, context.torque
     if structure.includes_wheel_spin:
         J = inertia_tensor.without_wheel_spin(J, axes, context.spin_inertia)
@@ -235,19 +99,20 @@ def _quantities(
     rate_S = path.rate_B @ sensors.axes.T + sensors.bias
     attitude, momentum = path.attitude, path.wheel_momentum
     for effect, p in active:
-        on_wheels, on_body = _torques_along(effect, p, context, planned, locked)
+        on_wheels, on_body = _torques_along(effect, p, context, path, environment, locked)
         friction, external = friction + on_wheels, external + on_body
         rate_S = effect.rate_output(p, context, path, rate_S)
         attitude = effect.attitude_output(p, context, path, attitude)
         momentum = effect.momentum_output(p, context, path, momentum)
-    return _Quantities(J, axes, torque, friction, external, rate_S, attitude, momentum, theta[6:9])
+    return _Along(J, axes, torque, friction, external, rate_S, attitude, momentum)
 
 
 def _torques_along(
     effect: Effect,
     p: Mapping[str, Array],
     context: SlewContext,
-    planned: PlannedTrajectory,
+    path: Trajectory,
+    environment: Environment,
     locked_B: Array,
 ) -> tuple[Array, Array]:
     """Torques of an effect on the wheels (n, wheels) and on the body (n, 3) along the motion."""
@@ -259,77 +124,101 @@ def _torques_along(
         wheel_torque = effect.wheel_torque(p, context, t, state)
         return wheel_torque, effect.body_torque(p, context, t, state)
 
-    path = planned.path
-    rows = (
-        path.time,
-        path.attitude,
-        path.rate_B,
-        path.wheel_momentum,
-        planned.environment,
+    return jax.vmap(instant)(
+        path.time, path.attitude, path.rate_B, path.wheel_momentum, environment
     )
-    return jax.vmap(instant)(*rows)
 
 
-def _start_deviation(
-    nominal: _Quantities,
-    derivatives: _Quantities,
-    path: Trajectory,
-    context: SlewContext,
-    scale: NuisanceScale,
-    d: int,
-) -> tuple[Array, Array, Array]:
-    """Total momentum (3,) in inertial axes at the start, and how it and the wheels' momentum move.
+class _Known(NamedTuple):
+    """What unknowns decide without integrating a deviation of the state.
 
-    Their derivatives are (3, p) and (wheels, p). The start state's columns are those of the forward
-    model: rate, attitude, wheel momentum; the planned rate is zero.
+    The `turn` (3,) of the first attitude in body axes [rad], the `source` C M_N - G H - J w (n, 3)
+    along the planned motion [N m s], and sensors there: `rate` of the readings (n, 3) [rad/s],
+    `attitude` (n, 3) as a small rotation [rad], `momentum` (n, wheels) of the tachometers [N m s].
     """
-    p = derivatives.scale_factor.shape[-1]
-    first, G, wheels = d + N_BIAS, nominal.axes_B, nominal.axes_B.shape[1]
-    locked = inertia_tensor.with_wheel_spin(nominal.inertia_B, G, context.spin_inertia)
-    h, q = path.wheel_momentum[0], path.attitude[0]
-    momentum_B = G @ h
-    d_momentum = jnp.einsum("iwp,w->ip", derivatives.axes_B, h)
-    d_momentum = d_momentum.at[:, first : first + 3].add(locked * scale.local[:3])
-    d_momentum = d_momentum.at[:, first + 3 : first + 6].add(-_cross(momentum_B) * scale.local[3:6])
-    d_momentum = d_momentum.at[:, first + 6 : first + 6 + wheels].add(G * scale.local[6:])
-    d_wheel = (
-        jnp.zeros((wheels, p))
-        .at[:, first : first + 3]
-        .set((context.spin_inertia * G).T * scale.local[:3])
+
+    turn: Array
+    source: Array
+    rate: Array
+    attitude: Array
+    momentum: Array
+
+
+def _whitened_columns(
+    layout: ForecastLayout,
+    conditions: FlightConditions,
+    theta: Array,
+    context: SlewContext,
+    path: Trajectory,
+) -> Array:
+    """Whitened derivatives (numbers, p) of all that one slew measures, at rest in the beginning.
+
+    The p unknowns are theta, the whitened bias and the whitened start state. A row counts as many
+    times as it stands for samples or fixes.
+    """
+    _require_plain(layout.structure)
+    environment = conditions.environment.at(context.start + context.time)
+    along = partial(_along, layout.structure, conditions, context, path, environment)
+    nominal, spin, d = along(theta), context.spin_inertia, len(theta)
+    planned = path.wheel_momentum + spin * (path.rate_B @ nominal.axes_B)
+    momentum_B = nominal.axes_B @ path.wheel_momentum[0]  # total, before the slew
+
+    def known(unknown: Array) -> _Known:
+        theta, bias, start = jnp.split(unknown, [d, d + N_BIAS])
+        now, (rate, turn, added) = along(theta), jnp.split(conditions.scale.local * start, [3, 6])
+        locked = inertia_tensor.with_wheel_spin(now.inertia_B, now.axes_B, spin)
+        first_B = locked @ rate + now.axes_B @ (path.wheel_momentum[0] + added)
+        first_N = quaternion.to_inertial(path.attitude[0], first_B + jnp.cross(turn, momentum_B))
+        torque_N = quaternion.to_inertial(path.attitude, now.body_torque)
+        total_N = first_N + _integral(path.time, _midpoints(torque_N))
+        wheel = added + spin * (rate @ now.axes_B)
+        wheel += _integral(path.time, now.delivered[:-1] + _midpoints(now.wheel_torque))
+        source = quaternion.to_body(path.attitude, total_N) - wheel @ nominal.axes_B.T
+        source -= planned @ now.axes_B.T + path.rate_B @ now.inertia_B.T
+        # To first order, the vector part is half a small rotation.
+        seen = quaternion.multiply(quaternion.conjugate(nominal.attitude), now.attitude)
+        tachometers = now.momentum + wheel - spin * (path.rate_B @ now.axes_B)
+        rate_S = (now.rate_S + conditions.scale.bias * bias) / theta[6:9]
+        return _Known(turn, source, rate_S, 2.0 * seen[:, :3], tachometers)
+
+    unknown = jnp.concatenate([theta, jnp.zeros(N_BIAS + layout.structure.n_local)])
+    by = jax.jacfwd(known)(unknown)
+    turned, d_rate = _integrated(path, momentum_B, _inverse(nominal.inertia_B), by)
+    noise, axes_S = conditions.noise, conditions.sensors.axes / theta[6:9, None]
+    samples, fixes = (jnp.sqrt(n)[:, None, None] for n in _counts(layout.times, path.time))
+    whitened = (
+        samples * noise.rate[:, None] * (by.rate + axes_S @ d_rate),
+        fixes * (noise.attitude @ (by.attitude + turned)),
+        samples * noise.momentum[:, None] * (by.momentum - (spin * nominal.axes_B).T @ d_rate),
     )
-    d_wheel = d_wheel.at[:, first + 6 : first + 6 + wheels].set(jnp.diag(scale.local[6:]))
-    return quaternion.to_inertial(q, momentum_B), _to_inertial(q, d_momentum), d_wheel
+    return jnp.concatenate([x.reshape(-1, len(unknown)) for x in whitened])
 
 
 def _integrated(
-    path: Trajectory,
-    momentum_B: Array,
-    inverse: Array,
-    source: Array,
-    first: int,
-    scale: NuisanceScale,
+    path: Trajectory, momentum_B: Array, inverse: Array, by: _Known
 ) -> tuple[Array, Array]:
-    """Deviations of attitude and rate (n, 3, p) in body axes, by the trapezoidal rule."""
+    """Deviations of attitude and rate (n, 3, p) in body axes, by the trapezoidal rule.
+
+    `momentum_B` (3,): total momentum at the start [N m s]; `inverse` (3, 3) of J.
+    """
+    momentum_N = quaternion.to_inertial(path.attitude[0], momentum_B)
+    momentum_B = quaternion.to_body(path.attitude, jnp.broadcast_to(momentum_N, path.rate_B.shape))
     to_body = jax.vmap(lambda q: quaternion.to_body(q, jnp.eye(3)).T)(path.attitude)  # C
-    gain = inverse @ jax.vmap(_cross)(momentum_B)
-    A = jnp.swapaxes(to_body, 1, 2) @ gain @ to_body
-    B = jnp.swapaxes(to_body, 1, 2) @ (inverse @ source)
+    to_inertial = jnp.swapaxes(to_body, 1, 2)
+    gain = inverse @ jnp.cross(jnp.eye(3), momentum_B[:, None])  # [m]x
+    A, B = to_inertial @ gain @ to_body, to_inertial @ (inverse @ by.source)
     half = 0.5 * jnp.diff(path.time)[:, None, None]
     left = _inverse(jnp.eye(3) - half * A[1:])
     transition, driven = left @ (jnp.eye(3) + half * A[:-1]), left @ (half * (B[:-1] + B[1:]))
-    start = (
-        jnp.zeros(source.shape[1:])
-        .at[:, first + 3 : first + 6]
-        .set(to_body[0].T * scale.local[3:6])
-    )
 
     def step(psi: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
         following = row[0] @ psi + row[1]
         return following, following
 
+    start = to_inertial[0] @ by.turn
     _, psi = jax.lax.scan(step, start, (transition, driven))
     turned = to_body @ jnp.concatenate([start[None], psi])
-    return turned, gain @ turned + inverse @ source
+    return turned, gain @ turned + inverse @ by.source
 
 
 def _inverse(matrix: Array) -> Array:
@@ -339,42 +228,15 @@ def _inverse(matrix: Array) -> Array:
     return adjugate / jnp.sum(a * adjugate[..., 0], -1)[..., None, None]
 
 
-def _cross(v: Array) -> Array:
-    """[v]x (3, 3), so that [v]x u is the cross product of v and u."""
-    zero = jnp.zeros(())
-    return jnp.stack(
-        [
-            jnp.stack([zero, -v[2], v[1]]),
-            jnp.stack([v[2], zero, -v[0]]),
-            jnp.stack([-v[1], v[0], zero]),
-        ]
-    )
-
-
-def _to_inertial(q: Array, columns_B: Array) -> Array:
-    """Columns (..., 3, p) of body vectors in inertial axes."""
-    return jnp.swapaxes(
-        quaternion.to_inertial(q[..., None, :], jnp.swapaxes(columns_B, -1, -2)), -1, -2
-    )
-
-
-def _to_body(q: Array, columns_N: Array) -> Array:
-    """Columns (..., 3, p) of inertial vectors in body axes."""
-    return jnp.swapaxes(
-        quaternion.to_body(q[..., None, :], jnp.swapaxes(columns_N, -1, -2)), -1, -2
-    )
-
-
 def _midpoints(rows: Array) -> Array:
     """Means of neighbouring rows."""
     return 0.5 * (rows[1:] + rows[:-1])
 
 
-def _integral(step: Array, slope: Array) -> Array:
-    """Integral (n, k, p) of what is given for each step (n - 1, k, p), zero at the first row."""
+def _integral(time: Array, slope: Array) -> Array:
+    """Integral (n, k) of what each step (n - 1, k) of times (n,) is given, zero at the first."""
     # As a matrix product, which compiles ten times as fast as a cumulative sum.
-    n = len(slope)
-    return jnp.einsum("ij,jkp->ikp", jnp.tril(jnp.ones((n + 1, n)), -1), step * slope)
+    return jnp.tril(jnp.ones((len(time), len(slope))), -1) @ (jnp.diff(time)[:, None] * slope)
 
 
 def expected_covariance(
@@ -408,57 +270,23 @@ def information_matrices(
 
     `theta` (d,).
     """
+    first = arrays.conditions.context
     body = rigid_body_at(layout.structure, theta, arrays.conditions)
     motion = motion_of_slews(slews, layout.times, body, arrays.start)
+
+    def of_slew(index: Array, start: Array, path: Trajectory, torque: Array) -> Array:
+        context = first._replace(
+            index=first.index + index,
+            start=first.start + start,
+            time=path.time,
+            step=jnp.append(jnp.diff(path.time), 0.0),
+            torque=torque,
+        )
+        columns = _whitened_columns(layout, arrays.conditions, theta, context, path)
+        return without_start_state(columns.T @ columns, len(theta) + N_BIAS)
+
     index = jnp.arange(len(slews.rate))
-    one = partial(_information_of_slew, layout, arrays, theta)
-    return jax.vmap(one)(
-        index,
-        *(
-            getattr(motion, key)
-            for key in ("time", "start", "attitude", "rate_B", "wheel_momentum", "wheel_torque")
-        ),
-    )
-
-
-def _information_of_slew(
-    layout: ForecastLayout,
-    arrays: ForecastArrays,
-    theta: Array,
-    index: Array,
-    time: Array,
-    start: Array,
-    attitude: Array,
-    rate_B: Array,
-    wheel_momentum: Array,
-    wheel_torque: Array,
-) -> Array:
-    """Information (d + 3, d + 3) of one slew; its arrays as in `PlannedMotion`, without slews."""
-    conditions, times = arrays.conditions, layout.times
-    start_time = conditions.start_time + start
-    context = SlewContext(
-        index=conditions.first + index,
-        slews=conditions.slew_count,
-        start=start_time,
-        middle=conditions.middle,
-        time=time,
-        step=jnp.append(jnp.diff(time), 0.0),
-        torque=wheel_torque,
-        wheel_axes_B=conditions.wheel_axes_B,
-        spin_inertia=conditions.spin_inertia,
-        boresight_B=conditions.boresight_B,
-        rate_axes=conditions.sensors.axes,
-    )
-    environment = environment_at(conditions.environment, start_time + time)
-    path = Trajectory(time, attitude, rate_B, wheel_momentum, jnp.zeros((len(time), 0)))
-    planned = PlannedTrajectory(path, environment)
-    sensitivity = telemetry_sensitivity(
-        layout.structure, theta, context, planned, conditions.sensors, conditions.scale
-    )
-    samples = _time_by_row(time) / times.telemetry_period
-    fixes = _fixes_by_row(times, time)
-    columns = _whitened_columns(conditions.noise, sensitivity, samples, fixes)
-    return without_start_state(columns.T @ columns, len(theta) + N_BIAS)
+    return jax.vmap(of_slew)(index, motion.start, motion.path, motion.wheel_torque)
 
 
 def without_start_state(matrix: Array, shared: int) -> Array:
@@ -481,34 +309,18 @@ def without_start_state(matrix: Array, shared: int) -> Array:
     return matrix[:shared, :shared] - across.T @ across
 
 
-def _whitened_columns(
-    noise: InverseNoise, sensitivity: TelemetrySensitivity, samples: Array, fixes: Array
-) -> Array:
-    """Whitened derivatives (numbers, p) of everything measured.
+def _counts(times: PlanTimes, time: Array) -> tuple[Array, Array]:
+    """Numbers of samples and of fixes that each row stands for, (n,) both.
 
-    A row counts as many times as it stands for samples or fixes (n,).
+    A row has half of each step beside it; two rows share a fix between them.
     """
-    rate = sensitivity.rate * (noise.rate[:, None] * jnp.sqrt(samples)[:, None, None])
-    momentum = sensitivity.momentum * (noise.momentum[:, None] * jnp.sqrt(samples)[:, None, None])
-    attitude = (
-        jnp.einsum("ij,njp->nip", noise.attitude, sensitivity.attitude)
-        * jnp.sqrt(fixes)[:, None, None]
-    )
-    return jnp.concatenate([x.reshape(-1, x.shape[-1]) for x in (rate, attitude, momentum)])
-
-
-def _time_by_row(time: Array) -> Array:
-    """Time (n,) that each row stands for [s]: half of each step beside it."""
     half = 0.5 * jnp.diff(time)
-    return jnp.append(half, 0.0) + jnp.concatenate([jnp.zeros(1), half])
-
-
-def _fixes_by_row(times: PlanTimes, time: Array) -> Array:
-    """Number of fixes that each row stands for (n,): two rows share a fix between them."""
+    beside = jnp.append(half, 0.0) + jnp.concatenate([jnp.zeros(1), half])
     before = np.arange(times.first_fix, times.rest_before - 1e-9, times.fix_spacing)
     after = np.arange(0.0, times.rest_after + 1e-9, times.fix_spacing)
     moments = jnp.concatenate([jnp.asarray(before), time[-1] - jnp.asarray(after)])
     right = jnp.clip(jnp.searchsorted(time, moments), 1, len(time) - 1)
     share = jnp.clip((moments - time[right - 1]) / (time[right] - time[right - 1]), 0.0, 1.0)
     # A floor, because a root has no derivative at zero.
-    return jnp.full(len(time), 1e-12).at[right].add(share).at[right - 1].add(1.0 - share)
+    fixes = jnp.full(len(time), 1e-12).at[right].add(share).at[right - 1].add(1.0 - share)
+    return beside / times.telemetry_period, fixes

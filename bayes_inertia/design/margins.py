@@ -120,8 +120,8 @@ def demands(
     )
     return {
         "torque": jnp.max(jnp.abs(motion.wheel_torque), axis=1),
-        "momentum": jnp.max(jnp.abs(motion.wheel_momentum), axis=1),
-        "rate": jnp.sqrt(jnp.max(jnp.sum(motion.rate_B**2, -1), axis=1)),
+        "momentum": jnp.max(jnp.abs(motion.path.wheel_momentum), axis=1),
+        "rate": jnp.sqrt(jnp.max(jnp.sum(motion.path.rate_B**2, -1), axis=1)),
         "angle": jnp.sqrt(jnp.sum(rotation_B**2, -1)),
         "acceleration": jnp.asarray(acceleration),
         "time": motion.total_time,

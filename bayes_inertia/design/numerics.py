@@ -47,7 +47,7 @@ class Numerics:
     # Smallest fractions of rate and acceleration.
     smallest_fractions: tuple[float, float] = (0.15, 0.03)
 
-    # `flight_conditions.py`
+    # `information_forecast.py`
     # Points of the table that holds an orbit's environment.
     orbit_points: int = 200
 
@@ -81,8 +81,7 @@ class Numerics:
     shortest_coast: float = 0.05
 
     # `separating_slew.py`
-    # Slews that one call of compiled code scores, and how many such calls draw from the whole
-    # region.
+    # Slews of each round of the search, and how many such rounds draw from the whole region.
     slews_per_batch: int = 128
     first_batches: int = 4
     # Rounds of the search around the best, how many are kept in each, and how far it reaches at

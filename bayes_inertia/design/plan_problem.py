@@ -26,7 +26,11 @@ from bayes_inertia.design.information_forecast import (
     ForecastLayout,
     rigid_body_at,
 )
-from bayes_inertia.design.information_matrix import expected_covariance
+from bayes_inertia.design.information_matrix import (
+    covariance_after,
+    expected_covariance,
+    information_matrices,
+)
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_arrays import SlewArrays
 from bayes_inertia.design.planned_motion import motion_of_slews
@@ -122,11 +126,12 @@ class PlanProblem:
 
     def score(
         self, x: np.ndarray, truth: int = 0
-    ) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]:
-        """Goal, limits and sds of many plans at one truth.
+    ) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray, np.ndarray]:
+        """Goal, limits, sds and information of many plans at one truth.
 
         `x` (n, slews, 5). Returns `log_value` (n,): logarithm of the goal's number; `slacks`:
-        {limit: (n, ...)}, see `constraint_slacks`; `sd` (n, d): expected sds of all parameters.
+        {limit: (n, ...)}, see `constraint_slacks`; `sd` (n, d): expected sds of all parameters;
+        `information` (n, slews, d + 3, d + 3): of each slew, see `information_matrices`.
         """
         static = (self.goal, self.forecast.layout, self.groups)
         given = (self.forecast.arrays, self.thetas[truth], self.region, self.end_attitude)
@@ -198,11 +203,13 @@ def _slacks(
 
 @partial(jax.jit, static_argnames=("goal", "layout", "groups"))
 def _scores(goal, layout, groups, arrays, theta, region, end, x):
-    def one(row: Array) -> tuple[Array, dict[str, Array], Array]:
+    def one(row: Array) -> tuple[Array, dict[str, Array], Array, Array]:
         slews = _slews(arrays, region, end, row)
-        expected = expected_covariance(layout, arrays, theta, slews)
+        information = information_matrices(layout, arrays, theta, slews)
+        expected = covariance_after(arrays, information)
         value = jnp.log(criterion(goal, expected, theta, arrays.prior_sd, groups))
-        return value, _slacks(layout, arrays, theta, region, slews), jnp.sqrt(jnp.diag(expected))
+        slacks = _slacks(layout, arrays, theta, region, slews)
+        return value, slacks, jnp.sqrt(jnp.diag(expected)), information
 
     return jax.lax.map(one, x)
 

@@ -35,6 +35,7 @@ from bayes_inertia.flight.slew_profile import angle_and_rate
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.jax_settings import require_usable_jax
 from bayes_inertia.maths.values import AnyArray
+from bayes_inertia.physics.slew_context import Trajectory
 
 
 class RigidBody(NamedTuple):
@@ -63,16 +64,10 @@ class PlannedMotion(NamedTuple):
 
     Parameters
     ----------
-    time : (n, rows) array
-        Time from each slew's first row [s].
+    path : Trajectory
+        The motion of each slew, (n, rows, ...), without states of effects.
     start : (n,) array
         Time of each slew's first row in the campaign [s].
-    attitude : (n, rows, 4) array
-        Body from inertial, scalar last.
-    rate_B : (n, rows, 3) array
-        Rate of the body [rad/s].
-    wheel_momentum : (n, rows, wheels) array
-        Relative to the body [N m s].
     wheel_torque : (n, rows, wheels) array
         On the wheels, held from each row to the next [N m].
     rest_attitudes : (n + 1, 4) array
@@ -81,11 +76,8 @@ class PlannedMotion(NamedTuple):
         From the first row of the campaign to the last [s].
     """
 
-    time: Array
+    path: Trajectory
     start: Array
-    attitude: Array
-    rate_B: Array
-    wheel_momentum: Array
     wheel_torque: Array
     rest_attitudes: Array
     total_time: Array
@@ -162,7 +154,8 @@ def motion_of_slews(
     lasting = time[:, -1] + times.pause
     start: AnyArray = np.tri(len(lasting), k=-1) @ lasting
     total_time = start[-1] + time[-1, -1]
-    return PlannedMotion(time, start, attitude, rate_B, wheel, torque, rests, total_time)
+    path = Trajectory(time, attitude, rate_B, wheel, jnp.zeros((*time.shape, 0)))
+    return PlannedMotion(path, start, torque, rests, total_time)
 
 
 def _peak_and_ramp(

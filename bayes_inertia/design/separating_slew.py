@@ -14,52 +14,34 @@ forecast's prior.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
-from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.after_campaign import plan_after
 from bayes_inertia.design.feasibility import require_three_axes
-from bayes_inertia.design.feasible_region import (
-    FeasibleRegion,
-    constraint_slacks,
-    draw_variables,
-    flattened,
-    region_within,
-    slews_from_variables,
-)
-from bayes_inertia.design.flight_conditions import conditions_of, last_environment
-from bayes_inertia.design.goals import Goal, criterion
+from bayes_inertia.design.feasible_region import draw_variables, region_within
+from bayes_inertia.design.goals import Goal
 from bayes_inertia.design.information_forecast import (
     Forecast,
-    ForecastArrays,
-    ForecastLayout,
-    rigid_body_at,
+    conditions_of,
+    forecast_of,
+    last_environment,
 )
-from bayes_inertia.design.information_matrix import covariance_after, information_matrices
 from bayes_inertia.design.limits import Limits, hardware_limits
 from bayes_inertia.design.margins import Margin, broken_limits, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
-from bayes_inertia.design.plan_arrays import plan_start, plan_times, planned_slews
-from bayes_inertia.design.planned_motion import motion_of_slews
+from bayes_inertia.design.plan_arrays import planned_slews
+from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.flight.follow_on import spacecraft_at
 from bayes_inertia.flight.plan import PlannedSlew
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.objective import as_matrix, marginal_information, prior_equations
 from bayes_inertia.maths.linear_algebra import canonical_correlation, inverse
-from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import N_BIAS
-
-Score = Callable[[np.ndarray], tuple[Array, Array]]
 
 
 @dataclass(frozen=True)
@@ -128,85 +110,48 @@ def separating_slew(
     require_three_axes(campaign.wheel_axes_B, CampaignError)
     longest = max(slew.duration for slew in campaign.slews)
     limits = limits or Limits(rate=1.1 * campaign.largest_rate(), total_time=2.0 * longest)
-    task = forecast_separation(estimate, a, b)
-    spacecraft = spacecraft_at(campaign, task.theta)
+    forecast, theta = forecast_separation(estimate, a, b)
+    spacecraft = spacecraft_at(campaign, theta)
     region = region_within(
         limits,
         hardware_limits(spacecraft),
         default_rate=campaign.largest_rate(),
         scale_factor_sigma=float(estimate.sd[6:9].max()),
     )
-    goal = Goal("separate", (a.name, b.name))
-    layout, arrays = task.forecast.layout, task.forecast.arrays
-    score = partial(_scores, goal, layout, task.groups, arrays, task.theta, region)
-    best, information = _search(score, task, region, seed)
-    slew = planned_slews(slews_from_variables(best[None], region))[0]
+    problem = PlanProblem(Goal("separate", (a.name, b.name)), forecast, theta[None], region)
+    best, information = _search(problem, seed)
+    slew = planned_slews(problem.slews(best[None]))[0]
     margins = planned_margins(replace(plan_after(estimate), slews=(slew,)), spacecraft, limits)
     for margin in broken_limits(margins):
         what = f"no slew that separates {a.name} from {b.name} was found within the limits"
         raise CampaignError(f"{what}: {margin.says}", where="limits", advice="loosen it")
-    correlation, power = _separation(task, information)
-    return Separation(slew, (a.name, b.name), correlation, power, margins)
-
-
-def _separation(
-    task: SeparationForecast, information: np.ndarray
-) -> tuple[tuple[float, float], tuple[tuple[float, float], tuple[float, float]]]:
-    """Correlation and non-centralities of `Separation`, from what the slew tells (d + 3, d + 3)."""
-    before = task.projected_information(np.zeros_like(information))
-    after = task.projected_information(information)
-    (start, stop), _ = task.groups
+    nothing = np.zeros_like(information)
+    two = [_projected(problem, told) for told in (nothing, information)]  # before and after
+    (start, stop), _ = problem.groups
     first = stop - start
-    a, b = np.arange(first), np.arange(first, len(before))
-    return (
-        (canonical_correlation(before, first), canonical_correlation(after, first)),
-        (
-            (noncentrality(before, a, b), noncentrality(after, a, b)),
-            (noncentrality(before, b, a), noncentrality(after, b, a)),
-        ),
-    )
+    of_a, of_b = np.arange(first), np.arange(first, len(two[0]))
+    before, after = (canonical_correlation(matrix, first) for matrix in two)
+    power = [
+        (noncentrality(two[0], *pair), noncentrality(two[1], *pair))
+        for pair in ((of_a, of_b), (of_b, of_a))
+    ]
+    return Separation(slew, (a.name, b.name), (before, after), (power[0], power[1]), margins)
 
 
-@partial(jax.jit, static_argnames=("goal", "layout", "groups"))
-def _scores(
-    goal: Goal,
-    layout: ForecastLayout,
-    groups: tuple[tuple[int, int], ...],
-    arrays: ForecastArrays,
-    theta: Array,
-    region: FeasibleRegion,
-    x: Array,
-) -> tuple[Array, Array]:
-    """Logarithm of the goal (n,) for slews x (n, 5), each flown alone, and their information.
-
-    What is not allowed is penalised. The information is (n, d + 3, d + 3).
-    """
-    body = rigid_body_at(layout.structure, theta, arrays.conditions)
-
-    def one(row: Array) -> tuple[Array, Array]:
-        slews = slews_from_variables(row[None], region)
-        information = information_matrices(layout, arrays, theta, slews)
-        motion = motion_of_slews(slews, layout.times, body, arrays.start)
-        slacks = flattened(constraint_slacks(motion, slews, region, layout.times))
-        missing = jnp.sum(jnp.maximum(0.0, -slacks))
-        covariance = covariance_after(arrays, information)
-        value = criterion(goal, covariance, theta, arrays.prior_sd, groups)
-        return jnp.log(value) + NUMERICS.limit_penalty * missing, information[0]
-
-    return jax.lax.map(one, x)
-
-
-def _search(
-    score: Score, task: SeparationForecast, region: FeasibleRegion, seed: int
-) -> tuple[np.ndarray, np.ndarray]:
+def _search(problem: PlanProblem, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """The best slew (5,) and its information: random slews, then others ever closer to the best."""
-    rng = np.random.default_rng([seed, 11])
-    times, body = task.forecast.layout.times, task.forecast.body(task.theta)
-    x = draw_variables(
-        rng, NUMERICS.first_batches * NUMERICS.slews_per_batch, 1, region, times, body
-    )[:, 0]
-    scored = [score(part) for part in np.split(x, NUMERICS.first_batches)]
-    values, information = (np.concatenate([np.asarray(s[i]) for s in scored]) for i in (0, 1))
+    rng, forecast = np.random.default_rng([seed, 11]), problem.forecast
+
+    def scored(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The goal (n,) of slews (n, 5), what is not allowed penalised, and their information."""
+        value, slacks, _, information = problem.score(x[:, None])
+        missing = sum(np.maximum(0.0, -s).reshape(len(x), -1).sum(1) for s in slacks.values())
+        return value + NUMERICS.limit_penalty * missing, information[:, 0]
+
+    body = forecast.body(problem.thetas[0])
+    n = NUMERICS.first_batches * NUMERICS.slews_per_batch
+    x = draw_variables(rng, n, 1, problem.region, forecast.layout.times, body)[:, 0]
+    values, information = scored(x)
     width = NUMERICS.first_width
     for _ in range(NUMERICS.search_rounds):
         order = np.argsort(values)[: NUMERICS.kept_each_round]
@@ -216,8 +161,8 @@ def _search(
         children[:, 3:] = np.clip(children[:, 3:], NUMERICS.smallest_fractions, 1.0)
         x = np.concatenate([x[order], children])
         values, information = (
-            np.concatenate([old[order], np.asarray(new)])
-            for old, new in zip((values, information), score(children), strict=True)
+            np.concatenate([old[order], new])
+            for old, new in zip((values, information), scored(children), strict=True)
         )
         width *= 0.5
     best = int(np.argmin(values))
@@ -244,47 +189,31 @@ def noncentrality(matrix: np.ndarray, effect: np.ndarray, imitator: np.ndarray) 
     return float(max(np.trace(left), 0.0))
 
 
-@array_dataclass
-class SeparationForecast:
-    """The forecast of one more slew that is to tell two effects apart.
+def _projected(problem: PlanProblem, information: np.ndarray) -> np.ndarray:
+    """Information on both effects, projected off everything else that is fitted.
 
-    Parameters
-    ----------
-    forecast : Forecast
-        Its prior is what the campaign told.
-    theta : (d,) array
-        The estimate, with both effects at their null.
-    groups : ((int, int), (int, int))
-        Where the parameters of the two effects stand: (first, behind the last) of each.
+    `information` (d + 3, d + 3): what a slew told. Returns (k, k): in prior sds, without the
+    effects' own priors; the first effect's k1 parameters before those of the second.
     """
-
-    forecast: Forecast
-    theta: np.ndarray
-    groups: tuple[tuple[int, int], tuple[int, int]]
-
-    def projected_information(self, information: np.ndarray) -> np.ndarray:
-        """Information on both effects, projected off everything else that is fitted.
-
-        `information` (d + 3, d + 3). Returns (k, k): in prior sds, without the effects' own priors;
-        the first effect's k1 parameters before those of the second.
-        """
-        sd = np.asarray(self.forecast.arrays.prior_sd)
-        effects = np.concatenate([np.arange(*group) for group in self.groups])
-        precision = np.asarray(self.forecast.arrays.prior) + information
-        precision[effects, effects] -= sd[effects] ** -2.0
-        rest = np.setdiff1d(np.arange(len(precision)), effects)
-        across = precision[np.ix_(rest, effects)]
-        matrix = (
-            precision[np.ix_(effects, effects)]
-            - across.T @ inverse(precision[np.ix_(rest, rest)]) @ across
-        )
-        return matrix * np.outer(sd[effects], sd[effects])
+    arrays = problem.forecast.arrays
+    sd = np.asarray(arrays.prior_sd)
+    effects = np.concatenate([np.arange(*group) for group in problem.groups])
+    precision = np.asarray(arrays.prior) + information
+    precision[effects, effects] -= sd[effects] ** -2.0
+    rest = np.setdiff1d(np.arange(len(precision)), effects)
+    across = precision[np.ix_(rest, effects)]
+    matrix = (
+        precision[np.ix_(effects, effects)]
+        - across.T @ inverse(precision[np.ix_(rest, rest)]) @ across
+    )
+    return matrix * np.outer(sd[effects], sd[effects])
 
 
-def forecast_separation(estimate: Estimate, a: Effect, b: Effect) -> SeparationForecast:
+def forecast_separation(estimate: Estimate, a: Effect, b: Effect) -> tuple[Forecast, np.ndarray]:
     """The forecast of one more slew after a campaign, with two effects fitted together.
 
-    `estimate`: the campaign's fit; what it fitted is fitted along.
+    Its prior is what the campaign told. `estimate`: the campaign's fit; what it fitted is fitted
+    along. Returns also (d,): the estimate, with both effects at their null.
     """
     campaign = estimate.model.campaign
     for effect in (a, b):
@@ -296,32 +225,24 @@ def forecast_separation(estimate: Estimate, a: Effect, b: Effect) -> SeparationF
         _require_parameters(model, effect)
     theta = _at_null_of_new(estimate, model, fitted)
     information, prior = _known(estimate, model, theta)
-    slices = tuple(model.space.slice_of(effect.name) for effect in (a, b))
-    for part in slices:
+    for effect in (a, b):
+        part = model.space.slice_of(effect.name)
         # A prior that ends at the null has a slope there; beside the data it counts by its width.
         prior[part, part] = np.diag(model.space.sd[part] ** -2.0)
     plan = plan_after(estimate)
-    conditions = conditions_of(
-        model,
-        last_environment(campaign),
-        first=len(campaign.slews),
-        slew_count=len(campaign.slews),
-        start_time=campaign.span[1] + plan.pause,
-        middle=0.5 * sum(campaign.span),
-    )
     commanded = model
     if model.structure.drive != "commanded":
-        commanded = Model(_with_commands(campaign), (*kept, a, b), "commanded")
-    structure, space = replace(commanded.structure, refined=False), model.space
-    layout = ForecastLayout(structure, space.names, space.units, plan_times(plan))
-    arrays = ForecastArrays(
-        conditions._replace(scale=commanded.data.scale),
-        plan_start(plan, len(campaign.wheels)),
-        model.space.sd,
-        information + prior,
+        # Commands of zero, so that the commanded drive can be set up.
+        wheels = len(campaign.wheels)
+        still = (replace(s, wheel_torque=np.zeros((len(s.time), wheels))) for s in campaign.slews)
+        commanded = Model(replace(campaign, slews=tuple(still)), (*kept, a, b), "commanded")
+    conditions = conditions_of(
+        commanded,
+        last_environment(campaign),
+        first=len(campaign.slews),
+        start_time=campaign.span[1] + plan.pause,
     )
-    first, second = ((part.start, part.stop) for part in slices)
-    return SeparationForecast(Forecast(layout, arrays), theta, (first, second))
+    return forecast_of(commanded, plan, conditions, information + prior), theta
 
 
 def _require_flying(effect: Effect, campaign: Campaign) -> None:
@@ -382,10 +303,3 @@ def _known(estimate: Estimate, model: Model, theta: np.ndarray) -> tuple[np.ndar
     )
     precision, _ = prior_equations(model, point, columns)
     return information, as_matrix(precision, N_BIAS)
-
-
-def _with_commands(campaign: Campaign) -> Campaign:
-    """The campaign with torque commands of zero, so that the commanded drive can be set up."""
-    wheels = len(campaign.wheels)
-    slews = (replace(s, wheel_torque=np.zeros((len(s.time), wheels))) for s in campaign.slews)
-    return replace(campaign, slews=tuple(slews))

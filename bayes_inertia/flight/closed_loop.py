@@ -15,7 +15,7 @@ given input, until nothing changes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -23,7 +23,6 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from bayes_inertia.flight.closed_loop_data import FlownSlew, Plant, SensorNoise
 from bayes_inertia.flight.control_law import (
     ControlLaw,
     ReferenceMotion,
@@ -42,7 +41,91 @@ from bayes_inertia.physics.equations_of_motion import (
 )
 from bayes_inertia.physics.motion_step import advance, grid_rows
 from bayes_inertia.physics.slew_context import Trajectory
-from bayes_inertia.physics.slew_input import SlewInput
+from bayes_inertia.physics.slew_input import SlewInput, Start
+
+
+class Plant(NamedTuple):
+    """The spacecraft as it is, as arrays.
+
+    Parameters
+    ----------
+    inertia_B : (3, 3) array
+        Inertia tensor without the wheels' spin [kg m^2].
+    scale_factor : (3,) array
+        True K of the rate sensor.
+    bias : (3,) array
+        True bias of the rate sensor, in its own axes [rad/s].
+    rate_axes : (3, 3) array
+        C_rate, from body axes to sensor axes.
+    start : Start
+        State at the first row.
+    """
+
+    inertia_B: Array
+    scale_factor: Array
+    bias: Array
+    rate_axes: Array
+    start: Start
+
+
+class SensorNoise(NamedTuple):
+    """Noise of one slew of n rows.
+
+    Parameters
+    ----------
+    rate : (n, 3) array
+        Of the rate readings [rad/s].
+    momentum : (n, wheels) array
+        Of the tachometers [N m s].
+    attitude : (n, 3) array
+        Small rotation of each star-tracker fix, in body axes [rad].
+    bias_snapshot : (3,) array
+        Of the mean reading at rest that gives the controller its bias [rad/s].
+    """
+
+    rate: Array
+    momentum: Array
+    attitude: Array
+    bias_snapshot: Array
+
+
+class FlownSlew(NamedTuple):
+    """One slew as flown, n rows: first what telemetry shows, then the truth.
+
+    Parameters
+    ----------
+    command : (n, wheels) array
+        Commanded torque on each wheel [N m].
+    rate : (n, 3) array
+        Readings of the rate sensor [rad/s].
+    momentum : (n, wheels) array
+        Wheel momentum as the tachometers show it [N m s].
+    fixes : (n, 4) array
+        What the star tracker would show in every row.
+    attitude : (n, 4) array
+        True attitude.
+    rate_B : (n, 3) array
+        True rate [rad/s].
+    wheel_momentum : (n, wheels) array
+        True wheel momentum relative to the body [N m s].
+    final_error_B : (3,) array
+        Rotation vector from the target to the true final attitude [rad].
+    measured_error_B : (3,) array
+        The same as the star tracker measures it [rad].
+    relaxation_change : float
+        Largest change of a command in the last round, as a fraction of the largest command.
+    """
+
+    command: Array
+    rate: Array
+    momentum: Array
+    fixes: Array
+    attitude: Array
+    rate_B: Array
+    wheel_momentum: Array
+    final_error_B: Array
+    measured_error_B: Array
+    relaxation_change: Array
 
 
 class _HookTerms(NamedTuple):
@@ -60,9 +143,29 @@ class _HookTerms(NamedTuple):
     commands: Array
 
 
+@jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
-class _Loop:
-    """Constants of all rounds of one slew."""
+class ClosedLoop:
+    """All that one slew in closed loop depends on; a pytree, with slews as leading axis for many.
+
+    Parameters
+    ----------
+    slew : SlewInput
+        Integration grid of n rows with `substeps` points each, and the environment on it. Its
+        torques and momenta are not used.
+    schedule : SlewSchedule
+        What the controller is to fly.
+    plant : Plant
+        The spacecraft as it is; of many slews only `start` has the leading axis.
+    law : ControlLaw
+        What the controller believes, and its gains; all slews share it.
+    noise : SensorNoise
+        Noise of all sensors.
+    active : ActiveEffects
+        What else acts, in all slews.
+    substeps : int
+        Integration steps a row.
+    """
 
     slew: SlewInput
     schedule: SlewSchedule
@@ -70,57 +173,33 @@ class _Loop:
     law: ControlLaw
     noise: SensorNoise
     active: ActiveEffects
-    substeps: int
+    substeps: int = field(default=1, metadata={"static": True})
 
 
-@partial(jax.jit, static_argnames="substeps")
-def fly_slews(
-    slews: SlewInput,
-    schedules: SlewSchedule,
-    plant: Plant,
-    law: ControlLaw,
-    noise: SensorNoise,
-    active: ActiveEffects,
-    substeps: int = 1,
-) -> FlownSlew:
-    """`fly_slew` for all slews of a campaign; compiled once for each shape and set of effects.
+@jax.jit
+def fly_slews(loop: ClosedLoop) -> FlownSlew:
+    """`fly_slew` for all slews of a campaign; compiled once for each shape and set of effects."""
 
-    `plant`: `plant.start` with a leading axis of slews, the rest shared.
-    """
-    # Axes and not arrays, which is how `vmap` wants them.
-    plant_axes = Plant(None, None, None, None, 0)  # type: ignore[arg-type]
-    axes = (0, 0, plant_axes, None, 0, None)
-    return jax.vmap(partial(fly_slew, substeps=substeps), in_axes=axes)(
-        slews, schedules, plant, law, noise, active
-    )
+    def one(slew, schedule, start, noise):
+        plant = loop.plant._replace(start=start)
+        return fly_slew(replace(loop, slew=slew, schedule=schedule, plant=plant, noise=noise))
+
+    return jax.vmap(one)(loop.slew, loop.schedule, loop.plant.start, loop.noise)
 
 
-def fly_slew(
-    slew: SlewInput,
-    schedule: SlewSchedule,
-    plant: Plant,
-    law: ControlLaw,
-    noise: SensorNoise,
-    active: ActiveEffects,
-    *,
-    substeps: int = 1,
-) -> FlownSlew:
+def fly_slew(loop: ClosedLoop) -> FlownSlew:
     """One slew in closed loop; a pure function that JAX can differentiate.
 
     Where effects act, only in forward mode.
-
-    `slew`: integration grid of n rows with `substeps` points each, and the environment on it. Its
-    torques and momenta are not used.
     """
-    loop = _Loop(slew, schedule, plant, law, noise, active, substeps)
-    n_rows, wheels = len(schedule.time), law.allocation.shape[0]
-    no_torque = jnp.zeros((n_rows * substeps, wheels))
+    n_rows, wheels = len(loop.schedule.time), loop.law.allocation.shape[0]
+    no_torque = jnp.zeros((n_rows * loop.substeps, wheels))
     no_rotation = jnp.zeros((n_rows, 3))
     no_terms = _HookTerms(
         no_torque, no_rotation, no_rotation, jnp.zeros((n_rows, wheels)), no_torque
     )
     one_round = partial(_round, loop)
-    if not active:
+    if not loop.active:
         return one_round(no_terms)[0]
 
     def not_converged(carry) -> Array:
@@ -140,7 +219,7 @@ def fly_slew(
     return jax.lax.while_loop(not_converged, fly_again, (jnp.asarray(0), empty, no_terms))[1]
 
 
-def _round(loop: _Loop, terms: _HookTerms) -> tuple[FlownSlew, _HookTerms]:
+def _round(loop: ClosedLoop, terms: _HookTerms) -> tuple[FlownSlew, _HookTerms]:
     """Fly once with what the whole-history hooks made of the round before, and ask them again."""
     n_rows, substeps = len(loop.schedule.time), loop.substeps
     context = loop.slew.context._replace(torque=terms.commands)
@@ -173,7 +252,7 @@ def _round(loop: _Loop, terms: _HookTerms) -> tuple[FlownSlew, _HookTerms]:
     return flown, next_terms
 
 
-def _bias_snapshot(loop: _Loop, terms: _HookTerms) -> Array:
+def _bias_snapshot(loop: ClosedLoop, terms: _HookTerms) -> Array:
     """The bias (3,) [rad/s] that the controller takes from readings at rest, times its K."""
     schedule, plant = loop.schedule, loop.plant
     resting = schedule.time < schedule.motion_start
@@ -184,7 +263,7 @@ def _bias_snapshot(loop: _Loop, terms: _HookTerms) -> Array:
     return loop.law.scale_factor * reading
 
 
-def _rows(loop: _Loop, grid: Any, terms: _HookTerms) -> dict[str, Any]:
+def _rows(loop: ClosedLoop, grid: Any, terms: _HookTerms) -> dict[str, Any]:
     """Inputs of a scan over control periods: everything that differs from row to row."""
     n_rows, noise = len(loop.schedule.time), loop.noise
     unused = jnp.zeros(n_rows)
@@ -196,7 +275,7 @@ def _rows(loop: _Loop, grid: Any, terms: _HookTerms) -> dict[str, Any]:
     }
 
 
-def _control_period(loop: _Loop, context, body, bias_snapshot: Array, carry, row):
+def _control_period(loop: ClosedLoop, context, body, bias_snapshot: Array, carry, row):
     """One control period: measure, propagate the attitude, command, let the plant move."""
     motion, believed, last_rate = carry
     reading, momentum, fix = _measure(loop, context, body, motion, row)
@@ -214,7 +293,7 @@ def _control_period(loop: _Loop, context, body, bias_snapshot: Array, carry, row
     return (motion, believed, rate), (path, command, reading, momentum, fix)
 
 
-def _measure(loop: _Loop, context, body, motion: SlewState, row) -> tuple[Array, Array, Array]:
+def _measure(loop: ClosedLoop, context, body, motion: SlewState, row) -> tuple[Array, Array, Array]:
     """Rate reading (3,), tachometer momentum (wheels,) and star-tracker fix (4,) at a row."""
     plant, terms, noise = loop.plant, row["terms"], row["noise"]
     rate_B, momentum = rate_and_wheel_momentum(motion, body, context, loop.active)
@@ -240,7 +319,7 @@ def _propagated(
 
 
 def _ask_hooks(
-    loop: _Loop, context, body, path: SlewState, command: Array
+    loop: ClosedLoop, context, body, path: SlewState, command: Array
 ) -> tuple[Trajectory, _HookTerms]:
     """The trajectory on the grid, and what the whole-history hooks make of it."""
     rate_B, momentum = jax.vmap(

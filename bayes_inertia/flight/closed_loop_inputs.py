@@ -1,78 +1,33 @@
-"""Inputs of the closed loop, as arrays: schedules, start states, control law and noise."""
+"""Inputs of the closed loop, as arrays: grids, schedules, start states, control law and noise."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import Numbers
-from bayes_inertia.errors import CampaignError
-from bayes_inertia.flight.closed_loop_data import Plant, SensorNoise
+from bayes_inertia.errors import CampaignError, EffectError
+from bayes_inertia.flight.closed_loop import ClosedLoop, Plant, SensorNoise
 from bayes_inertia.flight.control_law import ControlLaw, SlewSchedule
-from bayes_inertia.flight.integration_grids import integration_grid
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
-from bayes_inertia.physics.active_effects import ActiveEffects
+from bayes_inertia.physics.channels import channels_of
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.integration_plan import integration_plan
+from bayes_inertia.physics.packing import pack
+from bayes_inertia.physics.slew_context import Environment
 from bayes_inertia.physics.slew_input import SlewInput, Start
-
-
-@dataclass(frozen=True, eq=False)
-class ClosedLoopInputs:
-    """The arguments of `closed_loop.fly_slews` or, for one slew, of `closed_loop.fly_slew`.
-
-    Those of all slews have a leading axis of slews.
-
-    Parameters
-    ----------
-    planned : Campaign
-        The plan as a campaign that has not been flown.
-    slews : SlewInput
-        Integration grids and environment.
-    schedules : SlewSchedule
-        What the controller is to fly.
-    plant : Plant
-        The spacecraft as it is.
-    law : ControlLaw
-        What the controller believes, and its gains.
-    noise : SensorNoise
-        Noise of all sensors.
-    active : ActiveEffects
-        What else acts.
-    substeps : int
-        Integration steps a row.
-    """
-
-    planned: Campaign
-    slews: SlewInput
-    schedules: SlewSchedule
-    plant: Plant
-    law: ControlLaw
-    noise: SensorNoise
-    active: ActiveEffects
-    substeps: int
-
-    def of_slew(self, i: int) -> ClosedLoopInputs:
-        """The inputs of one slew alone."""
-        plant = self.plant._replace(start=_row(self.plant.start, i))
-        return replace(
-            self,
-            planned=self.planned.subset([i]),
-            slews=_row(self.slews, i),
-            schedules=_row(self.schedules, i),
-            plant=plant,
-            noise=_row(self.noise, i),
-        )
 
 
 def closed_loop_inputs(
@@ -81,8 +36,8 @@ def closed_loop_inputs(
     controller: Controller | None = None,
     rng: np.random.Generator | None = None,
     name: str | None = None,
-) -> ClosedLoopInputs:
-    """Inputs of the closed loop for all slews of a plan.
+) -> tuple[Campaign, ClosedLoop]:
+    """The plan as a campaign that has not been flown, and the closed loop of all its slews.
 
     `mission`: with what. If its spacecraft states no rate bias, one is drawn from the sensor's
     prior. `rng`: of bias, rest errors and noise, drawn in this order; None for none of them.
@@ -92,8 +47,8 @@ def closed_loop_inputs(
     >>> from bayes_inertia.flight.mission import most_like_mission
     >>> from bayes_inertia.flight.plan import PlannedSlew
     >>> plan = Plan("one", (PlannedSlew((1., 0., 0.), 0.5),))
-    >>> closed_loop_inputs(plan, most_like_mission()).of_slew(0).schedules.angle.item()
-    0.5
+    >>> closed_loop_inputs(plan, most_like_mission())[1].schedule.angle.tolist()
+    [0.5]
     """
     craft, controller = mission.spacecraft, controller or mission.controller()
     planned = planned_campaign(plan, mission, name)
@@ -104,10 +59,9 @@ def closed_loop_inputs(
         slew_schedule(plan, i, grid.n_rows, tracked=craft.star_tracker is not None)
         for i in range(len(plan.slews))
     ]
-    return ClosedLoopInputs(
-        planned=planned,
-        slews=grid.slews,
-        schedules=stacked_pytrees(schedules),
+    return planned, ClosedLoop(
+        slew=grid.slews,
+        schedule=stacked_pytrees(schedules),
         plant=Plant(
             jnp.asarray(craft.inertia_B),
             jnp.asarray(craft.scale_factor),
@@ -122,6 +76,66 @@ def closed_loop_inputs(
     )
 
 
+class IntegrationGrid(NamedTuple):
+    """Integration grids of all slews.
+
+    Parameters
+    ----------
+    slews : SlewInput
+        Grids and environment, with a leading axis of slews.
+    n_rows : int
+        Telemetry rows, padded.
+    substeps : int
+        Integration steps a row.
+    """
+
+    slews: SlewInput
+    n_rows: int
+    substeps: int
+
+
+def integration_grid(campaign: Campaign, effects: Sequence[Effect]) -> IntegrationGrid:
+    """The grids that a `Model` of the flown campaign will integrate on.
+
+    `campaign`: the plan as a campaign that has not been flown.
+    """
+    for effect in effects:
+        for column in effect.needs:
+            if any(getattr(slew, column) is None for slew in campaign.slews):
+                raise EffectError(
+                    f"needs {column}",
+                    where=effect.name,
+                    advice="give the plan an [orbit], or leave the effect out",
+                )
+    step = integration_plan(campaign, effects, "commanded").spacing
+    arrays = pack(campaign, channels_of(campaign, "commanded"), max_step=step)
+    n_rows = arrays.telemetry.sample.shape[1]
+    substeps = int(arrays.telemetry.sample[0, 1])
+    missing = n_rows * substeps - arrays.slews.context.time.shape[1]
+    return IntegrationGrid(_padded(arrays.slews, missing), n_rows, substeps)
+
+
+def _padded(slews: SlewInput, missing: int) -> SlewInput:
+    """Grids with `missing` more points at their end, where time stands still."""
+    if missing == 0:
+        return slews
+
+    def pad(x: Array, mode: Literal["constant", "edge"]) -> Array:
+        width = [(0, 0), (0, missing)] + [(0, 0)] * (x.ndim - 2)
+        return jnp.asarray(np.pad(np.asarray(x), width, mode=mode))
+
+    context = slews.context._replace(
+        step=pad(slews.context.step, "constant"),
+        time=pad(slews.context.time, "edge"),
+        torque=pad(slews.context.torque, "edge"),
+    )
+    return slews._replace(
+        context=context,
+        momentum=pad(slews.momentum, "edge"),
+        environment=Environment(*(pad(x, "edge") for x in slews.environment)),
+    )
+
+
 def stacked_pytrees(parts: Sequence[Any]) -> Any:
     """Pytrees of one structure as one pytree, with a new leading axis.
 
@@ -131,10 +145,6 @@ def stacked_pytrees(parts: Sequence[Any]) -> Any:
     [1.0, 2.0]
     """
     return jax.tree.map(lambda *x: np.stack(x), *parts)
-
-
-def _row(tree: Any, i: int) -> Any:
-    return jax.tree.map(lambda x: x[i], tree)
 
 
 def slew_schedule(plan: Plan, i: int, n_rows: int, *, tracked: bool) -> SlewSchedule:

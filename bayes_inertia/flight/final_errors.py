@@ -14,17 +14,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia.flight.closed_loop import fly_slew
-from bayes_inertia.flight.closed_loop_data import Plant
+from bayes_inertia.flight.closed_loop import ClosedLoop, Plant, fly_slew
 from bayes_inertia.flight.closed_loop_inputs import (
     control_law,
+    integration_grid,
     rate_bias,
     sensor_noise,
     slew_schedule,
     stacked_pytrees,
     start_states,
 )
-from bayes_inertia.flight.integration_grids import integration_grid
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
@@ -151,8 +150,8 @@ def _final_errors(flights: _Flights, slew, schedule, plants, law, noise, values)
 
     def of_draw(plant, values, noise):
         active = ActiveEffects(flights.effects, values)
-        flown = fly_slew(slew, schedule, plant, law, noise, active, substeps=flights.substeps)
-        return flown.final_error_B
+        loop = ClosedLoop(slew, schedule, plant, law, noise, active, flights.substeps)
+        return fly_slew(loop).final_error_B
 
     if len(noise.rate) == 1:
         return jax.vmap(of_draw, in_axes=(0, 0, None))(

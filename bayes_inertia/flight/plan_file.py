@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-import difflib
 import math
-import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from types import GenericAlias
+from typing import Annotated, Any, Literal
 
-from bayes_inertia.campaign.checked_toml import toml_document
-from bayes_inertia.campaign.schema import DEGREE
+from annotated_types import Len
+from pydantic import Field, create_model
+
+from bayes_inertia.campaign.checked_toml import parse_toml
+from bayes_inertia.campaign.description import stated_keys
+from bayes_inertia.campaign.schema import DEGREE, Part, Vector3
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import read_bytes, text_of, write_atomically
 from bayes_inertia.flight.orbit import Orbit
@@ -18,7 +21,8 @@ from bayes_inertia.flight.plan import Plan, PlannedSlew
 
 FORMAT = "bayes-inertia-plan/1"
 # Key in the file -> field and factor to SI; a factor of None marks what is no single number.
-_SLEW = {
+_Keys = Mapping[str, tuple[str, float | None]]
+_SLEW: _Keys = {
     "axis": ("axis_B", None),
     "angle_deg": ("angle", DEGREE),
     "rate_deg_per_s": ("rate", DEGREE),
@@ -26,13 +30,13 @@ _SLEW = {
     "profile": ("profile", None),
     "duration_s": ("duration", 1.0),
 }
-_ORBIT = {
+_ORBIT: _Keys = {
     "radius_km": ("radius", 1e3),
     "inclination_deg": ("inclination", DEGREE),
     "node_deg": ("node", DEGREE),
     "argument_deg": ("argument", DEGREE),
 }
-_PLAN = {
+_PLAN: _Keys = {
     "name": ("name", None),
     "start_attitude": ("start_attitude", None),
     "wheel_momentum_Nms": ("wheel_momentum", None),
@@ -49,8 +53,40 @@ _PLAN = {
         )
     },
 }
-# Fields that are lists, and how long; None for any length.
-_LIST_LENGTHS = {"axis_B": 3, "start_attitude": 4, "wheel_momentum": None}
+# Of fields that are no single number.
+_TYPES: dict[str, Any] = {
+    "axis_B": Vector3,
+    "start_attitude": Annotated[list[float], Len(4, 4)],
+    "wheel_momentum": list[float],
+    "name": str,
+    "profile": str,
+}
+
+
+def _form(name: str, keys: _Keys, required: dict[str, str], **tables: Any) -> Any:
+    """The form of a table of the file; `required`: what to add where such a key is missing."""
+    kinds = {key: _TYPES.get(field, float) for key, (field, _) in keys.items()}
+    fields: dict[str, Any] = {key: (kind | None, None) for key, kind in kinds.items()}
+    fields |= {key: (kinds[key], Field(description=says)) for key, says in required.items()}
+    return create_model(name, __base__=Part, **(fields | tables))
+
+
+_SlewForm = _form(
+    "PlannedSlew",
+    _SLEW,
+    {
+        "axis": "axis = the axis of the slew in body axes, such as [1.0, 0.0, 0.0]",
+        "angle_deg": "angle_deg = the angle of the slew [deg]",
+    },
+)
+_PlanForm = _form(
+    "Plan",
+    _PLAN,
+    {"name": 'name = "..."'},
+    format=(Literal["bayes-inertia-plan/1"], ...),
+    slews=(GenericAlias(list, _SlewForm), []),
+    orbit=(_form("Orbit", _ORBIT, {}) | None, None),
+)
 
 
 def write_plan(plan: Plan, path: str | Path, *, overwrite: bool = False) -> Path:
@@ -133,115 +169,34 @@ def read_plan(path: str | Path) -> Plan:
     bayes_inertia.errors.CampaignError: no/such/plan.toml: cannot be read ...
     """
     label = str(path)
-    text = text_of(read_bytes(Path(path)), label)
-    document = toml_document(text, label)
+    stated = parse_toml(text_of(read_bytes(Path(path)), label), label, _PlanForm)
     try:
-        return _plan(document)
+        return Plan(
+            slews=tuple(PlannedSlew(**_fields(slew, _SLEW)) for slew in stated.slews),
+            orbit=None if stated.orbit is None else Orbit(**_fields(stated.orbit, _ORBIT)),
+            **_fields(stated, _PLAN),
+        )
     except CampaignError as error:
         raise error.inside(label) from None
 
 
-def _plan(document: dict[str, Any]) -> Plan:
-    """The plan that a TOML document describes."""
-    if document.pop("format", None) != FORMAT:
-        raise CampaignError(
-            "missing or of another version", where="key format", advice=f'write format = "{FORMAT}"'
-        )
-    slews, orbit = document.pop("slews", []), document.pop("orbit", None)
-    if not isinstance(slews, list) or not all(isinstance(slew, dict) for slew in slews):
-        raise CampaignError(
-            "not a list of tables",
-            where="key slews",
-            advice="write [[slews]] and its keys below, once a slew",
-        )
-    fields = _fields(document, _PLAN, "", required=("name",), known=("format", "slews", "orbit"))
-    if orbit is not None:
-        fields["orbit"] = Orbit(**_fields(orbit, _ORBIT, "orbit."))
-    planned = tuple(
-        PlannedSlew(
-            **_fields(
-                slew, _SLEW, f"slews[{i + 1} of {len(slews)}].", required=("axis", "angle_deg")
-            )
-        )
-        for i, slew in enumerate(slews)
-    )
-    return Plan(slews=planned, **fields)
-
-
-def _fields(
-    table: Any,
-    keys: Mapping[str, tuple[str, float | None]],
-    place: str,
-    required: tuple[str, ...] = (),
-    known: tuple[str, ...] = (),
-) -> dict[str, Any]:
-    """Fields and their values in SI, from a table of the file at `place`."""
-    if not isinstance(table, dict):
-        raise CampaignError(
-            "not a table of keys",
-            where=f"key {place.rstrip('.')}",
-            advice="write it as [table] with keys below",
-        )
-    for key in table:
-        if key not in keys:
-            raise _unknown_key(key, place, [*keys, *known])
-    for key in required:
-        if key not in table:
-            raise CampaignError("missing key", where=f"key {place}{key}", advice="add it")
+def _fields(form: Any, keys: _Keys) -> dict[str, Any]:
+    """Fields and their values in SI, of a table of the file."""
     return {
-        keys[key][0]: _value(value, *keys[key], f"key {place}{key}") for key, value in table.items()
+        keys[key][0]: _si(value, keys[key][1])
+        for key, value in stated_keys(form).items()
+        if key in keys
     }
 
 
-def _unknown_key(key: str, place: str, known: list[str]) -> CampaignError:
-    """The error for a key that is not known, with the nearest one that is."""
-    near = difflib.get_close_matches(key, known, 1, 0.5)
-    advice = f'did you mean "{near[0]}"?' if near else f"known here: {', '.join(known)}"
-    return CampaignError("unknown key", where=f"key {place}{key}", advice=advice)
-
-
-def _is_number(value: Any) -> bool:
-    if not isinstance(value, int | float) or isinstance(value, bool):
-        return False
-    # A whole number may be too large for a float.
-    return -sys.float_info.max <= value <= sys.float_info.max
-
-
-def _value(value: Any, name: str, factor: float | None, where: str) -> Any:
-    """The value of a field in SI."""
-    if factor is not None:
-        return _number(value, factor, where)
-    if name in _LIST_LENGTHS:
-        return _numbers(value, _LIST_LENGTHS[name], where)
-    if not isinstance(value, str):
-        raise CampaignError(f"{value!r} is not text", where=where, advice="write text in quotes")
-    return value
-
-
-def _number(value: Any, factor: float, where: str) -> float:
-    """A number times its factor to SI."""
-    if not _is_number(value):
-        raise CampaignError(
-            f"{value!r} is not a finite number",
-            where=where,
-            advice="write a number without quotes",
-        )
+def _si(value: Any, factor: float | None) -> Any:
+    """A value of the file in SI; lists as tuples."""
+    if factor is None:
+        return tuple(value) if isinstance(value, list) else value
     return math.radians(value) if factor == DEGREE else value * factor
 
 
-def _numbers(value: Any, n: int | None, where: str) -> tuple[float, ...]:
-    """A list of n numbers; of any length if n is None."""
-    is_list = isinstance(value, list) and all(_is_number(x) for x in value)
-    if not is_list or n not in (None, len(value)):
-        raise CampaignError(
-            f"{value!r} is not a list of {n or 'one or more'} numbers",
-            where=where,
-            advice="write [1.0, 0.0, ...]",
-        )
-    return tuple(float(x) for x in value)
-
-
-def _table(part: Any, keys: Mapping[str, tuple[str, float | None]]) -> dict[str, Any]:
+def _table(part: Any, keys: _Keys) -> dict[str, Any]:
     """A plan, slew or orbit as keys and values of the file."""
     values = ((key, getattr(part, name), factor) for key, (name, factor) in keys.items())
     return {key: _file_value(value, factor) for key, value, factor in values if value is not None}

@@ -116,21 +116,12 @@ def fly(
     0.005
     """
     rng = None if seed is None else np.random.default_rng(seed)
-    inputs = closed_loop_inputs(plan, mission, controller, rng, name)
-    flown = fly_slews(
-        inputs.slews,
-        inputs.schedules,
-        inputs.plant,
-        inputs.law,
-        inputs.noise,
-        inputs.active,
-        inputs.substeps,
-    )
-    on_host: Any = jax.tree.map(np.asarray, flown)  # a FlownSlew of numpy arrays
-    _check_converged(on_host, inputs.planned, mission.spacecraft.effects)
-    bias = tuple(np.asarray(inputs.plant.bias).tolist())
+    planned, loop = closed_loop_inputs(plan, mission, controller, rng, name)
+    flown: Any = jax.tree.map(np.asarray, fly_slews(loop))  # a FlownSlew of numpy arrays
+    _check_converged(flown, planned, mission.spacecraft.effects)
+    bias = tuple(np.asarray(loop.plant.bias).tolist())
     craft = replace(mission.spacecraft, bias=bias)
-    return _flight(plan, replace(mission, spacecraft=craft), inputs.planned, on_host)
+    return _flight(plan, replace(mission, spacecraft=craft), planned, flown)
 
 
 def _check_converged(flown: Any, planned: Campaign, effects: Sequence[Effect]) -> None:

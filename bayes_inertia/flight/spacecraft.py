@@ -208,7 +208,7 @@ def most_like_spacecraft() -> Spacecraft:
     """
     J = np.array([[3.3311, -0.0119, 0.0027], [-0.0119, 2.2024, 0.0161], [0.0027, 0.0161, 1.8033]])
     axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    limits = 0.02, 0.3, 5e-6  # of torque [N m] and momentum, and its noise [N m s]
+    limits = 0.02, 0.3, 5e-6  # max_torque [N m], max_momentum, momentum_sigma [N m s]
     wheels = tuple(
         Wheel(f"wheel_{name}", axis, 1e-3, *limits) for name, axis in zip("xyz", axes, strict=True)
     )

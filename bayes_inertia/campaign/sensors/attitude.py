@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import StarTracker
 from bayes_inertia.campaign.sensors.sensor_stream import SensorStream, all_empty
 from bayes_inertia.campaign.slew import bad_quaternion
 from bayes_inertia.errors import CampaignError
@@ -23,6 +22,8 @@ class AttitudeStream(SensorStream):
     sensor = title = "star tracker"
     unit = ""
     keys = ("attitude",)
+    first = "star_tracker"
+    noise = ("sigma_cross", "sigma_roll")
     written = (
         "attitude",
         {"scalar": "last", "maps": "inertial_to_body"},
@@ -52,27 +53,12 @@ class AttitudeStream(SensorStream):
         """Body axes of the small rotation."""
         return ("about x", "about y", "about z")
 
-    def hardware(self, campaign: Campaign) -> StarTracker | None:
-        """The star tracker, if there is one."""
-        return campaign.star_tracker if self.field else super().hardware(campaign)
-
     def sigma(self, campaign: Campaign) -> Sequence[float | None]:
         """Noise across the boresight, twice, and about it [rad]; none without star tracker."""
         tracker = self.hardware(campaign)
         if tracker is None:
             return ()
         return tracker.sigma_cross, tracker.sigma_cross, tracker.sigma_roll
-
-    def louder(self, campaign: Campaign, factor: float) -> Campaign:
-        """The campaign with another noise of the star tracker."""
-        tracker = self.hardware(campaign)
-        if tracker is None:
-            return campaign
-        cross, roll = factor * tracker.sigma_cross, factor * tracker.sigma_roll
-        louder = replace(tracker, sigma_cross=cross, sigma_roll=roll)
-        if self.field:
-            return replace(campaign, star_tracker=louder)
-        return self.with_hardware(campaign, louder)
 
 
 ATTITUDE = AttitudeStream("attitude", "attitude")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -40,9 +40,3 @@ class DirectionStream(SensorStream):
     def sigma(self, campaign: Campaign) -> Sequence[float | None]:
         """Noise of each column [T], or of a unit vector [rad]."""
         return self.hardware(campaign).sigma
-
-    def louder(self, campaign: Campaign, factor: float) -> Campaign:
-        """The campaign with another noise of this sensor."""
-        sensor = self.hardware(campaign)
-        sigma = tuple(factor * sigma for sigma in sensor.sigma)
-        return self.with_hardware(campaign, replace(sensor, sigma=sigma))

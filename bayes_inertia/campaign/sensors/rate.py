@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import CorrelatedNoise, RateSensor
+from bayes_inertia.campaign.hardware import CorrelatedNoise
 from bayes_inertia.campaign.schema import to_si
 from bayes_inertia.campaign.sensors.sensor_stream import SensorStream, refuse_empty_columns
 from bayes_inertia.campaign.slew import Slew
@@ -25,6 +25,7 @@ class RateStream(SensorStream):
     sensor = title = "rate sensor"
     unit = "rad/s"
     keys = ("rate",)
+    first = "rate_sensor"
     written = ("rate", {"unit": "rad/s"}, ("wx_radps", "wy_radps", "wz_radps"))
 
     def read(self, table: Table, entry: Any, spin_inertias: np.ndarray) -> np.ndarray | None:
@@ -36,13 +37,7 @@ class RateStream(SensorStream):
         """Those inside the sensor's range."""
         if self.field:
             return campaign.valid_readings(slew)
-        sensor = self.hardware(campaign)
-        assert sensor is not None
-        return in_range(self.values(slew), sensor.range)
-
-    def hardware(self, campaign: Campaign) -> RateSensor | None:
-        """The sensor, if there is one."""
-        return campaign.rate_sensor if self.field else super().hardware(campaign)
+        return in_range(self.values(slew), self.hardware(campaign).range)
 
     def unattainable(self, campaign: Campaign) -> float:
         """The last number below what no spacecraft turns at."""
@@ -62,16 +57,6 @@ class RateStream(SensorStream):
         """As a diagnosis measured it."""
         sensor = self.hardware(campaign)
         return sensor.correlated_noise if sensor else None
-
-    def louder(self, campaign: Campaign, factor: float) -> Campaign:
-        """The campaign with another noise of the rate sensor."""
-        sensor = self.hardware(campaign)
-        if sensor is None:
-            return campaign
-        louder = replace(sensor, sigma=tuple(factor * sigma for sigma in sensor.sigma))
-        if self.field:
-            return replace(campaign, rate_sensor=louder)
-        return self.with_hardware(campaign, louder)
 
 
 RATE = RateStream("rate", "rate")

@@ -45,6 +45,9 @@ class SensorStream(ABC):
     keys: ClassVar[tuple[str, ...]] = ()
     # How they are written: entry of [columns], its unit and sense, columns (a text: one a wheel).
     written: ClassVar[tuple[str, Mapping[str, str], str | Sequence[str]]]
+    # The field of `Campaign` that holds the first sensor of the kind; the noise in its record.
+    first: ClassVar[str] = ""
+    noise: ClassVar[tuple[str, ...]] = ("sigma",)
     # Whether every row of a slew may hold a reading; else there are fixes here and there.
     is_series: ClassVar[bool] = True
 
@@ -67,11 +70,16 @@ class SensorStream(ABC):
         return values
 
     def hardware(self, campaign: Campaign) -> Any:
-        """The sensor among `Campaign.more_sensors`."""
+        """The sensor, None where the campaign has none."""
+        if self.field:
+            return getattr(campaign, self.first)
         return dict(campaign.more_sensors)[self.name]
 
     def with_hardware(self, campaign: Campaign, hardware: Any) -> Campaign:
-        """The campaign with another sensor in its place among `Campaign.more_sensors`."""
+        """The campaign with another sensor in its place."""
+        if self.field:
+            changed: dict[str, Any] = {self.first: hardware}
+            return replace(campaign, **changed)
         sensors = dict(campaign.more_sensors) | {self.name: hardware}
         return replace(campaign, more_sensors=tuple(sensors.items()))
 
@@ -120,9 +128,17 @@ class SensorStream(ABC):
         """How the noise was measured to be correlated in time; None: it is white."""
         return None
 
-    @abstractmethod
     def louder(self, campaign: Campaign, factor: float) -> Campaign:
         """The campaign with this sensor's stated noise multiplied."""
+        sensor = self.hardware(campaign)
+        if sensor is None:
+            return campaign
+        stated = {key: getattr(sensor, key) for key in self.noise}
+        louder = {
+            key: tuple(factor * x for x in sigma) if isinstance(sigma, tuple) else factor * sigma
+            for key, sigma in stated.items()
+        }
+        return self.with_hardware(campaign, replace(sensor, **louder))
 
 
 def all_empty(table: Table, names: Sequence[str]) -> bool:
