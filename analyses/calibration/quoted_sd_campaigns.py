@@ -29,6 +29,7 @@ from analyses.naming.second_simulator import replayed
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.design.designer import design_plan
+from bayes_inertia.diagnosis.linear_system import linear_model
 from bayes_inertia.diagnosis.score_test import score_tests
 from bayes_inertia.flight.mission import most_like_mission
 from bayes_inertia.flight.plan import Plan
@@ -106,7 +107,7 @@ def _information(tachometers: bool) -> tuple[Campaign, dict[str, np.ndarray]]:
     campaign = draw(np.random.SeedSequence(41), (), {}, tachometers).campaign
     effects = library_of(campaign)
     moved = optimizer.move_to(plain_fit(campaign), Model(campaign, effects))
-    scores = score_tests(moved, tuple(e.name for e in effects))
+    scores = score_tests(linear_model(moved))
     return campaign, {
         name: scores.matrix[np.ix_(own, own)]
         for name, own in zip(scores.names, scores.indices, strict=True)

@@ -24,6 +24,7 @@ from analyses.naming.fixed_shape_campaigns import (
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.writer import write_campaign
+from bayes_inertia.diagnosis.linear_system import linear_model
 from bayes_inertia.diagnosis.score_test import score_tests
 from bayes_inertia.errors import EffectError
 from bayes_inertia.flight.mission import Mission, most_like_mission
@@ -124,7 +125,7 @@ def strengths(spacecraft: str) -> dict[str, dict]:
     campaign, rng = flown(spacecraft, 0).campaign, np.random.default_rng(7)
     effects = tuple(e for e in by_name(HIDDEN) if acts_on(e, campaign))
     everything = optimizer.move_to(plain_fit(campaign), Model(campaign, effects))
-    scores = score_tests(everything, tuple(e.name for e in effects))
+    scores = score_tests(linear_model(everything))
     values = {}
     for effect, own in zip(effects, scores.indices, strict=True):
         along = direction(effect, rng, template(spacecraft))

@@ -12,6 +12,7 @@ from scipy import linalg
 
 from analyses.design.cases import CRAFT, MISSION, PRIOR, ROOT, plan_for
 from bayes_inertia.design.expected_accuracy import estimate_at_truth
+from bayes_inertia.diagnosis.linear_system import linear_model
 from bayes_inertia.diagnosis.score_test import ScoreTests, score_tests
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.files import write_atomically
@@ -111,7 +112,8 @@ def _plans_and_scores(
 def _score_tests(plan: Plan, craft: Spacecraft, pair: tuple[str, str]) -> ScoreTests:
     """Score tests of two effects in a flight without them."""
     plain = estimate_at_truth(plan, Mission(craft, PRIOR), controller=MISSION.controller())
-    return score_tests(move_to(plain, Model(plain.model.campaign, by_name(pair))), pair)
+    both = move_to(plain, Model(plain.model.campaign, by_name(pair)))
+    return score_tests(linear_model(both))
 
 
 def _verdict(label: str, plan: Plan, craft: Spacecraft, hidden: str, seed: int) -> dict:

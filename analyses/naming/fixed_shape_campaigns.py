@@ -9,6 +9,7 @@ import numpy as np
 from scipy import optimize, stats
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.diagnosis.linear_system import linear_model
 from bayes_inertia.diagnosis.score_test import ScoreTests, score_tests
 from bayes_inertia.flight.mission import most_like_mission
 from bayes_inertia.flight.plan import Plan, paper_like_plan
@@ -120,7 +121,7 @@ def amplitude_for(
     if effect.name == "flexible_mode":
         return mode_amplitude(effect, values, wanted, seed, plain, tachometers, noise)
     with_effect = optimizer.move_to(plain, Model(campaign, (effect,)))
-    information = score_tests(with_effect, (effect.name,)).matrix
+    information = score_tests(linear_model(with_effect)).matrix
     step = unit_step(effect, values, campaign)
     unit = max(float(step @ information @ step), 1e-12)
     return float(np.clip(np.sqrt(wanted / unit), 1e-9, LARGEST_AMPLITUDE))
@@ -168,10 +169,9 @@ def ideal_powers(
     nothing is taken off: its power is an upper bound.
     """
     campaign = draw(seed, (), {}, tachometers).campaign
-    scores = score_tests(
-        optimizer.move_to(plain_fit(campaign), Model(campaign, effects)),
-        tuple(e.name for e in effects if e.name != "flexible_mode"),
-    )
+    linear = tuple(e for e in effects if e.name != "flexible_mode")
+    plain = optimizer.move_to(plain_fit(campaign), Model(campaign, linear))
+    scores = score_tests(linear_model(plain))
     left = list(wanted)
     for i, effect in enumerate(effects):
         if effect.name in scores.names and len(scores.names) > 1:

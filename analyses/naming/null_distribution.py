@@ -42,13 +42,11 @@ def clean_campaign(index: int, tachometers: bool) -> dict:
     seed = np.random.SeedSequence(777, spawn_key=(index, int(tachometers)))
     campaign = draw(seed, (), {}, tachometers).campaign
     begin = clean_start(Model(campaign), seed=index, stochastic=STOCHASTIC_CANDIDATES)
-    fit, response = begin.estimate.linearised(), torque_response(begin.estimate)
-    effects = STOCHASTIC_CANDIDATES
-    linear = linear_model(begin.estimate, (), begin.estimate.objective)
+    response, effects = torque_response(begin.base), STOCHASTIC_CANDIDATES
+    linear = linear_model(begin.base)
     members = random_members(linear, response, effects, nameless=False)
-    weighed = stochastic_candidates(linear, begin.estimate, effects)
-    rng = np.random.default_rng(index)
-    weighed = with_p_values(weighed, effects, members, fit, response, rng)
+    weighed = stochastic_candidates(linear, begin.base, effects)
+    weighed = with_p_values(weighed, members, np.random.default_rng(index))
     evidence = {c.effect: round(c.log_bayes_factor, 4) for c in weighed}
     p_value = round(weighed[0].p_value, 5)
     return {"tachometers": tachometers, "index": index, "evidence": evidence, "p_value": p_value}

@@ -210,7 +210,7 @@ def _unknown(unknown: UnexplainedSignal) -> dict[str, Any]:
         "axis_share": unknown.axis_share,
         "explained": unknown.torque.explained,
         "matches": [
-            {"with": m.name, "share": m.share, "correlation": m.correlation}
+            {"with": m.name, "share": m.share, "log_evidence": m.log_evidence}
             for m in unknown.matches
         ],
     }

@@ -22,13 +22,6 @@ from scipy import optimize, stats
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.limits import LIMITS
-from bayes_inertia.diagnosis.result import Candidate
-from bayes_inertia.diagnosis.score_test import (
-    NonlinearCandidate,
-    ScoreTests,
-    score_tests,
-    unfitted,
-)
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.errors import EffectError
 from bayes_inertia.inference.laplace import Estimate
@@ -103,13 +96,22 @@ _ROW, _COLUMN = np.array(PAIRS).T
 
 
 @array_dataclass
-class FlexibleModeCandidate(NonlinearCandidate):
+class FlexibleModeCandidate:
     """The flexible mode that the residuals show best.
 
     Parameters
     ----------
-    name, columns, score, dof, trials
-        As `NonlinearCandidate`.
+    name : str
+        Of the effect.
+    columns : (slews, numbers, 3) array
+        Changes of the whitened residuals, all channels one after the other, by small changes of
+        its coupling [prior sd].
+    score : float
+        chi^2 that it gains.
+    dof : int
+        Degrees of freedom of the score if the effect is absent, but for being the best of many.
+    trials : int
+        How many independent ones it is the best of.
     frequency : float
         [Hz].
     coupling : (3,) array
@@ -119,6 +121,11 @@ class FlexibleModeCandidate(NonlinearCandidate):
         squares of the prior sd.
     """
 
+    name: str
+    columns: np.ndarray
+    score: float
+    dof: int
+    trials: int
     frequency: float
     coupling: np.ndarray
     products: np.ndarray
@@ -365,39 +372,12 @@ def _is_empty(column: np.ndarray | None) -> bool:
     return column is None or not np.isfinite(column).all(axis=-1).any()
 
 
-def score_candidates(
-    estimate: Estimate,
-    flexible_mode: FlexibleMode | None = None,
-    fit: LinearisedFit | None = None,
-    response: TorqueResponse | None = None,
-) -> ScoreTests:
-    """Score everything that is not fitted yet.
-
-    `estimate`: A fit whose model holds the linear candidates at their null. `flexible_mode`: A
-    further candidate, unless the model holds a mode already.
-    """
-    waiting = unfitted(estimate)
-    held = any(effect.name == FLEXIBLE_MODE for effect in estimate.model.effects)
-    if flexible_mode is None or held:
-        return score_tests(estimate, waiting, fit=fit)
-    coupling_sd = flexible_mode.parameters(estimate.model.campaign)[0].priors[0].sd
-    fit, response = fit or estimate.linearised(), response or torque_response(estimate)
-    mode = best_flexible_mode(FLEXIBLE_MODE, response, fit, coupling_sd**2)
-    return score_tests(estimate, waiting, (mode,), fit)
-
-
-def ranked_candidates(
-    tests: ScoreTests, log_evidence: Mapping[frozenset[str], float]
-) -> tuple[Candidate, ...]:
-    """List all candidates; their evidence is that of their rows of the table."""
-    scores = [float(tests.score(k)) for k in range(len(tests.names))]
-    return tuple(
-        Candidate(
-            effect=name,
-            dof=tests.dof(k),
-            score=score,
-            p_value=float(tests.p_value(k, np.asarray(score))),
-            log_bayes_factor=log_evidence[frozenset([name])],
-        )
-        for k, (name, score) in enumerate(zip(tests.names, scores, strict=True))
-    )
+def flexible_mode_candidate(
+    estimate: Estimate, effects: CandidateEffects, response: TorqueResponse
+) -> FlexibleModeCandidate | None:
+    """The best flexible mode at a fit; none if its model holds one, or it is no candidate."""
+    mode, model = effects.flexible_mode, estimate.model
+    if mode is None or any(effect.name == FLEXIBLE_MODE for effect in model.effects):
+        return None
+    sd = mode.parameters(model.campaign)[0].priors[0].sd
+    return best_flexible_mode(FLEXIBLE_MODE, response, estimate.linearised(), sd**2)

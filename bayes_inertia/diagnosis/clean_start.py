@@ -57,8 +57,6 @@ class CleanStart:
         With all candidates, its campaign as stated.
     base : Estimate
         The fit without effects, as a point of the model with all of them.
-    estimate : Estimate
-        Where to search on: the base, or a fit with effects that were named before.
     noise : mapping of float
         By channel, what its noise is multiplied by.
     treatment : DirtTreatment
@@ -71,7 +69,6 @@ class CleanStart:
 
     stated: Model
     base: Estimate
-    estimate: Estimate
     noise: Mapping[str, float]
     treatment: DirtTreatment
     as_stated: bool = False
@@ -100,7 +97,7 @@ def clean_start(
         compiled.result()
     estimate = optimizer.with_noise(fit.estimate, noise)
     estimate = _among_candidates(estimate, model)
-    start = CleanStart(model, estimate, estimate, noise, fit.treatment, as_stated, coloured)
+    start = CleanStart(model, estimate, noise, fit.treatment, as_stated, coloured)
     return _noise_or_physics(start, stochastic)
 
 
@@ -147,7 +144,7 @@ def _noise_or_physics(start: CleanStart, stochastic: Sequence[StochasticEffect])
         colour = colour_seen(start.base, slow=True)
     if colour is None:
         return start
-    linear = linear_model(start.base, (), start.base.objective)
+    linear = linear_model(start.base)
     best = max(log_evidence_of_each(linear).values(), default=0.0)
     coloured = _coloured(start, colour)
     gain = _log_evidence(coloured.base) - _log_evidence(start.base)
@@ -212,7 +209,7 @@ def _coloured(start: CleanStart, colour: Colour) -> CleanStart:
 def _restarted(start: CleanStart, treatment: DirtTreatment) -> CleanStart:
     """The base fit with another treatment."""
     base, noise = _with_treatment(start, start.base, treatment)
-    return replace(start, base=base, estimate=base, noise=noise, treatment=treatment)
+    return replace(start, base=base, noise=noise, treatment=treatment)
 
 
 def _with_treatment(
@@ -243,24 +240,24 @@ def measured_again(
     """What dirt is once effects are named: they are not in the way any more.
 
     `weighed`: what has no fixed shape, at that fit: correlated noise must explain more than it
-    does. Returns: where to search on: at the same effects with other noise or other masks, or
-    without any where the noise has another shape. None where nothing changed.
+    does. Returns: the start at other noise or with other masks; None where nothing changed.
     """
     if start.as_stated:
-        return None if final is start.estimate else _with_level(start, final)
+        return None if final is start.base else _at_level_of(start, final)
     colour = _colour_after(start, final, weighed)
     if colour is not start.treatment.colour:
         if colour is None:
             return _restarted(start, replace(start.treatment, colour=None))
         return _coloured(start, colour)
-    if final is start.estimate:
+    if final is start.base:
         return None
     masked = masks_at(final, start.stated.campaign, start.treatment)
     if masked == start.treatment.masked:
-        return _with_level(start, final)
+        return _at_level_of(start, final)
     treatment = replace(start.treatment, masked=masked)
-    estimate, noise = _with_treatment(start, final, treatment)
-    return replace(start, estimate=estimate, noise=noise, treatment=treatment)
+    cleaned, _ = _with_treatment(start, final, treatment)
+    again = _restarted(start, treatment)
+    return _at_level_of(again, cleaned) or again
 
 
 def _colour_after(
@@ -271,7 +268,7 @@ def _colour_after(
     if (
         not start.coloured
         or "rate" in start.treatment.rounded
-        or (before is not None and final is start.estimate)
+        or (before is not None and final is start.base)
     ):
         return before
     if before is None:
@@ -316,24 +313,24 @@ def at_measured_level(start: CleanStart, final: Estimate) -> tuple[CleanStart, E
     level are repeated until they agree. The fit may have stopped early, as one that is compared
     with others; it is brought to its end.
     """
-    at_level = final
+    at_level, noise = final, start.noise
     for _ in range(LIMITS.rounds_of_level):
-        again = _with_level(start, at_level)
-        if again is None:
+        again = _noise(at_level, start.treatment)
+        if again == noise:
             break
-        start, at_level = again, again.estimate
+        at_level, noise = optimizer.with_noise(at_level, again), again
     # At another level a fit goes to its end by itself.
     if at_level is final:
         at_level = optimizer.re_estimate(final, final.theta, final.free)
-    return start, at_level
+    return replace(start, noise=noise), at_level
 
 
-def _with_level(start: CleanStart, final: Estimate) -> CleanStart | None:
-    """The fit with everything named at the level of noise that it leaves."""
+def _at_level_of(start: CleanStart, final: Estimate) -> CleanStart | None:
+    """The start at the level of noise that a fit leaves; None where it is at that."""
     noise = _noise(final, start.treatment)
     if noise == start.noise:
         return None
-    return replace(start, estimate=optimizer.with_noise(final, noise), noise=noise)
+    return replace(start, base=optimizer.with_noise(start.base, noise), noise=noise)
 
 
 def precompile(model: Model) -> None:

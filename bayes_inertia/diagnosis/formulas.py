@@ -8,7 +8,7 @@ these columns weighs them all.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -63,15 +63,36 @@ class Block:
     columns: np.ndarray
 
 
-def blocks(response: TorqueResponse) -> Iterator[Block]:
-    """Place by place and driver by driver."""
+# What effects of the library follow with the same freedom: constant_torque, wheel_torque_gain with
+# wheel_misalignment, rate_bias and rate_bias_drift.
+DRIVEN_BY_LIBRARY = (
+    ("body_torque", "constant"),
+    ("body_torque", "wheel_commands"),
+    ("rate_error", "constant"),
+    ("rate_error", "campaign_time"),
+)
+
+
+def told_blocks(response: TorqueResponse) -> Iterator[Block]:
+    """Torques on the body and errors of the rates that follow what a sentence can say."""
+    told = (d for d in drivers(response) if driver_of(d.key).words)
+    return blocks(response, told, ("body_torque", "rate_error"))
+
+
+def blocks(
+    response: TorqueResponse,
+    followed: Iterable[Followed] | None = None,
+    places: Collection[str] = tuple(PLACES),
+) -> Iterator[Block]:
+    """Driver by driver and place by place."""
     campaign, structure = response.estimate.model.campaign, response.estimate.model.structure
     wheels = len(campaign.wheels)
-    for key, wheel, values, middle in drivers(response):
+    for key, wheel, values, middle in followed or drivers(response):
         rms = float(np.sqrt(np.mean(values**2, axis=(0, 1)).max()))
         if not rms > 0.0:
             continue
-        for name, place in PLACES.items():
+        for name in places:
+            place = PLACES[name]
             if not _allowed(name, key, wheels, structure.drive):
                 continue
             if name == "rate_error" and structure.n_base != N_BASE:

@@ -145,6 +145,11 @@ class FixedMember:
     one_sided: bool = False
     log_cost: float = 0.0
 
+    @property
+    def columns(self) -> np.ndarray:
+        """All its columns, in the order of its parameters."""
+        return np.sort(np.concatenate([self.index, self.shape]))
+
 
 @array_dataclass
 class Signal:
@@ -202,7 +207,9 @@ class RandomMember:
     source : str
         Where it enters.
     starts : (b, h) array or None
-        Parameters of the effect at each of its forms and sizes.
+        Parameters of the effect at each of its forms and sizes; none of a shape without a name.
+    matrix : (n, n) array or None
+        Gram matrix of its coefficients; None where it is not kept, to save memory.
     """
 
     name: str
@@ -210,6 +217,7 @@ class RandomMember:
     log_odds: np.ndarray
     source: str = ""
     starts: np.ndarray | None = None
+    matrix: np.ndarray | None = None
 
 
 class Given(NamedTuple):
@@ -261,24 +269,17 @@ def _log_share_above(size: np.ndarray, before: Given, i: int) -> np.ndarray:
     return np.log(2.0) + log_ndtr(size * gradient / np.sqrt(1.0 + size**2 * power))
 
 
-def given_random(system: System, member: RandomMember, chosen: np.ndarray | None = None) -> Given:
-    """The linear model given a random signal, at each of its forms and sizes.
-
-    `chosen` (b,): which of them.
-    """
-    parts, first = [], 0
+def given_random(system: System, member: RandomMember) -> Given:
+    """The linear model given a random signal, at each of its forms and sizes."""
+    parts = []
     for signal, log_odds in zip(member.signals, _log_odds(member), strict=True):
-        own = np.arange(len(signal.sizes))
-        if chosen is not None:
-            own = chosen[(chosen >= first) & (chosen < first + len(own))] - first
-        first += len(signal.sizes)
-        shares = _shares(signal)[own]
-        matrix = np.array([signal.cross.T @ (w[:, None] * signal.cross) for w in shares])
+        shares, cross = _shares(signal), signal.cross
+        matrix = np.array([cross.T @ (share[:, None] * cross) for share in shares])
         parts.append(
             Given(
-                _gains(signal)[own] + log_odds,
-                system.matrix - matrix.reshape(-1, *system.matrix.shape),
-                system.gradient - (shares * signal.gradient) @ signal.cross,
+                _gains(signal) + log_odds,
+                system.matrix - matrix,
+                system.gradient - (shares * signal.gradient) @ cross,
             )
         )
     return Given(*(np.concatenate(x) for x in zip(*parts, strict=True)))
@@ -329,12 +330,20 @@ def draw_coefficients(member: RandomMember, rng: np.random.Generator, k: int) ->
     return drawn
 
 
-def without_negligible(given: Given) -> Given:
-    """The same without combinations of sizes that hardly count."""
+def without_negligible(given: Given, gain: np.ndarray | None = None) -> Given:
+    """The same without combinations of sizes that hardly count, with what else they gain (b,)."""
     if len(given.log_weight) <= LIMITS.many_sizes:
         return given
-    kept = given.log_weight > given.log_weight.max() - LIMITS.negligible_sizes
+    weight = given.log_weight if gain is None else given.log_weight + gain
+    kept = weight > weight.max() - LIMITS.negligible_sizes
     return Given(*(x[kept] for x in given))
+
+
+def _gain_at_size(given: Given) -> np.ndarray:
+    """Log evidence (b,) of all columns at prior sds of one."""
+    inner = given.matrix + np.eye(given.matrix.shape[-1])
+    along = np.linalg.solve(inner, given.gradient[..., None])[..., 0]
+    return 0.5 * (np.sum(given.gradient * along, -1) - np.linalg.slogdet(inner)[1])
 
 
 def log_evidence_with(given: Given, member: FixedMember) -> float:
@@ -387,28 +396,13 @@ def log_evidence_of_columns(gradient: np.ndarray, matrix: np.ndarray) -> float:
     return log_evidence_with(nothing(System(matrix, gradient)), member)
 
 
-class Searched(NamedTuple):
-    """How many sets are weighed.
-
-    Parameters
-    ----------
-    parents : int
-        Sets of each size that larger sets are made of: the most probable ones.
-    largest : int
-        Members of the largest sets of effects.
-    """
-
-    parents: int = 6
-    largest: int = 3
-
-
 def evidence_of_sets(
     system: System,
     fixed: Sequence[FixedMember],
     random: Sequence[RandomMember] = (),
-    searched: Searched | None = None,
+    largest: int = 3,
 ) -> dict[Names, float]:
-    """Weigh sets of effects, larger ones by extension of the best.
+    """Weigh sets of up to `largest` effects, larger ones by extension of the best.
 
     Returns: log evidence against nothing of nothing, every single member, every pair with at most
     one random member, and larger sets best first; random members beside the best sets.
@@ -423,58 +417,35 @@ def evidence_of_sets(
     >>> max(values, key=values.get) == {"a"}, len(values)
     (True, 4)
     """
-    searched = searched or Searched()
+    members, begin = {member.name: member for member in fixed}, nothing(system)
     found: dict[Names, float] = {frozenset(): 0.0}
-    found |= _extended(nothing(system), fixed, searched)
-    members = {member.name: member for member in fixed}
+    level: list[Names] = [frozenset()]
+    for size in range(1, largest + 1):
+        if size > 2:
+            level = sorted(level, key=lambda names: -found[names])[: LIMITS.parents]
+        values: dict[Names, list[float]] = {}
+        for names in level:
+            given = given_all(begin, [members[n] for n in sorted(names)])
+            for name in (n for n in members if n not in names):
+                value = log_evidence_with(given, members[name])
+                values.setdefault(names | {name}, []).append(value)
+        # Which member is weighed last, with sizes of its own for each direction, is as probable.
+        found |= {names: float(logsumexp(v) - np.log(len(v))) for names, v in values.items()}
+        level = list(values)
     best = sorted(found, key=lambda names: -found[names])
-    several = [names for names in best if len(names) > 1][: searched.parents]
+    several = [names for names in best if len(names) > 1][: LIMITS.parents]
     for member in random:
-        own = frozenset([member.name])
-        found[own] = float(logsumexp(log_evidence_of_random(member)))
-        given, missed = few(system, member, [members[n] for n in best[0]])
+        own, given = frozenset([member.name]), given_random(system, member)
+        found[own] = float(logsumexp(given.log_weight))
         for names in [frozenset([name]) for name in members] + several:
-            value = log_evidence_of(given, [members[n] for n in names]) + missed
-            found[own | names] = value
+            found[own | names] = log_evidence_of(given, [members[n] for n in sorted(names)])
     return found
-
-
-def few(system: System, member: RandomMember, likely: Sequence[FixedMember]) -> tuple[Given, float]:
-    """The linear model given a random signal of those sizes and forms that matter most.
-
-    Returns: these, and the log of the share of the probability that they leave out.
-    """
-    alone = log_evidence_of_random(member)
-    kept = np.argsort(-alone)[: LIMITS.few_forms]
-    missed = logsumexp(alone) - logsumexp(alone[kept])
-    if likely:
-        small = of_columns(Given(np.zeros(1), system.matrix[None], system.gradient[None]), likely)
-        index = np.concatenate([np.concatenate([m.index, m.shape]) for m in likely])
-        part = replace(
-            member,
-            signals=[replace(s, cross=s.cross[:, index]) for s in member.signals],
-        )
-        (begin, others) = small
-        of_all = given_random(System(begin.matrix[0], begin.gradient[0]), part)
-        together = of_all.log_weight + _gain_at_size(of_all, others)
-        with_likely = np.argsort(-together)[: LIMITS.few_forms]
-        missed = min(missed, logsumexp(together) - logsumexp(together[with_likely]))
-        kept = np.union1d(kept, with_likely)
-    return given_random(system, member, np.sort(kept)), float(missed)
-
-
-def _gain_at_size(given: Given, members: Sequence[FixedMember]) -> np.ndarray:
-    """Log evidence (b,) of effects at about the sizes that they have there."""
-    index = np.concatenate([np.concatenate([m.index, m.shape]) for m in members])
-    block, u = given.matrix[:, index][:, :, index], given.gradient[:, index]
-    inner = block + np.eye(len(index))
-    gain = 0.5 * np.einsum("bi,bi->b", u, np.linalg.solve(inner, u[..., None])[..., 0])
-    return gain - 0.5 * np.linalg.slogdet(inner)[1]
 
 
 def log_evidence_of(given: Given, members: Sequence[FixedMember]) -> float:
     """Log evidence of the members given and a set of effects, averaged over all sizes."""
     given, members = of_columns(given, members)
+    given = without_negligible(given, _gain_at_size(given))
     values = []
     for last in members:
         others = [m for m in members if m is not last]
@@ -500,26 +471,6 @@ def of_columns(
     ]
     small = given.matrix[:, index][:, :, index], given.gradient[:, index]
     return Given(given.log_weight, *small), moved
-
-
-def _extended(begin: Given, fixed: Sequence[FixedMember], searched: Searched) -> dict[Names, float]:
-    """Log evidence of sets of effects of fixed shape."""
-    members = {member.name: member for member in fixed}
-    found = {frozenset([name]): log_evidence_with(begin, m) for name, m in members.items()}
-    level = [frozenset([name]) for name in members]
-    for size in range(2, searched.largest + 1):
-        if size > 2:
-            level = sorted(level, key=lambda names: -found[names])[: searched.parents]
-        values: dict[Names, list[float]] = {}
-        for names in level:
-            given = given_all(begin, [members[n] for n in names])
-            for name in members.keys() - names:
-                value = log_evidence_with(given, members[name])
-                values.setdefault(names | {name}, []).append(value)
-        # Which member is weighed last, with sizes of its own for each direction, is as probable.
-        found |= {n: float(logsumexp(v) - np.log(len(v))) for n, v in values.items()}
-        level = list(values)
-    return found
 
 
 def given_all(begin: Given, members: Iterable[FixedMember]) -> Given:

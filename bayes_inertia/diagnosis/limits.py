@@ -4,13 +4,10 @@ None is tuned to a campaign: each stands beside its reason."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Callable
+from dataclasses import dataclass
 
 from bayes_inertia.errors import SettingsError
-
-_PROBABILITY_FIELDS = ("false_alarm_probability", "misfit_p_value")
-_SHARE_FIELDS = ("imitation_correlation",)
-_COUNT_FIELDS = ("max_refits", "max_effects")
 
 
 @dataclass(frozen=True)
@@ -50,7 +47,7 @@ class Rules:
     >>> Rules(false_alarm_probability=2.0)
     Traceback (most recent call last):
     ...
-    bayes_inertia.errors.SettingsError: false_alarm_probability: 2.0 is not between 0 and 1; ...
+    bayes_inertia.errors.SettingsError: false_alarm_probability: 2.0 is outside its range; ...
     """
 
     false_alarm_probability: float = 0.02
@@ -62,41 +59,29 @@ class Rules:
     prior_sd_at_most: float = 4.0
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            _check(field.name, getattr(self, field.name))
+        for name, (is_allowed, advice) in _ranges().items():
+            value = getattr(self, name)
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not number or not is_allowed(value):
+                raise SettingsError(f"{value!r} is outside its range", where=name, advice=advice)
 
 
-def _check(name: str, value: float) -> None:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise SettingsError(f"{value!r} is not a number", where=name, advice="give a number")
-    if name in _PROBABILITY_FIELDS and not 0.0 < value < 1.0:
-        raise SettingsError(
-            f"{value} is not between 0 and 1",
-            where=name,
-            advice=f"give a probability, such as {getattr(Rules, name)}",
-        )
-    if name in _SHARE_FIELDS and not 0.0 <= value <= 1.0:
-        raise SettingsError(
-            f"{value} is not from 0 to 1",
-            where=name,
-            advice=f"give a share, such as {getattr(Rules, name)}",
-        )
-    if name in _COUNT_FIELDS and not (isinstance(value, int) and value >= 1):
-        raise SettingsError(
-            f"{value} is no such count",
-            where=name,
-            advice="give a whole number, 1 or more",
-        )
-    if name == "prior_sd_at_most" and not value > 0.0:
-        raise SettingsError(
-            f"{value} is no distance", where=name, advice="give a positive number of prior sds"
-        )
-    if name == "log_evidence_margin" and not 0.0 <= value < float("inf"):
-        raise SettingsError(
-            f"{value} is no margin",
-            where=name,
-            advice="give 0 or more; 3 is evidence of 20 to 1",
-        )
+def _ranges() -> dict[str, tuple[Callable[[float], bool], str]]:
+    """What each threshold may be, and the advice where it is not."""
+    probability = (lambda x: 0.0 < x < 1.0), "give a probability between 0 and 1, such as 0.02"
+    count = (lambda x: isinstance(x, int) and x >= 1), "give a whole number, 1 or more"
+    return {
+        "false_alarm_probability": probability,
+        "misfit_p_value": probability,
+        "max_refits": count,
+        "max_effects": count,
+        "imitation_correlation": ((lambda x: 0.0 <= x <= 1.0), "give a share from 0 to 1"),
+        "log_evidence_margin": (
+            (lambda x: 0.0 <= x < float("inf")),
+            "give 0 or more; 3 is evidence of 20 to 1",
+        ),
+        "prior_sd_at_most": ((lambda x: x > 0.0), "give a positive number of prior sds"),
+    }
 
 
 @dataclass(frozen=True)
@@ -131,8 +116,8 @@ class Limits:
     negligible_sizes: float = 14.0
     # ... if there are more than so many, to save time.
     many_sizes: int = 100
-    # Forms and sizes of a random signal that are kept where it is weighed beside effects.
-    few_forms: int = 16
+    # Sets of each size that larger sets are made of: the most probable ones.
+    parents: int = 6
     # Rows and their refits
     # Log evidence by which a refit may miss what was foretold; beyond it rows are weighed
     # anew.
@@ -152,6 +137,8 @@ class Limits:
     least_probability: float = 0.02
     # ... and those of still less are left out: they move no 90 % interval.
     negligible_probability: float = 1e-4
+    # Draws by which Laplace's approximation of a row is checked: a Pareto k to 0.15, in a second.
+    importance_draws: int = 128
     # Sets of effects that are listed: more tell a reader nothing.
     listed: int = 8
     # Probability of free shapes where no candidate explains the data: neither fit is nearer.
@@ -213,8 +200,6 @@ class Limits:
     jitter: float = 1e-9
     # Campaigns drawn for a p-value: importance sampling, all of them near the value.
     draws: int = 1000
-    # Residuals simulated at once: 80 MB.
-    numbers_at_once: float = 1e7
     # Largest log evidence of all below which nothing random is found ...
     weak: float = 1.5
     # ... and above which Markov's bound of its p-value is enough.
@@ -245,17 +230,13 @@ class Limits:
     eigenvalue_floor: float = 1e-7
     # Grid of the log size above the smallest visible: from, to, points.
     log_sizes: tuple[float, float, int] = (-2.0, 18.0, 41)
-    # Largest error of the rate sensor that is thought of, as a share of the typical rate.
-    rate_error_share: float = 0.1
-    # rms of a driver's component that is rounding, as a share of the largest.
-    negligible_component: float = 1e-9
     # p-value of what a torque leaves, above which nothing else is tried.
     sufficient: float = 1e-4
     # Log evidence by which another kind of signal must be better than a torque.
     sensor_margin: float = 10.0
     # Share of the excess of chi^2 above which an insufficient torque still counts.
     least_explained: float = 0.5
-    # Share of the torque's variance from which something known explains it.
+    # Share of the misfit from which something known explains it.
     known_share: float = 0.9
     # Effort of the wheels, as a share of the slew's largest, from which they act.
     active_share: float = 0.2
@@ -273,7 +254,7 @@ class Limits:
     named_axis: float = 15.0
     # Share of the power above which the torque has one axis.
     one_axis_share: float = 0.8
-    # Share of the torque above which what it goes along with is mentioned.
+    # Share of the misfit above which what the torque goes along with is mentioned.
     mentioned_share: float = 0.3
     # rms before the wheels act over rms afterwards below which the ringing begins with them.
     quiet_ratio: float = 0.4

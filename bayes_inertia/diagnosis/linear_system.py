@@ -16,6 +16,8 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import logsumexp
 
+from bayes_inertia.diagnosis.candidates import FlexibleModeCandidate
+from bayes_inertia.diagnosis.formulas import DRIVEN_BY_LIBRARY, told_blocks
 from bayes_inertia.diagnosis.hypothesis_table import (
     FixedMember,
     Given,
@@ -31,6 +33,7 @@ from bayes_inertia.diagnosis.hypothesis_table import (
 from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.random_signals import (
     NAMELESS,
+    SOURCES,
     CandidateRoots,
     ProjectedSignal,
     StochasticCandidate,
@@ -46,19 +49,18 @@ from bayes_inertia.diagnosis.random_signals import (
     source_of,
     usable,
 )
-from bayes_inertia.diagnosis.score_test import NonlinearCandidate, shift_per_amplitude
 from bayes_inertia.diagnosis.torque_response import (
     PROGRAMS,
     TorqueResponse,
     coefficient_columns,
     torque_response,
 )
-from bayes_inertia.diagnosis.unexplained import DRIVEN_BY_LIBRARY, driven_columns
 from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.physics.effects.formula import PLACES
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
@@ -99,9 +101,9 @@ class LinearModel:
 
 def linear_model(
     estimate: Estimate,
-    held: Sequence[str],
-    before: float,
-    mode: NonlinearCandidate | None = None,
+    held: Sequence[str] = (),
+    before: float = np.nan,
+    mode: FlexibleModeCandidate | None = None,
     log_costs: Mapping[str, float] | None = None,
 ) -> LinearModel:
     """The linear model at a fit that holds the effects `held`.
@@ -124,7 +126,7 @@ def linear_model(
     gradient = gradient + matrix[:, at] @ amplitude
     block = matrix[np.ix_(at, at)] + np.diag(scales.precision[index[at]])
     linear = 0.5 * gradient[at] @ np.linalg.solve(block, gradient[at])
-    moved = shift_per_amplitude(fit, fit.free, columns)
+    moved = _shift_per_amplitude(fit, columns)
     members = _members(estimate, names, matrix, scales.logarithmic, log_costs or {})
     if mode is not None:
         here = np.arange(len(index), columns.shape[-1])
@@ -215,6 +217,14 @@ def _members(
         )
         first += len(part)
     return members
+
+
+def _shift_per_amplitude(fit: LinearisedFit, columns: np.ndarray) -> np.ndarray:
+    """How far what is left out moves J and K (9, c) per unit; zero where they are held."""
+    n, free = fit.model.n_base, fit.free
+    out, base = np.zeros((n, columns.shape[-1])), free < n
+    out[free[base]] = (fit.inverse_root.T @ fit.imitated(columns))[: len(free)][base]
+    return out
 
 
 def _with_parameters(matrix: np.ndarray, gradient: np.ndarray, moved: np.ndarray) -> System:
@@ -340,12 +350,15 @@ def _random(
     """
     own, largest = forms_of(effect, model, roots), largest_size(effect, model)
     forms = [_signal(signal, root, largest, kept=kept) for root in own.roots]
+    n = signal.signal.gradient.size
+    matrix = signal.signal.matrix.reshape(n, n) if kept else None
     starts = [
         parameters_at(model, effect, size, shape)
         for form, shape in zip(forms, own.shapes, strict=True)
         for size in form.sizes
     ]
-    return RandomMember(effect.name, forms, own.log_odds, source_of(effect), np.array(starts))
+    source = source_of(effect)
+    return RandomMember(effect.name, forms, own.log_odds, source, np.array(starts), matrix)
 
 
 def _free(
@@ -399,9 +412,11 @@ def _signal(
 def _driven(linear: LinearModel, response: TorqueResponse) -> dict[str, list[Signal]]:
     """Disturbances in proportion to something known, along any axes: by where they enter."""
     found: dict[str, list[Signal]] = {}
-    for (source, name), columns in driven_columns(response):
-        if (source, name) not in DRIVEN_BY_LIBRARY:
-            signal = _projected(linear, columns).repeated()
-            one = np.eye(columns.shape[-1])[None]
+    for block in told_blocks(response):
+        formula = block.formula
+        if (formula.place, formula.driver) not in DRIVEN_BY_LIBRARY:
+            signal = _projected(linear, block.columns).repeated()
+            one = np.eye(block.columns.shape[-1])[None]
+            source = SOURCES[PLACES[formula.place].hook]
             found.setdefault(source, []).append(_signal(signal, one, 1.0))
     return found

@@ -33,14 +33,7 @@ from bayes_inertia.diagnosis.hypothesis_table import FixedMember
 from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.linear_system import LinearModel, linear_model, log_evidence_of_each
 from bayes_inertia.diagnosis.result import AlternativeParameters, Diagnosis
-from bayes_inertia.diagnosis.score_test import (
-    ScoreTests,
-    score_tests,
-    shift_per_amplitude,
-    unfitted,
-)
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.optimizer import estimate, move_to
 from bayes_inertia.inference.posterior import Posterior, sd_of_interval
 from bayes_inertia.inference.settings import OPEN_VERDICTS
@@ -103,42 +96,27 @@ def undetected_effects(diagnosis: Diagnosis) -> tuple[Undetected, ...]:
 
     Returns: one for each element that was fitted; empty where the verdict is "unknown".
     """
-    scored = scored_undetected(diagnosis)
-    if scored is None:
+    if diagnosis.verdict == "unknown":
         return ()
-    fit, tests = scored
+    linear = linear_model(diagnosis.final)
     worst: dict[int, Undetected] = {}
-    for k in range(len(tests.names)):
-        for i, row in _shifts(diagnosis.final, fit, tests, k, diagnosis.threshold).items():
+    for member in linear.members:
+        for i, row in _shifts(diagnosis.final, linear, member, diagnosis.threshold).items():
             if i not in worst or row.shift > worst[i].shift:
                 worst[i] = row
     return tuple(worst[i] for i in sorted(worst))
 
 
-def scored_undetected(diagnosis: Diagnosis) -> tuple[LinearisedFit, ScoreTests] | None:
-    """Score the candidates that were not named, at the final fit.
-
-    Returns `tests`: of the candidates; None for both where the verdict is "unknown" or all are
-    fitted.
-    """
-    names = unfitted(diagnosis.final)
-    if not names or diagnosis.verdict == "unknown":
-        return None
-    fit = diagnosis.final.linearised()
-    return fit, score_tests(diagnosis.final, names, fit=fit)
-
-
 def _shifts(
-    estimate: Estimate, fit: LinearisedFit, tests: ScoreTests, k: int, threshold: float
+    estimate: Estimate, linear: LinearModel, member: FixedMember, threshold: float
 ) -> dict[int, Undetected]:
-    """How far candidate k could move each element of J and K that was fitted."""
-    space, effect = estimate.model.space, tests.names[k]
-    part, index = space.slice_of(effect), tests.indices[k]
-    limit = noncentrality_at_even_odds(max(tests.dof(k), 1), threshold)
-    shift, amplitude = largest_shifts(
-        shift_per_amplitude(fit, estimate.free, fit.parameters[..., part] * space.sd[part]),
-        tests.matrix[np.ix_(index, index)] / limit,
-    )
+    """How far an effect could move each element of J and K that was fitted."""
+    space, matrix = estimate.model.space, linear.system.matrix
+    part, index = space.slice_of(member.name), member.columns
+    block = matrix[np.ix_(index, index)]
+    seen = np.count_nonzero(np.linalg.eigvalsh(block) > MATHS_NUMERICS.visible_power)
+    limit = noncentrality_at_even_odds(max(int(seen), 1), threshold)
+    shift, amplitude = largest_shifts(matrix[-len(linear.null) :, index], block / limit)
     values = space.nulls[part] + amplitude * space.sd[part]
     unseen = np.sum(amplitude**2, 1) > 0.5 * LIMITS.hidden_amplitude**2
     names = [name.split(".", 1)[1] for name in space.names[part]]
@@ -148,7 +126,7 @@ def _shifts(
             unit=space.units[i],
             sd=float(estimate.sd[i]),
             shift=float(shift[i]),
-            effect=effect,
+            effect=member.name,
             values=dict(zip(names, values[i].tolist(), strict=True)),
             unseen=bool(unseen[i]),
         )
@@ -206,7 +184,7 @@ def undetected_alternatives(
     empty).
     """
     held = _with_candidates(estimate, library)
-    linear = linear_model(held, (), held.objective)
+    linear = linear_model(held)
     odds = {n: np.exp(x) / len(linear.members) for n, x in log_evidence_of_each(linear).items()}
     total = 1.0 + sum(odds.values())
     rows = (_alternative(held, linear, m, float(odds[m.name] / total)) for m in linear.members)
@@ -270,7 +248,8 @@ def remainder_alternatives(diagnosis: Diagnosis) -> tuple[AlternativeParameters,
     """
     if diagnosis.verdict != "unknown" or diagnosis.why_unknown != "misfit":
         return ()
-    free = _quoted_row(_with_remainders(diagnosis))
+    effects = (*tried_effects(diagnosis), *REMAINDERS)
+    free = _quoted_row(_refitted(diagnosis.final, effects))
     return (
         AlternativeParameters(
             FREE_SHAPES,
@@ -281,13 +260,6 @@ def remainder_alternatives(diagnosis: Diagnosis) -> tuple[AlternativeParameters,
             free.covariance,
         ),
     )
-
-
-def _with_remainders(diagnosis: Diagnosis) -> Estimate:
-    """The fit with both shapes, of the campaign whose level of noise is as stated."""
-    final = diagnosis.final.model
-    effects = (*tried_effects(diagnosis), *REMAINDERS)
-    return estimate(Model(final.campaign, effects, final.structure.drive), starts=1)
 
 
 def averaged_posterior(

@@ -14,14 +14,14 @@ squared-exponential kernel, of any length), and one that is the same in every sl
 
 Such an average has a mean of one without its signal, so that its p-value is at most one over it
 (Markov's inequality). That bound is too cautious by a factor of about 20. The p-value itself is
-simulated, all candidates together: with B_i the Bayes factor of candidate i among n,
+simulated: of one candidate
 
-    P(max B >= b) = E[ 1(max B >= b) / mean B ],
+    P(B >= b) = E[ 1(B >= b) / B ],
 
-the expectation over campaigns each of which has one of the signals, drawn from its prior
-(importance sampling: `mean B` is how much more probable such a campaign is with the signals than
-without). A thousand campaigns are enough for any p-value, because all of them are near b or
-above it.
+the expectation over campaigns that have the signal, drawn from its prior (importance sampling: such
+a campaign is B times as probable with the signal as without). A thousand campaigns are enough for
+any p-value, because all of them are near b or above it. That of the largest of several is at most
+the sum.
 """
 
 from __future__ import annotations
@@ -42,7 +42,6 @@ from bayes_inertia.diagnosis.hypothesis_table import (
 )
 from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.result import Candidate
-from bayes_inertia.diagnosis.torque_response import TorqueResponse, coefficient_columns
 from bayes_inertia.inference.coefficients import prior_roots
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.maths.values import array_dataclass
@@ -125,50 +124,25 @@ def imitated_share(fit: LinearisedFit, columns: np.ndarray) -> np.ndarray:
 
 
 def p_values_of_largest(
-    fit: LinearisedFit,
-    columns: Sequence[np.ndarray],
     members: Sequence[RandomMember],
     log_bayes_factors: np.ndarray,
     rng: np.random.Generator,
     draws: int = LIMITS.draws,
 ) -> np.ndarray:
-    """Probability that the largest of all Bayes factors is so large where nothing is random.
+    """Probability that any Bayes factor is so large where nothing is random, at most.
 
-    `columns` of (slews, numbers, k): changes of the whitened residuals by the coefficients of each
-    member. `log_bayes_factors` (m,). Returns (m,).
+    `log_bayes_factors` (m,). Returns (m,): the sum over the members, each simulated by itself.
     """
-    imitated = [imitated_share(fit, own) for own in columns]
-    batches = int(np.ceil(draws * fit.residual.size / LIMITS.numbers_at_once))
-    simulated = [
-        _simulated(fit, columns, imitated, members, rng, len(some))
-        for some in np.array_split(np.arange(draws), batches)
-    ]
-    evidence = np.concatenate(simulated, axis=1)
-    weight = np.exp(np.log(len(members)) - logsumexp(evidence, axis=0))
-    above = evidence.max(0) >= np.asarray(log_bayes_factors)[:, None]
-    return np.minimum((above * weight).sum(1) / draws, 1.0)
-
-
-def _simulated(
-    fit: LinearisedFit,
-    columns: Sequence[np.ndarray],
-    imitated: Sequence[np.ndarray],
-    members: Sequence[RandomMember],
-    rng: np.random.Generator,
-    n: int,
-) -> np.ndarray:
-    """Log Bayes factors (members, n) in campaigns that have one of the signals each."""
-    data = rng.standard_normal((*fit.residual.shape, n)) * fit.valid[..., None]
-    owner = np.arange(n) % len(members)
-    for i, (own, member) in enumerate(zip(columns, members, strict=True)):
-        drawn = draw_coefficients(member, rng, int(np.sum(owner == i)))
-        data[..., owner == i] += own @ drawn.reshape(len(own), -1, drawn.shape[-1])
-    fitted = fit.inverse_root @ fit.simulated_gradient(rng, data)
-    found = []
-    for own, share, member in zip(columns, imitated, members, strict=True):
-        gradient = (np.swapaxes(own, 1, 2) @ data).reshape(-1, n) - share.T @ fitted
-        found.append(logsumexp(log_evidence_of_random(member, gradient), axis=0))
-    return np.stack(found)
+    asked, total = np.asarray(log_bayes_factors)[:, None], np.zeros(len(log_bayes_factors))
+    for member in members:
+        assert member.matrix is not None
+        drawn = draw_coefficients(member, rng, draws)
+        powers, along = np.linalg.eigh(member.matrix)
+        sd = np.sqrt(np.maximum(powers, 0.0))[:, None]
+        noise = along @ (sd * rng.standard_normal(drawn.shape))
+        evidence = logsumexp(log_evidence_of_random(member, member.matrix @ drawn + noise), axis=0)
+        total += np.mean((evidence >= asked) * np.exp(-evidence), axis=1)
+    return np.minimum(total, 1.0)
 
 
 # Where in a slew's signal chain an effect enters, in the words of `unexplained`.
@@ -260,25 +234,21 @@ def p_values_decide(weighed: Sequence[StochasticCandidate]) -> bool:
 
 def with_p_values(
     weighed: Sequence[StochasticCandidate],
-    effects: Sequence[StochasticEffect],
     members: Sequence[RandomMember],
-    fit: LinearisedFit,
-    response: TorqueResponse,
     rng: np.random.Generator,
 ) -> tuple[StochasticCandidate, ...]:
     """Simulate how probable such evidence is where nothing is random.
 
-    `members`: of the effects, at the fit. Returns: the same with p-values; in campaigns of very
-    many slews they stay bounds, to save memory.
+    `members`: at the fit. Returns: the same with p-values; in campaigns of very many slews they
+    stay bounds, to save memory.
     """
-    of_each = {e.name: e for e in effects}
-    members = [m for m in members if m.name in of_each]
-    if not members or not all(len(s.basis) for m in members for s in m.signals):
+    effects = [member for member in members if member.starts is not None]
+    if not effects or any(member.matrix is None for member in effects):
         return tuple(weighed)
-    columns = [coefficient_columns(response, of_each[m.name]) for m in members]
-    values = np.array([c.log_bayes_factor for c in weighed])
-    p_values = p_values_of_largest(fit, columns, members, values, rng).tolist()
-    return tuple(replace(c, simulated_p_value=p) for c, p in zip(weighed, p_values, strict=True))
+    p_values = p_values_of_largest(effects, np.array([c.log_bayes_factor for c in weighed]), rng)
+    return tuple(
+        replace(c, simulated_p_value=float(p)) for c, p in zip(weighed, p_values, strict=True)
+    )
 
 
 def usable(
@@ -440,10 +410,8 @@ class CandidateRoots:
         if self.across is None:
             return self.each
         n, b, m, _ = self.blocks.shape
-        joint = np.zeros((n, b, m, n, b, m))
-        for i in range(b):
-            joint[:, i, :, :, i] = self.across.reshape(n, m, n, m)
-        return joint.reshape(n * b * m, n * b * m)
+        across = self.across.reshape(n, m, n, m)
+        return np.einsum("smtk,ij->simtjk", across, np.eye(b)).reshape(n * b * m, n * b * m)
 
 
 def candidate_roots(
@@ -472,10 +440,7 @@ def dense(blocks: np.ndarray) -> np.ndarray:
     [[1.0, 0.0], [0.0, 1.0]]
     """
     slews, b, m, _ = blocks.shape
-    whole = np.zeros((slews, b, m, b, m))
-    for i in range(b):
-        whole[:, i, :, i] = blocks[:, i]
-    return whole.reshape(slews, b * m, b * m)
+    return np.einsum("simk,ij->simjk", blocks, np.eye(b)).reshape(slews, b * m, b * m)
 
 
 @dataclass(frozen=True)

@@ -213,6 +213,11 @@ class Hypothesis:
         Of the data, against nothing.
     probability : float
         Afterwards.
+    sampled_gain : float or None
+        Log evidence of its own fit by importance sampling, less that by Laplace's approximation;
+        None where it has no fit of its own, or hardly any probability.
+    pareto_k : float or None
+        Shape of the tail of the weights of that: above 0.7 its J and K are rough.
     """
 
     kind: Literal["nothing", "effects", "nameless", "others"]
@@ -220,6 +225,8 @@ class Hypothesis:
     log_prior: float
     log_evidence: float
     probability: float = 0.0
+    sampled_gain: float | None = None
+    pareto_k: float | None = None
 
 
 @array_dataclass

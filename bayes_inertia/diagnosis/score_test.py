@@ -10,16 +10,25 @@ the residuals by less than one sigma in all are not counted: this campaign canno
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
+from scipy.special import logsumexp
 
+from bayes_inertia.diagnosis.candidates import FlexibleModeCandidate
+from bayes_inertia.diagnosis.limits import LIMITS
+from bayes_inertia.diagnosis.linear_system import LinearModel
+from bayes_inertia.diagnosis.result import Candidate
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.noise_model import log_normalisation
-from bayes_inertia.inference.objective import prior_equations, prior_rows
-from bayes_inertia.maths.linear_algebra import canonical_correlation
+from bayes_inertia.inference.objective import (
+    negative_log_posterior,
+    prior_equations,
+    prior_rows,
+)
+from bayes_inertia.inference.point import Point
+from bayes_inertia.maths.linear_algebra import canonical_correlation, inverse_root
 from bayes_inertia.maths.numerics import NUMERICS as MATHS_NUMERICS
 from bayes_inertia.maths.values import array_dataclass
 
@@ -48,30 +57,42 @@ def log_evidence_of_fit(estimate: Estimate) -> float:
     )
 
 
-@array_dataclass
-class NonlinearCandidate:
-    """A candidate that is not linear in its parameters: the best of its kind.
+class Sampled(NamedTuple):
+    """Laplace's approximation of a fit checked by importance sampling.
 
-    Parameters
-    ----------
-    name : str
-        Of the effect.
-    columns : (slews, numbers, k) array
-        Changes of the whitened residuals, all channels one after the other, by small changes of
-        its parameters.
-    score : float
-        chi^2 that it gains.
-    dof : int
-        Degrees of freedom of the score if the effect is absent, but for being the best of many.
-    trials : int
-        How many independent ones it is the best of.
+    `sampled_gain`: log evidence by it, less Laplace's; `pareto_k`: shape of the tail of its
+    weights, below 0.7 where the gain can be relied on (Vehtari et al. 2024).
     """
 
-    name: str
-    columns: np.ndarray
-    score: float
-    dof: int
-    trials: int
+    sampled_gain: float
+    pareto_k: float
+
+
+def sampled_evidence(estimate: Estimate, rng: np.random.Generator) -> Sampled | None:
+    """Draw all unknowns of a fit from Laplace's approximation and weigh them by their posterior.
+
+    Returns: none where most draws are impossible.
+    """
+    from arviz_stats.base import array_stats
+
+    model, point, free = estimate.model, estimate.point, estimate.free
+    f, b = len(free), len(point.bias)
+    z = rng.standard_normal((LIMITS.importance_draws, len(estimate.hessian)))
+    log_weights = []
+    for own, step in zip(z, z @ inverse_root(estimate.hessian), strict=True):
+        theta = point.theta.copy()
+        theta[free] += step[:f]
+        if np.any((theta < model.space.lower) | (theta > model.space.upper)):
+            continue
+        local = point.local + step[f + b :].reshape(point.local.shape)
+        drawn = Point(theta, point.bias + step[f : f + b], local)
+        lost = negative_log_posterior(model, drawn, estimate.white) - estimate.objective
+        log_weights.append(0.5 * own @ own - lost)
+    possible = np.array(log_weights)[np.isfinite(log_weights)]
+    if len(possible) < LIMITS.importance_draws // 4:
+        return None
+    gain = logsumexp(possible) - np.log(len(z))
+    return Sampled(float(gain), float(array_stats.psislw(possible)[1]))
 
 
 @array_dataclass
@@ -99,7 +120,7 @@ class ScoreTests:
     one_sided: tuple[bool, ...]
     gradient: np.ndarray
     matrix: np.ndarray
-    nonlinear: Mapping[str, NonlinearCandidate]
+    nonlinear: Mapping[str, FlexibleModeCandidate]
 
     def visible(self, k: int) -> tuple[np.ndarray, np.ndarray]:
         """Find the directions of a candidate that this campaign can see.
@@ -147,15 +168,6 @@ class ScoreTests:
         nonlinear = self.nonlinear.get(self.names[k])
         trials = 1 if nonlinear is None else nonlinear.trials
         return -np.expm1(trials * np.log1p(-np.minimum(single, 1.0 - 1e-16)))
-
-    def amplitude(self, k: int) -> np.ndarray:
-        """Compute the best amplitude of a candidate's parameters, to first order.
-
-        Returns (n,).
-        """
-        index = self.indices[k]
-        block = self.matrix[np.ix_(index, index)]
-        return np.linalg.solve(block + np.eye(len(index)), self.gradient[index])
 
     def canonical_correlation(self, j: int, k: int) -> float:
         """Compute the largest correlation between what two candidates can do.
@@ -207,55 +219,35 @@ def _root(matrix: np.ndarray) -> np.ndarray:
     return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-def unfitted(estimate: Estimate) -> tuple[str, ...]:
-    """List the effects of a model that have parameters and were held at their null."""
-    space = estimate.model.space
-    parts = {effect.name: space.slice_of(effect.name) for effect in estimate.model.effects}
-    return tuple(
-        name
-        for name, part in parts.items()
-        if part.stop > part.start and not np.isin(range(part.start, part.stop), estimate.free).any()
-    )
+def score_tests(linear: LinearModel, mode: FlexibleModeCandidate | None = None) -> ScoreTests:
+    """Score all effects of a linear model against all that is fitted.
 
-
-def score_tests(
-    estimate: Estimate,
-    names: tuple[str, ...],
-    nonlinear: tuple[NonlinearCandidate, ...] = (),
-    fit: LinearisedFit | None = None,
-) -> ScoreTests:
-    """Score candidate effects against all that is fitted.
-
-    `estimate`: A fit of a model that holds the effects `names` at their null; only others were
-    free.
+    `mode`: the flexible mode among them.
     """
-    fit, space = fit or estimate.linearised(), estimate.model.space
-    slices = [space.slice_of(name) for name in names]
-    parts = [fit.parameters[..., s] * space.sd[s] for s in slices]
-    parts += [candidate.columns for candidate in nonlinear]
-    columns = np.concatenate(parts, -1) if parts else np.zeros((*fit.residual.shape, 0))
-    matrix, gradient = fit.projected(columns)
-    bounds = pairwise(np.cumsum([0, *(part.shape[-1] for part in parts)]))
-    one_sided = [
-        s.stop - s.start == 1 and space.lower[s.start] == space.nulls[s.start] for s in slices
-    ]
+    members = linear.members
+    n = linear.columns.shape[-1]
     return ScoreTests(
-        names=(*names, *(candidate.name for candidate in nonlinear)),
-        indices=tuple(np.arange(start, stop) for start, stop in bounds),
-        one_sided=(*one_sided, *(False for _ in nonlinear)),
-        gradient=gradient,
-        matrix=matrix,
-        nonlinear={candidate.name: candidate for candidate in nonlinear},
+        names=tuple(m.name for m in members),
+        indices=tuple(m.columns for m in members),
+        one_sided=tuple(m.one_sided for m in members),
+        gradient=linear.system.gradient[:n],
+        matrix=linear.system.matrix[:n, :n],
+        nonlinear={} if mode is None else {mode.name: mode},
     )
 
 
-def shift_per_amplitude(fit: LinearisedFit, free: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """How far what is left out moves the fit.
-
-    `free` (f,). `columns` (slews, numbers, n): changes of the whitened residuals by units of what
-    is left out. Returns (9, n): shift of J and K per unit; zero where they are held.
-    """
-    n = fit.model.n_base
-    out, base = np.zeros((n, columns.shape[-1])), free < n
-    out[free[base]] = (fit.inverse_root.T @ fit.imitated(columns))[: len(free)][base]
-    return out
+def ranked_candidates(
+    tests: ScoreTests, log_evidence: Mapping[frozenset[str], float]
+) -> tuple[Candidate, ...]:
+    """List all candidates; their evidence is that of their rows of the table."""
+    scores = [tests.score(k) for k in range(len(tests.names))]
+    return tuple(
+        Candidate(
+            effect=name,
+            dof=tests.dof(k),
+            score=float(score),
+            p_value=float(tests.p_value(k, score)),
+            log_bayes_factor=log_evidence[frozenset([name])],
+        )
+        for k, (name, score) in enumerate(zip(tests.names, scores, strict=True))
+    )

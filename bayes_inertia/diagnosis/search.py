@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +20,6 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.candidates import (
     CandidateEffects,
     candidate_effects,
-    ranked_candidates,
 )
 from bayes_inertia.diagnosis.clean_start import (
     CleanStart,
@@ -48,12 +46,20 @@ from bayes_inertia.diagnosis.result import (
     Diagnosis,
     FormulaSearch,
     FormulaTerm,
+    Hypothesis,
     Step,
 )
-from bayes_inertia.diagnosis.score_test import log_evidence_of_fit
+from bayes_inertia.diagnosis.score_test import (
+    ScoreTests,
+    log_evidence_of_fit,
+    ranked_candidates,
+    sampled_evidence,
+    score_tests,
+)
 from bayes_inertia.diagnosis.table_search import (
     SHAPELESS,
     Reading,
+    Search,
     Table,
     fit_of,
     fixed_part,
@@ -68,7 +74,7 @@ from bayes_inertia.diagnosis.table_search import (
 )
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.laplace import Estimate, model_of
-from bayes_inertia.inference.optimizer import move_to, re_estimate
+from bayes_inertia.inference.optimizer import move_to
 from bayes_inertia.inference.settings import NOTHING, OPEN_VERDICTS
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.physics.effect import Effect
@@ -110,45 +116,35 @@ class Weighed:
     threshold: float
 
 
-def weigh_campaign(
-    begin: CleanStart,
-    effects: CandidateEffects,
-    stochastic: Sequence[StochasticEffect],
-    rules: Rules,
-    seed: int,
-    say: Progress,
-) -> Weighed:
+def weigh_campaign(begin: CleanStart, search: Search) -> Weighed:
     """Weigh everything that may be missing, until noise and table agree."""
-    rng = np.random.default_rng([seed, 3])
+    rng, effects = np.random.default_rng([search.seed, 3]), search.effects
     for rounds_left in reversed(range(LIMITS.rounds_of_noise)):
-        say(f"weighing {_count(effects, stochastic)} effects and their sets", 0, 0)
-        table = table_of(begin.base, effects, stochastic, rules)
-        candidates, threshold = _scored(table, stochastic, rules, rng, effects.log_costs)
+        search.say(f"weighing {_count(search)} effects and their sets", 0, 0)
+        table = table_of(begin.base, search)
+        candidates, threshold = _scored(table, search.rules, rng, effects.log_costs)
         # What was searched for as a formula was significant before.
         significant = bool(effects.log_costs) or any(c.p_value < threshold for c in candidates)
-        reading = read_table(table, rules, significant=significant)
-        fixed = fixed_part(frozenset(reading.named), table.refitted)
-        final = fit_of(table, fixed, begin.base, effects, rules) if fixed else begin.base
-        say("measuring the noise again", 0, 0)
+        reading = read_table(table, search.rules, significant=significant)
+        fixed = fixed_part(reading.row, table.refitted)
+        final = fit_of(table, fixed, begin.base, search)
+        search.say("measuring the noise again", 0, 0)
         again = measured_again(begin, final, _beside(table, fixed))
         if again is None or not rounds_left:
             break
-        base = again.base
-        if again.estimate is not again.base:
-            base = _without_effects(again.estimate, begin.base)
-        begin = replace(again, base=base, estimate=base)
-    random = [e for e in stochastic if e.name in reading.named]
+        begin = again
+    random = [e for e in search.stochastic if e.name in reading.named]
     if random:
-        say(f"fitting {random[0].name}", 0, 0)
-        own = _with_random(table, fixed, final, begin.base, random[0])
-        table, reading = own.table, read_table(own.table, rules, significant=True)
+        search.say(f"fitting {random[0].name}", 0, 0)
+        table, fits = _with_random(table, fixed, final, begin.base, random[0])
+        reading = read_table(table, search.rules, significant=True)
         fixed = fixed_part(reading.row, table.refitted)
         if random[0].name in reading.row:
-            begin, final = at_measured_level(begin, own.fits[fixed])
+            begin, final = at_measured_level(begin, fits[fixed])
         else:
-            final = fit_of(table, fixed, begin.base, effects, rules) if fixed else begin.base
-    steps = _steps(table, reading, final, begin.base, stochastic)
-    if not is_explained(final_tests(final), rules):
+            final = fit_of(table, fixed, begin.base, search)
+    steps = _steps(table, reading, final, begin.base, search)
+    if not is_explained(final_tests(final), search.rules):
         reading = unexplained_reading(table, reading)
     steps = tuple(replace(s, alternatives=_alternatives(table, reading, s.added)) for s in steps)
     return Weighed(table, reading, begin, final, steps, candidates, threshold)
@@ -157,7 +153,7 @@ def weigh_campaign(
 def _alternatives(table: Table, reading: Reading, added: str) -> tuple[AlternativeEffect, ...]:
     """What could be there instead of an effect named."""
     own = next((names for names in reading.ambiguous_with if names[0] == added), ())
-    tests = table.refitted[frozenset()].tests
+    tests = _tests(table)
     found = []
     for other in own[1:]:
         rows = [row for row in table.rows if added not in row and _stands(other, row, reading)]
@@ -168,18 +164,24 @@ def _alternatives(table: Table, reading: Reading, added: str) -> tuple[Alternati
     return tuple(found)
 
 
+def _tests(table: Table) -> ScoreTests:
+    """Score tests of all candidates at the fit without effects."""
+    first = table.refitted[frozenset()]
+    return score_tests(first.linear, first.mode)
+
+
 def _stands(other: str, row: Names, reading: Reading) -> bool:
     """Whether a row has something, or nothing, in place of an effect named."""
     return row < reading.row if other == NOTHING else other in row
 
 
-def _count(effects: CandidateEffects, stochastic: Sequence[StochasticEffect]) -> int:
-    return len(effects.linear) + (effects.flexible_mode is not None) + len(stochastic)
+def _count(search: Search) -> int:
+    effects = search.effects
+    return len(effects.linear) + (effects.flexible_mode is not None) + len(search.stochastic)
 
 
 def _scored(
     table: Table,
-    stochastic: Sequence[StochasticEffect],
     rules: Rules,
     rng: np.random.Generator,
     log_costs: Mapping[str, float],
@@ -190,17 +192,15 @@ def _scored(
     (Bonferroni, weighted by their prior probabilities).
     """
     first = table.refitted[frozenset()]
-    threshold = first.tests.threshold(
-        rules.false_alarm_probability, rng, further=LIMITS.random_tests
-    )
+    tests = _tests(table)
+    threshold = tests.threshold(rules.false_alarm_probability, rng, further=LIMITS.random_tests)
     ranked = tuple(
         replace(c, p_value=min(1.0, c.p_value * float(np.exp(log_costs.get(c.effect, 0.0)))))
-        for c in ranked_candidates(first.tests, first.log_evidence)
+        for c in ranked_candidates(tests, first.log_evidence)
     )
     random = _beside(table, frozenset())
     if not any(c.p_value < threshold for c in ranked) and p_values_decide(random):
-        fit, own = first.linear.fit, rng.spawn(1)[0]
-        random = with_p_values(random, stochastic, first.random, fit, first.response, own)
+        random = with_p_values(random, first.random, rng.spawn(1)[0])
     rows = (*ranked, *as_candidates(random))
     return tuple(sorted(rows, key=lambda row: -row.log_bayes_factor)), threshold
 
@@ -216,24 +216,13 @@ def _beside(table: Table, fixed: Names) -> tuple[StochasticCandidate, ...]:
     return tuple(sorted(found, key=lambda c: -c.log_bayes_factor))
 
 
-def _without_effects(estimate: Estimate, base: Estimate) -> Estimate:
-    """The fit without any effect, at another noise than before."""
-    known, theta = estimate.model.n_known, estimate.theta.copy()
-    theta[known:] = estimate.model.space.nulls[known:]
-    return re_estimate(estimate, theta, base.free[base.free < known])
-
-
 def _steps(
-    table: Table,
-    reading: Reading,
-    final: Estimate,
-    base: Estimate,
-    stochastic: Sequence[StochasticEffect],
+    table: Table, reading: Reading, final: Estimate, base: Estimate, search: Search
 ) -> tuple[Step, ...]:
     """The effects of the best row one after the other, the best first, a random one last."""
-    random = {effect.name for effect in stochastic} & set(reading.named)
+    random = {effect.name for effect in search.stochastic} & reading.row
     order: list[str] = []
-    for left in (set(reading.named) - random, set(random)):
+    for left in (set(reading.row) - random, set(random)):
         while left:
             best = max(left, key=lambda n: table.log_evidence.get(frozenset([*order, n]), -np.inf))
             order.append(best)
@@ -241,47 +230,22 @@ def _steps(
     steps: list[Step] = []
     before, value = base, 0.0
     for i, name in enumerate(order):
-        held = order[: i + 1]
-        after = final if i == len(order) - 1 else _part_of(final, base, held)
-        now = table.log_evidence.get(frozenset(held), value)
+        held, last = frozenset(order[: i + 1]), i == len(order) - 1
+        after = final if last else fit_of(table, held, base, search)
+        now = table.log_evidence.get(held, value)
         steps.append(Step(name, before, after, now - value, stochastic=name in random))
         before, value = after, now
     return tuple(steps)
 
 
-def _part_of(final: Estimate, base: Estimate, names: Sequence[str]) -> Estimate:
-    """The fit with only some of its effects of fixed shape, in a model without a random one."""
-    if any(isinstance(effect, StochasticEffect) for effect in final.model.effects):
-        fitted = {effect.name: effect for effect in final.effects_fitted}
-        kept = tuple(fitted.get(e.name, e) for e in base.model.effects)
-        more = tuple(fitted[n] for n in names if n not in {e.name for e in kept})
-        old = base.model
-        final = move_to(final, Model(old.campaign, (*kept, *more), old.structure.drive))
-    space, theta = final.model.space, final.theta.copy()
-    free = [i for i in final.free if i < final.model.n_known]
-    for effect in final.model.effects:
-        part = space.slice_of(effect.name)
-        if effect.name in names:
-            free += range(part.start, part.stop)
-        else:
-            theta[part] = space.nulls[part]
-    return re_estimate(final, theta, np.array(free))
-
-
-class _RandomRows(NamedTuple):
-    """A table whose rows with a random effect were refitted: fits by what stands beside it."""
-
-    table: Table
-    fits: dict[Names, Estimate]
-
-
 def _with_random(
     table: Table, fixed: Names, before: Estimate, base: Estimate, effect: StochasticEffect
-) -> _RandomRows:
+) -> tuple[Table, dict[Names, Estimate]]:
     """Fit the best row that has a random effect, and this effect with fewer others.
 
     Where the misfit is large a linear model around a fit without the random effect is rough: what
-    takes a part of it there may be needless beside it.
+    takes a part of it there may be needless beside it. Returns: the table with the evidence of
+    these fits, and the fits by what stands beside the random effect.
     """
     (found,) = (c for c in _beside(table, fixed) if c.effect == effect.name)
     whole = with_stochastic(before, effect, found.start)
@@ -303,7 +267,7 @@ def _with_random(
         # To first order around a fit without it, others beside the random effect may be rough.
         elif not (own <= row and (rough or value + table.log_prior[row] > least)):
             values[row] = value
-    return _RandomRows(with_evidence(table, values), fits)
+    return with_evidence(table, values), fits
 
 
 def other_rows(table: Table, named: Names) -> tuple[AlternativeParameters, ...]:
@@ -408,26 +372,18 @@ def diagnose(
     model = Model(campaign, effects.linear, drive)
     say("fitting J and K, measuring the noise", 0, 0)
     begin = clean_start(model, seed=seed, as_stated=as_stated, stochastic=stochastic)
-    diagnosis = _diagnosed(begin, effects, stochastic, rules, seed, say)
+    search = Search(effects, stochastic, rules, seed, say)
+    diagnosis = _diagnosed(begin, search)
     if diagnosis.verdict != "unknown" or diagnosis.treatment.colour is None:
         return diagnosis
     # What no effect explains beside correlated noise may be what looks like such noise.
     say("fitting J and K again, with white noise", 0, 0)
-    begin = clean_start(model, seed=seed, coloured=False)
-    return _diagnosed(begin, effects, stochastic, rules, seed, say)
+    return _diagnosed(clean_start(model, seed=seed, coloured=False), search)
 
 
-def _diagnosed(
-    begin: CleanStart,
-    effects: CandidateEffects,
-    stochastic: Sequence[StochasticEffect],
-    rules: Rules,
-    seed: int,
-    say: Progress,
-) -> Diagnosis:
+def _diagnosed(begin: CleanStart, search: Search) -> Diagnosis:
     """The verdict of a table from a clean start."""
-    weighed = weigh_campaign(begin, effects, stochastic, rules, seed, say)
-    weighed, formulas = with_formulas(weighed, effects, stochastic, rules, seed, say)
+    weighed, formulas = with_formulas(weigh_campaign(begin, search), search)
     table, reading, noise = weighed.table, weighed.reading, dict(weighed.begin.noise)
     return Diagnosis(
         verdict=reading.verdict,
@@ -440,27 +396,31 @@ def _diagnosed(
         final=weighed.final,
         noise=noise,
         tests=final_tests(weighed.final),
-        rules=rules,
-        skipped=effects.skipped,
-        correlations=correlations(table.refitted[frozenset()].tests),
+        rules=search.rules,
+        skipped=search.effects.skipped,
+        correlations=correlations(_tests(table)),
         why_unknown=reading.why_unknown,
         nameless_lead=reading.nameless_lead,
         nameless_source=reading.nameless_source,
         treatment=replace(weighed.begin.treatment, level=noise),
-        hypotheses=hypotheses_of(table),
+        hypotheses=_checked(table, search.seed),
         other_rows=other_rows(table, reading.row),
         formulas=formulas,
     )
 
 
-def with_formulas(
-    weighed: Weighed,
-    effects: CandidateEffects,
-    stochastic: Sequence[StochasticEffect],
-    rules: Rules,
-    seed: int,
-    say: Progress,
-) -> tuple[Weighed, FormulaSearch | None]:
+def _checked(table: Table, seed: int) -> tuple[Hypothesis, ...]:
+    """The hypotheses; fits of probable ones checked by importance sampling."""
+    rng, rows = np.random.default_rng([seed, 6]), []
+    for row in hypotheses_of(table):
+        fitted = table.refitted.get(frozenset(row.effects))
+        alone = row.kind in ("nothing", "effects") and row.probability > LIMITS.least_probability
+        sampled = sampled_evidence(fitted.estimate, rng) if fitted and alone else None
+        rows.append(replace(row, **sampled._asdict()) if sampled else row)
+    return tuple(rows)
+
+
+def with_formulas(weighed: Weighed, search: Search) -> tuple[Weighed, FormulaSearch | None]:
     """Look for a formula that explains the data as well as what the table says.
 
     Where it may, the best formulas are weighed again beside the effects; where only a shape
@@ -473,25 +433,25 @@ def with_formulas(
     for _ in range(LIMITS.rounds_of_formulas):
         if now.reading.verdict == "consistent" or (found and now.reading.verdict == "named"):
             break
-        say("weighing formulas", 0, 0)
+        search.say("weighing formulas", 0, 0)
         searches = [search_formulas(response) for response in _responses(now)]
-        search = max(searches, key=lambda s: s.log_evidence)
-        if search.log_evidence < -np.log(rules.false_alarm_probability):
+        clearest = max(searches, key=lambda s: s.log_evidence)
+        if clearest.log_evidence < -np.log(search.rules.false_alarm_probability):
             break
-        contested = _contested(now, search, rules)
+        contested = _contested(now, clearest, search.rules)
         if contested or _may_be_shapeless(now.reading):
-            first = first or search
-        best = {term.formula.name: term for s in searches for term in _best(s, rules)}
+            first = first or clearest
+        best = {term.formula.name: term for s in searches for term in _best(s, search.rules)}
         if not contested or best.keys() <= found.keys():
             break
         found |= best
         larger = replace(
-            effects,
-            linear=(*effects.linear, *(term.formula for term in found.values())),
+            search.effects,
+            linear=(*search.effects.linear, *(term.formula for term in found.values())),
             log_costs={name: -term.log_prior for name, term in found.items()},
         )
         begin = _with_candidates(now.begin, larger)
-        now = weigh_campaign(begin, larger, stochastic, rules, seed, say)
+        now = weigh_campaign(begin, replace(search, effects=larger))
     answers = {name for names in (now.reading.named, *now.reading.ambiguous_with) for name in names}
     if not found.keys() & answers or now.reading.verdict in OPEN_VERDICTS:
         return weighed, first if _may_be_shapeless(weighed.reading) else None
@@ -533,4 +493,4 @@ def _with_candidates(begin: CleanStart, effects: CandidateEffects) -> CleanStart
     drive = begin.stated.structure.drive
     stated = Model(begin.stated.campaign, effects.linear, drive)
     base = move_to(begin.base, Model(begin.base.model.campaign, effects.linear, drive))
-    return replace(begin, stated=stated, base=base, estimate=base)
+    return replace(begin, stated=stated, base=base)

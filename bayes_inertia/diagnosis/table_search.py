@@ -19,17 +19,16 @@ from bayes_inertia.diagnosis.candidates import (
     FLEXIBLE_MODE,
     CandidateEffects,
     FlexibleModeCandidate,
-    score_candidates,
+    flexible_mode_candidate,
     theta_with_mode,
 )
 from bayes_inertia.diagnosis.hypothesis_table import (
     Given,
     Names,
     RandomMember,
-    Searched,
     evidence_of_sets,
-    few,
     given_all,
+    given_random,
     log_evidence_of,
     log_prior_of_set,
     nothing,
@@ -40,7 +39,6 @@ from bayes_inertia.diagnosis.limits import LIMITS, Rules
 from bayes_inertia.diagnosis.linear_system import LinearModel, linear_model, random_members
 from bayes_inertia.diagnosis.random_signals import NAMELESS
 from bayes_inertia.diagnosis.result import Hypothesis, within_prior
-from bayes_inertia.diagnosis.score_test import ScoreTests
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.descent import compiled_meanwhile
 from bayes_inertia.inference.laplace import Estimate
@@ -48,6 +46,7 @@ from bayes_inertia.inference.optimizer import move_to, re_estimate
 from bayes_inertia.inference.settings import NOTHING
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
+from bayes_inertia.progress import Progress
 
 
 def with_stochastic(before: Estimate, effect: StochasticEffect, start: Sequence[float]) -> Estimate:
@@ -87,6 +86,31 @@ SHAPELESS = frozenset(NAMELESS.values())
 
 
 @dataclass(frozen=True)
+class Search:
+    """What may be missing, and the thresholds by which it is named.
+
+    Parameters
+    ----------
+    effects : CandidateEffects
+        Of a fixed shape.
+    stochastic : tuple of StochasticEffect
+        Without one.
+    rules : Rules
+        Thresholds.
+    seed : int
+        Of simulated thresholds.
+    say : callable
+        Told what is done.
+    """
+
+    effects: CandidateEffects
+    stochastic: tuple[StochasticEffect, ...]
+    rules: Rules
+    seed: int
+    say: Progress
+
+
+@dataclass(frozen=True)
 class RefittedRow:
     """A set of effects of fixed shape fitted in full, and all sets weighed around it.
 
@@ -100,8 +124,8 @@ class RefittedRow:
         The linear model there.
     response : TorqueResponse
         What torques and errors of sensors do there.
-    tests : ScoreTests
-        Score tests of what is not fitted.
+    mode : FlexibleModeCandidate or None
+        The flexible mode that its residuals show best.
     log_evidence : mapping
         Of all sets, against nothing.
     random : tuple of RandomMember
@@ -112,7 +136,7 @@ class RefittedRow:
     estimate: Estimate
     linear: LinearModel
     response: TorqueResponse
-    tests: ScoreTests
+    mode: FlexibleModeCandidate | None
     log_evidence: Mapping[Names, float]
     random: tuple[RandomMember, ...] = ()
 
@@ -137,57 +161,38 @@ class Table:
     refitted: dict[Names, RefittedRow]
 
 
-def table_of(
-    base: Estimate,
-    effects: CandidateEffects,
-    stochastic: Sequence[StochasticEffect],
-    rules: Rules,
-    *,
-    nameless: bool = True,
-) -> Table:
+def table_of(base: Estimate, search: Search) -> Table:
     """Weigh everything that may be missing."""
     refitted: dict[Names, RefittedRow] = {}
     names: Names | None = frozenset()
-    while names is not None and len(refitted) <= rules.max_refits:
+    while names is not None and len(refitted) <= search.rules.max_refits:
         near = _nearest(names, refitted)
-        estimate = base if near is None else _refit(names, base, near, effects, rules)
-        refitted[names] = _weighed(
-            names, estimate, base, effects, stochastic, rules, near=near, nameless=nameless
-        )
-        table = _read(refitted, rules)
+        estimate = base if near is None else _refit(names, base, near, search)
+        refitted[names] = _weighed(names, estimate, base, search, near)
+        table = _read(refitted, search.rules)
         names = _next(table)
     return table
 
 
 def _weighed(
-    names: Names,
-    estimate: Estimate,
-    base: Estimate,
-    effects: CandidateEffects,
-    stochastic: Sequence[StochasticEffect],
-    rules: Rules,
-    *,
-    near: RefittedRow | None,
-    nameless: bool,
+    names: Names, estimate: Estimate, base: Estimate, search: Search, near: RefittedRow | None
 ) -> RefittedRow:
     """All sets weighed around a fit; as at the nearest fit where that foretold this one."""
+    costs, held = search.effects.log_costs, sorted(names)
     if near is not None:
-        linear = linear_model(estimate, sorted(names), base.objective, log_costs=effects.log_costs)
-        held = [m for m in linear.members if m.name in names]
-        own = log_evidence_of(nothing(linear.system), held) + linear.offset
+        linear = linear_model(estimate, held, base.objective, log_costs=costs)
+        members = [m for m in linear.members if m.name in names]
+        own = log_evidence_of(nothing(linear.system), members) + linear.offset
         if abs(own - near.log_evidence[names]) < LIMITS.linear:
             return replace(near, names=names, estimate=estimate)
     response = torque_response(estimate)
-    tests = score_candidates(estimate, effects.flexible_mode, response=response)
-    mode = tests.nonlinear.get(FLEXIBLE_MODE)
-    linear = linear_model(estimate, sorted(names), base.objective, mode, effects.log_costs)
-    random = random_members(
-        linear, response, stochastic, nameless=nameless, driven=not effects.log_costs
-    )
-    largest = min(max(3, len(names) + 1), rules.max_effects)
-    values = evidence_of_sets(linear.system, linear.members, random, Searched(largest=largest))
+    mode = flexible_mode_candidate(estimate, search.effects, response)
+    linear = linear_model(estimate, held, base.objective, mode, costs)
+    random = random_members(linear, response, search.stochastic, driven=not costs)
+    largest = min(max(3, len(names) + 1), search.rules.max_effects)
+    values = evidence_of_sets(linear.system, linear.members, random, largest)
     values = {row: value + linear.offset for row, value in values.items()}
-    return RefittedRow(names, estimate, linear, response, tests, values, random)
+    return RefittedRow(names, estimate, linear, response, mode, values, random)
 
 
 def fixed_part(row: Names, refitted: Mapping[Names, RefittedRow]) -> Names:
@@ -201,9 +206,8 @@ def given_row(table: Table, row: Names) -> tuple[LinearModel, Given]:
     at = _weighed_at(row, table.refitted)
     fixed = [m for m in at.linear.members if m.name in row]
     random = [m for m in at.random if m.name in row]
-    given = nothing(at.linear.system)
-    if random:
-        given, _ = few(at.linear.system, random[0], fixed)
+    system = at.linear.system
+    given = given_random(system, random[0]) if random else nothing(system)
     return at.linear, given_all(*of_columns(given, fixed, len(at.linear.null)))
 
 
@@ -250,13 +254,13 @@ def _next(table: Table) -> Names | None:
     return next((names for names in wanted if names not in table.refitted), None)
 
 
-def fit_of(
-    table: Table, names: Names, base: Estimate, effects: CandidateEffects, rules: Rules
-) -> Estimate:
+def fit_of(table: Table, names: Names, base: Estimate, search: Search) -> Estimate:
     """The fit of a set of effects of fixed shape, brought to its end."""
+    if not names:
+        return base
     row, near = table.refitted.get(names), _nearest(names, table.refitted)
     assert near is not None
-    fitted = row.estimate if row else _refit(names, base, near, effects, rules)
+    fitted = row.estimate if row else _refit(names, base, near, search)
     return re_estimate(fitted, fitted.theta, fitted.free)
 
 
@@ -269,21 +273,11 @@ def _nearest(names: Names, refitted: Mapping[Names, RefittedRow]) -> RefittedRow
     )
 
 
-def _refit(
-    names: Names,
-    base: Estimate,
-    near: RefittedRow,
-    effects: CandidateEffects,
-    rules: Rules,
-) -> Estimate:
+def _refit(names: Names, base: Estimate, near: RefittedRow, search: Search) -> Estimate:
     """Fit a set of effects, begun where the nearest linear model has them."""
-    estimate = near.estimate
-    mode = near.tests.nonlinear.get(FLEXIBLE_MODE)
-    theta: np.ndarray
+    estimate, theta = near.estimate, near.estimate.theta.copy()
     if FLEXIBLE_MODE in names and FLEXIBLE_MODE not in near.names:
-        estimate, theta = _with_mode(estimate, effects, mode)
-    else:
-        theta = estimate.theta.copy()
+        estimate, theta = _with_mode(estimate, search.effects, near.mode)
     space = estimate.model.space
     scales = {e.name: e.prior_scale for e in estimate.model.effects}
     predicted = _amplitudes(near.linear, sorted(names))
@@ -304,7 +298,7 @@ def _refit(
         estimate, theta, np.concatenate(free), tolerance=LIMITS.comparison_tolerance
     )
     for name in sorted(names):
-        fitted = within_prior(fitted, name, rules, tolerance=LIMITS.comparison_tolerance)
+        fitted = within_prior(fitted, name, search.rules, tolerance=LIMITS.comparison_tolerance)
     return fitted
 
 
@@ -319,10 +313,10 @@ def _amplitudes(linear: LinearModel, names: Sequence[str]) -> dict[str, np.ndarr
 
 
 def _with_mode(
-    estimate: Estimate, effects: CandidateEffects, candidate: object
+    estimate: Estimate, effects: CandidateEffects, candidate: FlexibleModeCandidate | None
 ) -> tuple[Estimate, np.ndarray]:
     """The fit in a model that holds a flexible mode, and its parameters with the mode's."""
-    assert isinstance(candidate, FlexibleModeCandidate)
+    assert candidate is not None
     assert effects.flexible_mode is not None
     model, frequency = estimate.model, float(2.0 ** np.round(np.log2(candidate.frequency)))
     mode = replace(effects.flexible_mode, frequency=frequency)

@@ -12,13 +12,11 @@ linear in a few numbers; in the table they show that a name would be an imitatio
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from bayes_inertia.campaign.sensors.rate import RATE
-from bayes_inertia.diagnosis.formulas import drivers
+from bayes_inertia.diagnosis.formulas import told_blocks
 from bayes_inertia.diagnosis.free_signal import (
     FreeSignal,
     infer_signal,
@@ -30,86 +28,43 @@ from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_respo
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.effects.formula import DRIVERS, driver_of
-from bayes_inertia.physics.effects.scales import torque_scale
-
-CONSTANT, COMMAND, CAMPAIGN_TIME = (
-    DRIVERS[key].words for key in ("constant", "wheel_commands", "campaign_time")
-)
-# What effects of the library follow with the same freedom: constant_torque, wheel_torque_gain with
-# wheel_misalignment, rate_bias and rate_bias_drift.
-DRIVEN_BY_LIBRARY = (
-    ("body torque", CONSTANT),
-    ("body torque", COMMAND),
-    ("rate sensor", CONSTANT),
-    ("rate sensor", CAMPAIGN_TIME),
-)
-
-
-def told_drivers(response: TorqueResponse) -> dict[str, np.ndarray]:
-    """What a disturbance may be proportional to and a sentence can say.
-
-    Returns: {words: (slews, n, k) array} on the integration grid, in SI units.
-    """
-    told = {driver_of(d.key).words: d.values for d in drivers(response) if driver_of(d.key).words}
-    return {words: values for words, values in told.items() if values.any()}
-
-
-def driven_columns(
-    response: TorqueResponse,
-) -> Iterator[tuple[tuple[str, str], np.ndarray]]:
-    """Columns (slews, numbers, k) of each disturbance in proportion to a driver, along any axes.
-
-    Returns: (source, driver) with each; the source is "body torque" or "rate sensor".
-    """
-    campaign = response.estimate.model.campaign
-    torque_size, axes = torque_scale(campaign), len(RATE.sigma(campaign))
-    rate_size = LIMITS.rate_error_share * campaign.scale_of_motion()[0]
-    for name, values in told_drivers(response).items():
-        rms = np.sqrt(np.mean(values**2, axis=(0, 1)))
-        if not rms.max() > 0.0:
-            continue
-        # Component by component along each axis: unit values are one rms of the driver.
-        moving = rms > LIMITS.negligible_component * rms.max()
-        scaled = values[..., moving] / rms[moving]
-        along, error = (
-            np.einsum("snk,ij->snikj", scaled, np.eye(n)).reshape(*scaled.shape[:2], n, -1)
-            for n in (3, axes)
-        )
-        yield ("body torque", name), response.residual_change(torque_size * along)
-        if axes:
-            yield ("rate sensor", name), response.reading_change("rate", rate_size * error)
-
-
-def driven_evidence(response: TorqueResponse, fit: LinearisedFit) -> dict[tuple[str, str], float]:
-    """Weigh each disturbance in proportion to a driver against nothing.
-
-    Returns: {(source, driver): log evidence}.
-    """
-    found = {}
-    for key, columns in driven_columns(response):
-        matrix, gradient = fit.projected(columns)
-        found[key] = log_evidence_of_columns(gradient, matrix)
-    return found
+from bayes_inertia.physics.effects.formula import driver_of
 
 
 @dataclass(frozen=True)
 class Match:
-    """How well the torque along its axis follows something known.
+    """A torque in proportion to something known, along any axes.
 
     Parameters
     ----------
+    driver : str
+        What it follows: a key of `DRIVERS`, or an input of the user's own.
     name : str
-        What it may follow: a key of `told_drivers`.
+        The same in words.
+    log_evidence : float
+        Against nothing.
     share : float
-        Share of the torque's mean square that it explains, corrected for chance.
-    correlation : float
-        Of the best linear mix of its components.
+        Share of the misfit that it removes, 0 to 1.
     """
 
+    driver: str
     name: str
+    log_evidence: float
     share: float
-    correlation: float
+
+
+def matches(response: TorqueResponse, fit: LinearisedFit, excess: float) -> tuple[Match, ...]:
+    """Torques in proportion to something known, best evidence first; `excess`: of chi^2."""
+    found = []
+    for block in told_blocks(response):
+        if block.formula.place != "body_torque":
+            continue
+        driver, (matrix, gradient) = block.formula.driver, fit.projected(block.columns)
+        gained = gradient @ np.linalg.solve(matrix + np.eye(len(gradient)), gradient)
+        share = float(np.clip(gained / max(excess, 1e-9), 0.0, 1.0))
+        value = log_evidence_of_columns(gradient, matrix)
+        found.append(Match(driver, driver_of(driver).words, value, share))
+    return tuple(sorted(found, key=lambda match: -match.log_evidence))
 
 
 @array_dataclass
@@ -134,9 +89,7 @@ class UnexplainedSignal:
     spectrum : Spectrum
         Of the torque along the axis.
     matches : tuple of Match
-        Of the torque along the axis, best first.
-    driven_evidence : dict
-        Log evidence for a disturbance in proportion to something known (`told_drivers`).
+        What it may follow, best first.
     quiet_before : float or None
         rms of the torque before the wheels first act over its rms afterwards, where known.
     """
@@ -149,7 +102,6 @@ class UnexplainedSignal:
     torque_rms: float
     spectrum: Spectrum
     matches: tuple[Match, ...]
-    driven_evidence: dict[tuple[str, str], float]
     quiet_before: float | None
 
     @property
@@ -185,8 +137,7 @@ def unexplained_signal(estimate: Estimate) -> UnexplainedSignal:
         axis_share=share,
         torque_rms=torque.rms,
         spectrum=spectrum_of(torque.time, along),
-        matches=_matches(response, torque, along),
-        driven_evidence=driven_evidence(response, fit),
+        matches=matches(response, fit, torque.chi2_before - torque.dof_before),
         quiet_before=_quiet_before(estimate, torque.time, along),
     )
 
@@ -228,44 +179,6 @@ def _main_axis(vectors: np.ndarray) -> tuple[np.ndarray, float]:
     steady = abs(mean) > 0.5 * np.sqrt(np.mean((flat @ axis) ** 2))
     sign = np.sign(mean) if steady else np.sign(axis[np.argmax(np.abs(axis))])
     return axis * (sign or 1.0), float(values[-1] / max(values.sum(), 1e-300))
-
-
-def _matches(response: TorqueResponse, torque: FreeSignal, along: np.ndarray) -> tuple[Match, ...]:
-    """What the torque goes along with, best first."""
-    duration = float(np.sum(torque.time[:, -1] - torque.time[:, 0]))
-    independent = max(8.0, duration / (2.5 * torque.length))
-    y = along.ravel()
-    total = float(y @ y)
-    matches = []
-    for name, values in _drivers_at_knots(response, torque.time).items():
-        x = values.reshape(len(y), -1)
-        size = np.sqrt(np.mean(x**2, 0))
-        x = x[:, size > 1e-12 * max(size.max(), 1e-300)]
-        if not x.shape[1] or total <= 0:
-            continue
-        x = x / np.sqrt(np.mean(x**2, 0))
-        left = y - x @ np.linalg.lstsq(x, y, rcond=1e-6)[0]
-        ratio = float(left @ left) / total
-        # No intercept: shares are of the mean square, corrected for how well chance would do.
-        share = 1.0 - ratio * independent / max(independent - x.shape[1], 1.0)
-        matches.append(Match(name, float(max(share, 0.0)), float(np.sqrt(max(1.0 - ratio, 0.0)))))
-    return tuple(sorted(matches, key=lambda m: -m.share))
-
-
-def _drivers_at_knots(response: TorqueResponse, time: np.ndarray) -> dict[str, np.ndarray]:
-    """What a torque may go along with, at the knots: {name: (slews, knots, k)}."""
-    first = np.array([slew.time[0] for slew in response.estimate.model.campaign.slews])
-    grids = response.time + first[:, None]
-
-    def at_knots(values: np.ndarray) -> np.ndarray:
-        return np.stack(
-            [
-                np.stack([np.interp(t, grid, v) for v in x.T], -1)
-                for t, grid, x in zip(time, grids, values, strict=True)
-            ]
-        )
-
-    return {name: at_knots(values) for name, values in told_drivers(response).items()}
 
 
 def _quiet_before(estimate: Estimate, time: np.ndarray, along: np.ndarray) -> float | None:
@@ -398,11 +311,12 @@ def _torque(signal: UnexplainedSignal) -> str:
     one_axis = signal.axis_share > LIMITS.one_axis_share
     axis = f"about {axis_name(signal.axis_B)}" if one_axis else "about changing axes"
     driver = _driver(signal)
-    if driver == CONSTANT:
+    if driver == "constant":
         return f"a torque constant {axis} in all slews ({size})"
     if driver is not None:
-        word = "growing with" if driver.startswith("time") else "proportional to"
-        return f"a torque {axis}, {word} the {driver} ({size})"
+        words = driver_of(driver).words
+        follows = "growing with" if words.startswith("time") else "proportional to"
+        return f"a torque {axis}, {follows} the {words} ({size})"
     best = signal.matches[0] if signal.matches else None
     nearest = (
         f"; it goes along best with the {best.name} ({100.0 * best.share:.0f} % of it)"
@@ -420,16 +334,15 @@ def _driver(signal: UnexplainedSignal) -> str | None:
 
     The best by evidence, if that is not worse than a torque of any shape.
     """
-    torques = {
-        driver: evidence
-        for (source, driver), evidence in signal.driven_evidence.items()
-        if source == "body torque"
-    }
-    best = max(torques, key=torques.__getitem__)
+    of_all = {match.driver: match.log_evidence for match in signal.matches}
+    if not of_all:
+        return None
+    best = max(of_all, key=of_all.__getitem__)
     # Squares of rates are nearly constant in a campaign of like slews: the simpler word wins a near
     # tie.
-    chosen = CONSTANT if torques[CONSTANT] > torques[best] - LIMITS.tied else best
-    return chosen if torques[chosen] > signal.torque.log_evidence - LIMITS.tied else None
+    steady = of_all.get("constant", -np.inf) > of_all[best] - LIMITS.tied
+    chosen = "constant" if steady else best
+    return chosen if of_all[chosen] > signal.torque.log_evidence - LIMITS.tied else None
 
 
 def axis_name(axis_B: np.ndarray, *, signed: bool = True) -> str:

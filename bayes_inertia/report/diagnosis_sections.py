@@ -199,6 +199,7 @@ def _answers_section(content: Mapping[str, Any]) -> Section | None:
             "probability": per_cent(row["probability"]),
             "prior": per_cent(math.exp(row["log_prior"])),
             "log_evidence": tenths(row["log_evidence"]),
+            "pareto_k": "" if row.get("pareto_k") is None else tenths(row["pareto_k"]),
         }
         for row in content.get("hypotheses", [])[: LAYOUT.most_answers_listed]
     ]

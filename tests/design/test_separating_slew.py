@@ -9,6 +9,7 @@ import pytest
 
 from bayes_inertia.design.margins import broken_limits
 from bayes_inertia.design.separating_slew import separating_slew
+from bayes_inertia.diagnosis.linear_system import linear_model
 from bayes_inertia.diagnosis.score_test import score_tests
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.mission import Mission
@@ -43,9 +44,9 @@ def test_separating_slew_starts_from_what_the_fingerprints_say(craft, prior):
     plan = replace(paper_like_plan(), telemetry_period=1.0)
     campaign = fly(plan, Mission(deaf, prior), 3).campaign
     at = estimate(Model(campaign), starts=1)
-    found = separating_slew(at, *effects)
+    found, both = separating_slew(at, *effects), move_to(at, Model(campaign, effects))
     assert found.correlation[0] == pytest.approx(
-        score_tests(move_to(at, Model(campaign, effects)), names).canonical_correlation(0, 1),
+        score_tests(linear_model(both)).canonical_correlation(0, 1),
         abs=1e-6,
     )
     assert found.correlation[0] > 0.99

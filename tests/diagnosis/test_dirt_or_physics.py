@@ -88,7 +88,7 @@ def test_a_fit_that_stopped_early_is_brought_to_its_end(flown):
     beside = settled.theta + 30.0 * settled.sd
     early = optimizer.re_estimate(settled, beside, settled.free, tolerance=1e8)
     stated = dict.fromkeys(CHANNELS, 1.0)
-    start = CleanStart(settled.model, settled, settled, stated, DirtTreatment())
+    start = CleanStart(settled.model, settled, stated, DirtTreatment())
     _, final = at_measured_level(start, early)
     assert early.objective - settled.objective > 1e-4
     assert final.objective - settled.objective < 1e-6
@@ -152,7 +152,7 @@ def test_a_torque_beside_outliers_is_named_and_the_outliers_listed(flight):
 @pytest.mark.slow
 def test_nothing_is_measured_again_where_nothing_was_named(clean):
     start = begun(clean)
-    assert measured_again(start, start.estimate) is None
+    assert measured_again(start, start.base) is None
 
 
 def wandering(campaign, sd, seed):

@@ -91,8 +91,7 @@ def test_p_values_of_a_fit_are_of_the_whole_family_and_below_the_bound(plain):
     """Each is of the largest of all Bayes factors: it falls with the evidence, and lies at a small
     share of Markov's bound where that is small. A campaign of too many slews keeps the bound.
     """
-    fit, response = plain.linearised(), torque_response(plain)
-    linear = linear_model(plain, (), plain.objective)
+    response, linear = torque_response(plain), linear_model(plain)
     some = [e for e in STOCHASTIC_CANDIDATES if e.name in ("rate_random_walk", "torque_noise")]
     members = random_members(linear, response, some, nameless=False)
     one = [m for m in members if m.name == some[0].name]
@@ -101,7 +100,7 @@ def test_p_values_of_a_fit_are_of_the_whole_family_and_below_the_bound(plain):
     p, bound = (
         np.array([c.p_value for c in candidates])
         for candidates in (
-            with_p_values(asked, some, members, fit, response, np.random.default_rng(1)),
+            with_p_values(asked, members, np.random.default_rng(1)),
             asked,
         )
     )
@@ -109,13 +108,13 @@ def test_p_values_of_a_fit_are_of_the_whole_family_and_below_the_bound(plain):
     assert p[0] > 0.5
     assert np.all(p[2:] < 0.5 * bound[2:])
     assert np.all(p > 0.0)
-    alone = with_p_values(asked, some, one, fit, response, np.random.default_rng(1))
+    alone = with_p_values(asked, one, np.random.default_rng(1))
     assert alone[2].p_value < p[2]
     with pytest.MonkeyPatch.context() as patched:
         module = sys.modules[random_members.__module__]
         patched.setattr(module, "LIMITS", replace(LIMITS, largest_matrices=1.0))
         many = random_members(linear, response, some, nameless=False)
-    assert with_p_values(asked, some, many, fit, response, None) == tuple(asked)
+    assert with_p_values(asked, many, None) == tuple(asked)
 
 
 @dataclass(frozen=True)
