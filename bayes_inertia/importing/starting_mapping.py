@@ -361,11 +361,7 @@ def _plain(value: str | float) -> str | int:
 def _filled(table: RawTable, packet: str, rows: np.ndarray) -> RawTable:
     """Some rows of a table, without the packet and columns in which they hold nothing."""
     columns = {
-        name: replace(
-            column,
-            values=column.values[rows],
-            exact=None if column.exact is None else column.exact[rows],
-        )
+        name: column.only(rows)
         for name, column in table.columns.items()
         if name != packet and (column.is_text or np.isfinite(column.values[rows]).any())
     }
