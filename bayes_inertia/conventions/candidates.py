@@ -8,7 +8,7 @@ alike.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import combinations, permutations, product
 from typing import Any
@@ -18,9 +18,15 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.schema import UNITS
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.reading import KeyChange, Mistake
-
-Columns = Mapping[str, Mapping[str, Any]]
+from bayes_inertia.conventions.reading import (
+    STREAMS,
+    Columns,
+    KeyChange,
+    Mistake,
+    reordered,
+    scaled,
+    turned,
+)
 
 # Units in which an inertia tensor is written by mistake, and what one is in kg m^2.
 _INERTIA_UNITS = {
@@ -32,6 +38,11 @@ _INERTIA_UNITS = {
     "lb ft^2": 0.0421401,
     "lb in^2": 2.9263965e-4,
 }
+# Names and field of `Reading` of what has a unit, or a column a wheel.
+_NAMED = {"time": ("time", "time")} | {
+    key: (stream.quantity, stream.field) for key, stream in STREAMS.items() if key != "attitude"
+}
+_OTHER_ORDERS = tuple(permutations(range(3)))[1:]
 
 
 def mistakes(campaign: Campaign, columns: Columns) -> list[Mistake]:
@@ -67,8 +78,12 @@ def listed(values: np.ndarray) -> list:
     return [float(f"{value + 0.0:.12g}") for value in values.tolist()]
 
 
+def _one_key(key: str, stated: Any, mended: Any, rarity: int, mend: Any, words: str) -> Mistake:
+    return Mistake((KeyChange(key, stated, mended),), rarity, mend, words)
+
+
 def _unit_mistakes(columns: Columns) -> Iterator[Mistake]:
-    for quantity in ("time", "rate", "wheel_torque", "wheel_momentum", "wheel_speed"):
+    for quantity, (name, field) in _NAMED.items():
         if quantity not in columns:
             continue
         stated = columns[quantity]["unit"]
@@ -76,33 +91,9 @@ def _unit_mistakes(columns: Columns) -> Iterator[Mistake]:
             factor = si / UNITS[quantity][stated]
             if abs(factor - 1.0) < 1e-9:
                 continue
-            yield Mistake(
-                (KeyChange(f"columns.{quantity}.unit", stated, unit),),
-                1,
-                _scaled(quantity, factor),
-                f"{_PEOPLE[quantity]} is in {unit}, not in {stated}",
-            )
-
-
-_PEOPLE = {
-    "time": "time",
-    "rate": "the rate",
-    "wheel_torque": "the wheel torque",
-    "wheel_momentum": "the wheel momentum",
-    "wheel_speed": "the wheel speed",
-}
-_FIELD = {
-    "time": "time",
-    "rate": "rate",
-    "wheel_torque": "torque",
-    "wheel_momentum": "momentum",
-    "wheel_speed": "momentum",
-}
-
-
-def _scaled(quantity: str, factor: float):
-    field = _FIELD[quantity]
-    return lambda reading: replace(reading, **{field: getattr(reading, field) * factor})
+            words = f"{name} is in {unit}, not in {stated}"
+            mend = scaled(**{field: factor})
+            yield _one_key(f"columns.{quantity}.unit", stated, unit, 1, mend, words)
 
 
 def _attitude_mistakes(columns: Columns) -> Iterator[Mistake]:
@@ -122,27 +113,21 @@ def _attitude_mistakes(columns: Columns) -> Iterator[Mistake]:
         ((change_maps,), 1, (scalar, other_maps), sense),
         ((change_scalar, change_maps), 2, (other_scalar, other_maps), f"{order}, and {sense}"),
     ):
-        yield Mistake(changes, rarity, _reread(_from_columns(*columns_are) @ as_written), words)
-    for order_ in list(permutations(range(3)))[1:]:
+        mend = turned("attitude", _from_columns(*columns_are) @ as_written)
+        yield Mistake(changes, rarity, mend, words)
+    words = "the quaternion's vector elements stand in another order"
+    for other in _OTHER_ORDERS:
         first = 1 if scalar == "first" else 0
         index = list(range(4))
-        index[first : first + 3] = [first + k for k in order_]
-        names = [entry["names"][k] for k in index]
-        written = np.eye(4)[index]
-        yield Mistake(
-            (KeyChange("columns.attitude.names", list(entry["names"]), names),),
-            3,
-            _reread(_from_columns(scalar, maps) @ written @ as_written),
-            "the quaternion's vector elements stand in another order",
-        )
+        index[first : first + 3] = [first + k for k in other]
+        stated = list(entry["names"])
+        mend = turned("attitude", _from_columns(scalar, maps) @ np.eye(4)[index] @ as_written)
+        names = [stated[k] for k in index]
+        yield _one_key("columns.attitude.names", stated, names, 3, mend, words)
 
 
 def _said(maps: str) -> str:
     return maps.replace("_", " ")
-
-
-def _reread(matrix: np.ndarray):
-    return lambda reading: replace(reading, attitude=matrix @ reading.attitude)
 
 
 def _from_columns(scalar: str, maps: str) -> np.ndarray:
@@ -157,51 +142,39 @@ def _sense_of_torque(columns: Columns) -> Iterator[Mistake]:
         return
     stated = columns["wheel_torque"]["acts_on"]
     other = "body" if stated == "wheel" else "wheel"
-    yield Mistake(
-        (KeyChange("columns.wheel_torque.acts_on", stated, other),),
-        1,
-        _scaled("wheel_torque", -1.0),
-        f"the torque is the one on the {other}, not on the {stated}",
-    )
+    words = f"the torque is the one on the {other}, not on the {stated}"
+    yield _one_key("columns.wheel_torque.acts_on", stated, other, 1, scaled(torque=-1.0), words)
 
 
 def _rate_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
     if "rate" not in columns:
         return
     names = list(columns["rate"]["names"])
-    for order in list(permutations(range(3)))[1:]:
-        exchanged = [names[k] for k in order]
-        yield Mistake(
-            (KeyChange("columns.rate.names", names, exchanged),),
-            2,
-            _rates_read(np.eye(3)[list(order)]),
-            "the rate's columns stand in another order",
-        )
+    words = "the rate's columns stand in another order"
+    for order in _OTHER_ORDERS:
+        mend = reordered("rate", np.eye(3)[list(order)])
+        yield _one_key("columns.rate.names", names, [names[k] for k in order], 2, mend, words)
     axes = campaign.gyro.axes
     if not np.allclose(axes, axes.T, atol=1e-3):
         yield axes_mistake(axes, axes.T, 2, "the rate sensor's axes are written transposed")
     if not np.allclose(axes, np.eye(3), atol=1e-3):
-        words = "the rates are along body axes already"
-        yield axes_mistake(axes, np.eye(3), 2, words)
-    for order in permutations(range(3)):
-        for signs in product((1.0, -1.0), repeat=3):
-            turned = np.diag(signs) @ np.eye(3)[list(order)]
-            flipped = sum(sign < 0.0 for sign in signs)
-            if not flipped:
-                continue
-            same_order = order == (0, 1, 2)
-            if same_order and flipped == 1:
-                words, rarity = f"rate sensor axis {signs.index(-1.0) + 1} has the other sign", 3
-            elif same_order and flipped == 3:
-                words, rarity = "all rates have the other sign", 3
-            else:
-                words, rarity = f"the rates are along the axes {_axes_in_words(turned)}", 4
-            yield axes_mistake(axes, turned @ axes, rarity, words)
+        yield axes_mistake(axes, np.eye(3), 2, "the rates are along body axes already")
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        flipped = signs.count(-1.0)
+        if not flipped:
+            continue
+        exchanged = np.diag(signs) @ np.eye(3)[list(order)]
+        words, rarity = f"the rates are along the axes {_axes_in_words(exchanged)}", 4
+        if order == (0, 1, 2) and flipped == 1:
+            words, rarity = f"rate sensor axis {signs.index(-1.0) + 1} has the other sign", 3
+        elif order == (0, 1, 2) and flipped == 3:
+            words, rarity = "all rates have the other sign", 3
+        yield axes_mistake(axes, exchanged @ axes, rarity, words)
 
 
-def _axes_in_words(turned: np.ndarray) -> str:
+def _axes_in_words(exchanged: np.ndarray) -> str:
     """A signed permutation as (-y, x, z)."""
-    named = [("-" if row.sum() < 0.0 else "") + "xyz"[int(abs(row).argmax())] for row in turned]
+    named = [("-" if r.sum() < 0.0 else "") + "xyz"[int(abs(r).argmax())] for r in exchanged]
     return f"({', '.join(named)})"
 
 
@@ -210,15 +183,8 @@ def axes_mistake(axes: np.ndarray, mended: np.ndarray, rarity: int, words: str) 
 
     `axes` and `mended` (3, 3).
     """
-    change = KeyChange("rate_sensor.axes", listed(axes), listed(mended))
-    back = np.linalg.inv(mended) @ axes
-    return Mistake(
-        (change,), rarity, lambda reading: replace(reading, rate=back @ reading.rate), words
-    )
-
-
-def _rates_read(matrix: np.ndarray):
-    return lambda reading: replace(reading, rate=reading.rate @ matrix)
+    mend = turned("rate", np.linalg.inv(mended) @ axes)
+    return _one_key("rate_sensor.axes", listed(axes), listed(mended), rarity, mend, words)
 
 
 def _orders(count: int) -> Iterator[list[int]]:
@@ -232,22 +198,13 @@ def _orders(count: int) -> Iterator[list[int]]:
 
 
 def _wheel_order(columns: Columns) -> Iterator[Mistake]:
-    for quantity in ("wheel_torque", "wheel_momentum", "wheel_speed"):
-        if quantity not in columns:
-            continue
+    for quantity in (key for key in _NAMED if key.startswith("wheel") and key in columns):
+        name, field = _NAMED[quantity]
         names = list(columns[quantity]["names"])
+        key, words = f"columns.{quantity}.names", f"the columns of {name} stand in another order"
         for order in _orders(len(names)):
-            exchanged = [names[k] for k in order]
-            yield Mistake(
-                (KeyChange(f"columns.{quantity}.names", names, exchanged),),
-                2,
-                _wheels_read(_FIELD[quantity], np.eye(len(names))[order]),
-                f"the columns of {_PEOPLE[quantity]} stand in another order",
-            )
-
-
-def _wheels_read(field: str, matrix: np.ndarray):
-    return lambda reading: replace(reading, **{field: getattr(reading, field) @ matrix})
+            mend = reordered(field, np.eye(len(names))[order])
+            yield _one_key(key, names, [names[k] for k in order], 2, mend, words)
 
 
 def _wheel_axes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
@@ -256,33 +213,28 @@ def _wheel_axes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
         signs = np.ones(len(wheels))
         signs[k] = -1.0
         words = f"the axis of wheel {wheel.name} points the other way"
-        yield _axes_of_wheels(campaign, axes_B * signs, 3, words)
+        yield _axes_of_wheels(campaign, axes_B * signs, words)
     if len(wheels) > 1:
         words = "all wheel axes point the other way (or torque and momentum have the other sign)"
-        yield _axes_of_wheels(campaign, -axes_B, 3, words)
+        yield _axes_of_wheels(campaign, -axes_B, words)
     for order in _orders(len(wheels)):
         words = "wheels are exchanged: their axes belong to other columns"
-        yield _axes_of_wheels(campaign, axes_B[:, order], 3, words)
-    yield from _momentum_sign(campaign, columns)
-
-
-def _momentum_sign(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
-    """The momentum alone has the other sign: all axes and the sense of the torque change."""
+        yield _axes_of_wheels(campaign, axes_B[:, order], words)
     if "wheel_torque" in columns and {"wheel_momentum", "wheel_speed"} & set(columns):
+        # The momentum alone has the other sign: all axes and the sense of the torque change.
         words = "the wheel momentum has the other sign (it is the body's)"
-        flipped = _axes_of_wheels(campaign, -campaign.wheel_axes_B, 3, words)
-        torque = next(_sense_of_torque(columns))
-        yield Mistake(flipped.changes + torque.changes, 3, _scaled("wheel_momentum", -1.0), words)
+        flipped, torque = _axes_of_wheels(campaign, -axes_B, words), next(_sense_of_torque(columns))
+        yield Mistake(flipped.changes + torque.changes, 3, scaled(momentum=-1.0), words)
 
 
-def _axes_of_wheels(campaign: Campaign, axes_B: np.ndarray, rarity: int, words: str) -> Mistake:
+def _axes_of_wheels(campaign: Campaign, axes_B: np.ndarray, words: str) -> Mistake:
     stated = campaign.wheel_axes_B
     changes = tuple(
         KeyChange(f"wheels.{wheel.name}.axis", listed(old), listed(new))
         for wheel, old, new in zip(campaign.wheels, stated.T, axes_B.T, strict=True)
         if not np.allclose(old, new)
     )
-    return Mistake(changes, rarity, lambda reading: replace(reading, axes_B=axes_B), words)
+    return Mistake(changes, 3, lambda reading: replace(reading, axes_B=axes_B), words)
 
 
 def _shared_units(columns: Columns) -> Iterator[Mistake]:
@@ -296,21 +248,12 @@ def _shared_units(columns: Columns) -> Iterator[Mistake]:
         other = UNITS["wheel_momentum"].get(with_time, 0.0) / UNITS["wheel_momentum"][momentum]
         if other == 0.0 or abs(factor - 1.0) < 1e-9 or abs(other - 1.0) < 1e-9:
             continue
-        yield Mistake(
-            (
-                KeyChange("columns.wheel_torque.unit", torque, unit),
-                KeyChange("columns.wheel_momentum.unit", momentum, with_time),
-            ),
-            2,
-            _both_scaled(factor, other),
-            f"torque and momentum are in {unit} and {with_time}, not in {torque} and {momentum}",
+        changes = (
+            KeyChange("columns.wheel_torque.unit", torque, unit),
+            KeyChange("columns.wheel_momentum.unit", momentum, with_time),
         )
-
-
-def _both_scaled(torque: float, momentum: float):
-    return lambda reading: replace(
-        reading, torque=reading.torque * torque, momentum=reading.momentum * momentum
-    )
+        words = f"torque and momentum are in {unit} and {with_time}, not in {torque} and {momentum}"
+        yield Mistake(changes, 2, scaled(torque=factor, momentum=other), words)
 
 
 def _inertia_mistakes(campaign: Campaign) -> Iterator[Mistake]:
@@ -318,33 +261,24 @@ def _inertia_mistakes(campaign: Campaign) -> Iterator[Mistake]:
     for unit, factor in _INERTIA_UNITS.items():
         words = f"the inertia tensor is in {unit}, not in kg m^2"
         yield _tensor_mistake(tensor, tensor * factor, 3, words)
-    for order in list(permutations(range(3)))[1:]:
-        exchanged = tensor[np.ix_(order, order)]
+    for order in _OTHER_ORDERS:
         words = "the inertia tensor is along other axes"
-        yield _tensor_mistake(tensor, exchanged, 4, words)
+        yield _tensor_mistake(tensor, tensor[np.ix_(order, order)], 4, words)
 
 
 def _tensor_mistake(tensor: np.ndarray, mended: np.ndarray, rarity: int, words: str) -> Mistake:
-    change = KeyChange("inertia.tensor", listed(tensor), listed(mended))
-    return Mistake((change,), rarity, lambda reading: replace(reading, inertia=mended), words)
+    def mend(reading: Any) -> Any:
+        return replace(reading, inertia=mended)
+
+    return _one_key("inertia.tensor", listed(tensor), listed(mended), rarity, mend, words)
 
 
 def _spin_inertias(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
     """Spin inertias in a wrong unit, where they turn wheel speed into momentum."""
-    if "wheel_speed" not in columns:
-        return
-    for unit, factor in _INERTIA_UNITS.items():
-        changes = _spin_changes(campaign.wheels, factor)
-        yield Mistake(
-            changes,
-            2,
-            _scaled("wheel_speed", factor),
-            f"the wheels' spin inertia is in {unit}, not in kg m^2",
+    for unit, factor in _INERTIA_UNITS.items() if "wheel_speed" in columns else ():
+        changes = tuple(
+            KeyChange(f"wheels.{w.name}.spin_inertia", w.spin_inertia, w.spin_inertia * factor)
+            for w in campaign.wheels
         )
-
-
-def _spin_changes(wheels: Sequence[Any], factor: float) -> tuple[KeyChange, ...]:
-    return tuple(
-        KeyChange(f"wheels.{w.name}.spin_inertia", w.spin_inertia, w.spin_inertia * factor)
-        for w in wheels
-    )
+        words = f"the wheels' spin inertia is in {unit}, not in kg m^2"
+        yield Mistake(changes, 2, scaled(momentum=factor), words)

@@ -15,12 +15,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import Description
+from bayes_inertia.campaign.hardware import RateSensor, StarTracker
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.parsed_description import parse_description
 from bayes_inertia.campaign.reader import read_unmasked
@@ -30,7 +31,6 @@ from bayes_inertia.conventions import wording
 from bayes_inertia.conventions.candidates import mistakes
 from bayes_inertia.conventions.clocks import (
     Clocks,
-    Columns,
     clocks,
     known_offsets,
     shifted_misfit,
@@ -44,15 +44,16 @@ from bayes_inertia.conventions.doubts import (
     doubtful_places,
     factors,
 )
-from bayes_inertia.conventions.further_sensors import (
-    description_for,
-    in_place_of_the_first,
-    unheld,
-)
 from bayes_inertia.conventions.laws import DRIVE, Misfits, noise_ratios, worst
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import ToldTorque, sampled
-from bayes_inertia.conventions.reading import KeyChange, Mistake, Reading, stated_reading
+from bayes_inertia.conventions.reading import (
+    Columns,
+    KeyChange,
+    Mistake,
+    Reading,
+    stated_reading,
+)
 from bayes_inertia.conventions.search import Judgement, Remedy, judged, misfit_of
 from bayes_inertia.conventions.wording import invisible
 from bayes_inertia.conventions.written_keys import as_written, in_words, stated_columns
@@ -234,9 +235,14 @@ def check_conventions(campaign: Campaign | str | Path, *, quick: bool = False) -
     return checked_with_torques(campaign, {}, quick=quick)
 
 
-class _Source(NamedTuple):
-    """The text of a campaign.toml and what it says; nothing for a campaign built in memory."""
+@dataclass(frozen=True)
+class _Case:
+    """A campaign, the same with nothing masked, its campaign.toml if it has one, told torques."""
 
+    campaign: Campaign
+    written: Campaign
+    quick: bool
+    torques: Mapping[str, ToldTorque]
     text: str = ""
     description: Description | None = None
 
@@ -249,22 +255,22 @@ def checked_with_torques(
     `torques`: by the name of a slew.
     """
     if isinstance(campaign, Campaign):
-        return _checked(campaign, campaign, _Source(), quick, torques)
+        return _checked(_Case(campaign, campaign, quick, torques))
     path = description_path(campaign)
     text = text_of(read_bytes(path), str(path))
-    source = _Source(text, parse_description(text, str(path)))
     written = read_unmasked(campaign)
     masked = with_dirt_masked(written)
     if any(dirt.kind == "gap" and dirt.channel == "torque" for dirt in masked.dirt):
         # A fit needs no commands where tachometers are; here both are held against each other.
         written = read_unmasked(campaign, keep_commands=True)
         masked = replace(with_dirt_masked(written), dirt=masked.dirt)
+    case = _Case(masked, written, quick, torques, text, parse_description(text, str(path)))
     if _suspect(written, masked):
         # Readings that are impossible in numbers are in a wrong unit, or marks for missing values.
-        check = _checked(written, written, source, quick, torques)
+        check = _checked(replace(case, campaign=written))
         if check.changes:
             return check
-    return _checked(masked, written, source, quick, torques)
+    return _checked(case)
 
 
 def _suspect(written: Campaign, masked: Campaign) -> bool:
@@ -301,39 +307,65 @@ def refuse_impossible(
     return check
 
 
-def _checked(
-    campaign: Campaign,
-    written: Campaign,
-    source: _Source,
-    quick: bool,
-    torques: Mapping[str, ToldTorque],
-) -> ConventionsCheck:
-    """The check of a campaign; `written` is the same with nothing masked."""
-    check = _of_first_sensors(campaign, written, source, quick, torques)
+def _checked(case: _Case) -> ConventionsCheck:
+    """The check of a campaign: by its first sensors, then by each further one in their place."""
+    check = _of_first_sensors(case)
     if check.changes:
         return check
-    as_written = dict(in_place_of_the_first(written))
-    for name, alone in in_place_of_the_first(campaign):
-        of_sensor = _Source(source.text, description_for(source.description, name))
-        other = _of_first_sensors(alone, as_written[name], of_sensor, True, torques)
+    written = dict(_in_place_of_the_first(case.written))
+    for name, alone in _in_place_of_the_first(case.campaign):
+        description = _description_for(case.description, name)
+        other = _of_first_sensors(
+            _Case(alone, written[name], True, case.torques, case.text, description)
+        )
         if other.verdict == "wrong":
             return replace(other, sentence=f"With the sensor {name}: {other.sentence}")
         check = check.doubting([d for d in other.doubts if d not in check.doubts])
-    left = "the laws here are those of rate sensors and star trackers"
-    said = [f"{name}: no law is held against it; {left}" for name in unheld(campaign)]
+    said = [
+        f"{name}: no law is held against it; the laws here are those of rate sensors and star "
+        "trackers"
+        for name, hardware in case.campaign.more_sensors
+        if type(hardware) not in _LIKE_THE_FIRST
+    ]
     return replace(check, cannot_show=(*check.cannot_show, *said))
 
 
-def _of_first_sensors(
-    campaign: Campaign,
-    written: Campaign,
-    source: _Source,
-    quick: bool,
-    torques: Mapping[str, ToldTorque],
-) -> ConventionsCheck:
+# Keys of the readings in a slew and of the hardware, for sensors that the laws are held against.
+_LIKE_THE_FIRST = {RateSensor: ("rate", "rate_sensor"), StarTracker: ("attitude", "star_tracker")}
+
+
+def _in_place_of_the_first(campaign: Campaign) -> Iterator[tuple[str, Campaign]]:
+    """For each further rate sensor and star tracker, its name and a campaign that has it alone."""
+    for name, hardware in campaign.more_sensors:
+        if type(hardware) not in _LIKE_THE_FIRST:
+            continue
+        key, of_hardware = _LIKE_THE_FIRST[type(hardware)]
+        slews = []
+        for slew in campaign.slews:
+            readings = (slew.more or {}).get(name)
+            changed: dict[str, Any] = {"more": None, key: readings}
+            slews += [] if readings is None else [replace(slew, **changed)]
+        if slews:
+            alone: dict[str, Any] = {of_hardware: hardware, "slews": tuple(slews), "dirt": ()}
+            yield name, replace(campaign, more_sensors=(), **alone)
+
+
+def _description_for(description: Description | None, name: str) -> Description | None:
+    """What the description says of a further sensor, as if it were the first of its kind."""
+    if description is None:
+        return None
+    entry = next(e for e in description.entries if e.field == f"more.{name}")
+    first = replace(entry, field=entry.key)
+    others = [e for e in description.entries if e.field != entry.key and e is not entry]
+    table = "rate_sensor" if entry.key == "rate" else "star_tracker"
+    devices = {**description.devices, table: f"sensors.{name}"}
+    return replace(description, entries=(first, *others), devices=devices)
+
+
+def _of_first_sensors(case: _Case) -> ConventionsCheck:
     """The same by the first rate sensor and the first star tracker."""
-    check = _in_keys_of_format_1(campaign, written, source, quick, torques)
-    told = partial(in_words, description=source.description)
+    check = _in_keys_of_format_1(case)
+    told = partial(in_words, description=case.description)
     return replace(
         check,
         sentence=told(check.sentence),
@@ -343,45 +375,28 @@ def _of_first_sensors(
     )
 
 
-def _in_keys_of_format_1(
-    campaign: Campaign,
-    written: Campaign,
-    source: _Source,
-    quick: bool,
-    torques: Mapping[str, ToldTorque],
-) -> ConventionsCheck:
+def _in_keys_of_format_1(case: _Case) -> ConventionsCheck:
     """The same, whose changes alone have the keys of the campaign's own format."""
-    columns = stated_columns(campaign, source.description)
+    campaign, written = case.campaign, case.written
+    columns = stated_columns(campaign, case.description)
     seen = campaign.with_body_rates
     # Numbers whose squares overflow break every law, infinitely.
     with np.errstate(over="ignore", invalid="ignore"):
         faults = faulty_columns(written, columns)
         slews = sampled(seen)
-        if slews is None:
-            return _unchecked(campaign, written, columns, faults)
-        misfits = Misfits(seen, slews, torques, smoothed=seen is not campaign)
+        if slews is None:  # The streams do not meet.
+            doubts = (*faults, *streams_apart(written, columns), *broken_limits(written, {}))
+            verdict: Verdict = "doubtful" if doubts else "consistent"
+            said = wording.verdict_in_words({}, (), verdict, (), doubts)
+            return ConventionsCheck(campaign.name, verdict, said, {}, doubts=doubts)
+        misfits = Misfits(seen, slews, case.torques, smoothed=seen is not campaign)
         if misfits.smoothed:
             columns = {key: entry for key, entry in columns.items() if key != "rate"}
-        return _held_against_laws(misfits, written, columns, faults, source, quick)
-
-
-def _unchecked(
-    campaign: Campaign, written: Campaign, columns: Columns, faults: tuple[str, ...]
-) -> ConventionsCheck:
-    """Result for a campaign whose streams do not meet."""
-    doubts = (*faults, *streams_apart(written, columns), *broken_limits(written, {}))
-    verdict: Verdict = "doubtful" if doubts else "consistent"
-    said = wording.verdict_in_words({}, (), verdict, (), doubts)
-    return ConventionsCheck(campaign.name, verdict, said, {}, doubts=doubts)
+        return _held_against_laws(case, misfits, columns, faults)
 
 
 def _held_against_laws(
-    misfits: Misfits,
-    written: Campaign,
-    columns: Columns,
-    faults: tuple[str, ...],
-    source: _Source,
-    quick: bool,
+    case: _Case, misfits: Misfits, columns: Columns, faults: tuple[str, ...]
 ) -> ConventionsCheck:
     campaign, stated = misfits.campaign, stated_reading(misfits.campaign)
     singles = mistakes(campaign, columns)
@@ -396,12 +411,12 @@ def _held_against_laws(
     if misfits.smoothed:  # there is no column whose key could be changed
         mending, clock = tuple(r for r in mending if not _needs_rates(r)), Clocks()
     wrong = bool(mending) or worst(misfits.of(reading)) > LIMITS.hopeless
-    doubts = faults + _doubts(misfits, written, columns, reading, differ, bool(mending))
+    doubts = faults + _doubts(case, misfits, columns, reading, differ, bool(mending))
     verdict: Verdict = "wrong" if wrong else "doubtful" if doubts else "consistent"
     if mending:
         reading = mending[0].mistake.mend(stated if mending[0] in judgement.remedies else reading)
-        mending = _completed(mending, campaign, source)
-    edits = wording.edited_lines(source.text, mending[0].mistake) if mending else ()
+        mending = _completed(mending, campaign, case)
+    edits = wording.edited_lines(case.text, mending[0].mistake) if mending else ()
     by_law = misfit_of(misfits.of(stated if wrong else reading))
     stale = not np.array_equal(reading.bias_B, stated.bias_B)
     return ConventionsCheck(
@@ -411,10 +426,10 @@ def _held_against_laws(
         misfits=by_law,
         changes=_changes(mending),
         edits=tuple(edits),
-        cannot_show=() if quick else invisible(misfits, reading, () if wrong else singles),
+        cannot_show=() if case.quick else invisible(misfits, reading, () if wrong else singles),
         remarks=clock.remarks,
         doubts=doubts,
-        dirt=() if quick else dirt_of(misfits, stated, reading),
+        dirt=() if case.quick else dirt_of(misfits, stated, reading),
     )
 
 
@@ -425,19 +440,17 @@ def _needs_rates(remedy: Remedy) -> bool:
     return not keys or of_rates or any(key.endswith(".offset_s") for key in keys)
 
 
-def _completed(
-    mending: tuple[Remedy, ...], campaign: Campaign, source: _Source
-) -> tuple[Remedy, ...]:
+def _completed(mending: tuple[Remedy, ...], campaign: Campaign, case: _Case) -> tuple[Remedy, ...]:
     """Remedies in the keys of the description, the first with the keys that share its unit."""
-    keys = tomllib.loads(source.text) if source.text else {}
+    keys = tomllib.loads(case.text) if case.text else {}
     first = with_companions(mending[0].mistake, campaign, keys)
     mending = (replace(mending[0], mistake=first), *mending[1:])
-    return tuple(replace(r, mistake=as_written(r.mistake, source.description)) for r in mending)
+    return tuple(replace(r, mistake=as_written(r.mistake, case.description)) for r in mending)
 
 
 def _doubts(
+    case: _Case,
     misfits: Misfits,
-    written: Campaign,
     columns: Columns,
     reading: Reading,
     differ: Factors | None,
@@ -447,6 +460,7 @@ def _doubts(
     factor = () if differ is None else differ.words()
     if mended:
         return factor
+    written = case.written
     holds = {law: fit.worst < LIMITS.ordinary for law, fit in misfits.of(reading).items()}
     return (
         *(() if holds.get(DRIVE, True) else copied_commands(written, columns)),

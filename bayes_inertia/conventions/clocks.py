@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -29,22 +28,12 @@ from bayes_inertia.conventions.laws import (
 )
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import SampledSlews, sampled
-from bayes_inertia.conventions.reading import KeyChange, Mistake, Reading
+from bayes_inertia.conventions.reading import STREAMS, Columns, KeyChange, Mistake, Reading
 from bayes_inertia.conventions.search import Remedy
 from bayes_inertia.faults.known_offsets import KNOWN_OFFSETS, likely_offsets
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 
-Columns = Mapping[str, Mapping[str, Any]]
-
 _STREAM = {CLOSURE: "star tracker", CONSERVATION: "wheels", DRIVE: "torque commands"}
-# Slew's channel and what people call the readings, by entry of `[columns]`.
-_CHANNEL = {
-    "attitude": ("attitude", "star-tracker fixes"),
-    "rate": ("rate", "rates"),
-    "wheel_torque": ("wheel_torque", "torque commands"),
-    "wheel_momentum": ("wheel_momentum", "tachometer readings"),
-    "wheel_speed": ("wheel_momentum", "tachometer readings"),
-}
 _EFFECT = {
     CLOSURE: "star_tracker_time_offset or rate_sensor_delay",
     CONSERVATION: "rate_sensor_delay",
@@ -101,8 +90,7 @@ def shifted_misfit(misfits: Misfits, reading: Reading, remedy: Remedy) -> float:
     """The worst misfit of all laws with a proposal's offsets."""
     shifts = {}
     for change in remedy.mistake.changes:
-        entry = change.key.split(".")[1]
-        channel = "wheel_momentum" if entry == "wheel_speed" else entry
+        channel = STREAMS[change.key.split(".")[1]].channel
         shifts[channel] = change.mended - (change.stated or 0.0)
     slews = sampled(misfits.campaign, shifts)
     return np.inf if slews is None else worst(misfits.with_slews(slews).of(reading))
@@ -117,14 +105,14 @@ def known_offsets(misfits: Misfits, reading: Reading, columns: Columns) -> tuple
     before = worst(laws)
     fixes = sum(min(int(slew.fixes.sum()), LIMITS.fixes_per_slew) for slew in campaign.slews)
     turned = _turned(misfits.slews)
-    entries = [entry for entry in _CHANNEL if entry in columns]
+    entries = [entry for entry in STREAMS if entry in columns]
     wheels = [entry for entry in entries if entry.startswith("wheel")]
     longest = max(slew.duration for slew in campaign.slews)
     found = []
     for streams in (*([entry] for entry in entries), *([wheels] if len(wheels) > 1 else [])):
         for offset in KNOWN_OFFSETS:
             for seconds in (-offset, offset) if offset < longest else ():
-                shifts = {_CHANNEL[entry][0]: seconds for entry in streams}
+                shifts = {STREAMS[entry].channel: seconds for entry in streams}
                 slews = sampled(campaign, shifts)
                 least = LIMITS.share_beside_rates * fixes if streams == ["attitude"] else 0.0
                 if slews is None or slews.fixes.sum() < least:
@@ -164,10 +152,10 @@ def streams_apart(campaign: Campaign, columns: Columns) -> tuple[str, ...]:
     `columns` [columns].
     """
     said = []
-    for entry, (channel, _) in _CHANNEL.items():
+    for entry, stream in STREAMS.items():
         if entry not in columns or entry == "rate":
             continue
-        pairs = [(_times(slew, channel), _times(slew, "rate")) for slew in campaign.slews]
+        pairs = [(_times(slew, stream.channel), _times(slew, "rate")) for slew in campaign.slews]
         pairs = [(own, rates) for own, rates in pairs if len(own) and len(rates)]
         if pairs and not any(_beside(own, rates).any() for own, rates in pairs):
             stated = float(columns[entry].get("offset_s", 0.0))
@@ -205,7 +193,7 @@ def apart_in_words(
     own, rates = pairs[0]
     away = own[0] - rates[-1] if own[0] > rates[-1] else own[-1] - rates[0]
     where = f"{abs(away):.4g} s {'after' if away > 0.0 else 'before'} the rates"
-    said = f"all {count} {_CHANNEL[entry][1]} lie outside every slew ({where} at the nearest)"
+    said = f"all {count} {STREAMS[entry].readings} lie outside every slew ({where} at the nearest)"
     for offset, why in likely_offsets():
         seconds = float(np.copysign(offset, -away))
         inside = np.concatenate([_beside(times + seconds, rates) for times, rates in pairs])
@@ -279,20 +267,13 @@ def _mistake(columns: Columns, shifts: Mapping[str, float]) -> Mistake:
         # A known offset has six digits, an estimated one three.
         mended = float(f"{stated + seconds:{'.6g' if abs(seconds) in KNOWN_OFFSETS else '.3g'}}")
         changes.append(KeyChange(f"columns.{entry}.offset_s", stated, mended))
-    what = " and ".join(f"the time stamps of {_NAMES[entry]}" for entry in shifts)
+    names = {k: stream.quantity for k, stream in STREAMS.items()}
+    names["wheel_torque"] = "the torque commands"
+    what = " and ".join(f"the time stamps of {names[entry]}" for entry in shifts)
     seconds = next(iter(shifts.values()))
     why = KNOWN_OFFSETS.get(abs(seconds), "")
     words = f"{what} are {_sense(seconds)}{why and f' ({why})'}"
     return Mistake(tuple(changes), LIMITS.clock_rarity, lambda reading: reading, words)
-
-
-_NAMES = {
-    "attitude": "the star tracker",
-    "rate": "the rate",
-    "wheel_torque": "the torque commands",
-    "wheel_momentum": "the wheel momentum",
-    "wheel_speed": "the wheel speed",
-}
 
 
 @dataclass(frozen=True)

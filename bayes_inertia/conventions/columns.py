@@ -6,7 +6,7 @@ noise is dead, and two columns that agree in their noise are one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, product
 from typing import Any
@@ -17,13 +17,11 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import axis_names
 from bayes_inertia.conventions.laws import Misfits, worst
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.reading import Mistake, Reading
+from bayes_inertia.conventions.reading import Columns, Mistake, Reading
 from bayes_inertia.conventions.search import Remedy
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 from bayes_inertia.faults.noise import smooth_noise
 from bayes_inertia.faults.quantisation import resolution
-
-Columns = Mapping[str, Mapping[str, Any]]
 
 
 def faulty_columns(campaign: Campaign, columns: Columns) -> tuple[str, ...]:

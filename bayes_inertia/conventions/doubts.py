@@ -27,12 +27,10 @@ from bayes_inertia.conventions.laws import (
 )
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import angle_of, composed, turned_back
-from bayes_inertia.conventions.reading import KeyChange, Mistake, Reading
+from bayes_inertia.conventions.reading import Columns, KeyChange, Mistake, Reading, turned
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
-
-Columns = Mapping[str, Mapping[str, Any]]
 
 LAWS_IN_WORDS: Mapping[str, str] = {
     CLOSURE: "the integrated rate against the star tracker",
@@ -154,7 +152,7 @@ class Factors:
         return Mistake(
             changes,
             LIMITS.factor_rarity,
-            lambda reading: replace(reading, momentum=back @ reading.momentum),
+            turned("momentum", back),
             f"the spin inertia of {names} is wrong by a factor of {said}",
         )
 
@@ -234,7 +232,7 @@ def broken_limits(campaign: Campaign, holds: Mapping[str, bool]) -> tuple[str, .
     `holds`: whether a law holds as stated; those that do show that the units are right.
     """
     said = []
-    for key, channel, unit, proof in _LIMITS:
+    for key, channel, unit, readings, proof in _LIMITS:
         beyond = _beyond(campaign, key, channel)
         if not beyond:
             continue
@@ -243,26 +241,21 @@ def broken_limits(campaign: Campaign, holds: Mapping[str, bool]) -> tuple[str, .
         place = "rate_sensor.range" if key == "range" else f"wheels.{name}.{key}"
         more = f" (and {len(beyond) - 1} more)" if len(beyond) > 1 and key != "range" else ""
         told = [holds[law] for law in proof if law in holds]
-        blame = f"the limit or the unit of {_STREAMS[channel]} is wrong"
+        blame = f"the limit or the unit of {readings} is wrong"
         if told and all(told):
             blame = "the limit is wrong, for the laws of motion hold with this unit"
         said.append(
             f"{place}{more}: {limit:.3g} {unit} is exceeded {largest / limit:.2g} times by "
-            f"{_STREAMS[channel]} (up to {largest:.3g} {unit}); {blame}"
+            f"{readings} (up to {largest:.3g} {unit}); {blame}"
         )
     return tuple(said)
 
 
 _LIMITS = (
-    ("max_torque", "wheel_torque", "N m", (DRIVE, CONSERVATION)),
-    ("max_momentum", "wheel_momentum", "N m s", (DRIVE, CONSERVATION)),
-    ("range", "rate", "rad/s", (CLOSURE, CONSERVATION)),
+    ("max_torque", "wheel_torque", "N m", "the torque commands", (DRIVE, CONSERVATION)),
+    ("max_momentum", "wheel_momentum", "N m s", "the wheel momentum", (DRIVE, CONSERVATION)),
+    ("range", "rate", "rad/s", "the rates", (CLOSURE, CONSERVATION)),
 )
-_STREAMS = {
-    "wheel_torque": "the torque commands",
-    "wheel_momentum": "the wheel momentum",
-    "rate": "the rates",
-}
 
 
 def _beyond(campaign: Campaign, key: str, channel: str) -> dict[str, tuple[float, float]]:

@@ -10,13 +10,42 @@ A supposed mistake: keys of campaign.toml that were written wrong, and what mend
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+
+Columns = Mapping[str, Mapping[str, Any]]
+"""What `[columns]` of campaign.toml states, by its entries."""
+
+
+class Stream(NamedTuple):
+    """Channel of `Slew` and field of `Reading` that hold an entry of `[columns]`, and its names."""
+
+    channel: str
+    field: str
+    quantity: str
+    readings: str
+
+
+STREAMS: Mapping[str, Stream] = MappingProxyType(
+    {
+        "attitude": Stream("attitude", "attitude", "the star tracker", "star-tracker fixes"),
+        "rate": Stream("rate", "rate", "the rate", "rates"),
+        "wheel_torque": Stream("wheel_torque", "torque", "the wheel torque", "torque commands"),
+        "wheel_momentum": Stream(
+            "wheel_momentum", "momentum", "the wheel momentum", "tachometer readings"
+        ),
+        "wheel_speed": Stream(
+            "wheel_momentum", "momentum", "the wheel speed", "tachometer readings"
+        ),
+    }
+)
+"""Streams that the laws are held against, by their entry of `[columns]`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +143,23 @@ class Mistake:
     mend: Callable[[Reading], Reading]
     words: str
     companions: int = 0
+
+
+def scaled(**factors: float) -> Callable[[Reading], Reading]:
+    """A reading whose fields of these names are multiplied by a factor each."""
+    return lambda reading: replace(
+        reading, **{field: getattr(reading, field) * factor for field, factor in factors.items()}
+    )
+
+
+def turned(field: str, matrix: np.ndarray) -> Callable[[Reading], Reading]:
+    """A reading one of whose fields is followed by another matrix."""
+    return lambda reading: replace(reading, **{field: matrix @ getattr(reading, field)})
+
+
+def reordered(field: str, matrix: np.ndarray) -> Callable[[Reading], Reading]:
+    """A reading one of whose fields is preceded by another matrix, as of columns in their order."""
+    return lambda reading: replace(reading, **{field: getattr(reading, field) @ matrix})
 
 
 def both(first: Mistake, second: Mistake) -> Mistake:

@@ -81,30 +81,36 @@ class FileGroup:
     packet: tuple[str, str | int] | None = None
 
 
-def stream_text(group: FileGroup, family: ColumnFamily, *, commented: bool = False) -> str:
-    """A stream of a mapping, with a question at everything that the files do not say.
-
-    `commented`: whether it is a second candidate, which the user must choose.
-    """
-    path = ("streams", family.holds)
-    stated = family.holds == "attitude" and group.table.attitude is not None
-    why = "the file says so" if stated else "a guess from the names"
-    lines = ["[[streams]]", mapping_entry((*path, "holds"), family.holds, why)]
-    lines.append(mapping_entry((*path, "files"), _pattern(group.files)))
-    if group.table_name:
-        lines.append(mapping_entry((*path, "table"), group.table_name))
-    lines += _time(group, path)
-    lines.append("offset_s = 0.0  # true time minus stamp [s]: -0.125 if stamps are 0.125 s late")
-    lines += _attitude(group, family) if family.holds == "attitude" else _readings(group, family)
-    if group.packet is not None:
-        of_packet = dict(zip(("name", "equals"), group.packet, strict=True))
-        lines.append(f"valid = {mapping_value(of_packet)}  # the rows of this packet")
-    flags = [n for n in group.table.columns if re.search(r"valid|flag|status|quality", n.lower())]
-    if flags and group.packet is None:
-        lines.append(f'# valid = {{ name = "{flags[0]}", equals = 1 }}  # rows that count')
-    lines.append("# missing = -9999  # what marks that there is no reading")
-    text = "\n".join(lines) + "\n"
-    return "\n".join(f"# {line}" for line in text.splitlines()) + "\n" if commented else text
+def _stream(group: FileGroup, family: ColumnFamily, *, commented: bool) -> dict[str, Any]:
+    """What the template says of a stream; a second candidate is `commented`, for the user."""
+    holds, table, says = family.holds, group.table, _said(group, family)
+    flags = [n for n in table.columns if re.search(r"valid|flag|status|quality", n.lower())]
+    sense = _SENSES.get(holds, "frame")
+    stated = stated_attitude(table) if holds == "attitude" else {}
+    entries = _attitude(table, family, says, stated) if holds == "attitude" else []
+    if holds != "attitude":
+        entries.append(("names", list(family.names), "", ""))
+        unit, why = says.get("unit", ("", ""))
+        if not family.stated_unit:
+            hint = _range(table, family.names)
+            unit = family.unit or unit or UNKNOWN
+            entries.append(("unit", unit, why or _FROM_NAMES, hint))
+    return {
+        "holds": holds,
+        "why": "the file says so" if stated else "a guess from the names",
+        "files": _pattern(group.files),
+        "table": group.table_name,
+        "time": _time(group),
+        "entries": entries,
+        "stated_unit": family.stated_unit,
+        "sense": sense,
+        "senses": says.get(sense, (UNKNOWN, "")),
+        "stated": stated,
+        "told": ", ".join(f"{key} = {mapping_value(v)}" for key, v in stated.items() if v),
+        "packet": group.packet,
+        "flag": flags[0] if flags else "",
+        "commented": commented,
+    }
 
 
 def counts_from_zero(group: FileGroup) -> bool:
@@ -123,26 +129,6 @@ def _pattern(files: Sequence[Path]) -> list[str]:
     names = [path.name for path in files]
     patterns = {re.sub(r"\d+(?=\D*$)", "*", name) for name in names}
     return sorted(patterns) if len(names) > 1 and len(patterns) == 1 else names
-
-
-def _readings(group: FileGroup, family: ColumnFamily) -> list[str]:
-    """Columns, unit and sense of readings."""
-    path = ("streams", family.holds)
-    says = _said(group, family)
-    lines = [mapping_entry((*path, "names"), list(family.names))]
-    unit, why = says.get("unit", ("", ""))
-    if family.stated_unit:
-        lines.append(f"# the file states the unit: {family.stated_unit}")
-    elif family.unit or unit:
-        lines.append(mapping_entry((*path, "unit"), family.unit or unit, why or _FROM_NAMES))
-    else:
-        hint = _range(group.table, family.names)
-        lines.append(mapping_entry((*path, "unit"), UNKNOWN, hint=hint))
-    lines.append("# scale = 1.0  # for counts: reading = scale * count + offset, in this unit")
-    key = _SENSES.get(family.holds, "frame")
-    value, why = says.get(key, (UNKNOWN, ""))
-    lines.append(mapping_entry((*path, key), value, why))
-    return lines
 
 
 def _said(group: FileGroup, family: ColumnFamily) -> dict[str, tuple[str, str]]:
@@ -168,11 +154,13 @@ def _range(table: RawTable, names: Sequence[str]) -> str:
     return f"The readings lie between {values.min():.3g} and {values.max():.3g}."
 
 
-def _attitude(group: FileGroup, family: ColumnFamily) -> list[str]:
+def _attitude(
+    table: RawTable,
+    family: ColumnFamily,
+    says: dict[str, tuple[str, str]],
+    stated: dict[str, Any],
+) -> list[tuple[str, Any, str, str]]:
     """Form, columns and sense of attitudes; what the file states is left out."""
-    stated = stated_attitude(group.table)
-    says = _said(group, family)
-    path = ("streams", "attitude")
     values: dict[str, tuple[Any, str]] = {
         "form": (family.form, ""),
         "names": (list(family.names), ""),
@@ -184,21 +172,11 @@ def _attitude(group: FileGroup, family: ColumnFamily) -> list[str]:
         values |= {"sequence": (UNKNOWN, ""), "turns": (UNKNOWN, "")}
         values["unit"] = (family.unit or family.stated_unit or UNKNOWN, _FROM_NAMES)
     values |= {key: says.get(key, (UNKNOWN, "")) for key in ("maps", "frame")}
-    lines = [
-        mapping_entry((*path, key), value, why, _scalar_hint(group.table, family, key))
+    return [
+        (key, value, why, _scalar_hint(table, family, key))
         for key, (value, why) in values.items()
         if not stated.get(key)
     ]
-    if stated:
-        told = ", ".join(
-            f"{key} = {mapping_value(value)}" for key, value in stated.items() if value
-        )
-        lines.append(mapping_comment(f"the file states {told}"))
-    if not stated:
-        lines.append("# scale = 1.0  # for counts: element = scale * count")
-    if stated.get("frame") != "body":
-        lines.append('# body_from_tracker = [[...], [...], [...]]  # with frame = "tracker"')
-    return lines
 
 
 def _scalar_hint(table: RawTable, family: ColumnFamily, key: str) -> str:
@@ -209,25 +187,26 @@ def _scalar_hint(table: RawTable, family: ColumnFamily, key: str) -> str:
     return f"{family.names[0]}: {first} {family.names[-1]}: {last}" if first and last else ""
 
 
-def _time(group: FileGroup, path: tuple[str, ...]) -> list[str]:
+def _time(group: FileGroup) -> str:
     """The stamps: columns and clock."""
     table = group.table
     if table.time_names and table.time_kind and table.time_kind not in FREE_CLOCKS:
-        return [f"# the file states its time: {', '.join(table.time_names)} ({table.time_kind})"]
+        return f"# the file states its time: {', '.join(table.time_names)} ({table.time_kind})"
     names = time_names(table)
     guess = _guessed_clock(group, names)
     entry: dict[str, Any] = {"names": names or UNKNOWN, "kind": guess.kind}
     units = stamp_units(table, names)
     if len(names) > 1 and set(units) != {"date"}:
         entry["units"] = [unit or UNKNOWN for unit in units]
-    hints = {"kind": guess.hint}
     questions = [
-        mapping_comment(f"{key}: {question_at((*path[:1], 'time', key))} {hints.get(key, '')}")
+        mapping_comment(
+            f"{key}: {question_at(('streams', 'time', key))} {guess.hint if key == 'kind' else ''}"
+        )
         for key, value in entry.items()
         if value == UNKNOWN
     ]
     line = f"time = {mapping_value(entry)}"
-    return [*questions, f"{line}  # {guess.why}" if guess.why else line]
+    return "\n".join([*questions, f"{line}  # {guess.why}" if guess.why else line])
 
 
 def notation_of(holds: str, name: str) -> dict[str, tuple[str, str]]:
@@ -257,27 +236,6 @@ _ORDER = (
     "magnetic_field",
     "position",
 )
-_CUT = """\
-# [cut]  # how the log becomes slews; without it, at the rests
-# before_s = 30.0  # rest kept before a motion [s]; without it, as long as the motion
-# after_s = 30.0
-# rest_rate = 1e-4  # [rad/s]; a slew exceeds it
-
-# [[slews]]  # or name the slews
-# name = "slew 1"
-# start = "2026-03-01T12:00:00Z"
-# end = "2026-03-01T12:05:00Z"
-"""
-_NOTHING_SEEN = """\
-# No stream was recognised. Say which columns hold what, for each quantity:
-# [[streams]]
-# holds = "rate"  # or wheel_torque, wheel_momentum, wheel_speed, attitude, ...
-# files = {files}
-# time = {{ names = ["..."], kind = "utc" }}
-# names = ["...", "...", "..."]
-# unit = "rad/s"
-# frame = "body"
-"""
 # Names, in small letters, of a column that says which packet a row is.
 _PACKET = re.compile(r"(.*[ _.])?(packet|pkt|apid|msg|message|record)([ _]?(type|name|id))?")
 _WHEEL_STREAMS = ("wheel_torque", "wheel_momentum", "wheel_speed")
@@ -324,34 +282,47 @@ def starting_mapping(files: Sequence[Path]) -> StartingMapping:
     for group in groups:
         streams += [(group, family) for family in _families(group)]
     streams.sort(key=lambda stream: _ORDER.index(stream[1].holds))
-    parts = [_hardware(streams, files)]
+    entries = []
     held: dict[str, None] = {}
     for group, family in streams:
         # A second candidate for what may stand once is left to the user.
         doubled = family.holds in held and family.holds not in _WHEEL_STREAMS
-        parts.append(stream_text(group, family, commented=doubled))
+        entries.append(_stream(group, family, commented=doubled))
         held[family.holds] = None
-    if not streams:
-        names = mapping_value(sorted({path.name for path in files}))
-        parts.append(_NOTHING_SEEN.format(files=names))
+    of_wheels = [family.names for _, family in streams if family.holds in _WHEEL_STREAMS]
+    epoch = ""
+    if any(counts_from_zero(group) for group, _ in streams):
+        epoch = SHARED_ZERO if len(set(files)) == 1 else UNKNOWN
     left_over = _left_over(groups, streams)
-    comments = [mapping_comment(f"not recognised in {names}") for names in left_over]
-    parts += ["\n".join(comments) + "\n" if comments else "", _CUT]
-    text = "\n".join(parts)
+    text = _template().render(
+        format=MAPPING_FORMAT,
+        # The folder of the logs gives the name.
+        name=(files[0].resolve().parent.name if files else "") or "campaign",
+        epoch=epoch,
+        wheels=wheel_words(max(of_wheels, key=len, default=())),
+        axes=_AXES,
+        tracker="attitude" in held,
+        streams=entries,
+        files=sorted({path.name for path in files}),
+        left_over=left_over,
+    )
     questions = len(open_questions(tomlkit.parse(text).unwrap()))
     return StartingMapping(text, questions, tuple(held), tuple(left_over))
 
 
-def _hardware(streams: Sequence[tuple[FileGroup, ColumnFamily]], files: Sequence[Path]) -> str:
-    """Name and hardware; the folder of the logs gives the name."""
-    of_wheels = [family.names for _, family in streams if family.holds in _WHEEL_STREAMS]
-    most = max(of_wheels, key=len, default=())
-    name = files[0].resolve().parent.name if files else ""
-    tracker = any(family.holds == "attitude" for _, family in streams)
-    epoch = ""
-    if any(counts_from_zero(group) for group, _ in streams):
-        epoch = SHARED_ZERO if len(set(files)) == 1 else UNKNOWN
-    return hardware_text(name or "campaign", wheel_words(most), tracker=tracker, epoch=epoch)
+def _template() -> Any:
+    """The mapping to be filled in, without what the files say."""
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    words = {"entry": mapping_entry, "comment": mapping_comment, "value": mapping_value}
+    source = Path(__file__).with_suffix(".toml.jinja").read_text(encoding="utf-8")
+    return environment.from_string(source, globals=words)
 
 
 def _groups(files: Sequence[Path]) -> list[FileGroup]:
@@ -390,11 +361,7 @@ def _plain(value: str | float) -> str | int:
 def _filled(table: RawTable, packet: str, rows: np.ndarray) -> RawTable:
     """Some rows of a table, without the packet and columns in which they hold nothing."""
     columns = {
-        name: replace(
-            column,
-            values=column.values[rows],
-            exact=None if column.exact is None else column.exact[rows],
-        )
+        name: column.only(rows)
         for name, column in table.columns.items()
         if name != packet and (column.is_text or np.isfinite(column.values[rows]).any())
     }
@@ -451,67 +418,3 @@ def _shared(texts: Sequence[str]) -> int:
     """Number of letters with which all texts begin."""
     columns = list(zip(*texts, strict=False))
     return next((k for k, letters in enumerate(columns) if len(set(letters)) > 1), len(columns))
-
-
-def hardware_text(name: str, wheels: Sequence[str], *, tracker: bool, epoch: str = "") -> str:
-    """Format, name and hardware of a mapping to be filled in.
-
-    `wheels`: what tells the wheels apart, as `wheel_words` says it; none without wheels. `epoch`:
-    zero of the clocks that count; "?" asks, "" where no stream has one.
-    """
-    lines = [
-        '# What the raw logs hold. Answer every question: replace each "?" and delete what does',
-        "# not apply. Suggestions come from the files and from names of columns: check them.",
-        f'format = "{MAPPING_FORMAT}"',
-        mapping_entry(("name",), name, "any text"),
-        *([mapping_entry(("epoch",), epoch)] if epoch else []),
-        "",
-        "[inertia]",
-        *(
-            mapping_entry(("inertia", key), UNKNOWN)
-            for key in ("tensor", "relative_sigma", "product_sigma", "includes_wheel_spin")
-        ),
-    ]
-    for word in wheels:
-        lines += _wheel(word, wheels[0])
-    lines += [
-        "",
-        "[rate_sensor]",
-        '# sigma = ...  # white noise per sample [rad/s], or such as "3 arcsec/s"; left out, the',
-        "#              # import says what it sees",
-        "# scale_factor_sigma = 0.03",
-        "# bias_sigma = 1e-5  # [rad/s]",
-        "# rate_random_walk = ...  # RRW of the data sheet [rad/s^1.5]",
-    ]
-    if tracker:
-        lines += [
-            "",
-            "[star_tracker]",
-            mapping_entry(("star_tracker", "boresight"), UNKNOWN),
-            '# sigma_cross = ...  # noise across the boresight [rad], or such as "5 arcsec"; left',
-            "#                    # out, the import says what it sees",
-            "# sigma_roll = ...  # and about it [rad]",
-        ]
-    return "\n".join(lines) + "\n"
-
-
-def _wheel(word: str, first: str) -> list[str]:
-    """One `[[wheels]]`."""
-    axis = _AXES.get(word, UNKNOWN)
-    why = "from the name of its column: check axis and sign in the drawing"
-    lines = [
-        "",
-        "[[wheels]]",
-        mapping_entry(("wheels", "", "name"), f"wheel_{word}"),
-        mapping_entry(("wheels", "", "axis"), axis, why),
-    ]
-    if word != first:
-        why = "spin inertia, limits and noise; or give its own here"
-        return [*lines, mapping_entry(("wheels", "", "same_as"), f"wheel_{first}", why)]
-    return [
-        *lines,
-        mapping_entry(("wheels", "", "spin_inertia"), UNKNOWN),
-        "# max_torque = ...  # [N m]; optional, with it impossible commands are seen",
-        "# max_momentum = ...  # [N m s]; optional, with it impossible readings are seen",
-        "# momentum_sigma = ...  # noise of the tachometer [N m s]; the import measures it",
-    ]

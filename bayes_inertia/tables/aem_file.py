@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.files import read_bytes
+from bayes_inertia.files import read_bytes, vocabulary
 from bayes_inertia.tables.aem import AemSegment, joined_segments, segment_table
 from bayes_inertia.tables.raw_table import RawTable
 from bayes_inertia.tables.stamp_parts import SECOND, tai_to_utc, utc_to_tai
@@ -41,18 +41,7 @@ _FROM_STK = (
     "let STK export an attitude ephemeris message (AEM), or save the rows below "
     "AttitudeTimeQuaternions as CSV with the names t,q1,q2,q3,q4 (the scalar is q4)"
 )
-_OTHER_MESSAGES = MappingProxyType(
-    {
-        "APM": ("attitude parameter message: one attitude, no history", _AS_AEM),
-        "OEM": ("orbit ephemeris message", _AS_CSV),
-        "OPM": ("orbit parameter message: one orbit, no history", _AS_CSV),
-        "OMM": ("orbit mean-elements message", _AS_CSV),
-        "OCM": ("orbit comprehensive message", _AS_CSV),
-        "TDM": ("tracking data message", _AS_CSV),
-        "CDM": ("conjunction data message", _AS_CSV),
-        "RDM": ("re-entry data message", _AS_CSV),
-    }
-)
+_MESSAGES = MappingProxyType(vocabulary("tables")["ccsds_messages"])
 
 
 def is_aem(head: bytes) -> bool:
@@ -71,7 +60,8 @@ def refuse_other_messages(head: bytes, path: Path) -> None:
     match = _MESSAGE.search(plain)
     kind = match[1].decode() if match else "AEM"
     if kind != "AEM":
-        what, advice = _OTHER_MESSAGES.get(kind, ("message of CCSDS", _AS_AEM))
+        what = _MESSAGES.get(kind, "message of CCSDS")
+        advice = _AS_CSV if kind in _MESSAGES and not what.startswith("attitude") else _AS_AEM
         raise CampaignError(f"is an {kind} ({what})", where=str(path), advice=advice)
 
 

@@ -25,7 +25,7 @@ Part = tuple[str, np.ndarray, str]
 """Path, values and unit of one array."""
 
 _INDEXED = re.compile(r"(.*)\((\d+)\)")
-_UNITS = {
+UNITS_OF_TIME = {
     "weeks": 604800.0,
     "days": 86400.0,
     "hours": 3600.0,
@@ -35,6 +35,7 @@ _UNITS = {
     "microseconds": 1e-6,
     "nanoseconds": 1e-9,
 }
+"""Seconds of each."""
 
 
 def opened_objects(path: str, places: Sequence[str]) -> dict[str, list[Part]]:
@@ -129,7 +130,7 @@ def _properties(value: Any) -> dict[str, Any]:
 
 def _times(details: dict[str, Any]) -> np.ndarray | None:
     """Times of a timeseries [s]; None where they count from a date or cannot be told."""
-    size = _UNITS.get(_first_text(details.get("Units")) or "seconds")
+    size = UNITS_OF_TIME.get(_first_text(details.get("Units")) or "seconds")
     if size is None:
         return None
     stored = np.asarray(details.get("Time_", [])).ravel()

@@ -1,6 +1,8 @@
-"""Arrays of a file as tables, and those of Parquet and NumPy files.
+"""Arrays of a file as tables, and those of files whose libraries raise an error where damaged.
 
-Arrays of Parquet and NumPy files, whose libraries raise an error where a file is damaged.
+These are Parquet, NumPy, and, by the libraries of the extra `logs`, the logs of flight software:
+ULog of PX4, bags of ROS 1 and 2, MCAP files of ROS messages. A topic is a table, a field of its
+messages a column.
 
 Arrays of a file as tables: vectors become columns, matrices name[0], name[1], ...
 
@@ -13,7 +15,8 @@ from __future__ import annotations
 
 import re
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from importlib import import_module
 from math import prod
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -21,7 +24,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from bayes_inertia.errors import CampaignError, library_of_extra
-from bayes_inertia.tables.array_files import FileArrays
+from bayes_inertia.tables.array_files import UNITS_OF_TIME, FileArrays
 from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.raw_table import RawColumn, RawTable
 from bayes_inertia.tables.stamp_parts import SECOND
@@ -163,17 +166,72 @@ def _check_size(file: BinaryIO) -> None:
         raise ValueError(f"{total / 2**30:.0f} GiB of arrays")
 
 
+def ulog_arrays(path: Path) -> FileArrays:
+    """Topics of a ULog; time stamps in microseconds since boot."""
+    core = library_of_extra("pyulog.core", "logs", where=str(path), otherwise="run ulog2csv on it")
+    held = FileArrays()
+    try:
+        with path.open("rb") as file:
+            topics = core.ULog(file).data_list
+    except Exception as error:  # pyulog raises whatever it stumbles over.
+        raise _unreadable(error, "a ULog of PX4", str(path), "download it again") from error
+    for topic in topics:
+        name = topic.name if topic.multi_id == 0 else f"{topic.name}_{topic.multi_id}"
+        for field, values in topic.data.items():
+            held.add(f"{name}/{field}", values, "us" if field.startswith("timestamp") else "")
+    return held
+
+
+def bag_arrays(path: Path) -> FileArrays:
+    """Topics of a ROS bag or an MCAP file; `received` is when a message was logged [ns]."""
+    highlevel = library_of_extra("rosbags.highlevel", "logs", where=str(path))
+    stores = import_module("rosbags.typesys")
+    columns: dict[str, dict[str, list[Any]]] = {}
+    held = FileArrays()
+    try:
+        # Standard messages, for bags that do not hold their own definitions.
+        known = stores.get_typestore(stores.Stores.LATEST)
+        with highlevel.AnyReader([path], default_typestore=known) as bag:
+            for connection, received, data in bag.messages():
+                topic = columns.setdefault(connection.topic.strip("/"), {"received": []})
+                try:
+                    message = bag.deserialize(data, connection.msgtype)
+                except Exception:  # A message of an unknown type closes its topic, not the bag.
+                    held.closed[connection.topic] = f"messages of type {connection.msgtype}"
+                    continue
+                topic["received"].append(received)
+                for field, value in _fields(message, ""):
+                    topic.setdefault(field, []).append(value)
+    except Exception as error:  # rosbags raises whatever it stumbles over.
+        raise _unreadable(error, "a ROS bag", str(path), "download it again") from error
+    for name, fields in columns.items():
+        rows = len(fields["received"])
+        for field, values in fields.items():
+            if len(values) == rows:
+                unit = "ns" if field == "received" else ""
+                held.add(f"{name.replace('/', '_')}/{field}", np.array(values), unit)
+    return held
+
+
+def _fields(message: Any, prefix: str) -> Iterator[tuple[str, float | int | str]]:
+    """Numbers and texts of a message, with the names of inner messages joined with dots."""
+    for name in message.__dataclass_fields__:
+        if name.startswith("__"):
+            continue
+        value, inner = getattr(message, name), f"{prefix}{name}"
+        if hasattr(value, "__dataclass_fields__"):
+            yield from _fields(value, f"{inner}.")
+        elif isinstance(value, int | float | str):
+            yield inner, value
+        # An array of more numbers is a picture.
+        elif isinstance(value, np.ndarray) and value.size <= LIMITS.most_columns:
+            numbers = value.tolist() if value.dtype.kind in "iufb" else []
+            yield from ((f"{inner}[{k}]", number) for k, number in enumerate(numbers))
+
+
 _WITH_ROWS = re.compile(r"(.*?)\s*\[(\d+) rows\]")
 _SINCE = re.compile(r"\s*([A-Za-z]+)\s+since\s+(\d{4}-\d{1,2}-\d{1,2}(?:[T ]\S+)?)\s*.*")
-_NS_OF: Mapping[str, int] = {
-    "days": 86400 * SECOND,
-    "hours": 3600 * SECOND,
-    "minutes": 60 * SECOND,
-    "seconds": SECOND,
-    "milliseconds": 10**6,
-    "microseconds": 1000,
-    "nanoseconds": 1,
-}
+_NS_OF = {unit: round(s * SECOND) for unit, s in UNITS_OF_TIME.items() if unit != "weeks"}
 _OLD_OBJECT = (
     "save it as a struct: s = struct('Time', ts.Time, 'Data', ts.Data); save('log.mat', 's')"
 )

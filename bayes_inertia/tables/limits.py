@@ -40,9 +40,6 @@ class Limits:
     most_parameters: int = 2000  # More parameters than these are texts of another kind.
     head_bytes: int = 1024  # Bytes by which a format is told.
 
-    # `nasa_42.py`
-    least_digits: int = 6  # Significant digits below which a note says so.
-
     # `raw_table.py`
     # Names of columns that a message lists, and the characters of one.
     most_names_told: int = 60
@@ -56,6 +53,7 @@ class Limits:
     trust_in_one_column: float = 0.5
 
     # `text_table.py`
+    least_digits: int = 6  # Significant digits of an output of 42 below which a note says so.
     few_rows: int = 4  # Rows; of fewer none tells how long the others should be.
     lossy_digits: int = 15  # More significant digits than these a 64-bit float may round.
     lossy_size: float = 1e6  # Smaller numbers keep 1e-10 whatever their digits.

@@ -10,28 +10,29 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from types import MappingProxyType
 
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.files import by_word, vocabulary
 from bayes_inertia.tables.aem_file import aem_segments, is_aem, read_aem, refuse_other_messages
 from bayes_inertia.tables.array_files import FileArrays
 from bayes_inertia.tables.array_tables import (
     array_column,
+    bag_arrays,
     numpy_arrays,
     parquet_arrays,
     table_of,
     tables_of,
+    ulog_arrays,
 )
-from bayes_inertia.tables.flight_logs import bag_arrays, ulog_arrays
 from bayes_inertia.tables.isolated import ArrayKind, read_arrays
 from bayes_inertia.tables.json_lines import json_arrays, read_json_lines
 from bayes_inertia.tables.limits import LIMITS
-from bayes_inertia.tables.nasa_42 import read_42
 from bayes_inertia.tables.raw_table import EMPTY_CELLS, RawColumn, RawTable
 from bayes_inertia.tables.text_cells import TextOptions
-from bayes_inertia.tables.text_table import read_text_table, text_column
+from bayes_inertia.tables.text_table import read_42, read_text_table, text_column
 from bayes_inertia.tables.time_stamps import time_names
 
 # Names in small letters, without signs at their ends.
@@ -72,7 +73,7 @@ def one_row_a_time(table: RawTable) -> RawTable:
     cells = [c.values if c.exact is None else c.exact for c in _columns(table, times)]
     stamps = list(zip(*(column.tolist() for column in cells), strict=True))
     rows, first = _rows(stamps, labels)
-    made = {name: _picked(table.column(name), first) for name in times}
+    made = {name: table.column(name).only(first) for name in times}
     units = next((_texts(c) for n, c in table.columns.items() if _UNIT.fullmatch(bare[n])), None)
     of_label = np.array(labels)
     for label in dict.fromkeys(labels):
@@ -132,11 +133,6 @@ def _rows(stamps: Sequence[tuple], labels: Sequence[str]) -> tuple[np.ndarray, l
     return rows, first
 
 
-def _picked(column: RawColumn, rows: Sequence[int]) -> RawColumn:
-    exact = None if column.exact is None else column.exact[rows]
-    return replace(column, values=column.values[rows], exact=exact)
-
-
 def _spread(
     column: RawColumn, own: np.ndarray, rows: np.ndarray, count: int, unit: str
 ) -> RawColumn:
@@ -161,12 +157,10 @@ def _only_unit(units: Sequence[str] | None, own: np.ndarray) -> str:
 _WORKBOOKS = (".xlsx", ".xlsm", ".xlsb")
 _OF_ARDUPILOT = "`pip install pymavlink`, `mavlogdump.py --format csv --types IMU FILE.bin`"
 
-FileFormat = Literal[
-    "text", "aem", "json", "42", "parquet", "numpy", "hdf5", "netcdf", "mat", "ulog", "bag"
-]
+_BY_SUFFIX = MappingProxyType(by_word(vocabulary("tables")["suffixes"]))
 
 
-def file_format(path: Path) -> FileFormat:
+def file_format(path: Path) -> str:
     """The format of a file, by its first bytes and else its suffix."""
     head = _head(path)
     suffix = path.suffix.lower()
@@ -182,30 +176,16 @@ def file_format(path: Path) -> FileFormat:
         return "numpy"
     if head.startswith(b"ULog\x01\x12\x35"):
         return "ulog"
-    if _is_bag(head, suffix):
+    is_bag = head.startswith((b"#ROSBAG V", b"\x89MCAP0\r\n"))
+    if is_bag or (suffix == ".db3" and head.startswith(b"SQLite format 3")):
         return "bag"
     _refuse_packed(head, path)
     if is_aem(head):
         return "aem"
     refuse_other_messages(head, path)
-    by_suffix: dict[str, FileFormat] = {
-        ".h5": "hdf5",
-        ".hdf5": "hdf5",
-        ".nc": "netcdf",
-        ".nc4": "netcdf",
-        ".parquet": "parquet",
-        ".npz": "numpy",
-        ".npy": "numpy",
-        ".aem": "aem",
-        ".xml": "aem",
-        ".jsonl": "json",
-        ".ndjson": "json",
-        ".json": "json",
-        ".42": "42",
-    }
-    if suffix not in by_suffix and head.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(b'{"'):
+    if suffix not in _BY_SUFFIX and head.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(b'{"'):
         return "json"
-    return by_suffix.get(suffix, "text")
+    return _BY_SUFFIX.get(suffix, "text")
 
 
 def _head(path: Path) -> bytes:
@@ -224,13 +204,6 @@ def _is_npz(path: Path) -> bool:
             return any(name.endswith(".npy") for name in members.namelist())
     except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
         return path.suffix.lower() == ".npz"
-
-
-def _is_bag(head: bytes, suffix: str) -> bool:
-    """Whether a file is a log of ROS 1 or 2."""
-    if head.startswith((b"#ROSBAG V", b"\x89MCAP0\r\n")):
-        return True
-    return suffix == ".db3" and head.startswith(b"SQLite format 3")
 
 
 def _refuse_packed(head: bytes, path: Path) -> None:

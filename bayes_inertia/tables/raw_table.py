@@ -13,7 +13,7 @@ import difflib
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -56,6 +56,11 @@ class RawColumn:
     def is_text(self) -> bool:
         """Whether some cell is no number."""
         return self.values.dtype.kind not in "iuf"
+
+    def only(self, rows: np.ndarray | Sequence[int]) -> RawColumn:
+        """Some rows of the column."""
+        exact = None if self.exact is None else self.exact[rows]
+        return replace(self, values=self.values[rows], exact=exact)
 
 
 @dataclass(frozen=True)

@@ -200,35 +200,29 @@ FREE_CLOCKS: Mapping[str, int] = MappingProxyType(
 )
 """Kinds of stamps from a clock's own zero, and their nanoseconds."""
 
+# Nanoseconds a unit, zero of the clock, whether leap seconds are to be added.
 _NUMBERS: Mapping[str, tuple[int, int, bool]] = MappingProxyType(
-    {  # Nanoseconds a unit, zero of the clock, whether leap seconds are to be added.
-        "gps_s": (SECOND, SCALES.gps_1980, False),
-        "gps_ms": (10**6, SCALES.gps_1980, False),
-        "gps_us": (1000, SCALES.gps_1980, False),
-        "gps_ns": (1, SCALES.gps_1980, False),
-        "tai_s": (SECOND, 0, False),
-        "tai_ms": (10**6, 0, False),
-        "tai_us": (1000, 0, False),
-        "tai_ns": (1, 0, False),
-        "unix_s": (SECOND, SCALES.tai_1970, True),
-        "unix_ms": (10**6, SCALES.tai_1970, True),
-        "unix_us": (1000, SCALES.tai_1970, True),
-        "unix_ns": (1, SCALES.tai_1970, True),
+    {
+        f"{clock}_{unit}": (FREE_CLOCKS[unit], zero, leaps)
+        for clock, zero, leaps in (
+            ("gps", SCALES.gps_1980, False),
+            ("tai", 0, False),
+            ("unix", SCALES.tai_1970, True),
+        )
+        for unit in ("s", "ms", "us", "ns")
     }
 )
 COUNTED_CLOCKS = tuple(_NUMBERS)
 """Kinds of stamps that count from a date that everybody knows."""
 
+# Day of 1958-01-01, what TAI is ahead by [ns], whether leap seconds are to be added.
 _DAYS: Mapping[str, tuple[float, int, bool]] = MappingProxyType(
-    {  # Day of 1958-01-01, what TAI is ahead by [ns], whether leap seconds are to be added.
-        "mjd_utc": (SCALES.mjd_1958, 0, True),
-        "mjd_tai": (SCALES.mjd_1958, 0, False),
-        "mjd_tt": (SCALES.mjd_1958, -SCALES.tt_minus_tai, False),
-        "jd_utc": (SCALES.jd_1958, 0, True),
-        "jd_tai": (SCALES.jd_1958, 0, False),
-        "jd_tt": (SCALES.jd_1958, -SCALES.tt_minus_tai, False),
-        "cds": (0, 0, True),
+    {
+        f"{count}_{scale}": (day, -SCALES.tt_minus_tai if scale == "tt" else 0, scale == "utc")
+        for count, day in (("mjd", SCALES.mjd_1958), ("jd", SCALES.jd_1958))
+        for scale in ("utc", "tai", "tt")
     }
+    | {"cds": (0, 0, True)}
 )
 _TEXTS: Mapping[str, int | None] = MappingProxyType(
     {  # What is to be added to the text's clock [ns]; None: leap seconds.

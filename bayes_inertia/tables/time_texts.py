@@ -16,6 +16,7 @@ from types import MappingProxyType
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.files import vocabulary
 from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.raw_table import EMPTY_CELLS, RawColumn, RawTable
 from bayes_inertia.tables.stamp_parts import SECOND, has_leap_second, unit_in_name
@@ -39,28 +40,7 @@ _MONTHS = (
     "july", "august", "september", "october", "november", "december",
 )  # fmt: skip
 # What each directive of a `format` stands for.
-_DIRECTIVES: Mapping[str, str] = MappingProxyType(
-    {
-        "Y": r"(?P<year>\d{4})",
-        "y": r"(?P<year>\d{2})",
-        "m": r"(?P<month>\d{1,2})",
-        "b": r"(?P<month>[A-Za-z]{3,9})",
-        "B": r"(?P<month>[A-Za-z]{3,9})",
-        "d": r"(?P<day>\d{1,2})",
-        "j": r"(?P<doy>\d{1,3})",
-        "H": r"(?P<hour>\d{1,2})",
-        "I": r"(?P<hour>\d{1,2})",
-        "M": r"(?P<minute>\d{1,2})",
-        "S": r"(?P<second>\d{1,2})",
-        "f": r"(?P<part>\d+)",
-        "p": r"(?P<half>[AaPp])\.?[Mm]\.?",
-        "z": r"(?P<zone>Z|[+-]\d{2}:?\d{2})",
-        "Z": r"(?P<zone>[A-Z]{1,4})",
-        "a": r"[A-Za-z]+",
-        "A": r"[A-Za-z]+",
-        "%": "%",
-    }
-)
+_DIRECTIVES: Mapping[str, str] = MappingProxyType(vocabulary("tables")["directives"])
 _CALENDAR = ("year", "month", "day", "doy")
 _PLAIN = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}:\d{2}(\.\d{1,9})?Z?")
 _ADVICE = (
