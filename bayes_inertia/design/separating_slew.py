@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.after_campaign import plan_after
 from bayes_inertia.design.feasibility import require_three_axes
 from bayes_inertia.design.feasible_region import draw_variables, region_within

@@ -31,7 +31,18 @@ NOT_CODE = ("{", "text")
 # Pages without such comments.
 NOT_RUN = {"README.md": "fit and diagnosis take two minutes. tests/test_diagnosed_fit.py"}
 # Programs beside ours that a page may call.
-OTHER_PROGRAMS = ("make", "python", "python3", "pip", "uv", "conda", "docker", "apptainer", "dask", "kubectl")
+OTHER_PROGRAMS = (
+    "make",
+    "python",
+    "python3",
+    "pip",
+    "uv",
+    "conda",
+    "docker",
+    "apptainer",
+    "dask",
+    "kubectl",
+)
 GROUP = typer.main.get_command(command_line())
 
 
