@@ -19,7 +19,7 @@ from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.page import render_page
 from bayes_inertia.report.pictures.run_differences import draw_run_differences
 from bayes_inertia.report.run_comparison import ComparedRun, ParameterDifference, RunComparison
-from bayes_inertia.report.section import Picture, Section, packaged
+from bayes_inertia.report.section import Section, captioned, packaged
 from bayes_inertia.report.uncertainty import exponents_of, sd_in_print
 
 
@@ -62,14 +62,9 @@ def _run_box(letter: str, run: ComparedRun) -> dict[str, str]:
 
 def _parameters_section(comparison: RunComparison) -> Section:
     figure = draw_run_differences(comparison.J_and_K)
-    caption = (
-        "J and K of B (dots) relative to A (squares), each with its quoted uncertainty, "
-        "all in combined sd. Differences beyond the shaded band are noticeable."
-    )
-    pictures = () if figure is None else (Picture(figure, caption, "Differences in combined sd"),)
     powers = exponents_of(comparison.first.rows, comparison.second.rows)
     rows = [_parameter_row(p, powers[p.name]) for p in comparison.parameters]
-    context = {"rows": rows}
+    context, pictures = {"rows": rows}, captioned("run_differences", figure)
     return Section("Parameters", packaged("comparison_parameters.html"), context, pictures)
 
 

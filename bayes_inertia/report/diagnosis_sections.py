@@ -4,18 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from bayes_inertia.inference.settings import OPEN_VERDICTS
-from bayes_inertia.report.answer_wording import answer_text, per_cent
-from bayes_inertia.report.diagnosis_wording import (
-    alike_sentences,
-    probabilities,
-    rules_of,
-    significance,
-    window_text,
-    with_what,
-)
 from bayes_inertia.report.formatting import (
     NOT_GIVEN,
     channel_name,
@@ -35,7 +27,10 @@ from bayes_inertia.report.pictures.candidates import draw_candidates
 from bayes_inertia.report.pictures.disagreement import draw_disagreement
 from bayes_inertia.report.pictures.equivalent_signal import draw_signal
 from bayes_inertia.report.pictures.steps import draw_misfit_by_step, draw_shifts
-from bayes_inertia.report.section import Picture, Section, packaged
+from bayes_inertia.report.section import Picture, Section, captioned, packaged
+from bayes_inertia.report.words import phrase, probabilities, rules_of, sentences
+
+_said = partial(phrase, "diagnosis")
 
 
 def diagnosis_sections(content: Mapping[str, Any]) -> list[Section]:
@@ -62,7 +57,7 @@ def _disagreement_section(content: Mapping[str, Any]) -> Section:
     windows, starts = content["disagreement"], content.get("slew_start", {})
     rows = [
         {
-            "where": window_text(window, starts.get(window["slew"], 0.0)),
+            "where": _said("window", window, starts.get(window["slew"], 0.0)),
             "kind": "mean is off" if window["kind"] == "shift" else "too large",
             "score": f"{window['score']:.1f}",
             "p": p_value_text(window["p_value"]),
@@ -73,57 +68,33 @@ def _disagreement_section(content: Mapping[str, Any]) -> Section:
         "Where does the base model disagree?",
         packaged("disagreement.html"),
         {"rows": rows, "shown": LAYOUT.evidence_rows_shown, "total": len(windows)},
-        tuple(_disagreement_pictures(content)),
+        _disagreement_pictures(content),
     )
 
 
-def _disagreement_pictures(content: Mapping[str, Any]) -> list[Picture]:
+def _disagreement_pictures(content: Mapping[str, Any]) -> tuple[Picture, ...]:
     before, after = content["pictures"]["before"], content["pictures"]["after"]
     starts = content.get("slew_start", {})
-    which = (
-        " The nine slews that disagree most are drawn."
-        if len(before["slews"]) > LAYOUT.most_slews_drawn
-        else ""
-    )
-    caption = (
-        "The base model. Mean of measured minus predicted in short stretches of time, "
-        "in standard deviations of such a mean: white is what noise gives, "
-        "strong colours of one sense over many stretches are not. "
-        "Frames: the two clearest stretches of a channel that noise does not explain, "
-        f"all places looked at counted.{which}"
-    )
     figure = draw_disagreement(before, content["disagreement"], starts)
-    pictures = [Picture(figure, caption, "Map of residuals of the base model")]
-    if after is not None:
-        left = content["disagreement_after"]
-        framed = (
-            f"{len(left)} stretches are still not explained."
-            if left
-            else "Nothing is framed: no stretch stands out."
-        )
-        figure = draw_disagreement(after, left, starts)
-        caption = f"The same {with_what(content)}. {framed}"
-        alt = f"Map of residuals {with_what(content)}"
-        pictures.append(Picture(figure, caption, alt))
-    return pictures
+    pictures = captioned("base_disagreement", figure, len(before["slews"]))
+    if after is None:
+        return pictures
+    left = content["disagreement_after"]
+    figure = draw_disagreement(after, left, starts)
+    words = _said("with_what", content), len(left)
+    return (*pictures, *captioned("disagreement_left", figure, *words))
 
 
 def _candidates_section(content: Mapping[str, Any]) -> Section:
     """All candidates, ranked."""
     figure = draw_candidates(content["candidates"], content["threshold"], content["named"])
     false_alarms = rules_of(content)["false_alarm_probability"]
-    caption = (
-        "How strongly the residuals of the base model speak for each candidate, were it the only "
-        "thing missing. The dashed line is passed by the best of all candidates "
-        f"once in {1.0 / false_alarms:.0f} campaigns in which nothing is missing."
-    )
-    alt = "All candidates by strength of evidence"
     context = {
         "shown": LAYOUT.evidence_rows_shown,
         "rows": [_candidate_row(candidate, content) for candidate in content["candidates"]],
-        "alike": alike_sentences(content),
+        "alike": sentences("diagnosis", "alike", content, LAYOUT.most_alike_listed),
     }
-    pictures = () if figure is None else (Picture(figure, caption, alt, folded=True),)
+    pictures = captioned("candidates", figure, false_alarms, folded=True)
     return Section("Candidates", packaged("candidates.html"), context, pictures)
 
 
@@ -135,7 +106,7 @@ def _candidate_row(candidate: Mapping[str, Any], content: Mapping[str, Any]) -> 
         "name": plain(candidate["effect"]),
         "p": NOT_GIVEN if p_value is None else p_value_text(p_value),
         "bayes": NOT_GIVEN if bayes is None else tenths(bayes),
-        "word": "named" if named else significance(candidate, content["threshold"]),
+        "word": "named" if named else _said("significance", candidate, content["threshold"]),
         "parameters": "; ".join(
             f"{plain(name)} = {value_text(value)}" for name, value in parameters.items()
         ),
@@ -152,21 +123,10 @@ def _changes_section(content: Mapping[str, Any]) -> Section | None:
     ]
     rows = [_step_row("base model", steps[0], "before", measured)]
     rows += [_step_row(f"+ {plain(step['added'])}", step, "after", measured) for step in steps]
+    tried = content["verdict"] == "unknown"
     pictures = (
-        Picture(
-            draw_misfit_by_step(steps),
-            "Reduced χ² (1 if model and noise are right), of the data in the fit "
-            "and of each slew predicted from the others.",
-            "Reduced chi squared, step by step",
-            folded=True,
-        ),
-        Picture(
-            draw_shifts(steps),
-            f"J and K with the base model (squares) and {with_what(content)} (dots): "
-            "an effect left out biases them; the base model's sd does not show it.",
-            "J and K before and after the effects were added",
-            folded=content["verdict"] == "unknown",
-        ),
+        *captioned("misfit_by_step", draw_misfit_by_step(steps), folded=True),
+        *captioned("shifts", draw_shifts(steps), _said("with_what", content), folded=tried),
     )
     context = {
         "rows": rows,
@@ -195,9 +155,9 @@ def _answers_section(content: Mapping[str, Any]) -> Section | None:
     """How probable each answer is; None in a diagnosis of an earlier version."""
     rows = [
         {
-            "answer": answer_text(row),
-            "probability": per_cent(row["probability"]),
-            "prior": per_cent(math.exp(row["log_prior"])),
+            "answer": _said("answer", row),
+            "probability": _said("per_cent", row["probability"]),
+            "prior": _said("per_cent", math.exp(row["log_prior"])),
             "log_evidence": tenths(row["log_evidence"]),
             "pareto_k": "" if row.get("pareto_k") is None else tenths(row["pareto_k"]),
         }
@@ -259,24 +219,12 @@ def _unknown_section(content: Mapping[str, Any]) -> Section | None:
     unknown = content["unknown"]
     if unknown is None:
         return None
-    caption = (
-        "The torque on the body (body axes) that would leave the residuals of the base model, "
-        "with its band of two sd: what J, K, start states and bias can explain is not in it. "
-        "Fast wiggles inside the band mean nothing."
-    )
-    alt = "Equivalent torque over time, slew by slew"
-    pictures = [Picture(draw_signal(content["pictures"]["torque"]), caption, alt)]
-    other_source = content["pictures"]["other"]
-    if other_source is not None:
-        source = other_source["source"]
-        caption = (
-            "What explains the residuals better than any torque on the body: "
-            f"{source}, as an error over time with its band of two sd."
-        )
-        alt = f"Error of the {source} over time"
-        pictures.append(Picture(draw_signal(other_source), caption, alt))
+    torque, other = (content["pictures"][key] for key in ("torque", "other"))
+    pictures = captioned("torque", draw_signal(torque))
+    if other is not None:
+        pictures += captioned("other_signal", draw_signal(other), other["source"])
     context = {"rows": _unknown_rows(unknown)}
-    return Section("What nothing explains", packaged("settings.html"), context, tuple(pictures))
+    return Section("What nothing explains", packaged("settings.html"), context, pictures)
 
 
 def _unknown_rows(unknown: Mapping[str, Any]) -> list[tuple[str, str]]:

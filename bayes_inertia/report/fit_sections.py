@@ -27,7 +27,7 @@ from bayes_inertia.report.pictures.posterior_data import n_slews, values_of
 from bayes_inertia.report.pictures.priors import draw_priors
 from bayes_inertia.report.residual_sections import residuals_section, telemetry_section
 from bayes_inertia.report.result_section import result_sections
-from bayes_inertia.report.section import Picture, Section, packaged
+from bayes_inertia.report.section import Picture, Section, captioned, packaged
 from bayes_inertia.report.settings_section import settings_section
 from bayes_inertia.report.uncertainty import (
     contraction,
@@ -100,17 +100,8 @@ def gates_section(posterior: Posterior) -> Section:
     ]
     gates = [gate | {"says": typeset(gate["says"])} for gate in attributes["gates"]]
     context = {"gates": gates, "numbers": numbers}
-    picture = Picture(
-        draw_chains(posterior),
-        "The parameter whose independent ensembles agree least. "
-        "Left: mean of each ensemble's walkers (line) and the range of 90 % of them (band), "
-        "step by step: bands on top of each other, without drift. "
-        "Middle: how each ensemble's draws rank among all draws; the grey band holds 99 % "
-        "of the steps if all ensembles sample the same distribution. Right: log posterior.",
-        "Traces and rank histograms of the ensembles",
-        folded=True,
-    )
-    return Section("Gates", packaged("gates.html"), context, (picture,))
+    pictures = captioned("chains", draw_chains(posterior), folded=True)
+    return Section("Gates", packaged("gates.html"), context, pictures)
 
 
 def limits_section(posterior: Posterior) -> Section:
@@ -199,16 +190,7 @@ def parameters_section(posterior: Posterior) -> Section:
         _parameter_row(name, row, powers[name], float(center), criteria)
         for (name, row), center in zip(summary["parameters"].items(), prior_mean, strict=True)
     ]
-    picture = Picture(
-        draw_priors(posterior),
-        "Posterior of each parameter (blue). Bars below: mean ± the model's sd and, "
-        "where it is wider, ± the quoted sd. "
-        "Where the data sharpen the prior more than eightfold, the panel shows only the posterior, "
-        "and the grey strip above it shows the prior over ±3 sd "
-        "with the posterior's place as a blue mark; elsewhere prior and posterior share the axis.",
-        "Prior and posterior densities of every parameter",
-        folded=True,
-    )
+    pictures = captioned("priors", draw_priors(posterior), folded=True)
     context = {
         "rows": rows,
         "moments": [
@@ -220,7 +202,7 @@ def parameters_section(posterior: Posterior) -> Section:
         "averaged": averaged_over(summary),
         "criteria": criteria,
     }
-    return Section("Parameters", packaged("parameters.html"), context, (picture,))
+    return Section("Parameters", packaged("parameters.html"), context, pictures)
 
 
 def _value_cells(name: str, row: Mapping[str, Any], power: int) -> dict[str, str]:
@@ -256,22 +238,11 @@ def determination_section(posterior: Posterior) -> Section:
     rows, names = posterior.summary()["parameters"], posterior.names
     matrix = np.atleast_2d(np.corrcoef(posterior.samples.T)).tolist()
     most = LAYOUT.most_parameters_drawn
-    only_some = f" Only the {most} most correlated of {len(names)} parameters are drawn."
-    picture = Picture(
-        draw_pairs(posterior, most),
-        "Every pair of parameters: posterior draws (shading) with the ellipse that holds 90 % "
-        "of a normal distribution of the same covariance (blue)."
-        " At the left of each row: middle ± half width of "
-        "its cells (3.4 sd), and the unit. "
-        "Numbers: correlations, framed beyond ±0.9."
-        f"{only_some if len(names) > most else ''}",
-        "Pair plot of the posterior with correlations",
-        folded=True,
-    )
+    pictures = captioned("pairs", draw_pairs(posterior, most), most, len(names), folded=True)
     context = {
         "groups": names_by_determination(rows, criteria_of(posterior.attributes)),
         "correlations": correlation_sentences(names, matrix),
         "listed": listed,
     }
     title = "What this campaign determines"
-    return Section(title, packaged("determination.html"), context, (picture,))
+    return Section(title, packaged("determination.html"), context, pictures)

@@ -9,23 +9,22 @@ from dataclasses import dataclass
 class Layout:
     """Fields by the file that reads them."""
 
-    # `answer_wording.py`
+    # `words/diagnosis.txt`
     # Answers that are told: more probable than this, and so many at most.
     negligible_probability: float = 0.01
     most_answers_told: int = 4
     nearly_certain: float = 0.99
 
     # `diagnosis_sections.py`
+    most_alike_listed: int = 8
     evidence_rows_shown: int = 3  # rows of a table of evidence; the others are folded
     most_windows_listed: int = 12
     most_matches_listed: int = 3
     most_answers_listed: int = 8
 
-    # `diagnosis_verdict.py`
     # p-value below which "one campaign of so many" is no longer counted out
     rare_p_value: float = 1e-3
 
-    # `diagnosis_wording.py`
     # In units of the sd: a smaller difference between two models is called none.
     negligible_difference_sd: float = 0.1
     formulas_listed: int = 3

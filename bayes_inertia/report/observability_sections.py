@@ -23,7 +23,7 @@ from bayes_inertia.report.formatting import (
     unit_text,
 )
 from bayes_inertia.report.pictures.observability import draw_observability
-from bayes_inertia.report.section import Picture, Section, packaged
+from bayes_inertia.report.section import Section, captioned, packaged
 
 _HEADS = (
     "parameter",
@@ -93,12 +93,8 @@ def _result_section(observability: Observability) -> Section:
         "rows": [_row(observability, *part) for part in parts],
         "notes": (_NOTE,),
     }
-    caption = (
-        "Left: sd over prior sd. Right: how many times larger the sd is because others are fitted "
-        "along, by group. Below: when the information on the products of inertia arrives."
-    )
-    picture = Picture(draw_observability(observability), caption, "What the campaign tells")
-    return Section("Result", packaged("table.html"), context, (picture,))
+    pictures = captioned("observability", draw_observability(observability))
+    return Section("Result", packaged("table.html"), context, pictures)
 
 
 def _row(

@@ -23,7 +23,7 @@ from bayes_inertia.report.formatting import (
 )
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.design import draw_comparison
-from bayes_inertia.report.section import Picture, Section, packaged
+from bayes_inertia.report.section import Section, captioned, packaged
 
 _PAPER = "slews like the paper's"
 
@@ -65,9 +65,8 @@ def _gain_section(
             *(f"{note[0].upper()}{note[1:]}." for note in content.get("left_out", ())),
         ),
     }
-    caption = "The plan beside slews like the paper's, each flown alone from the prior."
-    picture = Picture(draw_comparison(contenders), caption, "The plan and slews like the paper's")
-    return Section("Result", packaged("table.html"), context, (picture,))
+    pictures = captioned("plan", draw_comparison(contenders))
+    return Section("Result", packaged("table.html"), context, pictures)
 
 
 def _gain_table(
@@ -211,9 +210,8 @@ def _sds_section(contenders: Sequence[Contender]) -> Section:
         "rows": rows,
         "notes": notes,
     }
-    caption = "Above: sds of J and K. Below: when each plan slews, and what it asks of the wheels."
-    picture = Picture(draw_comparison(contenders), caption, "Plans side by side")
-    return Section("Result", packaged("table.html"), context, (picture,))
+    pictures = captioned("plans", draw_comparison(contenders))
+    return Section("Result", packaged("table.html"), context, pictures)
 
 
 def _sd_cell(contender: Contender, i: int, power: int) -> str:

@@ -31,7 +31,8 @@ from bayes_inertia.report.pictures.posterior_data import (
 from bayes_inertia.report.pictures.telemetry import draw_momentum, draw_rates
 from bayes_inertia.report.pictures.thinning import thinned_rows
 from bayes_inertia.report.residual_wording import channel_verdict, discount_text, whiteness_text
-from bayes_inertia.report.section import Picture, Section, packaged
+from bayes_inertia.report.section import Picture, Section, captioned, packaged
+from bayes_inertia.report.words import phrase
 
 
 def residuals_section(posterior: Posterior) -> Section:
@@ -93,7 +94,7 @@ def telemetry_section(posterior: Posterior) -> Section | None:
     """Measured against simulated telemetry: residuals to choose, enlarge and read, and pictures."""
     pictures = [
         *_series_pictures(posterior),
-        *_star_tracker_picture(posterior),
+        *captioned("fixes", draw_attitude(posterior), folded=True),
     ]
     if not pictures:
         return None
@@ -109,50 +110,14 @@ def telemetry_section(posterior: Posterior) -> Section | None:
 def _series_pictures(posterior: Posterior) -> list[Picture]:
     """Rates and wheel momentum over time, measured and simulated."""
     slews, total = worst_slews(posterior, LAYOUT.most_slews_drawn), n_slews(posterior)
-    which, pictures = "", []
-    if posterior.tree["constant_data"].sizes["row"] > LAYOUT.most_dots:
-        which += (
-            f" Of more than {LAYOUT.most_dots} rows, lines and bands show the lowest and highest "
-            "values, residuals evenly spaced rows and the lowest and highest of each stretch."
-        )
-    if len(slews) < total:
-        which += f" The {len(slews)} of {total} slews that fit worst are drawn."
-    if (figure := draw_rates(posterior, slews)) is not None:
-        caption = (
-            "Rates: measured (dots) and simulated with the posterior's parameters (lines), "
-            "with the band that should hold 90 % of the measurements, noise included; "
-            "on this scale it is often no wider than the line. "
-            "Below each: measured minus simulated in stated sigmas of the sensor, "
-            "with guides at ±1, 2 and 3: about two in three dots belong inside the first, "
-            "all but three in a thousand inside the last. "
-            f"Patterns in time mean that something is missing from the model.{which}"
-        )
-        alt = "Measured and simulated rates with residuals, slew by slew"
-        pictures.append(Picture(figure, caption, alt))
-    if (figure := draw_momentum(posterior, slews)) is not None:
-        caption = (
-            "Wheel momentum: measured minus simulated in stated sigmas of the tachometers, "
-            "guides at ±1, 2 and 3. Torque commands are the model's input, so a wheel's wrong "
-            f"gain, lag or friction would show here as a pattern.{which}"
-        )
-        alt = "Residuals of wheel momentum, slew by slew"
-        pictures.append(Picture(figure, caption, alt, instead_of_script=True))
-    return pictures
-
-
-def _star_tracker_picture(posterior: Posterior) -> list[Picture]:
-    """Measured against predicted attitude; nothing without star-tracker fixes."""
-    figure = draw_attitude(posterior)
-    if figure is None:
-        return []
-    caption = (
-        "Measured minus predicted attitude as small rotations about the body axes: "
-        "small marks are single fixes, "
-        "large ones the mean of a slew's fixes with its standard error. "
-        "Right: after the slew, where errors of J and K would have grown into angles. "
-        "Below: the same in stated sigmas of the star tracker, with guides at ±1, 2 and 3."
-    )
-    return [Picture(figure, caption, "Attitude misfit before and after each slew", folded=True)]
+    rows = posterior.tree["constant_data"].sizes["row"]
+    which = phrase("pictures", "drawn", rows, len(slews), total)
+    return [
+        *captioned("rates", draw_rates(posterior, slews), which),
+        *captioned(
+            "wheel_momentum", draw_momentum(posterior, slews), which, instead_of_script=True
+        ),
+    ]
 
 
 _FEW_ROWS = channel_name("attitude")

@@ -7,15 +7,15 @@ from typing import Any
 
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict
-from bayes_inertia.report.diagnosis_wording import could_hide_text
 from bayes_inertia.report.fit_verdict import fit_verdict
-from bayes_inertia.report.formatting import arcsec_text, exponent, number, power_text, unit_text
+from bayes_inertia.report.formatting import exponent, number, power_text, unit_text
 from bayes_inertia.report.pictures.correction import draw_correction
 from bayes_inertia.report.pictures.posterior_data import n_slews
-from bayes_inertia.report.section import Picture, Section, packaged
+from bayes_inertia.report.section import Picture, Section, captioned, packaged
 from bayes_inertia.report.uncertainty import sd_in_print
 from bayes_inertia.report.verdict import Level, Verdict, worst_level
 from bayes_inertia.report.verdict_sentence import is_scale_factor, verdict_sentence
+from bayes_inertia.report.words import phrase
 
 _STATUS: dict[Level, str] = {"good": "Trusted", "caution": "Use with care", "bad": "Refused"}
 _TENSOR = (("Jxx", "Jxy", "Jxz"), ("Jxy", "Jyy", "Jyz"), ("Jxz", "Jyz", "Jzz"))
@@ -35,7 +35,11 @@ def result_sections(
     verdicts = {"Can it be used?": fit_verdict(summary, n_slews(posterior))}
     if diagnosis is not None:
         verdicts = {"What is missing?": diagnosis_verdict(diagnosis)} | verdicts
-        bound = could_hide_text(hidden) if (hidden := diagnosis.get("could_hide")) else ""
+        bound = (
+            phrase("diagnosis", "could_hide", hidden)
+            if (hidden := diagnosis.get("could_hide"))
+            else ""
+        )
     level, rows = level_of(summary, list(verdicts.values())), summary["parameters"]
     scale_factors = [[row] for name, row in rows.items() if is_scale_factor(name)]
     context = {
@@ -50,7 +54,9 @@ def result_sections(
         ],
         "quoted": posterior.quoted_factor is not None,
     }
-    pictures = (_correction_picture(forecast),) if forecast and level != "bad" else ()
+    pictures: tuple[Picture, ...] = ()
+    if forecast and level != "bad":
+        pictures = captioned("correction", draw_correction(forecast), forecast)
     reasons = {
         question: (verdict.title, [s for s in verdict.sentences if s != bound])
         for question, verdict in verdicts.items()
@@ -94,15 +100,3 @@ def _estimate(row: Mapping[str, Any], power: int) -> dict[str, str]:
         "mean": number(row["mean"], sd_in_print(row), power),
         "sd": "" if quoted is None else number(quoted, quoted, power),
     }
-
-
-def _correction_picture(forecast: Mapping[str, Any]) -> Picture:
-    (_, before, _), (_, after, most) = forecast["before"], forecast["after"]
-    caption = (
-        f"A slew of {forecast['angle_deg']:.0f}° about body {forecast['axis']} ends "
-        f"{arcsec_text(before)} arcsec off with J and K of before flight, {arcsec_text(after)} "
-        f"arcsec with those of this fit (95 %: below {arcsec_text(most)}): median (dot) and 90 % "
-        "(bar) over what the fit leaves open of J and K, about the axis where it is worst before; "
-        "noise and effects left out."
-    )
-    return Picture(draw_correction(forecast), caption, "Predicted error of a slew, old and new J")

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.figure_file import figure_bytes
+from bayes_inertia.report.words import sentences
 
 # What a `data:` address in double quotes may hold; without a colon the page names no other address.
 _AS_THEY_ARE = " !$'()*+,-./;=?@_{}~"
@@ -91,6 +92,14 @@ def packaged(name: str) -> str:
     True
     """
     return files("bayes_inertia.report").joinpath(name).read_text(encoding="utf-8")
+
+
+def captioned(name: str, figure: Figure | None, *values: Any, **shown: bool) -> tuple[Picture, ...]:
+    """A figure with the words that `words/pictures.txt` has for it; none without a figure."""
+    if figure is None:
+        return ()
+    alt, caption = sentences("pictures", name, *values)
+    return (Picture(figure, caption, alt, **shown),)
 
 
 def data_uri(picture: Picture) -> Markup:

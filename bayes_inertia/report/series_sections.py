@@ -10,7 +10,7 @@ from bayes_inertia.physics.parameters import BASE_NAMES, BASE_UNITS
 from bayes_inertia.report.formatting import listed, number, unit_text
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.series import draw_fleet, draw_history
-from bayes_inertia.report.section import Picture, Section, packaged
+from bayes_inertia.report.section import Section, captioned, packaged
 from bayes_inertia.series.fleet import Fleet
 from bayes_inertia.series.history import OF_PART, History, SeenJump
 
@@ -26,10 +26,6 @@ FLEET_HEADS = (
     "with its sisters",
 )
 _SPREAD = "Spread: sd from craft to craft. The sds of a craft are medians over the fleet."
-_NOTE = (
-    "Points: each campaign alone, one quoted sd. Band: 90 % of what all campaigns say together. "
-    "Dashed: a jump that is at least possible."
-)
 
 
 def history_answer(history: History) -> str:
@@ -107,10 +103,8 @@ def history_sections(history: History, left_out: Sequence[str] = ()) -> list[Sec
             *left_out_in_words(left_out),
         ),
     }
-    picture = Picture(
-        draw_history(history, LAYOUT.possible_change), _NOTE, "J and K over the campaigns"
-    )
-    return [Section("Result", packaged("table.html"), context, (picture,))]
+    pictures = captioned("history", draw_history(history, LAYOUT.possible_change))
+    return [Section("Result", packaged("table.html"), context, pictures)]
 
 
 def fleet_answer(fleet: Fleet, alone_sd: np.ndarray) -> str:
@@ -168,9 +162,5 @@ def fleet_sections(
         "rows": fleet_rows(fleet, alone_sd),
         "notes": (_SPREAD, *left_out_in_words(left_out)),
     }
-    caption = (
-        "Squares: each spacecraft from its own campaigns, one quoted sd. Dots: with what its "
-        "sisters tell. Line and band: the fleet's mean and spread."
-    )
-    picture = Picture(draw_fleet(fleet, alone, alone_sd), caption, "Spacecraft of the fleet")
-    return [Section("Result", packaged("table.html"), context, (picture,))]
+    pictures = captioned("fleet", draw_fleet(fleet, alone, alone_sd))
+    return [Section("Result", packaged("table.html"), context, pictures)]

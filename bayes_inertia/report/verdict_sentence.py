@@ -13,19 +13,9 @@ from typing import Any
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
 from bayes_inertia.report.criteria import criteria_of
 from bayes_inertia.report.fit_verdict import misfit_channels
-from bayes_inertia.report.formatting import (
-    channel_name,
-    either_or,
-    listed,
-    plain,
-    two_digits,
-    typeset,
-    unit_text,
-)
-from bayes_inertia.report.parameter_wording import averaged_over
+from bayes_inertia.report.formatting import two_digits, unit_text
 from bayes_inertia.report.uncertainty import names_by_determination, sd_in_print
-
-_REFUSED = "Do not use this result as it stands"
+from bayes_inertia.report.words import phrase
 
 
 def verdict_sentence(summary: Mapping[str, Any], diagnosis: Mapping[str, Any] | None = None) -> str:
@@ -41,18 +31,7 @@ def verdict_sentence(summary: Mapping[str, Any], diagnosis: Mapping[str, Any] | 
     ...     "effects": []})
     'J to 0.012 % (1 sd, the worst element); the model explains the data.'
     """
-    gates = {gate["name"]: gate for gate in summary["gates"]}
-    failed = {name: gate for name, gate in gates.items() if not gate["passed"]}
-    if "converged" in failed:
-        return _on_unconverged(summary, "explained" in failed)
-    others = [gate for name, gate in failed.items() if name not in ("explained", "diagnosed")]
-    if others:
-        return f"{_REFUSED}: {_first_clause(others[0]['says'])}."
-    if "diagnosed" in failed:
-        return _on_unknown(summary)
-    if "explained" in failed:
-        return _on_misfit(summary)
-    return f"{_accuracy(summary)}; {_on_trusted(summary, diagnosis)}."
+    return phrase("fit", "answer", summary, diagnosis, _FUNCTIONS)
 
 
 def with_verdict_sentence(
@@ -67,81 +46,16 @@ def with_verdict_sentence(
     return first | {"verdict_sentence": verdict_sentence(summary, diagnosis)} | dict(summary)
 
 
-def _on_unconverged(summary: Mapping[str, Any], misfit: bool) -> str:
-    diagnostics = summary["diagnostics"]
-    effective = min(diagnostics["ess_bulk_min"], diagnostics["ess_tail_min"])
-    besides = ", and the model does not explain the data" if misfit else ""
-    return (
-        f"{_REFUSED}: the sampler has not converged "
-        f"(nested R-hat {diagnostics['nested_rhat_max']:.3f}, "
-        f"{effective:,.0f} effective samples){besides}."
-    )
+def _misfit(summary: Mapping[str, Any]) -> list[str]:
+    """Channels that the model does not explain."""
+    too_large, too_small = misfit_channels(summary["fit"], criteria_of(summary))
+    return too_large or too_small
 
 
-def _on_unknown(summary: Mapping[str, Any]) -> str:
-    missing = f"{_REFUSED}: something is missing that no candidate explains"
-    # Effects of free shape take up what it did.
-    if any(name.endswith("_remainder") for name in summary["effects"]):
-        return f"{missing}; with a disturbance of free shape allowed for, {_accuracy(summary)}."
-    if summary.get("averaged_over"):
-        return (
-            f"{missing}; averaged over a disturbance of free shape and none, {_accuracy(summary)}."
-        )
-    return f"{missing}, and J and K may be off by more than any uncertainty here."
-
-
-def _on_misfit(summary: Mapping[str, Any]) -> str:
-    fit = summary["fit"]
-    too_large, too_small = misfit_channels(fit, criteria_of(summary))
-    where = listed([_channel_text(fit, name) for name in too_large or too_small])
-    return (
-        f"{_REFUSED}: the model does not explain the data, {where}. "
-        "Run “bayes-inertia diagnose” to find what is missing."
-    )
-
-
-def _channel_text(fit: Mapping[str, Any], channel: str) -> str:
-    name = channel_name(channel)
-    reduced = fit["reduced_chi2"].get(channel, fit["reduced_chi2"]["total"])
-    return f"{name} (reduced χ² {reduced:.3g})"
-
-
-def _on_trusted(summary: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -> str:
-    """Explained data, and open questions."""
-    clauses = [_on_model(summary, diagnosis)]
-    undetermined = names_by_determination(summary["parameters"], criteria_of(summary))
-    names = undetermined["not determined"]
-    if summary.get("scale_of_J") == []:
-        names = [name for name in names if name not in ELEMENTS]
-    if names:
-        verb = "is" if len(names) == 1 else "are"
-        clauses.append(f"{listed([plain(name) for name in names])} {verb} not determined")
-    agreeing, starts = summary["fit"]["starts_agreeing"]
-    if agreeing < starts:
-        clauses.append(f"only {agreeing} of {starts} starts of the optimizer led here")
-    return "; ".join(clauses)
-
-
-def _on_model(summary: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -> str:
-    verdict = diagnosis["verdict"] if diagnosis else summary.get("verdict")
-    effects = [plain(name) for name in summary["effects"]]
-    if verdict == "consistent":
-        return "nothing is missing that these slews show: the model explains the data"
-    if verdict == "named" and effects:
-        was, them = ("was", "it") if len(effects) == 1 else ("were", "them")
-        return f"{listed(effects)} {was} missing, and with {them} the model explains the data"
-    if verdict == "formula" and effects:
-        return f"a disturbance was missing, and with {listed(effects)} the model explains the data"
-    if verdict == "ambiguous" and effects:
-        sets = diagnosis["ambiguous_with"] if diagnosis else []
-        choices = " and ".join(either_or([plain(name) for name in names]) for names in sets)
-        choices = choices or averaged_over(summary)
-        return (
-            f"{choices} is missing, this campaign cannot tell which, "
-            "and with it the model explains the data"
-        )
-    along = f", with {listed(effects)} fitted along," if effects else ""
-    return f"the model{along} explains the data"
+def _undetermined(summary: Mapping[str, Any]) -> list[str]:
+    """Parameters that stay at their prior; where nothing ties the size of J, not those of J."""
+    names = names_by_determination(summary["parameters"], criteria_of(summary))["not determined"]
+    return [n for n in names if n not in ELEMENTS] if summary.get("scale_of_J") == [] else names
 
 
 def _accuracy(summary: Mapping[str, Any]) -> str:
@@ -210,6 +124,5 @@ def _in_unit(row: Mapping[str, Any]) -> str:
     return f"{two_digits(_sd(row))} {unit_text(row['unit'])}"
 
 
-def _first_clause(says: str) -> str:
-    """The first sentence of what a gate says, which holds the finding; the rest is advice."""
-    return typeset(says).split(". ")[0].rstrip(".")
+# What the words of the answer ask for, each only where they need it.
+_FUNCTIONS = {"accuracy": _accuracy, "misfit": _misfit, "undetermined": _undetermined}

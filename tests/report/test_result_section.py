@@ -4,11 +4,11 @@ import re
 
 import pytest
 
-from bayes_inertia.report.diagnosis_wording import could_hide_text
 from bayes_inertia.report.fit_sections import standard_sections
 from bayes_inertia.report.formatting import number
 from bayes_inertia.report.page import page_facts, render, render_page
 from bayes_inertia.report.result_section import result_sections
+from bayes_inertia.report.words import phrase
 
 FORECAST = {
     "axis": "y",
@@ -73,7 +73,9 @@ def test_a_bound_stands_once_below_the_verdict_with_its_condition_and_unit(made)
     page = render_page("t", result_sections(made("good"), diagnosis_of("consistent")))
     said = "If there is wheel misalignment, too weak to be found, Jxy may be off by up to"
     assert page.count(said) == 1
-    assert "8.7 × 10⁻⁴ kg m² (7.9 times the model's sd)" in could_hide_text([HIDDEN])
+    assert "8.7 × 10⁻⁴ kg m² (7.9 times the model's sd)" in phrase(
+        "diagnosis", "could_hide", [HIDDEN]
+    )
     assert page.index('class="sentence') < page.index(said) < page.index('class="matrices')
 
 

@@ -8,12 +8,12 @@ from jinja2 import Environment, StrictUndefined
 
 from bayes_inertia.inference.limits import criteria
 from bayes_inertia.report.criteria import Criteria, criteria_of
-from bayes_inertia.report.diagnosis_wording import alike_sentences, nameless_text
 from bayes_inertia.report.formatting import listed, number
 from bayes_inertia.report.parameter_wording import correlation_sentences
 from bayes_inertia.report.residual_wording import channel_verdict
 from bayes_inertia.report.section import packaged
 from bayes_inertia.report.uncertainty import determination
+from bayes_inertia.report.words import phrase, sentences
 
 
 def page_of(template: str, **context) -> str:
@@ -179,10 +179,10 @@ def test_the_limits_that_were_used_decide_what_counts_as_determined():
 def test_the_rules_of_the_search_decide_what_the_report_doubts():
     content = {"nameless_lead": -3.5, "alike": []}
     strict = content | {"rules": {"log_evidence_margin": 4.0, "imitation_correlation": 0.8}}
-    assert nameless_text(content) == ""
-    assert "likely, not proven" in nameless_text(strict)
-    assert "correlation of 0.6" in alike_sentences(content)[0]
-    assert "correlation of 0.8" in alike_sentences(strict)[0]
+    assert phrase("diagnosis", "nameless", content) == ""
+    assert "likely, not proven" in phrase("diagnosis", "nameless", strict)
+    assert "correlation of 0.6" in sentences("diagnosis", "alike", content, 8)[0]
+    assert "correlation of 0.8" in sentences("diagnosis", "alike", strict, 8)[0]
 
 
 def test_the_report_knows_every_limit_of_the_gates():

@@ -1,19 +1,50 @@
-"""The formats that a result is exported to: a table, handed in where it is used."""
+"""The formats that a result is exported to: a table, handed in where it is used.
+
+A format for another tool is a template beside this file, with what the tool does to signs and
+spins; the upload sheet and the JSON document are written here.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+import csv
+import io
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from functools import partial
 
-from bayes_inertia.report.export.basilisk import basilisk_text
-from bayes_inertia.report.export.ccsds_acm import ccsds_acm_text
-from bayes_inertia.report.export.ccsds_apm import ccsds_apm_text
-from bayes_inertia.report.export.content import ExportedResult
-from bayes_inertia.report.export.csv_sheet import csv_text
-from bayes_inertia.report.export.json_document import json_text
-from bayes_inertia.report.export.latex import latex_text
-from bayes_inertia.report.export.matlab import matlab_text
-from bayes_inertia.report.export.nasa_42 import nasa_42_text
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from bayes_inertia.maths.values import json_ready
+from bayes_inertia.report.export.content import (
+    FORMAT,
+    ExportedCorrection,
+    ExportedParameter,
+    ExportedResult,
+    comment_lines,
+    guarded_digits,
+    one_line,
+    rounded,
+    tensor_digits,
+)
+from bayes_inertia.report.formatting import arcsec, common_exponents
+
+_TEX = {c: f"\\{c}" for c in "&%$#_{}"} | {"\\": "/", "~": "-", "^": "-"}
+_COLUMNS = (
+    "parameter",
+    "unit",
+    "old",
+    "new",
+    "sd",
+    "change",
+    "change_in_old_sd",
+    "change_in_new_sd",
+    "low_90",
+    "high_90",
+    "determined",
+)
 
 
 @dataclass(frozen=True)
@@ -35,13 +66,118 @@ class ExportFormat:
     shows_correction: bool = False
 
 
+def templated(template: str, result: ExportedResult) -> str:
+    """A result as a template of this folder writes it."""
+    environment = Environment(
+        loader=PackageLoader("bayes_inertia.report", "export"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= {
+        "one_line": one_line,
+        "matrix": _matlab_matrix,
+        "quoted": lambda text: "'{}'".format(one_line(text).replace("'", "''")),
+        "tex": lambda name: "".join(_TEX.get(c, c) for c in one_line(name)),
+    }
+    return environment.get_template(template).render(
+        result=result,
+        format=FORMAT,
+        comments=lambda mark, more: "\n".join(
+            f"{mark} {line}" for line in comment_lines(result, *more)
+        ),
+        tensor=partial(tensor_digits, result),
+        K=[{"name": p.name, "digits": guarded_digits(p.new, p.sd)} for p in result.scale_factors],
+        powers=common_exponents({p.name: (p.unit, p.new, p.sd) for p in result.parameters}),
+        rounded_in=lambda p, power: [
+            rounded(x / 10.0**power, p.sd / 10.0**power) for x in (p.old, p.new, p.sd)
+        ],
+        now=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S"),
+    )
+
+
+def _matlab_matrix(values: np.ndarray | list[list[float]]) -> str:
+    rows = (" ".join(f"{x:.17g}" for x in row) for row in np.asarray(values).tolist())
+    return f"[{'; '.join(rows)}]"
+
+
+def csv_text(result: ExportedResult) -> str:
+    """A row a parameter, rounded where its sd has its second digit; comments begin with `#`."""
+    kind = "with" if result.includes_wheel_spin else "without"
+    more = [
+        f"old: known before flight; sd: the quoted one; J {kind} the wheels' spin inertia, "
+        "elements of the tensor"
+    ]
+    if result.correction is not None:
+        more.append(f"correction slew: {result.correction.says}")
+    file = io.StringIO()
+    file.writelines(f"# {line}\n" for line in comment_lines(result, *more))
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(_COLUMNS)
+    writer.writerows(_parameter_cells(p) for p in result.parameters)
+    if result.correction is not None:
+        writer.writerows(_correction_rows(result.correction))
+    return file.getvalue()
+
+
+def _parameter_cells(p: ExportedParameter) -> list[str]:
+    return [
+        one_line(p.name),
+        p.unit,
+        *(rounded(x, p.sd) for x in (p.old, p.new, p.sd, p.change)),
+        *(f"{p.change / sd:+.2f}" if sd > 0.0 else "" for sd in (p.old_sd, p.sd)),
+        *(rounded(x, p.sd) for x in (p.low, p.high)),
+        p.determined,
+    ]
+
+
+def _correction_rows(correction: ExportedCorrection) -> Iterator[list[str]]:
+    """Rows "old" before and "new" after the upload."""
+    pairs = zip(("median", "q95"), correction.before, correction.after, strict=True)
+    for key, before, after in pairs:
+        cells = [f"{arcsec(angle):.3g}" for angle in (before, after, after - before)]
+        name = f"correction_slew_{correction.axis}_{key}"
+        yield [name, "arcsec", cells[0], cells[1], "", cells[2], *[""] * 5]
+
+
+def json_text(result: ExportedResult) -> str:
+    """A document of the schema `bayes-inertia-export/1`, all digits."""
+    correction = result.correction
+    content = {
+        "format": FORMAT,
+        "trusted": result.trusted,
+        "warning": None if result.trusted else comment_lines(result)[0],
+        "reasons": list(result.reasons),
+        "notes": list(result.notes),
+        "campaign": result.campaign,
+        "source": result.source,
+        "includes_wheel_spin": result.includes_wheel_spin,
+        "J_kgm2": result.inertia_B.tolist(),
+        "J_locked_kgm2": result.inertia_locked_B.tolist(),
+        "K": [p.new for p in result.scale_factors],
+        "parameters": {
+            p.name: {k: v for k, v in asdict(p).items() if k != "name"} for p in result.parameters
+        },
+        "covariance": result.covariance.tolist(),
+        "correction_slew_rad": None if correction is None else asdict(correction),
+    }
+    return json.dumps(json_ready(content), indent=1, allow_nan=False) + "\n"
+
+
+def _of(template: str) -> Callable[[ExportedResult], str]:
+    return partial(templated, template)
+
+
 EXPORT_FORMATS: Mapping[str, ExportFormat] = {
-    "acm": ExportFormat("CCSDS attitude comprehensive message: J, K, covariance", ccsds_acm_text),
-    "apm": ExportFormat("inertia block of a CCSDS attitude parameter message", ccsds_apm_text),
+    "acm": ExportFormat("CCSDS attitude comprehensive message: J, K, covariance", _of("acm.txt")),
+    "apm": ExportFormat("inertia block of a CCSDS attitude parameter message", _of("apm.txt")),
     "json": ExportFormat("everything, all digits", json_text, shows_correction=True),
     "csv": ExportFormat("sheet for an upload: old, new, change", csv_text, shows_correction=True),
-    "matlab": ExportFormat("script that defines a struct", matlab_text),
-    "latex": ExportFormat("table of the parameters", latex_text),
-    "basilisk": ExportFormat("Python lines for the hub of a Basilisk spacecraft", basilisk_text),
-    "42": ExportFormat("lines of a spacecraft file of NASA 42", nasa_42_text),
+    "matlab": ExportFormat("script that defines a struct", _of("matlab.txt")),
+    "latex": ExportFormat("table of the parameters", _of("latex.txt")),
+    "basilisk": ExportFormat(
+        "Python lines for the hub of a Basilisk spacecraft", _of("basilisk.txt")
+    ),
+    "42": ExportFormat("lines of a spacecraft file of NASA 42", _of("42.txt")),
 }
