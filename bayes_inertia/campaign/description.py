@@ -134,15 +134,14 @@ class Description:
 
 
 # Fields of hardware that the description calls otherwise.
-_FIELD_OF_KEY = {
+_RENAMED = {
     "axis": "axis_B",
     "boresight": "boresight_B",
     "torques": "torque_B",
     "gimbal_axes": "gimbal_axes_B",
     "spin_axes_at_zero": "spin_axes_at_zero_B",
 }
-_AXES_OF_BODY = {"axes": "axes_B"}  # of magnetorquers; those of rate sensors are `axes`
-_KEY_OF_FIELD = {field: key for key, field in (_FIELD_OF_KEY | _AXES_OF_BODY).items()}
+_KEY_OF_FIELD = {field: key for key, field in _RENAMED.items()} | {"axes_B": "axes"}
 
 
 def keys_of(hardware: Any) -> dict[str, Any]:
@@ -163,7 +162,7 @@ def built(kind: Any, part: Any, label: str, was: str = "", now: str = "", **more
     stated = {k: v for k, v in stated_keys(part).items() if not isinstance(v, StreamColumns)}
     is_sensor = kind in (RateSensor, StarTracker, DirectionSensor)
     left_out = ("type", "name", "reference") if is_sensor else ("type",)
-    renamed = _FIELD_OF_KEY | (_AXES_OF_BODY if kind is Magnetorquer else {})
+    renamed = _RENAMED | ({"axes": "axes_B"} if kind is Magnetorquer else {})
     given = {renamed.get(k, k): v for k, v in stated.items() if k not in left_out}
     try:
         return kind(**given, **more)
