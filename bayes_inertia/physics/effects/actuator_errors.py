@@ -37,12 +37,17 @@ class ActuatorError(Effect):
         return own and self.acting is not None and self.acting.acts(hook)
 
     def body_torque(self, p, slew, t, state):
-        torque = self.acting.body_torque
+        torque = self._made_by.body_torque
         return torque(p, slew, t, state) - torque({}, slew, t, state)
 
     def carried_momentum(self, p, slew, t, inputs):
-        momentum = self.acting.carried_momentum
+        momentum = self._made_by.carried_momentum
         return momentum(p, slew, t, inputs) - momentum({}, slew, t, inputs)
+
+    @property
+    def _made_by(self) -> DeviceEffect:
+        assert self.acting is not None
+        return self.acting
 
     def _sd(self, least: float, stated: str) -> float:
         """Ten times the sd that the campaign states, and something where it states none."""

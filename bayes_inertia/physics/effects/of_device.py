@@ -16,7 +16,7 @@ from bayes_inertia.campaign.actuators import Actuator
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker
 from bayes_inertia.errors import EffectError
-from bayes_inertia.physics.actuators import effects_of
+from bayes_inertia.physics.actuators import DeviceEffect, effects_of
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects.actuator_errors import (
     ActuatorDirection,
@@ -129,7 +129,8 @@ def errors_of(device: str, campaign: Campaign) -> tuple[Effect, ...]:
     """What may be wrong with a device."""
     record = devices_of(campaign)[device]
     if isinstance(record, Actuator):
-        acting = next(e for e in effects_of(campaign) if e.name == device)
+        devices = (e for e in effects_of(campaign) if isinstance(e, DeviceEffect))
+        acting = next(e for e in devices if e.name == device)
         actuator_errors = cast("tuple[ActuatorError, ...]", KINDS[Actuator])
         return tuple(replace(e, acting=acting, device=device) for e in actuator_errors)
     own = KINDS.get(type(record), ())
