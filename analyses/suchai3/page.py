@@ -131,7 +131,8 @@ def _picture(content: Mapping[str, Any]) -> Figure:
 def _picture_of_prediction(held_out: Mapping[str, Any]) -> Figure:
     figure = Figure(figsize=(7.6, 3.2), layout="constrained")
     axes = figure.subplots(1, 2, width_ratios=[2.2, 1.0])
-    one = next(iter(held_out["predicted"].values()))["example"]
+    examples = (half["example"] for half in held_out["predicted"].values())
+    one = max(examples, key=lambda slew: np.ptp(slew["mean"]))
     mean, sd = (np.degrees(one[key]) for key in ("mean", "sd"))
     begun = one["later"][0]
     left, right = axes
@@ -144,7 +145,7 @@ def _picture_of_prediction(held_out: Mapping[str, Any]) -> Figure:
     left.set(
         xlabel="time [s]", ylabel="x rate [deg/s]", title=f"{one['slew'].capitalize()}: not fitted"
     )
-    left.legend(loc="upper left")
+    left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
     shares = {
         sensor: [
             100 * share
