@@ -1,8 +1,8 @@
 """Monte Carlo of Basilisk over what a fit left open: every run flies with a draw of its posterior.
 
-    python docs/how_to/basilisk_dispersion.py RUN scenario.py 1000
+    python docs/how_to/basilisk_dispersion.py RUN SCENARIO 1000
 
-RUN is the folder of a finished fit; scenario.py defines `create()`, which returns the simulation,
+RUN is the folder of a finished fit; SCENARIO, a Python file, defines `create()`, which returns the simulation,
 and `execute(simulation)`, as Basilisk's Monte Carlo controller asks. The spacecraft must be the
 first model of the first task; else change HUB.
 """
