@@ -2,9 +2,9 @@
 
     python docs/how_to/basilisk_dispersion.py RUN SCENARIO 1000
 
-RUN is the folder of a finished fit; SCENARIO, a Python file, defines `create()`, which returns the simulation,
-and `execute(simulation)`, as Basilisk's Monte Carlo controller asks. The spacecraft must be the
-first model of the first task; else change HUB.
+RUN is the folder of a finished fit; SCENARIO, a Python file, defines `create()`, which returns the
+simulation, and `execute(simulation)`, as Basilisk's Monte Carlo controller asks. The spacecraft
+must be the first model of the first task; else change HUB.
 """
 
 from __future__ import annotations
