@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import csv
 import json
 import re
+import runpy
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -23,6 +25,9 @@ from bayes_inertia.report.export.content import ExportedCorrection
 from bayes_inertia.report.export.formats import EXPORT_FORMATS
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
+RUNS = 1000
+# As far as the largest of 27 moments comes by chance in one test of a thousand.
+MOST_ERRORS = 4.2
 # J and K known before flight; the made-up posteriors say K = 1.01, 1.02, 0.98.
 OLD = np.array([3.3, 2.2, 1.8, -0.012, 0.0026, 0.016, 1.0, 1.0, 0.99])
 
@@ -135,6 +140,39 @@ def test_python_lines_set_the_hub_of_basilisk(result):
     exec(EXPORT_FORMATS["basilisk"].text(result), names)
     assert np.allclose(craft.hub.IHubPntBc_B, result.inertia_locked_B, rtol=0.0, atol=1e-6)
     assert np.allclose(names["rate_sensor_K"], [result.parameter(f"K{i}").new for i in (1, 2, 3)])
+
+
+def test_a_thousand_runs_of_basilisk_have_the_moments_of_the_posterior(run, result):
+    example = runpy.run_path(str(EXAMPLE.parents[1] / "docs/how_to/basilisk_dispersion.py"))
+    dispersion = example["PosteriorDispersion"](example["hub_tensors"](run))
+    assert dispersion.getName().endswith("hub.IHubPntBc_B")
+    state = np.random.get_state()
+    flown = []
+    for index in range(RUNS):
+        # As Basilisk's controller does before each run.
+        np.random.seed(10 * index)
+        flown.append(ast.literal_eval(dispersion.generateString(None)))
+    np.random.set_state(state)
+    J = np.array(flown)
+    low, middle, high = np.linalg.eigvalsh(J).T
+    assert (low > 0.0).all()
+    assert (low + middle > high).all()
+    np.testing.assert_array_equal(J, np.swapaxes(J, 1, 2))
+    elements = J[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    covariance = result.covariance[:6, :6]
+    sd = np.sqrt(np.diag(covariance))
+    expected = result.inertia_locked_B[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    off = (elements.mean(0) - expected) / sd
+    assert np.abs(off).max() < MOST_ERRORS / np.sqrt(RUNS)
+    # The Monte Carlo error of c_ij is sqrt((c_ii c_jj + c_ij^2) / n).
+    error = np.sqrt((np.outer(sd, sd) ** 2 + covariance**2) / RUNS)
+    assert np.abs((np.cov(elements, rowvar=False) - covariance) / error).max() < MOST_ERRORS
+
+
+def test_a_dispersion_of_a_result_that_is_not_trusted_is_refused(run_of):
+    example = runpy.run_path(str(EXAMPLE.parents[1] / "docs/how_to/basilisk_dispersion.py"))
+    with pytest.raises(SystemExit, match="the result is not trusted"):
+        example["hub_tensors"](run_of("thrown"))
 
 
 def test_42_reads_the_tensor_back_with_its_own_signs(result):
