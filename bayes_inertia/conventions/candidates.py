@@ -8,7 +8,7 @@ alike.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations, permutations, product
 from typing import Any
@@ -27,17 +27,10 @@ from bayes_inertia.conventions.reading import (
     scaled,
     turned,
 )
+from bayes_inertia.files import vocabulary
 
 # Units in which an inertia tensor is written by mistake, and what one is in kg m^2.
-_INERTIA_UNITS = {
-    "g m^2": 1e-3,
-    "kg cm^2": 1e-4,
-    "kg mm^2": 1e-6,
-    "g cm^2": 1e-7,
-    "g mm^2": 1e-9,
-    "lb ft^2": 0.0421401,
-    "lb in^2": 2.9263965e-4,
-}
+_INERTIA_UNITS: Mapping[str, float] = vocabulary("conventions")["inertia_units"]
 # Names and field of `Reading` of what has a unit, or a column a wheel.
 _NAMED = {"time": ("time", "time")} | {
     key: (stream.quantity, stream.field) for key, stream in STREAMS.items() if key != "attitude"

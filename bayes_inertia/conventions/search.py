@@ -68,10 +68,6 @@ class Judgement:
     remedies: tuple[Remedy, ...]
     reading: Reading
 
-    def mended(self, stated: Reading) -> Reading:
-        """The conventions that agree best with the data."""
-        return self.remedies[0].mistake.mend(stated) if self.remedies else self.reading
-
 
 def judged(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> Judgement:
     """Causes that make inconsistent data consistent: nothing, a stale bias, mistakes, or both.
@@ -114,8 +110,23 @@ class _Search:
         turned = turned_beside_bias(self.misfits, self.stated)
         return [beside_stale_bias(self.misfits, mistake) for mistake in (*singles, *turned)]
 
-    def ranked(self, tried: Sequence[Mistake], limit: float) -> tuple[Remedy, ...]:
-        return _ranked(self.misfits, self.stated, self.before, tried, limit)
+    def ranked(self, tried: Sequence[Mistake], ordinary: float) -> tuple[Remedy, ...]:
+        """Those that mend, cut to the best and its equals, the most common mistake first."""
+        mending = []
+        limit = min(ordinary, self.before / LIMITS.improvement)
+        for mistake in tried:
+            mended = mistake.mend(self.stated)
+            if self.misfits.mends(mended, limit):
+                mending.append(Remedy(mistake, self.before, worst(self.misfits.of(mended))))
+        best = min((remedy.after for remedy in mending), default=0.0)
+        equals = [remedy for remedy in mending if remedy.after <= _alike(best)]
+        equals.sort(key=lambda remedy: (remedy.mistake.rarity, remedy.after))
+        # Two roads to one proposal are one.
+        proposals = {
+            repr(sorted((change.key, change.mended) for change in remedy.mistake.changes)): remedy
+            for remedy in reversed(equals)
+        }
+        return tuple(proposals.values())[::-1]
 
 
 def _surely(
@@ -153,33 +164,6 @@ def _as_good(remedies: Sequence[Remedy], other: float) -> bool:
 def _alike(misfit: float) -> float:
     """The misfit below which the data hold two explanations equal."""
     return LIMITS.equal_factor * misfit + LIMITS.equal_misfit
-
-
-def _ranked(
-    misfits: Misfits,
-    stated: Reading,
-    before: float,
-    tried: Sequence[Mistake],
-    ordinary: float,
-) -> tuple[Remedy, ...]:
-    """Those that mend, cut to the best and its equals, the most common mistake first."""
-    mending = []
-    limit = min(ordinary, before / LIMITS.improvement)
-    for mistake in tried:
-        mended = mistake.mend(stated)
-        if misfits.mends(mended, limit):
-            mending.append(Remedy(mistake, before, worst(misfits.of(mended))))
-    if not mending:
-        return ()
-    best = min(remedy.after for remedy in mending)
-    equals = [remedy for remedy in mending if remedy.after <= _alike(best)]
-    equals.sort(key=lambda remedy: (remedy.mistake.rarity, remedy.after))
-    return tuple({_proposed(remedy.mistake): remedy for remedy in reversed(equals)}.values())[::-1]
-
-
-def _proposed(mistake: Mistake) -> str:
-    """Proposal of a mistake; two roads to one proposal are one."""
-    return repr(sorted((change.key, change.mended) for change in mistake.changes))
 
 
 def _pairs(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> list[Mistake]:

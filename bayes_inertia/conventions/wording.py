@@ -10,7 +10,6 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import Any
 
 from bayes_inertia.conventions.clocks import fixes_in_motion
@@ -19,34 +18,9 @@ from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE, Misfits
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.reading import Mistake, Reading
 from bayes_inertia.conventions.search import Remedy
+from bayes_inertia.files import vocabulary
 
-_TENSOR = MappingProxyType(
-    {
-        "inertia.includes_wheel_spin: the difference is within what J may be wrong by": (
-            "inertia.includes_wheel_spin"
-        ),
-        "inertia.tensor: the sign of the products is within what they may be wrong by": (
-            "the sign of the products of inertia"
-        ),
-    }
-)
-_WHEELS = MappingProxyType(
-    {
-        "a common sign of wheel torque, wheel momentum and wheel axes changes nothing": (
-            "a common sign of wheel torque, momentum and axes"
-        ),
-        "a common factor of inertia, wheel torque and wheel momentum changes nothing but the "
-        "inertia": "a common factor of inertia, torque and momentum",
-    }
-)
-_TRACKER = MappingProxyType(
-    {
-        "a constant rotation of the star tracker's inertial axes changes nothing": (
-            "the star tracker's inertial axes"
-        ),
-        "star_tracker.boresight: it only shares out the tracker's noise": "star_tracker.boresight",
-    }
-)
+_NATURE: Mapping[str, Mapping[str, str]] = vocabulary("conventions")["nature"]
 _AS_CONTENT = ": the data would be as content if "
 
 
@@ -77,7 +51,7 @@ def invisible_in_brief(cannot_show: Sequence[str]) -> list[str]:
     >>> invisible_in_brief([f"{alike}ms, not in s", f"{alike}us, not in s", "no fixes"])
     ['no fixes', 'other values would do as well: columns.time.unit (2)']
     """
-    brief: Mapping[str, str] = {**_TENSOR, **_WHEELS, **_TRACKER}
+    brief = {line: short for lines in _NATURE.values() for line, short in lines.items()}
     nature = [brief[line] for line in cannot_show if line in brief]
     lines: list[str] = []
     others: dict[str, list[str]] = {}
@@ -105,11 +79,11 @@ def _any_wheel(keys: str) -> str:
 def _by_nature(misfits: Misfits) -> list[str]:
     """Conventions that no campaign of this kind can show."""
     campaign = misfits.campaign
-    said = list(_TENSOR)
+    said = list(_NATURE["tensor"])
     if campaign.wheels:
-        said += _WHEELS
+        said += _NATURE["wheels"]
     if misfits.slews.fixes.any():
-        said += _TRACKER
+        said += _NATURE["tracker"]
         if not fixes_in_motion(misfits):
             said.append(
                 "columns.attitude.offset_s: all fixes are at rest, where a star tracker that is "

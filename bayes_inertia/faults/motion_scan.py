@@ -46,14 +46,6 @@ class MotionScan:
     motions: np.ndarray
     rest_rate: np.ndarray
 
-    @property
-    def at_rest(self) -> np.ndarray:
-        """Which rows (n,) lie in no motion."""
-        rest = np.ones(len(self.time), dtype=bool)
-        for start, end in self.motions:
-            rest &= (self.time < start) | (self.time > end)
-        return rest
-
     def segment_span(self, moment: float) -> tuple[float, float]:
         """First and last time of the part of the log, between pauses, that a moment lies in.
 

@@ -71,14 +71,8 @@ class NoiseFit:
     flicker : float
         Floor of the averaged readings that longer averaging does not lower (bias instability); 0
         where none is seen.
-    step : float
-        Time between samples [s].
     samples : int
         Number of readings.
-    lengths : (k,) array of int
-        Block lengths [samples].
-    deviations : (k,) array
-        Hadamard deviation at each.
     """
 
     white: float
@@ -86,10 +80,7 @@ class NoiseFit:
     random_walk: float
     quantisation: float
     flicker: float
-    step: float
     samples: int
-    lengths: np.ndarray
-    deviations: np.ndarray
 
 
 def rounding_sigmas(values: np.ndarray) -> np.ndarray:
@@ -136,18 +127,18 @@ def _decimal_step(columns: Sequence[np.ndarray]) -> float:
     return 10.0 ** min(int(exponent) for exponent in last)
 
 
-def fit_noise(series: Sequence[np.ndarray], step: float, rounding: float = 0.0) -> NoiseFit | None:
+def fit_noise(series: Sequence[np.ndarray], rounding: float = 0.0) -> NoiseFit | None:
     """Fit the noise of readings in one or several uninterrupted series.
 
-    `step` [s]. `series` (n,): readings at rest, equally spaced, without gaps; short series do not
-    count. `rounding`: standard deviation of the rounding of a reading, if the series do not show
+    `series` (n,): readings at rest, equally spaced, without gaps; short series do not count.
+    `rounding`: standard deviation of the rounding of a reading, if the series do not show
     it: the white noise is never less than that of the rounding. Returns: the noise, in the
     readings' unit; None where there are too few of them, or where they show none at all.
 
     Examples
     --------
     >>> white = np.random.default_rng(1).normal(0.0, 2.0, 4000)
-    >>> fit = fit_noise([white], 0.25)
+    >>> fit = fit_noise([white])
     >>> round(fit.white, 1), fit.random_walk, fit.quantisation
     (2.0, 0.0, 0.0)
     """
@@ -162,7 +153,10 @@ def fit_noise(series: Sequence[np.ndarray], step: float, rounding: float = 0.0) 
         still = samples > LIMITS.fewest_differences and all(
             np.ptp(values) == 0.0 for values in series
         )
-        return _rounded(samples, step, rounding) if still and rounding > 0.0 else None
+        if not still or rounding <= 0.0:
+            return None
+        error = float(1.0 / np.sqrt(2.0 * samples))
+        return NoiseFit(rounding, error, 0.0, _steps_of(rounding), 0.0, samples)
     kinds = np.stack([_white(lengths), _walk(lengths), np.ones(len(lengths))], axis=1)
     shares = _shares(kinds, variances, freedom)
     white, walk, flicker = np.sqrt(shares)
@@ -175,19 +169,7 @@ def fit_noise(series: Sequence[np.ndarray], step: float, rounding: float = 0.0) 
         float(walk),
         _steps_of(rounding),
         float(flicker),
-        step,
         samples,
-        lengths,
-        np.sqrt(variances),
-    )
-
-
-def _rounded(samples: int, step: float, rounding: float) -> NoiseFit:
-    """The noise of readings of which rounding leaves one value."""
-    none = np.zeros(0)
-    error = float(1.0 / np.sqrt(2.0 * samples))
-    return NoiseFit(
-        rounding, error, 0.0, _steps_of(rounding), 0.0, step, samples, none.astype(int), none
     )
 
 

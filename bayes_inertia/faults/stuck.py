@@ -47,10 +47,10 @@ def stuck_readings(readings: np.ndarray, sigma: Sequence[float | None]) -> np.nd
     return stuck
 
 
-def stuck_fixes(attitude: np.ndarray) -> np.ndarray:
+def stuck_fixes(fixes: np.ndarray) -> np.ndarray:
     """Which star-tracker fixes repeat those before them to the last digit.
 
-    `attitude` (n, 4). Returns (n,): true in runs of three and more, if enough other fixes are all
+    `fixes` (n, 4). Returns (n,): true in runs of three and more, if enough other fixes are all
     different.
 
     Examples
@@ -58,9 +58,9 @@ def stuck_fixes(attitude: np.ndarray) -> np.ndarray:
     >>> stuck_fixes(np.full((9, 4), 0.5)).any()
     np.False_
     """
-    stuck = np.zeros(len(attitude), dtype=bool)
-    rows = np.flatnonzero(np.isfinite(attitude).all(axis=1))
-    runs = _run_lengths(attitude[rows])
+    stuck = np.zeros(len(fixes), dtype=bool)
+    rows = np.flatnonzero(np.isfinite(fixes).all(axis=1))
+    runs = _run_lengths(fixes[rows])
     others = runs < LIMITS.shortest_stuck_run_of_fixes
     if others.sum() >= LIMITS.fewest_fixes_beside_runs and np.all(runs[others] == 1):
         stuck[rows] = ~others

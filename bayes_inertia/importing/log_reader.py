@@ -135,10 +135,8 @@ def _refuse_second_use(
 def _read_part(part: MappedStream, table: RawTable, where: str) -> FileShare:
     """One file's readings of a stream; NaN where a row holds none."""
     stamps = _stamps(table, part.time, where)
-    notes = list(table.notes)
-    read = readings_of(part, table, where)
-    values = read.values
-    notes += [f"{table.label}: {note}" for note in read.notes]
+    values, rounding, said = readings_of(part, table, where)
+    notes = [*table.notes, *(f"{table.label}: {note}" for note in said)]
     if isinstance(part, AttitudeStream):
         marks = standing_mark(values, stamps.seconds_since(stamps.first_ns))
         values = np.where(marks[:, None], np.nan, values)
@@ -153,7 +151,7 @@ def _read_part(part: MappedStream, table: RawTable, where: str) -> FileShare:
             where=f"{table.label}, column {', '.join(part.time.names or table.time_names)}",
             advice="export the times with the readings, or name the column that holds them",
         )
-    return FileShare(part, table.label, stamps, values, read.rounding, tuple(notes), table.lines)
+    return FileShare(part, table.label, stamps, values, rounding, tuple(notes), table.lines)
 
 
 def _refuse_no_reading(part: MappedStream, shares: Sequence[FileShare], where: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -30,20 +31,15 @@ def mapped_lines(folder: Path, key: str) -> list[str]:
     'mapping.toml, line 30: unit = "deg/s"'; empty for a folder that was not imported, and for what
     the mapping does not state.
     """
-    try:
-        mapping = _record(folder)["mapping"]
-        name, text = mapping["name"], mapping["text"]
-    except (OSError, ValueError, KeyError, TypeError):
-        return []
+    name, text = _of_record(
+        folder, lambda r: (r["mapping"]["name"], r["mapping"]["text"]), ("", "")
+    )
     return [f"{name}, line {number}: {line}" for number, line in lines_of(text, key)]
 
 
 def other_mapping(folder: Path, data: bytes) -> bool:
     """Whether a folder holds an import by a mapping other than this text."""
-    try:
-        return bool(_record(folder)["mapping"]["sha256"] != sha256_of(data))
-    except (OSError, ValueError, KeyError, TypeError):
-        return False
+    return _of_record(folder, lambda r: bool(r["mapping"]["sha256"] != sha256_of(data)), False)
 
 
 def streams_outside(folder: Path) -> dict[str, tuple[int, list[float], list[float]]]:
@@ -52,8 +48,8 @@ def streams_outside(folder: Path) -> dict[str, tuple[int, list[float], list[floa
     Returns: by what the stream holds: how many readings, first and last time of the stream and of
     all slews [s]; empty for a folder that was not imported.
     """
-    try:
-        record = _record(folder)
+
+    def outside(record: Any) -> dict[str, tuple[int, list[float], list[float]]]:
         slews = record["cut"]["slews"]
         span = [min(slew["start"] for slew in slews), max(slew["end"] for slew in slews)]
         return {
@@ -61,8 +57,8 @@ def streams_outside(folder: Path) -> dict[str, tuple[int, list[float], list[floa
             for key, stream in record["streams"].items()
             if stream["span_s"][0] > span[1] or stream["span_s"][1] < span[0]
         }
-    except (OSError, ValueError, KeyError, TypeError):
-        return {}
+
+    return _of_record(folder, outside, {})
 
 
 def streams_beside(folder: Path) -> list[str]:
@@ -78,20 +74,24 @@ def streams_beside(folder: Path) -> list[str]:
     list of str
         One a stream; empty for a folder that was not imported.
     """
-    try:
-        streams = _record(folder)["streams"]
-        return [
+    return _of_record(
+        folder,
+        lambda record: [
             f"{key}: {note}"
-            for key, stream in streams.items()
+            for key, stream in record["streams"].items()
             for note in stream["notes"]
             if BESIDE_RATES in note and OFFSET_OF.format(key) in note
-        ]
+        ],
+        [],
+    )
+
+
+def _of_record[T](folder: Path, read: Callable[[Any], T], otherwise: T) -> T:
+    """What the record of an import says; else for a folder that was not imported."""
+    try:
+        return read(json.loads((folder / RECORD_FILE).read_text(encoding="utf-8")))
     except (OSError, ValueError, KeyError, TypeError):
-        return []
-
-
-def _record(folder: Path) -> Any:
-    return json.loads((folder / RECORD_FILE).read_text(encoding="utf-8"))
+        return otherwise
 
 
 def lines_of(text: str, key: str) -> list[tuple[int, str]]:

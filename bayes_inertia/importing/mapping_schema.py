@@ -6,7 +6,7 @@ what it measured at rest. What a file itself states (CCSDS AEM, rows of units) m
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from annotated_types import Len
 from pydantic import BaseModel, ConfigDict, Field
@@ -172,6 +172,19 @@ class PositionStream(_ReadingsPart):
     frame: Literal["inertial"]
 
 
+STREAM_TYPES: dict[str, type[_StreamPart]] = {
+    str(get_args(kind.model_fields["holds"].annotation)[0]): kind
+    for kind in (
+        RateStream,
+        TorqueStream,
+        MomentumStream,
+        SpeedStream,
+        AttitudeStream,
+        MagneticFieldStream,
+        PositionStream,
+    )
+}
+"""The form of each stream by what it holds, in the order of a mapping to be filled in."""
 WheelStream = TorqueStream | MomentumStream | SpeedStream
 ReadingsStream = RateStream | WheelStream | MagneticFieldStream | PositionStream
 MappedStream = Annotated[ReadingsStream | AttitudeStream, Field(discriminator="holds")]

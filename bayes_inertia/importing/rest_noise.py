@@ -158,7 +158,7 @@ def _attitudes(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[R
         turns["sigma_cross"] += list((errors @ across.T).T)
         turns["sigma_roll"].append(errors @ boresight)
     for name, series in turns.items():
-        fit = fit_noise(series, stream.step, stream.rounding[0])
+        fit = fit_noise(series, stream.rounding[0])
         stated = getattr(tracker, name)
         if fit is not None:
             key = f"star_tracker.{name}"
@@ -172,8 +172,7 @@ def _fit(
     # A few outliers would look like noise.
     given[given] = ~outliers_at_rest(values[given])
     rows = _series(time, given, scan)
-    step = float(np.median(np.diff(time[given]))) if given.sum() > 1 else 0.0
-    return fit_noise([values[r] for r in rows], step, float(rounding))
+    return fit_noise([values[r] for r in rows], float(rounding))
 
 
 def _series(time: np.ndarray, given: np.ndarray, scan: MotionScan) -> list[np.ndarray]:

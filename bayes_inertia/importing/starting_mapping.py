@@ -7,7 +7,7 @@ What names of columns say by a notation that a simulator defines; suggestions, s
 Basilisk writes the frame into the name: omega_BN_B is the rate of B against N in axes of B,
 sigma_BN the modified Rodrigues parameters of B from N; its wheelSpeeds are relative to the body
 [rad/s], and its motorTorque acts on the wheel [N m]. 42's wbn is in axes of the body, its Hwhl the
-whole momentum about the spin axis. ROS (REP 103) and PX4 write rates in rad/s and the quaternion
+whole about the spin axis. ROS (REP 103) and PX4 write rates in rad/s and the quaternion
 that takes vectors of the body to the world; PX4 begins it with the scalar and counts microseconds.
 Names with _B or "body" say that the axes are the body's.
 
@@ -37,7 +37,7 @@ from bayes_inertia.importing.column_families import (
 )
 from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.logged_stream import SHARED_ZERO
-from bayes_inertia.importing.mapping_schema import MAPPING_FORMAT
+from bayes_inertia.importing.mapping_schema import MAPPING_FORMAT, STREAM_TYPES
 from bayes_inertia.importing.questions import (
     UNKNOWN,
     mapping_comment,
@@ -51,11 +51,6 @@ from bayes_inertia.tables.raw_files import read_raw, tables_in
 from bayes_inertia.tables.raw_table import RawTable
 from bayes_inertia.tables.time_stamps import FREE_CLOCKS, split_unit, stamp_units, time_names
 
-_SENSES = {
-    "wheel_torque": "acts_on",
-    "wheel_momentum": "relative_to",
-    "wheel_speed": "relative_to",
-}
 _FROM_NAMES = "from the names of the columns"
 
 
@@ -85,7 +80,8 @@ def _stream(group: FileGroup, family: ColumnFamily, *, commented: bool) -> dict[
     """What the template says of a stream; a second candidate is `commented`, for the user."""
     holds, table, says = family.holds, group.table, _said(group, family)
     flags = [n for n in table.columns if re.search(r"valid|flag|status|quality", n.lower())]
-    sense = _SENSES.get(holds, "frame")
+    keys = STREAM_TYPES[holds].model_fields
+    sense = next(key for key in ("acts_on", "relative_to", "frame") if key in keys)
     stated = stated_attitude(table) if holds == "attitude" else {}
     entries = _attitude(table, family, says, stated) if holds == "attitude" else []
     if holds != "attitude":
@@ -227,15 +223,6 @@ def notation_of(holds: str, name: str) -> dict[str, tuple[str, str]]:
     return {}
 
 
-_ORDER = (
-    "rate",
-    "wheel_torque",
-    "wheel_momentum",
-    "wheel_speed",
-    "attitude",
-    "magnetic_field",
-    "position",
-)
 # Names, in small letters, of a column that says which packet a row is.
 _PACKET = re.compile(r"(.*[ _.])?(packet|pkt|apid|msg|message|record)([ _]?(type|name|id))?")
 _WHEEL_STREAMS = ("wheel_torque", "wheel_momentum", "wheel_speed")
@@ -281,7 +268,7 @@ def starting_mapping(files: Sequence[Path]) -> StartingMapping:
     streams: list[tuple[FileGroup, ColumnFamily]] = []
     for group in groups:
         streams += [(group, family) for family in _families(group)]
-    streams.sort(key=lambda stream: _ORDER.index(stream[1].holds))
+    streams.sort(key=lambda stream: list(STREAM_TYPES).index(stream[1].holds))
     entries = []
     held: dict[str, None] = {}
     for group, family in streams:

@@ -405,27 +405,14 @@ def _frame(name: str) -> str:
     return "tracker" if _TRACKER.fullmatch(name) else ""
 
 
-@dataclass(frozen=True, eq=False)
-class TableReadings:
-    """Readings of a stream in one table.
+def readings_of(
+    part: MappedStream, table: RawTable, where: str
+) -> tuple[np.ndarray, tuple[float, ...], list[str]]:
+    """The readings of a stream in one table.
 
-    Parameters
-    ----------
-    values : (rows, width) array
-        In SI units and the package's senses; NaN where there is no reading.
-    rounding : tuple of float
-        Standard deviation of the rounding, as of `LoggedStream`.
-    notes : tuple of str
-        What was taken for no reading, for people.
+    Returns `values` (rows, width) in SI units and the package's senses, NaN where there is none;
+    `rounding`, as of `LoggedStream`; `notes`: what was taken for no reading.
     """
-
-    values: np.ndarray
-    rounding: tuple[float, ...]
-    notes: tuple[str, ...]
-
-
-def readings_of(part: MappedStream, table: RawTable, where: str) -> TableReadings:
-    """The readings of a stream in one table."""
     flagged = np.zeros((1, 1), dtype=bool)
     notes = []
     if part.valid is not None:
@@ -435,7 +422,7 @@ def readings_of(part: MappedStream, table: RawTable, where: str) -> TableReading
         values, rounding, said = _attitudes(part, table, flagged, where)
     else:
         values, rounding, said = _readings(part, table, flagged, where)
-    return TableReadings(values, rounding, (*notes, *said))
+    return values, rounding, [*notes, *said]
 
 
 def _marks(part: MappedStream, numbers: np.ndarray) -> np.ndarray:

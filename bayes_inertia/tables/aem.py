@@ -58,6 +58,8 @@ class AemSegment:
         Their lines; () for XML.
     names : tuple of str
         Columns as XML names them; () for KVN, where ATTITUDE_TYPE names them.
+    label : str
+        The file and the segment, as messages name them.
     """
 
     version: str
@@ -65,20 +67,25 @@ class AemSegment:
     rows: tuple[tuple[str, ...], ...]
     lines: tuple[int, ...] = ()
     names: tuple[str, ...] = ()
+    label: str = ""
+
+    def error(self, what: str, advice: str) -> CampaignError:
+        """What is wrong with the segment."""
+        return CampaignError(what, where=self.label, advice=advice)
 
 
-def segment_table(segment: AemSegment, label: str) -> RawTable:
+def segment_table(segment: AemSegment) -> RawTable:
     """The table of a segment, with what the segment says of its numbers."""
-    _check_keywords(segment, label)
-    names = segment.names or _names_of_type(segment, label)
+    _check_keywords(segment)
+    names = segment.names or _names_of_type(segment)
     if not segment.rows:
-        raise CampaignError("a segment has no attitudes", where=label, advice="export it again")
+        raise segment.error("a segment has no attitudes", "export it again")
     for index, row in enumerate(segment.rows):
         if len(row) != len(names) + 1:
             where = f"line {segment.lines[index]}" if segment.lines else f"attitude {index + 1}"
             raise CampaignError(
                 f"{len(row) - 1} numbers, but {_type(segment)} has {len(names)}",
-                where=f"{label}, {where}",
+                where=f"{segment.label}, {where}",
                 advice="mend or remove the line",
             )
     cells = list(zip(*segment.rows, strict=True))
@@ -86,14 +93,14 @@ def segment_table(segment: AemSegment, label: str) -> RawTable:
     for name, values in zip(names, cells[1:], strict=True):
         columns[name] = text_column(values, ".", _unit_of(name))
     if _type(segment) == "SPIN":
-        columns = _spin_angles(segment, columns, label)
-    attitude, notes = _attitude(segment, tuple(columns), label)
+        columns = _spin_angles(segment, columns)
+    attitude, notes = _attitude(segment, tuple(columns))
     return RawTable(
-        label,
+        segment.label,
         columns,
         np.array(segment.lines, dtype=int) if segment.lines else None,
         (EPOCH,),
-        _time_kind(segment, label),
+        _time_kind(segment),
         attitude,
         notes,
     )
@@ -134,26 +141,21 @@ def joined_segments(tables: Sequence[RawTable]) -> RawTable:
     )
 
 
-def _check_keywords(segment: AemSegment, label: str) -> None:
+def _check_keywords(segment: AemSegment) -> None:
     if segment.version not in ("1.0", "2.0"):
-        raise CampaignError(
-            f"version {segment.version!r} of the AEM is not known",
-            where=label,
-            advice="export version 1.0 or 2.0",
+        raise segment.error(
+            f"version {segment.version!r} of the AEM is not known", "export version 1.0 or 2.0"
         )
     needed = ["REF_FRAME_A", "REF_FRAME_B", "TIME_SYSTEM", "ATTITUDE_TYPE"]
     needed += ["ATTITUDE_DIR"] if segment.version == "1.0" else []
     for key in needed:
         if not segment.metadata.get(key):
-            raise CampaignError(
-                f"the metadata lack {key}", where=label, advice=f"add the line {key} = ..."
-            )
+            raise segment.error(f"the metadata lack {key}", f"add the line {key} = ...")
     for key in segment.metadata:
         if key not in _WITH_MEANING and key not in _WITHOUT_MEANING:
-            raise CampaignError(
+            raise segment.error(
                 f"the keyword {key} is not one of an AEM, and could change what the numbers mean",
-                where=label,
-                advice="remove the line if it does not",
+                "remove the line if it does not",
             )
 
 
@@ -161,7 +163,7 @@ def _type(segment: AemSegment) -> str:
     return segment.metadata["ATTITUDE_TYPE"].upper().replace(" ", "_")
 
 
-def _names_of_type(segment: AemSegment, label: str) -> tuple[str, ...]:
+def _names_of_type(segment: AemSegment) -> tuple[str, ...]:
     """Names of the columns in the order of the data lines."""
     old = segment.version == "1.0"
     first = _scalar(segment) == "first"
@@ -182,18 +184,18 @@ def _names_of_type(segment: AemSegment, label: str) -> tuple[str, ...]:
         "SPIN": _SPIN,
     }
     if _type(segment) not in names:
-        raise _unread_type(segment, label, f"export one of {', '.join(names)}")
+        raise _unread_type(segment, f"export one of {', '.join(names)}")
     return names[_type(segment)]
 
 
-def _unread_type(segment: AemSegment, label: str, advice: str) -> CampaignError:
+def _unread_type(segment: AemSegment, advice: str) -> CampaignError:
     """The refusal of a type, with the reason."""
     stated = segment.metadata["ATTITUDE_TYPE"]
     why = ""
     if "NUTATION" in stated.upper():
         why = ": its angles are those of a nutation about the momentum, not those of the body"
         advice = "export QUATERNION or EULER_ANGLE"
-    return CampaignError(f"ATTITUDE_TYPE = {stated} is not read{why}", where=label, advice=advice)
+    return segment.error(f"ATTITUDE_TYPE = {stated} is not read{why}", advice)
 
 
 def _unit_of(name: str) -> str:
@@ -213,7 +215,7 @@ def _scalar(segment: AemSegment) -> str:
 
 
 def _attitude(
-    segment: AemSegment, names: Sequence[str], label: str
+    segment: AemSegment, names: Sequence[str]
 ) -> tuple[StatedAttitude | None, tuple[str, ...]]:
     """Attitude convention of the segment, and notes on it for the user."""
     meta = segment.metadata
@@ -228,7 +230,7 @@ def _attitude(
             for key in ("ATTITUDE_DIR", "QUATERNION_TYPE")
             if meta.get(key)
         ]
-    frames = _frames(segment, label)
+    frames = _frames(segment)
     if _type(segment) == "SPIN":
         notes.append(
             "SPIN was read as the turns Z (SPIN_ALPHA + 90 deg), X (90 deg - SPIN_DELTA), Z "
@@ -236,112 +238,99 @@ def _attitude(
         )
         return StatedAttitude(_ANGLES, "", *frames, "ZXZ", "deg"), tuple(notes)
     if _type(segment).startswith("EULER"):
-        angles, sequence = _angles(segment, names, label)
+        angles, sequence = _angles(segment, names)
         return StatedAttitude(angles, "", *frames, sequence, "deg"), tuple(notes)
-    _check_quaternions(segment, names, label)
+    _check_quaternions(segment, names)
     return StatedAttitude(_QUATERNION, "last", *frames), tuple(notes)
 
 
-def _check_quaternions(segment: AemSegment, names: Sequence[str], label: str) -> None:
+def _check_quaternions(segment: AemSegment, names: Sequence[str]) -> None:
     """Refuse attitudes that are no quaternions, or whose scalar could stand anywhere."""
     meta = segment.metadata
     if not _type(segment).startswith("QUATERNION"):
-        raise _unread_type(segment, label, "export QUATERNION, EULER_ANGLE or SPIN")
+        raise _unread_type(segment, "export QUATERNION, EULER_ANGLE or SPIN")
     if not set(_QUATERNION) <= set(names):
-        raise CampaignError(
+        raise segment.error(
             "the attitudes are no quaternions although ATTITUDE_TYPE says so",
-            where=label,
-            advice="export the message again",
+            "export the message again",
         )
     if meta.get("QUATERNION_TYPE", "last").lower() not in ("first", "last"):
-        raise CampaignError(
+        raise segment.error(
             f"QUATERNION_TYPE = {meta['QUATERNION_TYPE']} is neither FIRST nor LAST",
-            where=label,
-            advice="write where the scalar QC stands",
+            "write where the scalar QC stands",
         )
     # XML names each component.
     if not segment.names and not _scalar(segment):
-        raise CampaignError(
+        raise segment.error(
             "the metadata lack QUATERNION_TYPE, so nothing says where the scalar stands",
-            where=label,
-            advice="add QUATERNION_TYPE = FIRST or LAST to the metadata",
+            "add QUATERNION_TYPE = FIRST or LAST to the metadata",
         )
 
 
-def _spin_angles(
-    segment: AemSegment, columns: Mapping[str, RawColumn], label: str
-) -> dict[str, RawColumn]:
+def _spin_angles(segment: AemSegment, columns: Mapping[str, RawColumn]) -> dict[str, RawColumn]:
     """Columns with the angles of the turns Z, X, Z that spin axis and phase are (504.0-B)."""
     if segment.metadata.get("ATTITUDE_DIR", "A2B").upper() == "B2A":
-        raise CampaignError(
+        raise segment.error(
             "ATTITUDE_TYPE = SPIN with ATTITUDE_DIR = B2A does not say in which frame the spin "
             "axis stands",
-            where=label,
-            advice="export ATTITUDE_DIR = A2B, or QUATERNION",
+            "export ATTITUDE_DIR = A2B, or QUATERNION",
         )
     if not set(_SPIN[:3]) <= set(columns):
-        raise CampaignError(
+        raise segment.error(
             f"ATTITUDE_TYPE = SPIN without {', '.join(_SPIN[:3])}",
-            where=label,
-            advice="export the message again, or as QUATERNION",
+            "export the message again, or as QUATERNION",
         )
-    alpha, delta, phase = RawTable(label, dict(columns)).stack(_SPIN[:3]).T
+    alpha, delta, phase = RawTable(segment.label, dict(columns)).stack(_SPIN[:3]).T
     turns = (alpha + 90.0, 90.0 - delta, phase)
     rest = {name: column for name, column in columns.items() if name not in _SPIN[:3]}
     return rest | {name: RawColumn(v, "deg") for name, v in zip(_ANGLES, turns, strict=True)}
 
 
-def _frames(segment: AemSegment, label: str) -> tuple[str, str]:
+def _frames(segment: AemSegment) -> tuple[str, str]:
     """Frames from and to which the rotation goes."""
     meta = segment.metadata
     start, end = meta["REF_FRAME_A"], meta["REF_FRAME_B"]
     for frame in (start, end):
         if _ROTATING.fullmatch(frame.upper()):
-            raise CampaignError(
+            raise segment.error(
                 f"the frame {frame} turns in inertial space",
-                where=label,
-                advice="export the attitude from an inertial frame such as EME2000 or ICRF",
+                "export the attitude from an inertial frame such as EME2000 or ICRF",
             )
     direction = meta.get("ATTITUDE_DIR", "A2B").upper()
     if direction not in ("A2B", "B2A"):
-        raise CampaignError(
+        raise segment.error(
             f"ATTITUDE_DIR = {meta['ATTITUDE_DIR']} is neither A2B nor B2A",
-            where=label,
-            advice="write the direction of the rotation",
+            "write the direction of the rotation",
         )
     return (start, end) if direction == "A2B" else (end, start)
 
 
-def _angles(segment: AemSegment, names: Sequence[str], label: str) -> tuple[tuple[str, ...], str]:
+def _angles(segment: AemSegment, names: Sequence[str]) -> tuple[tuple[str, ...], str]:
     """Columns of the angles in the order of the rotations, and the axes of these."""
     stated = segment.metadata.get("EULER_ROT_SEQ", "").upper().strip("'\"")
     letters = [_AXES.get(letter, "") for letter in stated]
     if len(letters) != 3 or not all(letters) or letters[1] in (letters[0], letters[2]):
-        raise CampaignError(
+        raise segment.error(
             f"EULER_ROT_SEQ = {stated or 'nothing'} names no three rotations",
-            where=label,
-            advice="write three axes such as ZYX, the first rotation first",
+            "write three axes such as ZYX, the first rotation first",
         )
     sequence = "".join(letters)
     if set(_ANGLES) <= set(names):
         return _ANGLES, sequence
     by_axis = tuple(f"{letter}_ANGLE" for letter in letters)
     if len(set(letters)) < 3 or not set(by_axis) <= set(names):
-        raise CampaignError(
+        raise segment.error(
             f"angles about X, Y and Z cannot be those of the sequence {sequence}",
-            where=label,
-            advice="export quaternions, or version 2.0, whose angles stand in the order of the "
-            "rotations",
+            "export quaternions, or version 2.0, whose angles stand in the order of the rotations",
         )
     return by_axis, sequence
 
 
-def _time_kind(segment: AemSegment, label: str) -> str:
+def _time_kind(segment: AemSegment) -> str:
     system = segment.metadata["TIME_SYSTEM"].upper()
     if system not in _TIME_SYSTEMS:
-        raise CampaignError(
+        raise segment.error(
             f"TIME_SYSTEM = {system} cannot be put beside other clocks",
-            where=label,
-            advice=f"export one of {', '.join(_TIME_SYSTEMS)}",
+            f"export one of {', '.join(_TIME_SYSTEMS)}",
         )
     return _TIME_SYSTEMS[system]

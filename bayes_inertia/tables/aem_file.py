@@ -8,6 +8,7 @@ from __future__ import annotations
 import codecs
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from xml.etree import ElementTree
@@ -74,7 +75,7 @@ def read_aem(path: Path, table: str = "") -> RawTable:
             f"no table {table!r}", where=str(path), advice=f"the file has {', '.join(names)}"
         )
     chosen = [
-        segment_table(segment, f"{path}, {name}" if len(segments) > 1 else str(path))
+        segment_table(replace(segment, label=f"{path}, {name}" if len(segments) > 1 else str(path)))
         for name, segment in zip(names, segments, strict=True)
         if table in ("", name)
     ]

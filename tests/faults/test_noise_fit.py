@@ -9,12 +9,11 @@ from bayes_inertia.faults.noise import fit_noise, rounding_sigmas
 
 RUNS = 40
 SAMPLES = 1500
-STEP = 0.25
 
 
 def fits(make) -> list:
     generators = [np.random.default_rng(child) for child in np.random.SeedSequence(5).spawn(RUNS)]
-    return [fit_noise([make(rng)], STEP) for rng in generators]
+    return [fit_noise([make(rng)]) for rng in generators]
 
 
 def test_white_noise_is_seen_with_its_error_and_nothing_else():
@@ -60,26 +59,26 @@ def test_the_step_of_a_converter_is_seen():
 def test_several_series_are_one_measurement():
     rng = np.random.default_rng(3)
     series = [rng.normal(k, 2.0, 300) for k in range(8)]
-    fit = fit_noise(series, STEP)
+    fit = fit_noise(series)
     assert abs(np.log(fit.white / 2.0)) < 4.0 * fit.white_error
     assert fit.samples == 2400
 
 
 def test_too_few_readings_give_no_noise():
-    assert fit_noise([np.arange(5.0)], STEP) is None
-    assert fit_noise([], STEP) is None
-    assert fit_noise([np.ones(100)], STEP) is None
+    assert fit_noise([np.arange(5.0)]) is None
+    assert fit_noise([]) is None
+    assert fit_noise([np.ones(100)]) is None
 
 
 def test_no_white_noise_is_stated_as_none_and_not_as_zero():
     rng = np.random.default_rng(4)
-    assert fit_noise([np.cumsum(np.cumsum(rng.normal(size=300)))], STEP) is None
+    assert fit_noise([np.cumsum(np.cumsum(rng.normal(size=300)))]) is None
 
 
 def test_the_noise_is_never_below_the_rounding():
     rng = np.random.default_rng(5)
     hidden = np.round(rng.normal(0.0, 0.02, 300))
-    fit = fit_noise([hidden], STEP, rounding=0.3)
+    fit = fit_noise([hidden], rounding=0.3)
     assert fit is not None
     assert fit.white == 0.3
 
