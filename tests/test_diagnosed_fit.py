@@ -10,7 +10,7 @@ import pytest
 import bayes_inertia as bi
 from bayes_inertia.app import diagnosed_fit, run_folder
 from bayes_inertia.app.diagnosed_fit import NextFit, fit_after_diagnosis
-from bayes_inertia.app.stored_diagnosis import read_diagnosis
+from bayes_inertia.app.diagnosis_json import read_diagnosis
 from bayes_inertia.inference.treatment import DirtTreatment
 from bayes_inertia.physics.effects import REMAINDERS, ConstantTorque
 

@@ -19,7 +19,7 @@ from time import monotonic
 from typing import Any, get_args
 
 from analyses import results_of
-from bayes_inertia.app.calibration_folder import calibration_json, run_calibration
+from bayes_inertia.app.study_folder import calibration_json, run_calibration
 from bayes_inertia.files import write_atomically
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.studies.calibration import Pipeline

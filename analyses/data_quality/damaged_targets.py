@@ -218,9 +218,8 @@ def _read_posterior(path: Path) -> None:
 
 
 def _read_diagnosis(path: Path) -> None:
-    from bayes_inertia.app.commands.run_result import show_diagnosis
-    from bayes_inertia.app.diagnosis_json import next_fit_from
-    from bayes_inertia.app.stored_diagnosis import blaming_diagnosis, read_diagnosis
+    from bayes_inertia.app.commands.fit import show_diagnosis
+    from bayes_inertia.app.diagnosis_json import blaming_diagnosis, next_fit_from, read_diagnosis
 
     content = read_diagnosis(path.parent) or {}
     with blaming_diagnosis(path.parent, content):

@@ -1,4 +1,4 @@
-"""The command `bayes-inertia`, collected from one file a command.
+"""The command `bayes-inertia`, collected from its files.
 
 Exit codes: 0 done; 2 bad input, or the machine failed (disk, memory); 3 finished, but the result
 must not be trusted as it is; 130 after SIGINT, 143 after SIGTERM.
@@ -21,22 +21,24 @@ from bayes_inertia.app.commands.check import check_command
 from bayes_inertia.app.commands.compare import compare_command
 from bayes_inertia.app.commands.demo import demo_command
 from bayes_inertia.app.commands.design import design_command
-from bayes_inertia.app.commands.diagnose import diagnose_command
 from bayes_inertia.app.commands.doctor import doctor_command
 from bayes_inertia.app.commands.effects import effects_command
 from bayes_inertia.app.commands.examples import example_of
 from bayes_inertia.app.commands.export import export_command
-from bayes_inertia.app.commands.fit import fit_command
+from bayes_inertia.app.commands.fit import (
+    diagnose_command,
+    fit_command,
+    resume_command,
+    update_command,
+)
 from bayes_inertia.app.commands.fit_many import fit_many_command
 from bayes_inertia.app.commands.import_raw import import_command
 from bayes_inertia.app.commands.new import new_command
 from bayes_inertia.app.commands.observe import observe_command
 from bayes_inertia.app.commands.report import report_command
-from bayes_inertia.app.commands.resume import resume_command
 from bayes_inertia.app.commands.series import fleet_command, history_command
 from bayes_inertia.app.commands.simulate import simulate_command
 from bayes_inertia.app.commands.study import study_command
-from bayes_inertia.app.commands.update import update_command
 from bayes_inertia.app.compiled_code import compiled_code_kept
 from bayes_inertia.app.interruption import ending_soon_on_signals, how_to_go_on
 from bayes_inertia.app.terminal import quietly, safe_message, usable_streams

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from bayes_inertia.app.named_plans import plan_sha256, plans_named
-from bayes_inertia.app.plan_json import contender_json
+from bayes_inertia.app.plan_json import contender_json, plan_sha256, plans_named
 from bayes_inertia.app.result_folder import ResultFolder, write_page
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.design.comparison import Contender

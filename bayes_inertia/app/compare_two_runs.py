@@ -8,8 +8,8 @@ from bayes_inertia.app.run_folder import read_run
 from bayes_inertia.app.run_report import run_summary
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.report.fit_sections import settings_rows
 from bayes_inertia.report.run_comparison import ComparedRun, RunComparison, compare_runs
-from bayes_inertia.report.settings_section import settings_rows
 from bayes_inertia.sealing import blaming, is_sealed
 
 _NEW_RUN = "start a new run in another folder"

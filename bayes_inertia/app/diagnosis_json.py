@@ -5,27 +5,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bayes_inertia.app.diagnosed_fit import NextFit, fitted_effects
-from bayes_inertia.app.diagnosis_pictures import pictures_json
-from bayes_inertia.app.diagnosis_tables import alike_pairs, candidate_rows, step_row
 from bayes_inertia.app.investigation import Investigation
+from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.design.correction_slew import CorrectionForecast
 from bayes_inertia.design.numerics import NUMERICS as DESIGN_NUMERICS
 from bayes_inertia.design.separating_slew import Separation
-from bayes_inertia.diagnosis.residuals import Disagreement
-from bayes_inertia.diagnosis.result import AlternativeParameters, Diagnosis
+from bayes_inertia.diagnosis.free_signal import FreeSignal
+from bayes_inertia.diagnosis.residuals import Disagreement, held_out_chi2
+from bayes_inertia.diagnosis.result import AlternativeParameters, Candidate, Diagnosis, Step
 from bayes_inertia.diagnosis.unexplained import UnexplainedSignal, describe
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.treatment import DirtTreatment, treatment_from
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, STOCHASTIC
 from bayes_inertia.physics.effects.formula import Formula
 from bayes_inertia.physics.effects.of_device import OfDevice
+from bayes_inertia.physics.parameters import N_BASE
+from bayes_inertia.sealing import SEAL_KEY, blaming, read_sealed_json
 
 FORMAT = "bayes-inertia-diagnosis/1"
 
@@ -214,3 +220,217 @@ def _unknown(unknown: UnexplainedSignal) -> dict[str, Any]:
             for m in unknown.matches
         ],
     }
+
+
+_REASON_INVISIBLE = (
+    "invisible: an effect of the size of its prior would change the telemetry "
+    "by less than its noise"
+)
+
+
+def candidate_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """Every candidate of the library: those that were scored, best evidence first, then the others.
+
+    `diagnosis`: with its candidates, what was skipped, and the noise. Returns: {effect, dof, score,
+    p_value, log_bayes_factor, parameters, reason} of each.
+    """
+    added = {step.added for step in diagnosis.steps}
+    rows = [_scored(c, diagnosis.final, c.effect in added) for c in diagnosis.candidates]
+    scored = {row["effect"] for row in rows}
+    rows += [_unscored(name, reason) for name, reason in diagnosis.skipped]
+    without = [e.name for e in diagnosis.base.model.effects if e.name not in scored]
+    rows += [_unscored(name, "has no parameters in this campaign") for name in without]
+    louder = {channel: factor for channel, factor in diagnosis.noise.items() if factor > 1.0}
+    return [*rows, _unscored("noise_level", _noise_text(louder))]
+
+
+def _scored(candidate: Candidate, final: Estimate, added: bool) -> dict[str, Any]:
+    return {
+        "effect": candidate.effect,
+        "dof": candidate.dof,
+        "score": candidate.score,
+        "p_value": candidate.p_value,
+        "log_bayes_factor": candidate.log_bayes_factor,
+        "parameters": parameter_rows(final, candidate.effect) if added else None,
+        "reason": None if candidate.dof else _REASON_INVISIBLE,
+    }
+
+
+def _unscored(name: str, reason: str) -> dict[str, Any]:
+    return {
+        "effect": name,
+        "dof": 0,
+        "score": None,
+        "p_value": None,
+        "log_bayes_factor": None,
+        "parameters": None,
+        "reason": reason,
+    }
+
+
+def _noise_text(louder: dict[str, float]) -> str:
+    if not louder:
+        return "measured by itself: the white noise is not significantly larger than stated"
+    return "measured by itself: " + ", ".join(
+        f"the noise of the {channel} channel is {factor:.2f} times what is stated"
+        for channel, factor in louder.items()
+    )
+
+
+def parameter_rows(estimate: Estimate, effect: str) -> dict[str, dict[str, Any]] | None:
+    """The parameters of an effect as fitted.
+
+    Returns: {parameter: {mean, sd, q025, q975, unit}}; None if the effect is not fitted.
+    """
+    space = estimate.model.space
+    part = space.slice_of(effect)
+    fitted = np.isin(np.arange(part.start, part.stop), estimate.free).all()
+    if part.stop == part.start or not fitted:
+        return None
+    rows = {}
+    for i in range(part.start, part.stop):
+        mean, sd = float(estimate.theta[i]), float(estimate.sd[i])
+        low, high = (
+            float(np.clip(mean + z * sd, space.lower[i], space.upper[i]))
+            for z in (-LAYOUT.quantile_95, LAYOUT.quantile_95)
+        )
+        rows[space.names[i].split(".", 1)[1]] = {
+            "mean": mean,
+            "sd": sd,
+            "q025": low,
+            "q975": high,
+            "unit": space.units[i],
+        }
+    return rows
+
+
+def step_row(step: Step) -> dict[str, Any]:
+    """One effect added: what it changed, and what would explain the data as well."""
+    return {
+        "added": step.added,
+        "log_bayes_factor": step.log_bayes_factor,
+        "alternatives": [
+            {
+                "effect": other.effect,
+                "correlation": other.correlation,
+            }
+            for other in step.alternatives
+        ],
+        "reduced_chi2_before": {key: t.reduced_chi2 for key, t in step.before.tests.items()},
+        "reduced_chi2_after": {key: t.reduced_chi2 for key, t in step.after.tests.items()},
+        "held_out_before": held_out_chi2(step.before),
+        "held_out_after": held_out_chi2(step.after),
+        "shift": shift_rows(step.before, step.after),
+        "share": share_explained(step),
+    }
+
+
+def share_explained(step: Step) -> float:
+    """The share of the misfit before a step that it explains, 0 to 1: of chi^2 beyond its dof."""
+    before, after = (t.tests["total"].reduced_chi2 for t in (step.before, step.after))
+    if before is None or after is None or before <= 1.0:
+        return 0.0
+    return float(np.clip((before - after) / (before - 1.0), 0.0, 1.0))
+
+
+def shift_rows(before: Estimate, after: Estimate) -> dict[str, dict[str, Any]]:
+    """Shifts of J and K from one fit to another.
+
+    Returns: {name: {before, sd_before, after, sd_after, shift, unit}} of the nine.
+    """
+    space = before.model.space
+    return {
+        space.names[i]: {
+            "before": float(before.theta[i]),
+            "sd_before": float(before.sd[i]),
+            "after": float(after.theta[i]),
+            "sd_after": float(after.sd[i]),
+            "shift": float(after.theta[i] - before.theta[i]),
+            "unit": space.units[i],
+        }
+        for i in range(N_BASE)
+    }
+
+
+def alike_pairs(diagnosis: Diagnosis, limit: float) -> list[tuple[tuple[str, str], float]]:
+    """Pairs of candidates that this campaign hardly tells apart, most alike first."""
+    return sorted(
+        ((pair, r) for pair, r in diagnosis.correlations.items() if r > limit),
+        key=lambda item: -item[1],
+    )
+
+
+def pictures_json(investigation: Investigation) -> dict[str, Any]:
+    """The part `pictures` of diagnosis.json.
+
+    Returns `before` and `after` (residual maps), `torque` and `other` (signals); None where there
+    is none.
+    """
+    before, after = investigation.disagreement_before, investigation.disagreement_after
+    unknown = investigation.unexplained
+    torque = None if unknown is None else unknown.torque
+    other = None if unknown is None else unknown.better_signal
+    return {
+        "before": _residual_map(before),
+        "after": None if after is None else _residual_map(after),
+        "torque": None if torque is None else _signal(torque, before.slews, ("x", "y", "z")),
+        "other": None if other is None else _signal(other, before.slews, None),
+    }
+
+
+def _residual_map(disagreement: Disagreement) -> dict[str, Any]:
+    channels = {
+        # From each slew's first row on: a time from an epoch would lose its seconds in rounding.
+        name: {
+            "components": cells.components,
+            "edges": _rounded(cells.edges - cells.edges[:, :1], 8),
+            "shift": _rounded(cells.shift, 4),
+        }
+        for name, cells in disagreement.cells.items()
+    }
+    return {"slews": disagreement.slews, "channels": channels}
+
+
+def _signal(
+    history: FreeSignal, slews: Sequence[str], components: Sequence[str] | None
+) -> dict[str, Any]:
+    count = history.mean.shape[-1]
+    return {
+        "source": history.source,
+        "unit": history.unit,
+        "slews": slews,
+        "components": components or [f"{history.source} {i + 1}" for i in range(count)],
+        "length": history.length,
+        "time": _rounded(history.time - history.time[:, :1], 8),
+        "mean": _rounded(history.mean, 4),
+        "sd": _rounded(history.sd, 4),
+    }
+
+
+def _rounded(values: np.ndarray, digits: int) -> list:
+    """Nested lists rounded to significant digits: pictures need no more."""
+    values = np.asarray(values, float)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        power = 10.0 ** (digits - 1 - np.floor(np.log10(np.abs(values))))
+        shown = np.where(np.isfinite(power), np.round(values * power) / power, values)
+    return shown.tolist()
+
+
+DIAGNOSIS_FILE = "diagnosis.json"
+_ADVICE = "delete it and run `bayes-inertia resume`"
+
+
+def blaming_diagnosis(folder: Path, content: Mapping[str, Any]) -> AbstractContextManager[None]:
+    """Take any exception for damage of a run's diagnosis.json, where that has no seal."""
+    return blaming(folder / DIAGNOSIS_FILE, intact=SEAL_KEY in content, advice=_ADVICE)
+
+
+def read_diagnosis(folder: Path) -> dict[str, Any] | None:
+    """The content of a run's diagnosis.json."""
+    path = folder / DIAGNOSIS_FILE
+    if not path.is_file():
+        return None
+    content = read_sealed_json(path, _ADVICE)
+    if content.get("format") != FORMAT:
+        raise CampaignError("not a diagnosis", where=str(path), advice=_ADVICE)
+    return content

@@ -38,7 +38,7 @@ class Layout:
     # `design_folder.py`
     margins_of_folder: int = 6
 
-    # `diagnosis_tables.py`
+    # `diagnosis_json.py`
     quantile_95: float = 1.959964  # half the width of a central 95 % interval [sd]
 
     # `export_run.py`

@@ -15,12 +15,17 @@ from typing import Any, Literal
 
 from bayes_inertia.app.background_imports import import_in_background
 from bayes_inertia.app.diagnosed_fit import fit_after_diagnosis
-from bayes_inertia.app.diagnosis_json import next_fit_from, to_json
+from bayes_inertia.app.diagnosis_json import (
+    DIAGNOSIS_FILE,
+    blaming_diagnosis,
+    next_fit_from,
+    read_diagnosis,
+    to_json,
+)
 from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.app.investigation import investigate
 from bayes_inertia.app.result_folder import ResultFolder, origin, write_json
 from bayes_inertia.app.run_report import run_summary, write_run_report
-from bayes_inertia.app.stored_diagnosis import DIAGNOSIS_FILE, blaming_diagnosis, read_diagnosis
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.prior import GaussianPrior, prior_from_json
 from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_campaign

@@ -6,13 +6,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from bayes_inertia.app.stored_diagnosis import blaming_diagnosis, read_diagnosis
+from bayes_inertia.app.diagnosis_json import blaming_diagnosis, read_diagnosis
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.design.numerics import NUMERICS as DESIGN_NUMERICS
 from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.plan_promise import PlanPromise
-from bayes_inertia.report.verdict_sentence import with_verdict_sentence
+from bayes_inertia.report.verdict import with_verdict_sentence
 from bayes_inertia.sealing import SEAL_KEY, blaming, read_sealed_json
 
 _NEW_RUN = "start a new run in another folder"
@@ -41,7 +41,7 @@ def run_page(
     # Plots take half a second to load: not before sampling.
     from bayes_inertia.report.fit_sections import standard_sections
     from bayes_inertia.report.page import render
-    from bayes_inertia.report.plan_promise_section import plan_promise_section
+    from bayes_inertia.report.plan_promise import plan_promise_section
 
     content = read_diagnosis(folder)
     sealed_diagnosis = content is None or SEAL_KEY in content

@@ -1,13 +1,15 @@
-"""`study` on a folder: do the uncertainties hold that fits of a plan's campaigns state?
+"""`study` on a folder: do the uncertainties hold that fits of simulated campaigns state?
 
-The plan is flown again and again with noise, each time with another J, K and bias from the
+A plan is flown again and again with noise, each time with another J, K and bias from the
 campaign's prior. Each campaign is fitted as real data would be. If the stated sds are right,
 errors over sds are standard normal, and intervals hold the truth as often as they say. Rows are
-kept: a killed study goes on where it was.
+kept: a killed study goes on where it was. `study calibration`: are posteriors right over campaigns
+drawn from the prior?
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -16,18 +18,29 @@ import numpy as np
 from scipy import stats
 
 from bayes_inertia.app.layout import LAYOUT
-from bayes_inertia.app.named_plans import PAPER, plan_sha256, plans_named
+from bayes_inertia.app.plan_json import PAPER, plan_sha256, plans_named
 from bayes_inertia.app.result_folder import ResultFolder, write_json
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.design.simulated_fits import AchievedErrors
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, SettingsError
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
+from bayes_inertia.maths.values import json_ready
 from bayes_inertia.physics.parameters import BASE_NAMES
 from bayes_inertia.report.pictures.figure_file import write_png
-from bayes_inertia.report.pictures.study import draw_coverage
+from bayes_inertia.report.pictures.study import RankCurves, draw_calibration, draw_coverage
+from bayes_inertia.studies.calibration import (
+    QUANTITIES,
+    Calibration,
+    CaseCalibration,
+    Pipeline,
+    calibration_of,
+    calibration_work,
+    cases_named,
+)
 from bayes_inertia.studies.engine import Execution
-from bayes_inertia.studies.rank_statistics import coverage_from
+from bayes_inertia.studies.limits import LIMITS as STUDIES_LIMITS
+from bayes_inertia.studies.rank_statistics import coverage_from, ecdf_band
 from bayes_inertia.studies.simulated_fits import achieved_errors, simulated_fits
 from bayes_inertia.studies.work import TaskFailure
 
@@ -132,4 +145,98 @@ def _content(study: Study) -> dict[str, Any]:
         "too_small": list(study.too_small),
         "reduced_chi2": float(achieved.chi2.mean()),
         **({"failures": [asdict(f) for f in study.failures]} if study.failures else {}),
+    }
+
+
+CALIBRATION_FORMAT = "bayes-inertia-calibration/1"
+
+
+def run_calibration(
+    folder: Path,
+    *,
+    fits: int = 1000,
+    cases: Sequence[str] = (),
+    seed: int = 0,
+    pipeline: Pipeline = "right",
+    execution: Execution | None = None,
+) -> Calibration:
+    """Fly, fit and rank campaigns from the prior, and write calibration.json and calibration.png.
+
+    `folder`: where to write. Rows that are there already are kept; more fits may be asked for
+    later. `fits`: how many in all; the cases share them evenly. `pipeline`: the package's, or one
+    that is wrong on purpose. `execution`: where campaigns are fitted, and who is told; None: in
+    this process.
+    """
+    chosen = cases_named(cases)
+    if fits < len(chosen):
+        raise SettingsError(
+            f"{fits} fits for {len(chosen)} cases",
+            where="fits",
+            advice=f"ask for {len(chosen)} or more",
+        )
+    work = calibration_work(chosen, fits, seed, pipeline)
+    options = {"seed": seed, "pipeline": pipeline}
+    owner = ResultFolder(
+        folder, "calibration", "calibration_of.json", CALIBRATION_FORMAT, "", options
+    )
+    owner.claim()
+    result = (execution or Execution()).run(work, folder)
+    calibration = calibration_of(chosen, result)
+    write_png(calibration_picture(calibration), folder / "calibration.png")
+    content = {"format": CALIBRATION_FORMAT, **options, **calibration_json(calibration)}
+    write_json(folder / "calibration.json", json_ready(content))
+    return calibration
+
+
+def calibration_picture(calibration: Calibration):
+    """ECDFs of all ranks with the band that holds them all in 99 % of right studies."""
+    level = 1.0 - calibration.limit
+    curves = [
+        RankCurves(
+            f"{case.name}, {len(case.ranks)} fits",
+            case.departures,
+            ecdf_band(len(case.ranks), STUDIES_LIMITS.ranked_draws, level),
+            len(case.ranks),
+        )
+        for case in calibration.cases
+    ]
+    return draw_calibration(curves, QUANTITIES)
+
+
+def calibration_json(calibration: Calibration) -> dict[str, Any]:
+    """A calibration as calibration.json holds it.
+
+    Returns: verdict, and for every case and quantity p-value, z and coverage.
+    """
+    return {
+        "verdict": "rejected" if calibration.rejected else "not rejected",
+        "rejected": [{"case": case, "quantity": name} for case, name in calibration.rejected],
+        "p_value_limit": calibration.limit,
+        "fits": calibration.fits,
+        "cases": {case.name: _case_json(case) for case in calibration.cases},
+        "failures": [asdict(failure) for failure in calibration.failures],
+    }
+
+
+def _case_json(case: CaseCalibration) -> dict[str, Any]:
+    z, n = case.z, len(case.z)
+    quantities = {
+        name: {
+            "p_value": float(case.p_values[k]),
+            "mean_z": float(z[:, k].mean()),
+            "mean_z2": float((z[:, k] ** 2).mean()),
+            "coverage": [coverage._asdict() for coverage in case.coverage(k)],
+        }
+        for k, name in enumerate(QUANTITIES)
+    }
+    each = np.mean(z[:, :9] ** 2, axis=1)
+    error = float(each.std(ddof=1) / np.sqrt(n)) if n > 1 else None
+    return {
+        "says": case.says,
+        "fits": n,
+        "mean_z2_of_J_and_K": float(each.mean()),
+        "mean_z2_standard_error": error,
+        "explained": float(case.explained.mean()),
+        "nested_rhat_max": float(case.nested_rhat.max()),
+        "quantities": quantities,
     }

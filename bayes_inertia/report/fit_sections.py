@@ -16,19 +16,16 @@ import numpy as np
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.criteria import Criteria, criteria_of
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
-from bayes_inertia.report.dirt_wording import dirt_rows
 from bayes_inertia.report.formatting import NOT_GIVEN, listed, number, plain, typeset, unit_text
 from bayes_inertia.report.layout import LAYOUT
-from bayes_inertia.report.parameter_wording import averaged_over, correlation_sentences, meaning
 from bayes_inertia.report.pictures.chains import draw_chains
 from bayes_inertia.report.pictures.equivalent_signal import draw_signal
 from bayes_inertia.report.pictures.pairs import draw_pairs
-from bayes_inertia.report.pictures.posterior_data import n_slews, values_of
+from bayes_inertia.report.pictures.posterior_data import n_ensembles, n_slews, values_of
 from bayes_inertia.report.pictures.priors import draw_priors
 from bayes_inertia.report.residual_sections import residuals_section, telemetry_section
 from bayes_inertia.report.result_section import result_sections
 from bayes_inertia.report.section import Picture, Section, captioned, packaged
-from bayes_inertia.report.settings_section import settings_section
 from bayes_inertia.report.uncertainty import (
     contraction,
     contraction_text,
@@ -38,6 +35,7 @@ from bayes_inertia.report.uncertainty import (
     names_by_determination,
     sd_in_print,
 )
+from bayes_inertia.report.words import averaged_over, correlation_sentences, dirt_rows, meaning
 
 
 def standard_sections(
@@ -246,3 +244,44 @@ def determination_section(posterior: Posterior) -> Section:
     }
     title = "What this campaign determines"
     return Section(title, packaged("determination.html"), context, pictures)
+
+
+_DRIVE_TEXT = {
+    "commanded": "commanded: torque commands are the input",
+    "measured": "measured: wheel momentum is the input",
+}
+
+
+def settings_section(posterior: Posterior) -> Section:
+    """Settings that make the same result again."""
+    return Section("Settings", packaged("settings.html"), {"rows": settings_rows(posterior)})
+
+
+def settings_rows(posterior: Posterior) -> list[tuple[str, str]]:
+    """Inputs and settings of a fit."""
+    attributes, chains = posterior.attributes, posterior.tree["posterior"].sizes["chain"]
+    diagnostics, ensembles = attributes["diagnostics"], n_ensembles(posterior)
+    names = [tie["device"] for tie in attributes.get("scale_of_J", []) if tie["device"] != "wheels"]
+    devices = [("devices beside wheels", listed(names))] if names else []
+    if reference := attributes.get("frame_reference"):
+        devices.append(("reference of frames", f"{reference}: its axes are the body's"))
+    walkers = attributes.get("walkers") or chains // ensembles
+    versions = (f"{name} {version}" for name, version in attributes["versions"].items())
+    return [
+        ("campaign", attributes["campaign"]),
+        ("campaign digest (SHA-256)", attributes["campaign_sha256"] or "not recorded"),
+        (
+            "slews, data",
+            f"{n_slews(posterior)} slews, {attributes['fit']['n_data']:,} numbers",
+        ),
+        ("drive", _DRIVE_TEXT[attributes["drive"]]),
+        *devices,
+        ("effects fitted along", listed(attributes["effects"]) or "none"),
+        ("seed", str(attributes["seed"])),
+        (
+            "sampler",
+            f"{ensembles} ensembles of {walkers} walkers, "
+            f"{diagnostics['steps']} steps, the first {diagnostics['discarded']} discarded",
+        ),
+        ("versions", ", ".join(versions)),
+    ]

@@ -38,7 +38,7 @@ class Layout:
     # `fit_sections.py`
     most_parameters_drawn: int = 16
 
-    # `fit_verdict.py`
+    # `verdict.py`
     # A parameter whose sd would be so many times larger without one slew rests on that slew.
     rests_on_one_slew: float = 3.0
 
@@ -46,7 +46,7 @@ class Layout:
     smallest_plain: float = 1e-3  # smaller numbers are written with a power of ten
     smallest_p_value: float = 1e-100
 
-    # `parameter_wording.py`
+    # `words.py`
     # Beyond it two parameters are said to be hard to tell apart.
     strong_correlation: float = 0.9
     # Of what J and K are averaged over so many cases are listed; the rest are summed up.
@@ -55,7 +55,7 @@ class Layout:
     # `pictures/attitude.py`
     most_slew_names: int = 8  # more slews than this are numbered
 
-    # `pictures/calibration.py`
+    # `pictures/study.py`
     calibration_row_height: float = 2.5  # [in]
 
     # `pictures/candidates.py`
@@ -142,7 +142,7 @@ class Layout:
     fewest_residual_rows: int = 50  # of a slew and channel
     stands_out: float = 5.0  # standard errors: noise makes one such channel and slew in a million
 
-    # `residual_wording.py`
+    # `criteria.py`
     # Just outside a 99 % interval happens once in a hundred; gates reject at one in a thousand. The
     # interval is widened by this share of its half width before anything is called wrong.
     interval_slack: float = 0.28

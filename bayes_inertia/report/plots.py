@@ -206,7 +206,7 @@ def plot_residuals(
     slew : int or str, optional
         Its number from 0, or its name.
     channel : str, optional
-        "rate", "momentum" or a further sensor that reads at every row.
+        "rate", or another sensor that reads at every row.
     ax : matplotlib.axes.Axes, optional
         Where to draw; None for a new figure.
 

@@ -17,7 +17,13 @@ import numpy as np
 
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.report.criteria import Criteria, criteria_of
+from bayes_inertia.report.criteria import (
+    Criteria,
+    channel_verdict,
+    criteria_of,
+    discount_text,
+    whiteness_text,
+)
 from bayes_inertia.report.formatting import NOT_GIVEN, channel_name
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.attitude import draw_attitude
@@ -28,9 +34,7 @@ from bayes_inertia.report.pictures.posterior_data import (
     values_of,
     worst_slews,
 )
-from bayes_inertia.report.pictures.telemetry import draw_momentum, draw_rates
-from bayes_inertia.report.pictures.thinning import thinned_rows
-from bayes_inertia.report.residual_wording import channel_verdict, discount_text, whiteness_text
+from bayes_inertia.report.pictures.telemetry import draw_momentum, draw_rates, thinned_rows
 from bayes_inertia.report.section import Picture, Section, captioned, packaged
 from bayes_inertia.report.words import phrase
 

@@ -6,15 +6,20 @@ from collections.abc import Mapping
 from typing import Any
 
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict
-from bayes_inertia.report.fit_verdict import fit_verdict
 from bayes_inertia.report.formatting import exponent, number, power_text, unit_text
 from bayes_inertia.report.pictures.correction import draw_correction
 from bayes_inertia.report.pictures.posterior_data import n_slews
 from bayes_inertia.report.section import Picture, Section, captioned, packaged
 from bayes_inertia.report.uncertainty import sd_in_print
-from bayes_inertia.report.verdict import Level, Verdict, worst_level
-from bayes_inertia.report.verdict_sentence import is_scale_factor, verdict_sentence
+from bayes_inertia.report.verdict import (
+    Level,
+    Verdict,
+    diagnosis_verdict,
+    fit_verdict,
+    is_scale_factor,
+    verdict_sentence,
+    worst_level,
+)
 from bayes_inertia.report.words import phrase
 
 _STATUS: dict[Level, str] = {"good": "Trusted", "caution": "Use with care", "bad": "Refused"}

@@ -1,10 +1,22 @@
-"""The answer that stands first in a report: one line, and sentences that say why and what to do."""
+"""Verdicts of a report: may the result be used, what is missing, and the answer in one sentence.
+
+First whether the result may be used, then how well J and K are known, then whether the model
+explains the data. The numbers are the quoted sds; a result that quotes none gives no accuracy.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
+
+from bayes_inertia.maths.inertia_tensor import ELEMENTS
+from bayes_inertia.report.criteria import Criteria, channel_verdict, criteria_of
+from bayes_inertia.report.formatting import two_digits, unit_text
+from bayes_inertia.report.layout import LAYOUT
+from bayes_inertia.report.uncertainty import names_by_determination, sd_in_print
+from bayes_inertia.report.words import averaged_over, dirt_sentences, phrase, sentences
 
 Level = Literal["good", "caution", "bad"]
 _FROM_THE_WORST: tuple[Level, ...] = ("bad", "caution", "good")
@@ -38,3 +50,228 @@ def worst_level(levels: Sequence[Level]) -> Level:
     'bad'
     """
     return min(levels, key=_FROM_THE_WORST.index)
+
+
+def fit_verdict(summary: Mapping[str, Any], n_slews: int) -> Verdict:
+    """Can the result be trusted, why, and which uncertainty to use."""
+    criteria, fit = criteria_of(summary), summary["fit"]
+    gates = {gate["name"]: gate for gate in summary["gates"]}
+    failed = {name for name, gate in gates.items() if not gate["passed"]}
+    explained = "explained" not in failed
+    too_large, too_small = ([], []) if explained else misfit_channels(fit, criteria)
+    as_predicted = {"says": "the residuals are as predicted"}
+    found = {
+        "summary": summary,
+        "criteria": criteria,
+        "n_slews": n_slews,
+        "converged": "converged" not in failed,
+        "explained": explained,
+        "explanation": gates.get("explained", as_predicted)["says"],
+        "diagnosed": "diagnosed" in gates,
+        "too_large": too_large,
+        "too_small": too_small,
+        # Gates that have no sentences of their own.
+        "failed": [
+            gate["says"]
+            for name, gate in gates.items()
+            if name in failed - {"converged", "explained"}
+        ],
+        "starts": fit["starts_agreeing"],
+        "undetermined": names_by_determination(summary["parameters"], criteria)["not determined"],
+        "causes": averaged_over(summary),
+        "alone": _on_one_slew(summary["parameters"]),
+    }
+    level: Level = "good"
+    if failed:
+        level = "bad"
+    elif found["undetermined"] or fit["starts_agreeing"][0] < fit["starts_agreeing"][1]:
+        level = "caution"
+    return Verdict(
+        level, phrase("fit", "headline", found), tuple(sentences("fit", "reasons", found))
+    )
+
+
+def misfit_channels(fit: Mapping[str, Any], criteria: Criteria) -> tuple[list[str], list[str]]:
+    """Channels whose residuals are not what model and noise predict.
+
+    Returns `too_large, too_small`: names of channels, or "all channels together". Those structured
+    in time count as too large.
+    """
+    too_large, too_small = [], []
+    for channel in (c for c in fit["reduced_chi2"] if c != "total"):
+        verdict = channel_verdict(fit, channel, criteria)
+        if verdict.startswith(("too large", "structured")):
+            too_large.append(channel)
+        elif verdict.startswith("smaller"):
+            too_small.append(channel)
+    total = fit["reduced_chi2"]["total"]
+    if not too_large and not too_small and total is not None:
+        (too_large if total > 1.0 else too_small).append("all channels together")
+    return too_large, too_small
+
+
+def _on_one_slew(rows: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Parameters that one slew alone determines, by slew."""
+    alone: dict[str, list[str]] = {}
+    for name, row in rows.items():
+        if rests_on_one_slew(row):
+            alone.setdefault(row["decisive_slew"], []).append(name)
+    return alone
+
+
+def rests_on_one_slew(row: Mapping[str, Any]) -> bool:
+    """Whether one slew alone determines a parameter, so that the others cannot check it.
+
+    Returns: false for runs of versions that do not tell.
+
+    Examples
+    --------
+    >>> rests_on_one_slew({"sd": 1e-4, "sd_without_it": 2e-3}), rests_on_one_slew({"sd": 1e-4})
+    (True, False)
+    """
+    return bool(row.get("sd_without_it", 0.0) > LAYOUT.rests_on_one_slew * row["sd"])
+
+
+_LEVELS: dict[str, Level] = {
+    "consistent": "good",
+    "named": "good",
+    "ambiguous": "caution",
+    "formula": "caution",
+    "partial": "caution",
+    "unknown": "bad",
+}
+
+
+def diagnosis_verdict(content: Mapping[str, Any]) -> Verdict:
+    """What is missing, and what that means.
+
+    Returns: the answer first, then where, how much, what to fly next, and what remains open.
+    """
+    reasons = sentences("diagnosis", "reasons", content, dirt_sentences(content.get("dirt", [])))
+    return Verdict(_LEVELS[content["verdict"]], headline(content), tuple(reasons))
+
+
+def in_brief(content: Mapping[str, Any]) -> list[str]:
+    """What of a diagnosis a terminal shows: where, how much, what to fly next. The page has all."""
+    return sentences("diagnosis", "brief", content)
+
+
+def headline(content: Mapping[str, Any]) -> str:
+    """The verdict of a diagnosis in one line.
+
+    Examples
+    --------
+    >>> headline({"verdict": "consistent", "named": [], "ambiguous_with": []})
+    'Nothing is missing that these slews show: the model explains the data.'
+    """
+    return phrase("diagnosis", "headline", content)
+
+
+def verdict_sentence(summary: Mapping[str, Any], diagnosis: Mapping[str, Any] | None = None) -> str:
+    """The answer of a run in one sentence.
+
+    `diagnosis`: the content of diagnosis.json, of a run that has one.
+
+    Examples
+    --------
+    >>> row = {"mean": 3.3, "sd": 4e-4, "quoted_sd": 4e-4, "prior_sd": 0.1}
+    >>> verdict_sentence({
+    ...     "parameters": {"Jxx": row}, "gates": [], "fit": {"starts_agreeing": [3, 3]},
+    ...     "effects": []})
+    'J to 0.012 % (1 sd, the worst element); the model explains the data.'
+    """
+    return phrase("fit", "answer", summary, diagnosis, _FUNCTIONS)
+
+
+def with_verdict_sentence(
+    summary: Mapping[str, Any], diagnosis: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """The content of summary.json, the verdict first.
+
+    `diagnosis`: the content of diagnosis.json, of a run that has one. Returns: with the key
+    `verdict_sentence` more, after format and campaign.
+    """
+    first = {key: summary[key] for key in ("format", "campaign") if key in summary}
+    return first | {"verdict_sentence": verdict_sentence(summary, diagnosis)} | dict(summary)
+
+
+def _misfit(summary: Mapping[str, Any]) -> list[str]:
+    """Channels that the model does not explain."""
+    too_large, too_small = misfit_channels(summary["fit"], criteria_of(summary))
+    return too_large or too_small
+
+
+def _undetermined(summary: Mapping[str, Any]) -> list[str]:
+    """Parameters that stay at their prior; where nothing ties the size of J, not those of J."""
+    names = names_by_determination(summary["parameters"], criteria_of(summary))["not determined"]
+    return [n for n in names if n not in ELEMENTS] if summary.get("scale_of_J") == [] else names
+
+
+def _accuracy(summary: Mapping[str, Any]) -> str:
+    """Worst sd of moments, products and scale factors each."""
+    rows, criteria = summary["parameters"], criteria_of(summary)
+    undetermined = names_by_determination(rows, criteria)["not determined"]
+    known = {name: row for name, row in rows.items() if name not in undetermined}
+    kinds: tuple[tuple[str, Callable[[str], bool], Callable[[Mapping[str, Any]], str]], ...] = (
+        ("J", _is_moment, _percent),
+        ("products of inertia", _is_product, _in_unit),
+        ("K", is_scale_factor, _percent),
+    )
+    said = [_ratios_to(summary)] if summary.get("scale_of_J") == [] else []
+    for label, belongs, text in kinds:
+        members = [row for name, row in known.items() if belongs(name)]
+        if members:
+            worst = max(members, key=_relative_sd if text is _percent else _sd)
+            said.append(f"{label} to {text(worst)}")
+    if not said:
+        return "J and K are not determined"
+    worst_of = "the worst of each" if len(said) > 1 else "the worst element"
+    # What tells the absolute size of J are the wheels, as stated.
+    scale = "; J on the scale of the stated wheels" if summary.get("wheels") else ""
+    return f"{', '.join(said)} (1 sd, {worst_of}{scale})"
+
+
+def _ratios_to(summary: Mapping[str, Any]) -> str:
+    """Worst sd of J over its trace; its size is the prior's."""
+    worst = max(sd_in_print(row) for name, row in summary["ratios"].items() if "trace" in name)
+    size = "nothing ties the size of J, which stays the prior's"
+    return f"J / trace J to {two_digits(100.0 * worst)} % ({size})"
+
+
+def _is_moment(name: str) -> bool:
+    return len(name) == 3 and name[0] == "J" and name[1] == name[2]
+
+
+def _is_product(name: str) -> bool:
+    return len(name) == 3 and name[0] == "J" and name[1] != name[2]
+
+
+def is_scale_factor(name: str) -> bool:
+    """Whether a parameter is one of K.
+
+    Examples
+    --------
+    >>> is_scale_factor("K4"), is_scale_factor("mems.K1")
+    (True, False)
+    """
+    return name[0] == "K" and name[1:].isdigit()
+
+
+def _sd(row: Mapping[str, Any]) -> float:
+    return sd_in_print(row)
+
+
+def _relative_sd(row: Mapping[str, Any]) -> float:
+    return _sd(row) / abs(row["mean"]) if row["mean"] else math.inf
+
+
+def _percent(row: Mapping[str, Any]) -> str:
+    return f"{two_digits(100.0 * _relative_sd(row))} %"
+
+
+def _in_unit(row: Mapping[str, Any]) -> str:
+    return f"{two_digits(_sd(row))} {unit_text(row['unit'])}"
+
+
+# What the words of the answer ask for, each only where they need it.
+_FUNCTIONS = {"accuracy": _accuracy, "misfit": _misfit, "undetermined": _undetermined}

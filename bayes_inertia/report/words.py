@@ -14,11 +14,144 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from bayes_inertia.campaign.sensors import CHANNELS
+from bayes_inertia.campaign.sensors import CHANNELS, STREAMS
 from bayes_inertia.inference.settings import NOTHING, OPEN_VERDICTS
 from bayes_inertia.report import formatting
+from bayes_inertia.report.formatting import listed, plain
 from bayes_inertia.report.layout import LAYOUT
-from bayes_inertia.report.parameter_wording import averaged_over
+
+
+def meaning(name: str) -> str:
+    """Meaning of a parameter.
+
+    Examples
+    --------
+    >>> meaning("Jxy"), meaning("K2"), meaning("wheel_friction.coulomb1")
+    ('inertia tensor element xy', 'rate-sensor scale factor, axis 2', 'wheel friction: coulomb1')
+    """
+    if name[:1] == "J" and len(name) == 3:
+        if name[1] == name[2]:
+            return f"moment of inertia, body {name[1]}"
+        return f"inertia tensor element {name[1:]}"
+    if name[:1] == "K" and name[1:].isdigit():
+        return f"rate-sensor scale factor, axis {name[1:]}"
+    return plain(name)
+
+
+def correlation_sentences(names: Sequence[str], matrix: Sequence[Sequence[float]]) -> list[str]:
+    """Sentences on pairs of parameters that the data determine only together.
+
+    Returns: one for each strongly correlated pair, the strongest first.
+
+    Examples
+    --------
+    >>> correlation_sentences(["Jxx", "K1"], [[1.0, -0.95], [-0.95, 1.0]])[0][:59]
+    'Jxx and K1 are hard to tell apart (correlation −0.95): rais'
+    """
+    pairs = [
+        (matrix[i][j], names[j], name)
+        for i, name in enumerate(names)
+        for j in range(i)
+        if abs(matrix[i][j]) > LAYOUT.strong_correlation
+    ]
+    return sentences("fit", "correlations", sorted(pairs, key=lambda pair: -abs(pair[0])))
+
+
+def averaged_over(summary: Mapping[str, Any]) -> str:
+    """The effects that J and K are averaged over, with their probabilities.
+
+    Returns: A list; empty where J and K are not averaged.
+
+    Examples
+    --------
+    >>> averaged_over({"averaged_over": [
+    ...     {"effects": ["rate_bias", "a_b"], "probability": 0.7},
+    ...     {"effects": ["rate_bias", "c"], "probability": 0.3}]})
+    'a b 70 %, c 30 %'
+    >>> averaged_over({"averaged_over": [
+    ...     {"effects": [], "probability": 0.9}, {"effects": ["c"], "probability": 0.1}]})
+    'nothing more 90 %, c 10 %'
+    """
+    rows = summary.get("averaged_over", [])
+    in_all = set.intersection(*(set(row["effects"]) for row in rows)) if rows else set()
+    cases = [
+        (
+            listed([plain(name) for name in row["effects"] if name not in in_all]),
+            row["probability"],
+        )
+        for row in rows
+    ]
+    by_size = [cases[0], *sorted(cases[1:], key=lambda case: -case[1])] if cases else []
+    if len(by_size) > LAYOUT.most_cases_listed:
+        rest = sum(probability for _, probability in by_size[LAYOUT.most_cases_listed - 1 :])
+        by_size = [*by_size[: LAYOUT.most_cases_listed - 1], ("others", rest)]
+    return ", ".join(
+        f"{effects or 'nothing more'} {100.0 * probability:.0f} %"
+        for effects, probability in by_size
+    )
+
+
+# One sentence a kind and treatment; the number of places and the channel are filled in.
+_KINDS = {
+    "outliers": "outliers",
+    "gap": "gaps",
+    "stuck": "stuck readings",
+    "saturated": "saturated readings",
+    "duplicate": "repeated rows",
+    "clock": "wrong time stamps",
+    "quantised": "rounding of the readings",
+    "coloured": "noise that is correlated in time",
+    "noise_level": "noise that is larger than stated",
+}
+_CHANNELS = {
+    **{stream.name: f"the {stream.sensor}" for stream in STREAMS},
+    "torque": "the torque commands",
+    "time": "the time stamps",
+}
+_TREATED = {"masked": "left out", "modelled": "taken into account", "ignored": "left as it is"}
+
+
+def dirt_rows(dirt: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Records of dirt, one row a kind, channel and treatment.
+
+    Returns: {kind, channel, treated, rows (how many), slews, notes} of each.
+
+    Examples
+    --------
+    >>> record = {"kind": "outliers", "channel": "rate", "slew": "a", "rows": [3, 9]}
+    >>> dirt_rows([record | {"treated": "masked", "note": "far off"}])[0]["rows"]
+    2
+    """
+    groups: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
+    for record in dirt:
+        key = (record["kind"], record["channel"], record["treated"])
+        groups.setdefault(key, []).append(record)
+    return [
+        {
+            "kind": _KINDS[kind],
+            "channel": _CHANNELS.get(channel, channel),
+            "treated": _TREATED[treated],
+            "rows": sum(len(record["rows"]) for record in records),
+            "slews": [record["slew"] for record in records if record["slew"]],
+            "notes": [record["note"] for record in records if record.get("note")],
+        }
+        for (kind, channel, treated), records in groups.items()
+    ]
+
+
+def dirt_sentences(dirt: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Records of dirt as sentences.
+
+    Returns: one a kind, channel and treatment; none where there is no dirt.
+
+    Examples
+    --------
+    >>> record = {"kind": "outliers", "channel": "rate", "slew": "a", "rows": [3, 9]}
+    >>> dirt_sentences([record | {"treated": "masked"}])
+    ['Outliers of the rate sensor: 2 rows (a), left out.']
+    """
+    return sentences("fit", "dirt", dirt_rows(dirt))
+
 
 # Files of version 0.1 do not state the rules of their search: they were these.
 _RULES_OF_0_1 = {

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayes_inertia.app.calibration_folder import run_calibration
 from bayes_inertia.app.cli import main
+from bayes_inertia.app.study_folder import run_calibration
 from bayes_inertia.errors import OutputError, SettingsError
 from bayes_inertia.studies.calibration import QUANTITIES, CalibrationFit
 from bayes_inertia.studies.limits import LIMITS as STUDIES_LIMITS

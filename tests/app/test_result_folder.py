@@ -19,7 +19,7 @@ from bayes_inertia.app import (
     observe_folder,
     run_folder,
 )
-from bayes_inertia.app.design_request import DesignRequest
+from bayes_inertia.app.design_folder import DesignRequest
 from bayes_inertia.app.result_folder import ResultFolder
 from bayes_inertia.design.comparison import Contender
 from bayes_inertia.design.designer import Design

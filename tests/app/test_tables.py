@@ -16,8 +16,8 @@ from bayes_inertia.app.cli import COMMANDS, main
 from bayes_inertia.app.commands.check import show_campaign
 from bayes_inertia.app.commands.compare import show_comparison
 from bayes_inertia.app.commands.design import show_design
+from bayes_inertia.app.commands.fit import show_diagnosis, show_summary
 from bayes_inertia.app.commands.observe import show_observability
-from bayes_inertia.app.commands.run_result import show_diagnosis, show_summary
 from bayes_inertia.app.commands.study import show_study
 from bayes_inertia.app.study_folder import Study
 from bayes_inertia.campaign.reader import read_campaign
@@ -174,7 +174,7 @@ def test_a_fit_with_hostile_names(printed):
 
 
 def test_a_diagnosis_with_hostile_names(printed, monkeypatch):
-    said = "bayes_inertia.report.diagnosis_verdict"
+    said = "bayes_inertia.report.verdict"
     monkeypatch.setattr(f"{said}.headline", lambda _: "Missing [/x]")
     monkeypatch.setattr(f"{said}.in_brief", lambda _: ["slew [yaw 1] rings: pump [b]"])
     show_diagnosis({"candidates": [], "verdict": "ambiguous"})

@@ -12,8 +12,7 @@ import pytest
 
 from bayes_inertia.app import design_folder
 from bayes_inertia.app.commands.design import show_design
-from bayes_inertia.app.design_folder import run_design
-from bayes_inertia.app.design_request import DesignRequest
+from bayes_inertia.app.design_folder import DesignRequest, run_design
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.design import correction_slew, designer
 from bayes_inertia.design.after_campaign import final_wheel_momentum, plan_after

@@ -12,7 +12,7 @@ from support.commands import run
 
 import bayes_inertia
 from bayes_inertia.app import design_folder
-from bayes_inertia.app.design_request import keep_outs
+from bayes_inertia.app.design_folder import keep_outs
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.design.designer import design_plan
 from bayes_inertia.design.limits import (

@@ -16,7 +16,7 @@ from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import ParameterSpace
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
-from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict
+from bayes_inertia.report.verdict import diagnosis_verdict
 
 
 @pytest.mark.long

@@ -16,7 +16,7 @@ from bayes_inertia.inference.optimizer import estimate, move_to
 from bayes_inertia.physics.effects.formula import Formula
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.small_campaign import small_campaign
-from bayes_inertia.report.diagnosis_verdict import headline
+from bayes_inertia.report.verdict import headline
 
 # One of each place.
 FORMULAS = (

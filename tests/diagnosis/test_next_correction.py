@@ -12,7 +12,7 @@ from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.effects import ConstantTorque, EachSlew, InertiaChange
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_input import idle_slew
-from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict
+from bayes_inertia.report.verdict import diagnosis_verdict
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
 from bayes_inertia.inference.treatment import with_measured_noise
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict, headline
+from bayes_inertia.report.verdict import diagnosis_verdict, headline
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from bayes_inertia.diagnosis.residuals import Window, scan_residuals
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
-from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict, headline
+from bayes_inertia.report.verdict import diagnosis_verdict, headline
 
 
 def test_noise_is_worded_as_noise():

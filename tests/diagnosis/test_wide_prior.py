@@ -12,7 +12,7 @@ from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.physics.effects import RateSensorMisalignment, WheelCommandLag
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.small_campaign import small_campaign
-from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict
+from bayes_inertia.report.verdict import diagnosis_verdict
 
 # A sensor turned by five degrees: 29 sds of its prior.
 TURNED = np.array([0.087, 0.0, 0.0])

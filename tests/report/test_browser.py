@@ -13,7 +13,7 @@ from bayes_inertia.report.comparison_sections import comparison_page
 from bayes_inertia.report.page import write_report
 from bayes_inertia.report.residual_sections import residual_channels
 from bayes_inertia.report.run_comparison import ComparedRun, compare_runs
-from bayes_inertia.report.verdict_sentence import with_verdict_sentence
+from bayes_inertia.report.verdict import with_verdict_sentence
 
 pytestmark = [
     pytest.mark.slow,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from bayes_inertia.report.fit_verdict import fit_verdict
+from bayes_inertia.report.verdict import fit_verdict
 
 LARGE = {"rate": 2.0, "attitude": 1.0, "momentum": 1.0, "total": 1.5}
 

@@ -11,7 +11,7 @@ from bayes_inertia.report.formatting import NOT_GIVEN, number
 from bayes_inertia.report.page import render, write_report
 from bayes_inertia.report.section import Section
 from bayes_inertia.report.uncertainty import exponents_of
-from bayes_inertia.report.verdict_sentence import verdict_sentence
+from bayes_inertia.report.verdict import verdict_sentence
 
 KINDS = ("good", "one_slew", "thrown", "many_effects")
 

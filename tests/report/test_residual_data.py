@@ -8,7 +8,7 @@ import pytest
 import xarray
 
 from bayes_inertia.report.pictures.posterior_data import channel_series
-from bayes_inertia.report.pictures.thinning import thinned_rows
+from bayes_inertia.report.pictures.telemetry import thinned_rows
 from bayes_inertia.report.residual_sections import explorer_data, residual_channels
 
 

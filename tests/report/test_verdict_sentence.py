@@ -5,8 +5,8 @@ import json
 import pytest
 
 from bayes_inertia.app.cli import main
-from bayes_inertia.app.commands.run_result import show_run
-from bayes_inertia.report.verdict_sentence import verdict_sentence, with_verdict_sentence
+from bayes_inertia.app.commands.fit import show_run
+from bayes_inertia.report.verdict import verdict_sentence, with_verdict_sentence
 
 NUMBERS = (
     "J to 0.080 %, products of inertia to 1.3 × 10⁻⁴ kg m², K to 0.012 % (1 sd, the worst of each)"

@@ -7,13 +7,11 @@ import pytest
 from jinja2 import Environment, StrictUndefined
 
 from bayes_inertia.inference.limits import criteria
-from bayes_inertia.report.criteria import Criteria, criteria_of
+from bayes_inertia.report.criteria import Criteria, channel_verdict, criteria_of
 from bayes_inertia.report.formatting import listed, number
-from bayes_inertia.report.parameter_wording import correlation_sentences
-from bayes_inertia.report.residual_wording import channel_verdict
 from bayes_inertia.report.section import packaged
 from bayes_inertia.report.uncertainty import determination
-from bayes_inertia.report.words import phrase, sentences
+from bayes_inertia.report.words import correlation_sentences, phrase, sentences
 
 
 def page_of(template: str, **context) -> str:

@@ -117,7 +117,7 @@ def _slew_row(slew: Slew) -> dict[str, Any]:
 def show_campaign(campaign: Campaign) -> None:
     """Print what a campaign contains, and what can be done with it."""
     from bayes_inertia.campaign.hardware import RateSensor
-    from bayes_inertia.report.dirt_wording import dirt_sentences
+    from bayes_inertia.report.words import dirt_sentences
 
     console = plain_console()
     slews, wheels = len(campaign.slews), len(campaign.wheels)

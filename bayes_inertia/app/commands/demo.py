@@ -13,7 +13,7 @@ def demo_command(
     as_json: AsJson = False,
 ) -> None:
     """Simulate a campaign of five slews, fit it, write the report."""
-    from bayes_inertia.app.commands.run_result import show_run
+    from bayes_inertia.app.commands.fit import show_run
 
     with progress_bar() as progress:
         from bayes_inertia.app import run_folder

@@ -108,14 +108,12 @@ def design_command(
 
     Writes design.json, design.png, design.html, and plan.toml, which `simulate` flies.
     """
-    from bayes_inertia.app.design_request import DesignRequest
-
     asked = (total_time, max_rate, max_angle, max_acceleration, end_attitude)
     names = tuple(names_in(effects))
-    request = DesignRequest(goal, slews, *asked, tuple(keep_out or ()), after, seed, names)
     with progress_bar() as progress:
-        from bayes_inertia.app.design_folder import run_design
+        from bayes_inertia.app.design_folder import DesignRequest, run_design
 
+        request = DesignRequest(goal, slews, *asked, tuple(keep_out or ()), after, seed, names)
         design = run_design(campaign, out, request, progress)
     if as_json:
         print_json_file(out / "design.json")

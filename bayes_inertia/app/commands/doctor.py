@@ -114,8 +114,8 @@ def _mapping_lines(campaign: Path, check: ConventionsCheck) -> list[str]:
 def show_check(check: ConventionsCheck, campaign: Path, mapping_lines: Sequence[str] = ()) -> None:
     """Print a check for people."""
     from bayes_inertia.conventions.wording import invisible_in_brief
-    from bayes_inertia.report.dirt_wording import dirt_sentences
     from bayes_inertia.report.formatting import typeset
+    from bayes_inertia.report.words import dirt_sentences
 
     console = plain_console()
     hidden = invisible_in_brief(check.cannot_show)

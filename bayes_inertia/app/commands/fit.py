@@ -1,6 +1,15 @@
-"""`fit`: estimate J, K and active effects."""
+"""`fit`, `update`, `diagnose` and `resume`: runs of one campaign, and what is printed of them."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from bayes_inertia.app.commands.options import (
     Anyway,
@@ -9,6 +18,7 @@ from bayes_inertia.app.commands.options import (
     CampaignFolder,
     DriveName,
     EffectNames,
+    FurtherCandidates,
     Inflate,
     NoiseOfChannel,
     OpenPage,
@@ -20,7 +30,19 @@ from bayes_inertia.app.commands.options import (
     WithReport,
     names_in,
 )
-from bayes_inertia.app.terminal import progress_bar
+from bayes_inertia.app.terminal import (
+    headed,
+    indented,
+    narrow_table,
+    open_in_browser,
+    plain_console,
+    print_json,
+    progress_bar,
+)
+from bayes_inertia.sealing import SEAL_KEY
+
+if TYPE_CHECKING:
+    from bayes_inertia.inference.posterior import Posterior
 
 
 def fit_command(
@@ -45,7 +67,6 @@ def fit_command(
     Writes posterior.nc, summary.json and report.html.
     """
     from bayes_inertia.app.commands.doctor import refuse_or_warn
-    from bayes_inertia.app.commands.run_result import show_run
 
     with progress_bar() as progress:
         # Before anything heavy is loaded: seconds against minutes.
@@ -71,3 +92,234 @@ def fit_command(
         )
         posterior = run_folder.finish(out, report=report, progress=progress)
     show_run(posterior, out, report, as_json=as_json, open_page=open_page)
+
+
+FormerRun = Annotated[
+    Path, typer.Argument(help="Folder of a finished run that is trusted, of `fit` or `update`.")
+]
+
+
+def update_command(
+    run: FormerRun,
+    campaign: CampaignFolder,
+    out: OutputFolder,
+    inflate: Inflate = 0.0,
+    effects: EffectNames = "",
+    drive: DriveName = None,
+    seed: Seed = 0,
+    report: WithReport = True,
+    open_page: OpenPage = False,
+    anyway: Anyway = False,
+    as_json: AsJson = False,
+) -> None:
+    """Add a campaign to a former result, as if both were fitted together.
+
+    The former posterior of J and K is the prior; rate bias, start states and effects of each
+    campaign are its own. Writes what `fit` writes.
+    """
+    fit_command(
+        campaign,
+        out,
+        effects=effects,
+        drive=drive,
+        seed=seed,
+        report=report,
+        open_page=open_page,
+        anyway=anyway,
+        prior=run,
+        inflate=inflate,
+        as_json=as_json,
+    )
+
+
+def diagnose_command(
+    campaign: CampaignFolder,
+    out: OutputFolder,
+    effects: FurtherCandidates = "",
+    drive: DriveName = None,
+    seed: Seed = 0,
+    report: WithReport = True,
+    open_page: OpenPage = False,
+    anyway: Anyway = False,
+    as_stated: AsStated = False,
+    as_json: AsJson = False,
+) -> None:
+    """Find which physical effect is missing, and fit it along.
+
+    Writes diagnosis.json, then what `fit` writes.
+    """
+    from dataclasses import replace
+
+    from bayes_inertia.app.commands.doctor import refuse_or_warn
+
+    with progress_bar() as progress:
+        # Before anything heavy is loaded: seconds against minutes.
+        if not anyway:
+            refuse_or_warn(campaign, progress, names_in(effects))
+
+        from bayes_inertia.app import run_folder
+        from bayes_inertia.inference.settings import STOCHASTIC_SETTINGS
+
+        run_folder.start(
+            campaign,
+            out,
+            effects=names_in(effects),
+            drive=drive,
+            settings=replace(STOCHASTIC_SETTINGS, seed=seed),
+            kind="diagnose",
+            as_stated=as_stated,
+        )
+        posterior = run_folder.finish(out, report=report, progress=progress)
+    show_run(posterior, out, report, as_json=as_json, open_page=open_page)
+
+
+def resume_command(
+    run: Annotated[Path, typer.Argument(help="Folder of a run that was interrupted.")],
+    report: WithReport = True,
+    open_page: OpenPage = False,
+    as_json: AsJson = False,
+) -> None:
+    """Go on with an interrupted fit or diagnosis.
+
+    The result is bit for bit as if it had never stopped.
+    """
+
+    with progress_bar() as progress:
+        from bayes_inertia.app import run_folder
+
+        posterior = run_folder.finish(run, report=report, progress=progress)
+    show_run(posterior, run, report, as_json=as_json, open_page=open_page)
+
+
+FORMAT = "bayes-inertia-run-result/1"
+_COLUMNS = ("estimate", "± sd", "unit", "prior sd", "determined")
+_DETERMINED = {"determined": "yes", "partly determined": "partly", "not determined": "no"}
+_COLORS = {"good": "green", "caution": "yellow", "bad": "red"}
+
+
+def show_run(
+    posterior: Posterior,
+    folder: Path,
+    report: bool,
+    *,
+    as_json: bool = False,
+    open_page: bool = False,
+) -> None:
+    """Print the result of a finished run, and exit with 3 where it must not be trusted."""
+    from bayes_inertia.app.diagnosis_json import blaming_diagnosis, read_diagnosis
+    from bayes_inertia.app.run_report import run_summary
+
+    content, summary = read_diagnosis(folder), run_summary(posterior, folder)
+    if as_json:
+        print_json(run_result_json(folder, summary, content, posterior.trusted))
+    else:
+        show_verdict(summary["verdict_sentence"], posterior.trusted)
+        if content is not None:
+            with blaming_diagnosis(folder, content):
+                show_diagnosis(content)
+        show_summary(summary, folder, report)
+    open_in_browser(folder / "report.html", report and open_page)
+    if not posterior.trusted:
+        raise typer.Exit(3)
+
+
+def run_result_json(
+    folder: Path, summary: dict[str, Any], diagnosis: dict[str, Any] | None, trusted: bool
+) -> dict[str, Any]:
+    """Content of `fit`, `diagnose`, `resume` and `demo` with --json."""
+    if diagnosis is not None:
+        left_out = ("pictures", SEAL_KEY)
+        diagnosis = {key: value for key, value in diagnosis.items() if key not in left_out}
+    return {
+        "format": FORMAT,
+        "run": str(folder),
+        "trusted": trusted,
+        "summary": summary,
+        "diagnosis": diagnosis,
+    }
+
+
+def show_verdict(sentence: str, trusted: bool) -> None:
+    """Print the answer of a run in one sentence."""
+    color = _COLORS["good" if trusted else "bad"]
+    plain_console().print(headed(sentence, style=f"bold {color}"))
+
+
+def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> None:
+    """Print a fit's gates first, then its numbers."""
+    from bayes_inertia.report.words import averaged_over, dirt_sentences
+
+    console = plain_console()
+    console.print(_gates(summary["gates"], summary["diagnostics"]["ess_bulk_min"]))
+    for sentence in dirt_sentences(summary.get("dirt", [])):
+        console.print(indented(sentence))
+    console.print(_parameter_table(console, summary))
+    if all(p["quoted_sd"] is None for p in summary["parameters"].values()):
+        console.print("sd: none can be quoted, this result is not to be used")
+    elif causes := averaged_over(summary):
+        console.print(f"estimate and sd: averaged over what may be true ({causes})")
+    chi2 = ", ".join(
+        f"{key} {value:.3f}"
+        for key, value in summary["fit"]["reduced_chi2"].items()
+        if value is not None
+    )
+    console.print(f"reduced χ²: {chi2}")
+    files = ", summary.json and report.html" if report else " and summary.json"
+    console.print(f"wrote posterior.nc{files} in {folder}")
+
+
+def _gates(gates: Sequence[dict[str, Any]], samples: float) -> Text:
+    """The gates that are passed by name; those that failed with what they say, a line each."""
+    from bayes_inertia.report.formatting import typeset
+
+    text = Text()
+    for gate in gates:
+        if not gate["passed"]:
+            text.append("FAILED", "red").append(f" {gate['name']}: {typeset(gate['says'])}\n")
+    counted = {"converged": f" ({samples:.0f} effective samples)"}
+    names = [gate["name"] for gate in gates if gate["passed"]]
+    passed = ", ".join(name + counted.get(name, "") for name in names)
+    return text.append("passed", "green").append(f": {passed or 'no gate'}")
+
+
+def _parameter_table(console: Console, summary: dict[str, Any]) -> Table:
+    from bayes_inertia.report.criteria import criteria_of
+    from bayes_inertia.report.formatting import NOT_GIVEN, number, plain, unit_text
+    from bayes_inertia.report.uncertainty import (
+        contraction,
+        determination,
+        exponents_of,
+        sd_in_print,
+    )
+
+    criteria, powers = criteria_of(summary), exponents_of(summary["parameters"])
+    table = narrow_table(console, "name", *_COLUMNS)
+    # Size and time of a free shape are for the page.
+    shown = {n: p for n, p in summary["parameters"].items() if "_remainder." not in n}
+    for name, p in shown.items():
+        sd, quoted = sd_in_print(p), p["quoted_sd"]
+        power = powers[name]
+        share = contraction(sd, p["prior_sd"])
+        table.add_row(
+            plain(name),
+            number(p["mean"], sd, power),
+            NOT_GIVEN if quoted is None else number(quoted, quoted, power),
+            unit_text(p["unit"], power),
+            number(p["prior_sd"], p["prior_sd"], power),
+            _DETERMINED[determination(share, criteria)],
+        )
+    return table
+
+
+def show_diagnosis(content: dict[str, Any]) -> None:
+    """Print a diagnosis' verdict, then why, in brief: the page lists all candidates."""
+    from bayes_inertia.report.verdict import headline, in_brief
+
+    console = plain_console()
+    # The sentence above says what was found, or that nothing was.
+    if content["verdict"] not in ("named", "unknown"):
+        console.print(headed(headline(content), style="bold"))
+    # The parameters stand in the table of the fit, with the sds to quote.
+    untold = [candidate | {"parameters": None} for candidate in content["candidates"]]
+    for sentence in in_brief(content | {"candidates": untold}):
+        console.print(indented(sentence))

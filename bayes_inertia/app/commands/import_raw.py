@@ -112,7 +112,7 @@ def show_import(imported: ImportedCampaign) -> None:
     """Print what an import read, cut and saw."""
     from bayes_inertia.importing.imported_folder import PICTURE_FILE, zero_of_clock
     from bayes_inertia.importing.mapped_lines import RECORD_FILE
-    from bayes_inertia.report.dirt_wording import dirt_sentences
+    from bayes_inertia.report.words import dirt_sentences
 
     console = plain_console()
     slews, place = len(imported.cut.windows), f": {imported.folder}"

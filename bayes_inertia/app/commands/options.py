@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 
 import typer
 
+from bayes_inertia.campaign.sensors import CHANNELS
+
 CampaignFolder = Annotated[Path, typer.Argument(help="Campaign folder (with campaign.toml).")]
 OutputFolder = Annotated[Path, typer.Option("-o", "--out", help="Folder for the results.")]
 Seed = Annotated[int, typer.Option(help="One integer that reproduces everything.", min=0)]
@@ -60,7 +62,7 @@ NoiseOfChannel = Annotated[
         "--noise",
         help="Distribution of a channel's noise: CHANNEL=gaussian or CHANNEL=student_t, with "
         "degrees of freedom as in rate=student_t:6 or rate=student_t:sampled (4 unless given). "
-        "Channels: rate, attitude, momentum. May be given several times.",
+        f"Channels: {', '.join(CHANNELS)}. May be given several times.",
     ),
 ]
 SampledNoise = Annotated[

@@ -98,7 +98,7 @@ def _report(run: Path, plan: Path | None, out: Path | None, as_json: bool) -> Pa
 
 def show_promise(promise: PlanPromise) -> None:
     """Print what a plan promised beside what was achieved."""
-    from bayes_inertia.report.plan_promise_section import HEADINGS, promise_rows
+    from bayes_inertia.report.plan_promise import HEADINGS, promise_rows
 
     console = plain_console()
     console.print(promise.sentence)

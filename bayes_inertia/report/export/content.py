@@ -10,7 +10,7 @@ import numpy as np
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.report.formatting import number
 from bayes_inertia.report.layout import LAYOUT
-from bayes_inertia.report.verdict_sentence import is_scale_factor
+from bayes_inertia.report.verdict import is_scale_factor
 
 FORMAT = "bayes-inertia-export/1"
 
