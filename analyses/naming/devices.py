@@ -214,7 +214,7 @@ def write_page(rows: list[dict]) -> None:
         if not own:
             continue
         found = [r for r in own if is_found(r)]
-        alone = [r for r in found if r["hidden"] == "clean" or r["named"] == [r["hidden"]]]
+        alone = [r for r in found if r["verdict"] in ("named", "consistent")]
         wrong = [r for r in own if r["named"] and not is_found(r)]
         z = np.sqrt(np.mean([np.square(r["quoted_z"]) for r in own]))
         lines.append(
