@@ -15,7 +15,6 @@ from __future__ import annotations
 import argparse
 import itertools
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from time import process_time
 
@@ -25,7 +24,7 @@ from analyses import results_of
 from analyses.naming.fixed_shape import NAMES, RULES, hash_of, quoted_z, truth_of
 from analyses.naming.fixed_shape_campaigns import draw, noncentrality
 from analyses.naming.formula_laws import LAWS, Lawful
-from analyses.naming.second_simulator import Disturbance, replayed
+from analyses.naming.second_simulator import replayed
 from analyses.pages.table import table_lines
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.result import Diagnosis
@@ -42,13 +41,11 @@ POWER, LEVEL = 0.99, RULES.false_alarm_probability / len(NAMES)
 _KEY = 44_06
 
 
-def size_of(
-    disturbance: Callable[[float], Disturbance], flight: Flight, seed: int, power: float = POWER
-) -> float:
-    """Size of a disturbance at which the ideal test has a power."""
+def size_of(law: str, flight: Flight, seed: int, power: float = POWER) -> float:
+    """Size of a law at which the ideal test has a power."""
 
     def flown(size: float) -> Campaign:
-        return replayed(flight, disturbance(size), np.random.default_rng(seed))
+        return replayed(flight, Lawful(size, law), np.random.default_rng(seed))
 
     fit = estimate(Model(flown(0.0)), starts=1)
     still = fit.linearised()
@@ -63,7 +60,7 @@ def row_of(law: str, seed: int, times: float) -> dict:
     """One campaign simulated and diagnosed."""
     draws = np.random.SeedSequence(_KEY, spawn_key=(hash_of(law), seed))
     flight = draw(draws, (), {}, True)
-    size = times * size_of(lambda x: Lawful(x, law), flight, seed)
+    size = times * size_of(law, flight, seed)
     campaign = replayed(flight, Lawful(size, law), np.random.default_rng(seed))
     began = process_time()
     diagnosis = diagnose(campaign, seed=seed)
