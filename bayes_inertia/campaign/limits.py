@@ -34,6 +34,11 @@ class Limits:
     # Of what wheels tell, as a share of the largest rate: J is not known, nor what else turned it.
     error_of_wheels: float = 0.3
 
+    # `prior.py`
+    # To here a Gaussian has the 5, 50 and 95 % points of principal moments within 0.3 of their sds.
+    sd_of_moments: float = 0.2
+    sd_of_axes: float = 10.0  # [deg]
+
     # Attitudes from directions: rows of a slew that are worked out, and their noise over that of
     # the worst direction (two of them 45 deg apart).
     attitudes_by_directions: int = 300

@@ -5,15 +5,18 @@ A former result is such a prior: `prior_in` reads it from the summary of its run
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from bayes_inertia.campaign.hardware import require
+from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.maths.tensor_elements import COLUMNS_OF_ELEMENTS, ELEMENTS, ROWS_OF_ELEMENTS
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.sealing import read_sealed_json
 
@@ -89,6 +92,72 @@ class GaussianPrior:
         require(finite, key, "a number is not finite", "give finite numbers")
         self._require_covariance(f"{key}.covariance")
 
+    @classmethod
+    def of_principal_moments(
+        cls,
+        principal_moments: ArrayLike,
+        relative_sd: ArrayLike,
+        axes_sd_deg: float,
+        *,
+        axes_B: ArrayLike | None = None,
+        scale_factors: Sequence[float] = (),
+        scale_factors_sd: ArrayLike = 0.03,
+    ) -> GaussianPrior:
+        """Principal moments known to a factor, about axes known to an angle.
+
+        Logarithms of the moments are Gaussian, and the axes are turned by three small Gaussian
+        angles. The prior has the means and covariance that logarithms of the diagonal of J and its
+        products of inertia then have.
+
+        Parameters
+        ----------
+        principal_moments : (3,) array
+            Medians [kg m^2].
+        relative_sd : float or (3,) array
+            Sd of their logarithms, 0.2 at most: as a fraction of each.
+        axes_sd_deg : float
+            Sd of the turn about each axis [deg], above 0, 10 at most.
+        axes_B : (3, 3) array, optional
+            Rows are the principal axes in body axes, as CAD has them; None for the body axes.
+        scale_factors : sequence of float, optional
+            Medians of K1, K2, ...; none to leave K as the campaign states it.
+        scale_factors_sd : float or array, optional
+            Sd of their logarithms: as a fraction of each.
+
+        Returns
+        -------
+        GaussianPrior
+            Of J, and of K where it is given.
+
+        Raises
+        ------
+        CampaignError
+            If no body has these moments, the axes are not orthonormal, or an sd is out of range.
+
+        Examples
+        --------
+        >>> prior = GaussianPrior.of_principal_moments([3.3, 2.2, 1.6], 0.05, 2.0)
+        >>> prior.sd.round(3)  # of the logarithms of Jxx, Jyy, Jzz, then of the products
+        array([0.05 , 0.05 , 0.05 , 0.039, 0.06 , 0.021])
+        """
+        medians = np.array(principal_moments, float)
+        axes = np.eye(3) if axes_B is None else np.array(axes_B, float)
+        sds, angle = np.broadcast_to(np.array(relative_sd, float), 3), float(axes_sd_deg)
+        _require_principal(medians, sds, angle, axes)
+        elements = _elements_of(medians, sds, np.radians(angle), axes)
+        known, logarithmic = len(scale_factors), _MOMENTS
+        names = (*ELEMENTS, *(f"K{i + 1}" for i in range(known)))
+        covariance = np.zeros((6 + known, 6 + known))
+        covariance[:6, :6] = np.cov(elements.T)
+        mean = elements.mean(0)
+        if known:
+            require(min(scale_factors) > 0.0, "prior.scale_factors", "one is not above 0", "try 1")
+            of_K = np.broadcast_to(np.array(scale_factors_sd, float), known)
+            covariance[6:, 6:] = np.diag(of_K**2)
+            mean = np.concatenate([mean, np.log(scale_factors)])
+            logarithmic = (*_MOMENTS, *names[6:])
+        return cls(names, mean, covariance, logarithmic=logarithmic)
+
     def _require_covariance(self, key: str) -> None:
         C, variances = self.covariance, np.diag(self.covariance)
         positive = bool((variances > 0.0).all())
@@ -158,14 +227,49 @@ class GaussianPrior:
         return content | ({"logarithmic": list(self.logarithmic)} if self.logarithmic else {})
 
 
+def _require_principal(
+    medians: np.ndarray, sds: np.ndarray, angle: float, axes: np.ndarray
+) -> None:
+    """Refuse what is no body, no frame, or known so badly that a Gaussian does not say it."""
+    most, turn = LIMITS.sd_of_moments, LIMITS.sd_of_axes
+    body = bool((medians > 0.0).all()) and 2.0 * medians.max() < medians.sum()
+    advice = "each is above zero and less than the sum of the two others"
+    require(body, "prior.principal_moments", "no body has these moments", advice)
+    known = bool(((sds > 0.0) & (sds <= most)).all())
+    wide = "known worse than that, state [inertia] with wide sigmas instead"
+    require(known, "prior.relative_sd", f"it is not above 0 and at most {most}", wide)
+    turned = 0.0 < angle <= turn
+    require(turned, "prior.axes_sd_deg", f"it is not above 0 and at most {turn} deg", wide)
+    frame = axes.shape == (3, 3) and bool(np.allclose(axes @ axes.T, np.eye(3), atol=1e-6))
+    require(frame, "prior.axes_B", "its rows are not orthonormal", "give three unit vectors")
+
+
+def _elements_of(
+    medians: np.ndarray, sds: np.ndarray, angle: float, axes: np.ndarray
+) -> np.ndarray:
+    """Evenly spread tensors (n, 6): logarithms of the diagonal, and products of inertia."""
+    from scipy.spatial.transform import Rotation
+    from scipy.stats import qmc
+
+    # Two to this power of points tell covariances to a part in a thousand.
+    z = qmc.MultivariateNormalQMC(np.zeros(6), rng=0).random(2**13)
+    moments = medians * np.exp(sds * z[:, :3])
+    turned = axes @ Rotation.from_rotvec(angle * z[:, 3:]).as_matrix()
+    tensors = np.einsum("nki,nk,nkj->nij", turned, moments, turned)
+    values = tensors[:, ROWS_OF_ELEMENTS, COLUMNS_OF_ELEMENTS]
+    return np.concatenate([np.log(values[:, :3]), values[:, 3:]], 1)
+
+
 def _ends_json(ends: np.ndarray) -> list[float | None]:
     """Ends, None where there is none."""
     return [float(x) if np.isfinite(x) else None for x in ends]
 
 
 def prior_from_json(content: Mapping[str, Any], where: str) -> GaussianPrior:
-    """The prior that `GaussianPrior.json` wrote."""
+    """The prior that `GaussianPrior.json` wrote, or that principal moments make."""
     try:
+        if "principal_moments" in content:
+            return GaussianPrior.of_principal_moments(**content)
         ends = {
             key: np.array([sign * np.inf if x is None else x for x in content[key]], float)
             for key, sign in (("lower", -1.0), ("upper", 1.0))
@@ -185,7 +289,8 @@ def prior_from_json(content: Mapping[str, Any], where: str) -> GaussianPrior:
         raise CampaignError(
             f"no prior of J and K ({error})",
             where=where,
-            advice="give names, mean and covariance, or the folder of a run",
+            advice="give names, mean and covariance; or principal_moments, relative_sd and "
+            "axes_sd_deg; or the folder of a run",
         ) from error
 
 
@@ -195,7 +300,8 @@ def prior_in(source: str | Path) -> GaussianPrior:
     Parameters
     ----------
     source : str or Path
-        The folder of a finished run, or a JSON file with `names`, `mean` and `covariance`.
+        The folder of a finished run, or a JSON file with `names`, `mean` and `covariance`, or with
+        the arguments of `GaussianPrior.of_principal_moments`.
 
     Returns
     -------

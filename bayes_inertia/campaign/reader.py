@@ -20,7 +20,7 @@ from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.parsed_description import parse_description
-from bayes_inertia.campaign.prior import COPY_FILE, GaussianPrior, prior_in
+from bayes_inertia.campaign.prior import COPY_FILE, GaussianPrior, prior_from_json, prior_in
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import located, parts_of, with_known_momentum
 from bayes_inertia.campaign.streams import (
@@ -98,17 +98,26 @@ def read_unmasked(path: str | Path, *, keep_commands: bool = False) -> Campaign:
 
 
 def _prior(parsed: Description, description: Path) -> GaussianPrior | None:
-    """The prior that a description names: a copy beside it, or what lies where it points."""
-    if parsed.prior is None:
+    """The prior that a description states, or that lies beside it or where it points."""
+    part = parsed.prior
+    if part is None:
         return None
+    stated, label = part.stated(), f"{description}, key prior"
+    if (part.from_ is None) == (not stated):
+        advice = "give from, or principal_moments, or names with mean and covariance"
+        raise CampaignError("it says nothing, or two things", where=label, advice=advice)
     copied = description.parent / COPY_FILE
-    if copied.is_file():
+    if part.from_ is not None and copied.is_file():
         return prior_in(copied)
     try:
-        prior = prior_in(description.parent / parsed.prior.from_)
+        prior = (
+            prior_from_json(stated, label)
+            if part.from_ is None
+            else prior_in(description.parent / part.from_)
+        )
     except CampaignError as error:
-        raise error.inside(f"{description}, key prior.from") from None
-    return prior if parsed.prior.inflate is None else prior.inflated(parsed.prior.inflate.relative)
+        raise (error.inside(f"{label}.from") if part.from_ else error) from None
+    return prior if part.inflate is None else prior.inflated(part.inflate.relative)
 
 
 def campaign_of(description: str, label: str, tables: Mapping[str, Table]) -> Campaign:
@@ -200,8 +209,10 @@ def _files(path: str | Path) -> list[tuple[str, bytes]]:
     orbit = _orbit_path(parsed, description)
     read += [] if parsed.orbit is None or orbit is None else [(parsed.orbit[0], read_bytes(orbit))]
     prior = _prior(parsed, description)
+    if prior is None or parsed.prior is None or parsed.prior.from_ is None:
+        return read
     # Where the run lies, or whether it changes, does not matter to a copy.
-    return read if prior is None else [*read, (COPY_FILE, json.dumps(prior.json()).encode())]
+    return [*read, (COPY_FILE, json.dumps(prior.json()).encode())]
 
 
 def _orbit_path(parsed: Description, description: Path) -> Path | None:

@@ -78,6 +78,7 @@ def _spread(value: Any) -> Any:
 Vector3 = Annotated[list[float], Len(3, 3)]
 Matrix33 = Annotated[list[Vector3], Len(3, 3)]
 OneOrThree = Annotated[Vector3, BeforeValidator(_spread)]
+End = Annotated[float, Field(allow_inf_nan=True)]
 Names = Annotated[list[str], Len(1)]
 Names1 = Annotated[list[str], Len(1, 1)]
 Names3 = Annotated[list[str], Len(3, 3)]
@@ -316,12 +317,28 @@ class InflatePart(Part):
 
 
 class PriorPart(Part):
-    """`[prior]`: a former result in place of other knowledge."""
+    """`[prior]` in place of other knowledge: a former result, principal moments, or a Gaussian."""
 
     model_config = ConfigDict(validate_by_alias=True)
 
-    from_: str = Field(alias="from", description='from = "RUN" or a JSON file')
+    from_: str | None = Field(default=None, alias="from")
     inflate: InflatePart | None = None
+    principal_moments: Vector3 | None = None
+    relative_sd: OneOrThree | None = None
+    axes_sd_deg: float | None = None
+    axes_B: Matrix33 | None = None
+    scale_factors: list[float] | None = None
+    scale_factors_sd: float | list[float] | None = None
+    names: list[str] | None = None
+    mean: list[float] | None = None
+    covariance: list[list[float]] | None = None
+    lower: list[End] | None = None
+    upper: list[End] | None = None
+    logarithmic: list[str] | None = None
+
+    def stated(self) -> dict[str, Any]:
+        """What stands here itself, not in another file."""
+        return self.model_dump(exclude={"from_", "inflate"}, exclude_none=True)
 
 
 class CampaignPart(Part):

@@ -7,9 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import bayes_inertia as bi
 from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign
+from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.small_campaign import small_campaign
 
 NAMES = ("Jxx", "Jyy", "K1")
@@ -108,3 +110,112 @@ def test_a_run_that_is_not_there_is_named_with_its_key(folder, run):
 def test_what_is_no_distribution_is_refused(changes, says):
     with pytest.raises(bi.CampaignError, match=says):
         replace(PRIOR, **changes)
+
+
+MOMENTS = np.array([3.3, 2.2, 1.6])
+# Turned by 24 deg about no axis of the body: rows are principal axes.
+AXES = Rotation.from_rotvec([0.3, -0.2, 0.2]).as_matrix()
+OF_MOMENTS = """
+[prior]
+principal_moments = [3.3, 2.2, 1.6]
+relative_sd = 0.05
+axes_sd_deg = 3.0
+scale_factors = [1.0, 1.01, 0.99]
+scale_factors_sd = 0.01
+"""
+
+
+def test_draws_have_the_principal_moments_and_axes_that_were_stated():
+    prior = bi.GaussianPrior.of_principal_moments(MOMENTS, [0.05, 0.02, 0.1], 3.0, axes_B=AXES)
+    rng = np.random.default_rng(1)
+    drawn = rng.multivariate_normal(prior.mean, prior.covariance, 20_000)
+    drawn[:, :3] = np.exp(drawn[:, :3])
+    moments, axes = np.linalg.eigh(inertia_tensor.tensor(drawn))
+    wanted = MOMENTS * np.exp([0.05, 0.02, 0.1] * rng.standard_normal((20_000, 3)))
+    for share in (0.05, 0.5, 0.95):
+        off = np.quantile(moments, share, 0) - np.quantile(np.sort(wanted, 1), share, 0)
+        assert np.abs(off / wanted.std(0)[::-1]).max() < 0.15
+    # The largest moment's axis turns about the two others.
+    cosines = axes[:, :, 2] @ AXES.T
+    turns = np.degrees(cosines[:, 1:] / cosines[:, :1])
+    np.testing.assert_allclose(turns.std(0), 3.0, rtol=0.1)
+
+
+def test_moments_about_body_axes_are_logarithmic_and_scale_factors_too():
+    prior = bi.GaussianPrior.of_principal_moments(MOMENTS, 0.05, 1.0, scale_factors=(1.0, 1.02))
+    assert prior.logarithmic == ("Jxx", "Jyy", "Jzz", "K1", "K2")
+    np.testing.assert_allclose(
+        np.exp(prior.mean)[[0, 1, 2, 6, 7]], [*MOMENTS, 1.0, 1.02], rtol=1e-3
+    )
+    np.testing.assert_allclose(prior.sd[[0, 1, 2, 6, 7]], [0.05, 0.05, 0.05, 0.03, 0.03], rtol=0.01)
+    # A product of inertia comes from the turn: the moments' difference times its angle.
+    assert prior.sd[3] == pytest.approx(1.1 * np.radians(1.0), rel=0.05)
+
+
+def test_a_description_states_principal_moments(tmp_path):
+    folder = bi.write_campaign(small_campaign(), tmp_path / "c")
+    with open(folder / "campaign.toml", "a", encoding="utf-8") as file:
+        file.write(OF_MOMENTS)
+    wanted = bi.GaussianPrior.of_principal_moments(
+        MOMENTS, 0.05, 3.0, scale_factors=(1.0, 1.01, 0.99), scale_factors_sd=0.01
+    )
+    read = bi.read_campaign(folder)
+    assert read.prior == wanted
+    copy = copy_campaign(folder, tmp_path / "copy")
+    assert bi.read_campaign(copy).prior == wanted
+    assert campaign_sha256(copy) == campaign_sha256(folder)
+    assert bi.read_campaign(bi.write_campaign(read, tmp_path / "again")).prior == wanted
+    file = tmp_path / "prior.json"
+    said = {"principal_moments": [3.3, 2.2, 1.6], "relative_sd": 0.05, "axes_sd_deg": 3.0}
+    file.write_text(
+        json.dumps(said | {"scale_factors": [1.0, 1.01, 0.99], "scale_factors_sd": 0.01})
+    )
+    assert bi.prior_in(file) == wanted
+
+
+def test_a_description_states_a_gaussian_with_ends(tmp_path):
+    folder = bi.write_campaign(small_campaign(), tmp_path / "c")
+    with open(folder / "campaign.toml", "a", encoding="utf-8") as file:
+        file.write(
+            '[prior]\nnames = ["Jxx", "K1"]\nmean = [3.2, 1.0]\nlower = [-inf, 0.97]\n'
+            "covariance = [[4e-4, 1e-5], [1e-5, 1e-4]]\ninflate = { relative = 1e-3 }\n"
+        )
+    prior = bi.read_campaign(folder).prior
+    stated = bi.GaussianPrior(
+        ("Jxx", "K1"), [3.2, 1.0], [[4e-4, 1e-5], [1e-5, 1e-4]], lower=[-np.inf, 0.97]
+    )
+    assert prior == stated.inflated(1e-3)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("[3.3, 2.2, 1.6]", "[5.3, 2.2, 1.6]", "no body has these moments"),
+        ("relative_sd = 0.05", "relative_sd = 0.5", r"at most 0\.2; known worse than that"),
+        ("axes_sd_deg = 3.0", "axes_sd_deg = 0.0", "above 0 and at most 10"),
+        ("axes_sd_deg = 3.0", "", "missing .*axes_sd_deg.*; give names, mean and covariance; or"),
+        ("axes_sd_deg = 3.0", "axes_sd_deg = 3.0\nfrom = 'x'", "says nothing, or two things"),
+        ("scale_factors = [1.0,", "scale_factors = [-1.0,", "one is not above 0"),
+        (
+            "axes_sd_deg = 3.0",
+            "axes_sd_deg = 3.0\naxes_B = [[1, 0, 0], [0, 1, 0], [0, 1, 1]]",
+            "not orthonormal",
+        ),
+    ],
+)
+def test_what_is_no_prior_of_moments_is_refused(tmp_path, old, new, says):
+    folder = bi.write_campaign(small_campaign(), tmp_path / "c")
+    with open(folder / "campaign.toml", "a", encoding="utf-8") as file:
+        file.write(OF_MOMENTS.replace(old, new))
+    with pytest.raises(bi.CampaignError, match=rf"campaign\.toml, key prior.*{says}"):
+        bi.read_campaign(folder)
+
+
+def test_where_the_slews_tell_little_the_prior_of_moments_is_the_result():
+    small = small_campaign()
+    truth = np.sort(np.linalg.eigvalsh(small.inertia.tensor))[::-1]
+    prior = bi.GaussianPrior.of_principal_moments(truth, 1e-6, 1e-4)
+    fitted = bi.estimate(replace(small, prior=prior))
+    seen = {p.name: p for p in bi.observe(fitted).parameters}
+    assert seen["Jxx"].share_own_prior + seen["Jxx"].share_other_priors > 0.9
+    assert fitted.sd[0] == pytest.approx(1e-6 * truth[0], rel=0.1)
