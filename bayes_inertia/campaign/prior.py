@@ -145,7 +145,8 @@ class GaussianPrior:
         sds, angle = np.broadcast_to(np.array(relative_sd, float), 3), float(axes_sd_deg)
         _require_principal(medians, sds, angle, axes)
         elements = _elements_of(medians, sds, np.radians(angle), axes)
-        known, logarithmic = len(scale_factors), _MOMENTS
+        known = len(scale_factors)
+        logarithmic: tuple[str, ...] = _MOMENTS
         names = (*ELEMENTS, *(f"K{i + 1}" for i in range(known)))
         covariance = np.zeros((6 + known, 6 + known))
         covariance[:6, :6] = np.cov(elements.T)

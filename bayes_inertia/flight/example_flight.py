@@ -24,21 +24,13 @@ from bayes_inertia.campaign.parsed_description import parse_description
 from bayes_inertia.campaign.schema import UNITS
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import INPUTS, MORE
+from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.prediction import predict_all
 from bayes_inertia.physics.slew_input import Start
 from bayes_inertia.tables.number_table import Table
-
-# A slew lasts for this share of the time to the next one.
-_FLOWN_SHARE = 0.75
-_ROWS = 600  # steps of a slew; the shares of rest below are whole numbers of all kinds of rows
-_REST = _ROWS // 10  # before and after the rotation
-# One reading, or command, every so many steps.
-_EVERY = {"wheel_torque": 2, "wheel_momentum": 2, "wheel_speed": 2, "attitude": 10, "direction": 5}
-_EVERY_INPUT = 10
-_DIGITS = 10  # significant, of numbers in the tables
 
 
 @dataclass(frozen=True)
@@ -95,7 +87,7 @@ def _planned(parsed: Description, rng: np.random.Generator) -> tuple[Campaign, S
     first = Rotation.random(len(begin), rng=rng)
     slews, rates = [], []
     for part, gap, attitude in zip(parsed.slews, gaps, first, strict=True):
-        slew, rate_B = _planned_slew(parsed, part, _FLOWN_SHARE * gap, attitude)
+        slew, rate_B = _planned_slew(parsed, part, NUMERICS.example_flown_share * gap, attitude)
         slews.append(slew)
         rates.append(rate_B)
     campaign = Campaign(
@@ -120,14 +112,15 @@ def _planned_slew(
     assert part.angle_deg is not None
     axis: Any = np.array(part.axis)
     angle = float(np.deg2rad(part.angle_deg))
-    step, row = duration / _ROWS, np.arange(_ROWS + 1)
-    sense = np.zeros(_ROWS + 1)
+    rows, rest = NUMERICS.example_rows, NUMERICS.example_rest
+    step, row, half = duration / rows, np.arange(rows + 1), rows // 2
+    sense = np.zeros(rows + 1)
     if parsed.wheels or parsed.actuators:
-        sense[_REST : _ROWS // 2], sense[_ROWS // 2 : _ROWS - _REST] = 1.0, -1.0
-        acceleration = angle / ((_ROWS // 2 - _REST) * step) ** 2
+        sense[rest:half], sense[half : rows - rest] = 1.0, -1.0
+        acceleration = angle / ((half - rest) * step) ** 2
         rate = acceleration * step * np.append(0.0, np.cumsum(sense)[:-1])
     else:  # It spins as it is.
-        acceleration, rate = 0.0, np.full(_ROWS + 1, angle / duration)
+        acceleration, rate = 0.0, np.full(rows + 1, angle / duration)
     turned = np.append(0.0, np.cumsum(0.5 * step * (rate[1:] + rate[:-1])))
     attitude = first * Rotation.from_rotvec(turned[:, None] * axis)
     orbit = Orbit().environment(part.start + row * step)
@@ -152,7 +145,7 @@ def _inputs(
     between: dict[str, Any] = {
         entry.field: getattr(entry.columns, "between", "hold") for entry in parsed.entries
     }
-    rows = np.arange(0, _ROWS, _EVERY_INPUT)
+    rows = np.arange(0, NUMERICS.example_rows, NUMERICS.example_every["input"])
     time, wanted_B = slew.time[rows], torque_B[rows]
     inputs = {}
     for device in parsed.actuators:
@@ -195,14 +188,15 @@ def _with_readings(
             values = momentum_B @ to_wheels
         else:
             continue
-        values[np.arange(_ROWS + 1) % _EVERY.get(entry.key, 1) > 0] = np.nan
+        every = NUMERICS.example_every.get(entry.key, 1)
+        values[np.arange(NUMERICS.example_rows + 1) % every > 0] = np.nan
         (more if name != entry.field else fields)[name] = values
     return replace(slew, **fields, more=more or None)
 
 
 def _rounded(values: np.ndarray) -> np.ndarray:
     """Numbers as the tables will hold them."""
-    return np.vectorize(lambda x: float(f"{x:.{_DIGITS}g}"), otypes=[float])(values)
+    return np.vectorize(lambda x: float(f"{x:.{NUMERICS.example_digits}g}"), otypes=[float])(values)
 
 
 def _readings(
@@ -230,7 +224,10 @@ def _readings(
 def _told_beside(slew: Slew) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Times and values of what is no reading: commands, inputs of devices, environment."""
     told = {INPUTS + name: (x.time, x.values) for name, x in (slew.inputs or {}).items()}
-    for field, every in (("wheel_torque", _EVERY["wheel_torque"]), ("magnetic_field_N", 10)):
+    for field, every in (
+        ("wheel_torque", NUMERICS.example_every["wheel_torque"]),
+        ("magnetic_field_N", 10),
+    ):
         values = getattr(slew, field)
         if values is not None:
             told[field] = slew.time[::every], values[::every]

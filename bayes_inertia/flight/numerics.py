@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 
 @dataclass(frozen=True)
@@ -18,6 +20,25 @@ class Numerics:
     # `closed_loop_inputs.py`
     # Stands for a limit that the hardware does not have, in any unit.
     no_limit: float = 1e30
+
+    # `example_flight.py`
+    # A slew lasts for this share of the time to the next one.
+    example_flown_share: float = 0.75
+    # Steps of a slew, and of the rest before and after its rotation; one reading or command every
+    # so many steps, which divide both.
+    example_rows: int = 600
+    example_rest: int = 60
+    example_every: Mapping[str, int] = MappingProxyType(
+        {
+            "wheel_torque": 2,
+            "wheel_momentum": 2,
+            "wheel_speed": 2,
+            "attitude": 10,
+            "direction": 5,
+            "input": 10,
+        }
+    )
+    example_digits: int = 10  # significant, of numbers in the tables
 
     # `flown_slews.py`
     # A flown rotation may be off the planned one by so much [rad], and by this share of its angle:

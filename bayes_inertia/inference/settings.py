@@ -115,12 +115,6 @@ def usual_settings(effects: Iterable[Effect], *, seed: int = 0) -> Settings:
     return replace(STOCHASTIC_SETTINGS if stochastic else Settings(), seed=seed)
 
 
-# Verdicts of a diagnosis that leave something without a name.
-OPEN_VERDICTS = ("partial", "unknown")
-# What stands in an ambiguous set where the effect may as well not be there.
-NOTHING = "nothing"
-
-
 @dataclass(frozen=True)
 class FitContext:
     """What is known of a fit before it begins.

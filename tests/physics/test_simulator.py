@@ -219,6 +219,6 @@ def test_the_measured_drive_needs_no_torque_and_ignores_it(slew_of):
 
 def test_every_method_of_an_effect_is_a_hook_or_says_what_it_is():
     """What the simulator does not call cannot move the body: fits save its motion."""
-    about = {"parameters", "max_step", "looks_between_rows", "afterwards", "acts"}
+    about = {"parameters", "max_step", "looks_between_rows", "afterwards", "acts", "in_campaign"}
     methods = {k for k, v in vars(Effect).items() if callable(v) and not k.startswith("_")}
     assert methods - about == {*BODY_HOOKS, *LOOKING_BACK}

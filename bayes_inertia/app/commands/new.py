@@ -9,10 +9,12 @@ from typing import Annotated
 
 import typer
 
-from bayes_inertia.app.commands.options import Seed
-from bayes_inertia.app.terminal import progress_bar, say
+from bayes_inertia.app.commands.options import AsJson, Seed
+from bayes_inertia.app.terminal import print_json, progress_bar, say
 from bayes_inertia.errors import SettingsError
 from bayes_inertia.files import text_of, write_new_files
+
+FORMAT = "bayes-inertia-new/1"
 
 NewFolder = Annotated[Path, typer.Argument(help="Folder for the campaign; made if absent.")]
 Like = Annotated[
@@ -24,7 +26,9 @@ Like = Annotated[
 ]
 
 
-def new_command(folder: NewFolder, like: Like = "microsat", seed: Seed = 1) -> None:
+def new_command(
+    folder: NewFolder, like: Like = "microsat", seed: Seed = 1, as_json: AsJson = False
+) -> None:
     """Write a commented campaign to begin with: a spacecraft like yours, and a simulated flight.
 
     Every key stands in campaign.toml with its unit. `check`, `doctor` and `fit` work at once; what
@@ -40,6 +44,11 @@ def new_command(folder: NewFolder, like: Like = "microsat", seed: Seed = 1) -> N
     truth = json.dumps(flight.truth, indent=1) + "\n"
     content = {"truth.json": truth.encode(), **files_of(text, flight.tables)}
     write_new_files(folder, content, holds="campaign")
+    if as_json:
+        tables = sorted(flight.tables)
+        place = {"campaign": str(folder), "truth": str(folder / "truth.json")}
+        print_json({"format": FORMAT, **place, "tables": tables})
+        return
     say(f"wrote campaign.toml, {len(flight.tables)} tables and truth.json in {folder}")
     say(f"next: bayes-inertia fit {folder} -o run")
 
