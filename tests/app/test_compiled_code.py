@@ -73,6 +73,7 @@ def entries(cache: Path) -> list[Path]:
     return sorted(cache.glob("*/*-cache"))
 
 
+@pytest.mark.slow
 def test_the_second_run_compiles_nothing_and_gives_the_same_bits(tmp_path):
     bits, hits, misses, said = run(tmp_path)
     assert (hits, said) == (0, "")
@@ -82,6 +83,7 @@ def test_the_second_run_compiles_nothing_and_gives_the_same_bits(tmp_path):
     assert run("off") == (bits, 0, 0, "")
 
 
+@pytest.mark.slow
 def test_a_damaged_entry_is_said_once_and_mended(tmp_path):
     bits, _, misses, _ = run(tmp_path)
     for entry in entries(tmp_path):

@@ -84,6 +84,7 @@ def test_the_check_says_what_is_broken(my_effects, capsys):
     assert "at its null values it changes the telemetry" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_run_keeps_the_reference_and_says_when_the_file_changed(my_effects, tmp_path):
     out = tmp_path / "run"
     run_folder.start(EXAMPLE, out, effects=[f"{my_effects}:Push"])

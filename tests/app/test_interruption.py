@@ -72,6 +72,7 @@ def test_a_signal_ends_a_command_with_its_code_and_one_message(number, code, wor
     assert "same command begins again" in errors
 
 
+@pytest.mark.slow
 def test_compiled_code_is_ended_within_seconds_and_its_workers_too():
     returned, output, errors, seconds = interrupted(COMPUTES, signal.SIGTERM)
     assert returned == 143

@@ -38,6 +38,7 @@ def test_names_and_units_are_those_of_the_fit(density):
     assert repr(density).startswith("LogDensity of small: Jxx, ")
 
 
+@pytest.mark.slow
 def test_it_is_the_density_that_fit_samples(campaign, density):
     posterior = bi.fit(campaign, settings=SETTINGS)
     lp = posterior.tree["sample_stats"]["lp"].values.ravel()

@@ -87,6 +87,7 @@ def test_of_a_clean_campaign_nothing_random_is_significant(plain):
     assert max(c.log_bayes_factor for c in weighed) < 5.0
 
 
+@pytest.mark.slow
 def test_p_values_of_a_fit_are_of_the_whole_family_and_below_the_bound(plain):
     """Each is of the largest of all Bayes factors: it falls with the evidence, and lies at a small
     share of Markov's bound where that is small. A campaign of too many slews keeps the bound.

@@ -158,6 +158,7 @@ def integrated_over_nuisances(fitted, theta):
     return -0.5 * (chi2 + prior) - 0.5 * np.linalg.slogdet(H)[1]
 
 
+@pytest.mark.slow
 def test_conditional_nuisances_have_the_joint_posteriors_moments(small):
     """theta from the marginal, nuisances given theta: together the joint Gaussian of the Laplace
     approximation.

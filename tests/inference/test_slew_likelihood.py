@@ -86,6 +86,7 @@ def test_leave_one_slew_out_is_that_of_exact_refits(campaign, density, logs):
     assert np.ptp(exact) > 20.0
 
 
+@pytest.mark.slow
 def test_arviz_reads_a_posterior_as_it_is():
     campaign = bi.read_campaign(EXAMPLE)
     settings = bi.Settings(seed=1, steps=16, max_steps=16, target_ess=100)

@@ -90,6 +90,7 @@ def jumping_torque(between: str) -> InputStream:
     return InputStream(time, 0.05 * rng.normal(size=(len(time), 3)), between)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("between", ["hold", "line"])
 def test_inputs_that_jump_off_the_grid_keep_the_order_of_the_method(between):
     stream = jumping_torque(between)
@@ -262,6 +263,7 @@ def test_an_effect_of_your_own_looks_up_an_input_by_name():
         predicted(bare, (Own(),))
 
 
+@pytest.mark.slow
 def test_a_torque_that_is_looked_up_by_time_is_warned_of():
     @dataclass(frozen=True)
     class Pulse(Effect):

@@ -27,6 +27,7 @@ def words(posterior: Posterior) -> str:
     return render(posterior, sections)
 
 
+@pytest.mark.slow
 def test_two_runs_of_one_seed_write_the_same_report(made):
     """They differ in the seconds that they took, which summary.json tells."""
     posterior = made("one_slew")

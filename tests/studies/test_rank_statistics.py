@@ -99,6 +99,7 @@ def made(n: int, seed: int, sd: float = 1.0) -> Calibration:
     return calibration_of(cases_named(["five-slews"]), WorkResult(tuple(rows)))
 
 
+@pytest.mark.slow
 def test_a_right_pipeline_is_rarely_rejected_and_a_wrong_one_always():
     trials = 40
     alarms = sum(bool(made(100, seed).rejected) for seed in range(trials))
