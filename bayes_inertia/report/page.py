@@ -11,13 +11,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, StrictUndefined
+from jinja2 import Environment
 from markupsafe import Markup
 
 from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.fit_sections import standard_sections
 from bayes_inertia.report.section import Section, data_uri, packaged
+from bayes_inertia.report.words import templates_in
 from bayes_inertia.sealing import sha256_of
 
 _MISSION_KEYS = ("name", "spacecraft", "operator", "document")
@@ -77,9 +78,7 @@ def render_page(
 
     `facts`: what the head says of its origin, see `page_facts`.
     """
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
+    environment = templates_in("", autoescape=True)
     css = packaged("report.css") + packaged("phone_and_paper.css")
     scripts = list(dict.fromkeys(section.script for section in sections if section.script))
     return environment.from_string(packaged("page.html")).render(

@@ -193,14 +193,23 @@ def _on_one_line(text: str) -> str:
     return re.sub(r"[ \n]+", " ", text).strip(" \n")
 
 
-@cache
-def _templates() -> Environment:
-    environment = Environment(
-        loader=PackageLoader("bayes_inertia.report", "words"),
+def templates_in(folder: str, **options: Any) -> Environment:
+    """Templates of a folder of the report; what they lack is an error, and control leaves no line.
+
+    `options`: more of jinja2's.
+    """
+    return Environment(
+        loader=PackageLoader("bayes_inertia.report", folder),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        **options,
     )
+
+
+@cache
+def _templates() -> Environment:
+    environment = templates_in("words")
     environment.globals |= {
         "layout": LAYOUT,
         "NOTHING": NOTHING,

@@ -15,7 +15,6 @@ from datetime import UTC, datetime
 from functools import partial
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.report.export.content import (
@@ -30,6 +29,7 @@ from bayes_inertia.report.export.content import (
     tensor_digits,
 )
 from bayes_inertia.report.formatting import arcsec, common_exponents
+from bayes_inertia.report.words import templates_in
 
 _TEX = {c: f"\\{c}" for c in "&%$#_{}"} | {"\\": "/", "~": "-", "^": "-"}
 _COLUMNS = (
@@ -68,13 +68,7 @@ class ExportFormat:
 
 def templated(template: str, result: ExportedResult) -> str:
     """A result as a template of this folder writes it."""
-    environment = Environment(
-        loader=PackageLoader("bayes_inertia.report", "export"),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
+    environment = templates_in("export", keep_trailing_newline=True)
     environment.filters |= {
         "one_line": one_line,
         "matrix": _matlab_matrix,
