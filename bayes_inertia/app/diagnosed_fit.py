@@ -19,9 +19,13 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.limits import Rules
 from bayes_inertia.diagnosis.quoted_parameters import tried_effects
 from bayes_inertia.diagnosis.result import AlternativeParameters, Diagnosis
-from bayes_inertia.inference.limits import OPEN_VERDICTS
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.inference.settings import STOCHASTIC_SETTINGS, FitContext, Settings
+from bayes_inertia.inference.settings import (
+    OPEN_VERDICTS,
+    STOCHASTIC_SETTINGS,
+    FitContext,
+    Settings,
+)
 from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS

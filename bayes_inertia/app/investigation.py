@@ -28,7 +28,7 @@ from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.diagnosis.unexplained import UnexplainedSignal, unexplained_signal
 from bayes_inertia.errors import CampaignError, EffectError
-from bayes_inertia.inference.limits import OPEN_VERDICTS
+from bayes_inertia.inference.settings import OPEN_VERDICTS
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY

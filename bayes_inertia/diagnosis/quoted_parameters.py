@@ -34,9 +34,9 @@ from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.linear_system import LinearModel, linear_model, log_evidence_of_each
 from bayes_inertia.diagnosis.result import AlternativeParameters, Diagnosis
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.limits import OPEN_VERDICTS
 from bayes_inertia.inference.optimizer import estimate, move_to
 from bayes_inertia.inference.posterior import Posterior, sd_of_interval
+from bayes_inertia.inference.settings import OPEN_VERDICTS
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.numerics import NUMERICS as MATHS_NUMERICS
 from bayes_inertia.maths.physical_draws import draw_physical

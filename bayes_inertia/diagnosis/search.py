@@ -74,8 +74,8 @@ from bayes_inertia.diagnosis.table_search import (
 )
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.laplace import Estimate, model_of
-from bayes_inertia.inference.limits import NOTHING, OPEN_VERDICTS
 from bayes_inertia.inference.optimizer import move_to
+from bayes_inertia.inference.settings import NOTHING, OPEN_VERDICTS
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY

@@ -42,8 +42,8 @@ from bayes_inertia.diagnosis.result import Hypothesis, within_prior
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.descent import compiled_meanwhile
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.limits import NOTHING
 from bayes_inertia.inference.optimizer import move_to, re_estimate
+from bayes_inertia.inference.settings import NOTHING
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 from bayes_inertia.progress import Progress

@@ -16,8 +16,8 @@ from emcee.autocorr import integrated_time
 from scipy import stats
 
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.limits import LIMITS, OPEN_VERDICTS
-from bayes_inertia.inference.settings import FitContext
+from bayes_inertia.inference.limits import LIMITS
+from bayes_inertia.inference.settings import OPEN_VERDICTS, FitContext
 from bayes_inertia.physics.effects import REMAINDERS
 
 

@@ -9,11 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-# Verdicts of a diagnosis that leave something without a name.
-OPEN_VERDICTS = ("partial", "unknown")
-# What stands in an ambiguous set where the effect may as well not be there.
-NOTHING = "nothing"
-
 
 @dataclass(frozen=True)
 class Limits:

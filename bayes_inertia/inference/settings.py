@@ -8,13 +8,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bayes_inertia.errors import SettingsError
-from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.stochastic_effect import StochasticEffect
+
+if TYPE_CHECKING:
+    from bayes_inertia.physics.effect import Effect
 
 # The least that settings may ask for.
 _LEAST_SETTINGS = {
@@ -111,8 +112,17 @@ def usual_settings(effects: Iterable[Effect], *, seed: int = 0) -> Settings:
     >>> usual_settings((), seed=3) == Settings(seed=3)
     True
     """
+    # Brings JAX along, which words on telemetry do without.
+    from bayes_inertia.physics.stochastic_effect import StochasticEffect
+
     stochastic = any(isinstance(effect, StochasticEffect) for effect in effects)
     return replace(STOCHASTIC_SETTINGS if stochastic else Settings(), seed=seed)
+
+
+# Verdicts of a diagnosis that leave something without a name.
+OPEN_VERDICTS = ("partial", "unknown")
+# What stands in an ambiguous set where the effect may as well not be there.
+NOTHING = "nothing"
 
 
 @dataclass(frozen=True)

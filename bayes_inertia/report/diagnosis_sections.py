@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from bayes_inertia.inference.limits import OPEN_VERDICTS
+from bayes_inertia.inference.settings import OPEN_VERDICTS
 from bayes_inertia.report.formatting import (
     NOT_GIVEN,
     channel_name,

@@ -15,7 +15,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from bayes_inertia.campaign.sensors import CHANNELS, STREAMS
-from bayes_inertia.inference.limits import NOTHING, OPEN_VERDICTS
+from bayes_inertia.inference.settings import NOTHING, OPEN_VERDICTS
 from bayes_inertia.report import formatting
 from bayes_inertia.report.formatting import listed, plain
 from bayes_inertia.report.layout import LAYOUT
