@@ -73,8 +73,19 @@ def test_a_spinner_is_written_and_agrees_with_physics(tmp_path):
     assert (folder / "slew_01_gyro.csv").read_bytes() == before
 
 
+# The spinner is flown above; these two have most kinds of devices that the others have.
+IN_CI = ("cubesat", "thruster")
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in NAMES if name != "spinner"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=() if name in IN_CI else pytest.mark.long)
+        for name in NAMES
+        if name != "spinner"
+    ],
+)
 def test_a_template_is_written_and_agrees_with_physics(name, tmp_path):
     worked(name, tmp_path)
 
