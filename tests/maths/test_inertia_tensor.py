@@ -49,7 +49,8 @@ def test_every_chart_vector_is_physical_and_comes_back(chart):
 @given(elements_)
 @settings(max_examples=400, deadline=None)
 def test_is_physical_agrees_with_the_triangle_inequalities(elements):
-    margin = _margin(elements) if np.any(elements) else 0.0
+    # The determinant of moments below 1e-108 kg m^2 is zero in floating point: no body is so light.
+    margin = _margin(elements) if np.abs(elements).max() > 1e-100 else 0.0
     if abs(margin) > 1e-9:
         assert bool(_is_physical(elements)) == (margin > 0.0)
 
