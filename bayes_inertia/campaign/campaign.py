@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -148,8 +148,7 @@ class Campaign:
             require(isinstance(device, Actuator), "actuators", what, advice)
         names = [device.name for device in (*self.actuators, *self.changes)]
         _require_different("actuators", [*names, *(wheel.name for wheel in self.wheels)])
-        first = zip(self.names, (self.rate_sensor, self.star_tracker), strict=True)
-        sensors = [name for name, sensor in (*first, *self.more_sensors) if sensor is not None]
+        sensors = [name for name, _ in self._each_sensor()]
         _require_different("sensors", [*sensors, *(device.name for device in self.actuators)])
         known = self.reference is None or self.reference in self.sensors
         what, advice = f"no sensor is called {self.reference!r}", f"choose {list(self.sensors)}"
@@ -220,8 +219,11 @@ class Campaign:
     @property
     def sensors(self) -> dict[str, Any]:
         """The hardware of every sensor by its name; the first of a kind before the further ones."""
+        return dict(self._each_sensor())
+
+    def _each_sensor(self) -> Iterator[tuple[str, Any]]:
         first = zip(self.names, (self.rate_sensor, self.star_tracker), strict=True)
-        return {name: x for name, x in (*first, *self.more_sensors) if x is not None}
+        return ((name, x) for name, x in (*first, *self.more_sensors) if x is not None)
 
     @property
     def frame_reference(self) -> str:

@@ -224,11 +224,8 @@ def _readings(
 def _told_beside(slew: Slew) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Times and values of what is no reading: commands, inputs of devices, environment."""
     told = {INPUTS + name: (x.time, x.values) for name, x in (slew.inputs or {}).items()}
-    for field, every in (
-        ("wheel_torque", NUMERICS.example_every["wheel_torque"]),
-        ("magnetic_field_N", 10),
-    ):
-        values = getattr(slew, field)
+    for field in ("wheel_torque", "magnetic_field_N"):
+        values, every = getattr(slew, field), NUMERICS.example_every[field]
         if values is not None:
             told[field] = slew.time[::every], values[::every]
     return told

@@ -36,6 +36,7 @@ class Numerics:
             "attitude": 10,
             "direction": 5,
             "input": 10,
+            "magnetic_field_N": 10,
         }
     )
     example_digits: int = 10  # significant, of numbers in the tables

@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
 from bayes_inertia.report.criteria import Criteria, channel_verdict, criteria_of
-from bayes_inertia.report.formatting import two_digits, unit_text
+from bayes_inertia.report.formatting import channel_name, two_digits, unit_text
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.uncertainty import names_by_determination, sd_in_print
 from bayes_inertia.report.words import averaged_over, dirt_sentences, phrase, sentences
@@ -110,13 +110,21 @@ def misfit_channels(fit: Mapping[str, Any], criteria: Criteria) -> tuple[list[st
     return too_large, too_small
 
 
-def _on_one_slew(rows: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Parameters that one slew alone determines, by slew."""
+def _on_one_slew(rows: Mapping[str, Any]) -> list[tuple[str, list[str], list[float]]]:
+    """Slews that alone determine parameters, these, and what one more gains each [% of its sd]."""
     alone: dict[str, list[str]] = {}
     for name, row in rows.items():
         if rests_on_one_slew(row):
             alone.setdefault(row["decisive_slew"], []).append(name)
-    return alone
+    told = "sd_with_it_again"
+    return [
+        (
+            slew,
+            names,
+            [100.0 * (1.0 - rows[n][told] / rows[n]["sd"]) for n in names if told in rows[n]],
+        )
+        for slew, names in alone.items()
+    ]
 
 
 def rests_on_one_slew(row: Mapping[str, Any]) -> bool:
@@ -196,9 +204,13 @@ def with_verdict_sentence(
 
 
 def _misfit(summary: Mapping[str, Any]) -> list[str]:
-    """Channels that the model does not explain."""
+    """Channels that the model does not explain, with their reduced chi^2."""
     too_large, too_small = misfit_channels(summary["fit"], criteria_of(summary))
-    return too_large or too_small
+    reduced = summary["fit"]["reduced_chi2"]
+    return [
+        f"{channel_name(channel)} (reduced χ² {reduced.get(channel, reduced['total']):.3g})"
+        for channel in too_large or too_small
+    ]
 
 
 def _undetermined(summary: Mapping[str, Any]) -> list[str]:

@@ -17,7 +17,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from bayes_inertia.campaign.sensors import CHANNELS, STREAMS
 from bayes_inertia.inference.settings import NOTHING, OPEN_VERDICTS
 from bayes_inertia.report import formatting
-from bayes_inertia.report.formatting import listed, plain
+from bayes_inertia.report.formatting import either_or, listed, plain
 from bayes_inertia.report.layout import LAYOUT
 
 
@@ -222,18 +222,21 @@ def _templates() -> Environment:
     environment.filters |= {
         "arcsec": formatting.arcsec_text,
         "channel": formatting.channel_name,
-        "either_or": formatting.either_or,
+        "either": lambda names: either_or([plain(name) for name in names]),
+        "farthest_alternative": _farthest_alternative,
         "in_order": _in_order,
-        "listed": formatting.listed,
+        "least_gain": _least_gain,
+        "listed": listed,
+        "most_moved": _most_moved,
         "p": formatting.probability,
-        "plain": formatting.plain,
+        "plain": plain,
         "tenths": formatting.tenths,
         "two_digits": formatting.two_digits,
         "typeset": formatting.typeset,
         "unit": formatting.unit_text,
         "value": formatting.value_text,
         "vector": formatting.vector_text,
-        "names": lambda names: formatting.listed([formatting.plain(name) for name in names]),
+        "names": lambda names: listed([plain(name) for name in names]),
         "digits": format,
         "sentence": lambda text: text[:1].upper() + text[1:],
     }
@@ -260,7 +263,7 @@ def probabilities(content: Mapping[str, Any]) -> list[tuple[str, float]]:
     ...     {"effect": "wheel_friction", "instead_of": "viscous_torque", "probability": 0.25}]})
     [('viscous torque', 0.75), ('wheel friction', 0.25)]
     """
-    alternatives, plain = content["alternatives"], formatting.plain
+    alternatives = content["alternatives"]
     replaced = list(dict.fromkeys(a["instead_of"] for a in alternatives))
     rows: list[tuple[str, float]] = []
     for alternative in alternatives:
@@ -268,8 +271,29 @@ def probabilities(content: Mapping[str, Any]) -> list[tuple[str, float]]:
         if len(replaced) > 1:
             effect += f" instead of {plain(alternative['instead_of'])}"
         rows.append((effect, alternative["probability"]))
-    named = formatting.listed([plain(name) for name in replaced])
+    named = listed([plain(name) for name in replaced])
     return [(named, 1.0 - sum(p for _, p in rows)), *rows]
+
+
+def _farthest_alternative(content: Mapping[str, Any]) -> tuple[float, str, str]:
+    """The alternative that moves J and K most: by how many sds, which parameter, its effect."""
+    shift = content["steps"][-1]["shift"]
+    return max(
+        (abs(mean - shift[name]["after"]) / shift[name]["sd_after"], name, alternative["effect"])
+        for alternative in content["alternatives"]
+        for name, mean in zip(alternative["names"], alternative["mean"], strict=True)
+    )
+
+
+def _least_gain(slew: Mapping[str, Any]) -> float:
+    """How many times a slew shows more of each of two effects, at least."""
+    powers = slew["noncentrality"].values()
+    return min(power["after"] / max(power["before"], 1e-12) for power in powers)
+
+
+def _most_moved(rows: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
+    """The parameter that what may hide moves most, in sds."""
+    return max(rows, key=lambda row: row["shift"] / row["sd"])
 
 
 def _in_order(channels: Iterable[str]) -> list[str]:

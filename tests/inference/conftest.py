@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from support.marginal import DRIVES
 
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.forward_model import Model
+
+DRIVES = ("commanded", "measured")
 
 
 @pytest.fixture(scope="module", params=DRIVES)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -30,7 +33,6 @@ from bayes_inertia.app.terminal import (
 if TYPE_CHECKING:
     from bayes_inertia.app.study_folder import Study
     from bayes_inertia.studies.calibration import Calibration
-    from bayes_inertia.studies.workers import Engine
 
 
 _CALIBRATION = "calibration"
@@ -64,22 +66,25 @@ def study_command(
 
     A study that was killed goes on with the same command. Exit code 3 if uncertainties do not hold.
     """
-    place: dict[str, Any] = {"engine": engine, "jobs": jobs, "scheduler": scheduler}
-    if what == Path(_CALIBRATION) and not (what / "campaign.toml").is_file():
-        calibrate(out, fits=fits, cases=names_in(cases), seed=seed, as_json=as_json, **place)
-        return
-    from bayes_inertia.app.study_folder import run_study
+    from bayes_inertia.app.study_folder import run_calibration, run_study
     from bayes_inertia.studies.engine import Execution
 
+    run: Callable[..., Any]
+    show: Callable[[Any, Path], None]
+    if what == Path(_CALIBRATION) and not (what / "campaign.toml").is_file():
+        name, show, wrong = "calibration", show_calibration, attrgetter("rejected")
+        run = partial(run_calibration, out, fits=fits, cases=names_in(cases), seed=seed)
+    else:
+        name, show, wrong = "study", show_study, attrgetter("too_small")
+        run = partial(run_study, what, out, plan, campaigns=campaigns, seed=seed)
     with progress_bar() as progress:
         progress("flying and fitting the first campaigns", 0, 0)
-        execution = Execution(**place, progress=progress, notice=say)
-        study = run_study(what, out, plan, campaigns=campaigns, seed=seed, execution=execution)
+        found: Any = run(execution=Execution(engine, jobs, scheduler, progress, say))
     if as_json:
-        print_json_file(out / "study.json")
+        print_json_file(out / f"{name}.json")
     else:
-        show_study(study, out)
-    if study.too_small or study.failures:
+        show(found, out)
+    if wrong(found) or found.failures:
         raise typer.Exit(3)
 
 
@@ -116,33 +121,6 @@ def show_study(study: Study, folder: Path) -> None:
             f"campaign {first.task}: {first.reason}"
         )
     console.print(f"wrote study.json and study.png in {folder}")
-
-
-def calibrate(
-    out: Path,
-    *,
-    fits: int,
-    cases: list[str],
-    seed: int,
-    engine: Engine | None,
-    jobs: int,
-    scheduler: str | None,
-    as_json: bool = False,
-) -> None:
-    """Run a calibration, print it, and exit with 3 if it is rejected or fits failed."""
-    from bayes_inertia.app.study_folder import run_calibration
-    from bayes_inertia.studies.engine import Execution
-
-    with progress_bar() as progress:
-        progress("flying and fitting the first campaigns", 0, 0)
-        execution = Execution(engine, jobs, scheduler, progress, say)
-        calibration = run_calibration(out, fits=fits, cases=cases, seed=seed, execution=execution)
-    if as_json:
-        print_json_file(out / "calibration.json")
-    else:
-        show_calibration(calibration, out)
-    if calibration.rejected or calibration.failures:
-        raise typer.Exit(3)
 
 
 def show_calibration(calibration: Calibration, folder: Path) -> None:

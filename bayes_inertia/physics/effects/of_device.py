@@ -16,7 +16,7 @@ from bayes_inertia.campaign.actuators import Actuator
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker
 from bayes_inertia.errors import EffectError
-from bayes_inertia.physics.actuators import DeviceEffect, effects_of
+from bayes_inertia.physics.actuators import KINDS as DEVICE_EFFECTS
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects.actuator_errors import (
     ActuatorDirection,
@@ -57,6 +57,8 @@ KINDS: Mapping[Any, tuple[Effect, ...]] = MappingProxyType(
         Actuator: (ActuatorGain(), ActuatorDirection()),
     }
 )
+# Kinds of sensors whose first one has effects of the library.
+_FIRST = (RateSensor, StarTracker)
 _NAME = re.compile(r"(?P<kind>\w+)\[(?P<device>.+)\]")
 
 
@@ -129,8 +131,7 @@ def errors_of(device: str, campaign: Campaign) -> tuple[Effect, ...]:
     """What may be wrong with a device."""
     record = devices_of(campaign)[device]
     if isinstance(record, Actuator):
-        devices = (e for e in effects_of(campaign) if isinstance(e, DeviceEffect))
-        acting = next(e for e in devices if e.name == device)
+        acting = DEVICE_EFFECTS[type(record)](record)
         actuator_errors = cast("tuple[ActuatorError, ...]", KINDS[Actuator])
         return tuple(replace(e, acting=acting, device=device) for e in actuator_errors)
     own = KINDS.get(type(record), ())
@@ -172,10 +173,6 @@ def candidates_in(campaign: Campaign, library: Sequence[Effect]) -> tuple[Effect
         found = [e for e in found if e not in drop]
     names = {e.name for e in own}
     return (*(e for e in found if e.name not in names), *own)
-
-
-# Kinds of sensors whose first one has effects of the library.
-_FIRST = (RateSensor, StarTracker)
 
 
 def with_settings(effect: Effect, settings: Mapping[str, Any]) -> Effect:
