@@ -1,8 +1,8 @@
 # `make demo` and `make test` are all the set-up there is: each makes the environment it needs.
 # `make test-all` adds the slow tests, the formatter, the type checker and the documentation, whose
 # tutorials are not run. `make docs` runs them and writes build/docs/index.html. `make test-long`
-# does that too, and runs tests that take long or are many of one kind: before a release, and after
-# changes to a search.
+# does that too, draws new examples for the tests that draw some, and runs tests that take long or are
+# many of one kind: before a release, and after changes to a search.
 # PYTHON=... chooses an interpreter; otherwise the first that is 3.12 or newer.
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.14 python3 python; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 12))' 2>/dev/null && echo $$p && break; done)
@@ -37,7 +37,8 @@ test-all: test lint $(VENV)/ready-docs
 	wait $$checked && exit $$tested
 
 test-long: $(VENV)/ready-test docs
-	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m long
+	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m "long or hypothesis" \
+		--hypothesis-profile=default
 
 lint: $(VENV)/ready-test
 	$(BIN)/ruff check .

@@ -144,6 +144,7 @@ def _spline(slew: Slew, seen: list[_Seen], pieces: int, sd: float) -> tuple[_Smo
 
     `sd`: prior sd of their coefficients, around a constant of which nothing is known [rad/s].
     """
+    from scipy import linalg
     from scipy.interpolate import BSpline
 
     ends = slew.time[0], slew.time[-1]
@@ -155,7 +156,8 @@ def _spline(slew: Slew, seen: list[_Seen], pieces: int, sd: float) -> tuple[_Smo
     shared = 3 * n + 3
     prior = np.full(shared + 3 * runs, LIMITS.unseen_rate**-2)
     prior[: 3 * n] = sd**-2
-    normal, pull = np.diag(prior), np.zeros(len(prior))
+    # The triangle of QR: normal equations would square a condition number of up to 1e9.
+    triangle = np.column_stack([np.diag(np.sqrt(prior)), np.zeros(len(prior))])
     for part in seen:
         along, whole = basis(part.time), np.ones(len(part.time))
         if part.run is not None:
@@ -165,11 +167,14 @@ def _spline(slew: Slew, seen: list[_Seen], pieces: int, sd: float) -> tuple[_Smo
         columns[:, 3 * n : shared] = part.direction_B * whole[:, None]
         if part.run is not None:
             columns[:, shared + 3 * part.run :][:, :3] = part.direction_B
-        normal += columns.T @ columns
-        pull += columns.T @ part.values
-    covariance = np.linalg.inv(normal)
-    found = covariance @ pull
-    log_evidence = 0.5 * (np.sum(np.log(prior)) - np.linalg.slogdet(normal)[1] + pull @ found)
+        rows = np.column_stack([columns, part.values])
+        triangle = np.linalg.qr(np.concatenate([triangle, rows]), mode="r")[: len(prior)]
+    root, pull = triangle[:, :-1], triangle[:, -1]
+    inverse = linalg.solve_triangular(root, np.eye(len(prior)))
+    covariance = inverse @ inverse.T
+    found = inverse @ pull
+    log_volume = 0.5 * np.sum(np.log(prior)) - np.sum(np.log(np.abs(np.diag(root))))
+    log_evidence = log_volume + 0.5 * pull @ pull
     at_rows = np.concatenate([basis(slew.time), np.ones((len(slew.time), 1))], axis=1)
     places = _of_axes(n)
     rate_B = np.stack([at_rows @ found[place] for place in places], axis=-1)
