@@ -39,45 +39,19 @@ from bayes_inertia.studies.plan_comparison import compare_plans
 
 @dataclass(frozen=True)
 class DesignRequest:
-    """Request of `design`; None where nothing was asked.
+    """Request of `design`; None where nothing was asked."""
 
-    Parameters
-    ----------
-    goal : str
-        Name of the goal.
-    slews : int
-        How many.
-    total_time : float or None
-        From first to last telemetry [s].
-    max_rate : float or None
-        Largest true rate [deg/s].
-    max_angle : float or None
-        Largest angle of a slew [deg].
-    max_acceleration : float or None
-        Largest angular acceleration [deg/s^2].
-    end_attitude : str or None
-        "q1,q2,q3,q4", scalar last.
-    keep_out : tuple of str
-        Cones or files of cones, see `keep_outs`.
-    after : bool
-        Whether the campaign's telemetry counts.
-    seed : int
-        Of the search.
-    effects : tuple of str
-        Names of effects that are fitted along.
-    """
-
-    goal: str = "cross_terms"
-    slews: int = 5
-    total_time: float | None = None
-    max_rate: float | None = None
-    max_angle: float | None = None
-    max_acceleration: float | None = None
-    end_attitude: str | None = None
-    keep_out: tuple[str, ...] = ()
-    after: bool = False
-    seed: int = 0
-    effects: tuple[str, ...] = ()
+    goal: str = "cross_terms"  # name of the goal
+    slews: int = 5  # how many
+    total_time: float | None = None  # from first to last telemetry [s]
+    max_rate: float | None = None  # largest true rate [deg/s]
+    max_angle: float | None = None  # largest angle of a slew [deg]
+    max_acceleration: float | None = None  # largest angular acceleration [deg/s^2]
+    end_attitude: str | None = None  # "q1,q2,q3,q4", scalar last
+    keep_out: tuple[str, ...] = ()  # cones or files of cones, see `keep_outs`
+    after: bool = False  # whether the campaign's telemetry counts
+    seed: int = 0  # of the search
+    effects: tuple[str, ...] = ()  # names of effects that are fitted along
 
     def limits(self, campaign: Campaign) -> Limits:
         """The limits that are asked for; the largest rate is the campaign's own where none is

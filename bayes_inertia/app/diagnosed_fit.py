@@ -36,27 +36,16 @@ from bayes_inertia.progress import Progress, with_bar
 
 @dataclass(frozen=True)
 class NextFit:
-    """Fit that a diagnosis wants in full.
+    """Fit that a diagnosis wants in full."""
 
-    Parameters
-    ----------
-    verdict : {"consistent", "named", "ambiguous", "formula", "partial", "unknown"}
-        Of the diagnosis.
-    effects : tuple of Effect
-        To fit along, with the settings that they were found with.
-    treatment : DirtTreatment
-        What was done about dirt in the telemetry, and the noise that was measured.
-    drive : {"commanded", "measured"}
-        What drove the model in the diagnosis.
-    alternatives : tuple of AlternativeParameters
-        J and K with another effect of an ambiguous set, or with shapes that are free, to be
-        averaged over.
-    """
-
+    # Of the diagnosis.
     verdict: str
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[Effect, ...] = ()  # to fit along, with the settings that they were found with
+    # What was done about dirt in the telemetry, and the noise that was measured.
     treatment: DirtTreatment = field(default_factory=DirtTreatment)
-    drive: Drive = "commanded"
+    drive: Drive = "commanded"  # what drove the model in the diagnosis
+    # J and K with another effect of an ambiguous set, or with shapes that are free, to be
+    # averaged over.
     alternatives: tuple[AlternativeParameters, ...] = ()
 
 

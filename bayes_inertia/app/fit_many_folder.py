@@ -43,30 +43,14 @@ _AT = "@"
 
 @dataclass(frozen=True)
 class CampaignFit:
-    """The task: fit one campaign of a folder.
+    """The task: fit one campaign of a folder."""
 
-    Parameters
-    ----------
-    folder : Path
-        That holds the campaigns; workers see it under the same path.
-    effects : tuple of str
-        Names of effects to fit along.
-    drive : {"commanded", "measured"} or None
-        What drives the model.
-    settings : Settings
-        Of the sampler; each campaign has its own seed.
-    as_stated : bool
-        Take telemetry and noise as they are stated.
-    anyway : bool
-        Fit also where the data are impossible under the stated conventions.
-    """
-
-    folder: Path
-    effects: tuple[str, ...]
-    drive: Drive | None
-    settings: Settings
-    as_stated: bool
-    anyway: bool
+    folder: Path  # that holds the campaigns; workers see it under the same path
+    effects: tuple[str, ...]  # names of effects to fit along
+    drive: Drive | None  # what drives the model
+    settings: Settings  # of the sampler; each campaign has its own seed
+    as_stated: bool  # take telemetry and noise as they are stated
+    anyway: bool  # fit also where the data are impossible under the stated conventions
 
     def __call__(self, task_id: str, seed: np.random.SeedSequence) -> Row:
         """The row of a campaign: posterior, gates, chi^2."""

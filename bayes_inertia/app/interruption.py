@@ -67,18 +67,7 @@ def _folder(words: Sequence[str], command: str) -> Path | None:
 
 
 class Interruption:
-    """The signal that ends a command, if one came.
-
-    Parameters
-    ----------
-    advice : callable
-        Gives what to do next, for the message.
-
-    Attributes
-    ----------
-    signalled : bool
-        Whether a signal came.
-    """
+    """The signal that ends a command, if one came; `advice` says what to do next."""
 
     def __init__(self, advice: Callable[[], str]):
         self._advice = advice

@@ -35,17 +35,10 @@ FILE, PICTURE, PAGE = "observability.json", "observability.png", "observability.
 
 @dataclass(frozen=True)
 class ObservedCampaign:
-    """Result of `observe` on a folder.
+    """Result of `observe` on a folder."""
 
-    Parameters
-    ----------
-    observability : Observability
-        What the campaign tells about each parameter.
-    comparison : tuple of PosteriorComparison or None
-        With the posterior of the same fit; None where the folder has none.
-    """
-
-    observability: Observability
+    observability: Observability  # what the campaign tells about each parameter
+    # With the posterior of the same fit; None where the folder has none.
     comparison: tuple[PosteriorComparison, ...] | None
 
 

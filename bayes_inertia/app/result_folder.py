@@ -58,29 +58,6 @@ def write_page(
 class ResultFolder:
     """A folder, and the work that wants to write in it.
 
-    Parameters
-    ----------
-    path : Path
-        The folder; need not exist.
-    work : str
-        What the folder would hold, as messages call it ("design").
-    claim_file : str
-        Name of the JSON file that says whose the folder is.
-    format : str
-        Value of the key `format` in that file.
-    campaign_sha256 : str
-        Digest of the campaign.
-    options : dict
-        What else makes it this work and no other, as JSON values.
-    results : tuple of str
-        Names of other files that the command writes. Without a claim they are somebody else's.
-        Empty: everything in the folder is.
-    flat : bool
-        Whether the claim states its options at the top, not under the key `options`.
-    defaults : dict
-        Options that older versions left out of the claim. Any other that is left out counts as
-        equal.
-
     Examples
     --------
     >>> from tempfile import TemporaryDirectory
@@ -92,14 +69,17 @@ class ResultFolder:
     (False, True)
     """
 
-    path: Path
-    work: str
-    claim_file: str
-    format: str
+    path: Path  # need not exist
+    work: str  # what the folder would hold, as messages call it ("design")
+    claim_file: str  # name of the JSON file that says whose the folder is
+    format: str  # value of the key `format` in that file
     campaign_sha256: str
+    # What else makes it this work and no other, as JSON values.
     options: Mapping[str, Any] = field(default_factory=dict)
+    # Other files that the command writes: without a claim they are somebody else's. Empty: all are.
     results: tuple[str, ...] = ()
-    flat: bool = False
+    flat: bool = False  # whether the claim states its options at the top, not under `options`
+    # Options that older versions left out of the claim; any other left out counts as equal.
     defaults: Mapping[str, Any] = field(default_factory=dict)
 
     def holds_this_work(self) -> bool:

@@ -54,36 +54,22 @@ _WANTED_BY_REPORT = ("bayes_inertia.report.fit_sections",)
 
 @dataclass(frozen=True)
 class Run:
-    """Inputs of the fit of a run folder.
+    """Inputs of the fit of a run folder."""
 
-    Parameters
-    ----------
-    campaign_sha256 : str
-        Digest of the campaign.
-    effects : tuple of str
-        Names of the effects to fit along; of a run of the kind "diagnose", of candidates beyond the
-        library.
-    drive : {"commanded", "measured"} or None
-        What drives the model; None for the campaign's best.
-    settings : Settings
-        Of the sampler, seed included.
-    kind : {"fit", "diagnose"}
-        A run of the kind "diagnose" fits what its diagnosis names.
-    as_stated : bool
-        Take telemetry and noise as they are stated: no dirt is looked for in residuals.
-    noise : NoiseModel
-        The noise of each channel, of a run of the kind "fit".
-    prior : dict or None
-        J and K known before, as `GaussianPrior.json`; None for the campaign's own.
-    """
-
-    campaign_sha256: str
+    campaign_sha256: str  # digest of the campaign
+    # Names of the effects to fit along; of a run of the kind "diagnose", of candidates beyond the
+    # library.
     effects: tuple[str, ...]
+    # What drives the model; None for the campaign's best.
     drive: Drive | None
-    settings: Settings
+    settings: Settings  # of the sampler, seed included
+    # A run of the kind "diagnose" fits what its diagnosis names.
     kind: Literal["fit", "diagnose"] = "fit"
+    # Take telemetry and noise as they are stated: no dirt is looked for in residuals.
     as_stated: bool = False
+    # The noise of each channel, of a run of the kind "fit".
     noise: NoiseModel = field(default_factory=NoiseModel)
+    # J and K known before, as `GaussianPrior.json`; None for the campaign's own.
     prior: dict[str, Any] | None = None
 
     def owner(self, folder: Path) -> ResultFolder:

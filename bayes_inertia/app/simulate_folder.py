@@ -23,21 +23,11 @@ from bayes_inertia.physics.stated_noise import stated_terms
 
 @dataclass(frozen=True)
 class SimulatedFlight:
-    """A plan flown in simulation, and what should be known of it.
+    """A plan flown in simulation, and what should be known of it."""
 
-    Parameters
-    ----------
-    flight : Flight
-        What was flown.
-    spacecraft : str
-        Whose spacecraft flew, in words.
-    notes : tuple of str
-        What the simulation leaves out.
-    """
-
-    flight: Flight
-    spacecraft: str
-    notes: tuple[str, ...] = ()
+    flight: Flight  # what was flown
+    spacecraft: str  # whose spacecraft flew, in words
+    notes: tuple[str, ...] = ()  # what the simulation leaves out
 
 
 def run_simulate(

@@ -49,21 +49,11 @@ FORMAT = "bayes-inertia-study/1"
 
 @dataclass(frozen=True)
 class Study:
-    """Stated uncertainties of one plan against n simulated campaigns of it.
+    """Stated uncertainties of one plan against n simulated campaigns of it."""
 
-    Parameters
-    ----------
-    plan : Plan
-        That was flown.
-    achieved : AchievedErrors
-        Errors and stated sds of every campaign that was fitted.
-    failures : tuple of TaskFailure
-        Campaigns that could not be.
-    """
-
-    plan: Plan
-    achieved: AchievedErrors
-    failures: tuple[TaskFailure, ...] = ()
+    plan: Plan  # that was flown
+    achieved: AchievedErrors  # errors and stated sds of every campaign that was fitted
+    failures: tuple[TaskFailure, ...] = ()  # campaigns that could not be
 
     @property
     def z(self) -> np.ndarray:

@@ -61,20 +61,11 @@ class UpdateForecast:
     """Correction slew after a slew of 60 degrees about the worst body axis, without effects.
 
     All angles are (5 % quantile, median, 95 % quantile) over draws from the fit [rad].
-
-    Parameters
-    ----------
-    axis : str
-        "x", "y" or "z": the axis with the largest correction before.
-    before : (float, float, float)
-        Flown with the old J and K.
-    after : (float, float, float)
-        Flown with the new ones.
     """
 
-    axis: str
-    before: tuple[float, float, float]
-    after: tuple[float, float, float]
+    axis: str  # "x", "y" or "z": the axis with the largest correction before
+    before: tuple[float, float, float]  # flown with the old J and K
+    after: tuple[float, float, float]  # flown with the new ones
 
 
 @array_dataclass

@@ -445,24 +445,12 @@ def _tightest(margins: Sequence[tuple[Margin, ...]]) -> tuple[Margin, ...]:
 
 
 class DesignSetup(NamedTuple):
-    """Task of a design.
+    """Task of a design."""
 
-    Parameters
-    ----------
-    problem : PlanProblem
-        Goal, forecast, truths and region.
-    limits : Limits
-        As asked for, with a total time.
-    reference : Plan
-        Slews like the paper's within the same limits.
-    missions : list of Mission
-        The truths to expect; the first is the mean of what is known.
-    """
-
-    problem: PlanProblem
-    limits: Limits
-    reference: Plan
-    missions: list[Mission]
+    problem: PlanProblem  # goal, forecast, truths and region
+    limits: Limits  # as asked for, with a total time
+    reference: Plan  # slews like the paper's within the same limits
+    missions: list[Mission]  # the truths to expect; the first is the mean of what is known
 
 
 def set_up_design(

@@ -22,41 +22,19 @@ from bayes_inertia.maths.values import AnyArray
 
 
 class FeasibleRegion(NamedTuple):
-    """Region in which designs are searched; what is not limited is infinite.
+    """Region in which designs are searched; what is not limited is infinite."""
 
-    Parameters
-    ----------
-    rate : float
-        Largest rate that a plan may ask for [rad/s].
-    acceleration : float
-        Largest angular acceleration that it may ask for [rad/s^2].
-    angles : (2,) tuple of float
-        Smallest and largest angle of a slew [rad].
-    torque : (wheels,) array
-        What it may ask of each wheel [N m].
-    momentum : (wheels,) array
-        What it may ask of each wheel [N m s].
-    time : float
-        Longest campaign [s].
-    cones_N : (cones, 3) array
-        Unit vectors to what the star tracker must not see, inertial axes.
-    half_angles : (cones,) array
-        Half of each cone's opening angle [rad].
-    boresight_B : (3,) array
-        The star tracker's boresight.
-    pointing_error : float
-        How far a slew may miss its target before it is corrected, as a fraction of its angle.
-    """
-
-    rate: float
-    acceleration: float
-    angles: tuple[float, float]
-    torque: np.ndarray
-    momentum: np.ndarray
-    time: float
+    rate: float  # largest rate that a plan may ask for [rad/s]
+    acceleration: float  # largest angular acceleration that it may ask for [rad/s^2]
+    angles: tuple[float, float]  # smallest and largest angle of a slew [rad]
+    torque: np.ndarray  # (wheels,) what it may ask of each wheel [N m]
+    momentum: np.ndarray  # (wheels,) what it may ask of each wheel [N m s]
+    time: float  # longest campaign [s]
+    # (cones, 3) unit vectors to what the star tracker must not see, inertial axes.
     cones_N: np.ndarray
-    half_angles: np.ndarray
-    boresight_B: np.ndarray
+    half_angles: np.ndarray  # (cones,) half of each cone's opening angle [rad]
+    boresight_B: np.ndarray  # (3,) the star tracker's boresight
+    # How far a slew may miss its target before it is corrected, as a fraction of its angle.
     pointing_error: float
 
 

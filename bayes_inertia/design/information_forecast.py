@@ -39,36 +39,18 @@ from bayes_inertia.physics.slew_context import Environment, SlewContext
 
 
 class InverseNoise(NamedTuple):
-    """Inverse noise of one sample; zero for what is not measured.
+    """Inverse noise of one sample; zero for what is not measured."""
 
-    Parameters
-    ----------
-    rate : (3,) array
-        Inverse sds of the rate sensor's readings [s/rad].
-    attitude : (3, 3) array
-        Inverse root of the covariance of one fix [1/rad].
-    momentum : (wheels,) array
-        Inverse sds of the tachometers' readings [1/(N m s)].
-    """
-
-    rate: AnyArray
-    attitude: AnyArray
-    momentum: AnyArray
+    rate: AnyArray  # (3,) inverse sds of the rate sensor's readings [s/rad]
+    attitude: AnyArray  # (3, 3) inverse root of the covariance of one fix [1/rad]
+    momentum: AnyArray  # (wheels,) inverse sds of the tachometers' readings [1/(N m s)]
 
 
 class EnvironmentTable(NamedTuple):
-    """The environment on a clock.
+    """The environment on a clock."""
 
-    Parameters
-    ----------
-    time : (k,) array
-        Time in the campaign [s], ascending.
-    values : Environment
-        Its columns (k, 3).
-    """
-
-    time: AnyArray
-    values: Environment
+    time: AnyArray  # (k,) time in the campaign [s], ascending
+    values: Environment  # its columns (k, 3)
 
     def at(self, moments: Array) -> Environment:
         """The columns (n, 3) at times (n,) [s]."""
@@ -77,71 +59,34 @@ class EnvironmentTable(NamedTuple):
 
 
 class FlightConditions(NamedTuple):
-    """Everything that a slew's information depends on, besides the slews and the parameters.
+    """Everything that a slew's information depends on, besides the slews and the parameters."""
 
-    Parameters
-    ----------
-    context : SlewContext
-        Of the first slew, without its grid.
-    sensors : RateConstants
-        Axes and bias of the rate sensor.
-    scale : NuisanceScale
-        Prior sds of bias and start states.
-    noise : InverseNoise
-        Inverse noise of one sample.
-    environment : EnvironmentTable
-        Magnetic field and position on the campaign's clock.
-    allocation : (wheels, 3) array
-        Pseudo-inverse of the wheels' axes.
-    """
-
-    context: SlewContext
-    sensors: RateConstants
-    scale: NuisanceScale
-    noise: InverseNoise
-    environment: EnvironmentTable
-    allocation: AnyArray
+    context: SlewContext  # of the first slew, without its grid
+    sensors: RateConstants  # axes and bias of the rate sensor
+    scale: NuisanceScale  # prior sds of bias and start states
+    noise: InverseNoise  # inverse noise of one sample
+    environment: EnvironmentTable  # magnetic field and position on the campaign's clock
+    allocation: AnyArray  # (wheels, 3) pseudo-inverse of the wheels' axes
 
 
 class ForecastArrays(NamedTuple):
-    """The arrays of a forecast.
+    """The arrays of a forecast."""
 
-    Parameters
-    ----------
-    conditions : FlightConditions
-        Under which the slews are flown.
-    start : PlanStart
-        Where the first one begins.
-    prior_sd : (d,) array
-        Prior sds of the parameters, in their units.
-    prior : (d + 3, d + 3) array
-        Precision of the parameters and the whitened bias before the slews.
-    """
-
-    conditions: FlightConditions
-    start: PlanStart
-    prior_sd: AnyArray
+    conditions: FlightConditions  # under which the slews are flown
+    start: PlanStart  # where the first one begins
+    prior_sd: AnyArray  # (d,) prior sds of the parameters, in their units
+    # (d + 3, d + 3) precision of the parameters and the whitened bias before the slews.
     prior: AnyArray
 
 
 @dataclass(frozen=True)
 class ForecastLayout:
-    """Shapes and hooks that decide the compiled code of a forecast.
+    """Shapes and hooks that decide the compiled code of a forecast."""
 
-    Parameters
-    ----------
-    structure : Structure
-        Of the model that will be fitted.
-    names, units : tuple of str
-        Of its d parameters.
-    times : PlanTimes
-        The times that the slews share [s].
-    """
-
-    structure: Structure
-    names: tuple[str, ...]
+    structure: Structure  # of the model that will be fitted
+    names: tuple[str, ...]  # of its d parameters
     units: tuple[str, ...]
-    times: PlanTimes
+    times: PlanTimes  # the times that the slews share [s]
 
     def slice_of(self, effect: str) -> tuple[int, int]:
         """Place of an effect's parameters.
@@ -154,18 +99,10 @@ class ForecastLayout:
 
 @array_dataclass
 class Forecast:
-    """Forecast of the telemetry of slews.
+    """Forecast of the telemetry of slews."""
 
-    Parameters
-    ----------
-    layout : ForecastLayout
-        What decides the compiled code.
-    arrays : ForecastArrays
-        All arrays.
-    """
-
-    layout: ForecastLayout
-    arrays: ForecastArrays
+    layout: ForecastLayout  # what decides the compiled code
+    arrays: ForecastArrays  # all arrays
 
     def body(self, theta: np.ndarray) -> RigidBody:
         """The body that parameters describe.

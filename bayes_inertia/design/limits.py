@@ -170,23 +170,12 @@ def _unit_quaternion(value: Quaternion, key: str) -> Quaternion:
 
 
 class HardwareLimits(NamedTuple):
-    """Limits that come with a spacecraft; infinite where unknown.
+    """Limits that come with a spacecraft; infinite where unknown."""
 
-    Parameters
-    ----------
-    wheel_torque : (wheels,) array
-        Largest torque of each wheel [N m].
-    wheel_momentum : (wheels,) array
-        Largest momentum of each wheel [N m s].
-    sensor_range : float
-        Largest rate that the rate sensor reads [rad/s].
-    boresight_B : (3,) array
-        The star tracker's boresight; the body's z axis without a tracker.
-    """
-
-    wheel_torque: np.ndarray
-    wheel_momentum: np.ndarray
-    sensor_range: float
+    wheel_torque: np.ndarray  # (wheels,) largest torque of each wheel [N m]
+    wheel_momentum: np.ndarray  # (wheels,) largest momentum of each wheel [N m s]
+    sensor_range: float  # largest rate that the rate sensor reads [rad/s]
+    # (3,) the star tracker's boresight; the body's z axis without a tracker.
     boresight_B: np.ndarray
 
 

@@ -11,72 +11,32 @@ from bayes_inertia.maths.values import AnyArray
 
 
 class SlewArrays(NamedTuple):
-    """Slews as arrays, leading axis slews.
+    """Slews as arrays, leading axis slews."""
 
-    Parameters
-    ----------
-    rotation_B : (n, 3) array
-        Rotation vectors: axis times angle [rad].
-    rate : (n,) array
-        Largest rates [rad/s].
-    acceleration : (n,) array
-        Angular accelerations of the ramps [rad/s^2].
-    smooth : (n,) bool array
-        Whether the ramps are versines.
-    extra_rest : (n,) array
-        Rest after the slew beyond what the plan's times ask for [s].
-    """
-
-    rotation_B: AnyArray
-    rate: AnyArray
-    acceleration: AnyArray
-    smooth: AnyArray
-    extra_rest: AnyArray
+    rotation_B: AnyArray  # (n, 3) rotation vectors: axis times angle [rad]
+    rate: AnyArray  # (n,) largest rates [rad/s]
+    acceleration: AnyArray  # (n,) angular accelerations of the ramps [rad/s^2]
+    smooth: AnyArray  # (n,) whether the ramps are versines
+    extra_rest: AnyArray  # (n,) rest after the slew beyond what the plan's times ask for [s]
 
 
 class PlanTimes(NamedTuple):
-    """The times that all slews of a plan share; fields as in `Plan`.
+    """The times that all slews of a plan share; fields as in `Plan`."""
 
-    Parameters
-    ----------
-    rest_before : float
-        Rest before the motion [s].
-    settle : float
-        Time between the motion and the fixes after it [s].
-    rest_after : float
-        Rest with fixes after settling [s].
-    pause : float
-        Time between two slews [s].
-    first_fix : float
-        Time of the first fix from the slew's first row [s].
-    fix_spacing : float
-        Time between two fixes [s].
-    telemetry_period : float
-        Time between two rows of telemetry [s].
-    """
-
-    rest_before: float
-    settle: float
-    rest_after: float
-    pause: float
-    first_fix: float
-    fix_spacing: float
-    telemetry_period: float
+    rest_before: float  # rest before the motion [s]
+    settle: float  # time between the motion and the fixes after it [s]
+    rest_after: float  # rest with fixes after settling [s]
+    pause: float  # time between two slews [s]
+    first_fix: float  # time of the first fix from the slew's first row [s]
+    fix_spacing: float  # time between two fixes [s]
+    telemetry_period: float  # time between two rows of telemetry [s]
 
 
 class PlanStart(NamedTuple):
-    """Start of a plan, at rest.
+    """Start of a plan, at rest."""
 
-    Parameters
-    ----------
-    attitude : (4,) array
-        Body from inertial, scalar last.
-    wheel_momentum : (wheels,) array
-        Relative to the body [N m s].
-    """
-
-    attitude: AnyArray
-    wheel_momentum: AnyArray
+    attitude: AnyArray  # (4,) body from inertial, scalar last
+    wheel_momentum: AnyArray  # (wheels,) relative to the body [N m s]
 
 
 def plan_times(plan: Plan) -> PlanTimes:

@@ -44,27 +44,14 @@ _WITHOUT_OPTIMIZATION = {"xla_backend_optimization_level": 0}
 
 @array_dataclass
 class PlanProblem:
-    """Search problem of a plan.
+    """Search problem of a plan."""
 
-    Parameters
-    ----------
-    goal : Goal
-        What the plan is to determine.
-    forecast : Forecast
-        How the telemetry of slews is foreseen.
-    thetas : (truths, d) array
-        Parameters that are expected; the goal's number is averaged over them.
-    region : FeasibleRegion
-        Where plans may lie.
-    end_attitude : (4,) array, optional
-        Where the campaign must end; None for anywhere.
-    """
-
-    goal: Goal
-    forecast: Forecast
+    goal: Goal  # what the plan is to determine
+    forecast: Forecast  # how the telemetry of slews is foreseen
+    # (truths, d) parameters that are expected; the goal's number is averaged over them.
     thetas: np.ndarray
-    region: FeasibleRegion
-    end_attitude: np.ndarray | None = None
+    region: FeasibleRegion  # where plans may lie
+    end_attitude: np.ndarray | None = None  # (4,) where the campaign must end; None for anywhere
 
     @property
     def groups(self) -> tuple[tuple[int, int], ...]:

@@ -39,48 +39,23 @@ from bayes_inertia.physics.slew_context import Trajectory
 
 
 class RigidBody(NamedTuple):
-    """Rigid body with wheels.
+    """Rigid body with wheels."""
 
-    Parameters
-    ----------
-    inertia_B : (3, 3) array
-        J, without the wheels' spin inertia [kg m^2].
-    wheel_axes_B : (3, wheels) array
-        Unit spin axes as columns.
-    allocation : (wheels, 3) array
-        Pseudo-inverse of `wheel_axes_B`: shares a torque among the wheels.
-    spin_inertia : (wheels,) array
-        Spin inertia of each wheel [kg m^2].
-    """
-
-    inertia_B: AnyArray
-    wheel_axes_B: AnyArray
+    inertia_B: AnyArray  # (3, 3) J, without the wheels' spin inertia [kg m^2]
+    wheel_axes_B: AnyArray  # (3, wheels) unit spin axes as columns
+    # (wheels, 3) pseudo-inverse of `wheel_axes_B`: shares a torque among the wheels.
     allocation: AnyArray
-    spin_inertia: AnyArray
+    spin_inertia: AnyArray  # (wheels,) spin inertia of each wheel [kg m^2]
 
 
 class PlannedMotion(NamedTuple):
-    """Planned slews: n of them, `NUMERICS.rows_of_slew` rows each.
+    """Planned slews: n of them, `NUMERICS.rows_of_slew` rows each."""
 
-    Parameters
-    ----------
-    path : Trajectory
-        The motion of each slew, (n, rows, ...), without states of effects.
-    start : (n,) array
-        Time of each slew's first row in the campaign [s].
-    wheel_torque : (n, rows, wheels) array
-        On the wheels, held from each row to the next [N m].
-    rest_attitudes : (n + 1, 4) array
-        Attitudes before each slew and after the last.
-    total_time : () array
-        From the first row of the campaign to the last [s].
-    """
-
-    path: Trajectory
-    start: Array
-    wheel_torque: Array
-    rest_attitudes: Array
-    total_time: Array
+    path: Trajectory  # the motion of each slew, (n, rows, ...), without states of effects
+    start: Array  # (n,) time of each slew's first row in the campaign [s]
+    wheel_torque: Array  # (n, rows, wheels) on the wheels, held from each row to the next [N m]
+    rest_attitudes: Array  # (n + 1, 4) attitudes before each slew and after the last
+    total_time: Array  # () from the first row of the campaign to the last [s]
 
 
 def rigid_body(

@@ -18,34 +18,16 @@ from bayes_inertia.observability.result import Observability, ParameterObservabi
 
 @dataclass(frozen=True)
 class PosteriorComparison:
-    """One parameter: what was predicted, and what was sampled.
+    """One parameter: what was predicted, and what was sampled."""
 
-    Parameters
-    ----------
-    name : str
-        Of the parameter.
-    predicted_sd : float
-        Fisher, with priors, in its unit.
-    posterior_sd : float
-        Of the draws, in its unit.
-    ratio : float
-        Posterior over predicted sd.
-    shift : float
-        Of the posterior's mean from the optimum [predicted sd].
-    skewness, kurtosis : float
-        Of the draws; 0 for a Gaussian.
-    warnings : tuple of str
-        What differs, and what to use.
-    """
-
-    name: str
-    predicted_sd: float
-    posterior_sd: float
-    ratio: float
-    shift: float
-    skewness: float
+    name: str  # of the parameter
+    predicted_sd: float  # Fisher, with priors, in its unit
+    posterior_sd: float  # of the draws, in its unit
+    ratio: float  # posterior over predicted sd
+    shift: float  # of the posterior's mean from the optimum [predicted sd]
+    skewness: float  # of the draws; 0 for a Gaussian
     kurtosis: float
-    warnings: tuple[str, ...]
+    warnings: tuple[str, ...]  # what differs, and what to use
 
 
 def compare_with_posterior(

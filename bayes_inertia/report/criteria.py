@@ -12,35 +12,19 @@ from bayes_inertia.report.layout import LAYOUT
 
 @dataclass(frozen=True)
 class Criteria:
-    """Criteria by which a result was trusted, and a parameter counted as determined.
+    """Criteria by which a result was trusted, and a parameter counted as determined."""
 
-    Parameters
-    ----------
-    nested_rhat_below : float
-        The ensembles agree below this nested R-hat.
-    effective_samples : float
-        Wanted of every parameter, in the bulk and in the tails.
-    autocorrelation_times : float
-        How many of them the kept part of a chain must last.
-    rejected_below : float
-        p-value below which the residuals of a channel are not what the model predicts.
-    prior_sd_at_most : float
-        How far J and K may lie from their prior means [prior sd].
-    prior_p_value_above : float
-        p-value of all of J and K together, were the truth a draw of the prior.
-    observable_above : float
-        Contraction of the prior variance above which the data told something of a parameter.
-    determined_above : float
-        Contraction from which the data, and not the prior, make the number.
-    """
-
-    nested_rhat_below: float = 1.01
-    effective_samples: float = 400.0
-    autocorrelation_times: float = 20.0
+    nested_rhat_below: float = 1.01  # the ensembles agree below this nested R-hat
+    effective_samples: float = 400.0  # wanted of every parameter, in the bulk and in the tails
+    autocorrelation_times: float = 20.0  # how many of them the kept part of a chain must last
+    # P-value below which the residuals of a channel are not what the model predicts.
     rejected_below: float = 1e-3
-    prior_sd_at_most: float = 5.0
+    prior_sd_at_most: float = 5.0  # how far J and K may lie from their prior means [prior sd]
+    # P-value of all of J and K together, were the truth a draw of the prior.
     prior_p_value_above: float = 1e-6
+    # Contraction of the prior variance above which the data told something of a parameter.
     observable_above: float = 0.5
+    # Contraction from which the data, and not the prior, make the number.
     determined_above: float = 0.9
 
 

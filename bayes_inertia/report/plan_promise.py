@@ -21,24 +21,14 @@ from bayes_inertia.report.section import Section, packaged
 
 @dataclass(frozen=True)
 class PromisedParameter:
-    """One parameter: what was promised, what was achieved.
+    """One parameter: what was promised, what was achieved."""
 
-    Parameters
-    ----------
-    name, unit : str
-        Of the parameter.
-    prior_sd, promised_sd, sd : float
-        Before flight, promised by the plan, and of the model in the run.
-    quoted_sd : float or None
-        What the run quotes; None where it is not to be used.
-    """
-
-    name: str
+    name: str  # of the parameter
     unit: str
-    prior_sd: float
+    prior_sd: float  # before flight, promised by the plan, and of the model in the run
     promised_sd: float
     sd: float
-    quoted_sd: float | None
+    quoted_sd: float | None  # what the run quotes; None where it is not to be used
 
     @property
     def ratio(self) -> float:
@@ -59,27 +49,13 @@ class PromisedParameter:
 
 @dataclass(frozen=True)
 class PlanPromise:
-    """A plan's promise and what became of it.
+    """A plan's promise and what became of it."""
 
-    Parameters
-    ----------
-    plan : str
-        Name of the plan.
-    file : str
-        From which it was read.
-    promised_by : str
-        Where the promised sds come from, in words.
-    parameters : tuple of PromisedParameter
-        Of J and K.
-    effects : tuple of str
-        What the run fitted along, which no promise counts.
-    """
-
-    plan: str
-    file: str
-    promised_by: str
-    parameters: tuple[PromisedParameter, ...]
-    effects: tuple[str, ...] = ()
+    plan: str  # name of the plan
+    file: str  # from which it was read
+    promised_by: str  # where the promised sds come from, in words
+    parameters: tuple[PromisedParameter, ...]  # of J and K
+    effects: tuple[str, ...] = ()  # what the run fitted along, which no promise counts
 
     @property
     def worse(self) -> tuple[PromisedParameter, ...]:

@@ -129,26 +129,13 @@ _FEW_ROWS = channel_name("attitude")
 
 @array_dataclass
 class ResidualChannel:
-    """Residuals of one channel.
+    """Residuals of one channel."""
 
-    Parameters
-    ----------
-    name : str
-        In print.
-    components : list of str
-        Names of its components.
-    slews : list of str
-        Names of the slews.
-    time : list of (rows,) array
-        Of each slew, from its first row on [s].
-    residual : list of (rows, components) array
-        Of each slew, in stated sigmas; NaN where a component was not measured.
-    """
-
-    name: str
-    components: list[str]
-    slews: list[str]
-    time: list[np.ndarray]
+    name: str  # in print
+    components: list[str]  # names of its components
+    slews: list[str]  # names of the slews
+    time: list[np.ndarray]  # of each slew, from its first row on [s]
+    # Of each slew, in stated sigmas; NaN where a component was not measured.
     residual: list[np.ndarray]
 
     @property

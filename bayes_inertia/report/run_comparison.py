@@ -19,24 +19,12 @@ _ROW_KEYS = ("mean", "sd", "quoted_sd")
 
 @dataclass(frozen=True)
 class ComparedRun:
-    """One of two runs.
+    """One of two runs."""
 
-    Parameters
-    ----------
-    folder : str
-        Where it is.
-    label : str
-        What the page calls it.
-    summary : mapping
-        The content of summary.json, with `verdict_sentence`.
-    settings : mapping of str to str
-        What it was made with, by name.
-    """
-
-    folder: str
-    label: str
-    summary: Mapping[str, Any]
-    settings: Mapping[str, str]
+    folder: str  # where it is
+    label: str  # what the page calls it
+    summary: Mapping[str, Any]  # the content of summary.json, with `verdict_sentence`
+    settings: Mapping[str, str]  # what it was made with, by name
 
     @property
     def trusted(self) -> bool:
@@ -51,19 +39,11 @@ class ComparedRun:
 
 @dataclass(frozen=True)
 class ParameterDifference:
-    """One parameter in two runs.
+    """One parameter in two runs."""
 
-    Parameters
-    ----------
-    name, unit : str
-        Of the parameter.
-    first, second : mapping or None
-        Its rows in the two summaries; None in a run without it.
-    """
-
-    name: str
+    name: str  # of the parameter
     unit: str
-    first: Mapping[str, Any] | None
+    first: Mapping[str, Any] | None  # its rows in the two summaries; None in a run without it
     second: Mapping[str, Any] | None
 
     @property
@@ -106,18 +86,11 @@ class ParameterDifference:
 
 @dataclass(frozen=True)
 class RunComparison:
-    """Two runs side by side.
+    """Two runs side by side."""
 
-    Parameters
-    ----------
-    first, second : ComparedRun
-        The runs.
-    parameters : tuple of ParameterDifference
-        Of all parameters and principal moments that one of them has.
-    """
-
-    first: ComparedRun
+    first: ComparedRun  # the runs
     second: ComparedRun
+    # Of all parameters and principal moments that one of them has.
     parameters: tuple[ParameterDifference, ...]
 
     @property

@@ -24,21 +24,11 @@ _FROM_THE_WORST: tuple[Level, ...] = ("bad", "caution", "good")
 
 @dataclass(frozen=True)
 class Verdict:
-    """The first answer of a report.
+    """The first answer of a report."""
 
-    Parameters
-    ----------
-    level : {"good", "caution", "bad"}
-        Decides the colour.
-    title : str
-        The answer in one line.
-    sentences : tuple of str
-        Why it is so and what to do, one item each.
-    """
-
-    level: Level
-    title: str
-    sentences: tuple[str, ...]
+    level: Level  # decides the colour
+    title: str  # the answer in one line
+    sentences: tuple[str, ...]  # why it is so and what to do, one item each
 
 
 def worst_level(levels: Sequence[Level]) -> Level:

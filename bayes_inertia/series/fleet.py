@@ -21,56 +21,34 @@ from bayes_inertia.series.history import unit_of
 
 @dataclass(frozen=True)
 class FleetSettings:
-    """How the spread of a fleet is sampled.
+    """How the spread of a fleet is sampled."""
 
-    Parameters
-    ----------
-    spread : float
-        Prior median of each sd across the fleet: of J as a share of the mean moment of inertia, of
-        K itself. Half a per cent is usual of one drawing and one parts list.
-    spread_of_spread : float
-        Prior sd of its logarithm: 95 % from a fiftieth to fifty times that.
-    walkers, steps, burn : int
-        Of the ensemble; the density has nine dimensions and one mode.
-    seed : int
-        What reproduces the draws.
-    least, largest : float
-        Limits of the spread. Sisters whose moments differ by more than all of them are none; below
-        the other end no telemetry sees a spread, and matrices become singular.
-    """
-
+    # Prior median of each sd across the fleet: of J as a share of the mean moment of inertia, of
+    # K itself. Half a per cent is usual of one drawing and one parts list.
     spread: float = 5e-3
+    # Prior sd of its logarithm: 95 % from a fiftieth to fifty times that.
     spread_of_spread: float = 2.0
-    walkers: int = 32
+    walkers: int = 32  # of the ensemble; the density has nine dimensions and one mode
     steps: int = 400
     burn: int = 150
-    seed: int = 0
+    seed: int = 0  # what reproduces the draws
+    # Limits of the spread. Sisters whose moments differ by more than all of them are none; below
+    # the other end no telemetry sees a spread, and matrices become singular.
     least: float = 1e-8
     largest: float = 1.0
 
 
 @array_dataclass
 class Fleet:
-    """J and K of a fleet and of each spacecraft in it.
+    """J and K of a fleet and of each spacecraft in it."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Of the spacecraft.
-    mean, sd : (9,) arrays
-        The fleet's mean of J [kg m^2] and K, and how well it is known.
-    spread, spread_low, spread_high : (9,) arrays
-        Sd from craft to craft: median and 90 % interval.
-    craft_mean, craft_sd : (craft, 9) arrays
-        Each spacecraft, from its own campaigns and from its sisters.
-    """
-
-    names: tuple[str, ...]
-    mean: np.ndarray
+    names: tuple[str, ...]  # of the spacecraft
+    mean: np.ndarray  # (9,) the fleet's mean of J [kg m^2] and K, and how well it is known
     sd: np.ndarray
-    spread: np.ndarray
+    spread: np.ndarray  # (9,) sd from craft to craft: median and 90 % interval
     spread_low: np.ndarray
     spread_high: np.ndarray
+    # (craft, 9) each spacecraft, from its own campaigns and from its sisters.
     craft_mean: np.ndarray
     craft_sd: np.ndarray
 

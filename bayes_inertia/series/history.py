@@ -26,71 +26,41 @@ OF_PART: Mapping[Part, slice] = MappingProxyType({"J": slice(0, 6), "K": slice(6
 
 @dataclass(frozen=True)
 class Changes:
-    """What may happen to J and K between two campaigns, and how probable it is beforehand.
+    """What may happen to J and K between two campaigns, and how probable it is beforehand."""
 
-    Parameters
-    ----------
-    walks : tuple of float
-        Sds of the random walk from one campaign to the next: of J as a share of the mean moment of
-        inertia, of K itself. From what no campaign sees to what nobody would call a walk.
-    jumps : tuple of float
-        Sds of a jump in the same units: from a tenth of a per mille (a tank moved) to a panel.
-    walk_probability : float
-        That J, and that K, wanders at all: as probable as not.
-    jump_probability : float
-        Of a jump of J, and of K, between two campaigns: one in fifty, so that two hundred series
-        of six campaigns hold some twenty.
-    most_jumps : int
-        Of one hypothesis.
-    kept : int
-        The neighbours of so many of the best hypotheses are tried, until no new one is among them.
-    held : float
-        J and K are averaged over the hypotheses that hold so much probability together.
-    """
-
+    # Sds of the random walk from one campaign to the next: of J as a share of the mean moment of
+    # inertia, of K itself. From what no campaign sees to what nobody would call a walk.
     walks: tuple[float, ...] = (1e-5, 1e-4, 1e-3, 1e-2)
+    # Sds of a jump in the same units: from a tenth of a per mille (a tank moved) to a panel.
     jumps: tuple[float, ...] = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
-    walk_probability: float = 0.5
+    walk_probability: float = 0.5  # that J, and that K, wanders at all: as probable as not
+    # Of a jump of J, and of K, between two campaigns: one in fifty, so that two hundred series of
+    # six campaigns hold some twenty.
     jump_probability: float = 0.02
-    most_jumps: int = 3
+    most_jumps: int = 3  # of one hypothesis
+    # The neighbours of so many of the best hypotheses are tried, until no new one is among them.
     kept: int = 8
+    # J and K are averaged over the hypotheses that hold so much probability together.
     held: float = 0.999
 
 
 @dataclass(frozen=True)
 class Jump:
-    """A sudden change between two campaigns.
+    """A sudden change between two campaigns."""
 
-    Parameters
-    ----------
-    after : int
-        Number of the campaign before it, from 0.
-    part : {"J", "K"}
-        What changes.
-    sd : float
-        Its size, as `Changes.jumps` counts it.
-    """
-
-    after: int
-    part: Part
-    sd: float
+    after: int  # number of the campaign before it, from 0
+    part: Part  # what changes
+    sd: float  # its size, as `Changes.jumps` counts it
 
 
 @dataclass(frozen=True)
 class ChangeHypothesis:
-    """One hypothesis: how J and K change from campaign to campaign.
+    """One hypothesis: how J and K change from campaign to campaign."""
 
-    Parameters
-    ----------
-    walk_J, walk_K : float
-        Sds of the random walk of a step, as `Changes.walks` counts them; 0 for none.
-    jumps : tuple of Jump
-        Sudden changes, at most one of each part between two campaigns.
-    """
-
+    # Sds of the random walk of a step, as `Changes.walks` counts them; 0 for none.
     walk_J: float = 0.0
     walk_K: float = 0.0
-    jumps: tuple[Jump, ...] = ()
+    jumps: tuple[Jump, ...] = ()  # sudden changes, at most one of each part between two campaigns
 
     def step_variance(self, after: int) -> np.ndarray:
         """Variance (9,) of the change after a campaign, as shares of `unit`."""
@@ -103,13 +73,7 @@ class ChangeHypothesis:
 
 @dataclass(frozen=True, eq=False)
 class WeighedChanges:
-    """Hypotheses with their posterior probabilities, the most probable first.
-
-    Parameters
-    ----------
-    hypotheses : tuple of ChangeHypothesis
-    probability : (hypotheses,) array
-    """
+    """Hypotheses with their posterior probabilities, the most probable first."""
 
     hypotheses: tuple[ChangeHypothesis, ...]
     probability: np.ndarray
@@ -121,51 +85,26 @@ class WeighedChanges:
 
 @array_dataclass
 class SeenJump:
-    """A jump between two campaigns, with its probability.
+    """A jump between two campaigns, with its probability."""
 
-    Parameters
-    ----------
-    after : int
-        Number of the campaign before it, from 0.
-    part : {"J", "K"}
-        What changed.
-    probability : float
-        That it happened between these two campaigns.
-    size, sd : (6,) or (3,) arrays
-        Change of each element of J [kg m^2], or of each K, if it happened.
-    """
-
-    after: int
-    part: Part
-    probability: float
-    size: np.ndarray
+    after: int  # number of the campaign before it, from 0
+    part: Part  # what changed
+    probability: float  # that it happened between these two campaigns
+    size: np.ndarray  # change of each element of J [kg m^2], or of each K, if it happened
     sd: np.ndarray
 
 
 @array_dataclass
 class History:
-    """J and K over a series of campaigns.
+    """J and K over a series of campaigns."""
 
-    Parameters
-    ----------
-    campaigns : tuple of str
-        In the order flown.
-    mean, sd : (campaigns, 9) arrays
-        J [kg m^2] and K at each campaign, from all campaigns.
-    alone, alone_sd : (campaigns, 9) arrays
-        From each campaign alone, with the prior of the first.
-    jumps : tuple of SeenJump
-        The most probable first; improbable ones are among them.
-    wanders : dict of {"J", "K"} to float
-        Probability that J, and that K, changes a little from each campaign to the next.
-    """
-
-    campaigns: tuple[str, ...]
-    mean: np.ndarray
+    campaigns: tuple[str, ...]  # in the order flown
+    mean: np.ndarray  # (campaigns, 9) J [kg m^2] and K at each campaign, from all campaigns
     sd: np.ndarray
-    alone: np.ndarray
+    alone: np.ndarray  # (campaigns, 9) from each campaign alone, with the prior of the first
     alone_sd: np.ndarray
-    jumps: tuple[SeenJump, ...]
+    jumps: tuple[SeenJump, ...]  # the most probable first; improbable ones are among them
+    # Probability that J, and that K, changes a little from each campaign to the next.
     wanders: dict[Part, float]
 
 

@@ -48,33 +48,15 @@ QUANTITIES = (*BASE_NAMES, "I1", "I2", "I3", "correction slew", "log posterior")
 
 @dataclass(frozen=True)
 class CalibrationCase:
-    """One kind of campaign.
+    """One kind of campaign."""
 
-    Parameters
-    ----------
-    name : str
-        Lower case, for ids and files.
-    says : str
-        What it is, in a few words.
-    plan : Plan
-        What is flown, each time with other angles, senses and start attitude.
-    mission : Mission
-        Hardware and prior.
-    effects : tuple of Effect
-        That act, drawn from their priors, and are fitted along.
-    star_tracker : bool
-        Whether its fixes are in the telemetry.
-    tachometers : bool
-        Whether the wheels' momentum is.
-    """
-
-    name: str
-    says: str
-    plan: Plan
-    mission: Mission
-    effects: tuple[Effect, ...] = ()
-    star_tracker: bool = True
-    tachometers: bool = True
+    name: str  # lower case, for ids and files
+    says: str  # what it is, in a few words
+    plan: Plan  # what is flown, each time with other angles, senses and start attitude
+    mission: Mission  # hardware and prior
+    effects: tuple[Effect, ...] = ()  # that act, drawn from their priors, and are fitted along
+    star_tracker: bool = True  # whether its fixes are in the telemetry
+    tachometers: bool = True  # whether the wheels' momentum is
 
     def as_measured(self, campaign: Campaign) -> Campaign:
         """A flown campaign without the readings that this case lacks."""
@@ -127,21 +109,13 @@ def cases_named(names: Sequence[str]) -> tuple[CalibrationCase, ...]:
 
 @dataclass(frozen=True)
 class CalibrationFit:
-    """The task: one campaign of a case flown, fitted and ranked.
+    """The task: one campaign of a case flown, fitted and ranked."""
 
-    Parameters
-    ----------
-    cases : mapping of str to CalibrationCase
-        By name; a task's id is "name/number".
-    pipeline : {"right", "small_sd", "no_scale_factors", "flipped_sign"}
-        The package's fit, or one that is wrong on purpose: sds times 0.75, K forgotten, products of
-        inertia with the wrong sign.
-    settings : Settings
-        Of the sampler; its seed is the task's.
-    """
-
-    cases: Mapping[str, CalibrationCase]
+    cases: Mapping[str, CalibrationCase]  # by name; a task's id is "name/number"
+    # The package's fit, or one that is
+    # wrong on purpose: sds times 0.75, K forgotten, products of inertia with the wrong sign.
     pipeline: Pipeline = "right"
+    # Of the sampler; its seed is the task's.
     settings: Settings = field(
         default_factory=lambda: Settings(ensembles=2, walkers=50, steps=12, max_steps=12, threads=1)
     )
@@ -250,28 +224,14 @@ def _changed(draws: np.ndarray, pipeline: Pipeline) -> np.ndarray:
 
 @array_dataclass
 class CaseCalibration:
-    """The fits of one case.
+    """The fits of one case."""
 
-    Parameters
-    ----------
-    name, says : str
-        Of the case.
-    ranks : (n, 14) array of int
-        Of the truth among the draws, of each of `QUANTITIES`.
-    z : (n, 14) array
-        Truth minus mean, in sds of the draws.
-    explained : (n,) array of bool
-        Whether the residuals of these perfect fits pass their tests.
-    nested_rhat : (n,) array
-        Of the short chains.
-    """
-
-    name: str
+    name: str  # of the case
     says: str
-    ranks: np.ndarray
-    z: np.ndarray
-    explained: np.ndarray
-    nested_rhat: np.ndarray
+    ranks: np.ndarray  # (n, 14) of the truth among the draws, of each of `QUANTITIES`
+    z: np.ndarray  # (n, 14) truth minus mean, in sds of the draws
+    explained: np.ndarray  # (n,) whether the residuals of these perfect fits pass their tests
+    nested_rhat: np.ndarray  # (n,) of the short chains
 
     @cached_property
     def p_values(self) -> np.ndarray:
@@ -292,18 +252,10 @@ class CaseCalibration:
 
 @array_dataclass
 class Calibration:
-    """A finished calibration.
+    """A finished calibration."""
 
-    Parameters
-    ----------
-    cases : tuple of CaseCalibration
-        In the order in which they were asked for.
-    failures : tuple of TaskFailure
-        Fits that failed; they count in nothing.
-    """
-
-    cases: tuple[CaseCalibration, ...]
-    failures: tuple[TaskFailure, ...] = ()
+    cases: tuple[CaseCalibration, ...]  # in the order in which they were asked for
+    failures: tuple[TaskFailure, ...] = ()  # fits that failed; they count in nothing
 
     @property
     def fits(self) -> int:

@@ -19,21 +19,11 @@ from bayes_inertia.studies.limits import LIMITS
 
 
 class Coverage(NamedTuple):
-    """Coverage of a central interval.
+    """Coverage of a central interval."""
 
-    Parameters
-    ----------
-    level : float
-        That the interval states.
-    share : float
-        That it reached.
-    low, high : float
-        95 % interval of the share (Clopper and Pearson).
-    """
-
-    level: float
-    share: float
-    low: float
+    level: float  # that the interval states
+    share: float  # that it reached
+    low: float  # 95 % interval of the share (Clopper and Pearson)
     high: float
 
 
@@ -41,21 +31,14 @@ class Coverage(NamedTuple):
 class Ranks:
     """Ranks of truths, each among the draws of its posterior.
 
-    Parameters
-    ----------
-    values : (n,) array of int
-        From 0 to `ranked`.
-    ranked : int
-        Draws that each truth was ranked among.
-
     Examples
     --------
     >>> Ranks(np.arange(200), 199).coverage(0.9).share
     0.9
     """
 
-    values: np.ndarray
-    ranked: int
+    values: np.ndarray  # (n,) from 0 to `ranked`
+    ranked: int  # draws that each truth was ranked among
 
     @property
     def departure(self) -> np.ndarray:

@@ -17,33 +17,18 @@ FORMAT = "bayes-inertia-export/1"
 
 @dataclass(frozen=True)
 class ExportedParameter:
-    """One parameter before and after the fit.
+    """One parameter before and after the fit."""
 
-    Parameters
-    ----------
-    name : str
-        As in summary.json.
-    unit : str
-        Unit of all numbers here.
-    old, old_sd : float
-        Prior mean and sd: what was known before flight.
-    new, sd : float
-        Estimate and quoted sd; the model's sd where none can be quoted, which `notes` says then.
-    low, high : float
-        Ends of the 90 % interval.
-    determined : str
-        "determined", "partly determined" or "not determined".
-    """
-
-    name: str
-    unit: str
-    old: float
+    name: str  # as in summary.json
+    unit: str  # unit of all numbers here
+    old: float  # prior mean and sd: what was known before flight
     old_sd: float
+    # Estimate and quoted sd; the model's sd where none can be quoted, which `notes` says then.
     new: float
     sd: float
-    low: float
+    low: float  # ends of the 90 % interval
     high: float
-    determined: str
+    determined: str  # "determined", "partly determined" or "not determined"
 
     @property
     def change(self) -> float:
@@ -53,65 +38,32 @@ class ExportedParameter:
 
 @dataclass(frozen=True)
 class ExportedCorrection:
-    """The correction slew to expect after a slew of 60 degrees about one body axis.
+    """The correction slew to expect after a slew of 60 degrees about one body axis."""
 
-    Parameters
-    ----------
-    axis : str
-        "x", "y" or "z": the axis with the largest correction before.
-    before, after : (float, float)
-        Median and 95 % quantile [rad] with the old and with the new J and K on board.
-    says : str
-        What the forecast takes into account.
-    """
-
-    axis: str
+    axis: str  # "x", "y" or "z": the axis with the largest correction before
+    # Median and 95 % quantile [rad] with the old and with the new J and K on board.
     before: tuple[float, float]
     after: tuple[float, float]
-    says: str
+    says: str  # what the forecast takes into account
 
 
 @array_dataclass
 class ExportedResult:
-    """A finished fit, as all formats see it.
+    """A finished fit, as all formats see it."""
 
-    Parameters
-    ----------
-    campaign : str
-        Name of the campaign.
-    source : str
-        Version, seed and data behind the numbers, in one line.
-    trusted : bool
-        Whether every gate was passed.
-    reasons : tuple of str
-        Why not.
-    parameters : tuple of ExportedParameter
-        J, K, then those of effects.
-    covariance : (d, d) array
-        Of the draws, widened to the sds that the parameters have, in their units.
-    includes_wheel_spin : bool
-        Whether the parameters Jxx ... Jyz are elements of J_locked.
-    inertia_B : (3, 3) array
-        J without the wheels' spin inertia [kg m^2].
-    inertia_locked_B : (3, 3) array
-        J_locked = J + sum Js g g^T [kg m^2].
-    correction : ExportedCorrection or None
-        None where it cannot be forecast, or the format does not show it.
-    notes : tuple of str
-        What must be known before the numbers are used.
-    """
-
-    campaign: str
-    source: str
-    trusted: bool
-    reasons: tuple[str, ...]
-    parameters: tuple[ExportedParameter, ...]
+    campaign: str  # name of the campaign
+    source: str  # version, seed and data behind the numbers, in one line
+    trusted: bool  # whether every gate was passed
+    reasons: tuple[str, ...]  # why not
+    parameters: tuple[ExportedParameter, ...]  # J, K, then those of effects
+    # (d, d) of the draws, widened to the sds that the parameters have, in their units.
     covariance: np.ndarray
-    includes_wheel_spin: bool
-    inertia_B: np.ndarray
-    inertia_locked_B: np.ndarray
+    includes_wheel_spin: bool  # whether the parameters Jxx ... Jyz are elements of J_locked
+    inertia_B: np.ndarray  # (3, 3) J without the wheels' spin inertia [kg m^2]
+    inertia_locked_B: np.ndarray  # (3, 3) J_locked = J + sum Js g g^T [kg m^2]
+    # None where it cannot be forecast, or the format does not show it.
     correction: ExportedCorrection | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what must be known before the numbers are used
 
     @property
     def scale_factors(self) -> tuple[ExportedParameter, ...]:
@@ -135,17 +87,7 @@ def comment_lines(result: ExportedResult, *more: str) -> list[str]:
 
 
 def one_line(text: str) -> str:
-    """A text as one line of printable ASCII, so that no name can end a comment.
-
-    Parameters
-    ----------
-    text : str
-        Any.
-
-    Returns
-    -------
-    str
-        At most 200 characters.
+    """A text as one line of at most 200 printable ASCII letters: no name can end a comment.
 
     Examples
     --------

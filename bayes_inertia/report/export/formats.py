@@ -49,20 +49,11 @@ _COLUMNS = (
 
 @dataclass(frozen=True)
 class ExportFormat:
-    """One format.
+    """One format."""
 
-    Parameters
-    ----------
-    says : str
-        What the file holds.
-    text : callable
-        From an `ExportedResult` to the content of the file.
-    shows_correction : bool
-        Whether the forecast of the correction slew is shown; it takes seconds to make.
-    """
-
-    says: str
-    text: Callable[[ExportedResult], str]
+    says: str  # what the file holds
+    text: Callable[[ExportedResult], str]  # from an `ExportedResult` to the content of the file
+    # Whether the forecast of the correction slew is shown; it takes seconds to make.
     shows_correction: bool = False
 
 

@@ -32,21 +32,7 @@ _METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
 def figure_bytes(
     figure: Figure, form: Literal["png", "svg"], most_bytes: int | None = None
 ) -> bytes:
-    """A figure as a file in memory.
-
-    Parameters
-    ----------
-    figure : Figure
-        Any matplotlib figure.
-    form : {"png", "svg"}
-        PNG for thousands of points, otherwise SVG.
-    most_bytes : int or None
-        From there on a PNG is made coarser, within what can be read; None: never.
-
-    Returns
-    -------
-    bytes
-        Of the file.
+    """A figure as a file in memory; a PNG above `most_bytes` is made coarser, within what is read.
 
     Examples
     --------

@@ -19,29 +19,18 @@ def values_of(posterior: Posterior, group: str, name: str) -> np.ndarray:
 
 @array_dataclass
 class ChannelSeries:
-    """One channel of all slews; NaN wherever nothing was measured.
+    """One channel of all slews; NaN wherever nothing was measured."""
 
-    Parameters
-    ----------
-    slews, components : list of str
-        Names of the slews and of the channel's components.
-    time : (slews, rows) array
-        Time in the campaign [s].
-    measured, predicted : (slews, rows, components) array
-        In the unit of the channel.
-    spread : (slews, rows, components) array
-        Standard deviation of the predictive draws, in the unit of the channel.
-    residual : (slews, rows, components) array
-        Measured minus predicted at the optimum, in stated sigmas; rotations where quaternions are
-        measured.
-    """
-
-    slews: list[str]
+    slews: list[str]  # names of the slews and of the channel's components
     components: list[str]
-    time: np.ndarray
-    measured: np.ndarray
+    time: np.ndarray  # (slews, rows) time in the campaign [s]
+    measured: np.ndarray  # (slews, rows, components) in the unit of the channel
     predicted: np.ndarray
+    # (slews, rows, components) standard deviation of the predictive draws, in the unit of the
+    # channel.
     spread: np.ndarray
+    # (slews, rows, components) measured minus predicted at the optimum, in stated sigmas;
+    # rotations where quaternions are measured.
     residual: np.ndarray
 
 
@@ -83,27 +72,14 @@ def channel_series(posterior: Posterior, name: str) -> ChannelSeries | None:
 
 @array_dataclass
 class AttitudeMisfit:
-    """Star-tracker misfits at the fixes of all slews; NaN in padding.
+    """Star-tracker misfits at the fixes of all slews; NaN in padding."""
 
-    Parameters
-    ----------
-    slews : list of str
-        Names of the slews.
-    time : (slews, fixes) array
-        Time in the campaign [s].
-    angle_B : (slews, fixes, 3) array
-        Measured minus predicted attitude as a small rotation in body axes [rad].
-    whitened : (slews, fixes, 3) array
-        The same in stated sigmas.
-    after : (slews, fixes) array of bool
-        Whether the fix lies in the second half of its slew.
-    """
-
-    slews: list[str]
-    time: np.ndarray
+    slews: list[str]  # names of the slews
+    time: np.ndarray  # (slews, fixes) time in the campaign [s]
+    # (slews, fixes, 3) measured minus predicted attitude as a small rotation in body axes [rad].
     angle_B: np.ndarray
-    whitened: np.ndarray
-    after: np.ndarray
+    whitened: np.ndarray  # (slews, fixes, 3) the same in stated sigmas
+    after: np.ndarray  # (slews, fixes) whether the fix lies in the second half of its slew
 
 
 def attitude_misfit(posterior: Posterior) -> AttitudeMisfit | None:

@@ -82,24 +82,13 @@ def _coverage(axes: Axes, names: Sequence[str], z: np.ndarray) -> None:
 
 @array_dataclass
 class RankCurves:
-    """Rank curves of one case.
+    """Rank curves of one case."""
 
-    Parameters
-    ----------
-    title : str
-        Above its row.
-    departures : (14, ranked) array
-        ECDFs of ranks minus that of uniform ones, in standard errors.
-    band : float
-        Half width of the band [standard errors].
-    fits : int
-        Ranks in each curve.
-    """
-
-    title: str
+    title: str  # above its row
+    # (14, ranked) ECDFs of ranks minus that of uniform ones, in standard errors.
     departures: np.ndarray
-    band: float
-    fits: int
+    band: float  # half width of the band [standard errors]
+    fits: int  # ranks in each curve
 
 
 @style.styled

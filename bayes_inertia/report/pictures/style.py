@@ -91,19 +91,11 @@ def color(i: int) -> str:
 
 @dataclass(frozen=True)
 class Scale:
-    """Scale of an axis: `(value - offset) / factor` is shown.
+    """Scale of an axis: `(value - offset) / factor` is shown."""
 
-    Parameters
-    ----------
-    offset, factor : float
-        In the unit of the values.
-    label : str
-        Of the axis: name, offset, power of ten and unit.
-    """
-
-    offset: float
+    offset: float  # in the unit of the values
     factor: float
-    label: str
+    label: str  # of the axis: name, offset, power of ten and unit
 
     def __call__(self, values: np.ndarray | float) -> np.ndarray:
         """Values as drawn."""
