@@ -32,19 +32,8 @@ _START_SD = (0.01, 1e-2, 1e-2)
 def least_squares(campaign: Campaign, corner: float = CORNER) -> tuple[np.ndarray, np.ndarray]:
     """J from J w' + w x (J w + G h) = -G h', solved for the six elements; K is taken as stated.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        With tachometers.
-    corner : float, optional
-        Of the low pass, as a share of the sampling frequency.
-
-    Returns
-    -------
-    estimate : (9,) array
-        Jxx, Jyy, Jzz, Jxy, Jxz, Jyz [kg m^2], and K as stated.
-    sd : (9,) array
-        Of ordinary least squares, errors of rows taken as independent; zero for K.
+    `corner`: of the low pass, as a share of the sampling frequency. Returns J [kg m^2] and K as
+    stated, and sds of ordinary least squares, errors of rows taken as independent; zero for K.
     """
     parts = [_equations(slew, campaign, corner) for slew in campaign.slews]
     A, b = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
@@ -115,15 +104,8 @@ def kalman_filter(campaign: Campaign) -> tuple[np.ndarray, np.ndarray]:
 
     J, K and bias go on from slew to slew; attitude, rate and momentum start anew.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        With commands, tachometers and a star tracker whose boresight is a body axis.
-
-    Returns
-    -------
-    estimate, sd : (9,) array
-        J and K.
+    `campaign`: with commands, tachometers and a star tracker whose boresight is a body axis.
+    Returns `estimate, sd`: J and K.
     """
     sensor, prior = campaign.rate_sensor, campaign.inertia
     mean = np.concatenate([prior.elements, sensor.scale_factor, sensor.bias])

@@ -95,13 +95,7 @@ def _with_remainders(campaign: Campaign) -> tuple[np.ndarray, np.ndarray]:
 
 
 def write_page(rows_file: Path) -> None:
-    """Write `other_methods.md` beside the rows.
-
-    Parameters
-    ----------
-    rows_file : Path
-        The lines of JSON.
-    """
+    """Write `other_methods.md` beside the rows."""
     rows = [json.loads(line) for line in rows_file.read_text().splitlines()]
     lines = [
         "# Least squares, a Kalman filter and this package on the same telemetry",

@@ -87,13 +87,7 @@ def _fitted(model: Model, truth: np.ndarray) -> dict:
 
 
 def write_page(rows_file: Path) -> None:
-    """Write random_walk.md beside the rows.
-
-    Parameters
-    ----------
-    rows_file : Path
-        The lines of JSON.
-    """
+    """Write random_walk.md beside the rows."""
     rows = [json.loads(line) for line in rows_file.read_text().splitlines()]
     lines = [
         "# A gyro whose bias walks",

@@ -24,13 +24,7 @@ _METHODS = (
 
 
 def write_page(rows: Path) -> None:
-    """Write `unmodelled_disturbance.md` beside the rows.
-
-    Parameters
-    ----------
-    rows : Path
-        The lines of JSON.
-    """
+    """Write `unmodelled_disturbance.md` beside the rows."""
     content = [_with_average(json.loads(line)) for line in rows.read_text().splitlines()]
     write_atomically(rows.with_suffix(".md"), "\n".join(_lines(content)) + "\n")
 

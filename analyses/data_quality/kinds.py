@@ -38,21 +38,15 @@ from analyses.data_quality.faults_in_time import (
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of dirt.
+    """One kind of dirt."""
 
-    Attributes
-    ----------
-    name : as in the tables of the study. inject : makes it. needs : channel without which it cannot
-        be. demanded : whether the fit must end trusted (it may stop with an error otherwise).
-    sizes : range of random sizes. stage : what comes first where kinds are combined: 0 what the
-        sensors do, 1 what the telemetry does to cells, 2 what it does to rows and times.
-    """
-
-    name: str
-    inject: Injector
-    needs: str = "rate"
-    demanded: bool = False
-    sizes: tuple[float, float] = (0.3, 3.0)
+    name: str  # as in the tables of the study
+    inject: Injector  # makes it
+    needs: str = "rate"  # channel without which it cannot be
+    demanded: bool = False  # whether the fit must end trusted; it may stop with an error otherwise
+    sizes: tuple[float, float] = (0.3, 3.0)  # range of random sizes
+    # What comes first where kinds are combined: 0 what the sensors do, 1 what the telemetry does
+    # to cells, 2 what it does to rows and times.
     stage: int = 0
 
     def possible(self, raw: RawCampaign) -> bool:

@@ -21,21 +21,11 @@ ALLOWED = 0.2
 
 @dataclass(frozen=True)
 class Ratio:
-    """One column of the table.
+    """One column of the table."""
 
-    Parameters
-    ----------
-    name : str
-        Of the column.
-    says : str
-        What it is.
-    more_is_better : bool
-        False: less is.
-    """
-
-    name: str
-    says: str
-    more_is_better: bool = False
+    name: str  # of the column
+    says: str  # what it is
+    more_is_better: bool = False  # false: less is
 
 
 RATIOS = (
@@ -66,14 +56,8 @@ def read_history(path: Path) -> list[dict[str, str]]:
 def append_row(path: Path, version: str, date: str, ratios: Mapping[str, float]) -> None:
     """Add a row. What was not measured stays empty.
 
-    Parameters
-    ----------
-    path : Path
-        Of the table.
-    version, date : str
-        Of the package, and of the run.
-    ratios : mapping of str to float
-        By the names of `RATIOS`.
+    `path`: of the table. `version`, `date`: of the package, and of the run. `ratios`: by the names
+    of `RATIOS`.
     """
     names = [ratio.name for ratio in RATIOS]
     unknown = sorted(set(ratios) - set(names))
@@ -92,10 +76,7 @@ def append_row(path: Path, version: str, date: str, ratios: Mapping[str, float])
 def worse_ratios(rows: Sequence[Mapping[str, str]]) -> list[str]:
     """What became worse by more than a fifth between the last two rows, in words.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        From `read_history`. What one of the two lacks is not compared.
+    `rows`: from `read_history`. What one of the two lacks is not compared.
     """
     if len(rows) < 2:
         return []

@@ -30,74 +30,39 @@ _WARM_UP = 8
 
 @dataclass(frozen=True)
 class Cost:
-    """What tasks or rows cost.
+    """What tasks or rows cost."""
 
-    Parameters
-    ----------
-    what : str
-        In words.
-    count : int
-        Tasks.
-    driver : float
-        Processor time of this process, a local scheduler included [s].
-    wall : float
-        On the clock [s].
-    memory : int
-        By how much this process grew [bytes].
-    size : int
-        Of the file of rows [bytes].
-    """
-
-    what: str
-    count: int
-    driver: float
-    wall: float
-    memory: int
-    size: int = 0
+    what: str  # in words
+    count: int  # tasks
+    driver: float  # processor time of this process, a local scheduler included [s]
+    wall: float  # on the clock [s]
+    memory: int  # by how much this process grew [bytes]
+    size: int = 0  # of the file of rows [bytes]
 
 
 @dataclass(frozen=True)
 class FitCosts:
-    """What `fit-many` costs for one spacecraft, measured on the example campaign.
+    """What `fit-many` costs for one spacecraft, measured on the example campaign."""
 
-    Parameters
-    ----------
-    fit, first : float
-        Processor time of a fit in a process that has fitted such a campaign before, and that has
-        not [s].
-    digest : float
-        Of the digest of a campaign's files, which the driver makes before it begins [s].
-    campaign : int
-        Size of the campaign [bytes].
-    memory : int
-        Largest memory of the process [bytes].
-    row : dict
-        The row of `fit-many`.
-    """
-
+    # Processor time of a fit in a process that has fitted such a campaign before, and that has
+    # not [s].
     fit: float
     first: float
+    # Of the digest of a campaign's files, which the driver makes before it begins [s].
     digest: float
-    campaign: int
-    memory: int
-    row: dict[str, Any]
+    campaign: int  # size of the campaign [bytes]
+    memory: int  # largest memory of the process [bytes]
+    row: dict[str, Any]  # the row of `fit-many`
 
 
 @dataclass(frozen=True)
 class DiagnosisCosts:
-    """What a diagnosis of the example campaign costs.
+    """What a diagnosis of the example campaign costs."""
 
-    Parameters
-    ----------
-    diagnosis, first : float
-        Processor time in a process that has diagnosed such a campaign before, and that has not [s].
-    memory : int
-        Largest memory of the process [bytes].
-    """
-
+    # Processor time in a process that has diagnosed such a campaign before, and that has not [s].
     diagnosis: float
     first: float
-    memory: int
+    memory: int  # largest memory of the process [bytes]
 
 
 def cost_of(

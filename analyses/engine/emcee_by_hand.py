@@ -22,22 +22,13 @@ from bayes_inertia.campaign.slew import Slew
 class ByHand:
     """Log posterior densities of theta = (Jxx, Jyy, Jzz, Jxy, Jxz, Jyz, K1, K2, K3) for a campaign
     with three or more wheels' commands.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        The telemetry.
-    method, rtol, atol
-        Of `solve_ivp`.
-    rest : float
-        Seconds at the beginning of each slew in which the spacecraft rests.
     """
 
-    campaign: Campaign
-    method: str = "DOP853"
+    campaign: Campaign  # the telemetry
+    method: str = "DOP853"  # of `solve_ivp`
     rtol: float = 1e-8
     atol: float = 1e-10
-    rest: float = 15.0
+    rest: float = 15.0  # seconds at the beginning of each slew in which the spacecraft rests
 
     def __call__(self, theta: np.ndarray) -> float:
         """The density at one theta (9,): slew after slew."""

@@ -33,55 +33,26 @@ _PATIENCE = 5.0
 
 @dataclass(frozen=True)
 class Kill:
-    """One driver that was killed.
+    """One driver that was killed."""
 
-    Parameters
-    ----------
-    done : int
-        Fits that it had counted, those of earlier drivers included, when its worker was killed.
-    seconds : float
-        From then to its own death [s].
-    rows : int
-        Rows on the disk then.
-    orphans : int
-        Processes of its family that lived five seconds later.
-    """
-
+    # Fits that it had counted, those of earlier drivers included, when its worker was killed.
     done: int
-    seconds: float
-    rows: int
-    orphans: int
+    seconds: float  # from then to its own death [s]
+    rows: int  # rows on the disk then
+    orphans: int  # processes of its family that lived five seconds later
 
 
 @dataclass(frozen=True)
 class KilledStudy:
-    """What a killed study went through, and what is left of it.
+    """What a killed study went through, and what is left of it."""
 
-    Parameters
-    ----------
-    fits : int
-        Of the study.
-    kills : sequence of Kill
-        In their order.
-    failures : int
-        Fits without a row at the end.
-    same_rows : bool
-        Whether all rows are those of the serial run, bit for bit.
-    same_files : bool
-        Whether both files of rows are the same bytes.
-    serial_seconds : float
-        Processor time of a fit in the serial run [s].
-    wall_serial, wall_last : float
-        The serial run and the last driver on the clock [s].
-    """
-
-    fits: int
-    kills: Sequence[Kill]
-    failures: int
-    same_rows: bool
-    same_files: bool
-    serial_seconds: float
-    wall_serial: float
+    fits: int  # of the study
+    kills: Sequence[Kill]  # in their order
+    failures: int  # fits without a row at the end
+    same_rows: bool  # whether all rows are those of the serial run, bit for bit
+    same_files: bool  # whether both files of rows are the same bytes
+    serial_seconds: float  # processor time of a fit in the serial run [s]
+    wall_serial: float  # the serial run and the last driver on the clock [s]
     wall_last: float
 
 
@@ -107,14 +78,8 @@ def drive(engine: str, fits: int, folder: Path) -> None:
 def study_of_kills(script: str, fits: int, work: Path) -> KilledStudy:
     """The same study twice: killed three times on a dask cluster, and in one process.
 
-    Parameters
-    ----------
-    script : str
-        Module that starts a driver with the words --drive ENGINE FITS FOLDER.
-    fits : int
-        Of the study.
-    work : Path
-        For both folders, which are emptied.
+    `script`: module that starts a driver with the words --drive ENGINE FITS FOLDER. `fits`: of the
+    study. `work`: for both folders, which are emptied.
     """
     killed, serial = work / "killed", work / "serial"
     for folder in (killed, serial):

@@ -18,32 +18,17 @@ _MANY_WORKERS = 100
 
 @dataclass(frozen=True)
 class FleetWeek:
-    """10,000 spacecraft fitted once, with so many workers.
+    """10,000 spacecraft fitted once, with so many workers."""
 
-    Parameters
-    ----------
-    workers : int
-        One core each.
-    fits, diagnoses : float
-        Hours until all are fitted, and until all are diagnosed besides; NaN where that was not
-        measured.
-    driver : float
-        Share of its core that driver and scheduler are busy while fits run.
-    rows : float
-        Share of its core that the driver writes rows.
-    read : float
-        Telemetry that workers read [bytes/s].
-    memory : float
-        Of all workers [bytes].
-    """
-
-    workers: int
+    workers: int  # one core each
+    # Hours until all are fitted, and until all are diagnosed besides; NaN where that was not
+    # measured.
     fits: float
     diagnoses: float
-    driver: float
-    rows: float
-    read: float
-    memory: float
+    driver: float  # share of its core that driver and scheduler are busy while fits run
+    rows: float  # share of its core that the driver writes rows
+    read: float  # telemetry that workers read [bytes/s]
+    memory: float  # of all workers [bytes]
 
 
 def fleet_weeks(

@@ -32,15 +32,9 @@ def busy(task_id: str, seed: np.random.SeedSequence) -> Row:
 
 @dataclass(frozen=True)
 class RowLikeAFit:
-    """A row with the keys and texts of a real one and numbers of its own.
+    """A row with the keys and texts of a real one and numbers of its own."""
 
-    Parameters
-    ----------
-    row : mapping of str to number, text, list or None
-        One that `fit-many` made.
-    """
-
-    row: Mapping[str, Any]
+    row: Mapping[str, Any]  # one that `fit-many` made
 
     def __call__(self, task_id: str, seed: np.random.SeedSequence) -> Row:
         """Every real number is changed in most of its bits, so that files cannot be smaller."""

@@ -24,30 +24,14 @@ TRIES = 3
 
 @dataclass(frozen=True)
 class Throughput:
-    """One run of tasks that keep a core busy.
+    """One run of tasks that keep a core busy."""
 
-    Parameters
-    ----------
-    engine : {"joblib", "dask"}
-        Where.
-    jobs : int
-        Workers.
-    tasks : int
-        How many.
-    wall : float
-        On the clock [s].
-    ran : float
-        Processor time of the workers [s].
-    waited : float
-        How long a worker waited for a core that others had [s], on average.
-    """
-
-    engine: str
-    jobs: int
-    tasks: int
-    wall: float
-    ran: float
-    waited: float
+    engine: str  # where
+    jobs: int  # workers
+    tasks: int  # how many
+    wall: float  # on the clock [s]
+    ran: float  # processor time of the workers [s]
+    waited: float  # how long a worker waited for a core that others had [s], on average
 
     @property
     def alone(self) -> float:

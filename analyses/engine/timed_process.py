@@ -12,20 +12,11 @@ from time import monotonic
 
 @dataclass(frozen=True)
 class TimedProcess:
-    """How a process ended, and what it cost.
-
-    Parameters
-    ----------
-    exit_code : int
-    message : str
-        What it wrote to its standard error.
-    clock_seconds, processor_seconds : float
-        Imports included.
-    """
+    """How a process ended, and what it cost."""
 
     exit_code: int
-    message: str
-    clock_seconds: float
+    message: str  # what it wrote to its standard error
+    clock_seconds: float  # imports included
     processor_seconds: float
 
 
@@ -34,16 +25,8 @@ def timed_process(
 ) -> TimedProcess:
     """Run Python code to its end.
 
-    Parameters
-    ----------
-    words : sequence of str
-        The code and its arguments.
-    environment : mapping of str, optional
-        Its environment variables; None for those of this process.
-
-    Returns
-    -------
-    TimedProcess
+    `words`: the code and its arguments. `environment`: its environment variables; None for those of
+    this process.
 
     Examples
     --------

@@ -51,15 +51,9 @@ BOX_HEIGHT = 0.52
 
 @dataclass(frozen=True)
 class Tree:
-    """The modules of one state of the package.
+    """The modules of one state of the package."""
 
-    Parameters
-    ----------
-    sources : dict
-        {module name without the package's: source text}.
-    """
-
-    sources: dict[str, str]
+    sources: dict[str, str]  # {module name without the package's: source text}
 
     def imports(self) -> Counter[tuple[str, str]]:
         """How often each module imports from each other module: {(importer, imported): names}."""

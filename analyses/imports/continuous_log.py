@@ -47,17 +47,9 @@ class _Spacecraft:
 def continuous_log(template: Campaign, seed: int = 1) -> tuple[Campaign, Campaign]:
     """Fly slews and rests without a pause.
 
-    Parameters
-    ----------
-    template : Campaign
-        Hardware and prior; it needs wheels with tachometers and a star tracker.
-    seed : int, optional
-        Of truth and noise.
-
-    Returns
-    -------
-    tuple of Campaign
-        The whole log as one slew, and the slews with `REST` seconds about each motion.
+    `template`: hardware and prior; it needs wheels with tachometers and a star tracker. `seed`: of
+    truth and noise. Returns: the whole log as one slew, and the slews with `REST` seconds about
+    each motion.
     """
     rng = np.random.default_rng(seed)
     craft = _drawn(template, rng)

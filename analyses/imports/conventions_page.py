@@ -27,13 +27,7 @@ DIRTY = "dirty, "
 
 
 def page(rows: Sequence[Row]) -> str:
-    """The result as Markdown.
-
-    Parameters
-    ----------
-    rows : sequence of dict
-        Of all parts of the study.
-    """
+    """The result as Markdown."""
     spoilt = [row for row in rows if row["part"] == "wrong"]
     dirty = [row for row in spoilt if row["campaign"].startswith(DIRTY)]
     wrong = [row for row in spoilt if not row["campaign"].startswith(DIRTY)]
@@ -138,13 +132,7 @@ def _case(row: Row) -> tuple:
 
 
 def write_page(rows: Sequence[Row]) -> None:
-    """Store the rows and write the page from them.
-
-    Parameters
-    ----------
-    rows : sequence of dict
-        Of all parts of the study.
-    """
+    """Store the rows and write the page from them."""
     content = ",\n".join(json.dumps(short(row)) for row in rows)
     write_atomically(ROWS, f"[{content}]\n")
     write_atomically(PAGE, page(rows))

@@ -73,12 +73,7 @@ DEGREE = np.pi / 180.0  # [rad]
 def wrong_conventions(base: Base, rng: np.random.Generator) -> tuple[Wrong, ...]:
     """Every wrong convention that exists in a campaign.
 
-    Parameters
-    ----------
-    base : Base
-        A right campaign.
-    rng : numpy.random.Generator
-        Chooses axes, wheels and mountings.
+    `base`: a right campaign. `rng`: chooses axes, wheels and mountings.
     """
     families: tuple[Callable[[Base, np.random.Generator], Iterator[Wrong]], ...] = (
         _of_quaternion,

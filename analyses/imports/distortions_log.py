@@ -31,33 +31,16 @@ Clock = Callable[[np.ndarray], tuple[Columns, dict[str, Any]]]
 
 @dataclass(frozen=True, eq=False)
 class Stream:
-    """One stream: what it holds, and the entries of its `[[streams]]` beside files and time.
+    """One stream: what it holds, and the entries of its `[[streams]]` beside files and time."""
 
-    Parameters
-    ----------
-    file : str
-        Stem of its file.
-    time : (rows,) array
-        Stamps [s].
-    values : (rows, width) array
-        Readings; NaN where there is none.
-    names : tuple of str
-        Its columns.
-    sense : dict
-        Unit, frame and the like.
-    mark : tuple of str
-        What stands in a row without a reading, one cell a column; empty cells by default.
-    repeats : int
-        How often each reading stands.
-    """
-
-    file: str
-    time: np.ndarray
-    values: np.ndarray
-    names: tuple[str, ...]
-    sense: Mapping[str, Any]
+    file: str  # stem of its file
+    time: np.ndarray  # (rows,) stamps [s]
+    values: np.ndarray  # (rows, width) readings; NaN where there is none
+    names: tuple[str, ...]  # its columns
+    sense: Mapping[str, Any]  # unit, frame and the like
+    # What stands in a row without a reading, one cell a column; empty cells by default.
     mark: tuple[str, ...] = ()
-    repeats: int = 1
+    repeats: int = 1  # how often each reading stands
 
     def taking(self, rows: np.ndarray) -> Stream:
         """Some of its rows."""
@@ -78,33 +61,16 @@ class Stream:
 
 @dataclass(frozen=True, eq=False)
 class RawLog:
-    """All streams, and what is not about them.
+    """All streams, and what is not about them."""
 
-    Parameters
-    ----------
-    streams : dict of str to Stream
-        By what they hold.
-    hardware : dict
-        The mapping without streams.
-    clock : callable
-        Writes stamps: columns, and the entry `time` of the mapping.
-    write : callable
-        Writes the files: of (log, folder) the paths and, by stream, the entries of the mapping.
-    started : bool
-        Whether the mapping is proposed by `--start`, its questions answered.
-    more : dict
-        Other tables of the mapping.
-    locked : bool
-        Whether the writer of the files holds them.
-    """
-
-    streams: Mapping[str, Stream]
-    hardware: Mapping[str, Any]
-    clock: Clock
+    streams: Mapping[str, Stream]  # by what they hold
+    hardware: Mapping[str, Any]  # the mapping without streams
+    clock: Clock  # writes stamps: columns, and the entry `time` of the mapping
+    # Writes the files: of (log, folder) the paths and, by stream, the entries of the mapping.
     write: Callable[[RawLog, Path], tuple[list[Path], dict[str, dict[str, Any]]]]
-    started: bool = False
-    more: Mapping[str, Any] = field(default_factory=dict)
-    locked: bool = False
+    started: bool = False  # whether the mapping is proposed by `--start`, its questions answered
+    more: Mapping[str, Any] = field(default_factory=dict)  # other tables of the mapping
+    locked: bool = False  # whether the writer of the files holds them
 
     def changed(self, holds: str, **changes: Any) -> RawLog:
         """The log with another stream."""

@@ -38,18 +38,7 @@ CHANNELS = ("time", "rate", "wheel_torque", "wheel_momentum", "attitude")
 
 
 def moments(posterior: Posterior) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean, sd and Monte Carlo standard error of J and K.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A posterior.
-
-    Returns
-    -------
-    tuple of (9,) array
-        In the order of `NAMES`.
-    """
+    """Mean, sd and Monte Carlo standard error of J and K."""
     import arviz as az
 
     data = posterior.tree["posterior"].dataset
@@ -61,18 +50,7 @@ def moments(posterior: Posterior) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def largest_difference(native: Campaign, imported: Campaign) -> dict[str, float]:
-    """Largest difference of the numbers of each channel; infinite where rows differ.
-
-    Parameters
-    ----------
-    native, imported : Campaign
-        The campaigns.
-
-    Returns
-    -------
-    dict of str to float
-        By channel.
-    """
+    """Largest difference of the numbers of each channel; infinite where rows differ."""
     differences = dict.fromkeys(CHANNELS, 0.0)
     for a, b in zip(native.slews, imported.slews, strict=True):
         for channel in CHANNELS:
@@ -86,20 +64,7 @@ def largest_difference(native: Campaign, imported: Campaign) -> dict[str, float]
 def compared(
     name: str, native: Sequence[np.ndarray], other: Sequence[np.ndarray]
 ) -> tuple[str, float, float]:
-    """A row of the table: largest differences of the means and of the sds.
-
-    Parameters
-    ----------
-    name : str
-        What is compared.
-    native, other : sequence of array
-        As `moments` gives them.
-
-    Returns
-    -------
-    tuple
-        The row, the largest difference in Monte Carlo errors and in sds.
-    """
+    """A row of the table: largest differences of the means and of the sds."""
     difference = np.abs(other[0] - native[0])
     in_errors = float((difference / np.hypot(native[2], other[2])).max())
     in_sds = float((difference / native[1]).max())
@@ -109,18 +74,7 @@ def compared(
 
 
 def optima(campaigns: dict[str, Campaign]) -> list[str]:
-    """Rows of a table: the optimum of J and K against that of the first campaign.
-
-    Parameters
-    ----------
-    campaigns : dict of str to Campaign
-        By what is written of them.
-
-    Returns
-    -------
-    list of str
-        One a campaign.
-    """
+    """Rows of a table: the optimum of J and K against that of the first campaign."""
     rows = []
     first = None
     for name, campaign in campaigns.items():

@@ -31,24 +31,12 @@ GYRO_OFFSET, WHEEL_OFFSET, TRACKER_OFFSET = -0.125, 1.5, -0.75
 
 @dataclass(frozen=True)
 class ForeignLogs:
-    """Raw logs of a campaign.
+    """Raw logs of a campaign."""
 
-    Parameters
-    ----------
-    files : tuple of Path
-        The raw files.
-    mapping : Path
-        The mapping that reads them, with the slews stated.
-    mapping_to_cut : Path
-        The same without slews: the log is to be cut at its rests.
-    native : Campaign
-        The campaign with the readings that the logs hold.
-    """
-
-    files: tuple[Path, ...]
-    mapping: Path
-    mapping_to_cut: Path
-    native: Campaign
+    files: tuple[Path, ...]  # the raw files
+    mapping: Path  # the mapping that reads them, with the slews stated
+    mapping_to_cut: Path  # the same without slews: the log is to be cut at its rests
+    native: Campaign  # the campaign with the readings that the logs hold
 
 
 def write_foreign_logs(
@@ -61,24 +49,10 @@ def write_foreign_logs(
 ) -> ForeignLogs:
     """Write a campaign as raw logs of another mission.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        With wheels, commands, tachometers and a star tracker.
-    folder : Path
-        Where to; made if absent.
-    tracker : {"aem", "csv"}, optional
-        How the star tracker's attitudes are written.
-    seed : int, optional
-        For the readings at rest between the slews.
-    between_slews : bool, optional
-        Write readings between the slews too: a slow drift from where one slew ended to where the
-        next begins.
-
-    Returns
-    -------
-    ForeignLogs
-        What was written.
+    `campaign`: with wheels, commands, tachometers and a star tracker. `folder`: where to; made if
+    absent. `tracker`: how the star tracker's attitudes are written. `seed`: for the readings at
+    rest between the slews. `between_slews`: write readings between the slews too: a slow drift from
+    where one slew ended to where the next begins. Returns: what was written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     native = thinned(campaign)
@@ -124,18 +98,7 @@ def write_foreign_logs(
 
 
 def thinned(campaign: Campaign) -> Campaign:
-    """The campaign with every second tachometer reading, as the logs hold it.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        The campaign.
-
-    Returns
-    -------
-    Campaign
-        With NaN in every second row of the wheels' momenta.
-    """
+    """The campaign with every second tachometer reading, as the logs hold it."""
     slews = []
     for slew in campaign.slews:
         momentum = np.array(slew.wheel_momentum)
@@ -247,19 +210,8 @@ def _read(
 def noisy_fixes(quaternions: np.ndarray, star: StarTracker, rng: np.random.Generator) -> np.ndarray:
     """Fixes of attitudes, with the star tracker's noise in body axes.
 
-    Parameters
-    ----------
-    quaternions : (rows, 4) array
-        True attitudes, scalar last.
-    star : StarTracker
-        The star tracker.
-    rng : Generator
-        Of the noise.
-
-    Returns
-    -------
-    (rows, 4) array
-        Of the same sense as the attitudes.
+    `quaternions` (rows, 4): true attitudes, scalar last. `star`: the star tracker. `rng`: of the
+    noise. Returns (rows, 4): of the same sense as the attitudes.
     """
     boresight = np.array(star.boresight_B)
     rows = len(quaternions)

@@ -56,42 +56,18 @@ ROUNDED = 1e-8  # Relative difference above which a format rounds.
 
 @dataclass(frozen=True)
 class Comparison:
-    """How an import differs from the native campaign.
+    """How an import differs from the native campaign."""
 
-    Parameters
-    ----------
-    name : str
-        The format.
-    what : str
-        Its clock, units and conventions.
-    time_s : float
-        Largest difference of a time stamp [s].
-    relative : dict of str to float
-        Largest difference of each channel, relative to its largest reading.
-    campaign : Campaign
-        The imported campaign.
-    """
-
-    name: str
-    what: str
-    time_s: float
+    name: str  # the format
+    what: str  # its clock, units and conventions
+    time_s: float  # largest difference of a time stamp [s]
+    # Largest difference of each channel, relative to its largest reading.
     relative: Mapping[str, float]
-    campaign: Campaign
+    campaign: Campaign  # the imported campaign
 
 
 def channels_of(campaign: Campaign) -> LogChannels:
-    """All slews of a campaign one after the other.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        With commands, tachometers and a star tracker.
-
-    Returns
-    -------
-    LogChannels
-        Its readings.
-    """
+    """All slews of a campaign one after the other."""
     join = {
         name: np.concatenate([getattr(slew, name) for slew in campaign.slews]) for name in CHANNELS
     }
@@ -100,18 +76,7 @@ def channels_of(campaign: Campaign) -> LogChannels:
 
 
 def stated_slews(campaign: Campaign) -> str:
-    """The slews of a mapping.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        The campaign.
-
-    Returns
-    -------
-    str
-        TOML.
-    """
+    """The slews of a mapping."""
     slews = ""
     for slew in campaign.slews:
         # A millisecond more on both sides, for stamps that a format rounds.
@@ -127,24 +92,7 @@ def compared(
     campaign: Campaign,
     folder: Path,
 ) -> Comparison:
-    """One format there and back.
-
-    Parameters
-    ----------
-    name : str
-        The format.
-    write : callable
-        Writes the log and says what its streams mean.
-    campaign : Campaign
-        The native campaign.
-    folder : Path
-        Where to.
-
-    Returns
-    -------
-    Comparison
-        What differs.
-    """
+    """One format there and back."""
     folder.mkdir(parents=True)
     native = channels_of(campaign)
     written = write(native, folder, FIRST_UTC)
@@ -173,18 +121,7 @@ def _difference(name: str, what: str, native: Campaign, imported: Campaign) -> C
 
 
 def largest_shift(native: Campaign, imported: Campaign) -> float:
-    """Largest shift of J and K between the estimates of two campaigns.
-
-    Parameters
-    ----------
-    native, imported : Campaign
-        The campaigns.
-
-    Returns
-    -------
-    float
-        In standard deviations of the native estimate.
-    """
+    """Largest shift of J and K between the estimates of two campaigns."""
     from bayes_inertia import Model, estimate
 
     first, second = (estimate(Model(campaign)) for campaign in (native, imported))
@@ -192,22 +129,7 @@ def largest_shift(native: Campaign, imported: Campaign) -> float:
 
 
 def page(campaign: Campaign, rows: list[Comparison], shifts: Mapping[str, float]) -> str:
-    """The table of all formats.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        The native campaign.
-    rows : list of Comparison
-        One for each format.
-    shifts : dict of str to float
-        Largest shift of J and K of the formats that were fitted.
-
-    Returns
-    -------
-    str
-        Markdown.
-    """
+    """The table of all formats."""
     lines = [
         "# Raw logs in 17 formats",
         "",

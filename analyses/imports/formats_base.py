@@ -15,18 +15,10 @@ DEG = np.degrees(1.0)
 
 @dataclass(frozen=True)
 class LogChannels:
-    """Readings of all slews, NaN where there is none; SI units, the package's senses.
+    """Readings of all slews, NaN where there is none; SI units, the package's senses."""
 
-    Parameters
-    ----------
-    time : (rows,) array
-        Seconds.
-    rate, torque, momentum, attitude : (rows, width) array
-        Body rates, torques on the wheels, wheel momenta, quaternions.
-    """
-
-    time: np.ndarray
-    rate: np.ndarray
+    time: np.ndarray  # (rows,) seconds
+    rate: np.ndarray  # (rows, width) body rates, torques on the wheels, wheel momenta, quaternions
     torque: np.ndarray
     momentum: np.ndarray
     attitude: np.ndarray
@@ -39,58 +31,23 @@ class LogChannels:
 
 @dataclass(frozen=True)
 class Written:
-    """A raw log.
+    """A raw log."""
 
-    Parameters
-    ----------
-    files : list of Path
-        The files.
-    streams : str
-        The streams of the mapping.
-    what : str
-        Clock, units and conventions, in words.
-    """
-
-    files: list[Path]
-    streams: str
-    what: str
+    files: list[Path]  # the files
+    streams: str  # the streams of the mapping
+    what: str  # clock, units and conventions, in words
 
 
 @dataclass(frozen=True)
 class StreamText:
-    """What the streams of a log share in the mapping.
+    """What the streams of a log share in the mapping."""
 
-    Parameters
-    ----------
-    file : str
-        The file.
-    time : str
-        The table `time`.
-    table : str
-        The table of the file.
-    """
-
-    file: str
-    time: str
-    table: str = ""
+    file: str  # the file
+    time: str  # the table `time`
+    table: str = ""  # the table of the file
 
     def text(self, holds: str, names: Sequence[str], more: str) -> str:
-        """One `[[streams]]`.
-
-        Parameters
-        ----------
-        holds : str
-            What it holds.
-        names : sequence of str
-            Its columns; empty where the file says it.
-        more : str
-            Other lines.
-
-        Returns
-        -------
-        str
-            TOML.
-        """
+        """One `[[streams]]`."""
         table = f'table = "{self.table}"\n' if self.table else ""
         time = f"time = {self.time}\n" if self.time else ""
         columns = f"names = {json.dumps(list(names))}\n" if names else ""
@@ -99,20 +56,7 @@ class StreamText:
 
 
 def indexed(name: str, count: int) -> list[str]:
-    """Columns of a matrix.
-
-    Parameters
-    ----------
-    name : str
-        The matrix.
-    count : int
-        Its columns.
-
-    Returns
-    -------
-    list of str
-        name[0], name[1], ...
-    """
+    """Columns of a matrix."""
     return [f"{name}[{i}]" for i in range(count)]
 
 

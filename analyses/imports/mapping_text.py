@@ -8,18 +8,7 @@ from bayes_inertia.campaign.campaign import Campaign
 
 
 def head_of_mapping(campaign: Campaign) -> str:
-    """The mapping without streams and slews.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        The campaign; it needs a star tracker.
-
-    Returns
-    -------
-    str
-        TOML.
-    """
+    """The mapping without streams and slews."""
     prior, sensor, star = campaign.inertia, campaign.rate_sensor, campaign.star_tracker
     assert star is not None
     wheels = "".join(

@@ -15,21 +15,13 @@ _SPEED, _MOMENTUM, _COMMAND = 0.01, 0.05, 1e-3  # typical of these campaigns, SI
 
 
 class Law(NamedTuple):
-    """One law of size 1.
+    """One law of size 1."""
 
-    Parameters
-    ----------
-    place, driver : str
-        The keys of the formula that is right.
-    value : callable
-        What acts at an instant, SI units; in all rows (n, ...) of errors of sensors.
-    also : tuple of str
-        Drivers that are the same in these campaigns, whose wheels lie along the body axes.
-    """
-
-    place: str
+    place: str  # the keys of the formula that is right
     driver: str
+    # What acts at an instant, SI units; in all rows (n, ...) of errors of sensors.
     value: Callable[[Instant], np.ndarray]
+    # Drivers that are the same in these campaigns, whose wheels lie along the body axes.
     also: tuple[str, ...] = ()
 
 

@@ -34,16 +34,8 @@ def eigenvalues(
 
     A walk goes on between slews, which the package takes for independent.
 
-    Parameters
-    ----------
-    plain : Estimate
-        A fit without the effect.
-    effect : StochasticEffect
-        Its first parameter is its size.
-    time : float
-        Its correlation time, if it has one [s].
-    middle : float
-        Where a walk is zero [s].
+    `plain`: a fit without the effect. `effect`: its first parameter is its size. `time`: its
+    correlation time, if it has one [s]. `middle`: where a walk is zero [s].
     """
     campaign = plain.model.campaign
     model = Model(campaign, (effect,), plain.model.structure.drive)
@@ -69,19 +61,8 @@ def eigenvalues(
 def walk_covariance(campaign: Campaign, knots: int, middle: float) -> np.ndarray:
     """Covariance of a walk at the knots of all slews, for a density of one.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        Says when its slews are.
-    knots : int
-        Of each slew.
-    middle : float
-        Where the walk is zero [s].
-
-    Returns
-    -------
-    (n, n) array
-        Of all knots of the first slew, of the second, ... [s].
+    `campaign`: says when its slews are. `knots`: of each slew. `middle`: where the walk is zero
+    [s]. Returns (n, n): of all knots of the first slew, of the second, ... [s].
     """
     share = np.linspace(0.0, 1.0, knots)
     away = np.concatenate([s.start + share * s.time[-1] - middle for s in campaign.slews])
@@ -92,14 +73,7 @@ def walk_covariance(campaign: Campaign, knots: int, middle: float) -> np.ndarray
 def ideal_power(powers: np.ndarray, size: float, level: float) -> float:
     """Power of the ideal test of a signal.
 
-    Parameters
-    ----------
-    powers : (n,) array
-        Its eigenvalues at unit size.
-    size : float
-        Its size.
-    level : float
-        Of the test.
+    `powers` (n,): its eigenvalues at unit size. `size`: its size. `level`: of the test.
 
     Examples
     --------

@@ -61,12 +61,7 @@ class DrawnCampaign(NamedTuple):
 def prior_campaign(seed: np.random.SeedSequence, tachometers: bool) -> DrawnCampaign:
     """Draw a campaign from the prior.
 
-    Parameters
-    ----------
-    seed : numpy.random.SeedSequence
-        Of everything in it.
-    tachometers : bool
-        Whether it has them.
+    `seed`: of everything in it. `tachometers`: whether it has them.
     """
     flown, chosen = seed.spawn(2)
     rng = np.random.default_rng(chosen)

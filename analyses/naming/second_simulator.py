@@ -21,34 +21,16 @@ from bayes_inertia.flight.plan_flight import Flight
 
 
 class Instant(NamedTuple):
-    """What a disturbance may follow, at one instant or in all rows (n, ...).
+    """What a disturbance may follow, at one instant or in all rows (n, ...)."""
 
-    Parameters
-    ----------
-    t, since : float or (n,) array
-        On the campaign's clock, and from the slew's beginning [s].
-    rate_B : (3,) array
-        [rad/s].
-    momentum : (wheels,) array
-        Of the wheels relative to the body [N m s].
-    command : (wheels,) array
-        Torque command [N m].
-    attitude : Rotation
-        From body to inertial axes.
-    field_B : (3,) array
-        Magnetic field [T].
-    wheel_axes_B : (3, wheels) array
-        Spin axes.
-    """
-
-    t: float
+    t: float  # on the campaign's clock, and from the slew's beginning [s]
     since: float
-    rate_B: np.ndarray
-    momentum: np.ndarray
-    command: np.ndarray
-    attitude: Rotation
-    field_B: np.ndarray
-    wheel_axes_B: np.ndarray
+    rate_B: np.ndarray  # (3,) [rad/s]
+    momentum: np.ndarray  # (wheels,) of the wheels relative to the body [N m s]
+    command: np.ndarray  # (wheels,) torque command [N m]
+    attitude: Rotation  # from body to inertial axes
+    field_B: np.ndarray  # (3,) magnetic field [T]
+    wheel_axes_B: np.ndarray  # (3, wheels) spin axes
 
 
 @dataclass(frozen=True)
@@ -186,23 +168,10 @@ def state_slope(
 ) -> np.ndarray:
     """Derivative of rate, wheels' total spin momentum and attitude (scalar last) in time.
 
-    Parameters
-    ----------
-    state : (7 + wheels,) array
-        [rad/s], [N m s], quaternion.
-    inertia, inverse : (3, 3) array
-        Of everything except the wheels' spin [kg m^2], and its inverse.
-    axes_B : (3, wheels) array
-        Spin axes.
-    motor_torque : (wheels,) array
-        On the wheels [N m].
-    body_torque : (3,) array
-        From outside [N m].
-
-    Returns
-    -------
-    (7 + wheels,) array
-        Per second.
+    `state` (7 + wheels,): [rad/s], [N m s], quaternion. `inertia`, `inverse` (3, 3): of everything
+    except the wheels' spin [kg m^2], and its inverse. `axes_B` (3, wheels): spin axes.
+    `motor_torque` (wheels,): on the wheels [N m]. `body_torque` (3,): from outside [N m]. Returns
+    (7 + wheels,): per second.
     """
     rate, momentum, vector, scalar = state[:3], state[3:-4], state[-4:-1], state[-1]
     gyroscopic = np.cross(rate, inertia @ rate + axes_B @ momentum)

@@ -30,13 +30,7 @@ and clean campaigns from number 60 on."""
 
 
 def write_page(folder: Path) -> None:
-    """Write naming.md beside the rows.
-
-    Parameters
-    ----------
-    folder : Path
-        With the rows as naming_*.jsonl.
-    """
+    """Write naming.md beside the rows."""
     rows = [
         json.loads(line)
         for path in sorted(folder.glob("naming_*.jsonl"))

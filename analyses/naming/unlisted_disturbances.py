@@ -119,17 +119,5 @@ SHAPELESS: Mapping[str, str] = {
 
 
 def outside(kind: str, rng: np.random.Generator) -> Disturbance:
-    """The disturbance of a campaign.
-
-    Parameters
-    ----------
-    kind : str
-        One of `KINDS`.
-    rng : numpy.random.Generator
-        Draws what has no shape.
-
-    Returns
-    -------
-    Disturbance
-    """
+    """The disturbance of a campaign."""
     return OUTSIDE[kind] if kind in OUTSIDE else _DRAWN[kind](rng)

@@ -8,18 +8,6 @@ from collections.abc import Iterable, Sequence
 def table_lines(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     """A table, line by line.
 
-    Parameters
-    ----------
-    columns : sequence of str
-        The head.
-    rows : iterable of sequence of str
-        Cells, as many as there are columns.
-
-    Returns
-    -------
-    list of str
-        Head, rule and rows.
-
     Examples
     --------
     >>> table_lines(["plan", "gain"], [["designed", "1.7"]])

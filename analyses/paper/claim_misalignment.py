@@ -265,24 +265,12 @@ def analysis(quick: bool = False):
 
 @dataclass(frozen=True)
 class Soaking:
-    """What an unmodelled misalignment does to the fit.
+    """What an unmodelled misalignment does to the fit."""
 
-    Parameters
-    ----------
-    held : Estimate
-        J and K fitted, the misalignment held at zero, which is the truth.
-    fitted : Estimate
-        All fitted to a campaign with 0.5 deg about (1, 1, 1).
-    jacobian : (9, 3) array
-        Error of J and K for each radian that is not modelled.
-    taken : dict of str to float
-        Part of the squared misfit that K, J or both take away.
-    """
-
-    held: Estimate
-    fitted: Estimate
-    jacobian: np.ndarray
-    taken: dict[str, float]
+    held: Estimate  # J and K fitted, the misalignment held at zero, which is the truth
+    fitted: Estimate  # all fitted to a campaign with 0.5 deg about (1, 1, 1)
+    jacobian: np.ndarray  # (9, 3) error of J and K for each radian that is not modelled
+    taken: dict[str, float]  # part of the squared misfit that K, J or both take away
 
 
 def soaking_up() -> Soaking:

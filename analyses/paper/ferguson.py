@@ -167,15 +167,10 @@ def scatter(
     """Error of the estimate over repetitions of the campaign, were the noise of each channel
     `noise` times what `at` has.
 
-    Parameters
-    ----------
-    offset : (d,) prior mean minus truth. noise : factor of rate, attitude and momentum noise, known
-        to the estimator.
-    prior : whether the estimator uses the prior of J and K.
-
-    With Hessian H = F + P, theta-hat - truth = H^-1 (P offset + what noise and nuisances, drawn
-    from their own priors, push):
-    the covariance is H^-1 (H - P) H^-1, P the rows of J and K only.
+    `offset` (d,): prior mean minus truth. `noise`: factor of the noise of each channel, known to
+    the estimator. With Hessian H = F + P, theta-hat - truth = H^-1 (P offset + what noise and
+    nuisances, drawn from their own priors, push): the covariance is H^-1 (H - P) H^-1, P the rows
+    of J and K only.
     """
     weights = 1.0 / np.square(np.asarray(noise, float))
     info = at.information._replace(matrix=at.information.matrix * weights[None, :, None, None])
@@ -253,21 +248,15 @@ class Table:
 
 @dataclass(frozen=True)
 class Result:
-    """What an analysis found, in words.
-
-    Attributes
-    ----------
-    claims : rows "paper", "here", "agree?". figures : (file, caption). notes : paragraphs. numbers
-        : what tests and readers may use.
-    """
+    """What an analysis found, in words."""
 
     name: str
     title: str
-    claims: Sequence[Claim]
+    claims: Sequence[Claim]  # rows "paper", "here", "agree?"
     tables: Sequence[Table] = ()
-    figures: Sequence[tuple[str, str]] = ()
-    notes: Sequence[str] = ()
-    numbers: dict[str, float] = field(default_factory=dict)
+    figures: Sequence[tuple[str, str]] = ()  # file and caption
+    notes: Sequence[str] = ()  # paragraphs
+    numbers: dict[str, float] = field(default_factory=dict)  # what tests and readers may use
 
 
 def save_picture(figure: Figure, path: Path) -> Path:

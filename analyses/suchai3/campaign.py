@@ -30,38 +30,25 @@ CAD = np.diag([38478.678, 38528.678, 6873.717]) * 1e-6
 
 @dataclass(frozen=True)
 class Setup:
-    """What the fit starts from and what it takes as known, each with its reason.
+    """What the fit starts from and what it takes as known, each with its reason."""
 
-    Parameters
-    ----------
-    magnetometer_sigma : float
-        Noise of a reading [T]: 15 mG is what a fit leaves. The builders state 2.8 mG; but packets
-        are stamped in whole seconds, and at 50 deg/s a tenth of a second is 20 mG.
-    nutation_ratio : float
-        Of nutation to spin: a line in the spectrum of the x rate in every session. It sets where
-        Jyy - Jxx starts, not its prior's width.
-    relative_sigma, product_sigma : float
-        Prior of the tensor: CAD to 3 % of each moment; products [kg m^2] as large as a turn of
-        4 degrees makes them.
-    gyro_y_sigma : float
-        Prior sd of K2 around the ratio of the spins that magnetometer and gyro see.
-    mounting_sigma : float
-        Of the magnetometer's axes against the gyro's [rad].
-    most : int
-        Slews of one session at most, evenly chosen: neighbours tell the same, and one session of 90
-        minutes would weigh as much as all others together.
-    fewest : int
-        Readings of a slew: fewer see less than a turn of the nutation.
-    """
-
+    # Noise of a reading [T]: 15 mG is what a fit leaves. The builders state 2.8 mG; but packets
+    # are stamped in whole seconds, and at 50 deg/s a tenth of a second is 20 mG.
     magnetometer_sigma: float = 1.5e-6
+    # Of nutation to spin: a line in the spectrum of the x rate in every session. It sets where
+    # Jyy - Jxx starts, not its prior's width.
     nutation_ratio: float = 0.135
+    # Prior of the tensor: CAD to 3 % of each moment; products [kg m^2] as large as a turn of 4
+    # degrees makes them.
     relative_sigma: float = 0.03
     product_sigma: float = 0.002
+    # Prior sd of K2 around the ratio of the spins that magnetometer and gyro see.
     gyro_y_sigma: float = 0.002
-    mounting_sigma: float = 0.05
+    mounting_sigma: float = 0.05  # of the magnetometer's axes against the gyro's [rad]
+    # Slews of one session at most, evenly chosen: neighbours tell the same, and one session of 90
+    # minutes would weigh as much as all others together.
     most: int = 3
-    fewest: int = 150
+    fewest: int = 150  # readings of a slew: fewer see less than a turn of the nutation
 
 
 def campaign(setup: Setup | None = None) -> Campaign:

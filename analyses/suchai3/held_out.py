@@ -45,17 +45,10 @@ _TRIED, _ROWS, _FOLLOWED = 256, 60, 2
 
 @dataclass(frozen=True)
 class Predicted:
-    """One channel of one slew in its later part: n rows, three axes.
+    """One channel of one slew in its later part: n rows, three axes."""
 
-    Parameters
-    ----------
-    time : (n,) array
-        On the slew's clock [s].
-    measured, mean, sd : (n, 3) array
-        Readings; what is predicted, and its sd, noise of a reading included [rad/s or T].
-    """
-
-    time: np.ndarray
+    time: np.ndarray  # (n,) on the slew's clock [s]
+    # (n, 3) readings; what is predicted, and its sd, noise of a reading included [rad/s or T].
     measured: np.ndarray
     mean: np.ndarray
     sd: np.ndarray

@@ -21,21 +21,12 @@ _APART = 3_600.0  # [s]
 
 @dataclass(frozen=True)
 class Spin:
-    """Mean spin of each session, and the orbit's mean motion then.
+    """Mean spin of each session, and the orbit's mean motion then."""
 
-    Parameters
-    ----------
-    day : (n,) array
-        Since the first session.
-    spin : (n,) array
-        About the axis of the largest moment [deg/s], by the gyro with its K and bias.
-    mean_motion : (n,) array
-        Turns a day; it grows as drag takes the orbit down.
-    """
-
-    day: np.ndarray
+    day: np.ndarray  # (n,) since the first session
+    # (n,) about the axis of the largest moment [deg/s], by the gyro with its K and bias.
     spin: np.ndarray
-    mean_motion: np.ndarray
+    mean_motion: np.ndarray  # (n,) turns a day; it grows as drag takes the orbit down
 
     def json(self) -> dict[str, list[float]]:
         """As it stands in tumble.json."""
@@ -44,27 +35,13 @@ class Spin:
 
 @dataclass(frozen=True)
 class History:
-    """One explanation of the spin.
+    """One explanation of the spin."""
 
-    Parameters
-    ----------
-    torques : tuple of str
-        What acts.
-    torque_N_m : tuple of float
-        Mean size of each over the months, in the CAD's scale [N m].
-    rms : float
-        Of what is left [deg/s].
-    bic : float
-        Bayesian information criterion, with `SPIN_SIGMA`.
-    modelled : (n,) array
-        Spin [deg/s].
-    """
-
-    torques: tuple[str, ...]
-    torque_N_m: tuple[float, ...]
-    rms: float
-    bic: float
-    modelled: np.ndarray
+    torques: tuple[str, ...]  # what acts
+    torque_N_m: tuple[float, ...]  # mean size of each over the months, in the CAD's scale [N m]
+    rms: float  # of what is left [deg/s]
+    bic: float  # bayesian information criterion, with `SPIN_SIGMA`
+    modelled: np.ndarray  # (n,) spin [deg/s]
 
     def json(self) -> dict[str, Any]:
         """As it stands in tumble.json."""

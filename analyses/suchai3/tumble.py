@@ -33,15 +33,9 @@ RESULTS = results_of(__file__)
 
 @dataclass(frozen=True)
 class Ratios:
-    """What free rotation tells of J, from draws (n,) of each.
+    """What free rotation tells of J, from draws (n,) of each."""
 
-    Parameters
-    ----------
-    draws : dict of str to (n,) array
-        By name.
-    """
-
-    draws: dict[str, np.ndarray]
+    draws: dict[str, np.ndarray]  # by name
 
     def summary(self) -> dict[str, dict[str, float]]:
         """Median and 90 % interval of each."""
