@@ -16,11 +16,9 @@ import numpy as np
 import tomlkit
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.writer import content_of
 
 Table = dict[str, np.ndarray]
-
-_RATE_NAMES = ["wx_radps", "wy_radps", "wz_radps"]
-_ATTITUDE_NAMES = ["q1", "q2", "q3", "q4"]
 
 
 @dataclass(frozen=True)
@@ -122,78 +120,27 @@ def of_slews(raw: RawCampaign, which: Sequence[int]) -> RawCampaign:
 
 
 def raw_of(campaign: Campaign) -> RawCampaign:
-    """A campaign in memory as plain data, without environment columns."""
-    wheels, first = campaign.wheels, campaign.slews[0]
-    columns: dict[str, Any] = {"time": {"names": ["t_s"], "unit": "s"}}
-    channels = {"rate": _RATE_NAMES}
-    columns["rate"] = {"names": _RATE_NAMES, "unit": "rad/s"}
-    if first.wheel_torque is not None:
-        channels["wheel_torque"] = [f"u{i + 1}_Nm" for i in range(len(wheels))]
-        sense = {"unit": "N m", "acts_on": "wheel"}
-        columns["wheel_torque"] = {"names": channels["wheel_torque"], **sense}
-    if first.wheel_momentum is not None:
-        channels["wheel_momentum"] = [f"h{i + 1}_Nms" for i in range(len(wheels))]
-        sense = {"unit": "N m s", "relative_to": "body"}
-        columns["wheel_momentum"] = {"names": channels["wheel_momentum"], **sense}
-    if campaign.star_tracker is not None:
-        channels["attitude"] = _ATTITUDE_NAMES
-        sense = {"scalar": "last", "maps": "inertial_to_body"}
-        columns["attitude"] = {"names": _ATTITUDE_NAMES, **sense}
-    tables, slews = {}, []
-    for i, slew in enumerate(campaign.slews):
-        file = f"slew_{i + 1:02d}.csv"
-        slews.append({"name": slew.name, "file": file, "start": float(slew.start)})
-        table = {"t_s": slew.time}
-        for channel, names in channels.items():
-            values = np.asarray(getattr(slew, channel))
-            table |= {name: values[:, k] for k, name in enumerate(names)}
-        tables[file] = table
-    return RawCampaign(_described(campaign, columns, slews), tables)
-
-
-def _described(campaign: Campaign, columns: dict, slews: list) -> dict[str, Any]:
-    """The description of a campaign in memory."""
-    sensor, tracker, prior = campaign.rate_sensor, campaign.star_tracker, campaign.inertia
-    description: dict[str, Any] = {
-        "format": "bayes-inertia-campaign/1",
-        "name": campaign.name,
-        "inertia": {
-            "tensor": np.asarray(prior.tensor).tolist(),
-            "relative_sigma": prior.relative_sigma,
-            "product_sigma": prior.product_sigma,
-            "includes_wheel_spin": prior.includes_wheel_spin,
-        },
-        "rate_sensor": {
-            key: np.asarray(getattr(sensor, key)).tolist()
-            for key in ("axes", "sigma", "scale_factor", "scale_factor_sigma", "bias", "bias_sigma")
-        },
-        "columns": columns,
-        "slews": slews,
-    }
-    if sensor.range is not None:
-        description["rate_sensor"]["range"] = sensor.range
-    keys = ("spin_inertia", "max_torque", "max_momentum", "momentum_sigma")
-    description["wheels"] = [
-        {"name": w.name, "axis": list(w.axis_B)}
-        | {key: getattr(w, key) for key in keys if getattr(w, key) is not None}
-        for w in campaign.wheels
-    ]
-    if tracker is not None:
-        description["star_tracker"] = {
-            "boresight": list(tracker.boresight_B),
-            "sigma_cross": tracker.sigma_cross,
-            "sigma_roll": tracker.sigma_roll,
-        }
-    return description
+    """A campaign in memory as plain data, without environment columns and the axes of its slews."""
+    text, tables = content_of(campaign)
+    raw = _plain_data(text, lambda file: tables[file].columns)
+    for slew in raw.description["slews"]:
+        for told in ("axis", "angle_deg"):
+            slew.pop(told, None)
+    return raw
 
 
 def read_raw(folder: Path) -> RawCampaign:
     """A campaign folder of CSV tables as plain data, without environment columns."""
-    description = tomllib.loads((folder / "campaign.toml").read_text(encoding="utf-8"))
+    text = (folder / "campaign.toml").read_text(encoding="utf-8")
+    return _plain_data(text, lambda file: _read_table(folder / file))
+
+
+def _plain_data(text: str, table_of: Callable[[str], Table]) -> RawCampaign:
+    description = tomllib.loads(text)
     for environment in ("magnetic_field", "position"):
         description["columns"].pop(environment, None)
     wanted = [name for entry in description["columns"].values() for name in entry["names"]]
-    tables = {slew["file"]: _read_table(folder / slew["file"]) for slew in description["slews"]}
+    tables = {slew["file"]: table_of(slew["file"]) for slew in description["slews"]}
     kept = {file: {name: table[name] for name in wanted} for file, table in tables.items()}
     return RawCampaign(description, kept)
 
