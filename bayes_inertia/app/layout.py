@@ -64,6 +64,7 @@ class Layout:
     # `terminal.py`
     # In fewer columns, tables are made as narrow as they can be.
     narrow_columns: int = 100
+    heading_width: int = 12  # of a line of a column's heading there
     # Characters of a message, and how many of them are its end, which says what to do.
     longest_message: int = 4000
     message_end: int = 1000

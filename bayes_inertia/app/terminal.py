@@ -15,6 +15,7 @@ import os
 import re
 import statistics
 import sys
+import textwrap
 import webbrowser
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -32,7 +33,6 @@ from rich.text import Text
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.progress import Progress
 from bayes_inertia.progress import progress_bar as bar_on
-from bayes_inertia.report.layout import LAYOUT as REPORT_LAYOUT
 
 # Whether the command at hand prints nothing but errors and what was asked for as JSON.
 _QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
@@ -191,39 +191,29 @@ def headed(head: str, rest: str = "", *, style: str = "bold") -> Text:
     return Text.assemble((head, style), rest)
 
 
-def narrow_table(
-    console: Console, first: str, *headings: str, wrapping: Sequence[str] = ()
-) -> Table:
-    """A table that fits 80 columns: the first column gives way, numbers never do."""
+def _in_lines(heading: str) -> str:
+    """A heading with its first word on a line of its own, the others on short ones."""
+    first, _, others = heading.partition(" ")
+    return "\n".join([first, *textwrap.wrap(others, LAYOUT.heading_width)])
+
+
+def print_table(
+    heads: Sequence[str], rows: Iterable[Sequence[str]], wrapping: Sequence[str] = ()
+) -> None:
+    """Print a table that fits 80 columns: the first column gives way, numbers never do."""
+    console = plain_console()
+    narrow = console.width < LAYOUT.narrow_columns
     table = Table(box=SIMPLE, show_edge=False, pad_edge=False, collapse_padding=True)
-    table.add_column(first, overflow="fold")
-    for heading in headings:
+    table.add_column(heads[0], overflow="fold")
+    for heading in heads[1:]:
         if heading in wrapping:
             longest = max(map(len, heading.split()))
             table.add_column(heading, overflow="fold", min_width=longest)
         else:
-            shown = (
-                heading.replace(" ", "\n", 1) if console.width < LAYOUT.narrow_columns else heading
-            )
-            table.add_column(shown, no_wrap=True)
-    return table
-
-
-def quantity(value: float, unit: str) -> str:
-    """A size, such as an sd, to two digits with its unit; angles in arc seconds.
-
-    Examples
-    --------
-    >>> quantity(2.9e-4, "rad"), quantity(0.0312, "kg m^2"), quantity(3.6e-5, "")
-    ('60 arcsec', '0.031 kg m²', '3.6 × 10⁻⁵')
-    """
-    from bayes_inertia.report.formatting import arcsec_text, number, unit_text
-
-    if unit == "rad":
-        return f"{arcsec_text(value)} arcsec"
-    power = math.floor(math.log10(value)) if 0.0 < value < REPORT_LAYOUT.smallest_plain else 0
-    factor = f" × {unit_text('', power).removeprefix('× ')}" if power else ""
-    return f"{number(value, value, power)}{factor} {unit_text(unit) if unit else ''}".rstrip()
+            table.add_column(_in_lines(heading) if narrow else heading, no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)
 
 
 def unit_powers(sds: Iterable[tuple[str, float]]) -> dict[str, int]:

@@ -131,13 +131,13 @@ def probability(p: float) -> str:
     return f"p {text}" if text.startswith("<") else f"p = {text}"
 
 
-def vector_text(components: Sequence[float]) -> str:
-    """The components of a unit vector, two decimals each.
+def vector_text(components: Sequence[float], decimals: int = 2) -> str:
+    """The components of a unit vector.
 
     >>> vector_text([0.0, 0.6, -0.8])
     '0.00, 0.60, −0.80'
     """
-    return with_minus_sign(", ".join(f"{x:.2f}" for x in components))
+    return with_minus_sign(", ".join(f"{x:.{decimals}f}" for x in components))
 
 
 def arcsec(angle: Any) -> Any:

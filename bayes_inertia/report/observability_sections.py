@@ -23,7 +23,7 @@ from bayes_inertia.report.formatting import (
     unit_text,
 )
 from bayes_inertia.report.pictures.observability import draw_observability
-from bayes_inertia.report.section import Section, captioned, packaged
+from bayes_inertia.report.section import Section, Table, captioned, packaged
 
 _HEADS = (
     "parameter",
@@ -82,19 +82,14 @@ def _result_section(observability: Observability) -> Section:
     heads[2:4] = sd_head("prior sd", prior_power), sd_head("sd", power)
     all_determined = all(p.verdict == "determined" for p in observability.parameters)
     parts = zip(observability.parameters, priors, sds, strict=True)
-    context = {
-        "sentence": answer(observability),
-        "level": "good" if all_determined else "caution",
-        "more": "",
-        "kind": "many short",
-        "heads": heads,
-        "numbers": (2, 3, 4, 6, 7),
-        "extra": (1, 2, 4, 6, 7),
-        "rows": [_row(observability, *part) for part in parts],
-        "notes": (_NOTE,),
-    }
-    pictures = captioned("observability", draw_observability(observability))
-    return Section("Result", packaged("table.html"), context, pictures)
+    rows = [_row(observability, *part) for part in parts]
+    return Table(heads, rows, (2, 3, 4, 6, 7), extra=(1, 2, 4, 6, 7), kind="many short").section(
+        "Result",
+        captioned("observability", draw_observability(observability)),
+        sentence=answer(observability),
+        level="good" if all_determined else "caution",
+        notes=(_NOTE,),
+    )
 
 
 def _row(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.design.comparison import Contender
+from bayes_inertia.flight.plan import Plan
 from bayes_inertia.physics.parameters import BASE_NAMES, BASE_UNITS
 from bayes_inertia.report.formatting import (
     arcsec_text,
@@ -23,9 +24,18 @@ from bayes_inertia.report.formatting import (
 )
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.design import draw_comparison
-from bayes_inertia.report.section import Section, captioned, packaged
+from bayes_inertia.report.section import Section, Table, captioned
 
 _PAPER = "slews like the paper's"
+_SLEW_HEADS = (
+    "slew",
+    "about body axis",
+    "angle [deg]",
+    "rate [deg/s]",
+    "ramps [deg/s²]",
+    "starts [s]",
+    "lasts [s]",
+)
 
 
 def design_sections(
@@ -34,7 +44,7 @@ def design_sections(
     """A designed plan: each parameter's sd now and afterwards, its slews, its limits."""
     return [
         _gain_section(content, contenders, units),
-        _slews_section(contenders[:1]),
+        slews_table({"": contenders[0].plan}).section("Slews"),
         _margins_section(content),
     ]
 
@@ -42,51 +52,52 @@ def design_sections(
 def _gain_section(
     content: Mapping[str, Any], contenders: Sequence[Contender], units: Mapping[str, str]
 ) -> Section:
-    heads, rows = _gain_table(content, units)
     goal, sd, paper = content["goal"], content["expected_sd"], content["reference_sd"]
-    value, reference = (
-        _quantity(content[key], goal["unit"]) for key in ("value", "reference_value")
-    )
-    says = f"{goal['says'][0].upper()}{goal['says'][1:]}: {value}"
-    broken = "" if content["kept"] else " A limit is broken: do not fly it."
     now = "the fit of this campaign" if content["after"] else "the prior"
-    context = {
-        "sentence": f"{says}; {reference} with slews like the paper's.{broken}",
-        "level": "good" if content["kept"] else "bad",
-        "more": _worse_text({name: sd[name] / paper[name] for name in sd}, _PAPER),
-        "heads": heads,
-        "kind": "many short",
-        "numbers": (2, 3, 4, 5),
-        "extra": (4, 5),
-        "rows": rows,
-        "notes": (
+    return gain_table(content["sd_before"], sd, paper, units).section(
+        "Result",
+        captioned("plan", draw_comparison(contenders)),
+        sentence=gain_answer(
+            goal["says"],
+            goal["unit"],
+            content["value"],
+            content["reference_value"],
+            content["kept"],
+        ),
+        level="good" if content["kept"] else "bad",
+        more=worse_than_paper(sd, paper),
+        notes=(
             f"Now: {now}. Paper's slews: such slews in the same time and limits. Sds if the model "
             "and the stated noise are right.",
             *(f"{note[0].upper()}{note[1:]}." for note in content.get("left_out", ())),
         ),
-    }
-    pictures = captioned("plan", draw_comparison(contenders))
-    return Section("Result", packaged("table.html"), context, pictures)
+    )
 
 
-def _gain_table(
-    content: Mapping[str, Any], units: Mapping[str, str]
-) -> tuple[list[str], list[tuple[str, ...]]]:
-    """Headings and rows: each parameter's sd now, after the plan, after slews like the paper's."""
-    columns = {
-        "sd now": content["sd_before"],
-        "after the plan": content["expected_sd"],
-        "after the paper's slews": content["reference_sd"],
-    }
-    names = list(content["expected_sd"])
-    printed = [sd_column([column[name] for name in names]) for column in columns.values()]
+def gain_answer(goal: str, unit: str, value: float, reference: float, kept: bool) -> str:
+    """What the plan reaches of its goal, and slews like the paper's; whether it can be flown."""
+    reached, by_paper = (_quantity(x, unit) for x in (value, reference))
+    gain = f"{reference / value:.3g} times smaller than with {_PAPER} ({by_paper})"
+    broken = "" if kept else " A limit is broken: do not fly it."
+    return f"{goal[0].upper()}{goal[1:]}: {reached}, {gain}.{broken}"
+
+
+def gain_table(
+    before: Mapping[str, float],
+    after: Mapping[str, float],
+    paper: Mapping[str, float],
+    units: Mapping[str, str],
+) -> Table:
+    """Each parameter's sd now, after the plan, after slews like the paper's."""
+    columns = {"sd now": before, "after the plan": after, "after the paper's slews": paper}
+    printed = [sd_column([column[name] for name in after]) for column in columns.values()]
     heads = [sd_head(head, power) for head, (power, _) in zip(columns, printed, strict=True)]
-    before, after = content["sd_before"], content["expected_sd"]
     rows = [
         (plain(name), unit_text(units[name]), *cells, _times(before[name] / after[name]))
-        for name, *cells in zip(names, *(cells for _, cells in printed), strict=True)
+        for name, *cells in zip(after, *(cells for _, cells in printed), strict=True)
     ]
-    return ["parameter", "unit", *heads, "times sharper"], rows
+    heads = ["parameter", "unit", *heads, "times sharper"]
+    return Table(heads, rows, (2, 3, 4, 5), extra=(4, 5), kind="many short")
 
 
 def _quantity(value: float, unit: str) -> str:
@@ -100,6 +111,11 @@ def _times(ratio: float) -> str:
     return f"{ratio:.2f}" if ratio < 10.0 else f"{ratio:,.0f}"
 
 
+def worse_than_paper(sd: Mapping[str, float], paper: Mapping[str, float]) -> str:
+    """Parameters that a plan leaves worse than slews like the paper's."""
+    return _worse_text({name: sd[name] / paper[name] for name in sd}, _PAPER)
+
+
 def _worse_text(ratios: dict[str, float], than: str) -> str:
     """Parameters that a plan leaves worse than another."""
     worse = [
@@ -110,36 +126,24 @@ def _worse_text(ratios: dict[str, float], than: str) -> str:
     return f"Known worse than with {than}: {listed(worse)}."
 
 
-def _slews_section(contenders: Sequence[Contender]) -> Section:
-    """Slews of a plan."""
-    rows = []
-    for contender in contenders:
-        plan = contender.plan
-        parts = zip(plan.slews, plan.starts, plan.durations, strict=True)
-        for i, (slew, start, duration) in enumerate(parts):
-            whose = "" if len(contenders) == 1 else f"{plain(contender.name)}, "
-            rows.append(
-                (
-                    f"{whose}slew {i + 1}",
-                    f"({vector_text(slew.axis_B)})",
-                    f"{math.degrees(slew.angle):.1f}",
-                    f"{math.degrees(slew.rate):.3f}",
-                    f"{math.degrees(slew.acceleration):.3f}",
-                    f"{start:.0f}",
-                    f"{duration:.0f}",
-                )
-            )
-    heads = (
-        "slew",
-        "about body axis",
-        "angle [deg]",
-        "rate [deg/s]",
-        "ramps [deg/s²]",
-        "starts [s]",
-        "lasts [s]",
-    )
-    context = _plain_table(heads, rows, numbers=(2, 3, 4, 5, 6))
-    return Section("Slews", packaged("table.html"), context)
+def slews_table(plans: Mapping[str, Plan]) -> Table:
+    """The slews of plans, by what they are called; one alone may have no name."""
+    rows = [
+        (
+            f"{name}{', ' if name else ''}slew {i}",
+            f"({vector_text(slew.axis_B, 3)})",
+            f"{math.degrees(slew.angle):.1f}",
+            f"{math.degrees(slew.rate):.3f}",
+            f"{math.degrees(slew.acceleration):.3f}",
+            f"{start:.0f}",
+            f"{duration:.0f}",
+        )
+        for name, plan in plans.items()
+        for i, (slew, start, duration) in enumerate(
+            zip(plan.slews, plan.starts, plan.durations, strict=True), 1
+        )
+    ]
+    return Table(_SLEW_HEADS, rows, numbers=(2, 3, 4, 5, 6))
 
 
 def _margins_section(content: Mapping[str, Any]) -> Section:
@@ -151,67 +155,58 @@ def _margins_section(content: Mapping[str, Any]) -> Section:
         "Flown in closed loop with noise, J and K drawn from what is known. "
         f"Limits that hold the design back: {active}.",
     )
-    context = _plain_table(("limit, the tightest first", ""), rows, notes=notes)
-    return Section("Limits", packaged("table.html"), context)
-
-
-def _plain_table(
-    heads: Sequence[str],
-    rows: Sequence[tuple[str, ...]],
-    *,
-    numbers: Sequence[int] = (),
-    notes: Sequence[str] = (),
-) -> dict[str, object]:
-    return {
-        "sentence": "",
-        "more": "",
-        "kind": "narrow",
-        "extra": (),
-        "heads": heads,
-        "numbers": numbers,
-        "rows": rows,
-        "notes": notes,
-    }
+    return Table(("limit, the tightest first", ""), rows).section("Limits", notes=notes)
 
 
 def comparison_sections(contenders: Sequence[Contender]) -> list[Section]:
     """Plans side by side: what they give, what they cost, what they fly."""
-    return [_sds_section(contenders), _costs_section(contenders), _slews_section(contenders)]
-
-
-def _sds_section(contenders: Sequence[Contender]) -> Section:
-    best, *others = sorted(contenders, key=lambda c: c.worst_cross_term)
-    names = [plain(c.name) for c in contenders]
-    sizes = [_quantity(c.worst_cross_term, BASE_UNITS[0]) for c in (best, *others)]
-    told = [f"; {size} with {plain(c.name)}" for c, size in zip(others, sizes[1:], strict=True)]
-    least = np.min([c.expected for c in others or [best]], axis=0)
-    ratios = dict(zip(BASE_NAMES, (best.expected / least).tolist(), strict=True))
-    power, _ = sd_column([sd for c in contenders for sd in c.expected.tolist()])
-    rows = [
-        (name, unit_text(unit), *(_sd_cell(c, i, power) for c in contenders))
-        for i, (name, unit) in enumerate(zip(BASE_NAMES, BASE_UNITS, strict=True))
-    ]
-    simulated = [c.achieved for c in contenders if c.achieved is not None]
     notes = ["Expected sds, each plan flown alone from the prior."]
+    simulated = [c.achieved for c in contenders if c.achieved is not None]
     if simulated:
         count = len(simulated[0].errors)
         notes.append(
             f"In brackets: scatter about the truth in {count} simulated campaigns a plan, ± its "
             "standard error."
         )
-    context = {
-        "sentence": f"{plain(best.name)}: products of inertia to {sizes[0]} (1 sd){''.join(told)}.",
-        "level": "",
-        "more": _worse_text(ratios, "another plan") if others else "",
-        "heads": ["parameter", "unit", *(sd_head(f"{name}: sd", power) for name in names)],
-        "kind": "many short" if len(contenders) < LAYOUT.many_plans else "many",
-        "numbers": tuple(range(2, 2 + len(contenders))),
-        "extra": (1,),
-        "rows": rows,
-        "notes": notes,
-    }
+    answer, worse = comparison_answer(contenders)
     pictures = captioned("plans", draw_comparison(contenders))
-    return Section("Result", packaged("table.html"), context, pictures)
+    one = len(contenders) == 1
+    plans = {"" if one else plain(c.name): c.plan for c in contenders}
+    return [
+        sds_table(contenders).section("Result", pictures, sentence=answer, more=worse, notes=notes),
+        costs_table(contenders).section("Cost"),
+        slews_table(plans).section("Slews"),
+    ]
+
+
+def comparison_answer(contenders: Sequence[Contender]) -> tuple[str, str]:
+    """Which plan knows the products of inertia best; and what it knows worse than another."""
+    best, *others = sorted(contenders, key=lambda c: c.worst_cross_term)
+    sizes = [_quantity(c.worst_cross_term, BASE_UNITS[0]) for c in (best, *others)]
+    told = [f"; {size} with {plain(c.name)}" for c, size in zip(others, sizes[1:], strict=True)]
+    answer = f"{plain(best.name)}: products of inertia to {sizes[0]} (1 sd){''.join(told)}."
+    if not others:
+        return answer, ""
+    least = np.min([c.expected for c in others], axis=0)
+    ratios = dict(zip(BASE_NAMES, (best.expected / least).tolist(), strict=True))
+    return answer, _worse_text(ratios, "another plan")
+
+
+def sds_table(contenders: Sequence[Contender]) -> Table:
+    """Expected sds of each plan, and achieved ones where campaigns were simulated."""
+    power, _ = sd_column([sd for c in contenders for sd in c.expected.tolist()])
+    rows = [
+        (name, unit_text(unit), *(_sd_cell(c, i, power) for c in contenders))
+        for i, (name, unit) in enumerate(zip(BASE_NAMES, BASE_UNITS, strict=True))
+    ]
+    heads = ["parameter", "unit", *(sd_head(f"{plain(c.name)}: sd", power) for c in contenders)]
+    kind = "many short" if len(contenders) < LAYOUT.many_plans else "many"
+    return Table(heads, rows, _columns_of(contenders), extra=(1,), kind=kind)
+
+
+def _columns_of(contenders: Sequence[Contender]) -> range:
+    """The columns of plans, behind name and unit."""
+    return range(2, 2 + len(contenders))
 
 
 def _sd_cell(contender: Contender, i: int, power: int) -> str:
@@ -223,7 +218,8 @@ def _sd_cell(contender: Contender, i: int, power: int) -> str:
     return f"{number(sd, sd, power)} ({flown})"
 
 
-def _costs_section(contenders: Sequence[Contender]) -> Section:
+def costs_table(contenders: Sequence[Contender]) -> Table:
+    """Time, momentum and torque of each plan, and the limits that it breaks."""
     rows = [
         ("total time", "s", *(f"{c.total_time:.0f}" for c in contenders)),
         ("in motion", "s", *(f"{c.motion_time:.0f}" for c in contenders)),
@@ -231,9 +227,9 @@ def _costs_section(contenders: Sequence[Contender]) -> Section:
         ("peak torque", "N m", *(two_digits(c.peak_torque) for c in contenders)),
         ("limits broken", "–", *(_broken(c) for c in contenders)),
     ]
-    heads = ("cost", "unit", *(plain(c.name) for c in contenders))
-    numbers = tuple(range(2, 2 + len(contenders)))
-    return Section("Cost", packaged("table.html"), _plain_table(heads, rows, numbers=numbers))
+    return Table(
+        ("cost", "unit", *(plain(c.name) for c in contenders)), rows, _columns_of(contenders)
+    )
 
 
 def _broken(contender: Contender) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from typing import Any
@@ -81,6 +81,31 @@ class Section:
     context: Mapping[str, Any] = field(default_factory=dict)
     pictures: tuple[Picture, ...] = ()
     script: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Cells of a table, for page and terminal alike."""
+
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    numbers: Sequence[int] = ()  # columns of numbers
+    extra: Sequence[int] = ()  # columns that a phone leaves out
+    kind: str = "narrow"  # classes of the style sheet
+
+    def section(
+        self,
+        title: str,
+        pictures: tuple[Picture, ...] = (),
+        *,
+        sentence: str = "",
+        level: str = "",
+        more: str = "",
+        notes: Sequence[str] = (),
+    ) -> Section:
+        """A section with a sentence above the table (`level`: its colour), and notes below."""
+        said = {"sentence": sentence, "level": level, "more": more, "notes": notes}
+        return Section(title, packaged("table.html"), vars(self) | said, pictures)
 
 
 def packaged(name: str) -> str:

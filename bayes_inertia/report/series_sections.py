@@ -10,12 +10,12 @@ from bayes_inertia.physics.parameters import BASE_NAMES, BASE_UNITS
 from bayes_inertia.report.formatting import listed, number, unit_text
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.series import draw_fleet, draw_history
-from bayes_inertia.report.section import Section, captioned, packaged
+from bayes_inertia.report.section import Section, Table, captioned
 from bayes_inertia.series.fleet import Fleet
 from bayes_inertia.series.history import OF_PART, History, SeenJump
 
-HISTORY_HEADS = ("parameter", "unit", "now", "sd", "change since the first")
-FLEET_HEADS = (
+_HISTORY_HEADS = ("parameter", "unit", "now", "sd", "change since the first")
+_FLEET_HEADS = (
     "parameter",
     "unit",
     "fleet's mean",
@@ -60,7 +60,7 @@ def jump_in_words(history: History, jump: SeenJump) -> str:
     return f"{jump.part} changed between {between} (probability {sure} %): {listed(sizes)}"
 
 
-def history_rows(history: History) -> list[tuple[str, ...]]:
+def history_table(history: History) -> Table:
     """Name, unit, value at the last campaign, change since the first, of each parameter."""
     rows: list[tuple[str, ...]] = []
     for k, name in enumerate(BASE_NAMES):
@@ -75,7 +75,7 @@ def history_rows(history: History) -> list[tuple[str, ...]]:
                 number(mean[-1] - mean[0], both),
             )
         )
-    return rows
+    return Table(_HISTORY_HEADS, rows, numbers=(2, 3, 4), extra=(1,), kind="many short")
 
 
 def left_out_in_words(campaigns: Sequence[str]) -> tuple[str, ...]:
@@ -89,22 +89,18 @@ def history_sections(history: History, left_out: Sequence[str] = ()) -> list[Sec
     """The page of `history`, the answer first; `left_out`: campaigns without a usable result."""
     possible = [j for j in history.jumps if j.probability > LAYOUT.possible_change]
     chances = listed([f"{part} {100.0 * p:.0f} %" for part, p in history.wanders.items()])
-    context = {
-        "sentence": history_answer(history),
-        "level": "caution" if possible else "good",
-        "more": f"Probability that it wanders from campaign to campaign: {chances}.",
-        "kind": "many short",
-        "heads": HISTORY_HEADS,
-        "numbers": (2, 3, 4),
-        "extra": (1,),
-        "rows": history_rows(history),
-        "notes": (
+    result = history_table(history).section(
+        "Result",
+        captioned("history", draw_history(history, LAYOUT.possible_change)),
+        sentence=history_answer(history),
+        level="caution" if possible else "good",
+        more=f"Probability that it wanders from campaign to campaign: {chances}.",
+        notes=(
             *(jump_in_words(history, jump) for jump in possible),
             *left_out_in_words(left_out),
         ),
-    }
-    pictures = captioned("history", draw_history(history, LAYOUT.possible_change))
-    return [Section("Result", packaged("table.html"), context, pictures)]
+    )
+    return [result]
 
 
 def fleet_answer(fleet: Fleet, alone_sd: np.ndarray) -> str:
@@ -124,7 +120,7 @@ def fleet_answer(fleet: Fleet, alone_sd: np.ndarray) -> str:
     )
 
 
-def fleet_rows(fleet: Fleet, alone_sd: np.ndarray) -> list[tuple[str, ...]]:
+def fleet_table(fleet: Fleet, alone_sd: np.ndarray) -> Table:
     """Name, unit, fleet's mean and sd, spread with its interval, sd of a craft alone and now."""
     rows: list[tuple[str, ...]] = []
     for k, name in enumerate(BASE_NAMES):
@@ -144,23 +140,18 @@ def fleet_rows(fleet: Fleet, alone_sd: np.ndarray) -> list[tuple[str, ...]]:
                 *(number(sd, sd) for sd in sds),
             )
         )
-    return rows
+    return Table(_FLEET_HEADS, rows, (2, 3, 4, 5, 6, 7), extra=(1, 5), kind="many short")
 
 
 def fleet_sections(
     fleet: Fleet, alone: np.ndarray, alone_sd: np.ndarray, left_out: Sequence[str] = ()
 ) -> list[Section]:
     """The page of `fleet`, the answer first; `left_out`: campaigns without a usable result."""
-    context = {
-        "sentence": fleet_answer(fleet, alone_sd),
-        "level": "good",
-        "more": "",
-        "kind": "many short",
-        "heads": FLEET_HEADS,
-        "numbers": (2, 3, 4, 5, 6, 7),
-        "extra": (1, 5),
-        "rows": fleet_rows(fleet, alone_sd),
-        "notes": (_SPREAD, *left_out_in_words(left_out)),
-    }
-    pictures = captioned("fleet", draw_fleet(fleet, alone, alone_sd))
-    return [Section("Result", packaged("table.html"), context, pictures)]
+    result = fleet_table(fleet, alone_sd).section(
+        "Result",
+        captioned("fleet", draw_fleet(fleet, alone, alone_sd)),
+        sentence=fleet_answer(fleet, alone_sd),
+        level="good",
+        notes=(_SPREAD, *left_out_in_words(left_out)),
+    )
+    return [result]

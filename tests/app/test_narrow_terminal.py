@@ -96,6 +96,7 @@ def test_a_design(printed):
         plan=paper_like_plan(),
         flown=(margin(),),
         active=("rate",),
+        kept=True,
     )
     show_design(design, FOLDER)
     assert "[deg/s²]" in printed()
@@ -109,8 +110,8 @@ def test_a_comparison_of_three_plans_that_were_simulated(printed):
     ]
     show_comparison(contenders, FOLDER)
     out = " ".join(printed().split())
-    assert "0.12 (achieved 0.12" in out
-    assert "10⁻³ kg m²" in out
+    assert "1.2 (1.2" in out
+    assert "sd × 10⁻⁴" in out
     assert "designed" in out
 
 

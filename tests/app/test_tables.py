@@ -89,14 +89,17 @@ def test_a_design_with_its_units_and_hostile_margins(printed):
         plan=paper_like_plan(),
         flown=(margin("keep-out [Sun]", True), margin("rate [/all]", False)),
         active=("keep-out [Sun]",),
+        kept=False,
     )
     show_design(design, FOLDER)
     out = printed()
     for text in ("angle [deg]", "rate [deg/s]", "ramps [deg/s²]", "starts [s]", "lasts [s]"):
         assert text in out
-    assert "worse: K3 (2.3 times): larger sd than with slews like the paper's" in out
-    assert "Jxy 30 0.10 0.20 0.50" in out
-    assert "10⁻³ kg m²" in out
+    assert "Known worse than with slews like the paper's: K3 (2.3 times)." in out
+    assert "kg m², 2 times smaller than with slews like the paper's" in out
+    assert "Jxy kg m² 0.030 1.0 2.0 300" in out
+    assert "after the plan × 10⁻⁴" in out
+    assert "A limit is broken: do not fly it." in out
     for text in ("keep-out [Sun]: 0.9 of 1 [deg/s]", "BROKEN rate [/all]", str(FOLDER)):
         assert text in out
 
@@ -107,7 +110,7 @@ def test_a_comparison_with_its_units_and_hostile_plans(printed):
     out = printed()
     for text in ("plan [b]", HOSTILE, "torque of [wheel x]", str(FOLDER)):
         assert text in out
-    assert "plan [b]: products of inertia to 1.0 kg m² (1 sd, the worst)" in out
+    assert "plan [b]: products of inertia to 1.0 kg m² (1 sd)" in out
     for unit in ("kg m²", " s ", "N m s", "N m "):
         assert unit in out
 

@@ -58,7 +58,8 @@ def text_of(sections) -> str:
 
 def test_a_design_says_each_sd_now_and_after_the_plan_and_what_gets_worse():
     text = text_of(design_sections(content_of(), (PLAN, PAPER), UNITS))
-    assert "inertia: 6.2 × 10⁻⁵ kg m²; 1.2 × 10⁻⁴ kg m² with slews like the paper's." in text
+    gain = "1.94 times smaller than with slews like the paper's (1.2 × 10⁻⁴ kg m²)."
+    assert f"inertia: 6.2 × 10⁻⁵ kg m², {gain}" in text
     assert "Known worse than with slews like the paper's: K3 (2.0 times)." in text
     assert "sd now after the plan × 10⁻⁵ after the paper's slews × 10⁻⁵ times sharper" in text
     assert "Jxy kg m² 0.030 5.7 11 526" in text

@@ -9,7 +9,7 @@ import numpy as np
 
 from bayes_inertia.app.commands.options import Anyway, AsJson, CampaignFolder
 from bayes_inertia.app.layout import LAYOUT
-from bayes_inertia.app.terminal import headed, narrow_table, plain_console, print_json
+from bayes_inertia.app.terminal import headed, plain_console, print_json, print_table
 
 if TYPE_CHECKING:
     from bayes_inertia.campaign.campaign import Campaign
@@ -122,10 +122,7 @@ def show_campaign(campaign: Campaign) -> None:
     console = plain_console()
     slews, wheels = len(campaign.slews), len(campaign.wheels)
     console.print(headed(campaign.name, f": {slews} slews, {wheels} wheels"))
-    table = narrow_table(console, *_COLUMNS)
-    for slew in campaign.slews[: LAYOUT.slews_shown]:
-        table.add_row(*_slew_cells(slew))
-    console.print(table)
+    print_table(_COLUMNS, map(_slew_cells, campaign.slews[: LAYOUT.slews_shown]))
     if slews > LAYOUT.slews_shown:
         console.print(f"... and {slews - LAYOUT.slews_shown} slews more (all of them with --json)")
     if campaign.more_sensors or campaign.actuators or campaign.changes:

@@ -7,10 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from bayes_inertia.app.commands.options import (
@@ -25,30 +23,15 @@ from bayes_inertia.app.commands.options import (
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
     headed,
-    narrow_table,
     open_in_browser,
     plain_console,
     print_json_file,
+    print_table,
     progress_bar,
-    quantity,
-    unit_powers,
 )
-from bayes_inertia.report.layout import LAYOUT as REPORT_LAYOUT
 
 if TYPE_CHECKING:
     from bayes_inertia.design.designer import Design
-    from bayes_inertia.flight.plan import Plan
-
-_COLUMNS = (
-    "slew",
-    "axis (body)",
-    "angle [deg]",
-    "rate [deg/s]",
-    "ramps [deg/s²]",
-    "starts [s]",
-    "lasts [s]",
-)
-
 
 GoalOption = Annotated[
     str,
@@ -129,16 +112,23 @@ def show_design(
 ) -> None:
     """Print a designed plan: what each parameter gains or loses, its slews, its margins."""
     from bayes_inertia.app.design_folder import WHEELS_AT_REST
+    from bayes_inertia.report.plan_sections import (
+        gain_answer,
+        gain_table,
+        slews_table,
+        worse_than_paper,
+    )
 
-    console, goal = plain_console(), design.goal
-    value, reference = (quantity(x, goal.unit) for x in (design.value, design.reference_value))
-    gain = f", {design.gain:.3g} times smaller than with slews like the paper's ({reference})"
-    console.print(headed(f"{goal.says}: {value}", gain))
-    console.print(_worse(design))
-    console.print(_sd_table(console, design, "now" if after else "prior"))
+    console, goal, sd, paper = plain_console(), design.goal, design.sd, design.reference_sd
+    reached = design.value, design.reference_value
+    console.print(headed(gain_answer(goal.says, goal.unit, *reached, design.kept)))
+    console.print(worse_than_paper(sd, paper))
+    gained = gain_table(design.sd_before, sd, paper, design.units)
+    print_table(gained.heads, gained.rows)
     if not after:
-        console.print("with --after this campaign's telemetry counts too")
-    console.print(_slew_table(console, design.plan))
+        console.print("now: the prior; with --after this campaign's telemetry counts too")
+    slews = slews_table({"": design.plan})
+    print_table(slews.heads, slews.rows)
     _show_margins(console, design)
     for note in notes:
         console.print(headed("note", f": {note}", style="bold yellow"))
@@ -150,41 +140,6 @@ def show_design(
     )
 
 
-def _worse(design: Design) -> Text:
-    """Which parameters the plan leaves worse than slews like the paper's."""
-    from bayes_inertia.report.formatting import listed
-
-    ratios = {name: sd / design.reference_sd[name] for name, sd in design.sd.items()}
-    worse = [
-        f"{name} ({r:.1f} times)" for name, r in ratios.items() if r > REPORT_LAYOUT.worse_sd_ratio
-    ]
-    if not worse:
-        return Text("no parameter gets worse than with slews like the paper's")
-    rest = ": larger sd than with slews like the paper's"
-    return headed(f"worse: {listed(worse)}", rest, style="bold yellow")
-
-
-def _sd_table(console: Console, design: Design, before: str) -> Table:
-    from bayes_inertia.report.formatting import number, plain, unit_text
-
-    powers = unit_powers((design.units[name], sd) for name, sd in design.sd.items())
-    table = narrow_table(
-        console, "sd of", before, "with the plan", "paper's slews", "plan / paper's", "unit"
-    )
-    for name, sd in design.sd.items():
-        power, paper = powers[design.units[name]], design.reference_sd[name]
-        sds = (number(x, x, power) for x in (design.sd_before[name], sd, paper))
-        ratio, unit = f"{sd / paper:.2f}", unit_text(design.units[name], power)
-        table.add_row(
-            plain(name),
-            *sds,
-            ratio,
-            unit,
-            style="yellow" if sd > REPORT_LAYOUT.worse_sd_ratio * paper else "",
-        )
-    return table
-
-
 def _show_margins(console: Console, design: Design) -> None:
     """The tightest margins, and all that are broken."""
     margins = sorted(design.flown, key=lambda m: m.left)
@@ -194,19 +149,3 @@ def _show_margins(console: Console, design: Design) -> None:
     for margin in shown:
         console.print(Text.assemble("  ", ("" if margin.kept else "BROKEN ", "red"), margin.says))
     console.print(f"limits that hold the design back: {', '.join(design.active) or 'none'}")
-
-
-def _slew_table(console: Console, plan: Plan) -> Table:
-    table = narrow_table(console, *_COLUMNS)
-    rows = zip(plan.slews, plan.starts, plan.durations, strict=True)
-    for i, (slew, start, duration) in enumerate(rows):
-        table.add_row(
-            str(i + 1),
-            ", ".join(f"{x:+.3f}" for x in slew.axis_B),
-            f"{np.degrees(slew.angle):.1f}",
-            f"{np.degrees(slew.rate):.3f}",
-            f"{np.degrees(slew.acceleration):.3f}",
-            f"{start:.0f}",
-            f"{duration:.0f}",
-        )
-    return table

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from bayes_inertia.app.commands.options import (
@@ -33,10 +31,10 @@ from bayes_inertia.app.commands.options import (
 from bayes_inertia.app.terminal import (
     headed,
     indented,
-    narrow_table,
     open_in_browser,
     plain_console,
     print_json,
+    print_table,
     progress_bar,
 )
 from bayes_inertia.sealing import SEAL_KEY
@@ -192,7 +190,7 @@ def resume_command(
 
 
 FORMAT = "bayes-inertia-run-result/1"
-_COLUMNS = ("estimate", "± sd", "unit", "prior sd", "determined")
+_COLUMNS = ("name", "estimate", "± sd", "unit", "prior sd", "determined")
 _DETERMINED = {"determined": "yes", "partly determined": "partly", "not determined": "no"}
 _COLORS = {"good": "green", "caution": "yellow", "bad": "red"}
 
@@ -253,7 +251,7 @@ def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> 
     console.print(_gates(summary["gates"], summary["diagnostics"]["ess_bulk_min"]))
     for sentence in dirt_sentences(summary.get("dirt", [])):
         console.print(indented(sentence))
-    console.print(_parameter_table(console, summary))
+    print_table(_COLUMNS, _parameter_rows(summary))
     if all(p["quoted_sd"] is None for p in summary["parameters"].values()):
         console.print("sd: none can be quoted, this result is not to be used")
     elif causes := averaged_over(summary):
@@ -282,7 +280,7 @@ def _gates(gates: Sequence[dict[str, Any]], samples: float) -> Text:
     return text.append("passed", "green").append(f": {passed or 'no gate'}")
 
 
-def _parameter_table(console: Console, summary: dict[str, Any]) -> Table:
+def _parameter_rows(summary: dict[str, Any]) -> Iterator[tuple[str, ...]]:
     from bayes_inertia.report.criteria import criteria_of
     from bayes_inertia.report.formatting import NOT_GIVEN, number, plain, unit_text
     from bayes_inertia.report.uncertainty import (
@@ -293,14 +291,13 @@ def _parameter_table(console: Console, summary: dict[str, Any]) -> Table:
     )
 
     criteria, powers = criteria_of(summary), exponents_of(summary["parameters"])
-    table = narrow_table(console, "name", *_COLUMNS)
     # Size and time of a free shape are for the page.
     shown = {n: p for n, p in summary["parameters"].items() if "_remainder." not in n}
     for name, p in shown.items():
         sd, quoted = sd_in_print(p), p["quoted_sd"]
         power = powers[name]
         share = contraction(sd, p["prior_sd"])
-        table.add_row(
+        yield (
             plain(name),
             number(p["mean"], sd, power),
             NOT_GIVEN if quoted is None else number(quoted, quoted, power),
@@ -308,7 +305,6 @@ def _parameter_table(console: Console, summary: dict[str, Any]) -> Table:
             number(p["prior_sd"], p["prior_sd"], power),
             _DETERMINED[determination(share, criteria)],
         )
-    return table
 
 
 def show_diagnosis(content: dict[str, Any]) -> None:

@@ -20,7 +20,7 @@ from bayes_inertia.app.commands.options import (
     Seed,
     names_in,
 )
-from bayes_inertia.app.terminal import narrow_table, plain_console, print_json, progress_bar, say
+from bayes_inertia.app.terminal import plain_console, print_json, print_table, progress_bar, say
 
 if TYPE_CHECKING:
     from bayes_inertia.studies.work import WorkResult
@@ -78,12 +78,16 @@ def show_fits(result: WorkResult, folder: Path) -> None:
     from bayes_inertia.app.fit_many_folder import campaign_of
 
     console = plain_console()
-    table = narrow_table(console, "campaign", "use", *_SHOWN, "χ²")
-    for row in result.rows:
-        cells = [_cell(row, name) for name in _SHOWN]
-        usable = "yes" if row["trusted"] else "NO"
-        table.add_row(row["campaign"], usable, *cells, f"{row['reduced_chi2_total']:.3f}")
-    console.print(table)
+    cells = (
+        (
+            row["campaign"],
+            "yes" if row["trusted"] else "NO",
+            *(_cell(row, name) for name in _SHOWN),
+            f"{row['reduced_chi2_total']:.3f}",
+        )
+        for row in result.rows
+    )
+    print_table(("campaign", "use", *_SHOWN, "χ²"), cells)
     for row in result.rows:
         if not row["trusted"]:
             console.print(f"{row['campaign']}: {row['reasons']}")

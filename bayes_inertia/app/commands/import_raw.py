@@ -14,10 +14,10 @@ from bayes_inertia.app.commands.options import AsJson
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
     headed,
-    narrow_table,
     plain_console,
     print_json,
     print_json_file,
+    print_table,
     progress_bar,
 )
 from bayes_inertia.errors import CampaignError, SettingsError
@@ -134,12 +134,12 @@ def show_import(imported: ImportedCampaign) -> None:
 
 
 def _show_streams(console: Console, imported: ImportedCampaign) -> None:
-    table = narrow_table(console, "stream", "readings", "step [s]", "files", wrapping=("files",))
+    rows = []
     for key, stream in imported.logs.streams.items():
         names = [Path(file).name for file in stream.files]
         more = f" and {len(names) - 1} more" if len(names) > 1 else ""
-        table.add_row(key, str(len(stream.time)), f"{stream.step:.4g}", names[0] + more)
-    console.print(table)
+        rows.append((key, str(len(stream.time)), f"{stream.step:.4g}", names[0] + more))
+    print_table(("stream", "readings", "step [s]", "files"), rows, ("files",))
     for stream in imported.logs.streams.values():
         for note in stream.notes:
             console.print(f"  {stream.holds}: {note}")
@@ -147,18 +147,19 @@ def _show_streams(console: Console, imported: ImportedCampaign) -> None:
 
 def _show_slews(console: Console, imported: ImportedCampaign) -> None:
     cut = imported.cut
-    table = narrow_table(
-        console, "slew", "from [s]", "to [s]", "before (fixes)", "after (fixes)", "turned [deg]"
-    )
-    for window in cut.windows[: LAYOUT.slews_shown]:
-        table.add_row(
+    rows = (
+        (
             window.name,
             f"{window.start:.1f}",
             f"{window.end:.1f}",
             *_rests(window),
             "?" if window.turned is None else f"{np.degrees(window.turned):.1f}",
         )
-    console.print(table)
+        for window in cut.windows[: LAYOUT.slews_shown]
+    )
+    print_table(
+        ("slew", "from [s]", "to [s]", "before (fixes)", "after (fixes)", "turned [deg]"), rows
+    )
     if len(cut.windows) > LAYOUT.slews_shown:
         console.print(f"... and {len(cut.windows) - LAYOUT.slews_shown} slews more")
     for window in cut.windows:
@@ -199,12 +200,13 @@ def _show_noise(console: Console, noises: tuple[RestNoise, ...]) -> None:
     if not noises:
         console.print("no rest is long enough to see the sensors' noise")
         return
-    table = narrow_table(console, "noise per sample", "stated", "at rest", "unit")
+    rows = []
     for noise in noises:
         power = exponent(max(noise.seen), 0.0)
         stated = "not stated" if noise.stated is None else _numbers(noise.stated, power)
-        table.add_row(noise.key, stated, _numbers(noise.seen, power), unit_text(noise.unit, power))
-    console.print(table)
+        seen, unit = _numbers(noise.seen, power), unit_text(noise.unit, power)
+        rows.append((noise.key, stated, seen, unit))
+    print_table(("noise per sample", "stated", "at rest", "unit"), rows)
     for noise in noises:
         of = f" (rounding to steps of {noise.step:.2g} {noise.unit})" if noise.step else ""
         if noise.differs:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
-from rich.table import Table
 
 from bayes_inertia.app.commands.options import (
     AsJson,
@@ -23,17 +23,15 @@ from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
     headed,
     indented,
-    narrow_table,
     open_in_browser,
     plain_console,
     print_json_file,
+    print_table,
     progress_bar,
     unit_powers,
 )
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from bayes_inertia.app.observe_folder import ObservedCampaign
     from bayes_inertia.observability.result import Observability
 
@@ -88,7 +86,7 @@ def show_observability(observed: ObservedCampaign, folder: Path) -> None:
 
     console, observability = plain_console(), observed.observability
     console.print(headed(answer(observability)))
-    console.print(_parameter_table(console, observability))
+    print_table(_COLUMNS, _parameter_rows(observability), _COLUMNS[-1:])
     console.print(
         "signal: response of all telemetry to one prior sd; lost: sd over its value if all else "
         "were known; most from: the slew that tells most, and its share"
@@ -108,15 +106,14 @@ def show_observability(observed: ObservedCampaign, folder: Path) -> None:
     console.print(f"wrote observability.json, observability.png and observability.html in {folder}")
 
 
-def _parameter_table(console: Console, observability: Observability) -> Table:
+def _parameter_rows(observability: Observability) -> Iterator[tuple[str, ...]]:
     from bayes_inertia.report.formatting import number, plain, tenths, unit_text
 
     powers = unit_powers((p.unit, p.sd) for p in observability.parameters)
-    table = narrow_table(console, *_COLUMNS, wrapping=_COLUMNS[-1:])
     for p in observability.parameters:
         power, by_slew = powers[p.unit], p.share.sum(1)
         best = int(np.argmax(by_slew))
-        table.add_row(
+        yield (
             plain(p.name),
             *(number(sd, sd, power) for sd in (p.prior_sd, p.sd)),
             unit_text(p.unit, power),
@@ -125,7 +122,6 @@ def _parameter_table(console: Console, observability: Observability) -> Table:
             f"{observability.slews[best]}, {100.0 * by_slew[best]:.0f} %",
             _DETERMINED.get(p.verdict, p.verdict),
         )
-    return table
 
 
 def _commands_worth(observability: Observability) -> str:

@@ -9,10 +9,10 @@ import typer
 
 from bayes_inertia.app.commands.options import AsJson, OpenPage
 from bayes_inertia.app.terminal import (
-    narrow_table,
     open_in_browser,
     plain_console,
     print_json,
+    print_table,
     progress_bar,
 )
 from bayes_inertia.errors import CampaignError
@@ -102,10 +102,8 @@ def show_promise(promise: PlanPromise) -> None:
 
     console = plain_console()
     console.print(promise.sentence)
-    table = narrow_table(console, "parameter", "unit", *HEADINGS)
-    for row in promise_rows(promise):
-        table.add_row(row["name"], row["unit"], *row["cells"])
-    console.print(table)
+    rows = ((row["name"], row["unit"], *row["cells"]) for row in promise_rows(promise))
+    print_table(("parameter", "unit", *HEADINGS), rows)
     console.print(f"promised: {promise.promised_by}")
 
 

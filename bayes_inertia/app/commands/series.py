@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bayes_inertia.app.commands.options import AsJson, OpenPage, OutputFolder, Seed
 from bayes_inertia.app.terminal import (
     headed,
-    narrow_table,
     open_in_browser,
     plain_console,
     print_json_file,
+    print_table,
     progress_bar,
 )
+
+if TYPE_CHECKING:
+    from bayes_inertia.report.section import Table
 
 
 def history_command(
@@ -43,14 +46,10 @@ def history_command(
         print_json_file(out / HISTORY[0])
     else:
         from bayes_inertia.report.formatting import typeset
-        from bayes_inertia.report.series_sections import (
-            HISTORY_HEADS,
-            history_answer,
-            history_rows,
-        )
+        from bayes_inertia.report.series_sections import history_answer, history_table
 
-        answer, rows = typeset(history_answer(history)), history_rows(history)
-        _show(answer, HISTORY_HEADS, rows, left_out, HISTORY, out)
+        answer = typeset(history_answer(history))
+        _show(answer, history_table(history), left_out, HISTORY, out)
     open_in_browser(out / HISTORY[1], open_page)
 
 
@@ -79,31 +78,22 @@ def fleet_command(
         print_json_file(out / FLEET[0])
     else:
         from bayes_inertia.report.formatting import typeset
-        from bayes_inertia.report.series_sections import FLEET_HEADS, fleet_answer, fleet_rows
+        from bayes_inertia.report.series_sections import fleet_answer, fleet_table
 
-        rows = fleet_rows(fleet, alone_sd)
         answer = typeset(fleet_answer(fleet, alone_sd))
-        _show(answer, FLEET_HEADS, rows, left_out, FLEET, out)
+        _show(answer, fleet_table(fleet, alone_sd), left_out, FLEET, out)
     open_in_browser(out / FLEET[1], open_page)
 
 
 def _show(
-    answer: str,
-    heads: tuple[str, ...],
-    rows: list[tuple[str, ...]],
-    left_out: tuple[str, ...],
-    files: tuple[str, str],
-    folder: Path,
+    answer: str, table: Table, left_out: tuple[str, ...], files: tuple[str, str], folder: Path
 ) -> None:
     """Print the answer, a row a parameter, what was left out, and what was written."""
     from bayes_inertia.report.series_sections import left_out_in_words
 
     console = plain_console()
     console.print(headed(answer))
-    table = narrow_table(console, *heads, wrapping=heads[-1:])
-    for row in rows:
-        table.add_row(*row)
-    console.print(table)
+    print_table(table.heads, table.rows, table.heads[-1:])
     for sentence in left_out_in_words(left_out):
         console.print(sentence)
     console.print(f"wrote {' and '.join(files)} in {folder}")

@@ -22,9 +22,9 @@ from bayes_inertia.app.commands.options import (
 )
 from bayes_inertia.app.terminal import (
     headed,
-    narrow_table,
     plain_console,
     print_json_file,
+    print_table,
     progress_bar,
     say,
     unit_powers,
@@ -99,7 +99,7 @@ def show_study(study: Study, folder: Path) -> None:
         verdict = (f"Stated sds are TOO SMALL for {', '.join(study.too_small)}.", "bold red")
     flown = f" {len(achieved.errors)} campaigns of {study.plan.name}."
     console.print(headed(verdict[0], flown, style=verdict[1]))
-    table = narrow_table(console, "", "achieved sd", "stated sd", "unit", "in 68 %", "in 95 %")
+    rows = []
     stated_sd = (achieved.stated**2).mean(0) ** 0.5
     powers = unit_powers(zip(BASE_UNITS, achieved.sd, strict=True))
     coverages = zip(study.coverage(0.68), study.coverage(0.95), strict=True)
@@ -112,8 +112,8 @@ def show_study(study: Study, folder: Path) -> None:
         power = powers[unit]
         sds = f"{number(sd, error, power)} ± {number(error, error, power)}"
         stated = number(stated_sd[i], error, power)
-        table.add_row(name, sds, stated, unit_text(unit, power), *shares)
-    console.print(table)
+        rows.append((name, sds, stated, unit_text(unit, power), *shares))
+    print_table(("", "achieved sd", "stated sd", "unit", "in 68 %", "in 95 %"), rows)
     if study.failures:
         first = study.failures[0]
         console.print(
@@ -134,15 +134,14 @@ def show_calibration(calibration: Calibration, folder: Path) -> None:
     console.print(headed(verdict, rule, style="bold red" if names else "bold green"))
     for case in calibration.cases:
         console.print(f"{case.name} ({case.says}): {len(case.ranks)} fits")
-        headings = ("in 50 %", "in 90 %", "in 95 %", "mean z", "mean z²", "p of ranks")
-        table = narrow_table(console, "", *headings)
+        rows = []
         for k, name in enumerate(QUANTITIES):
             shares = [f"{100.0 * coverage.share:.1f} %" for coverage in case.coverage(k)]
             z, p = case.z[:, k], case.p_values[k]
             mark = " !" if p < calibration.limit else ""
             cells = [f"{z.mean():+.3f}", f"{(z**2).mean():.3f}", f"{p:.2g}{mark}"]
-            table.add_row(name, *shares, *cells)
-        console.print(table)
+            rows.append((name, *shares, *cells))
+        print_table(("", "in 50 %", "in 90 %", "in 95 %", "mean z", "mean z²", "p of ranks"), rows)
     if calibration.failures:
         first = calibration.failures[0]
         console.print(f"{len(calibration.failures)} more failed; {first.task}: {first.reason}")
