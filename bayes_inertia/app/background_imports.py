@@ -13,9 +13,6 @@ def import_in_background(names: Sequence[str]) -> Thread:
 
     Compiled code and the compiler need no interpreter lock, so this costs hardly any time.
 
-    `names`: of the modules, top-level ones or with their packages. One that is not installed is
-    left out.
-
     Examples
     --------
     >>> import_in_background(["json", "no_such_module"]).join()

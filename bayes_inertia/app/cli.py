@@ -122,10 +122,7 @@ def _options(
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the command and exit with its code.
-
-    `arguments`: what follows the command's name; None for those of the process.
-    """
+    """Run the command and exit with its code."""
     words = sys.argv[1:] if arguments is None else arguments
     # The interpreter would look at every object once more before it ends, for most of a second.
     atexit.register(gc.freeze)
@@ -175,8 +172,6 @@ _ALLOCATION_FAILED = ("RESOURCE_EXHAUSTED", "Out of memory", "Unable to allocate
 def failure_message(error: Exception) -> str | None:
     """Message on an exception that the machine caused and not the program.
 
-    Returns: what is wrong and what to do; None if the program is at fault.
-
     Examples
     --------
     >>> failure_message(MemoryError())
@@ -203,8 +198,6 @@ def failure_message(error: Exception) -> str | None:
 
 def disk_failure(error: Exception) -> str:
     """The reason that the HDF5 library gives in the middle of its words.
-
-    Returns: such as "No space left on device"; empty if the disk is not at fault.
 
     Examples
     --------

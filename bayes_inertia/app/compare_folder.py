@@ -29,11 +29,7 @@ def run_compare(
     seed: int = 0,
     execution: Execution | None = None,
 ) -> tuple[Contender, ...]:
-    """Compare plans and write compare.json, compare.png and compare.html.
-
-    `plans`: plan files, or the word `paper` for five slews like the paper's. `execution`: where
-    campaigns are fitted, and who is told; None: in this process.
-    """
+    """Compare plans and write compare.json, compare.png and compare.html."""
     flown, digest = read_campaign(campaign), campaign_sha256(campaign)
     named = plans_named(plans, flown)
     options = {

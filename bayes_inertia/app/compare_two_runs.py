@@ -34,10 +34,7 @@ def finished_posterior(folder: Path) -> Posterior:
 
 
 def compare_two_runs(first: Path, second: Path) -> RunComparison:
-    """Read two runs and compare them.
-
-    Returns: differences are those of the second from the first.
-    """
+    """Read two runs and compare them."""
     if first.resolve() == second.resolve():
         raise CampaignError(
             "both runs are the same folder",

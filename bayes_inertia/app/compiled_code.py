@@ -103,8 +103,6 @@ def compiled_code_kept(wanted: bool = True) -> Iterator[None]:
 
     To be entered before JAX is imported; a process that has done so keeps its own configuration.
     Where the folder fails, work goes on without, and one sentence says so.
-
-    `wanted`: whether to; False keeps nothing, whatever the environment says.
     """
     if not wanted:
         os.environ["JAX_ENABLE_COMPILATION_CACHE"] = "false"
@@ -158,10 +156,7 @@ def _delete(files: Iterable[Path]) -> None:
 
 
 def size_of(folder: Path) -> int:
-    """Size of a folder.
-
-    Returns [bytes].
-    """
+    """Size of a folder [bytes]."""
     return sum(entry.stat().st_size for entry in folder.glob("*-cache"))
 
 

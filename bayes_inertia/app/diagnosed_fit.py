@@ -197,11 +197,6 @@ def fit_after_diagnosis(
     Where something is missing that has no name, a torque and an error of the rates of free shape
     are fitted along or averaged over: the uncertainties of J and K then hold what they may have
     done.
-
-    `drive`: what drives the model; None for the campaign's best. `chains`: folder in which the
-    chains are kept while they grow. `campaign_sha256`: digest of the campaign's files, kept with
-    the result. `progress`: called with (stage, done, of); `of` is 0 where a stage is not counted.
-    Returns: with a group `averaged` more where there is something to average over.
     """
     context, treatment = FitContext(campaign_sha256, verdict=choice.verdict), choice.treatment
     if choice.verdict in OPEN_VERDICTS:

@@ -229,11 +229,7 @@ _REASON_INVISIBLE = (
 
 
 def candidate_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """Every candidate of the library: those that were scored, best evidence first, then the others.
-
-    `diagnosis`: with its candidates, what was skipped, and the noise. Returns: {effect, dof, score,
-    p_value, log_bayes_factor, parameters, reason} of each.
-    """
+    """Every candidate: those that were scored, best evidence first, then the others."""
     added = {step.added for step in diagnosis.steps}
     rows = [_scored(c, diagnosis.final, c.effect in added) for c in diagnosis.candidates]
     scored = {row["effect"] for row in rows}
@@ -278,10 +274,7 @@ def _noise_text(louder: dict[str, float]) -> str:
 
 
 def parameter_rows(estimate: Estimate, effect: str) -> dict[str, dict[str, Any]] | None:
-    """The parameters of an effect as fitted.
-
-    Returns: {parameter: {mean, sd, q025, q975, unit}}; None if the effect is not fitted.
-    """
+    """The parameters of an effect as fitted."""
     space = estimate.model.space
     part = space.slice_of(effect)
     fitted = np.isin(np.arange(part.start, part.stop), estimate.free).all()
@@ -334,10 +327,7 @@ def share_explained(step: Step) -> float:
 
 
 def shift_rows(before: Estimate, after: Estimate) -> dict[str, dict[str, Any]]:
-    """Shifts of J and K from one fit to another.
-
-    Returns: {name: {before, sd_before, after, sd_after, shift, unit}} of the nine.
-    """
+    """Shifts of J and K from one fit to another."""
     space = before.model.space
     return {
         space.names[i]: {
@@ -361,11 +351,7 @@ def alike_pairs(diagnosis: Diagnosis, limit: float) -> list[tuple[tuple[str, str
 
 
 def pictures_json(investigation: Investigation) -> dict[str, Any]:
-    """The part `pictures` of diagnosis.json.
-
-    Returns `before` and `after` (residual maps), `torque` and `other` (signals); None where there
-    is none.
-    """
+    """The part `pictures` of diagnosis.json."""
     before, after = investigation.disagreement_before, investigation.disagreement_after
     unknown = investigation.unexplained
     torque = None if unknown is None else unknown.torque

@@ -22,12 +22,7 @@ FORMAT = "bayes-inertia-effects/1"
 
 
 def effects_json(effects: Sequence[Effect], campaign: Campaign) -> dict[str, Any]:
-    """Content of `effects --json`.
-
-    `campaign`: whose wheels, and whose motion as the scale of default priors, they are listed for.
-    Returns: name, kind, needs, hooks and parameters of each; names of what installed packages
-    offer.
-    """
+    """Content of `effects --json`."""
     return json_ready(
         {
             "format": FORMAT,
@@ -39,10 +34,7 @@ def effects_json(effects: Sequence[Effect], campaign: Campaign) -> dict[str, Any
 
 
 def effect_lines(row: Mapping[str, Any]) -> list[str]:
-    """An effect in words.
-
-    Returns: its kind and hooks, then a line a parameter.
-    """
+    """An effect in words."""
     kind = {
         "library": "tried by a diagnosis",
         "named": "stochastic: fitted when named",

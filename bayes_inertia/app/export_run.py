@@ -75,10 +75,7 @@ def exported_result(
 
 
 def write_export(result: ExportedResult, form: ExportFormat, path: Path) -> Path:
-    """Write a result in one format.
-
-    `path`: of the file; its folder is made if absent.
-    """
+    """Write a result in one format."""
     write_new_files(path.parent, {path.name: form.text(result).encode()}, holds="file")
     return path
 

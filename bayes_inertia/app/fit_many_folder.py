@@ -175,10 +175,7 @@ def fit_many(
 
 
 def fits_json(result: WorkResult) -> dict[str, Any]:
-    """Content of `fit-many --json`.
-
-    Returns: A row a campaign, and the failures with their reasons.
-    """
+    """Content of `fit-many --json`."""
     rows = [{k: v for k, v in row.items() if k != "task" and v is not None} for row in result.rows]
     failures = [
         {"campaign": campaign_of(f), "error": f.error, "reason": f.reason} for f in result.failures

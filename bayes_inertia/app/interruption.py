@@ -29,9 +29,6 @@ _SHOW_CURSOR = "\x1b[?25h"
 def how_to_go_on(arguments: Sequence[str]) -> str:
     """Advice after a command was interrupted.
 
-    `arguments`: the words of the command, without the program's name. Returns: what is kept, and
-    the command that goes on.
-
     Examples
     --------
     >>> how_to_go_on(["study", "my_campaign", "-o", "no/such/folder"])
@@ -105,10 +102,7 @@ class Interruption:
         raise KeyboardInterrupt
 
     def watch(self, wakeups: socket.socket) -> None:
-        """Wait for a signal, and end the process where the main thread does not.
-
-        `wakeups`: on which the system writes the number of each signal.
-        """
+        """Wait for a signal, and end the process where the main thread does not."""
         with wakeups:
             first = _next_signal(wakeups)
             if first is None:

@@ -52,12 +52,7 @@ def run_observe(
     both_drives: bool = True,
     progress: Progress = silent,
 ) -> ObservedCampaign:
-    """Estimate, ask what is observable, and write observability.json, .png and .html.
-
-    `folder`: where to write. A posterior.nc of the same data, effects and drive there is compared.
-    `drive`: what drives the model; None for the campaign's best. `both_drives`: whether to estimate
-    in the other drive too, where the campaign allows it: what are the commands worth?
-    """
+    """Estimate, ask what is observable, and write observability.json, .png and .html."""
     flown, names = read_campaign(campaign), pinned_names(effects)
     instances = effects_named(names)
     digest = campaign_sha256(campaign)

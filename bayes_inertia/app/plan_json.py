@@ -23,10 +23,7 @@ PAPER = "paper"
 
 
 def plans_named(texts: Sequence[str], campaign: Campaign) -> dict[str, Plan]:
-    """Plans from files, or `paper`: five slews like the paper's, from where the campaign ended.
-
-    Returns: {name: Plan}; plans of one name are told apart by their files.
-    """
+    """Plans from files, or `paper`: five slews like the paper's, from where the campaign ended."""
     base = following_plan(campaign)
     # The paper's slews from where the campaign ended, so that all plans start alike.
     paper = replace(base, name="five slews like the paper's", slews=paper_like_plan().slews)

@@ -83,10 +83,7 @@ class ResultFolder:
     defaults: Mapping[str, Any] = field(default_factory=dict)
 
     def holds_this_work(self) -> bool:
-        """Whether the folder holds this very work; False if it is free. Writes nothing.
-
-        Returns: true: the work goes on, or is done again, there.
-        """
+        """Whether the folder holds this very work; False if it is free. Writes nothing."""
         check_folder(self.path)
         if not (self.path / self.claim_file).exists():
             self._free_or_error()
@@ -107,11 +104,7 @@ class ResultFolder:
         return True
 
     def claim(self, content: Mapping[str, Any] | None = None) -> None:
-        """Make the folder if need be, and say in it whose it is.
-
-        `content`: what else the claim's file holds, such as the results of a command that writes
-        them there.
-        """
+        """Make the folder if need be, and say in it whose it is."""
         self.holds_this_work()
         make_folder(self.path)
         options = self.options if self.flat else {"options": self.options}

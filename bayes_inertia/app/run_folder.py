@@ -143,15 +143,7 @@ def start(
     noise: NoiseModel | None = None,
     prior: GaussianPrior | None = None,
 ) -> Run:
-    """Begin a run in a folder, or find the same run there (then it goes on).
-
-    `effects`: names of effects to fit along, see `effects_named`; of a run of the kind "diagnose",
-    of candidates beyond the library. `drive`: what drives the model; None for the campaign's best.
-    `settings`: of the sampler, seed included; None for the usual ones. `kind`: whether to fit what
-    is given, or what a diagnosis names. `as_stated`: take telemetry and noise as they are stated:
-    no dirt is looked for in residuals. `noise`: the noise of each channel; None for Gaussian noise
-    of the stated sigma. `prior`: J and K known before; None for the campaign's own.
-    """
+    """Begin a run in a folder, or find the same run there (then it goes on)."""
     names, noise = pinned_names(effects), noise or NoiseModel()
     settings = settings or usual_settings(effects_named(names))
     Model(_with_prior(read_campaign(campaign), prior), effects_named(names), drive, noise)
@@ -174,10 +166,7 @@ def _with_prior(campaign: Campaign, prior: GaussianPrior | None) -> Campaign:
 
 
 def finish(folder: Path, *, report: bool = True, progress: Progress | None = None) -> Posterior:
-    """Bring a run to its end: optimize, sample (going on where its chains end), write all results.
-
-    `progress`: called with (stage, done, of); `of` is 0 where a stage is not counted.
-    """
+    """Bring a run to its end: sample, going on where its chains end, and write all results."""
     run = read_run(folder)
     with working_in(folder):
         return _finish(folder, run, report, progress)

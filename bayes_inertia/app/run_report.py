@@ -19,10 +19,7 @@ _NEW_RUN = "start a new run in another folder"
 
 
 def run_summary(posterior: Posterior, folder: Path) -> dict[str, Any]:
-    """The content of a run's summary.json.
-
-    `folder`: of the run; its diagnosis has a say in the verdict.
-    """
+    """The content of a run's summary.json."""
     content = read_diagnosis(folder)
     if content is None:
         return with_verdict_sentence(posterior.summary())
@@ -33,11 +30,7 @@ def run_summary(posterior: Posterior, folder: Path) -> dict[str, Any]:
 def run_page(
     posterior: Posterior, folder: Path, *, intact: bool, promise: PlanPromise | None = None
 ) -> str:
-    """The report of a run: of its fit, and of its diagnosis if it has one.
-
-    `intact`: whether the posterior is known to be what was written. `promise`: what the plan
-    promised whose flight was fitted, for a section of its own.
-    """
+    """The report of a run: of its fit, and of its diagnosis if it has one."""
     # Plots take half a second to load: not before sampling.
     from bayes_inertia.report.fit_sections import standard_sections
     from bayes_inertia.report.page import render
@@ -80,10 +73,6 @@ def _forecast(posterior: Posterior, folder: Path) -> dict[str, Any] | None:
 def write_run_report(
     posterior: Posterior, folder: Path, *, intact: bool, promise: PlanPromise | None = None
 ) -> Path:
-    """Write report.html in a run folder.
-
-    `intact`: whether the posterior is known to be what was written. `promise`: what the plan
-    promised whose flight was fitted, for a section of its own.
-    """
+    """Write report.html in a run folder."""
     page = run_page(posterior, folder, intact=intact, promise=promise)
     return write_atomically(folder / "report.html", page)

@@ -86,12 +86,7 @@ def run_study(
     seed: int = 0,
     execution: Execution | None = None,
 ) -> Study:
-    """Simulate and fit campaigns of one plan, and write study.json and study.png.
-
-    `campaign`: folder of the campaign whose hardware and prior are taken. `folder`: where to write.
-    Rows that are there already are kept. `execution`: where campaigns are fitted, and who is told;
-    None: in this process.
-    """
+    """Simulate and fit campaigns of one plan, and write study.json and study.png."""
     given, digest = read_campaign(campaign), campaign_sha256(campaign)
     (chosen,) = plans_named([plan], given).values()
     if campaigns < 2:
@@ -150,13 +145,7 @@ def run_calibration(
     pipeline: Pipeline = "right",
     execution: Execution | None = None,
 ) -> Calibration:
-    """Fly, fit and rank campaigns from the prior, and write calibration.json and calibration.png.
-
-    `folder`: where to write. Rows that are there already are kept; more fits may be asked for
-    later. `fits`: how many in all; the cases share them evenly. `pipeline`: the package's, or one
-    that is wrong on purpose. `execution`: where campaigns are fitted, and who is told; None: in
-    this process.
-    """
+    """Fly, fit and rank campaigns from the prior; write calibration.json and calibration.png."""
     chosen = cases_named(cases)
     if fits < len(chosen):
         raise SettingsError(
@@ -194,10 +183,7 @@ def calibration_picture(calibration: Calibration):
 
 
 def calibration_json(calibration: Calibration) -> dict[str, Any]:
-    """A calibration as calibration.json holds it.
-
-    Returns: verdict, and for every case and quantity p-value, z and coverage.
-    """
+    """A calibration as calibration.json holds it."""
     return {
         "verdict": "rejected" if calibration.rejected else "not rejected",
         "rejected": [{"case": case, "quantity": name} for case, name in calibration.rejected],

@@ -22,10 +22,7 @@ from bayes_inertia.physics.parameters import N_BIAS
 
 
 def plan_after(estimate: Estimate) -> Plan:
-    """A plan of one slew, yet to be chosen, that begins where the fitted campaign ended.
-
-    `estimate`: the fit of that campaign. It tells the wheel momentum where no tachometer does.
-    """
+    """A plan of one slew, yet to be chosen, that begins where the fitted campaign ended."""
     return following_plan(estimate.model.campaign, final_wheel_momentum(estimate))
 
 
@@ -49,10 +46,7 @@ def final_wheel_momentum(estimate: Estimate) -> np.ndarray:
 
 
 def forecast_after(forecast: Forecast, estimate: Estimate) -> Forecast:
-    """A forecast with what a campaign told in place of the prior of J, K and bias.
-
-    `estimate`: the fit of the campaign that was flown before.
-    """
+    """A forecast with what a campaign told in place of the prior of J, K and bias."""
     known = np.concatenate([np.arange(9), len(estimate.free) + np.arange(N_BIAS)])
     place = np.concatenate([np.arange(9), len(forecast.layout.names) + np.arange(N_BIAS)])
     prior = np.array(forecast.arrays.prior)
@@ -61,10 +55,7 @@ def forecast_after(forecast: Forecast, estimate: Estimate) -> Forecast:
 
 
 def missions_after(estimate: Estimate, n: int, seed: int) -> list[Mission]:
-    """Missions to expect after a campaign.
-
-    Returns: the first has J and K as estimated, the others as drawn from the Laplace approximation.
-    """
+    """Missions to expect after a campaign."""
     rng, campaign = np.random.default_rng([seed, 5]), estimate.model.campaign
     mean, covariance = estimate.theta[:9], estimate.covariance[:9, :9]
     drawn = draw_bodies(

@@ -73,11 +73,7 @@ def assess_plan(
     seed: int = 0,
     achieved: AchievedErrors | None = None,
 ) -> Contender:
-    """Expected sds of a plan, and its margin to every limit.
-
-    `seed`: of the flights that expected sds are averaged over. `achieved`: what fits to simulated
-    campaigns of the plan achieved.
-    """
+    """Expected sds of a plan, and its margin to every limit."""
     margins = planned_margins(plan, mission.spacecraft, limits)
     peaks = {
         key: [margin.used for margin in margins if margin.limit.startswith(f"{key} of")]

@@ -85,9 +85,6 @@ def correction_forecast(
     J, K and the effects are drawn together. The controller knows J and K and compensates no effect:
     what remains in `updated` is what only a change of the on-board software, or a repair, would
     take away. Noise is left out.
-
-    Returns: none without star tracker, or gyro or wheels about three axes, or where a predicted
-    slew does not end.
     """
     campaign = final.model.campaign
     if not _can_slew(campaign):
@@ -114,10 +111,6 @@ def correction_with_update(
     """Predict the next correction slew with the old and with the new J and K on board.
 
     Every draw is the truth once. Effects and noise are left out.
-
-    `old` and `new` (9,). `draws` (n, 9): draws of J's elements [kg m^2] and K from a posterior, as
-    the campaign's prior names them. Returns: none without star tracker, or gyro or wheels
-    about three axes, or where a predicted slew does not end.
     """
     if not _can_slew(campaign):
         return None

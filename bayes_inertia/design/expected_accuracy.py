@@ -77,10 +77,7 @@ def expected_sd(plan: Plan, mission: Mission, *, truths: int = 8, seed: int = 0)
 
 
 def likely_missions(plan: Plan, mission: Mission, n: int, seed: int) -> list[Mission]:
-    """Missions to expect before flight.
-
-    Returns: the first is the mean of the prior, the others have J, K and bias drawn from it.
-    """
+    """Missions to expect before flight."""
     template = planned_campaign(plan, mission.without_effects())
     rng = np.random.default_rng([seed, 5])
     drawn = [replace(mission, spacecraft=draw_spacecraft(template, rng)) for _ in range(n - 1)]

@@ -20,10 +20,7 @@ from bayes_inertia.maths.values import AnyArray
 def require_feasible(
     spacecraft: Spacecraft, base: Plan, region: FeasibleRegion, limits: Limits, n_slews: int
 ) -> None:
-    """Raise for what no plan can keep.
-
-    `base`: start, telemetry and rests; its slews are not used.
-    """
+    """Raise for what no plan can keep."""
     require_three_axes(spacecraft.wheel_axes_B, DesignError)
     smallest = PlannedSlew((1.0, 0.0, 0.0), region.angles[0], region.rate, region.acceleration)
     _require_time(replace(base, slews=(smallest,) * n_slews), limits)

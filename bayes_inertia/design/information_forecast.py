@@ -105,10 +105,7 @@ class Forecast:
     arrays: ForecastArrays  # all arrays
 
     def body(self, theta: np.ndarray) -> RigidBody:
-        """The body that parameters describe.
-
-        `theta` (d,).
-        """
+        """The body that parameters (d,) describe."""
         return rigid_body_at(self.layout.structure, theta, self.arrays.conditions)
 
 
@@ -191,10 +188,7 @@ def orbit_environment(orbit: Orbit | None, duration: float) -> EnvironmentTable:
 
 
 def last_environment(campaign: Campaign) -> EnvironmentTable:
-    """The environment that a campaign measured last, taken to stay as it was.
-
-    Returns: two equal rows; zero for what the last slew did not measure.
-    """
+    """The environment that a campaign measured last, taken to stay as it was."""
     last = campaign.slews[-1]
     given = (_last_complete(getattr(last, key)) for key in Environment._fields)
     values = Environment(*(np.tile(row, (2, 1)) for row in given))

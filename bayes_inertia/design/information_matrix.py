@@ -242,18 +242,12 @@ def _integral(time: Array, slope: Array) -> Array:
 def expected_covariance(
     layout: ForecastLayout, arrays: ForecastArrays, theta: AnyArray, slews: SlewArrays
 ) -> Array:
-    """Expected covariance of the parameters after slews; JAX can differentiate it.
-
-    `theta` (d,).
-    """
+    """Expected covariance of the parameters (d,) after slews; JAX can differentiate it."""
     return covariance_after(arrays, information_matrices(layout, arrays, theta, slews))
 
 
 def covariance_after(arrays: ForecastArrays, information: Array) -> Array:
-    """Covariance of the parameters from the prior and the information of slews.
-
-    `information` (n, d + 3, d + 3).
-    """
+    """Covariance of the parameters from prior and information (n, d + 3, d + 3) of slews."""
     d = len(arrays.prior_sd)
     unit = jnp.concatenate([jnp.asarray(arrays.prior_sd), jnp.ones(N_BIAS)])
     precision = (arrays.prior + information.sum(0)) * unit * unit[:, None]
@@ -266,10 +260,7 @@ def covariance_after(arrays: ForecastArrays, information: Array) -> Array:
 def information_matrices(
     layout: ForecastLayout, arrays: ForecastArrays, theta: AnyArray, slews: SlewArrays
 ) -> Array:
-    """Information of each slew on the parameters and the whitened bias.
-
-    `theta` (d,).
-    """
+    """Information of each slew on the parameters (d,) and the whitened bias."""
     first = arrays.conditions.context
     body = rigid_body_at(layout.structure, theta, arrays.conditions)
     motion = motion_of_slews(slews, layout.times, body, arrays.start)

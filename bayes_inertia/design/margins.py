@@ -134,8 +134,6 @@ def planned_margins(plan: Plan, spacecraft: Spacecraft, limits: Limits) -> tuple
 
     The wheels give J a + w x (J w + h).
 
-    `limits`: what must be respected beside the hardware's own limits.
-
     Examples
     --------
     >>> from bayes_inertia.flight.plan import paper_like_plan

@@ -40,18 +40,12 @@ class PlanStart(NamedTuple):
 
 
 def plan_times(plan: Plan) -> PlanTimes:
-    """The times that all slews of a plan share.
-
-    Returns [s].
-    """
+    """The times that all slews of a plan share [s]."""
     return PlanTimes(*(getattr(plan, key) for key in PlanTimes._fields))
 
 
 def slew_arrays(plan: Plan) -> SlewArrays:
-    """A plan's slews as arrays.
-
-    Returns: its slews; where one lasts longer than it needs, the rest after it is longer.
-    """
+    """A plan's slews as arrays."""
     rotation = np.array([slew.angle * np.array(slew.axis_B) for slew in plan.slews])
     needed = np.array(
         [plan.rest_before + slew.motion_time + plan.settle + plan.rest_after for slew in plan.slews]
@@ -84,9 +78,6 @@ def planned_slews(slews: SlewArrays) -> tuple[PlannedSlew, ...]:
 
 
 def plan_start(plan: Plan, wheels: int) -> PlanStart:
-    """Start of a plan.
-
-    `wheels`: how many wheels there are; they are at rest where the plan names no momentum.
-    """
+    """Start of a plan."""
     momentum = np.array(plan.wheel_momentum or np.zeros(wheels))
     return PlanStart(np.array(plan.start_attitude), momentum)

@@ -59,17 +59,11 @@ class PlanProblem:
         return tuple(self.forecast.layout.slice_of(name) for name in self.goal.effects)
 
     def slews(self, x: AnyArray) -> SlewArrays:
-        """The slews of a plan.
-
-        `x` (slews, 5). Returns: the last slew ends in `end_attitude` if there is one.
-        """
+        """The slews of a plan (slews, 5), the last one ending in `end_attitude` if there is one."""
         return _slews(self.forecast.arrays, self.region, self.end_attitude, x)
 
     def variables(self, slews: SlewArrays) -> np.ndarray:
-        """The design variables of slews.
-
-        Returns (slews, 5).
-        """
+        """The design variables (slews, 5) of slews."""
         fractions = [
             np.asarray(slews.rate) / self.region.rate,
             np.asarray(slews.acceleration) / self.region.acceleration,
@@ -77,36 +71,24 @@ class PlanProblem:
         return np.concatenate([np.asarray(slews.rotation_B), np.stack(fractions, 1)], 1)
 
     def value(self, x: np.ndarray) -> float:
-        """The goal's number for a plan.
-
-        `x` (slews, 5). Returns: geometric mean over the truths, in the goal's unit.
-        """
+        """The goal's number for a plan (slews, 5): geometric mean over truths, in its unit."""
         logs = [self.score(x[None], k)[0][0] for k in range(len(self.thetas))]
         return float(np.exp(np.mean(logs)))
 
     def least_slacks(self, x: np.ndarray) -> dict[str, float]:
-        """The least that a plan leaves of each limit, beyond its reserve.
-
-        `x` (slews, 5).
-        """
+        """The least that a plan (slews, 5) leaves of each limit, beyond its reserve."""
         return {
             name: float(values.min(initial=np.inf))
             for name, values in self.score(x[None])[1].items()
         }
 
     def parameter_sd(self, x: np.ndarray) -> dict[str, float]:
-        """Expected sds of all parameters for a plan, at the first truth.
-
-        `x` (slews, 5).
-        """
+        """Expected sds of all parameters for a plan (slews, 5), at the first truth."""
         sd = self.score(x[None])[2][0]
         return dict(zip(self.forecast.layout.names, sd.tolist(), strict=True))
 
     def sd_before(self) -> dict[str, float]:
-        """Sds of all parameters before the plan is flown, in their units.
-
-        Returns: {parameter: sd}: of the prior, or of the fit of a campaign that counts.
-        """
+        """Sds of all parameters before the plan is flown, in their units."""
         names = self.forecast.layout.names
         covariance = inverse(np.asarray(self.forecast.arrays.prior))
         return dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=False))

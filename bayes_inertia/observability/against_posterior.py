@@ -33,10 +33,7 @@ class PosteriorComparison:
 def compare_with_posterior(
     observability: Observability, posterior: Posterior
 ) -> tuple[PosteriorComparison, ...]:
-    """Predicted and sampled uncertainty side by side.
-
-    `posterior`: A fit of the same campaign, effects and drive.
-    """
+    """Predicted and sampled uncertainty side by side."""
     if list(observability.names) != posterior.names:
         raise EstimateError(
             "the posterior is of other parameters",

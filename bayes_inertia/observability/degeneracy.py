@@ -98,10 +98,7 @@ def _sum(names: Sequence[str], weights: np.ndarray, index: list[int]) -> str:
 
 
 def stated_degeneracies(estimate: Estimate) -> tuple[Degeneracy, ...]:
-    """Degeneracies by the campaign's layout.
-
-    Returns: each with a number where the fit holds both sides.
-    """
+    """Degeneracies by the campaign's layout."""
     has_wheels = bool(estimate.model.campaign.wheels)
     return (
         _common_gain(estimate) if has_wheels else _no_wheels(estimate),

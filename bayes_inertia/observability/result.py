@@ -276,11 +276,7 @@ def in_windows(
 
 
 def commands_worth(parameter: ParameterObservability, drive: str) -> float | None:
-    """Ratio of sds without and with the recorded torque commands.
-
-    Returns: the sd with the commands ignored over the sd with them; None where the model was driven
-    in one way only.
-    """
+    """Ratio of sds without and with the recorded torque commands."""
     if parameter.sd_other_drive is None:
         return None
     if drive == "commanded":

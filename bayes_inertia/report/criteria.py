@@ -75,9 +75,6 @@ def channel_verdict(fit: Mapping[str, Any], channel: str, criteria: Criteria) ->
 def whiteness_text(p_white: float | None, criteria: Criteria) -> str:
     """The test for white residuals in words.
 
-    `p_white`: its p-value; None where it could not be made. `criteria`: from which p-value on the
-    residuals are not white.
-
     Examples
     --------
     >>> [whiteness_text(p, Criteria()) for p in (None, 0.0, 0.39)]

@@ -141,10 +141,7 @@ _TEMPLATE = (
 
 
 def signals_section(posterior: Posterior) -> Section | None:
-    """Torques and errors of free shape over time, slew by slew.
-
-    Returns: one picture an effect; None where all effects have a fixed shape.
-    """
+    """Torques and errors of free shape over time, slew by slew."""
     if "signal" not in posterior.tree:
         return None
     names = [str(name) for name in posterior.tree["signal"].data_vars]

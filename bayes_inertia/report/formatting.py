@@ -42,8 +42,6 @@ def common_exponents(values: Mapping[str, tuple[str, float, float]]) -> dict[str
     Moments of inertia, products of inertia, scale factors and the parameters of one effect in one
     unit are a kind each. The largest of a kind decides.
 
-    `values`: {name: (unit, mean, sd)}; sd may be anything else that is printed as large.
-
     Examples
     --------
     >>> unit = "kg m^2"

@@ -32,9 +32,6 @@ def render(
     """The report of a fit as one HTML page that needs nothing from outside.
 
     The same posterior always gives the same bytes.
-
-    `sections`: what the page consists of, default `standard_sections(posterior)`. Add your own to
-    that list. `origin`: what else the head says: date and folder of the data.
     """
     chosen = standard_sections(posterior) if sections is None else sections
     attributes = posterior.attributes
@@ -75,8 +72,6 @@ def render_page(
 
     Only the page's own style sheet and scripts may act on it: a content security policy names
     their hashes.
-
-    `facts`: what the head says of its origin, see `page_facts`.
     """
     environment = templates_in("", autoescape=True)
     css = packaged("report.css") + packaged("phone_and_paper.css")

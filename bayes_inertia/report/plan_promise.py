@@ -99,8 +99,6 @@ def plan_promise(
 ) -> PlanPromise:
     """Put promised sds beside those of a run.
 
-    `promised_sd` [kg m^2].
-
     Examples
     --------
     >>> row = {"unit": "kg m^2", "prior_sd": 0.1, "sd": 0.02, "quoted_sd": 0.02}
@@ -139,10 +137,7 @@ def plan_promise_section(promise: PlanPromise) -> Section:
 
 
 def promise_rows(promise: PlanPromise) -> list[dict[str, Any]]:
-    """The rows of the table, for page and terminal.
-
-    Returns `name`, `unit`, `cells` in the order of `HEADINGS`, and whether the row is `noticeable`.
-    """
+    """The rows of the table, for page and terminal."""
     rows = []
     for p in promise.parameters:
         power = _power([q.promised_sd for q in promise.parameters if q.unit == p.unit])

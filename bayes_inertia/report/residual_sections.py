@@ -145,10 +145,7 @@ class ResidualChannel:
 
 
 def residual_channels(posterior: Posterior) -> list[ResidualChannel]:
-    """The residuals of a fit, channel by channel.
-
-    Returns: those that the fit predicted: rates, attitude, wheel momentum.
-    """
+    """The residuals of a fit, channel by channel."""
     channels = []
     # 32-bit floats do not hold seconds from an epoch.
     start = np.nanmin(values_of(posterior, "constant_data", "time"), 1)[:, None]

@@ -154,10 +154,7 @@ def compare_runs(first: ComparedRun, second: ComparedRun) -> RunComparison:
 
 
 def comparison_json(comparison: RunComparison) -> dict[str, Any]:
-    """A comparison as a JSON document.
-
-    Returns `sentence`, `same_telemetry`, `runs`, `parameters`, and the `settings` that differ.
-    """
+    """A comparison as a JSON document."""
     return {
         "sentence": comparison.sentence,
         "same_telemetry": comparison.same_telemetry,

@@ -85,10 +85,7 @@ def determination_of(row: Mapping[str, Any], criteria: Criteria) -> str:
 
 
 def names_by_determination(rows: Mapping[str, Any], criteria: Criteria) -> dict[str, list[str]]:
-    """Names of parameters by how far they are determined.
-
-    Returns: one list, which may be empty, for each answer of `determination`.
-    """
+    """Names of parameters by how far they are determined."""
     names: dict[str, list[str]] = {
         "determined": [],
         "partly determined": [],
@@ -101,8 +98,6 @@ def names_by_determination(rows: Mapping[str, Any], criteria: Criteria) -> dict[
 
 def interval_90(row: Mapping[str, Any]) -> tuple[float, float] | None:
     """The 90 % interval that belongs to the quoted sd: the draws', widened about their median.
-
-    Returns: in the parameter's unit; None where no sd is quoted.
 
     Examples
     --------

@@ -168,8 +168,6 @@ def headline(content: Mapping[str, Any]) -> str:
 def verdict_sentence(summary: Mapping[str, Any], diagnosis: Mapping[str, Any] | None = None) -> str:
     """The answer of a run in one sentence.
 
-    `diagnosis`: the content of diagnosis.json, of a run that has one.
-
     Examples
     --------
     >>> row = {"mean": 3.3, "sd": 4e-4, "quoted_sd": 4e-4, "prior_sd": 0.1}
@@ -184,11 +182,7 @@ def verdict_sentence(summary: Mapping[str, Any], diagnosis: Mapping[str, Any] | 
 def with_verdict_sentence(
     summary: Mapping[str, Any], diagnosis: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """The content of summary.json, the verdict first.
-
-    `diagnosis`: the content of diagnosis.json, of a run that has one. Returns: with the key
-    `verdict_sentence` more, after format and campaign.
-    """
+    """The content of summary.json, the verdict first."""
     first = {key: summary[key] for key in ("format", "campaign") if key in summary}
     return first | {"verdict_sentence": verdict_sentence(summary, diagnosis)} | dict(summary)
 

@@ -41,8 +41,6 @@ def meaning(name: str) -> str:
 def correlation_sentences(names: Sequence[str], matrix: Sequence[Sequence[float]]) -> list[str]:
     """Sentences on pairs of parameters that the data determine only together.
 
-    Returns: one for each strongly correlated pair, the strongest first.
-
     Examples
     --------
     >>> correlation_sentences(["Jxx", "K1"], [[1.0, -0.95], [-0.95, 1.0]])[0][:59]
@@ -59,8 +57,6 @@ def correlation_sentences(names: Sequence[str], matrix: Sequence[Sequence[float]
 
 def averaged_over(summary: Mapping[str, Any]) -> str:
     """The effects that J and K are averaged over, with their probabilities.
-
-    Returns: A list; empty where J and K are not averaged.
 
     Examples
     --------
@@ -114,8 +110,6 @@ _TREATED = {"masked": "left out", "modelled": "taken into account", "ignored": "
 def dirt_rows(dirt: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Records of dirt, one row a kind, channel and treatment.
 
-    Returns: {kind, channel, treated, rows (how many), slews, notes} of each.
-
     Examples
     --------
     >>> record = {"kind": "outliers", "channel": "rate", "slew": "a", "rows": [3, 9]}
@@ -141,8 +135,6 @@ def dirt_rows(dirt: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 def dirt_sentences(dirt: Sequence[Mapping[str, Any]]) -> list[str]:
     """Records of dirt as sentences.
-
-    Returns: one a kind, channel and treatment; none where there is no dirt.
 
     Examples
     --------
@@ -194,10 +186,7 @@ def _on_one_line(text: str) -> str:
 
 
 def templates_in(folder: str, **options: Any) -> Environment:
-    """Templates of a folder of the report; what they lack is an error, and control leaves no line.
-
-    `options`: more of jinja2's.
-    """
+    """Templates of a folder of the report: what they lack is an error, control leaves no line."""
     return Environment(
         loader=PackageLoader("bayes_inertia.report", folder),
         undefined=StrictUndefined,

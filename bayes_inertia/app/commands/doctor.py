@@ -71,10 +71,7 @@ def doctor_command(campaign: _CampaignOrNone = None, as_json: AsJson = False) ->
 def refuse_or_warn(
     campaign: Path, progress: Progress = silent, effects: Sequence[str] = ()
 ) -> None:
-    """Stop if a campaign's conventions are wrong, and say on stderr what is doubtful.
-
-    `effects`: names of effects that are fitted along; the torques of a user's own count.
-    """
+    """Stop if a campaign's conventions are wrong, and say on stderr what is doubtful."""
     from bayes_inertia.app.told_torques import torques_of
     from bayes_inertia.conventions.check import refuse_impossible
 

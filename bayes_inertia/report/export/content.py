@@ -125,10 +125,7 @@ def guarded_digits(value: float, sd: float) -> str:
 
 
 def tensor_digits(result: ExportedResult, tensor_B: np.ndarray) -> list[list[str]]:
-    """The elements of a tensor in print, each with the digits that its sd supports.
-
-    `tensor_B` (3, 3) [kg m^2].
-    """
+    """Elements (3, 3) of a tensor [kg m^2], each with the digits that its sd supports."""
     axes: Sequence[str] = "xyz"
     names = [[f"J{min(a, b)}{max(a, b)}" for b in axes] for a in axes]
     return [

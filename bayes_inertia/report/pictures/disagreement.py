@@ -23,10 +23,7 @@ _COLORS = LinearSegmentedColormap.from_list("residual", [style.BLUE, "#ffffff", 
 def draw_disagreement(
     cells: Mapping[str, Any], windows: Sequence[Mapping[str, Any]], starts: Mapping[str, float]
 ) -> Figure:
-    """Mean residuals in short bins, one panel a slew, one row a component.
-
-    `starts`: its `slew_start`: time of each slew's first row [s].
-    """
+    """Mean residuals in short bins, one panel a slew, one row a component."""
     windows = [
         dict(w) | {key: w[key] - starts.get(w["slew"], 0.0) for key in ("t_start", "t_end")}
         for w in windows

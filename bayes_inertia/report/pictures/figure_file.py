@@ -140,8 +140,5 @@ def _with_small_images(svg: bytes) -> bytes:
 
 
 def write_png(figure: Figure, path: str | Path) -> Path:
-    """Write a figure as PNG, atomically.
-
-    `path`: of the file; it is replaced where it exists.
-    """
+    """Write a figure as PNG, atomically."""
     return write_atomically(path, figure_bytes(figure, "png"))

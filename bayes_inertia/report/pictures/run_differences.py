@@ -15,10 +15,7 @@ from bayes_inertia.report.run_comparison import ParameterDifference
 
 @style.styled
 def draw_run_differences(parameters: Sequence[ParameterDifference]) -> Figure | None:
-    """Both runs' values of each parameter with their quoted sd, relative to the first run's.
-
-    Returns: one panel; None where the runs share no parameter.
-    """
+    """Both runs' values of each parameter with their quoted sd, relative to the first run's."""
     if not parameters:
         return None
     figure, (place,) = style.grid(

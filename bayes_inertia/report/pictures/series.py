@@ -16,10 +16,7 @@ from bayes_inertia.series.history import OF_PART, History
 
 @style.styled
 def draw_history(history: History, told: float) -> Figure:
-    """Each element of J and K against the campaigns: each campaign alone, and all together.
-
-    `told`: probability from which a jump is drawn.
-    """
+    """Each element of J and K against the campaigns: each campaign alone, and all together."""
     figure = Figure(figsize=(style.WIDTH, 7.2), layout="constrained")
     grid = figure.subplots(3, 3, sharex=True)
     x = np.arange(len(history.campaigns))

@@ -21,8 +21,6 @@ def draw_coverage(names: Sequence[str], achieved: AchievedErrors, z: np.ndarray)
 
     Bars are two standard errors. The band holds all curves of sound uncertainties in 95 % of
     studies (Dvoretzky-Kiefer-Wolfowitz, Bonferroni over parameters).
-
-    `z` (campaigns, d).
     """
     figure = Figure(figsize=(style.WIDTH, 3.4), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.4, 1.0))
@@ -93,10 +91,7 @@ class RankCurves:
 
 @style.styled
 def draw_calibration(cases: Sequence[RankCurves], names: Sequence[str]) -> Figure:
-    """ECDFs of ranks minus uniform, a row a case; the band holds all curves of a right pipeline.
-
-    `names`: the 14 quantities: J, K and principal moments, two predictions.
-    """
+    """ECDFs of ranks minus uniform, a row a case; the band holds all curves of a right pipeline."""
     size = (style.WIDTH, LAYOUT.calibration_row_height * len(cases) + 0.4)
     figure = Figure(figsize=size, layout="constrained")
     groups = (("J", range(6)), ("K and moments", range(6, 12)), ("predictions", range(12, 14)))
