@@ -21,14 +21,13 @@ from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.effects import InertiaChange
 from bayes_inertia.physics.parameters import base_count
 from bayes_inertia.progress import Progress, silent
-from bayes_inertia.report.criteria import criteria_of
-from bayes_inertia.report.export.content import (
+from bayes_inertia.report.criteria import criteria_of, determination_of, interval_90, sd_in_print
+from bayes_inertia.report.export.formats import (
     ExportedCorrection,
     ExportedParameter,
     ExportedResult,
+    ExportFormat,
 )
-from bayes_inertia.report.export.formats import ExportFormat
-from bayes_inertia.report.uncertainty import determination_of, interval_90, sd_in_print
 from bayes_inertia.sealing import blaming, is_sealed
 
 _DAMAGED = "start a new run in another folder"

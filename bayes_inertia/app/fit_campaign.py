@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
+from threading import Thread
 from time import perf_counter
 
-from bayes_inertia.app.background_imports import import_in_background
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.candidates import restarted_with_mode
 from bayes_inertia.diagnosis.quoted_parameters import (
@@ -156,3 +158,23 @@ def _with_seconds(posterior: Posterior, seconds: float) -> Posterior:
     attributes["diagnostics"]["seconds"] = seconds
     posterior.tree.attrs["bayes_inertia"] = json.dumps(attributes)
     return posterior
+
+
+def import_in_background(names: Sequence[str]) -> Thread:
+    """Import modules one after the other, in a thread.
+
+    Compiled code and the compiler need no interpreter lock, so this costs hardly any time.
+
+    Examples
+    --------
+    >>> import_in_background(["json", "no_such_module"]).join()
+    """
+    thread = Thread(target=_import_all, args=(tuple(names),), daemon=True)
+    thread.start()
+    return thread
+
+
+def _import_all(names: tuple[str, ...]) -> None:
+    for name in names:
+        if find_spec(name.partition(".")[0]) is not None:
+            import_module(name)

@@ -44,7 +44,7 @@ class Layout:
     # `export_run.py`
     forecast_draws: int = 48  # of the posterior, in the forecast of the correction slew
 
-    # `installation.py`
+    # `commands/doctor.py`
     # Relative change of the energy of a free tumble over 100 s that the integrator may make.
     energy_drift_allowed: float = 1e-9
 
@@ -52,7 +52,7 @@ class Layout:
     grace_s: float = 3.0  # [s] in which the main thread may save and end by itself.
     workers_grace_s: float = 0.5  # [s] for worker processes.
 
-    # `promise_of_plan.py`
+    # `finished_runs.py`
     # Slews of plan.toml and design.json agree to rounding.
     same_slew: float = 1e-9
 

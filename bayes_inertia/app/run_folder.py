@@ -13,7 +13,6 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from bayes_inertia.app.background_imports import import_in_background
 from bayes_inertia.app.diagnosed_fit import fit_after_diagnosis
 from bayes_inertia.app.diagnosis_json import (
     DIAGNOSIS_FILE,
@@ -22,7 +21,7 @@ from bayes_inertia.app.diagnosis_json import (
     read_diagnosis,
     to_json,
 )
-from bayes_inertia.app.fit_campaign import fit
+from bayes_inertia.app.fit_campaign import fit, import_in_background
 from bayes_inertia.app.investigation import investigate
 from bayes_inertia.app.result_folder import ResultFolder, origin, write_json
 from bayes_inertia.app.run_report import run_summary, write_run_report

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from bayes_inertia.report.criteria import exponents_of, sd_in_print
 from bayes_inertia.report.formatting import (
     NOT_GIVEN,
     channel_name,
@@ -20,7 +21,6 @@ from bayes_inertia.report.page import render_page
 from bayes_inertia.report.pictures.run_differences import draw_run_differences
 from bayes_inertia.report.run_comparison import ComparedRun, ParameterDifference, RunComparison
 from bayes_inertia.report.section import Section, captioned, packaged
-from bayes_inertia.report.uncertainty import exponents_of, sd_in_print
 
 
 def comparison_page(comparison: RunComparison) -> str:

@@ -23,10 +23,13 @@ from bayes_inertia.report.formatting import (
     vector_text,
 )
 from bayes_inertia.report.layout import LAYOUT
-from bayes_inertia.report.pictures.candidates import draw_candidates
-from bayes_inertia.report.pictures.disagreement import draw_disagreement
-from bayes_inertia.report.pictures.equivalent_signal import draw_signal
-from bayes_inertia.report.pictures.steps import draw_misfit_by_step, draw_shifts
+from bayes_inertia.report.pictures.diagnosis import (
+    draw_candidates,
+    draw_disagreement,
+    draw_misfit_by_step,
+    draw_shifts,
+    draw_signal,
+)
 from bayes_inertia.report.section import Picture, Section, captioned, packaged
 from bayes_inertia.report.words import phrase, probabilities, rules_of, sentences
 

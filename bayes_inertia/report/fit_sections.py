@@ -1,9 +1,6 @@
 """The sections of a run's report, each a function of the posterior.
 
-The section of a fit's report that shows stochastic effects over time.
-
-The sections of a fit on its parameters: the tables, and what the campaign determines.
-"""
+On top the card: J and K with their sds, whether to use them, and what for."""
 
 from __future__ import annotations
 
@@ -14,28 +11,53 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.report.criteria import Criteria, criteria_of
-from bayes_inertia.report.diagnosis_sections import diagnosis_sections
-from bayes_inertia.report.formatting import NOT_GIVEN, listed, number, plain, typeset, unit_text
-from bayes_inertia.report.layout import LAYOUT
-from bayes_inertia.report.pictures.chains import draw_chains
-from bayes_inertia.report.pictures.equivalent_signal import draw_signal
-from bayes_inertia.report.pictures.pairs import draw_pairs
-from bayes_inertia.report.pictures.posterior_data import n_ensembles, n_slews, values_of
-from bayes_inertia.report.pictures.priors import draw_priors
-from bayes_inertia.report.residual_sections import residuals_section, telemetry_section
-from bayes_inertia.report.result_section import result_sections
-from bayes_inertia.report.section import Picture, Section, captioned, packaged
-from bayes_inertia.report.uncertainty import (
+from bayes_inertia.report.criteria import (
+    Criteria,
     contraction,
     contraction_text,
+    criteria_of,
     determination,
     exponents_of,
     interval_90,
     names_by_determination,
     sd_in_print,
 )
-from bayes_inertia.report.words import averaged_over, correlation_sentences, dirt_rows, meaning
+from bayes_inertia.report.diagnosis_sections import diagnosis_sections
+from bayes_inertia.report.formatting import (
+    NOT_GIVEN,
+    exponent,
+    listed,
+    number,
+    plain,
+    power_text,
+    typeset,
+    unit_text,
+)
+from bayes_inertia.report.layout import LAYOUT
+from bayes_inertia.report.pictures.chains import draw_chains
+from bayes_inertia.report.pictures.correction import draw_correction
+from bayes_inertia.report.pictures.diagnosis import draw_signal
+from bayes_inertia.report.pictures.pairs import draw_pairs
+from bayes_inertia.report.pictures.posterior_data import n_ensembles, n_slews, values_of
+from bayes_inertia.report.pictures.priors import draw_priors
+from bayes_inertia.report.residual_sections import residuals_section, telemetry_section
+from bayes_inertia.report.section import Picture, Section, captioned, packaged
+from bayes_inertia.report.verdict import (
+    Level,
+    Verdict,
+    diagnosis_verdict,
+    fit_verdict,
+    is_scale_factor,
+    verdict_sentence,
+    worst_level,
+)
+from bayes_inertia.report.words import (
+    averaged_over,
+    correlation_sentences,
+    dirt_rows,
+    meaning,
+    phrase,
+)
 
 
 def standard_sections(
@@ -282,3 +304,88 @@ def settings_rows(posterior: Posterior) -> list[tuple[str, str]]:
         ),
         ("versions", ", ".join(versions)),
     ]
+
+
+_STATUS: dict[Level, str] = {"good": "Trusted", "caution": "Use with care", "bad": "Refused"}
+_TENSOR = (("Jxx", "Jxy", "Jxz"), ("Jxy", "Jyy", "Jyz"), ("Jxz", "Jyz", "Jzz"))
+
+
+def result_sections(
+    posterior: Posterior,
+    diagnosis: Mapping[str, Any] | None = None,
+    forecast: Mapping[str, Any] | None = None,
+) -> list[Section]:
+    """The answer, and why: one verdict, J and K, the error of the next slew; then the reasons.
+
+    `forecast`: see `draw_correction`. It is not shown of a result that is not to be used. Returns:
+    the card with at most one picture, and the reasons.
+    """
+    summary, bound = posterior.summary(), ""
+    verdicts = {"Can it be used?": fit_verdict(summary, n_slews(posterior))}
+    if diagnosis is not None:
+        verdicts = {"What is missing?": diagnosis_verdict(diagnosis)} | verdicts
+        bound = (
+            phrase("diagnosis", "could_hide", hidden)
+            if (hidden := diagnosis.get("could_hide"))
+            else ""
+        )
+    level, rows = level_of(summary, list(verdicts.values())), summary["parameters"]
+    scale_factors = [[row] for name, row in rows.items() if is_scale_factor(name)]
+    context = {
+        "level": level,
+        "status": _STATUS[level],
+        "sentence": verdict_sentence(summary, diagnosis),
+        "bound": bound,
+        "matrices": [
+            *_ratio_matrix(summary),
+            _matrix("J", [[rows[name] for name in line] for line in _TENSOR]),
+            *([_matrix("K", scale_factors)] if scale_factors else []),
+        ],
+        "quoted": posterior.quoted_factor is not None,
+    }
+    pictures: tuple[Picture, ...] = ()
+    if forecast and level != "bad":
+        pictures = captioned("correction", draw_correction(forecast), forecast)
+    reasons = {
+        question: (verdict.title, [s for s in verdict.sentences if s != bound])
+        for question, verdict in verdicts.items()
+    }
+    return [
+        Section("Result", packaged("result.html"), context, pictures),
+        Section("Why", packaged("reasons.html"), {"reasons": reasons, "folded": ()}),
+    ]
+
+
+def level_of(summary: Mapping[str, Any], verdicts: list[Verdict]) -> Level:
+    """The one level of a report: what is not trusted is refused, whatever else is said."""
+    if not summary["trusted"]:
+        return "bad"
+    return worst_level([verdict.level for verdict in verdicts])
+
+
+def _ratio_matrix(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """J over its trace, first where nothing ties its size."""
+    if summary.get("scale_of_J") != []:
+        return []
+    ratios = summary["ratios"]
+    return [_matrix("J / trace J", [[ratios[f"{n}/trace"] for n in line] for line in _TENSOR])]
+
+
+def _matrix(symbol: str, rows: list[list[Mapping[str, Any]]]) -> dict[str, Any]:
+    """A matrix of estimates, all in one power of ten, each with its quoted sd."""
+    cells = [row for line in rows for row in line]
+    power = exponent(max(abs(row["mean"]) for row in cells), 0.0)
+    unit = unit_text(cells[0]["unit"]) if cells[0]["unit"] else ""
+    return {
+        "symbol": symbol,
+        "unit": " ".join(part for part in (power_text(power) if power else "", unit) if part),
+        "rows": [[_estimate(row, power) for row in line] for line in rows],
+    }
+
+
+def _estimate(row: Mapping[str, Any], power: int) -> dict[str, str]:
+    quoted = row["quoted_sd"]
+    return {
+        "mean": number(row["mean"], sd_in_print(row), power),
+        "sd": "" if quoted is None else number(quoted, quoted, power),
+    }

@@ -30,7 +30,7 @@ class Layout:
     formulas_listed: int = 3
     least_false_alarms: float = 1e-6  # no simulation tells a smaller share
 
-    # `export/content.py`
+    # `export/formats.py`
     # Digits beyond the second of the sd, so that rounding moves a number by less than sd / 1000.
     guard_digits: int = 2
     comment_line: int = 200  # [characters] of a comment; CCSDS messages allow 254 a line
@@ -58,7 +58,7 @@ class Layout:
     # `pictures/study.py`
     calibration_row_height: float = 2.5  # [in]
 
-    # `pictures/candidates.py`
+    # `pictures/diagnosis.py`
     smallest_p_drawn: float = 1e-300  # what is smaller is drawn here
     largest_on_linear_axis: float = 40.0  # beyond this strength the axis is logarithmic
     strength_ticks: tuple[int, ...] = (0, 2, 5, 10, 30, 100, 300)
@@ -69,7 +69,7 @@ class Layout:
     # `pictures/design.py`
     plan_label_width: int = 22  # letters of a line of a plan's name
 
-    # `pictures/disagreement.py`
+    # `pictures/diagnosis.py`, where the model disagrees
     color_limit_sigma: float = 6.0  # sigma at which colours saturate
     most_frames: int = 2  # in one channel and slew
 
@@ -105,7 +105,7 @@ class Layout:
     # `pictures/series.py`, `pictures/telemetry.py`
     sds_of_90_percent: float = 1.645  # half width of the central 90 % of a normal distribution
 
-    # `pictures/steps.py`
+    # `pictures/diagnosis.py`, steps
     misfit_ticks: tuple[float, ...] = (0.5, 1, 2, 5, 10, 30, 100, 300, 1000, 1e4, 1e5, 1e6)
 
     # `pictures/style.py`

@@ -16,7 +16,7 @@ from bayes_inertia.errors import SettingsError
 from bayes_inertia.report.formatting import arcsec
 from bayes_inertia.report.pictures import chains, posterior_data, style
 from bayes_inertia.report.pictures.attitude import attitude_panel
-from bayes_inertia.report.pictures.candidates import candidates_panel
+from bayes_inertia.report.pictures.diagnosis import candidates_panel
 from bayes_inertia.report.pictures.observability import sd_panel
 from bayes_inertia.report.pictures.pairs import pairs_panel
 from bayes_inertia.report.pictures.priors import prior_panel

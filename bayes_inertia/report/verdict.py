@@ -12,10 +12,15 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
-from bayes_inertia.report.criteria import Criteria, channel_verdict, criteria_of
+from bayes_inertia.report.criteria import (
+    Criteria,
+    channel_verdict,
+    criteria_of,
+    names_by_determination,
+    sd_in_print,
+)
 from bayes_inertia.report.formatting import channel_name, two_digits, unit_text
 from bayes_inertia.report.layout import LAYOUT
-from bayes_inertia.report.uncertainty import names_by_determination, sd_in_print
 from bayes_inertia.report.words import averaged_over, dirt_sentences, phrase, sentences
 
 Level = Literal["good", "caution", "bad"]

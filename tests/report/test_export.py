@@ -21,8 +21,7 @@ from bayes_inertia.app.commands.export import FormatName
 from bayes_inertia.app.export_run import exported_result
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.report.export.content import ExportedCorrection
-from bayes_inertia.report.export.formats import EXPORT_FORMATS
+from bayes_inertia.report.export.formats import EXPORT_FORMATS, ExportedCorrection
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 RUNS = 1000

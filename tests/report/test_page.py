@@ -6,11 +6,11 @@ import re
 
 import pytest
 
+from bayes_inertia.report.criteria import exponents_of
 from bayes_inertia.report.fit_sections import standard_sections
 from bayes_inertia.report.formatting import NOT_GIVEN, number
 from bayes_inertia.report.page import render, write_report
 from bayes_inertia.report.section import Section
-from bayes_inertia.report.uncertainty import exponents_of
 from bayes_inertia.report.verdict import verdict_sentence
 
 KINDS = ("good", "one_slew", "thrown", "many_effects")

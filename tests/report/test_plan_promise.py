@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from support.commands import run
 
-from bayes_inertia.app import promise_of_plan, run_folder
+from bayes_inertia.app import finished_runs, run_folder
 from bayes_inertia.app.plan_json import slew_rows
 from bayes_inertia.app.result_folder import write_json
 from bayes_inertia.flight.flown_slews import other_slews
@@ -53,7 +53,7 @@ def write_design(folder, promised, plan=PLAN):
 def test_promised_by_a_design(finished, capsys, monkeypatch):
     sds = stated_sds(finished)
     write_design(finished, {name: sd / (2.0 if name == "Jxy" else 0.9) for name, sd in sds.items()})
-    monkeypatch.setattr(promise_of_plan, "compare_plans", None)  # nothing is forecast anew
+    monkeypatch.setattr(finished_runs, "compare_plans", None)  # nothing is forecast anew
     assert run("report", finished / "run", "--plan", finished / "plan.toml", "--json") == 0
     plan = json.loads(capsys.readouterr().out)["plan"]
     ratios = {name: row["ratio"] for name, row in plan["parameters"].items()}
@@ -71,7 +71,7 @@ def test_a_plan_without_its_design_is_forecast(finished, capsys, monkeypatch):
         asked.append((plans[0], mission.prior.product_sigma))
         return (SimpleNamespace(expected=np.array(list(stated_sds(finished).values()))),)
 
-    monkeypatch.setattr(promise_of_plan, "compare_plans", compare_plans)
+    monkeypatch.setattr(finished_runs, "compare_plans", compare_plans)
     # What stands beside it is of other slews.
     write_design(finished, stated_sds(finished), replace(PLAN, slews=PLAN.slews[:1]))
     assert run("report", finished / "run", "--plan", finished / "plan.toml", "--json") == 0

@@ -4,10 +4,9 @@ import re
 
 import pytest
 
-from bayes_inertia.report.fit_sections import standard_sections
+from bayes_inertia.report.fit_sections import result_sections, standard_sections
 from bayes_inertia.report.formatting import number
 from bayes_inertia.report.page import page_facts, render, render_page
-from bayes_inertia.report.result_section import result_sections
 from bayes_inertia.report.words import phrase
 
 FORECAST = {

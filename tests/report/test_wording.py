@@ -7,10 +7,9 @@ import pytest
 from jinja2 import Environment, StrictUndefined
 
 from bayes_inertia.inference.limits import criteria
-from bayes_inertia.report.criteria import Criteria, channel_verdict, criteria_of
+from bayes_inertia.report.criteria import Criteria, channel_verdict, criteria_of, determination
 from bayes_inertia.report.formatting import listed, number
 from bayes_inertia.report.section import packaged
-from bayes_inertia.report.uncertainty import determination
 from bayes_inertia.report.words import correlation_sentences, phrase, sentences
 
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
 
 from bayes_inertia.app.commands.options import AsJson
+from bayes_inertia.app.compiled_code import size_of
+from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
     headed,
     indented,
@@ -44,7 +47,7 @@ def doctor_command(campaign: _CampaignOrNone = None, as_json: AsJson = False) ->
     then what fails, and where, is said.
     """
     if campaign is None:
-        from bayes_inertia.app.installation import installation_json, show_installation
+        from bayes_inertia.app.commands.doctor import installation_json, show_installation
 
         with progress_bar() as progress:
             installation = installation_json(progress)
@@ -131,3 +134,73 @@ def show_check(check: ConventionsCheck, campaign: Path, mapping_lines: Sequence[
                 console.print(indented(f"- {typeset(line)}"))
     if check.verdict == "consistent":
         console.print(f"next: bayes-inertia fit {campaign} -o RUN", soft_wrap=True)
+
+
+FORMAT = "bayes-inertia-installation/1"
+_PACKAGES = ("bayes-inertia", "numpy", "scipy", "jax", "emcee", "arviz", "xarray", "matplotlib")
+_STOCHASTIC = "effects_without_fixed_shape"
+
+
+def installation_json(progress: Progress = silent) -> dict[str, Any]:
+    """Versions, the device that computes, a self-test, and the library of effects."""
+    progress("loading JAX", 0, 0)
+    import jax
+    import jax.numpy as jnp
+
+    from bayes_inertia.physics.effects import LIBRARY, STOCHASTIC
+
+    progress("self-test: a free tumble", 0, 0)
+    drift = _energy_drift()
+    return {
+        "format": FORMAT,
+        "versions": {name: metadata.version(name) for name in _PACKAGES},
+        "devices": [str(device) for device in jax.devices()],
+        "double_precision": bool(jnp.zeros(1).dtype == jnp.float64),
+        "energy_drift": drift,
+        "self_test_passed": drift < LAYOUT.energy_drift_allowed,
+        "compiled_code": _compiled_code(),
+        "effects": [effect.name for effect in LIBRARY],
+        _STOCHASTIC: [effect.name for effect in STOCHASTIC],
+    }
+
+
+def show_installation(content: Mapping[str, Any]) -> None:
+    """Print what this installation consists of, and whether it works."""
+    console, passed = plain_console(), content["self_test_passed"]
+    drift = f"energy of a free tumble constant to {content['energy_drift']:.1g}"
+    says = "self-test passed" if passed else "self-test FAILED: do not use this installation"
+    console.print(headed(says, f" ({drift})", style="bold green" if passed else "bold red"))
+    bits = "64-bit" if content["double_precision"] else "32-bit: do not use it"
+    for what, value in (
+        ("packages", ", ".join(f"{name} {of}" for name, of in content["versions"].items())),
+        ("computing on", f"{', '.join(content['devices'])}, {bits}"),
+        ("compiled code", content["compiled_code"]),
+        ("effects", ", ".join(content["effects"])),
+        ("stochastic effects", ", ".join(content[_STOCHASTIC])),
+    ):
+        console.print(f"{what}: {value}")
+
+
+def _compiled_code() -> str:
+    """Folder of compiled code between runs."""
+    import jax
+
+    folder = jax.config.values["jax_compilation_cache_dir"]
+    if folder is None or not jax.config.values["jax_enable_compilation_cache"]:
+        return "not kept between runs"
+    return f"kept in {folder} ({size_of(Path(folder)) / 1e6:.0f} MB)"
+
+
+def _energy_drift() -> float:
+    """Largest relative change of the energy of a body that tumbles freely for 100 s."""
+    import jax.numpy as jnp
+
+    from bayes_inertia.physics.simulator import simulate_slew
+    from bayes_inertia.physics.slew_input import Start, idle_slew
+
+    slew = idle_slew(np.arange(100.0))
+    start = Start(jnp.array([0.01, 0.02, 0.01]), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(0))
+    J = jnp.diag(jnp.array([3.0, 2.0, 2.0]))
+    rate = simulate_slew(slew, start, J)[0].rate_B
+    energy = jnp.einsum("ni,ij,nj->n", rate, J, rate)
+    return float(jnp.abs(energy / (rate[0] @ J @ rate[0]) - 1.0).max())

@@ -281,14 +281,14 @@ def _gates(gates: Sequence[dict[str, Any]], samples: float) -> Text:
 
 
 def _parameter_rows(summary: dict[str, Any]) -> Iterator[tuple[str, ...]]:
-    from bayes_inertia.report.criteria import criteria_of
-    from bayes_inertia.report.formatting import NOT_GIVEN, number, plain, unit_text
-    from bayes_inertia.report.uncertainty import (
+    from bayes_inertia.report.criteria import (
         contraction,
+        criteria_of,
         determination,
         exponents_of,
         sd_in_print,
     )
+    from bayes_inertia.report.formatting import NOT_GIVEN, number, plain, unit_text
 
     criteria, powers = criteria_of(summary), exponents_of(summary["parameters"])
     # Size and time of a free shape are for the page.

@@ -70,8 +70,7 @@ def report_command(
 def _report(run: Path, plan: Path | None, out: Path | None, as_json: bool) -> Path:
     with progress_bar() as progress:
         progress("reading the run", 0, 0)
-        from bayes_inertia.app.compare_two_runs import finished_posterior
-        from bayes_inertia.app.promise_of_plan import promise_of_plan
+        from bayes_inertia.app.finished_runs import finished_posterior, promise_of_plan
         from bayes_inertia.app.run_report import run_page, run_summary, write_run_report
         from bayes_inertia.sealing import is_sealed
 
@@ -110,7 +109,7 @@ def show_promise(promise: PlanPromise) -> None:
 def _compare(first: Path, second: Path, out: Path | None, as_json: bool) -> Path:
     with progress_bar() as progress:
         progress("reading the runs", 0, 0)
-        from bayes_inertia.app.compare_two_runs import compare_two_runs
+        from bayes_inertia.app.finished_runs import compare_two_runs
         from bayes_inertia.files import write_atomically
         from bayes_inertia.report.comparison_sections import comparison_page
         from bayes_inertia.report.run_comparison import comparison_json

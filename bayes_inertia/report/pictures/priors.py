@@ -9,10 +9,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.report.criteria import sd_in_print
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
 from bayes_inertia.report.pictures.posterior_data import values_of
-from bayes_inertia.report.uncertainty import sd_in_print
 
 
 @style.styled
