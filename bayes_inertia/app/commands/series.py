@@ -88,12 +88,15 @@ def fleet_command(
 def _show(
     answer: str, table: Table, left_out: tuple[str, ...], files: tuple[str, str], folder: Path
 ) -> None:
-    """Print the answer, a row a parameter, what was left out, and what was written."""
+    """Print the answer, a row a parameter, what was left out, and what was written.
+
+    What gives way in a narrow terminal is the interval of the spread.
+    """
     from bayes_inertia.report.series_sections import left_out_in_words
 
     console = plain_console()
     console.print(headed(answer))
-    print_table(table.heads, table.rows, table.heads[-1:])
+    print_table(table.heads, table.rows, table.heads[5:6])
     for sentence in left_out_in_words(left_out):
         console.print(sentence)
     console.print(f"wrote {' and '.join(files)} in {folder}")
