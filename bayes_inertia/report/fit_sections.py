@@ -29,10 +29,11 @@ from bayes_inertia.report.section import Picture, Section, captioned, packaged
 from bayes_inertia.report.uncertainty import (
     contraction,
     contraction_text,
-    determination,
+    determination_of,
     exponents_of,
     interval_90,
     names_by_determination,
+    ratios_told,
     sd_in_print,
 )
 from bayes_inertia.report.words import averaged_over, correlation_sentences, dirt_rows, meaning
@@ -183,7 +184,8 @@ def parameters_section(posterior: Posterior) -> Section:
     """The table of parameters and principal moments, prior against posterior."""
     summary, criteria = posterior.summary(), criteria_of(posterior.attributes)
     prior_mean = values_of(posterior, "estimate", "prior_mean")
-    powers = exponents_of(summary["parameters"] | summary["derived"])
+    further = ratios_told(summary) | summary["derived"]
+    powers = exponents_of(summary["parameters"] | further)
     rows = [
         _parameter_row(name, row, powers[name], float(center), criteria)
         for (name, row), center in zip(summary["parameters"].items(), prior_mean, strict=True)
@@ -191,8 +193,10 @@ def parameters_section(posterior: Posterior) -> Section:
     pictures = captioned("priors", draw_priors(posterior), folded=True)
     context = {
         "rows": rows,
-        "moments": [
-            _value_cells(name, row, powers[name]) for name, row in summary["derived"].items()
+        "further": [
+            _value_cells(name, row, powers[name])
+            | {"meaning": "ratio" if "/" in name else "principal moment of inertia"}
+            for name, row in further.items()
         ],
         "trusted": posterior.trusted,
         "quoted": posterior.quoted_factor is not None,
@@ -227,7 +231,7 @@ def _parameter_row(
         "meaning": meaning(name),
         "prior": f"{prior} ± {prior_sd}",
         "contraction": contraction_text(share, criteria),
-        "determined": determination(share, criteria),
+        "determined": determination_of(row, criteria),
     }
 
 

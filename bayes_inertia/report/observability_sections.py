@@ -12,7 +12,7 @@ from bayes_inertia.observability.result import (
     ParameterObservability,
     commands_worth,
 )
-from bayes_inertia.observability.sentences import answer, sentence
+from bayes_inertia.observability.sentences import answer, sentence, verdict_of
 from bayes_inertia.report.formatting import (
     NOT_GIVEN,
     listed,
@@ -41,12 +41,6 @@ _NOTE = (
     "value were everything else known. Commands worth: sd with the recorded torque commands "
     "ignored over sd with them."
 )
-_DETERMINED = {
-    "determined": "determined",
-    "partly": "partly determined",
-    "weakly": "mostly the prior",
-    "prior": "the prior",
-}
 
 
 def observability_sections(
@@ -112,7 +106,7 @@ def _row(
         f"{observability.slews[best]}, {100.0 * by_slew[best]:.0f} %",
         f"× {np.sqrt(p.variance_inflation):.1f}",
         NOT_GIVEN if worth is None else f"× {worth:.1f}",
-        _DETERMINED[p.verdict],
+        verdict_of(observability, p),
     )
 
 

@@ -10,7 +10,7 @@ from bayes_inertia.report.formatting import exponent, number, power_text, unit_t
 from bayes_inertia.report.pictures.correction import draw_correction
 from bayes_inertia.report.pictures.posterior_data import n_slews
 from bayes_inertia.report.section import Picture, Section, captioned, packaged
-from bayes_inertia.report.uncertainty import sd_in_print
+from bayes_inertia.report.uncertainty import ratios_told, sd_in_print
 from bayes_inertia.report.verdict import (
     Level,
     Verdict,
@@ -81,9 +81,9 @@ def level_of(summary: Mapping[str, Any], verdicts: list[Verdict]) -> Level:
 
 def _ratio_matrix(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
     """J over its trace, first where nothing ties its size."""
-    if summary.get("scale_of_J") != []:
+    ratios = ratios_told(summary)
+    if not ratios:
         return []
-    ratios = summary["ratios"]
     return [_matrix("J / trace J", [[ratios[f"{n}/trace"] for n in line] for line in _TENSOR])]
 
 

@@ -23,6 +23,7 @@ _COLUMNS = (
     "duration [s]",
     "peak rate [deg/s]",
     "fixes",
+    # The last two are of wheels.
     "commands",
     "wheel momentum",
 )
@@ -121,10 +122,11 @@ def show_campaign(campaign: Campaign) -> None:
 
     console = plain_console()
     slews, wheels = len(campaign.slews), len(campaign.wheels)
-    console.print(headed(campaign.name, f": {slews} slews, {wheels} wheels"))
-    table = narrow_table(console, *_COLUMNS)
+    console.print(headed(campaign.name, f": {slews} slews, {wheels or 'no'} wheels"))
+    columns = len(_COLUMNS) - (0 if wheels else 2)
+    table = narrow_table(console, *_COLUMNS[:columns])
     for slew in campaign.slews[: LAYOUT.slews_shown]:
-        table.add_row(*_slew_cells(slew))
+        table.add_row(*_slew_cells(slew)[:columns])
     console.print(table)
     if slews > LAYOUT.slews_shown:
         console.print(f"... and {slews - LAYOUT.slews_shown} slews more (all of them with --json)")
@@ -133,11 +135,13 @@ def show_campaign(campaign: Campaign) -> None:
         console.print(f"devices: {', '.join(said)}")
     moments = ", ".join(f"{m:.4g}" for m in np.linalg.eigvalsh(campaign.inertia.tensor))
     kind = "with" if campaign.inertia.includes_wheel_spin else "without"
-    console.print(f"prior principal moments: {moments} kg m² ({kind} the wheels' spin inertia)")
+    spin = f" ({kind} the wheels' spin inertia)" if wheels else ""
+    console.print(f"prior principal moments: {moments} kg m²{spin}")
     drives = ", ".join(_possible_drives(campaign))
-    console.print(
-        f"possible drives: {drives or 'none: add wheel_torque or wheel_momentum columns'}"
-    )
+    if wheels:
+        console.print(
+            f"possible drives: {drives or 'none: add wheel_torque or wheel_momentum columns'}"
+        )
     if campaign.star_tracker is None and all(
         isinstance(sensor, RateSensor) for _, sensor in campaign.more_sensors
     ):

@@ -286,27 +286,27 @@ def _parameter_table(console: Console, summary: dict[str, Any]) -> Table:
     from bayes_inertia.report.criteria import criteria_of
     from bayes_inertia.report.formatting import NOT_GIVEN, number, plain, unit_text
     from bayes_inertia.report.uncertainty import (
-        contraction,
-        determination,
+        determination_of,
         exponents_of,
+        ratios_told,
         sd_in_print,
     )
 
-    criteria, powers = criteria_of(summary), exponents_of(summary["parameters"])
-    table = narrow_table(console, "name", *_COLUMNS)
     # Size and time of a free shape are for the page.
     shown = {n: p for n, p in summary["parameters"].items() if "_remainder." not in n}
+    shown = ratios_told(summary) | shown
+    criteria, powers = criteria_of(summary), exponents_of(shown)
+    table = narrow_table(console, "name", *_COLUMNS)
     for name, p in shown.items():
         sd, quoted = sd_in_print(p), p["quoted_sd"]
         power = powers[name]
-        share = contraction(sd, p["prior_sd"])
         table.add_row(
             plain(name),
             number(p["mean"], sd, power),
             NOT_GIVEN if quoted is None else number(quoted, quoted, power),
             unit_text(p["unit"], power),
             number(p["prior_sd"], p["prior_sd"], power),
-            _DETERMINED[determination(share, criteria)],
+            _DETERMINED[determination_of(p, criteria)],
         )
     return table
 

@@ -32,7 +32,8 @@ class ExportedParameter:
     low, high : float
         Ends of the 90 % interval.
     determined : str
-        "determined", "partly determined" or "not determined".
+        "determined", "partly determined" or "not determined"; "only its ratio" of J where nothing
+        ties its size.
     """
 
     name: str
@@ -91,6 +92,8 @@ class ExportedResult:
         Of the draws, widened to the sds that the parameters have, in their units.
     includes_wheel_spin : bool
         Whether the parameters Jxx ... Jyz are elements of J_locked.
+    wheels : bool
+        Whether there are wheels that this makes a difference for.
     inertia_B : (3, 3) array
         J without the wheels' spin inertia [kg m^2].
     inertia_locked_B : (3, 3) array
@@ -108,6 +111,7 @@ class ExportedResult:
     parameters: tuple[ExportedParameter, ...]
     covariance: np.ndarray
     includes_wheel_spin: bool
+    wheels: bool
     inertia_B: np.ndarray
     inertia_locked_B: np.ndarray
     correction: ExportedCorrection | None = None

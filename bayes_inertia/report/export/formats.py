@@ -99,10 +99,8 @@ def _matlab_matrix(values: np.ndarray | list[list[float]]) -> str:
 def csv_text(result: ExportedResult) -> str:
     """A row a parameter, rounded where its sd has its second digit; comments begin with `#`."""
     kind = "with" if result.includes_wheel_spin else "without"
-    more = [
-        f"old: known before flight; sd: the quoted one; J {kind} the wheels' spin inertia, "
-        "elements of the tensor"
-    ]
+    spin = f" {kind} the wheels' spin inertia" if result.wheels else ""
+    more = [f"old: known before flight; sd: the quoted one; J{spin}: elements of the tensor"]
     if result.correction is not None:
         more.append(f"correction slew: {result.correction.says}")
     file = io.StringIO()
