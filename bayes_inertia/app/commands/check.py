@@ -13,7 +13,6 @@ from bayes_inertia.app.terminal import headed, narrow_table, plain_console, prin
 
 if TYPE_CHECKING:
     from bayes_inertia.campaign.campaign import Campaign
-    from bayes_inertia.campaign.slew import Slew
 
 FORMAT = "bayes-inertia-check/1"
 _COLUMNS = (
@@ -54,7 +53,7 @@ def campaign_json(campaign: Campaign) -> dict[str, Any]:
         {
             "format": FORMAT,
             "campaign": campaign.name,
-            "slews": [_slew_row(slew) for slew in campaign.slews],
+            "slews": [_slew_row(campaign, k) for k in range(len(campaign.slews))],
             "wheels": [wheel.name for wheel in campaign.wheels],
             "inertia_kgm2": inertia.tensor,
             "inertia_sd_kgm2": inertia.sd,
@@ -100,9 +99,10 @@ def _gain_in_words(device: Any) -> str:
     return f"{kind}, gain known {gain}"
 
 
-def _slew_row(slew: Slew) -> dict[str, Any]:
-    """A slew in numbers; the peak rate is None without complete readings."""
-    _, rates = slew.complete_rates()
+def _slew_row(campaign: Campaign, k: int) -> dict[str, Any]:
+    """A slew in numbers; the peak rate is that of the body, None where nothing tells it."""
+    slew, seen = campaign.slews[k], campaign.with_body_rates
+    _, rates = seen.slews[k].complete_rates()
     return {
         "name": slew.name,
         "rows": len(slew.time),
@@ -125,8 +125,8 @@ def show_campaign(campaign: Campaign) -> None:
     console.print(headed(campaign.name, f": {slews} slews, {wheels or 'no'} wheels"))
     columns = len(_COLUMNS) - (0 if wheels else 2)
     table = narrow_table(console, *_COLUMNS[:columns])
-    for slew in campaign.slews[: LAYOUT.slews_shown]:
-        table.add_row(*_slew_cells(slew)[:columns])
+    for k in range(min(slews, LAYOUT.slews_shown)):
+        table.add_row(*_slew_cells(_slew_row(campaign, k))[:columns])
     console.print(table)
     if slews > LAYOUT.slews_shown:
         console.print(f"... and {slews - LAYOUT.slews_shown} slews more (all of them with --json)")
@@ -153,8 +153,7 @@ def show_campaign(campaign: Campaign) -> None:
         console.print(sentence)
 
 
-def _slew_cells(slew: Slew) -> tuple[str, ...]:
-    row = _slew_row(slew)
+def _slew_cells(row: dict[str, Any]) -> tuple[str, ...]:
     peak = row["peak_rate_radps"]
     return (
         row["name"],
