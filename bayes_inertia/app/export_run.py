@@ -18,10 +18,17 @@ from bayes_inertia.files import write_new_files
 from bayes_inertia.flight.spacecraft import spin_tensor, without_spin
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.inertia_tensor import ELEMENTS
 from bayes_inertia.physics.effects import InertiaChange
 from bayes_inertia.physics.parameters import base_count
 from bayes_inertia.progress import Progress, silent
-from bayes_inertia.report.criteria import criteria_of, determination_of, interval_90, sd_in_print
+from bayes_inertia.report.criteria import (
+    criteria_of,
+    determination_of,
+    interval_90,
+    ratios_told,
+    sd_in_print,
+)
 from bayes_inertia.report.export.formats import (
     ExportedCorrection,
     ExportedParameter,
@@ -66,6 +73,7 @@ def exported_result(
         parameters=parameters,
         covariance=_quoted_covariance(posterior, parameters),
         includes_wheel_spin=locked,
+        wheels=bool(campaign.wheels),
         inertia_B=J,
         inertia_locked_B=J + spin_tensor(campaign.wheels),
         correction=correction,
@@ -101,18 +109,28 @@ def _exported_correction(posterior: Posterior, campaign: Campaign) -> ExportedCo
 
 
 def _quoted_covariance(posterior: Posterior, parameters: Sequence[ExportedParameter]) -> np.ndarray:
-    """Covariance of the draws, widened to the sds that are quoted."""
-    covariance = np.cov(posterior.samples, rowvar=False)
+    """Covariance of the draws, widened to the sds that are quoted; of J at its mean trace where
+    nothing ties its size.
+    """
+    samples = np.array(posterior.samples)
+    if posterior.is_scale_untied:
+        trace = samples[:, :3].sum(axis=1, keepdims=True)
+        samples[:, :6] *= trace.mean() / trace
+    covariance = np.cov(samples, rowvar=False)
     widening = np.array([p.sd for p in parameters]) / np.sqrt(np.diag(covariance))
     return covariance * np.outer(widening, widening)
 
 
 def _parameters(posterior: Posterior, summary: dict[str, Any]) -> tuple[ExportedParameter, ...]:
     criteria, tree = criteria_of(summary), posterior.tree
+    rows, known = summary["parameters"], _known(summary)
+    trace = sum(rows[name]["mean"] for name in ELEMENTS[:3])
     prior_means: Any = tree["estimate"]["prior_mean"]
     exported = []
-    for i, (name, row) in enumerate(summary["parameters"].items()):
-        low, high = interval_90(row) or (row["q05"], row["q95"])
+    for i, (name, row) in enumerate(rows.items()):
+        told = known[name]
+        size = 1.0 if told is row else trace
+        low, high = (size * end for end in interval_90(told) or (told["q05"], told["q95"]))
         # The prior of an effect's parameter may be one of its logarithm.
         drawn: Any = tree["prior"][name]
         old = float(prior_means[i]) if i < base_count(posterior.names) else float(np.median(drawn))
@@ -122,19 +140,30 @@ def _parameters(posterior: Posterior, summary: dict[str, Any]) -> tuple[Exported
                 unit=row["unit"],
                 old=old,
                 old_sd=row["prior_sd"],
-                new=row["mean"],
-                sd=sd_in_print(row),
+                new=size * told["mean"],
+                sd=size * sd_in_print(told),
                 low=low,
                 high=high,
-                determined=determination_of(row, criteria),
+                determined=determination_of(row, criteria) if told is row else "only its ratio",
             )
         )
     return tuple(exported)
 
 
+def _known(summary: dict[str, Any]) -> dict[str, Any]:
+    """The row of each parameter; of J without a size of its own, that of its ratio to the trace."""
+    ratios = ratios_told(summary)
+    return {n: ratios.get(f"{n}/trace", row) for n, row in summary["parameters"].items()}
+
+
 def _notes(summary: dict[str, Any]) -> tuple[str, ...]:
     notes = []
-    if any(row["quoted_sd"] is None for row in summary["parameters"].values()):
+    if ratios_told(summary):
+        notes.append(
+            "nothing ties the size of J, it stays the prior's: only ratios J / trace J are found; "
+            "sd, interval and covariance of J are theirs, at this trace"
+        )
+    if any(row["quoted_sd"] is None for row in _known(summary).values()):
         notes.append("no sd can be quoted: sd and interval are the model's own, and too small")
     if InertiaChange.name in summary["effects"]:
         notes.append(

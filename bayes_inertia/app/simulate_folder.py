@@ -57,7 +57,6 @@ def run_simulate(
         flight = simulate(chosen, most_like_mission(), folder, seed, hidden=hidden)
         return SimulatedFlight(flight, "the MOST-like spacecraft")
     given = read_campaign(campaign)
-    _has_wheels(given, campaign)
     (chosen,) = plans_named([plan or PAPER], given).values()
     mission = _drawn_mission(given, seed) if draw else Mission.of(given)
     flight = simulate(chosen, mission, folder, seed, hidden=hidden)
@@ -71,15 +70,6 @@ def _drawn_mission(campaign: Campaign, seed: int) -> Mission:
     rng = np.random.default_rng([seed, 3])
     craft = replace(draw_spacecraft(campaign, rng), bias=None)
     return Mission(craft, campaign.inertia)
-
-
-def _has_wheels(campaign: Campaign, folder: Path) -> None:
-    if not campaign.wheels:
-        raise CampaignError(
-            "the campaign states no wheels, which turn the spacecraft in a simulation",
-            where=str(folder / "campaign.toml"),
-            advice="add its [[wheels]]",
-        )
 
 
 def _left_out(campaign: Campaign) -> tuple[str, ...]:

@@ -131,7 +131,7 @@ def correction_with_update(
 def _can_slew(campaign: Campaign) -> bool:
     """Whether correction slews are measured, and wheels turn the spacecraft about all axes."""
     measured = campaign.star_tracker is not None and len(axis_names(campaign.rate_sensor)) == 3
-    return measured and axes_of_control(campaign.wheel_axes_B) == 3
+    return measured and axes_of_control(campaign.wheels) == 3
 
 
 def _fully_fitted_effects(estimate: Estimate) -> tuple[Effect, ...]:

@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from bayes_inertia.campaign.hardware import Wheel
 from bayes_inertia.design.feasible_region import FeasibleRegion
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.margins import broken_limits, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.errors import BayesInertiaError, DesignError
 from bayes_inertia.flight.plan import Plan, PlannedSlew
-from bayes_inertia.flight.spacecraft import Spacecraft
-from bayes_inertia.maths.values import AnyArray
+from bayes_inertia.flight.spacecraft import Spacecraft, allocation
 
 
 def require_feasible(
     spacecraft: Spacecraft, base: Plan, region: FeasibleRegion, limits: Limits, n_slews: int
 ) -> None:
     """Raise for what no plan can keep."""
-    require_three_axes(spacecraft.wheel_axes_B, DesignError)
+    require_three_axes(spacecraft.wheels, DesignError)
     smallest = PlannedSlew((1.0, 0.0, 0.0), region.angles[0], region.rate, region.acceleration)
     _require_time(replace(base, slews=(smallest,) * n_slews), limits)
     still = replace(smallest, angle=NUMERICS.negligible_angle)
@@ -31,29 +32,20 @@ def require_feasible(
         _require_end(at_end, spacecraft, limits)
 
 
-def axes_of_control(wheel_axes_B: AnyArray) -> int:
-    """About how many axes wheels turn a spacecraft.
-
-    `wheel_axes_B` (3, wheels).
+def axes_of_control(wheels: Sequence[Wheel]) -> int:
+    """About how many axes the wheels that motors drive turn a spacecraft.
 
     Examples
     --------
-    >>> axes_of_control(np.eye(3)[:, :2])
-    2
+    >>> axes_of_control([Wheel("x", (1.0, 0.0, 0.0), 1e-3)])
+    1
     """
-    return int(np.linalg.matrix_rank(wheel_axes_B, tol=1e-6)) if wheel_axes_B.size else 0
+    return int(np.linalg.matrix_rank(allocation(wheels), tol=1e-6)) if wheels else 0
 
 
-def require_three_axes(wheel_axes_B: AnyArray, error: type[BayesInertiaError]) -> None:
-    """Raise where the wheels cannot turn the spacecraft about all axes.
-
-    `wheel_axes_B` (3, wheels).
-
-    Examples
-    --------
-    >>> require_three_axes(np.eye(3), DesignError)
-    """
-    axes = axes_of_control(wheel_axes_B)
+def require_three_axes(wheels: Sequence[Wheel], error: type[BayesInertiaError]) -> None:
+    """Raise where the wheels cannot turn the spacecraft about all axes."""
+    axes = axes_of_control(wheels)
     if axes < 3:
         raise error(
             f"the wheels turn the spacecraft about {axes} of three axes",

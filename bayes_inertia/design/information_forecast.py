@@ -27,6 +27,7 @@ from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
+from bayes_inertia.flight.spacecraft import allocation
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import AnyArray, array_dataclass
 from bayes_inertia.physics.channels.rate import RateConstants
@@ -66,7 +67,7 @@ class FlightConditions(NamedTuple):
     scale: NuisanceScale  # prior sds of bias and start states
     noise: InverseNoise  # inverse noise of one sample
     environment: EnvironmentTable  # magnetic field and position on the campaign's clock
-    allocation: AnyArray  # (wheels, 3) pseudo-inverse of the wheels' axes
+    allocation: AnyArray  # (wheels, 3) shares of a torque among the wheels that motors drive
 
 
 class ForecastArrays(NamedTuple):
@@ -167,7 +168,7 @@ def conditions_of(
         data.scale,
         _inverse_noise(campaign),
         environment,
-        np.linalg.pinv(campaign.wheel_axes_B),
+        allocation(campaign.wheels),
     )
 
 

@@ -105,8 +105,8 @@ def demands(
     >>> from bayes_inertia.design.plan_arrays import slew_arrays
     >>> from bayes_inertia.flight.spacecraft import most_like_spacecraft
     >>> craft, slews = most_like_spacecraft(), slew_arrays(paper_like_plan())
-    >>> body = rigid_body(craft.inertia_B, craft.wheel_axes_B, np.full(3, 1e-3))
-    >>> motion, cones = motion_of_plan(paper_like_plan(), body), np.zeros((0, 3))
+    >>> motion = motion_of_plan(paper_like_plan(), rigid_body(craft))
+    >>> cones = np.zeros((0, 3))
     >>> used = demands(motion, slews.rotation_B, slews.acceleration, np.eye(3)[2], cones)
     >>> float(used["rate"].max().round(6))
     0.017453
@@ -142,10 +142,8 @@ def planned_margins(plan: Plan, spacecraft: Spacecraft, limits: Limits) -> tuple
     >>> [margin.limit for margin in found if not margin.kept]
     ['rate']
     """
-    spin = np.array([wheel.spin_inertia for wheel in spacecraft.wheels])
-    body = rigid_body(spacecraft.inertia_B, spacecraft.wheel_axes_B, spin)
     used = demands(
-        motion_of_plan(plan, body),
+        motion_of_plan(plan, rigid_body(spacecraft)),
         np.array([slew.angle * np.array(slew.axis_B) for slew in plan.slews]),
         np.array([slew.acceleration for slew in plan.slews]),
         hardware_limits(spacecraft).boresight_B,

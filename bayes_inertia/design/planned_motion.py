@@ -32,6 +32,7 @@ from bayes_inertia.design.plan_arrays import (
 )
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.slew_profile import angle_and_rate
+from bayes_inertia.flight.spacecraft import Spacecraft, allocation
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.jax_settings import require_usable_jax
 from bayes_inertia.maths.values import AnyArray
@@ -43,7 +44,7 @@ class RigidBody(NamedTuple):
 
     inertia_B: AnyArray  # (3, 3) J, without the wheels' spin inertia [kg m^2]
     wheel_axes_B: AnyArray  # (3, wheels) unit spin axes as columns
-    # (wheels, 3) pseudo-inverse of `wheel_axes_B`: shares a torque among the wheels.
+    # (wheels, 3) shares of a torque among the wheels that motors drive
     allocation: AnyArray
     spin_inertia: AnyArray  # (wheels,) spin inertia of each wheel [kg m^2]
 
@@ -58,19 +59,18 @@ class PlannedMotion(NamedTuple):
     total_time: Array  # () from the first row of the campaign to the last [s]
 
 
-def rigid_body(
-    inertia_B: np.ndarray, wheel_axes_B: np.ndarray, spin_inertia: np.ndarray
-) -> RigidBody:
-    """A rigid body with these wheels, its allocation included.
-
-    `inertia_B` (3, 3) [kg m^2]; `wheel_axes_B` (3, wheels); `spin_inertia` (wheels,) [kg m^2].
+def rigid_body(spacecraft: Spacecraft) -> RigidBody:
+    """A spacecraft's rigid body and wheels.
 
     Examples
     --------
-    >>> rigid_body(np.eye(3), np.eye(3), np.full(3, 1e-3)).allocation.shape
+    >>> from bayes_inertia.flight.spacecraft import most_like_spacecraft
+    >>> rigid_body(most_like_spacecraft()).allocation.shape
     (3, 3)
     """
-    return RigidBody(inertia_B, wheel_axes_B, np.linalg.pinv(wheel_axes_B), spin_inertia)
+    wheels = spacecraft.wheels
+    spin = np.array([wheel.spin_inertia for wheel in wheels])
+    return RigidBody(spacecraft.inertia_B, spacecraft.wheel_axes_B, allocation(wheels), spin)
 
 
 def motion_of_plan(plan: Plan, body: RigidBody) -> PlannedMotion:
@@ -80,7 +80,8 @@ def motion_of_plan(plan: Plan, body: RigidBody) -> PlannedMotion:
     --------
     >>> from bayes_inertia.flight.plan import PlannedSlew
     >>> one = Plan("one", (PlannedSlew((1.0, 0.0, 0.0), math.radians(30.0)),))
-    >>> body = rigid_body(np.eye(3), np.eye(3), np.full(3, 1e-3))
+    >>> from bayes_inertia.flight.spacecraft import most_like_spacecraft
+    >>> body = rigid_body(most_like_spacecraft())
     >>> round(float(motion_of_plan(one, body).total_time), 9)
     115.0
     """
@@ -101,7 +102,7 @@ def motion_of_slews(
     >>> slews = SlewArrays(jnp.array([[0.5, 0., 0.]]), *(jnp.array([x]) for x in (0.01, 1e-3)),
     ...                    jnp.array([False]), jnp.zeros(1))
     >>> times = PlanTimes(20., 33., 12., 300., 8., 1., .25)
-    >>> body = rigid_body(2.0 * np.eye(3), np.eye(3), np.full(3, 1e-3))
+    >>> body = RigidBody(2.0 * np.eye(3), np.eye(3), np.eye(3), np.full(3, 1e-3))
     >>> origin = PlanStart(jnp.array([0., 0., 0., 1.]), jnp.zeros(3))
     >>> round(float(motion_of_slews(slews, times, body, origin).wheel_torque.min()), 6)
     -0.002

@@ -108,7 +108,7 @@ def separating_slew(
         separation = separating_slew(estimate, a, b)
     """
     campaign = estimate.model.campaign
-    require_three_axes(campaign.wheel_axes_B, CampaignError)
+    require_three_axes(campaign.wheels, CampaignError)
     longest = max(slew.duration for slew in campaign.slews)
     limits = limits or Limits(rate=1.1 * campaign.largest_rate(), total_time=2.0 * longest)
     forecast, theta = forecast_separation(estimate, a, b)

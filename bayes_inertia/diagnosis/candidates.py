@@ -30,7 +30,7 @@ from bayes_inertia.inference.optimizer import re_estimate, without_effect
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import FlexibleMode, candidates_in
-from bayes_inertia.physics.forward_model import needs_gyro
+from bayes_inertia.physics.forward_model import lacks
 
 # Products of the coupling's components: xx, yy, zz, xy, xz, yz.
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -339,11 +339,9 @@ def candidate_effects(campaign: Campaign, library: Sequence[Effect]) -> Candidat
         for name, columns in missing.items()
         if columns
     )
-    if campaign.rate_sensor is None:
-        of_gyro = [effect.name for effect in library if needs_gyro(effect)]
-        missing |= {name: ["rate"] for name in of_gyro}
-        skipped += tuple((name, "needs a rate sensor") for name in of_gyro)
-    usable = [effect for effect in library if not missing[effect.name]]
+    lacking = {effect.name: part for effect in library if (part := lacks(effect, campaign))}
+    skipped += tuple((name, f"needs {part}") for name, part in lacking.items())
+    usable = [e for e in library if not missing[e.name] and e.name not in lacking]
     return CandidateEffects(
         tuple(effect for effect in usable if not isinstance(effect, FlexibleMode)),
         next((effect for effect in usable if isinstance(effect, FlexibleMode)), None),

@@ -21,7 +21,7 @@ from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
-from bayes_inertia.flight.spacecraft import Controller, Spacecraft
+from bayes_inertia.flight.spacecraft import Controller, Spacecraft, allocation
 from bayes_inertia.physics.channels import channels_of
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.integration_plan import integration_plan
@@ -189,7 +189,8 @@ def start_states(
             advice="give one a wheel",
         )
     total_N = attitudes[0].apply(G @ h)  # scipy's rotation takes body vectors to inertial ones
-    momentum = h + (attitudes.apply(total_N, inverse=True) - G @ h) @ np.linalg.pinv(G).T
+    left = attitudes.apply(total_N, inverse=True) - G @ h
+    momentum = h + left @ allocation(spacecraft.wheels).T
     shape = (2, len(plan.slews), 3)
     rest_errors = np.zeros(shape) if rng is None else rng.normal(size=shape)
     aimed = attitudes * Rotation.from_rotvec(controller.rest_attitude_sigma * rest_errors[1])
@@ -266,7 +267,7 @@ def control_law(spacecraft: Spacecraft, controller: Controller) -> ControlLaw:
         scale_factor=jnp.asarray(controller.scale_factor),
         rate_axes_inverse=jnp.asarray(np.linalg.inv(sensor.axes)),
         wheel_axes_B=jnp.asarray(G),
-        allocation=jnp.asarray(np.linalg.pinv(G)),
+        allocation=jnp.asarray(allocation(spacecraft.wheels)),
         spin_inertia=jnp.asarray([w.spin_inertia for w in spacecraft.wheels]),
         max_torque=jnp.asarray([w.max_torque or NUMERICS.no_limit for w in spacecraft.wheels]),
         stiffness=jnp.asarray(controller.bandwidth**2),

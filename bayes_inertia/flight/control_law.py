@@ -73,7 +73,7 @@ class ControlLaw(NamedTuple):
     wheel_axes_B : (3, wheels) array
         Unit spin axes as columns.
     allocation : (wheels, 3) array
-        Pseudo-inverse of `wheel_axes_B`.
+        Shares of a torque among the wheels that motors drive.
     spin_inertia : (wheels,) array
         Spin inertia of each wheel [kg m^2].
     max_torque : (wheels,) array

@@ -9,7 +9,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import require
 from bayes_inertia.flight.plan import Plan, PlannedSlew
-from bayes_inertia.flight.spacecraft import Spacecraft, without_spin
+from bayes_inertia.flight.spacecraft import Spacecraft, allocation, without_spin
 
 
 def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
@@ -20,9 +20,10 @@ def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
     flight.
     """
     campaign = campaign.without_locked_wheels()
-    for wheel in campaign.wheels:
-        what, advice = "the wheel spins freely", "plans fly wheels that motors drive: leave it out"
-        require(wheel.state == "running", f"wheels.{wheel.name}.state", what, advice)
+    turned_by = ", ".join(device.name for device in campaign.actuators) or "nothing"
+    what = f"plans fly wheels that motors drive, and {turned_by} turns this spacecraft"
+    advice = "`observe` and `fit` take whatever turns it"
+    require(bool(allocation(campaign.wheels).any()), "wheels", what, advice)
     J = np.array(
         [
             [theta[0], theta[3], theta[4]],
@@ -52,7 +53,8 @@ def devices_at_rest(campaign: Campaign) -> tuple[str, ...]:
     names = [wheel.name for wheel in campaign.wheels if wheel.state == "locked"]
     names += [name for name, _ in campaign.more_sensors]
     names += [device.name for device in (*campaign.actuators, *campaign.changes)]
-    flying = "wheels, the first rate sensor and the first star tracker fly; left out: "
+    tracker = " and the first star tracker" if campaign.star_tracker else ""
+    flying = f"wheels, the first rate sensor{tracker} fly; left out: "
     return (flying + ", ".join(names),) if names else ()
 
 

@@ -236,6 +236,20 @@ def most_like_prior() -> InertiaPrior:
     return InertiaPrior(tensor, 0.04, 0.03)
 
 
+def allocation(wheels: Sequence[Wheel]) -> np.ndarray:
+    """Shares of a torque among the wheels: the pseudo-inverse of the axes that motors drive.
+
+    Returns (wheels, 3): zero for a wheel that spins freely or is locked.
+
+    Examples
+    --------
+    >>> bool(allocation([Wheel("y", (0., 1., 0.), 1e-3, state="free")]).any())
+    False
+    """
+    driven = [w.axis_B if w.state == "running" else (0.0, 0.0, 0.0) for w in wheels]
+    return np.linalg.pinv(np.array(driven).reshape(-1, 3).T)
+
+
 def spin_tensor(wheels: Sequence[Wheel]) -> np.ndarray:
     """Difference of J_locked and J: the sum of Js g g^T over all wheels.
 

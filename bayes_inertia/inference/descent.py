@@ -5,7 +5,8 @@ wheel momentum that nothing measures. Without external torque the total momentum
 with U the integral of the wheel torques, is constant in inertial space. Seen from the body,
 J (w(t) - w(0)) + A U(t) + integral of w x (J w + A U) = -(integral of w) x A h: linear in the
 momentum h at the beginning. From there the simulation is near the data; from zero momentum most
-descents lose their way.
+descents lose their way. Of a body that nothing turns the same balance, J w - J w(0) + integral of
+w x J w = 0, gives J and K to begin from.
 
 Programs of a model with stochastic effects compile meanwhile: the compiler needs no interpreter
 lock, and a program that two threads want is compiled once.
@@ -19,7 +20,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-from scipy import integrate
+from scipy import integrate, optimize
 
 from bayes_inertia.campaign.hardware import body_rates
 from bayes_inertia.errors import EstimateError
@@ -155,27 +156,36 @@ def guess_nuisances(model: Model, theta: np.ndarray) -> np.ndarray:
     return local
 
 
+def _integrated(values: np.ndarray, time: np.ndarray) -> np.ndarray:
+    return integrate.cumulative_trapezoid(values, time, axis=0, initial=0.0)
+
+
+def _unexplained(time: np.ndarray, rate: np.ndarray, momentum: np.ndarray) -> np.ndarray:
+    """Momentum (n, 3) that a body with these rates and this momentum (n, 3) gained from outside."""
+    return momentum - momentum[0] + _integrated(np.cross(rate, momentum), time)
+
+
+def _rows_and_rates(model: Model, K: np.ndarray, s: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (n,) of slew s with complete readings, and its body rates there (n, 3) [rad/s]."""
+    campaign = model.campaign.with_body_rates
+    rows, readings = campaign.slews[s].complete_rates(campaign.valid_readings(campaign.slews[s]))
+    K = K if campaign is model.campaign else np.ones(3)
+    return rows, body_rates(campaign.gyro, readings, K)
+
+
 def _start_momentum(
     model: Model, J: np.ndarray, scale_factor: np.ndarray, s: int, prior_sd: np.ndarray
 ) -> np.ndarray:
     """Wheel momentum (wheels,) at the start of slew s beyond the reference, in prior sd."""
-    campaign = model.campaign.with_body_rates
-    slew, sensor, axes = campaign.slews[s], campaign.gyro, campaign.wheel_axes_B
-    scale_factor = scale_factor if campaign is model.campaign else np.ones(3)
-    rows, readings = slew.complete_rates(campaign.valid_readings(slew))
+    slew, axes = model.campaign.slews[s], model.campaign.wheel_axes_B
+    rows, rate = _rows_and_rates(model, scale_factor, s)
     if len(rows) < 2:
         return np.zeros(len(prior_sd))
-
-    def integrated(values: np.ndarray, time: np.ndarray) -> np.ndarray:
-        return integrate.cumulative_trapezoid(values, time, axis=0, initial=0.0)
-
     time = slew.time[rows]
-    rate = body_rates(sensor, readings, scale_factor)
-    taken_up = integrated(np.asarray(slew.wheel_torque), slew.time)[rows]
+    taken_up = _integrated(np.asarray(slew.wheel_torque), slew.time)[rows]
     reference = np.asarray(model.data.arrays.reference.wheel_momentum)[s]
-    known = rate @ J + (taken_up + reference) @ axes.T
-    unexplained = known - known[0] + integrated(np.cross(rate, known), time)
-    turned = integrated(rate, time)
+    unexplained = _unexplained(time, rate, rate @ J + (taken_up + reference) @ axes.T)
+    turned = _integrated(rate, time)
     columns = np.cross(turned[:, :, None], (axes * prior_sd)[None], axis=1)
     # What no momentum explains comes from errors of J and K, alike over the slew: all its rows
     # count as one. Momentum along the axis of the slew, which leaves hardly a trace, is then left
@@ -185,6 +195,33 @@ def _start_momentum(
     weight = float(np.sum(scatter**2)) + 1e-300
     normal = columns.T @ columns + weight * np.eye(len(prior_sd))
     return -np.linalg.solve(normal, columns.T @ unexplained)
+
+
+def _balanced(model: Model, theta: np.ndarray) -> np.ndarray:
+    """J and K near which a body that nothing turns keeps its momentum, as the rates show it.
+
+    `theta` (d,); of other bodies it is returned as it is. From a J that is some per cent wrong a
+    simulated tumble soon turns the other way; this balance needs no simulation.
+    """
+    if model.campaign.wheels or model.campaign.actuators:
+        return theta
+    n, mean, sd = model.n_base, model.space.mean[: model.n_base], model.space.sd[: model.n_base]
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        J, K = inertia_tensor.tensor(mean[:6] + sd[:6] * x[:6]), mean[6:] + sd[6:] * x[6:]
+        parts = [x]
+        for s, slew in enumerate(model.campaign.slews):
+            rows, rate = _rows_and_rates(model, K, s)
+            momentum = rate @ np.asarray(J)
+            size = LIMITS.balance * np.linalg.norm(momentum, axis=1).max(initial=1e-300)
+            gained = _unexplained(slew.time[rows], rate, momentum) if len(rows) else momentum
+            parts.append(gained.ravel() / size)
+        return np.concatenate(parts)
+
+    start = (theta[:n] - mean) / sd
+    found = np.array(theta)
+    found[:n] = mean + sd * optimize.least_squares(residual, start).x
+    return found if inertia_tensor.is_physical(found[:6]) else theta
 
 
 def gentle_descents(
@@ -257,6 +294,8 @@ def _gentle_descent(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[
     weights = np.full((model.n_slews, len(model.channels)), LIMITS.gentle_weight)
     white = discounted(whitening(model, theta), weights)
     core = free[free < model.n_base]
+    if np.array_equal(core, np.arange(model.n_base)):
+        theta = _balanced(model, theta)
     first = Point(theta, np.zeros(model.n_bias), guess_nuisances(model, theta))
     point, objective = descend(model, first, white, core, **LIMITS.gentle_stop)
     if np.any(first.local):

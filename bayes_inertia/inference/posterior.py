@@ -24,6 +24,7 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.likelihood_summary import LikelihoodSummary, summary_of
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.inertia_tensor import ELEMENTS
 from bayes_inertia.maths.printed import Card, parameter_lines, parameter_text, shown_as
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.parameters import base_count
@@ -60,6 +61,13 @@ def sd_of_interval(low: Any, high: Any) -> Any:
     An average over models has long thin tails, which rule its sd and not what holds 90 %.
     """
     return (high - low) / (2.0 * stats.norm.isf(0.05))
+
+
+def _ratio_draws(J: np.ndarray) -> dict[str, np.ndarray]:
+    """Elements (n, 6) of J over the trace, and principal moments over the largest."""
+    moments = np.asarray(inertia_tensor.principal_moments(J))
+    draws = {f"{n}/trace": J[:, i] / J[:, :3].sum(axis=1) for i, n in enumerate(ELEMENTS)}
+    return draws | {f"I{i + 1}/I3": moments[:, i] / moments[:, 2] for i in (0, 1)}
 
 
 def _card(posterior: Posterior) -> Card:
@@ -342,7 +350,7 @@ class Posterior:
         contraction = 1.0 - (sd / prior_sd) ** 2
         q05, q50, q95 = (float(q) for q in np.quantile(draws, [0.05, 0.5, 0.95]))
         # An sd of the size of J would be the prior's.
-        untied = self.is_scale_untied and name in inertia_tensor.ELEMENTS
+        untied = self.is_scale_untied and name in ELEMENTS
         return {
             "mean": q50 if self._is_averaged(name) else float(draws.mean()),
             "sd": sd,
@@ -368,16 +376,21 @@ class Posterior:
 
     def _ratios(self) -> dict[str, Any]:
         """Elements of J over its trace, and ratios of the principal moments."""
-        J = self.averaged_samples[:, :6]
-        trace, moments = J[:, :3].sum(axis=1), np.asarray(inertia_tensor.principal_moments(J))
-        draws = {f"{n}/trace": J[:, i] / trace for i, n in enumerate(inertia_tensor.ELEMENTS)}
-        draws |= {f"I{i + 1}/I3": moments[:, i] / moments[:, 2] for i in (0, 1)}
+        prior: Any = self.tree["prior"]
+        before = _ratio_draws(np.stack([prior[n].values.ravel() for n in ELEMENTS], axis=-1))
         rows = {}
-        for name, values in draws.items():
+        for name, values in _ratio_draws(self.averaged_samples[:, :6]).items():
             q05, q50, q95 = (float(q) for q in np.quantile(values, _NINETY))
-            row = {"mean": float(values.mean()), "sd": float(values.std(ddof=1)), "unit": ""}
-            quoted = {"quoted_sd": self._quoted(q05, q95, 0.0), "q05": q05, "q50": q50, "q95": q95}
-            rows[name] = row | quoted
+            rows[name] = {
+                "mean": q50 if "averaged" in self.tree else float(values.mean()),
+                "sd": float(values.std(ddof=1)),
+                "quoted_sd": self._quoted(q05, q95, 0.0),
+                "q05": q05,
+                "q50": q50,
+                "q95": q95,
+                "unit": "",
+                "prior_sd": float(before[name].std(ddof=1)),
+            }
         return rows
 
     def _is_averaged(self, name: str) -> bool:
@@ -424,7 +437,9 @@ class Posterior:
             f"I{i + 1}": {
                 "mean": float(middle(draws[:, i])),
                 "sd": float(sd[i]),
-                "quoted_sd": self._quoted(float(ends[0, i]), float(ends[1, i]), float(beyond[i])),
+                "quoted_sd": None
+                if self.is_scale_untied
+                else self._quoted(float(ends[0, i]), float(ends[1, i]), float(beyond[i])),
                 "robust_sd": float(robust[i]) if np.isfinite(robust[i]) else None,
                 "unit": "kg m^2",
             }

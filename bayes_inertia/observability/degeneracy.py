@@ -8,8 +8,9 @@ identifiability; Wensing et al. 2018).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from bayes_inertia.inference.objective import as_matrix, prior_equations, prior_
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.observability.limits import LIMITS
+from bayes_inertia.physics.actuators import ties_of_scale
 
 _GAIN_PREFIX = "wheel_torque_gain."
 
@@ -30,7 +32,7 @@ class Degeneracy:
     Parameters
     ----------
     name : str
-        "common wheel gain", "wheel at rest", "single axis", "single plane", "no wheels" or
+        "common wheel gain", "size of J", "wheel at rest", "single axis", "single plane" or
         "no attitude".
     exact : bool
         Whether nothing at all tells, as opposed to weak terms.
@@ -98,10 +100,11 @@ def _sum(names: Sequence[str], weights: np.ndarray, index: list[int]) -> str:
 
 
 def stated_degeneracies(estimate: Estimate) -> tuple[Degeneracy, ...]:
-    """Degeneracies by the campaign's layout."""
-    has_wheels = bool(estimate.model.campaign.wheels)
+    """Degeneracies by the campaign's layout, each with a number where the fit holds both sides."""
+    ties = ties_of_scale(estimate.model.campaign)
+    only_wheels = [tie["device"] for tie in ties] == ["wheels"]
     return (
-        _common_gain(estimate) if has_wheels else _no_wheels(estimate),
+        _common_gain(estimate) if only_wheels else _size_of_J(estimate, ties),
         *_resting_wheels(estimate),
         *_unturned_axes(estimate),
         *_no_attitude(estimate),
@@ -204,16 +207,32 @@ def _common_gain(estimate: Estimate) -> Degeneracy:
     return Degeneracy("common wheel gain", exact, not told, concerned, ratio, says)
 
 
-def _no_wheels(estimate: Estimate) -> Degeneracy:
+def _size_of_J(estimate: Estimate, ties: Sequence[Mapping[str, Any]]) -> Degeneracy:
+    """What ties the size of J, beside wheels or without them; nothing turns a free body."""
+    if ties:
+        known = [
+            f"known to {100 * x['relative_sd']:.2g} %" if x["relative_sd"] else "" for x in ties
+        ]
+        said = " and the ".join(
+            f"{tie['by']} of {tie['device']}, {sd or 'taken as exact'}"
+            for tie, sd in zip(ties, known, strict=True)
+        )
+        says = (
+            f"The size of J is tied by the {said}: an error common to all of it is that error "
+            "of all of J. What is taken as exact is in no sd."
+        )
+        concerned = (*inertia_tensor.ELEMENTS, *(f"{tie['device']}.gain" for tie in ties))
+        concerned = tuple(name for name in _free_names(estimate) if name in concerned)
+        return Degeneracy("size of J", False, any(known), concerned, None, says)
     part, information = _scale_direction(estimate), data_information(estimate)
     typical = float(np.trace(information[:6, :6]) * (part @ part) / 6.0)
     ratio = float(max(part @ information @ part, 0.0) / typical) if typical > 0 else 0.0
     says = (
-        "There are no wheels: a body that turns freely shows the ratios of J's elements "
+        "Nothing of known size turns the body: it shows the ratios of J's elements "
         "and never their size, which stays as the prior says."
     )
     exact = ratio < LIMITS.exact_below
-    return Degeneracy("no wheels", exact, True, inertia_tensor.ELEMENTS, ratio, says)
+    return Degeneracy("size of J", exact, True, inertia_tensor.ELEMENTS, ratio, says)
 
 
 def _resting_wheels(estimate: Estimate) -> list[Degeneracy]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_inertia.maths.inertia_tensor import ELEMENTS
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.observability.limits import LIMITS
 from bayes_inertia.observability.result import (
@@ -28,17 +29,33 @@ def answer(observability: Observability) -> str:
     """Which parameters a campaign determines, and which slew alone carries which of them."""
     groups: dict[str, list[str]] = {words: [] for words in VERDICTS.values()}
     carried: dict[str, list[str]] = {slew: [] for slew in observability.slews}
+    untied = is_size_untied(observability)
     for p in observability.parameters:
-        groups[VERDICTS[p.verdict]].append(p.name)
+        if not (untied and p.name in ELEMENTS):
+            groups[VERDICTS[p.verdict]].append(p.name)
         by_slew = p.share.sum(1)
         if len(by_slew) > 1 and by_slew.max() > LIMITS.carried:
             carried[observability.slews[int(np.argmax(by_slew))]].append(p.name)
     told = [f"{words}: {', '.join(names)}" for words, names in groups.items() if names]
+    if untied:
+        told.insert(0, "of J only its ratios are determined, its size is the prior's")
     if len(groups[VERDICTS["determined"]]) == len(observability.parameters):
         told = [f"all {len(observability.parameters)} parameters are determined"]
     carries = [f"{slew} carries {', '.join(names)}" for slew, names in carried.items() if names]
     said = f"{'; '.join([*told, *carries])}."
     return said[0].upper() + said[1:]
+
+
+def is_size_untied(observability: Observability) -> bool:
+    """Whether nothing tells the absolute size of J, so that only its ratios are determined."""
+    return any(d.name == "size of J" and d.exact for d in observability.degeneracies)
+
+
+def verdict_of(observability: Observability, p: ParameterObservability) -> str:
+    """How far the data determine a parameter, in words."""
+    if p.name in ELEMENTS and is_size_untied(observability):
+        return "only its ratio"
+    return VERDICTS[p.verdict]
 
 
 def sentence(observability: Observability, name: str) -> str:

@@ -16,6 +16,7 @@ from jax import Array
 
 from bayes_inertia.physics.parameters import Parameter
 from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory
+from bayes_inertia.physics.slew_input import InputRows
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -229,6 +230,27 @@ class Effect:
             The same, changed [N m].
         """
         return torque
+
+    def delivered_inputs(
+        self, p: Mapping[str, Array], slew: SlewContext, inputs: Mapping[str, InputRows]
+    ) -> Mapping[str, InputRows]:
+        """What devices do for what they were told.
+
+        Parameters
+        ----------
+        p : mapping of str to Array
+            The effect's parameters.
+        slew : SlewContext
+            The slew it acts in.
+        inputs : mapping of str to InputRows
+            By the names of `Slew.inputs`: a straight line over each grid interval.
+
+        Returns
+        -------
+        mapping of str to InputRows
+            The same, changed.
+        """
+        return inputs
 
     # --- in the equations of motion ------------------------------------------------------------
     def wheel_torque(

@@ -108,6 +108,15 @@ def prepare(
     return MassProperties(inverse, locked, axes, context.spin_inertia), state, torque
 
 
+def with_delivered_inputs(slew: SlewInput, active: ActiveEffects) -> SlewInput:
+    """The slew with what its devices do, where effects make that another than they were told."""
+    inputs = slew.inputs
+    for effect, p in active:
+        if inputs is not None:
+            inputs = effect.delivered_inputs(p, slew.context, inputs)
+    return slew._replace(inputs=inputs)
+
+
 def rate_and_wheel_momentum(
     state: SlewState, mass: MassProperties, context: SlewContext, active: ActiveEffects
 ) -> tuple[Array, Array]:

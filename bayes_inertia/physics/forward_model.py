@@ -11,6 +11,7 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import StarTracker
 from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.maths import inertia_tensor
@@ -39,6 +40,7 @@ from bayes_inertia.physics.parameters import (
 )
 from bayes_inertia.physics.prediction import Structure, predict_all
 from bayes_inertia.physics.random_inputs import coefficient_counts
+from bayes_inertia.physics.simulator import BODY_HOOKS, LOOKING_BACK, WHEEL_HOOKS
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.slow_tachometers import FreeMomentum, free_momentum
 from bayes_inertia.physics.stated_noise import stated_noise
@@ -251,6 +253,17 @@ def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> Non
 def needs_gyro(effect: Effect) -> bool:
     """Whether an effect is one of the rate sensor."""
     return effect.acts("rate_output")
+
+
+def lacks(effect: Effect, campaign: Campaign) -> str:
+    """What an effect acts on and a campaign does not have, in words; empty if it can act."""
+    if campaign.rate_sensor is None and needs_gyro(effect):
+        return "a rate sensor"
+    trackers = any(isinstance(sensor, StarTracker) for sensor in campaign.sensors.values())
+    hooks = {hook for hook in (*BODY_HOOKS, *LOOKING_BACK) if effect.acts(hook)}
+    if hooks == {"attitude_output"} and not trackers:
+        return "a star tracker"
+    return "wheels" if hooks and hooks <= WHEEL_HOOKS and not campaign.wheels else ""
 
 
 def _check_acts(effect: Effect, campaign: Campaign) -> None:

@@ -37,6 +37,7 @@ from bayes_inertia.physics.equations_of_motion import (
     prepare,
     rate_components,
     rate_of_momentum,
+    with_delivered_inputs,
 )
 from bayes_inertia.physics.motion_step import StepInputs, state_slope, wheel_momentum_at
 from bayes_inertia.physics.numerics import NUMERICS
@@ -61,7 +62,16 @@ MOVING_HOOKS = (
     "carried_momentum",
 )
 # Hooks that decide how the body and its wheels move: all that the simulator calls.
-BODY_HOOKS = ("inertia", "wheel_axes", "delivered_torque", *MOVING_HOOKS, "state_rate")
+BODY_HOOKS = (
+    "inertia",
+    "wheel_axes",
+    "delivered_torque",
+    "delivered_inputs",
+    *MOVING_HOOKS,
+    "state_rate",
+)
+# Hooks that do nothing without wheels.
+WHEEL_HOOKS = frozenset({"wheel_axes", "delivered_torque", "wheel_torque", "momentum_output"})
 # Hooks that are given the whole slew, and may look between its rows.
 LOOKING_BACK = ("rate_output", "attitude_output", "momentum_output", "direction_output")
 
@@ -92,7 +102,7 @@ def simulate_slew(
     [0.1, 0.1, 0.1]
     """
     active = ActiveEffects() if active is None else active
-    context = slew.context
+    slew, context = with_delivered_inputs(slew, active), slew.context
     mass, state, torque = prepare(slew, start, inertia_B, active, drive)
     known = known_momentum(slew, torque, drive, rows_per_step)
     if active.act(*MOVING_HOOKS):

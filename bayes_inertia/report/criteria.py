@@ -113,6 +113,11 @@ def sd_in_print(row: Mapping[str, Any]) -> float:
     return row["sd"] if row["quoted_sd"] is None else row["quoted_sd"]
 
 
+def ratios_told(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """Rows of J over its trace and of principal ratios; none where something ties the size of J."""
+    return dict(summary["ratios"]) if summary.get("scale_of_J") == [] else {}
+
+
 def exponents_of(*tables: Mapping[str, Mapping[str, Any]]) -> dict[str, int]:
     """Powers of ten that rows of summaries are printed in, one for all parameters of a kind.
 

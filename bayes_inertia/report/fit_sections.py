@@ -16,10 +16,11 @@ from bayes_inertia.report.criteria import (
     contraction,
     contraction_text,
     criteria_of,
-    determination,
+    determination_of,
     exponents_of,
     interval_90,
     names_by_determination,
+    ratios_told,
     sd_in_print,
 )
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
@@ -202,7 +203,8 @@ def parameters_section(posterior: Posterior) -> Section:
     """The table of parameters and principal moments, prior against posterior."""
     summary, criteria = posterior.summary(), criteria_of(posterior.attributes)
     prior_mean = values_of(posterior, "estimate", "prior_mean")
-    powers = exponents_of(summary["parameters"] | summary["derived"])
+    further = ratios_told(summary) | summary["derived"]
+    powers = exponents_of(summary["parameters"] | further)
     rows = [
         _parameter_row(name, row, powers[name], float(center), criteria)
         for (name, row), center in zip(summary["parameters"].items(), prior_mean, strict=True)
@@ -210,8 +212,10 @@ def parameters_section(posterior: Posterior) -> Section:
     pictures = captioned("priors", draw_priors(posterior), folded=True)
     context = {
         "rows": rows,
-        "moments": [
-            _value_cells(name, row, powers[name]) for name, row in summary["derived"].items()
+        "further": [
+            _value_cells(name, row, powers[name])
+            | {"meaning": "ratio" if "/" in name else "principal moment of inertia"}
+            for name, row in further.items()
         ],
         "trusted": posterior.trusted,
         "quoted": posterior.quoted_factor is not None,
@@ -246,7 +250,7 @@ def _parameter_row(
         "meaning": meaning(name),
         "prior": f"{prior} ± {prior_sd}",
         "contraction": contraction_text(share, criteria),
-        "determined": determination(share, criteria),
+        "determined": determination_of(row, criteria),
     }
 
 
@@ -365,9 +369,9 @@ def level_of(summary: Mapping[str, Any], verdicts: list[Verdict]) -> Level:
 
 def _ratio_matrix(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
     """J over its trace, first where nothing ties its size."""
-    if summary.get("scale_of_J") != []:
+    ratios = ratios_told(summary)
+    if not ratios:
         return []
-    ratios = summary["ratios"]
     return [_matrix("J / trace J", [[ratios[f"{n}/trace"] for n in line] for line in _TENSOR])]
 
 

@@ -12,7 +12,7 @@ from bayes_inertia.observability.result import (
     ParameterObservability,
     commands_worth,
 )
-from bayes_inertia.observability.sentences import VERDICTS, answer, sentence
+from bayes_inertia.observability.sentences import answer, sentence, verdict_of
 from bayes_inertia.report.formatting import (
     NOT_GIVEN,
     listed,
@@ -101,7 +101,7 @@ def _row(
         f"{observability.slews[best]}, {100.0 * by_slew[best]:.0f} %",
         f"× {np.sqrt(p.variance_inflation):.1f}",
         NOT_GIVEN if worth is None else f"× {worth:.1f}",
-        VERDICTS[p.verdict],
+        verdict_of(observability, p),
     )
 
 

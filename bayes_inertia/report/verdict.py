@@ -17,6 +17,7 @@ from bayes_inertia.report.criteria import (
     channel_verdict,
     criteria_of,
     names_by_determination,
+    ratios_told,
     sd_in_print,
 )
 from bayes_inertia.report.formatting import channel_name, two_digits, unit_text
@@ -72,7 +73,7 @@ def fit_verdict(summary: Mapping[str, Any], n_slews: int) -> Verdict:
             if name in failed - {"converged", "explained"}
         ],
         "starts": fit["starts_agreeing"],
-        "undetermined": names_by_determination(summary["parameters"], criteria)["not determined"],
+        "undetermined": _undetermined(summary),
         "causes": averaged_over(summary),
         "alone": _on_one_slew(summary["parameters"]),
     }
@@ -205,7 +206,7 @@ def _misfit(summary: Mapping[str, Any]) -> list[str]:
 def _undetermined(summary: Mapping[str, Any]) -> list[str]:
     """Parameters that stay at their prior; where nothing ties the size of J, not those of J."""
     names = names_by_determination(summary["parameters"], criteria_of(summary))["not determined"]
-    return [n for n in names if n not in ELEMENTS] if summary.get("scale_of_J") == [] else names
+    return [n for n in names if n not in ELEMENTS] if ratios_told(summary) else names
 
 
 def _accuracy(summary: Mapping[str, Any]) -> str:
@@ -218,7 +219,7 @@ def _accuracy(summary: Mapping[str, Any]) -> str:
         ("products of inertia", _is_product, _in_unit),
         ("K", is_scale_factor, _percent),
     )
-    said = [_ratios_to(summary)] if summary.get("scale_of_J") == [] else []
+    said = [_ratios_to(summary)] if ratios_told(summary) else []
     for label, belongs, text in kinds:
         members = [row for name, row in known.items() if belongs(name)]
         if members:

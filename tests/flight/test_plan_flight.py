@@ -12,7 +12,10 @@ import numpy as np
 import pytest
 
 import bayes_inertia
+from bayes_inertia.campaign.hardware import Wheel
 from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.design.limits import Limits
+from bayes_inertia.design.margins import flown_margins, planned_margins
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.flight.follow_on import devices_at_rest, following_plan, spacecraft_at
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
@@ -232,6 +235,20 @@ def test_a_locked_wheel_is_a_part_of_the_body_that_flies():
     np.testing.assert_array_equal(craft.inertia_B, campaign.inertia.tensor)
     assert len(following_plan(campaign).wheel_momentum) == 2
     assert devices_at_rest(campaign)[0].endswith("left out: z")
-    free = replace(campaign, wheels=(*state[:2], replace(state[2], state="free")))
-    with pytest.raises(CampaignError, match=r"wheels.z.state: the wheel spins freely"):
-        spacecraft_at(free, theta)
+    undriven = replace(campaign, wheels=tuple(replace(w, state="free") for w in campaign.wheels))
+    with pytest.raises(CampaignError, match="wheels that motors drive, and nothing turns this"):
+        spacecraft_at(undriven, theta)
+
+
+def test_a_wheel_that_spins_freely_keeps_its_momentum_and_the_others_turn_the_body(mission, craft):
+    free = Wheel("skew", tuple(DIAGONAL), 2e-3, state="free")
+    craft = replace(craft, wheels=(*craft.wheels, free))
+    plan = replace(paper_like_plan(), wheel_momentum=(0.02, 0.01, -0.01, 0.06))
+    flight = fly(plan, replace(mission, spacecraft=craft), 3)
+    for slew, path in zip(flight.campaign.slews, flight.truth, strict=True):
+        assert not slew.wheel_torque[:, 3].any()
+        absolute = path.wheel_momentum[:, 3] + 2e-3 * path.rate_B @ DIAGONAL
+        assert np.ptp(absolute) < 1e-12
+    asked = [margin.used for margin in planned_margins(plan, craft, Limits())]
+    flown = [margin.used for margin in flown_margins(flight, Limits())]
+    assert flown == pytest.approx(asked, rel=0.15)

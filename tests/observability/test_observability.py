@@ -228,7 +228,7 @@ def test_without_wheels_the_size_of_the_tensor_is_exactly_degenerate(flown):
     free = observe(
         optimizer.estimate(Model(replace(flown.campaign, wheels=(), slews=tuple(slews))), starts=1)
     )
-    stated = next(d for d in free.degeneracies if d.name == "no wheels")
+    stated = next(d for d in free.degeneracies if d.name == "size of J")
     assert stated.exact
     assert stated.information_ratio < 1e-9
     assert [d.exact for d in free.directions] == [True] + [False] * 8

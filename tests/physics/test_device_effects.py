@@ -70,6 +70,7 @@ def test_every_kind_is_tried_for_every_device(equipped):
     assert {f"{kind}[{gyro}]" for kind in of_gyro for gyro in ("fog", "mems")} <= set(names)
     assert {"offset[magnetometer]", "scale[magnetometer]", "delay[sun]"} <= set(names)
     assert {"gain[torquers]", "direction[jets]", "gain[push]", "shift[tracker 2]"} <= set(names)
+    assert {"delay[torquers]", "delay[jets]", "each_gain[jets]"} <= set(names)
     # A direction has no size, an old name stands for the first of several only.
     assert not {"offset[sun]", "rate_sensor_delay", "star_tracker_shift"} & set(names)
     assert len(set(names)) == len(names)
@@ -120,6 +121,61 @@ def test_the_gain_of_a_device_is_that_of_its_record(equipped):
         predicted.append(model.predict(theta))
     for channel, values in predicted[0].items():
         np.testing.assert_allclose(predicted[1][channel], values, rtol=1e-9, atol=1e-13)
+
+
+def test_gains_of_each_are_those_of_the_record(equipped):
+    doubtful = replace(equipped.actuators[1], each_gain_sigma=0.02)
+    actuators = (equipped.actuators[0], doubtful, equipped.actuators[2])
+    by_record = Model(replace(equipped, actuators=actuators))
+    by_effect = Model(equipped, by_name(["each_gain[jets]"]))
+    gains = np.linspace(0.9, 1.1, 6)
+    predicted = []
+    for model, name in (
+        (by_record, "jets.each_gain_1"),
+        (by_effect, "each_gain[jets].each_gain_1"),
+    ):
+        theta, first = np.array(model.space.nulls), model.space.names.index(name)
+        theta[first : first + 6] = gains
+        predicted.append(model.predict(theta))
+    for channel, values in predicted[0].items():
+        np.testing.assert_allclose(predicted[1][channel], values, rtol=1e-9, atol=1e-13)
+
+
+@pytest.mark.parametrize("between", ["hold", "line"])
+@pytest.mark.parametrize("tau", [0.0, 0.3, 1.7])
+def test_a_delayed_device_does_what_one_does_that_is_told_later(equipped, between, tau):
+    def told(late):
+        def moved(x):
+            return InputStream(x.time + late, x.values, between)
+
+        inputs = [{k: moved(x) for k, x in s.inputs.items()} for s in equipped.slews]
+        slews = (replace(s, inputs=x) for s, x in zip(equipped.slews, inputs, strict=True))
+        return replace(equipped, slews=tuple(slews))
+
+    devices = ("torquers", "jets", "push")
+    model = Model(told(0.0), by_name([f"delay[{name}]" for name in devices]))
+    theta = np.array(model.space.nulls)
+    theta[-3:] = tau
+    later = Model(told(tau))
+    found, expected = model.predict(theta), later.predict(later.space.nulls)
+    plain = model.predict(model.space.nulls)
+    for channel in ("rate", "attitude", "momentum"):
+        moved = np.abs(expected[channel] - plain[channel]).max()
+        # A step's mean torque stands for its torque: a jump of 2e-4 N m on 2 kg m^2 within a step
+        # of 1 s turns the body by 1e-5 rad at most, a hundredth of what the delays do here.
+        np.testing.assert_allclose(found[channel], expected[channel], atol=0.01 * moved + 1e-13)
+
+
+def test_effects_of_absent_parts_are_no_candidates():
+    plain = small_campaign()
+    slews = [replace(s, attitude=None, wheel_torque=None, wheel_momentum=None) for s in plain.slews]
+    bare = replace(plain, star_tracker=None, wheels=(), slews=tuple(slews))
+    found = candidate_effects(bare, LIBRARY)
+    assert not [n for n in names_of(found.linear) if n.startswith(("star_tracker", "wheel_"))]
+    skipped = dict(found.skipped)
+    assert skipped["star_tracker_shift"] == "needs a star tracker"
+    assert skipped["wheel_friction"] == "needs wheels"
+    assert "rate_bias" in names_of(found.linear)
 
 
 def test_a_direction_turns_the_torques_of_thrusters(equipped):

@@ -243,6 +243,43 @@ def test_no_name_ends_a_comment_or_a_string(hostile, result, to):
     assert not any(line.lstrip().startswith("import") for line in text.splitlines())
 
 
+@pytest.mark.parametrize("axes", [0, 2, 4])
+@pytest.mark.parametrize("to", EXPORT_FORMATS)
+def test_every_format_takes_any_number_of_gyro_axes(result, to, axes):
+    K = [replace(result.scale_factors[0], name=f"K{i + 1}") for i in range(axes)]
+    rows = (*result.parameters[:6], *K)
+    few = replace(result, parameters=rows, covariance=np.eye(len(rows)), correction=None)
+    text = EXPORT_FORMATS[to].text(few)
+    assert text.count("Gyro Axis") == (axes if to == "42" else 0)
+    assert not re.search(rf"\bK{axes + 1}\b", text)
+
+
+@pytest.mark.parametrize("to", EXPORT_FORMATS)
+def test_no_format_speaks_of_wheels_where_there_are_none(result, to):
+    text = EXPORT_FORMATS[to].text(replace(result, wheels=False))
+    assert "wheel" not in text.replace("includes_wheel_spin", "")
+
+
+def test_where_nothing_ties_the_size_of_the_tensor_its_ratios_are_exported(run, tmp_path):
+    folder = tmp_path / "free"
+    run_folder.start(EXAMPLE, folder)
+    tree = Posterior.load(run / "posterior.nc").tree.copy(deep=True)
+    attributes = json.loads(tree.attrs["bayes_inertia"]) | {"scale_of_J": []}
+    tree.attrs["bayes_inertia"] = json.dumps(attributes)
+    Posterior(tree).save(folder / "posterior.nc")
+    free, tied = (exported_result(f, with_correction=False) for f in (folder, run))
+    ratios = Posterior.load(folder / "posterior.nc").summary()["ratios"]
+    trace = sum(p.new for p in free.parameters[:3])
+    for p in free.parameters[:6]:
+        assert p.sd / trace == pytest.approx(ratios[f"{p.name}/trace"]["quoted_sd"])
+        assert p.determined == "only its ratio"
+    assert np.sqrt(np.diag(free.covariance)) == pytest.approx([p.sd for p in free.parameters])
+    # The trace itself is not in doubt here.
+    of_trace = [x.covariance[:3, :3].sum() / tied.covariance[:3, :3].sum() for x in (free, tied)]
+    assert of_trace == pytest.approx([0.0, 1.0], abs=0.1)
+    assert "nothing ties the size of J" in free.notes[0]
+
+
 @pytest.mark.parametrize("to", ["acm", "apm", "json", "csv", "matlab", "latex", "basilisk", "42"])
 def test_an_untrusted_result_carries_its_warning(result, to):
     refused = replace(result, trusted=False, reasons=("the ensembles disagree",))

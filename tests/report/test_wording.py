@@ -112,8 +112,8 @@ def test_numbers_are_rounded_by_their_uncertainty(value, sd, power, expected):
             ["attitude"],
             0,
             8,
-            ["there are no wheels", "ratios"],
-            ["common gain", "commanded torques"],
+            ["Nothing of known size turns the body", "ratios"],
+            ["common gain", "commanded torques", "wheel"],
         ),
         (
             "commanded",

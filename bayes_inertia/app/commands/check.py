@@ -13,7 +13,6 @@ from bayes_inertia.app.terminal import headed, plain_console, print_json, print_
 
 if TYPE_CHECKING:
     from bayes_inertia.campaign.campaign import Campaign
-    from bayes_inertia.campaign.slew import Slew
 
 FORMAT = "bayes-inertia-check/1"
 _COLUMNS = (
@@ -23,6 +22,7 @@ _COLUMNS = (
     "duration [s]",
     "peak rate [deg/s]",
     "fixes",
+    # The last two are of wheels.
     "commands",
     "wheel momentum",
 )
@@ -53,7 +53,7 @@ def campaign_json(campaign: Campaign) -> dict[str, Any]:
         {
             "format": FORMAT,
             "campaign": campaign.name,
-            "slews": [_slew_row(slew) for slew in campaign.slews],
+            "slews": [_slew_row(campaign, k) for k in range(len(campaign.slews))],
             "wheels": [wheel.name for wheel in campaign.wheels],
             "inertia_kgm2": inertia.tensor,
             "inertia_sd_kgm2": inertia.sd,
@@ -99,9 +99,10 @@ def _gain_in_words(device: Any) -> str:
     return f"{kind}, gain known {gain}"
 
 
-def _slew_row(slew: Slew) -> dict[str, Any]:
-    """A slew in numbers; the peak rate is None without complete readings."""
-    _, rates = slew.complete_rates()
+def _slew_row(campaign: Campaign, k: int) -> dict[str, Any]:
+    """A slew in numbers; the peak rate is that of the body, None where nothing tells it."""
+    slew, seen = campaign.slews[k], campaign.with_body_rates
+    _, rates = seen.slews[k].complete_rates()
     return {
         "name": slew.name,
         "rows": len(slew.time),
@@ -121,8 +122,10 @@ def show_campaign(campaign: Campaign) -> None:
 
     console = plain_console()
     slews, wheels = len(campaign.slews), len(campaign.wheels)
-    console.print(headed(campaign.name, f": {slews} slews, {wheels} wheels"))
-    print_table(_COLUMNS, map(_slew_cells, campaign.slews[: LAYOUT.slews_shown]))
+    console.print(headed(campaign.name, f": {slews} slews, {wheels or 'no'} wheels"))
+    columns = len(_COLUMNS) - (0 if wheels else 2)
+    shown = (_slew_row(campaign, k) for k in range(min(slews, LAYOUT.slews_shown)))
+    print_table(_COLUMNS[:columns], (_slew_cells(row)[:columns] for row in shown))
     if slews > LAYOUT.slews_shown:
         console.print(f"... and {slews - LAYOUT.slews_shown} slews more (all of them with --json)")
     if campaign.more_sensors or campaign.actuators or campaign.changes:
@@ -130,11 +133,13 @@ def show_campaign(campaign: Campaign) -> None:
         console.print(f"devices: {', '.join(said)}")
     moments = ", ".join(f"{m:.4g}" for m in np.linalg.eigvalsh(campaign.inertia.tensor))
     kind = "with" if campaign.inertia.includes_wheel_spin else "without"
-    console.print(f"prior principal moments: {moments} kg m² ({kind} the wheels' spin inertia)")
+    spin = f" ({kind} the wheels' spin inertia)" if wheels else ""
+    console.print(f"prior principal moments: {moments} kg m²{spin}")
     drives = ", ".join(_possible_drives(campaign))
-    console.print(
-        f"possible drives: {drives or 'none: add wheel_torque or wheel_momentum columns'}"
-    )
+    if wheels:
+        console.print(
+            f"possible drives: {drives or 'none: add wheel_torque or wheel_momentum columns'}"
+        )
     if campaign.star_tracker is None and all(
         isinstance(sensor, RateSensor) for _, sensor in campaign.more_sensors
     ):
@@ -146,8 +151,7 @@ def show_campaign(campaign: Campaign) -> None:
         console.print(sentence)
 
 
-def _slew_cells(slew: Slew) -> tuple[str, ...]:
-    row = _slew_row(slew)
+def _slew_cells(row: dict[str, Any]) -> tuple[str, ...]:
     peak = row["peak_rate_radps"]
     return (
         row["name"],

@@ -42,14 +42,13 @@ def effects_command(
     """
     from bayes_inertia.campaign.reader import read_campaign
     from bayes_inertia.physics.effects import LIBRARY, STOCHASTIC, candidates_in
-    from bayes_inertia.physics.forward_model import needs_gyro
+    from bayes_inertia.physics.forward_model import lacks
     from bayes_inertia.physics.small_campaign import small_campaign
 
     flown = small_campaign() if campaign is None else read_campaign(campaign)
     if check is None:
         known = (*candidates_in(flown, LIBRARY), *STOCHASTIC)
-        has_gyro = flown.rate_sensor is not None
-        _list(tuple(e for e in known if has_gyro or not needs_gyro(e)), flown, as_json)
+        _list(tuple(e for e in known if not lacks(e, flown)), flown, as_json)
         return
     _check(check, None if campaign is None else flown, as_json)
 

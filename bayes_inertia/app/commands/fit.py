@@ -282,28 +282,28 @@ def _gates(gates: Sequence[dict[str, Any]], samples: float) -> Text:
 
 def _parameter_rows(summary: dict[str, Any]) -> Iterator[tuple[str, ...]]:
     from bayes_inertia.report.criteria import (
-        contraction,
         criteria_of,
-        determination,
+        determination_of,
         exponents_of,
+        ratios_told,
         sd_in_print,
     )
     from bayes_inertia.report.formatting import NOT_GIVEN, number, plain, unit_text
 
-    criteria, powers = criteria_of(summary), exponents_of(summary["parameters"])
     # Size and time of a free shape are for the page.
     shown = {n: p for n, p in summary["parameters"].items() if "_remainder." not in n}
+    shown = ratios_told(summary) | shown
+    criteria, powers = criteria_of(summary), exponents_of(shown)
     for name, p in shown.items():
         sd, quoted = sd_in_print(p), p["quoted_sd"]
         power = powers[name]
-        share = contraction(sd, p["prior_sd"])
         yield (
             plain(name),
             number(p["mean"], sd, power),
             NOT_GIVEN if quoted is None else number(quoted, quoted, power),
             unit_text(p["unit"], power),
             number(p["prior_sd"], p["prior_sd"], power),
-            _DETERMINED[determination(share, criteria)],
+            _DETERMINED[determination_of(p, criteria)],
         )
 
 

@@ -36,7 +36,12 @@ if TYPE_CHECKING:
     from bayes_inertia.observability.result import Observability
 
 _COLUMNS = ("name", "prior sd", "sd", "unit", "signal [σ]", "lost", "most from", "determined")
-_DETERMINED = {"determined": "yes", "weakly": "no: mostly prior", "prior": "no: prior"}
+_DETERMINED = {
+    "determined": "yes",
+    "partly determined": "partly",
+    "mostly the prior": "no: mostly prior",
+    "the prior": "no: prior",
+}
 
 
 def observe_command(
@@ -96,7 +101,8 @@ def show_observability(observed: ObservedCampaign, folder: Path) -> None:
         console.print(indented(typeset(sentence(observability, p.name))))
     if (more := len(weak) - LAYOUT.weak_parameters_shown) > 0:
         console.print(f"... and {more} weak ones more, in observability.json")
-    console.print(_commands_worth(observability))
+    if worth := _commands_worth(observability):
+        console.print(worth)
     _show_directions(observability)
     for degeneracy in observability.degeneracies:
         console.print(headed(f"{degeneracy.name}:", f" {typeset(degeneracy.says)}"))
@@ -107,6 +113,7 @@ def show_observability(observed: ObservedCampaign, folder: Path) -> None:
 
 
 def _parameter_rows(observability: Observability) -> Iterator[tuple[str, ...]]:
+    from bayes_inertia.observability.sentences import verdict_of
     from bayes_inertia.report.formatting import number, plain, tenths, unit_text
 
     powers = unit_powers((p.unit, p.sd) for p in observability.parameters)
@@ -120,18 +127,18 @@ def _parameter_rows(observability: Observability) -> Iterator[tuple[str, ...]]:
             tenths(p.signal),
             f"× {np.sqrt(p.variance_inflation):.1f}",
             f"{observability.slews[best]}, {100.0 * by_slew[best]:.0f} %",
-            _DETERMINED.get(p.verdict, p.verdict),
+            _DETERMINED.get(verdict := verdict_of(observability, p), verdict),
         )
 
 
 def _commands_worth(observability: Observability) -> str:
-    """Worth of the recorded torque commands, where both drives were asked."""
+    """Worth of the recorded torque commands; empty where only one drive was asked or possible."""
     from bayes_inertia.observability.result import commands_worth
 
     worth = {p.name: commands_worth(p, observability.drive) for p in observability.parameters}
     known = {name: ratio for name, ratio in worth.items() if ratio is not None}
     if not known:
-        return "the recorded commands: worth unknown, the model was driven in one way only"
+        return ""
     large = ", ".join(
         f"{name} × {r:.2g}" for name, r in known.items() if r > LAYOUT.worth_of_commands
     )

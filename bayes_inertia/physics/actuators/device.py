@@ -52,13 +52,13 @@ class DeviceEffect(Effect):
             found.append(vector("direction", "xyz", unit="rad", prior=Normal(0.0, sd)))
         return tuple(found)
 
-    def stated(self, given: Array) -> Array:
-        """The vector (3,) that the device makes of its input (k,), as it is stated."""
-        return given
+    def stated(self, given: Array, gains: Any = 1.0) -> Array:
+        """The vector (3,) that the device makes of its input (k,), with a gain of each (k,)."""
+        return given * gains
 
     def made(self, p: Mapping[str, Array], given: Array) -> Array:
         """The vector (3,) that it makes with its errors."""
-        vector_B = p.get("gain", 1.0) * self.stated(given * p.get("each_gain", 1.0))
+        vector_B = p.get("gain", 1.0) * self.stated(given, p.get("each_gain", 1.0))
         return vector_B + jnp.cross(p["direction"], vector_B) if "direction" in p else vector_B
 
 
@@ -79,8 +79,8 @@ class TorquerTorque(DeviceEffect):
     needs: ClassVar[tuple[str, ...]] = ("magnetic_field_N",)
     by: ClassVar[str] = "dipole times field"
 
-    def stated(self, given):
-        return given @ self.record.axes_B
+    def stated(self, given, gains=1.0):
+        return (given * gains) @ self.record.axes_B
 
     def body_torque(self, p, slew, t, state):
         dipole = self.made(p, state.input(self.name))
@@ -93,8 +93,8 @@ class ThrusterTorque(DeviceEffect):
 
     by: ClassVar[str] = "thrust times arm"
 
-    def stated(self, given):
-        return given @ self.record.torque_B
+    def stated(self, given, gains=1.0):
+        return (given * gains) @ self.record.torque_B
 
     def body_torque(self, p, slew, t, state):
         return self.made(p, state.input(self.name))

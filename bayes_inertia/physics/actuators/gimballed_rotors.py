@@ -22,8 +22,8 @@ class RotorMomentum(DeviceEffect):
 
     by: ClassVar[str] = "momentum"
 
-    def stated(self, given):
-        return self.record.momentum @ _directions(self.record, given, jnp)[0]
+    def stated(self, given, gains=1.0):
+        return (self.record.momentum * gains) @ _directions(self.record, given, jnp)[0]
 
     def carried_momentum(self, p, slew, t, inputs):
         return self.made(p, inputs[self.name])

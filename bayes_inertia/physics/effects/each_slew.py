@@ -105,7 +105,7 @@ class EachSlew(Effect):
         )
         return Parameter(p.name, p.unit, p.priors * self.slews, p.null, labels)
 
-    def _call(self, hook: str, p: Mapping[str, Array], slew: SlewContext, *rest: Any) -> Array:
+    def _call(self, hook: str, p: Mapping[str, Array], slew: SlewContext, *rest: Any) -> Any:
         """The inner effect's hook with the parameters of this slew."""
         of_slew = {name: self._of_slew(name, value, slew) for name, value in p.items()}
         return getattr(self.inner, hook)(of_slew, slew, *rest)
@@ -124,6 +124,9 @@ class EachSlew(Effect):
 
     def delivered_torque(self, p, slew, torque):
         return self._call("delivered_torque", p, slew, torque)
+
+    def delivered_inputs(self, p, slew, inputs):
+        return self._call("delivered_inputs", p, slew, inputs)
 
     def wheel_torque(self, p, slew, t, state):
         return self._call("wheel_torque", p, slew, t, state)

@@ -19,7 +19,9 @@ from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.actuators import KINDS as DEVICE_EFFECTS
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects.actuator_errors import (
+    ActuatorDelay,
     ActuatorDirection,
+    ActuatorEachGain,
     ActuatorError,
     ActuatorGain,
 )
@@ -54,7 +56,7 @@ KINDS: Mapping[Any, tuple[Effect, ...]] = MappingProxyType(
             FieldOffset(),
             FieldScale(),
         ),
-        Actuator: (ActuatorGain(), ActuatorDirection()),
+        Actuator: (ActuatorGain(), ActuatorDirection(), ActuatorEachGain(), ActuatorDelay()),
     }
 )
 # Kinds of sensors whose first one has effects of the library.

@@ -81,10 +81,8 @@ def _matlab_matrix(values: np.ndarray | list[list[float]]) -> str:
 def csv_text(result: ExportedResult) -> str:
     """A row a parameter, rounded where its sd has its second digit; comments begin with `#`."""
     kind = "with" if result.includes_wheel_spin else "without"
-    more = [
-        f"old: known before flight; sd: the quoted one; J {kind} the wheels' spin inertia, "
-        "elements of the tensor"
-    ]
+    spin = f" {kind} the wheels' spin inertia" if result.wheels else ""
+    more = [f"old: known before flight; sd: the quoted one; J{spin}: elements of the tensor"]
     if result.correction is not None:
         more.append(f"correction slew: {result.correction.says}")
     file = io.StringIO()
@@ -175,7 +173,9 @@ class ExportedParameter:
     sd: float
     low: float  # ends of the 90 % interval
     high: float
-    determined: str  # "determined", "partly determined" or "not determined"
+    # "determined", "partly determined" or "not determined"; "only its ratio" of J where nothing
+    # ties its size
+    determined: str
 
     @property
     def change(self) -> float:
@@ -206,6 +206,7 @@ class ExportedResult:
     # (d, d) of the draws, widened to the sds that the parameters have, in their units.
     covariance: np.ndarray
     includes_wheel_spin: bool  # whether the parameters Jxx ... Jyz are elements of J_locked
+    wheels: bool  # whether there are wheels that this makes a difference for
     inertia_B: np.ndarray  # (3, 3) J without the wheels' spin inertia [kg m^2]
     inertia_locked_B: np.ndarray  # (3, 3) J_locked = J + sum Js g g^T [kg m^2]
     # None where it cannot be forecast, or the format does not show it.
