@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from time import process_time
 
@@ -30,7 +31,6 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.files import write_atomically
-from bayes_inertia.flight.plan_flight import Flight
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.effects.formula import Formula
 from bayes_inertia.physics.forward_model import Model
@@ -41,12 +41,8 @@ POWER, LEVEL = 0.99, RULES.false_alarm_probability / len(NAMES)
 _KEY = 44_06
 
 
-def size_of(law: str, flight: Flight, seed: int, power: float = POWER) -> float:
-    """Size of a law at which the ideal test has a power."""
-
-    def flown(size: float) -> Campaign:
-        return replayed(flight, Lawful(size, law), np.random.default_rng(seed))
-
+def size_of(flown: Callable[[float], Campaign], power: float = POWER) -> float:
+    """Size of a disturbance at which the ideal test has a power, by flights of any size."""
     fit = estimate(Model(flown(0.0)), starts=1)
     still = fit.linearised()
     other = Model(flown(1.0))
@@ -60,8 +56,12 @@ def row_of(law: str, seed: int, times: float) -> dict:
     """One campaign simulated and diagnosed."""
     draws = np.random.SeedSequence(_KEY, spawn_key=(hash_of(law), seed))
     flight = draw(draws, (), {}, True)
-    size = times * size_of(law, flight, seed)
-    campaign = replayed(flight, Lawful(size, law), np.random.default_rng(seed))
+
+    def flown(size: float) -> Campaign:
+        return replayed(flight, Lawful(size, law), np.random.default_rng(seed))
+
+    size = times * size_of(flown)
+    campaign = flown(size)
     began = process_time()
     diagnosis = diagnose(campaign, seed=seed)
     seconds = process_time() - began

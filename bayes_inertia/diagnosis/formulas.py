@@ -8,7 +8,7 @@ these columns weighs them all.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.diagnosis.hypothesis_table import log_evidence_of_columns
+from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.result import FormulaSearch, FormulaTerm
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, changes_of
 from bayes_inertia.inference.linearised_fit import LinearisedFit
@@ -38,10 +39,15 @@ from bayes_inertia.physics.slew_context import State
 _RESPONSE_HOOK = {"wheel_torque": "delivered_torque"}
 
 
-def search_formulas(response: TorqueResponse) -> FormulaSearch:
-    """Weigh every term of the grammar at a fit; what it holds is projected off."""
+def search_formulas(response: TorqueResponse, effects: Sequence[np.ndarray] = ()) -> FormulaSearch:
+    """Weigh every term of the grammar at a fit; what it holds is projected off.
+
+    `effects`: columns (slews, numbers, k) of each effect that has a name: a term that one of them
+    can make is that effect.
+    """
     fit = response.estimate.linearised()
-    return weighed(projected(block, fit) for block in blocks(response))
+    named = [_named(columns, fit) for columns in effects]
+    return weighed(projected(block, fit, named) for block in blocks(response))
 
 
 @array_dataclass
@@ -201,16 +207,48 @@ class Projected(NamedTuple):
         Gram matrix of its columns.
     gradient : (c,) array
         Their products with the residuals.
+    named : sequence of (c, c) arrays
+        What each effect that has a name can make of that matrix.
     """
 
     block: Block
     matrix: np.ndarray
     gradient: np.ndarray
+    named: Sequence[np.ndarray] = ()
+
+    def has_a_name(self, basis: np.ndarray) -> bool:
+        """Whether one effect can make a form (c, coefficients) of the block."""
+        least = LIMITS.same_effect * np.trace(basis.T @ self.matrix @ basis)
+        return any(np.trace(basis.T @ part @ basis) > least for part in self.named)
 
 
-def projected(block: Block, fit: LinearisedFit) -> Projected:
+class _Named(NamedTuple):
+    """An effect that has a name: independent columns (slews, numbers, k), their share in a fit."""
+
+    columns: np.ndarray
+    imitated: np.ndarray
+
+
+def _named(columns: np.ndarray, fit: LinearisedFit) -> _Named:
+    """Orthonormal once everything fitted is projected off; what that leaves nothing of is out."""
+    matrix, _ = fit.projected(columns)
+    powers, directions = np.linalg.eigh(matrix)
+    kept = powers > LIMITS.jitter * np.sum(columns**2)
+    own = columns @ (directions[:, kept] / np.sqrt(powers[kept]))
+    return _Named(own, fit.imitated(own))
+
+
+def projected(block: Block, fit: LinearisedFit, named: Sequence[_Named] = ()) -> Projected:
     """Project everything fitted off a block."""
-    return Projected(block, *fit.projected(block.columns))
+    matrix, gradient = fit.projected(block.columns)
+    if not named:
+        return Projected(block, matrix, gradient)
+    imitated, parts = fit.imitated(block.columns), []
+    for effect in named:
+        cross = np.einsum("snk,snc->kc", effect.columns, block.columns, optimize=True)
+        cross -= effect.imitated.T @ imitated
+        parts.append(cross.T @ cross)
+    return Projected(block, matrix, gradient, parts)
 
 
 def weighed(projections: Iterable[Projected]) -> FormulaSearch:
@@ -229,7 +267,7 @@ def weighed(projections: Iterable[Projected]) -> FormulaSearch:
 
 def _weighed(own: Projected) -> list[FormulaTerm]:
     """All terms of one place and driver; forms and members of a form are each as probable."""
-    found = list(_terms(own.block))
+    found = [(f, basis) for f, basis in _terms(own.block) if not own.has_a_name(basis)]
     members = Counter(formula.form for formula, _ in found)
     terms = []
     for formula, basis in found:

@@ -145,6 +145,9 @@ class Limits:
     remainder_probability: float = 0.5
     # Largest effect that is thought to hide [prior sd]: 95 % of the prior.
     hidden_amplitude: float = 2.0
+    # Share of a formula's power from which an effect that can make it is that formula: the same
+    # laws agree to 1e-4, the nearest others (drag with speed, and with its square) to 2e-3.
+    same_effect: float = 0.999
     # Terms of a formula, looked for one after the other: a sum of three is no law.
     rounds_of_formulas: int = 2
     # Formulas of each search that are refitted; those listed beside them are as good to first

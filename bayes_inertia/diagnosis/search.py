@@ -10,7 +10,7 @@ read off there.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -434,7 +434,8 @@ def with_formulas(weighed: Weighed, search: Search) -> tuple[Weighed, FormulaSea
         if now.reading.verdict == "consistent" or (found and now.reading.verdict == "named"):
             break
         search.say("weighing formulas", 0, 0)
-        searches = [search_formulas(response) for response in _responses(now)]
+        known = _columns_of_effects(now.table, found)
+        searches = [search_formulas(response, known) for response in _responses(now)]
         clearest = max(searches, key=lambda s: s.log_evidence)
         if clearest.log_evidence < -np.log(search.rules.false_alarm_probability):
             break
@@ -486,6 +487,13 @@ def _responses(weighed: Weighed) -> list[TorqueResponse]:
     fixed = not any(isinstance(e, StochasticEffect) for e in weighed.final.model.effects)
     part = fixed and weighed.reading.named and weighed.reading.verdict in OPEN_VERDICTS
     return [*fits, torque_response(weighed.final)] if part else fits
+
+
+def _columns_of_effects(table: Table, formulas: Collection[str]) -> list[np.ndarray]:
+    """Columns (slews, numbers, k) of each effect that has a name, at the fit without effects."""
+    linear = table.refitted[frozenset()].linear
+    members = [m for m in linear.members if m.name not in formulas]
+    return [linear.columns[..., member.columns] for member in members]
 
 
 def _with_candidates(begin: CleanStart, effects: CandidateEffects) -> CleanStart:

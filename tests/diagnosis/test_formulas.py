@@ -9,11 +9,14 @@ from scipy.special import logsumexp
 from bayes_inertia.app.diagnosis_json import next_fit_from
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.diagnosis.formulas import blocks, projected, search_formulas, weighed
+from bayes_inertia.diagnosis.linear_system import linear_model
 from bayes_inertia.diagnosis.result import FormulaSearch, FormulaTerm
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.inference.optimizer import estimate, move_to
 from bayes_inertia.physics.effects.formula import Formula
+from bayes_inertia.physics.effects.viscous_torque import ViscousTorque
+from bayes_inertia.physics.effects.wheel_friction import WheelFriction
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.small_campaign import small_campaign
 from bayes_inertia.report.verdict import headline
@@ -70,6 +73,23 @@ def test_columns_are_the_derivatives_of_the_model(fit):
 def test_prior_probabilities_of_all_terms_add_up_to_one(search):
     assert logsumexp([term.log_prior for term in search.terms]) == pytest.approx(0.0, abs=1e-9)
     assert len({term.formula.name for term in search.terms}) == len(search.terms) > 500
+
+
+def test_a_law_that_an_effect_can_make_is_no_formula(fit, search):
+    """Friction alike on all wheels is friction; drag in the square of the rate is another law."""
+    effects = WheelFriction(), ViscousTorque()
+    linear = linear_model(move_to(fit, Model(fit.model.campaign, effects)))
+    columns = [linear.columns[..., member.columns] for member in linear.members]
+    left = {t.formula.name for t in search_formulas(torque_response(fit), columns).terms}
+    same = {
+        f"formula_{law}_{form}"
+        for law in ("wheel_torque_wheel_signs", "body_torque_rate")
+        for form in ("scalar", "diagonal", "entry_0_0")
+    }
+    assert same <= {term.formula.name for term in search.terms}
+    assert not same & left
+    assert "formula_body_torque_rate_times_speed_scalar" in left
+    assert "formula_body_torque_rate_full" in left
 
 
 def test_terms_stand_in_the_order_of_their_odds():

@@ -8,6 +8,7 @@ from pathlib import Path
 import arviz as az
 import numpy as np
 import pytest
+from support.commands import run
 
 import bayes_inertia as bi
 from bayes_inertia.diagnosis.score_test import log_evidence_of_fit, log_normalisation
@@ -26,16 +27,13 @@ def density(campaign):
     return bi.log_density(campaign, as_stated=True)
 
 
-@pytest.fixture(scope="module")
-def draws(density):
-    rng = np.random.default_rng(1)
+def drawn(density, rng):
+    """Draws (4000, d) of a density's own Gaussian."""
     return rng.multivariate_normal(density.mean, density.covariance, 4000, method="cholesky")
 
 
-@pytest.fixture(scope="module")
-def logs(density, draws):
-    likelihood = density.log_likelihood(draws)
-    return slew_log_likelihood(density.estimate, draws, likelihood, np.random.default_rng(2))
+def by_slew(density, theta, rng):
+    return slew_log_likelihood(density.estimate, theta, density.log_likelihood(theta), rng)
 
 
 class NoNoise:
@@ -45,10 +43,9 @@ class NoNoise:
         return np.zeros(shape)
 
 
-def test_slews_add_up_to_the_density_that_is_sampled(density, draws):
-    theta = draws[:50]
-    likelihood = density.log_likelihood(theta)
-    logs = slew_log_likelihood(density.estimate, theta, likelihood, NoNoise())
+def test_slews_add_up_to_the_density_that_is_sampled(density):
+    theta = drawn(density, np.random.default_rng(1))[:50]
+    logs, likelihood = by_slew(density, theta, NoNoise()), density.log_likelihood(theta)
     # With the bias at its best value, its prior and its spread make the rest.
     equations = density.estimate.information.matrix
     assert logs.shape == (50, len(equations))
@@ -64,7 +61,23 @@ def test_noise_that_is_not_as_stated_has_no_slews_apart(campaign):
 
 
 @pytest.mark.slow
-def test_leave_one_slew_out_is_that_of_exact_refits(campaign, density, logs):
+@pytest.mark.parametrize(
+    "template",
+    [
+        None,
+        *(
+            pytest.param(name, marks=pytest.mark.long)
+            for name in ("gyroless", "microsat", "thruster", "two-gyros")
+        ),
+    ],
+)
+def test_leave_one_slew_out_is_that_of_exact_refits(template, tmp_path):
+    folder = tmp_path / "flown" if template else EXAMPLE
+    if template:
+        assert run("new", folder, "--like", template) == 0
+    campaign = bi.read_campaign(folder)
+    density, rng = bi.log_density(campaign, as_stated=True), np.random.default_rng(1)
+    logs = by_slew(density, drawn(density, rng), rng)
     tree = az.from_dict(
         {"posterior": {"x": logs[None, :, 0]}, "log_likelihood": {"slew": logs[None]}}
     )
