@@ -38,17 +38,10 @@ def reads_body_rates(campaign: Campaign) -> bool:
 
 
 class BodyRates(NamedTuple):
-    """A campaign whose rate sensor reads three axes, perhaps smoothed, and the noise of its rates.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    noise : float
-        Of one rate [rad/s]: the mean of a sensor's axes, the median of smoothed ones.
-    """
+    """A campaign whose rate sensor reads three axes, perhaps smoothed, and their noise."""
 
     campaign: Campaign
-    noise: float
+    noise: float  # Of one rate [rad/s]: the mean of a sensor's axes, the median of smoothed ones
 
 
 def body_rates_of(campaign: Campaign) -> BodyRates:

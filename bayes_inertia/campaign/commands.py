@@ -65,8 +65,6 @@ def with_short_gaps_filled(
     time and commands; `dirt`: A record without slew and rows, and the times [s] before and after
     the gaps.
 
-    Examples
-    --------
     >>> time = np.delete(np.arange(60.0), 30)
     >>> given = {"time": time, "wheel_torque": time[:, None] * 1e-4}
     >>> filled, dirt = with_short_gaps_filled(given, 1e-6)
@@ -197,8 +195,6 @@ def with_known_torques(
     parts; none if too little is left; `dirt`: what was done, without slew and rows, and the times
     [s] that it concerns.
 
-    Examples
-    --------
     >>> torque = np.array([[np.nan], [0.1], [np.nan], [0.2]])
     >>> given = {"time": np.arange(4.0), "wheel_torque": torque}
     >>> parts, _ = with_known_torques(given, False, 0.0)
@@ -294,8 +290,6 @@ def with_lost_commands(
     torque, with the pieces of gaps under "lost_command" (n,), 0 where the command is known, and sds
     [N m] under "lost_command_sd" (n, wheels). None where there are too many gaps to be modelled.
 
-    Examples
-    --------
     >>> given = {"time": np.array([0.0, 1.0, 4.0]), "wheel_torque": np.array([[0.1], [0.1], [0.4]])}
     >>> marked = with_lost_commands(given, [(1.0, 4.0)], 1.0, 0.5)
     >>> marked["lost_command"].tolist(), marked["wheel_torque"][:, 0].round(3).tolist()
@@ -376,8 +370,6 @@ def without_impossible_torques(
     `dirt`: A record without slew and rows, and the times [s] that it concerns; empty if there is
     none.
 
-    Examples
-    --------
     >>> wheel = Wheel("x", (1.0, 0.0, 0.0), 1e-3, max_torque=0.02)
     >>> torque = np.full((60, 1), 0.01)
     >>> torque[7] = 1e31

@@ -28,8 +28,6 @@ Numbers = tuple[float, ...]
 def require(condition: bool, key: str, what: str, advice: str) -> None:
     """Raise an error that names a key of the campaign, unless a condition holds.
 
-    Examples
-    --------
     >>> require(1.0 > 0.0, "rate_sensor.sigma", "is not positive", "give a positive number")
     """
     if not condition:
@@ -41,8 +39,6 @@ def unit_vector(value: Any, key: str) -> Vector:
 
     `value` (3,): A vector whose length is 1 to within a percent.
 
-    Examples
-    --------
     >>> unit_vector([0, 0, 1.001], "wheels.z.axis")
     (0.0, 0.0, 1.0)
     """
@@ -66,8 +62,6 @@ def unit_length(vectors: np.ndarray) -> np.ndarray:
     `vectors` (..., n). Returns (..., n): the same directions. A vector whose length is 1 to
     rounding stays as it is, so that reading what was written changes no digit.
 
-    Examples
-    --------
     >>> unit_length(np.array([0.0, 3.0, 4.0])).tolist()
     [0.0, 0.6, 0.8]
     """
@@ -80,8 +74,6 @@ def one_an_axis(value: Any, axes: int, key: str) -> Numbers:
 
     `value` (axes,): one number for all axes, or one for each.
 
-    Examples
-    --------
     >>> one_an_axis(2e-5, 3, "rate_sensor.sigma")
     (2e-05, 2e-05, 2e-05)
     """
@@ -97,8 +89,6 @@ def one_an_axis(value: Any, axes: int, key: str) -> Numbers:
 def require_positive(value: Any, key: str, *, optional: bool = False) -> None:
     """Raise an error unless numbers are finite and positive.
 
-    Examples
-    --------
     >>> require_positive(None, "wheels.x.max_torque", optional=True)
     """
     if value is None and optional:
@@ -371,8 +361,6 @@ class RateSensor:
 def axis_names(sensor: RateSensor | None) -> tuple[str, ...]:
     """Names of a rate sensor's axes: x, y and z of three, else 1 to n; none without a sensor.
 
-    Examples
-    --------
     >>> axis_names(RateSensor(1e-5)), axis_names(RateSensor(1e-5, np.eye(3)[:2]))
     (('x', 'y', 'z'), ('1', '2'))
     """

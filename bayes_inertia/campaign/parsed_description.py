@@ -28,26 +28,6 @@ from bayes_inertia.campaign.schema import (
 def parse_description(text: str, label: str) -> Description:
     """The content of a `campaign.toml` of either format, every key checked.
 
-    Parameters
-    ----------
-    text : str
-        The content of the file.
-    label : str
-        The file, as messages name it.
-
-    Returns
-    -------
-    Description
-        What the file says.
-
-    Raises
-    ------
-    CampaignError
-        If it is no TOML (naming the line), or a key is unknown, missing, or of a wrong type or
-        value (naming the key).
-
-    Examples
-    --------
     >>> parse_description('format = "bayes-inertia-campaign/1"\\nnmae = "x"', "campaign.toml")
     Traceback (most recent call last):
     bayes_inertia.errors.CampaignError: campaign.toml, key nmae: unknown key; did you mean "name"?

@@ -56,8 +56,6 @@ def to_si(values: np.ndarray, quantity: str, unit: str) -> np.ndarray:
 
     Returns: the same in SI units; infinite where that overflows.
 
-    Examples
-    --------
     >>> to_si(np.array([1.5]), "time", "min").tolist()
     [90.0]
     """

@@ -239,8 +239,6 @@ def bad_quaternion(attitude: np.ndarray) -> tuple[int, str] | None:
     `attitude` (n, 4): quaternions; four NaN in a row that is empty. Returns: the row and what is
     wrong with it; None if all rows are good.
 
-    Examples
-    --------
     >>> bad_quaternion(np.array([[0., 0., 0., 1.], [0., 0., 0., 2.]]))
     (1, 'the quaternion has length 2, not 1')
     """
@@ -322,8 +320,6 @@ def fix_groups(slew: Slew) -> np.ndarray:
 
     Returns (fixes,): numbers of groups from 0, in the order of time; empty without fixes.
 
-    Examples
-    --------
     >>> attitude = np.tile([0.0, 0.0, 0.0, 1.0], (90, 1))
     >>> attitude[2:88] = np.nan
     >>> fix_groups(Slew("a", 0.0, np.arange(90.0), attitude=attitude)).tolist()

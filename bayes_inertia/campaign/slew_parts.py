@@ -32,8 +32,6 @@ def parts_of(slew: Slew, pieces: Sequence[dict[str, np.ndarray]]) -> list[Slew]:
     inputs of its own time. A single piece keeps the name; axis and angle of the rotation are
     those of a whole slew.
 
-    Examples
-    --------
     >>> whole = Slew("a", 100.0, np.arange(4.0))
     >>> later = parts_of(whole, [{"time": whole.time[:2]}, {"time": whole.time[2:]}])[1]
     >>> later.name, later.start
@@ -69,8 +67,6 @@ def located(records: Sequence[tuple[Dirt, np.ndarray]], slews: Sequence[Slew]) -
     the parts of one slew; a time between two of them belongs to the nearer one. Returns: one for
     each record and each slew that it concerns.
 
-    Examples
-    --------
     >>> slew = Slew("a", 0.0, np.arange(4.0))
     >>> located([(Dirt("gap", "rate", "", (), "ignored"), np.array([1.2]))], [slew])[0].rows
     (1,)
@@ -106,8 +102,6 @@ def with_rows_at(channels: Channels, times: np.ndarray, step: float) -> Channels
     `channels` [s]; `times` (m,) [s]. `step`: the regular step [s]; a row within `SAME_ROW` of it is
     the row of a time.
 
-    Examples
-    --------
     >>> given = {"time": np.array([0.0, 1.0, 3.0]), "rate": np.ones((3, 1))}
     >>> with_rows_at(given, np.array([1.0, 2.0]), 1.0)["rate"][:, 0].tolist()
     [1.0, 1.0, nan, 1.0]
@@ -134,8 +128,6 @@ def without_intervals(
     rows between are left out. Infinite where rows before the first time or after the last are left
     out. Returns: the parts, in order; those with hardly any rate are left out.
 
-    Examples
-    --------
     >>> parts = without_intervals({"time": np.arange(30.0)}, [(11.0, 14.0)])
     >>> [(part["time"][0].item(), len(part["time"])) for part in parts]
     [(0.0, 12), (14.0, 16)]

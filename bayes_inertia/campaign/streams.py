@@ -45,24 +45,12 @@ from bayes_inertia.tables.number_table import Table
 
 @dataclass(frozen=True)
 class Stream:
-    """Entries of the description that share a table and a clock.
+    """Entries of the description that share a table and a clock."""
 
-    Parameters
-    ----------
-    file : str
-        The table, as the description names it.
-    time : TimeColumn
-        The column of stamps.
-    offset_s : float
-        True time minus stamp [s].
-    entries : tuple of Entry
-        What the columns hold.
-    """
-
-    file: str
-    time: TimeColumn
-    offset_s: float
-    entries: tuple[Entry, ...]
+    file: str  # The table, as the description names it
+    time: TimeColumn  # The column of stamps
+    offset_s: float  # True time minus stamp [s]
+    entries: tuple[Entry, ...]  # What the columns hold
 
     @property
     def columns(self) -> list[str]:
@@ -104,8 +92,6 @@ def union(streams: Sequence[dict[str, np.ndarray]], label: str) -> dict[str, np.
     Returns: channels (n, width) with NaN where a stream has no reading, and "time" (n,) [s]; a
     single stream as it is.
 
-    Examples
-    --------
     >>> rate = {"time": np.array([0.0, 1.0]), "rate": np.zeros((2, 3))}
     >>> fix = {"time": np.array([0.5]), "attitude": np.array([[0.0, 0.0, 0.0, 1.0]])}
     >>> union([rate, fix], "slew 1")["attitude"][:, 3].tolist()
@@ -155,21 +141,11 @@ _READINGS = tuple(key for key, stream in BY_KEY.items() if stream.is_series)
 
 @dataclass(frozen=True)
 class StreamRows:
-    """The rows of one stream of one slew, in the order of time.
+    """The rows of one stream of one slew, in the order of time."""
 
-    Parameters
-    ----------
-    stream : Stream
-        What the stream holds, and its clock.
-    table : Table
-        Its columns, in the file's own units.
-    dirt : tuple of Dirt
-        What is wrong with its rows and stamps, without slew.
-    """
-
-    stream: Stream
-    table: Table
-    dirt: tuple[Dirt, ...]
+    stream: Stream  # What the stream holds, and its clock
+    table: Table  # Its columns, in the file's own units
+    dirt: tuple[Dirt, ...]  # What is wrong with its rows and stamps, without slew
 
     @property
     def stamps(self) -> np.ndarray:

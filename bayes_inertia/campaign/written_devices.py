@@ -53,8 +53,6 @@ def values_of(slew: Slew, channel: str) -> np.ndarray | None:
 def word(name: str) -> str:
     """A device's name as part of the names of files and columns.
 
-    Examples
-    --------
     >>> word("star tracker 2")
     'star_tracker_2'
     """
@@ -63,18 +61,11 @@ def word(name: str) -> str:
 
 @dataclass(frozen=True)
 class Streams:
-    """Which stream each channel and each device's input is of.
+    """Which stream each channel and each device's input is of."""
 
-    Parameters
-    ----------
-    channels : mapping of str to str
-        By channel: `TELEMETRY`, or a stream of its own where some slews lack it.
-    inputs : mapping of str to str
-        By device.
-    """
-
+    # By channel: `TELEMETRY`, or a stream of its own where some slews lack it
     channels: Mapping[str, str]
-    inputs: Mapping[str, str]
+    inputs: Mapping[str, str]  # By device
 
     def files(self, number: str, own: Sequence[str]) -> dict[str, Any]:
         """`file` or `files` of a slew: `own`, the channels that it has."""

@@ -60,8 +60,6 @@ def mistakes(campaign: Campaign, columns: Columns) -> list[Mistake]:
 def listed(values: np.ndarray) -> list:
     """An array as campaign.toml writes it.
 
-    Examples
-    --------
     >>> listed(-np.eye(2))
     [[-1.0, 0.0], [0.0, -1.0]]
     """

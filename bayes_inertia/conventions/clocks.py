@@ -43,18 +43,11 @@ _EFFECT = {
 
 @dataclass(frozen=True)
 class Clocks:
-    """Lateness of the streams by each law.
+    """Lateness of the streams by each law."""
 
-    Parameters
-    ----------
-    remedies : tuple of Remedy
-        Clocks that are wrong by more than any sensor is late, the best proposal first.
-    remarks : tuple of str
-        Latenesses that are physical.
-    """
-
+    # Clocks that are wrong by more than any sensor is late, the best proposal first
     remedies: tuple[Remedy, ...] = ()
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()  # Latenesses that are physical
 
 
 def clocks(misfits: Misfits, reading: Reading, columns: Columns) -> Clocks:
@@ -185,8 +178,6 @@ def apart_in_words(
     `entry` [columns]; `stated` [s]. `pairs`: times of its readings and of the rates [s], slew by
     slew.
 
-    Examples
-    --------
     >>> apart_in_words("attitude", 9, [(np.array([3605.0, 3690.0]), np.array([0.0, 99.0]))])[-58:]
     'columns.attitude.offset_s = -3600 (1 h, as of a time zone)'
     """
@@ -278,26 +269,16 @@ def _mistake(columns: Columns, shifts: Mapping[str, float]) -> Mistake:
 
 @dataclass(frozen=True)
 class Lateness:
-    """Lateness of a stream, as one law measures it.
+    """Lateness of a stream, as one law measures it."""
 
-    Parameters
-    ----------
-    law : str
-        Which law.
-    seconds : float
-        What must be added to the time stamps of the law's second stream [s]; negative where it is
-        late.
-    before, after : float
-        Residual of the law without and with it [sd of the sensors' stated noise].
-    moments : int
-        How many moments were compared.
-    """
-
-    law: str
+    law: str  # Which law
+    # What must be added to the time stamps of the law's second stream [s]; negative where it is
+    # late
     seconds: float
+    # before, after: residual of the law without and with it [sd of the sensors' stated noise]
     before: float
     after: float
-    moments: int
+    moments: int  # How many moments were compared
 
     @property
     def explains(self) -> bool:
@@ -402,8 +383,6 @@ def gross_lateness(campaign: Campaign, lag: bool) -> float:
     `campaign`: its slews' duration is what the library measures lateness in. `lag`: whether wheels
     follow their commands late, which they do more than sensors.
 
-    Examples
-    --------
     >>> from bayes_inertia.physics.small_campaign import small_campaign
     >>> gross_lateness(small_campaign(), True) > gross_lateness(small_campaign(), False)
     True

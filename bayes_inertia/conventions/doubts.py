@@ -86,20 +86,12 @@ def _parameters(misfits: Misfits, law: str) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Factors:
-    """Ratios of measured to commanded wheel momentum.
+    """Ratios of measured to commanded wheel momentum."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Of the wheels.
-    values : (wheels,) array
-        The factor; 1 where it is within what a gain and friction may be.
-    commands_are_wrong : bool or None
-        Whether conservation of momentum sides with the tachometers; None where it does not tell.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # Of the wheels
+    # (wheels,): the factor; 1 where it is within what a gain and friction may be
     values: np.ndarray
+    # Whether conservation of momentum sides with the tachometers; None where it does not tell
     commands_are_wrong: bool | None
 
     def words(self) -> tuple[str, ...]:

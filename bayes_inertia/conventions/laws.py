@@ -46,26 +46,14 @@ from bayes_inertia.faults.noise import smooth_noise
 
 @dataclass(frozen=True, eq=False)
 class LinearFit:
-    """Residuals of a linear fit.
+    """Residuals of a linear fit."""
 
-    Parameters
-    ----------
-    misfit : (S,) array
-        Root mean square residual of each slew [its sigma].
-    departure : float
-        Distance of the parameters from their priors [sd], root mean square over three of them.
-    values : (P,) array
-        Parameters, in prior standard deviations.
-    sds : (P,) array
-        What is left of those standard deviations.
-    by_component : (S, D) array
-        Root mean square residual of each component of each slew [its sigma].
-    """
-
-    misfit: np.ndarray
+    misfit: np.ndarray  # (S,): root mean square residual of each slew [its sigma]
+    # Distance of the parameters from their priors [sd], root mean square over three of them
     departure: float
-    values: np.ndarray
-    sds: np.ndarray
+    values: np.ndarray  # (P,): parameters, in prior standard deviations
+    sds: np.ndarray  # (P,): what is left of those standard deviations
+    # (S, D): root mean square residual of each component of each slew [its sigma]
     by_component: np.ndarray
 
     def with_factors(self, which: slice, sds: np.ndarray) -> LinearFit:
@@ -198,70 +186,37 @@ CLOSURE, CONSERVATION, DRIVE = "closure", "conservation", "drive"
 
 @dataclass(frozen=True, eq=False)
 class Told:
-    """Telemetry in physical units, under a reading.
+    """Telemetry in physical units, under a reading."""
 
-    Parameters
-    ----------
-    campaign : Campaign
-        Hardware and priors.
-    slews : SampledSlews
-        The telemetry.
-    reading : Reading
-        Conventions, stated or supposed.
-    motion : Motion
-        What the rates then tell of the motion.
-    noise : mapping of str to array
-        Sd of the readings of "rate" (3,) and "momentum" (wheels,), in the units stated.
-    bias_sd : (3,) array, optional
-        Sd of the rate bias [rad/s] where it is supposed to be stale; None for the stated one.
-    torques : mapping of str to ToldTorque
-        By the name of a slew: what effects that are named do to the body.
-    """
-
-    campaign: Campaign
-    slews: SampledSlews
-    reading: Reading
-    motion: Motion
+    campaign: Campaign  # Hardware and priors
+    slews: SampledSlews  # The telemetry
+    reading: Reading  # Conventions, stated or supposed
+    motion: Motion  # What the rates then tell of the motion
+    # Sd of the readings of "rate" (3,) and "momentum" (wheels,), in the units stated
     noise: Mapping[str, np.ndarray]
+    # (3,): sd of the rate bias [rad/s] where it is supposed to be stale; None for the stated one
     bias_sd: np.ndarray | None = None
+    # By the name of a slew: what effects that are named do to the body
     torques: Mapping[str, ToldTorque] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
 class LawData:
-    """One law as a linear problem: data = regressors x + free c + error.
+    """One law as a linear problem: data = regressors x + free c + error."""
 
-    Parameters
-    ----------
-    data : (S, N, D) array
-        What should vanish, or be constant.
-    regressors : (S, N, D, P) array
-        What a prior standard deviation of each uncertain parameter does to it.
-    free : (S, N, D, Q) array
-        What is free in every slew.
-    sigma : (S,) array
-        What noise and undisclosed physics may leave.
-    mask : (S, N) array of bool
-        Which moments count.
-    early : (S, N, D) array
-        What one second adds by which the second stream (attitude, wheels, commands) is early.
-    noise : float
-        Sd of the norm of a moment's error that the sensors' stated noise makes.
-    factors : float
-        Sd of the logarithms of the moments of inertia, which are regressors 0, 4 and 8; 0 for none.
-    bias_from : int
-        Which regressor is the first of three of the rate bias; -1 for none.
-    """
-
-    data: np.ndarray
+    data: np.ndarray  # (S, N, D): what should vanish, or be constant
+    # (S, N, D, P): what a prior standard deviation of each uncertain parameter does to it
     regressors: np.ndarray
-    free: np.ndarray
-    sigma: np.ndarray
-    mask: np.ndarray
+    free: np.ndarray  # (S, N, D, Q): what is free in every slew
+    sigma: np.ndarray  # (S,): what noise and undisclosed physics may leave
+    mask: np.ndarray  # (S, N) of bool: which moments count
+    # (S, N, D): what one second adds by which the second stream (attitude, wheels, commands) is
+    # early
     early: np.ndarray
-    noise: float
+    noise: float  # Sd of the norm of a moment's error that the sensors' stated noise makes
+    # Sd of the logarithms of the moments of inertia, which are regressors 0, 4 and 8; 0 for none
     factors: float = 0.0
-    bias_from: int = -1
+    bias_from: int = -1  # Which regressor is the first of three of the rate bias; -1 for none
 
     def fit(self) -> LinearFit:
         """The fit of all that is uncertain."""
@@ -497,23 +452,13 @@ LAWS: Mapping[str, Callable[[Told], LawData | None]] = MappingProxyType(
 
 @dataclass(frozen=True, eq=False)
 class Misfits:
-    """The three laws, for a campaign at some sixty moments a slew; results are kept.
+    """The three laws, for a campaign at some sixty moments a slew; results are kept."""
 
-    Parameters
-    ----------
-    campaign : Campaign
-        Hardware and priors.
-    slews : SampledSlews
-        Its telemetry.
-    torques : mapping of str to ToldTorque
-        By the name of a slew: what effects that are named do to the body.
-    smoothed : bool
-        Whether the rates are smoothed from all sensors: their noise does not show.
-    """
-
-    campaign: Campaign
-    slews: SampledSlews
+    campaign: Campaign  # Hardware and priors
+    slews: SampledSlews  # Its telemetry
+    # By the name of a slew: what effects that are named do to the body
     torques: Mapping[str, ToldTorque] = field(default_factory=dict)
+    # Whether the rates are smoothed from all sensors: their noise does not show
     smoothed: bool = False
     kept: dict = field(default_factory=dict)
 

@@ -35,8 +35,6 @@ from bayes_inertia.maths.quaternion_product import product_components
 def composed(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Hamilton product p * q of quaternions (..., 4).
 
-    Examples
-    --------
     >>> composed(np.array([0., 0., 0., 1.]), np.array([1., 0., 0., 0.])).tolist()
     [1.0, 0.0, 0.0, 0.0]
     """
@@ -46,8 +44,6 @@ def composed(p: np.ndarray, q: np.ndarray) -> np.ndarray:
 def turned_back(q: np.ndarray) -> np.ndarray:
     """The inverse of unit quaternions (..., 4).
 
-    Examples
-    --------
     >>> turned_back(np.array([0., 0., 1., 0.])).tolist()
     [-0.0, -0.0, -1.0, 0.0]
     """
@@ -59,8 +55,6 @@ def of_angle(vector: np.ndarray) -> np.ndarray:
 
     `vector` (..., 3) [rad].
 
-    Examples
-    --------
     >>> of_angle(np.array([0., 0., np.pi])).round(6).tolist()
     [0.0, 0.0, 1.0, 0.0]
     """
@@ -72,8 +66,6 @@ def of_angle(vector: np.ndarray) -> np.ndarray:
 def angle_of(q: np.ndarray) -> np.ndarray:
     """Rotation vectors (..., 3) [rad], at most pi long, of unit quaternions (..., 4).
 
-    Examples
-    --------
     >>> angle_of(-of_angle(np.array([0.25, 0., 0.]))).round(6).tolist()
     [0.25, 0.0, 0.0]
     """
@@ -88,8 +80,6 @@ def matrix_to_start(q: np.ndarray) -> np.ndarray:
 
     `q` (..., 4).
 
-    Examples
-    --------
     >>> np.abs(matrix_to_start(np.array([0., 0., .5**.5, .5**.5])) @ [1., 0., 0.]).round(6).tolist()
     [0.0, 1.0, 0.0]
     """
@@ -110,8 +100,6 @@ def accumulated(steps: np.ndarray) -> np.ndarray:
 
     `steps` (..., n, 4). Returns (..., n, 4).
 
-    Examples
-    --------
     >>> quarter = of_angle(np.array([0., 0., np.pi / 2]))
     >>> angle_of(accumulated(np.stack([quarter, quarter]))).round(3)[1].tolist()
     [0.0, 0.0, 3.142]
@@ -126,36 +114,18 @@ def accumulated(steps: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class SampledSlews:
-    """Pieces of slews without gaps, S of them, at N moments each.
+    """Pieces of slews without gaps, S of them, at N moments each."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Name of the slew that each piece is of.
-    time : (S, N) array
-        Moments on the slew's own clock [s], as stated; the last is repeated at the end.
-    valid : (S, N) array of bool
-        False where a moment is a repetition.
-    rate : (S, N, 3) array
-        Rate sensor's readings [rad/s], as stated.
-    turn : (S, N, 3) array
-        Their integrals since the first moment [rad].
-    momentum : (S, N, wheels) array or None
-        Wheel momentum relative to the body [N m s].
-    impulse : (S, N, wheels) array or None
-        Integral of the torque commands since the first moment [N m s].
-    attitude : (S, N, 4) array
-        Star-tracker quaternions, NaN where there is no fix.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # Name of the slew that each piece is of
+    # (S, N): moments on the slew's own clock [s], as stated; the last is repeated at the end
     time: np.ndarray
-    valid: np.ndarray
-    rate: np.ndarray
-    turn: np.ndarray
-    momentum: np.ndarray | None
+    valid: np.ndarray  # (S, N) of bool: false where a moment is a repetition
+    rate: np.ndarray  # (S, N, 3): rate sensor's readings [rad/s], as stated
+    turn: np.ndarray  # (S, N, 3): their integrals since the first moment [rad]
+    momentum: np.ndarray | None  # (S, N, wheels): wheel momentum relative to the body [N m s]
+    # (S, N, wheels): integral of the torque commands since the first moment [N m s]
     impulse: np.ndarray | None
-    attitude: np.ndarray
+    attitude: np.ndarray  # (S, N, 4): star-tracker quaternions, NaN where there is no fix
 
     @property
     def fixes(self) -> np.ndarray:
@@ -169,8 +139,6 @@ def sampled(campaign: Campaign, shifts: Mapping[str, float] | None = None) -> Sa
     `shifts`: what to add to the time stamps of a channel of `Slew` [s], such as "attitude".
     Returns: none if no slew has enough readings of the rate.
 
-    Examples
-    --------
     >>> from bayes_inertia.campaign.hardware import RateSensor
     >>> from bayes_inertia.campaign.hardware import InertiaPrior
     >>> slew = Slew("a", 0.0, np.arange(50.0), rate=np.ones((50, 3)))
@@ -323,31 +291,16 @@ class _Channel:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """The motion of all slews under one reading of rate and time.
+    """The motion of all slews under one reading of rate and time."""
 
-    Parameters
-    ----------
-    rate_B : (S, N, 3) array
-        Rate of the body [rad/s].
-    path : (S, N, 4) array
-        Attitude relative to that at the slew's first moment.
-    to_start : (S, N, 3, 3) array
-        From body axes to those of the first moment.
-    by_scale : (S, N, 3, 9) array
-        Rotation, in the axes of the first moment, that an error of 1 in each element of the matrix
-        from readings to rates adds.
-    by_bias : (S, N, 3, 3) array
-        The same for a bias of 1 rad/s.
-    duration : (S,) array
-        Of each slew [s].
-    """
-
-    rate_B: np.ndarray
-    path: np.ndarray
-    to_start: np.ndarray
+    rate_B: np.ndarray  # (S, N, 3): rate of the body [rad/s]
+    path: np.ndarray  # (S, N, 4): attitude relative to that at the slew's first moment
+    to_start: np.ndarray  # (S, N, 3, 3): from body axes to those of the first moment
+    # (S, N, 3, 9): rotation, in the axes of the first moment, that an error of 1 in each element of
+    # the matrix from readings to rates adds
     by_scale: np.ndarray
-    by_bias: np.ndarray
-    duration: np.ndarray
+    by_bias: np.ndarray  # (S, N, 3, 3): the same for a bias of 1 rad/s
+    duration: np.ndarray  # (S,): of each slew [s]
 
 
 def motion_of(slews: SampledSlews, reading: Reading) -> Motion:
@@ -378,24 +331,13 @@ def _running(steps: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class ToldTorque:
-    """The torque on the body in one slew that effects told, in body axes.
+    """The torque on the body in one slew that effects told, in body axes."""
 
-    Parameters
-    ----------
-    time : (n,) array
-        Moments on the slew's own clock [s].
-    impulse_B : (n, 3) array
-        Integral of the torque since the first of them, at the priors' means [N m s].
-    doubt : (n,) array
-        Integral of the size by which the priors' sds may change it [N m s].
-    carried_B : (n, 3) array
-        Momentum that devices carry inside [N m s].
-    """
-
-    time: np.ndarray
+    time: np.ndarray  # (n,): moments on the slew's own clock [s]
+    # (n, 3): integral of the torque since the first of them, at the priors' means [N m s]
     impulse_B: np.ndarray
-    doubt: np.ndarray
-    carried_B: np.ndarray
+    doubt: np.ndarray  # (n,): integral of the size by which the priors' sds may change it [N m s]
+    carried_B: np.ndarray  # (n, 3): momentum that devices carry inside [N m s]
 
     def at(self, moments: np.ndarray) -> np.ndarray:
         """Impulse, doubt and carried momentum (N, 7) at moments (N,) [s]."""

@@ -50,34 +50,17 @@ STREAMS: Mapping[str, Stream] = MappingProxyType(
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """Conversion of telemetry, as the campaign states it, into physics.
+    """Conversion of telemetry, as the campaign states it, into physics."""
 
-    Parameters
-    ----------
-    rate : (3, 3) array
-        From the sensor's readings to the body's rate.
-    time : float
-        Factor on time.
-    attitude : (4, 4) array
-        From the quaternion as stated to body from inertial, scalar last.
-    torque, momentum : (wheels, wheels) array
-        From the columns to the torque and momentum of each wheel.
-    axes_B : (3, wheels) array
-        Spin axes of the wheels, as columns.
-    inertia : (3, 3) array
-        Inertia with locked wheels [kg m^2].
-    bias_B : (3,) array
-        What the rate still shows of a body at rest, along body axes [rad/s].
-    """
-
-    rate: np.ndarray
-    time: float
-    attitude: np.ndarray
+    rate: np.ndarray  # (3, 3): from the sensor's readings to the body's rate
+    time: float  # Factor on time
+    attitude: np.ndarray  # (4, 4): from the quaternion as stated to body from inertial, scalar last
+    # torque, momentum: (wheels, wheels): from the columns to the torque and momentum of each wheel
     torque: np.ndarray
     momentum: np.ndarray
-    axes_B: np.ndarray
-    inertia: np.ndarray
-    bias_B: np.ndarray
+    axes_B: np.ndarray  # (3, wheels): spin axes of the wheels, as columns
+    inertia: np.ndarray  # (3, 3): inertia with locked wheels [kg m^2]
+    bias_B: np.ndarray  # (3,): what the rate still shows of a body at rest, along body axes [rad/s]
 
 
 def stated_reading(campaign: Campaign) -> Reading:
@@ -104,44 +87,26 @@ def stated_reading(campaign: Campaign) -> Reading:
 
 @dataclass(frozen=True)
 class KeyChange:
-    """One key of campaign.toml and the value it should have.
+    """One key of campaign.toml and the value it should have."""
 
-    Parameters
-    ----------
-    key : str
-        Path of the key, such as "columns.rate.unit" or "wheels.x.axis".
-    stated, mended : object
-        Its value as written, and the value that it should have.
-    """
-
-    key: str
+    key: str  # Path of the key, such as "columns.rate.unit" or "wheels.x.axis"
+    # stated, mended: its value as written, and the value that it should have
     stated: Any
     mended: Any
 
 
 @dataclass(frozen=True)
 class Mistake:
-    """One mistake that somebody may have made.
+    """One mistake that somebody may have made."""
 
-    Parameters
-    ----------
-    changes : tuple of KeyChange
-        What mends it; several keys where one mistake shows in several.
-    rarity : int
-        How seldom the mistake is made, from 1; of two that explain the data alike the more common
-        one is proposed.
-    mend : callable
-        From the reading as stated to the reading without the mistake.
-    words : str
-        What went wrong, as the end of a sentence that begins with "It looks as if".
-    companions : int, optional
-        How many of the changes, the last ones, only follow: noises in the same unit.
-    """
-
-    changes: tuple[KeyChange, ...]
+    changes: tuple[KeyChange, ...]  # What mends it; several keys where one mistake shows in several
+    # How seldom the mistake is made, from 1; of two that explain the data alike the more common one
+    # is proposed
     rarity: int
+    # From the reading as stated to the reading without the mistake
     mend: Callable[[Reading], Reading]
-    words: str
+    words: str  # What went wrong, as the end of a sentence that begins with "It looks as if"
+    # How many of the changes, the last ones, only follow: noises in the same unit
     companions: int = 0
 
 

@@ -38,34 +38,21 @@ from bayes_inertia.conventions.reading import Mistake, Reading, both
 
 @dataclass(frozen=True)
 class Remedy:
-    """A mistake whose mending makes the data consistent.
+    """A mistake whose mending makes the data consistent."""
 
-    Parameters
-    ----------
-    mistake : Mistake
-        What to mend.
-    before, after : float
-        Worst misfit of the laws that it concerns, as stated and mended [sd].
-    """
-
-    mistake: Mistake
+    mistake: Mistake  # What to mend
+    # before, after: worst misfit of the laws that it concerns, as stated and mended [sd]
     before: float
     after: float
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """Verdict on a campaign's conventions.
+    """Verdict on a campaign's conventions."""
 
-    Parameters
-    ----------
-    remedies : tuple of Remedy
-        What makes inconsistent data consistent, the best first, with what the data hold equal.
-    reading : Reading
-        Conventions as stated, with the bias that the telemetry tells where the stated one is stale.
-    """
-
+    # What makes inconsistent data consistent, the best first, with what the data hold equal
     remedies: tuple[Remedy, ...]
+    # Conventions as stated, with the bias that the telemetry tells where the stated one is stale
     reading: Reading
 
 
@@ -254,8 +241,6 @@ def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
 
     `matrix` (3, 3). Returns (3, 3).
 
-    Examples
-    --------
     >>> nearest_rotation(np.diag([2.0, 3.0, 0.5])).round(6).tolist()
     [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     """

@@ -45,8 +45,6 @@ def invisible_in_brief(cannot_show: Sequence[str]) -> list[str]:
     Returns: one line each for what is missing, one for keys whose other values would do as well,
     and one for what no campaign shows.
 
-    Examples
-    --------
     >>> alike = "columns.time.unit: the data would be as content if time is in "
     >>> invisible_in_brief([f"{alike}ms, not in s", f"{alike}us, not in s", "no fixes"])
     ['no fixes', 'other values would do as well: columns.time.unit (2)']

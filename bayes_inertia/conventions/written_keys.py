@@ -33,8 +33,6 @@ def stated_columns(
     `description`: its campaign.toml; None for a campaign that was built in memory, which is in SI
     units. Wheels whose columns are in several units or tables are left out.
 
-    Examples
-    --------
     >>> from bayes_inertia.physics.small_campaign import small_campaign
     >>> stated_columns(small_campaign())["rate"]["unit"]
     'rad/s'

@@ -14,8 +14,6 @@ def missing_rows(time: np.ndarray) -> tuple[np.ndarray, float]:
     `time` (n,) [s]. Returns `before` (m,): the rows before the gaps; none if the stream is not
     regular, as a log of changes is; `step`: the median step [s]; 0 with fewer than two rows.
 
-    Examples
-    --------
     >>> missing_rows(np.array([0., 1., 2., 3., 4., 7., 8.]))
     (array([4]), 1.0)
     """
@@ -33,8 +31,6 @@ def is_regular(time: np.ndarray) -> bool:
 
     `time` (n,) [s].
 
-    Examples
-    --------
     >>> is_regular(np.arange(9.0)), is_regular(np.arange(9.0) ** 2)
     (True, False)
     """
@@ -50,8 +46,6 @@ def unbroken_rows(time: np.ndarray, steps: int, step: float) -> np.ndarray:
 
     `time` (n,) [s]; `step` [s]. Returns (m,).
 
-    Examples
-    --------
     >>> unbroken_rows(np.array([0.0, 1.0, 2.0, 4.0, 5.0]), 2, 1.0).tolist()
     [0]
     """
@@ -66,8 +60,6 @@ def detect(series: Series) -> list[Fault]:
 
     They cost information and nothing else: the motion is integrated across them.
 
-    Examples
-    --------
     >>> values = np.zeros((7, 1))
     >>> time = np.array([0., 1., 2., 3., 4., 7., 8.])
     >>> detect(Series(time, values, values == 0.0, [1.0]))[0].note
@@ -88,8 +80,6 @@ def gap_note(count: int, longest: float) -> str:
 
     `longest` [s]. Returns: such as "3 gaps, the longest of 2.5 s".
 
-    Examples
-    --------
     >>> gap_note(3, 2.5)
     '3 gaps, the longest of 2.5 s'
     """

@@ -23,18 +23,11 @@ _WORDS = ("once", "twice", "three", "four", "five", "six", "seven", "eight", "ni
 
 @array_dataclass
 class HeldReadings:
-    """Which readings of a channel only repeat those before them, in one slew.
+    """Which readings of a channel only repeat those before them, in one slew."""
 
-    Parameters
-    ----------
-    repeats : (n, k) array of bool
-        True where a reading repeats the one before, False at the first of each run.
-    lengths : (runs,) array of int
-        How often each reading stands.
-    """
-
+    # (n, k) of bool: true where a reading repeats the one before, False at the first of each run
     repeats: np.ndarray
-    lengths: np.ndarray
+    lengths: np.ndarray  # (runs,) of int: how often each reading stands
 
     def __str__(self) -> str:
         low, high = (int(q) for q in np.quantile(self.lengths, [0.1, 0.9], method="nearest"))
@@ -55,8 +48,6 @@ def held_readings(
     that are much longer than usual there is one in each usual length: whether they are stuck is for
     `stuck_readings` to tell.
 
-    Examples
-    --------
     >>> rate = np.random.default_rng(1).normal(size=(50, 3)).repeat(4, axis=0)
     >>> (held,) = held_readings([(0.25 * np.arange(200.0), rate)])
     >>> str(held), int(held.repeats.any(axis=1).sum())

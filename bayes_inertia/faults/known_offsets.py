@@ -31,8 +31,6 @@ def known_offset(
     `times` (n,) [s]; `spans` [s]. Returns `seconds`: what is to be added to the times; `inside`:
     how many readings then lie in a slew.
 
-    Examples
-    --------
     >>> known_offset(np.array([3605.0, 3690.0]), [(0.0, 99.0)])
     (-3600.0, '1 h, as of a time zone', 2)
     """
@@ -54,8 +52,6 @@ def likely_offsets() -> Iterator[tuple[float, str]]:
 
     Returns `seconds`: an offset, the most common first [s].
 
-    Examples
-    --------
     >>> next(iter(likely_offsets()))
     (18.0, 'GPS time is ahead of UTC')
     """

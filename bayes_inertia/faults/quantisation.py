@@ -15,8 +15,6 @@ def resolution(values: np.ndarray) -> float:
 
     `values` (n,). Returns: in their unit; rounding of the last binary digits is no step.
 
-    Examples
-    --------
     >>> resolution(np.array([0.75, 0.25, 0.25, 0.5]))
     0.25
     """
@@ -31,8 +29,6 @@ def quantisation_step(values: np.ndarray) -> float | None:
     `values` (n,): readings of one axis; NaN where there is none. Returns: in the readings' unit;
     None if there is no such step, or too few different values.
 
-    Examples
-    --------
     >>> quantisation_step(np.array([0.0, 0.5, 1.5, 0.5]))
     0.5
     >>> quantisation_step(np.random.default_rng(1).normal(size=50)) is None
@@ -50,8 +46,6 @@ def quantisation_step(values: np.ndarray) -> float | None:
 def quantisation_sigma(step: float) -> float:
     """Standard deviation of the error of rounding to a step.
 
-    Examples
-    --------
     >>> round(quantisation_sigma(12.0), 6)
     3.464102
     """

@@ -31,8 +31,6 @@ def set_back_row(stamps: np.ndarray, contents: np.ndarray) -> int | None:
     `stamps` (n,); `contents` (n, width). Returns: the row, counted from 0; None where no clock was
     set back.
 
-    Examples
-    --------
     >>> late, again = np.array([0.0, 1, 4, 5, 2, 3, 6]), np.r_[0:30, 0.1:30.1]
     >>> set_back_row(late, np.zeros((7, 1))), set_back_row(again, np.zeros((60, 1)))
     (None, 30)
@@ -98,8 +96,6 @@ def ordered_rows(table: Table, time: str, names: Sequence[str]) -> tuple[Table, 
     Returns `table`: the same table if its times increase strictly; else its rows in order; `dirt`:
     what was done; `rows` counts the rows of the table that is returned, `slew` is empty.
 
-    Examples
-    --------
     >>> late = Table("a", {"t": np.array([0., 2., 1., 3.]), "w": np.array([5., 7., 6., 8.])})
     >>> ordered_rows(late, "t", ["w"])[0].columns["w"].tolist()
     [5.0, 6.0, 7.0, 8.0]

@@ -28,18 +28,10 @@ from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 
 @dataclass(frozen=True)
 class StampSlope:
-    """Slope of readings against the jitter of their stamps.
+    """Slope of readings against the jitter of their stamps."""
 
-    Parameters
-    ----------
-    value : float
-        1 where they were taken at the stamps, 0 where at the times of a regular clock.
-    sd : float
-        Its standard deviation; infinite where there is no motion.
-    """
-
-    value: float
-    sd: float
+    value: float  # 1 where they were taken at the stamps, 0 where at the times of a regular clock
+    sd: float  # Its standard deviation; infinite where there is no motion
 
     @property
     def sampling_is_regular(self) -> bool:
@@ -57,8 +49,6 @@ def row_numbers(time: np.ndarray) -> np.ndarray:
 
     `time` (n,). Returns (n,).
 
-    Examples
-    --------
     >>> row_numbers(np.array([0.0, 1.02, 1.99, 4.0])).tolist()
     [0.0, 1.0, 2.0, 4.0]
     """
@@ -74,8 +64,6 @@ def clock_through(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     `time` (n,). Returns `fitted` (n,): times of the clock, counted from the first stamp; `rows`
     (n,): numbers of the rows on it; they do not increase everywhere where no clock fits.
 
-    Examples
-    --------
     >>> fitted, rows, step = clock_through(np.array([5.0, 6.0, 7.0, 9.0]))
     >>> fitted.round(9).tolist(), [round(row) for row in rows], round(float(step), 9)
     ([0.0, 1.0, 2.0, 4.0], [0, 1, 2, 4], 1.0)
@@ -94,8 +82,6 @@ def regular_clock(time: np.ndarray) -> tuple[np.ndarray | None, str]:
     `time` (n,). Returns `time` (n,): times of the clock; None where no regular clock explains the
     stamps; `problem`: why there is none; "" where there is one.
 
-    Examples
-    --------
     >>> stamps = 0.5 * np.arange(99.0) + 0.02 * np.sin(np.arange(99.0) ** 2)
     >>> clock, _ = regular_clock(stamps)
     >>> bool(np.ptp(np.diff(clock)) < 1e-9)
@@ -129,8 +115,6 @@ def slope_of_readings(
     `slews`: for each slew the stamps (n,), the times of the regular clock (n,), and readings (n,
     width) of any unit, NaN where there is none.
 
-    Examples
-    --------
     >>> rng = np.random.default_rng(1)
     >>> clock = 0.25 * np.arange(400.0)
     >>> stamps = clock + 0.02 * rng.uniform(-1.0, 1.0, 400)
@@ -206,8 +190,6 @@ def regular_stamps(time: np.ndarray, unit: str = "s") -> tuple[np.ndarray, Dirt 
     the clock's times if its steps are lost in rounding, else the stamps; `dirt`: what was done,
     without slew; None if stamps are even, or come from several clocks.
 
-    Examples
-    --------
     >>> stamps, record = regular_stamps(np.round(0.48 * np.arange(99), 1))
     >>> bool(np.abs(np.diff(stamps) - 0.48).max() < 1e-3), record.treated
     (True, 'modelled')

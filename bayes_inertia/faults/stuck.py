@@ -24,8 +24,6 @@ def stuck_readings(readings: np.ndarray, sigma: Sequence[float | None]) -> np.nd
     stated noise of each axis; None leaves the axis out. Returns (n, k): true in stuck runs, from
     their first reading on.
 
-    Examples
-    --------
     >>> rate = np.random.default_rng(1).normal(size=(100, 1))
     >>> rate[40:52] = rate[40]
     >>> np.flatnonzero(stuck_readings(rate, [1.0])[:, 0]).tolist() == list(range(40, 52))
@@ -53,8 +51,6 @@ def stuck_fixes(fixes: np.ndarray) -> np.ndarray:
     `fixes` (n, 4). Returns (n,): true in runs of three and more, if enough other fixes are all
     different.
 
-    Examples
-    --------
     >>> stuck_fixes(np.full((9, 4), 0.5)).any()
     np.False_
     """
@@ -73,8 +69,6 @@ def always_zero(momentum: Sequence[np.ndarray], torque: Sequence[np.ndarray]) ->
     `momentum`, `torque`: a column (n,) for each slew that has one. A wheel at rest under control
     has the noise of its tachometer.
 
-    Examples
-    --------
     >>> always_zero([np.zeros(5)], [np.zeros(5)]), always_zero([np.zeros(5)], [np.ones(5)])
     (True, False)
     """

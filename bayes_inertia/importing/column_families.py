@@ -37,33 +37,15 @@ _ANY_VECTOR = frozenset({"xyz", "vector", "value", "data"})
 
 @dataclass(frozen=True)
 class ColumnFamily:
-    """Columns that seem to hold one quantity.
+    """Columns that seem to hold one quantity."""
 
-    Parameters
-    ----------
-    holds : str
-        What they seem to hold, as a mapping says it.
-    names : tuple of str
-        The columns, in their order.
-    unit : str
-        The unit that their names end with; "" if none.
-    stated_unit : str
-        The unit that the file states; "" if none.
-    form : str
-        Of attitudes: "quaternion", "euler", "dcm" or "mrp".
-    scalar : str
-        Of quaternions: "first" or "last", where the names say it.
-    sequence : str
-        Of Euler angles: the sequence, where it is usual for the names.
-    """
-
-    holds: str
-    names: tuple[str, ...]
-    unit: str = ""
-    stated_unit: str = ""
-    form: str = ""
-    scalar: str = ""
-    sequence: str = ""
+    holds: str  # What they seem to hold, as a mapping says it
+    names: tuple[str, ...]  # The columns, in their order
+    unit: str = ""  # The unit that their names end with; "" if none
+    stated_unit: str = ""  # The unit that the file states; "" if none
+    form: str = ""  # Of attitudes: "quaternion", "euler", "dcm" or "mrp"
+    scalar: str = ""  # Of quaternions: "first" or "last", where the names say it
+    sequence: str = ""  # Of Euler angles: the sequence, where it is usual for the names
 
 
 def families(table: RawTable, file: str) -> list[ColumnFamily]:
@@ -72,8 +54,6 @@ def families(table: RawTable, file: str) -> list[ColumnFamily]:
     `file`: name of its file, which may say what the columns do not. Returns: in the order of the
     columns; none for columns that are not recognised.
 
-    Examples
-    --------
     >>> import numpy as np
     >>> columns = dict.fromkeys(("t", "gx_dps", "gy_dps", "gz_dps"), RawColumn(np.zeros(1)))
     >>> families(RawTable("imu.csv", columns), "imu.csv")[0].unit
@@ -237,21 +217,11 @@ _FIRST, _LAST = np.datetime64("1995-01-01"), np.datetime64("2060-01-01")
 
 @dataclass(frozen=True)
 class ClockGuess:
-    """The clock of a column of stamps.
+    """The clock of a column of stamps."""
 
-    Parameters
-    ----------
-    kind : str
-        As a mapping names it; "?" where only the user can know it.
-    why : str
-        What shows it; "" for "?".
-    hint : str
-        What helps the user to answer; "" where nothing does.
-    """
-
-    kind: str
-    why: str = ""
-    hint: str = ""
+    kind: str  # As a mapping names it; "?" where only the user can know it
+    why: str = ""  # What shows it; "" for "?"
+    hint: str = ""  # What helps the user to answer; "" where nothing does
 
 
 def guessed_clock(table: RawTable, names: Sequence[str]) -> ClockGuess:
@@ -259,8 +229,6 @@ def guessed_clock(table: RawTable, names: Sequence[str]) -> ClockGuess:
 
     Returns: its kind; "?" where name, unit and size leave more than one.
 
-    Examples
-    --------
     >>> ms = RawTable("a.csv", {"unix_ms": RawColumn(np.array([1772366400000.0, 1772366400250.0]))})
     >>> guessed_clock(ms, ["unix_ms"]).kind
     'unix_ms'

@@ -193,24 +193,12 @@ def _with_counts(share: FileShare, counts: np.ndarray, period: _Period) -> FileS
 
 @array_dataclass
 class Logs:
-    """All that was logged, on one clock.
+    """All that was logged, on one clock."""
 
-    Parameters
-    ----------
-    streams : dict of str to LoggedStream
-        By what they hold; times in seconds since `epoch_ns`.
-    epoch_ns : int
-        Zero of the clock: nanoseconds of TAI since 1958 where `absolute`.
-    absolute : bool
-        Whether the zero is a known date.
-    unused : tuple of str
-        Files that no stream names.
-    """
-
-    streams: dict[str, LoggedStream]
-    epoch_ns: int
-    absolute: bool
-    unused: tuple[str, ...] = ()
+    streams: dict[str, LoggedStream]  # By what they hold; times in seconds since `epoch_ns`
+    epoch_ns: int  # Zero of the clock: nanoseconds of TAI since 1958 where `absolute`
+    absolute: bool  # Whether the zero is a known date
+    unused: tuple[str, ...] = ()  # Files that no stream names
 
 
 def on_one_clock(

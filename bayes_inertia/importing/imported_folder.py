@@ -66,27 +66,13 @@ _NAMES: Mapping[str, tuple[str, tuple[str, ...]]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class WrittenColumns:
-    """Entry of one stream.
+    """Entry of one stream."""
 
-    Parameters
-    ----------
-    suffix : str
-        What the names of its tables end with.
-    names : tuple of str
-        The columns.
-    sense : dict of str to str
-        Unit and sense, as its entry in `[columns]` states them.
-    order : tuple of int
-        Which element of the stream stands in each column.
-    factors : tuple of float
-        What each column is multiplied by.
-    """
-
-    suffix: str
-    names: tuple[str, ...]
-    sense: dict[str, str]
-    order: tuple[int, ...]
-    factors: tuple[float, ...]
+    suffix: str  # What the names of its tables end with
+    names: tuple[str, ...]  # The columns
+    sense: dict[str, str]  # Unit and sense, as its entry in `[columns]` states them
+    order: tuple[int, ...]  # Which element of the stream stands in each column
+    factors: tuple[float, ...]  # What each column is multiplied by
 
     def cells(self, values: np.ndarray) -> np.ndarray:
         """The columns of a stream's values.
@@ -156,20 +142,11 @@ def _attitude(mapping: MappingPart, suffix: str) -> WrittenColumns:
 
 @dataclass(frozen=True)
 class SlewTables:
-    """One slew, ready to be written.
+    """One slew, ready to be written."""
 
-    Parameters
-    ----------
-    window : SlewWindow
-        The part of the log.
-    start : float
-        Time of its first reading on the clock of the import [s].
-    streams : dict of str to LoggedStream
-        Readings of the slew with times from its start, by what they hold.
-    """
-
-    window: SlewWindow
-    start: float
+    window: SlewWindow  # The part of the log
+    start: float  # Time of its first reading on the clock of the import [s]
+    # Readings of the slew with times from its start, by what they hold
     streams: dict[str, LoggedStream]
 
 
@@ -180,8 +157,6 @@ def slew_tables(window: SlewWindow, streams: dict[str, LoggedStream]) -> SlewTab
 
     Returns: only the streams that have a reading in the slew.
 
-    Examples
-    --------
     >>> command = LoggedStream("wheel_torque", np.array([0.0, 2.0]), np.array([[1.0], [3.0]]),
     ...                        np.zeros(2, dtype=int), ("a",))
     >>> rate = LoggedStream("rate", np.arange(1.0, 4.0), np.zeros((3, 3)), np.zeros(3, int), ("b",))
@@ -395,8 +370,6 @@ def zero_of_clock(logs: Logs) -> str:
 
     Returns: A date in UTC, as `[[slews]]` of a mapping writes it, or that it is unknown.
 
-    Examples
-    --------
     >>> zero_of_clock(Logs({}, 2_151_144_037_250_000_000, True))
     '2026-03-02T12:00:00.25Z'
     """

@@ -28,32 +28,17 @@ ZERO_OF_FILE = "file"
 
 @array_dataclass
 class FileShare:
-    """One file's share of a stream, its stamps not yet on the common clock.
+    """One file's share of a stream, its stamps not yet on the common clock."""
 
-    Parameters
-    ----------
-    stream : pydantic model
-        The `[[streams]]` of the mapping.
-    file : str
-        The file, as messages name it.
-    stamps : TimeStamps
-        The stamp of each row.
-    values : (rows, width) array
-        Readings in SI units and the package's senses; NaN where there is none.
-    rounding : tuple of float
-        Standard deviation of the rounding in the file, as of `LoggedStream`.
-    notes : tuple of str, optional
-        What a user should know of the file.
-    lines : (rows,) array of int, optional
-        Lines as a text editor shows them; None for files without lines.
-    """
-
-    stream: Any
-    file: str
-    stamps: TimeStamps
+    stream: Any  # The `[[streams]]` of the mapping
+    file: str  # The file, as messages name it
+    stamps: TimeStamps  # The stamp of each row
+    # (rows, width): readings in SI units and the package's senses; NaN where there is none
     values: np.ndarray
+    # Standard deviation of the rounding in the file, as of `LoggedStream`
     rounding: tuple[float, ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # What a user should know of the file
+    # (rows,) of int: lines as a text editor shows them; None for files without lines
     lines: np.ndarray | None = None
 
     @property
@@ -77,43 +62,26 @@ misread.
 class LoggedStream:
     """Readings of one quantity at their own times, from all the files that hold it.
 
-    Parameters
-    ----------
-    holds : str
-        "rate", "wheel_torque", "wheel_momentum", "wheel_speed", "attitude", "magnetic_field" or
-        "position".
-    time : (n,) array
-        Time of each reading on the clock of the import [s], strictly increasing within a file.
-    values : (n, width) array
-        In SI units and radians: torques on the wheels; quaternions body from inertial, scalar
-        last; rates along the axes of the sensor. NaN where an element has no reading.
-    file : (n,) array of int
-        From which of `files` each row is.
-    files : tuple of str
-        The files, as messages name them.
-    notes : tuple of str, optional
-        What was sorted, dropped or taken from the files, for people.
-    rounding : tuple of float, optional
-        Standard deviation of the rounding of each element in the files; one number of attitudes,
-        about any axis [rad].
-    overlap : bool, optional
-        Whether files repeat rows of each other, as downloads of one log do.
-
-    Examples
-    --------
     >>> stream = LoggedStream("rate", np.arange(3.0), np.zeros((3, 3)), np.zeros(3, int), ("a",))
     >>> stream.between(0.5, 2.0).time.tolist()
     [1.0, 2.0]
     """
 
+    # "rate", "wheel_torque", "wheel_momentum", "wheel_speed", "attitude", "magnetic_field" or
+    # "position"
     holds: str
+    # (n,): time of each reading on the clock of the import [s], strictly increasing within a file
     time: np.ndarray
+    # (n, width): in SI units and radians: torques on the wheels; quaternions body from inertial,
+    # scalar last; rates along the axes of the sensor. NaN where an element has no reading.
     values: np.ndarray
-    file: np.ndarray
-    files: tuple[str, ...]
-    notes: tuple[str, ...] = ()
+    file: np.ndarray  # (n,) of int: from which of `files` each row is
+    files: tuple[str, ...]  # The files, as messages name them
+    notes: tuple[str, ...] = ()  # What was sorted, dropped or taken from the files, for people
+    # Standard deviation of the rounding of each element in the files; one number of attitudes,
+    # about any axis [rad]
     rounding: tuple[float, ...] = (0.0,)
-    overlap: bool = False
+    overlap: bool = False  # Whether files repeat rows of each other, as downloads of one log do
 
     @property
     def step(self) -> float:
@@ -146,8 +114,6 @@ def left_out(count: int, rows: int, why: str, *, where: str, advice: str) -> str
 
     `why`: why, such as "have no time"; it follows the number.
 
-    Examples
-    --------
     >>> left_out(2, 900, "have no time", where="a.csv", advice="")
     '2 of 900 rows have no time and are left out'
     """
@@ -169,8 +135,6 @@ def in_order(stream: LoggedStream, place: Callable[[int], str] | None = None) ->
 
     Returns: with a note where rows were sorted or dropped.
 
-    Examples
-    --------
     >>> raw = LoggedStream("rate", np.array([1.0, 0.0, 1.0]), np.ones((3, 3)), np.zeros(3, int), ())
     >>> ordered = in_order(raw)
     >>> ordered.time.tolist(), ordered.notes

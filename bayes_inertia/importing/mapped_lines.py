@@ -62,18 +62,7 @@ def streams_outside(folder: Path) -> dict[str, tuple[int, list[float], list[floa
 
 
 def streams_beside(folder: Path) -> list[str]:
-    """Record of streams that a known offset would put into the slews.
-
-    Parameters
-    ----------
-    folder : Path
-        A campaign folder.
-
-    Returns
-    -------
-    list of str
-        One a stream; empty for a folder that was not imported.
-    """
+    """Notes on streams that a known offset would put into the slews; none without an import."""
     return _of_record(
         folder,
         lambda record: [
@@ -95,22 +84,8 @@ def _of_record[T](folder: Path, read: Callable[[Any], T], otherwise: T) -> T:
 
 
 def lines_of(text: str, key: str) -> list[tuple[int, str]]:
-    """Number and text of the lines of a mapping that state a key.
+    """Number and text of the lines of a mapping that state a key of campaign.toml; [] if none.
 
-    Parameters
-    ----------
-    text : str
-        The mapping.
-    key : str
-        Path of the key in campaign.toml, such as "columns.rate.unit".
-
-    Returns
-    -------
-    list of tuple of int and str
-        Empty where the mapping does not state it.
-
-    Examples
-    --------
     >>> lines_of('[[streams]]\\nholds = "rate"\\nunit = "deg/s"', "columns.rate.unit")
     [(3, 'unit = "deg/s"')]
     """

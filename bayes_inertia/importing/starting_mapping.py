@@ -56,23 +56,12 @@ _FROM_NAMES = "from the names of the columns"
 
 @dataclass(frozen=True)
 class FileGroup:
-    """Files whose tables have the same columns.
+    """Files whose tables have the same columns."""
 
-    Parameters
-    ----------
-    files : tuple of Path
-        The files.
-    table_name : str
-        Their table; "" for files that are one table.
-    table : RawTable
-        The first of them.
-    packet : tuple of str and (str or int), optional
-        Of tables with rows of several packets, the column that says which, and its value.
-    """
-
-    files: tuple[Path, ...]
-    table_name: str
-    table: RawTable
+    files: tuple[Path, ...]  # The files
+    table_name: str  # Their table; "" for files that are one table
+    table: RawTable  # The first of them
+    # Of tables with rows of several packets, the column that says which, and its value
     packet: tuple[str, str | int] | None = None
 
 
@@ -211,8 +200,6 @@ def notation_of(holds: str, name: str) -> dict[str, tuple[str, str]]:
     `holds`: what the column seems to hold, as a mapping says it. Returns: for keys of the stream a
     value, and whose notation says it; the first that fits.
 
-    Examples
-    --------
     >>> notation_of("rate", "omega_BN_B[0]")["frame"], notation_of("rate", "gx_dps")
     (('body', "Basilisk's notation"), {})
     """
@@ -230,24 +217,12 @@ _WHEEL_STREAMS = ("wheel_torque", "wheel_momentum", "wheel_speed")
 
 @dataclass(frozen=True)
 class StartingMapping:
-    """A mapping to be filled in.
+    """A mapping to be filled in."""
 
-    Parameters
-    ----------
-    text : str
-        TOML with comments.
-    questions : int
-        Number of questions that it asks.
-    streams : tuple of str
-        What the streams that were recognised hold.
-    left_over : tuple of str
-        Columns that no stream holds, such as "gyro.csv: c1, c2".
-    """
-
-    text: str
-    questions: int
-    streams: tuple[str, ...]
-    left_over: tuple[str, ...]
+    text: str  # TOML with comments
+    questions: int  # Number of questions that it asks
+    streams: tuple[str, ...]  # What the streams that were recognised hold
+    left_over: tuple[str, ...]  # Columns that no stream holds, such as "gyro.csv: c1, c2"
 
 
 def write_starting_mapping(files: Sequence[str | Path], path: str | Path) -> StartingMapping:
@@ -388,8 +363,6 @@ def wheel_words(names: Sequence[str]) -> list[str]:
 
     Returns: A word a wheel: "x" of "cmd_wheel_x", else its number.
 
-    Examples
-    --------
     >>> wheel_words(["cmd_wheel_x", "cmd_wheel_y"]), wheel_words(["rw1_rpm", "rw2_rpm"])
     (['x', 'y'], ['1', '2'])
     """

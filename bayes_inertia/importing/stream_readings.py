@@ -52,30 +52,16 @@ COLUMNS_OF_FORM = {"quaternion": 4, "euler": 3, "dcm": 9, "mrp": 3}
 
 @dataclass(frozen=True)
 class AttitudeConvention:
-    """Attitude convention of a log.
+    """Attitude convention of a log."""
 
-    Parameters
-    ----------
-    form : {"quaternion", "euler", "dcm", "mrp"}
-        What the columns are.
-    maps : {"inertial_to_body", "body_to_inertial"}
-        Between which axes, as the module's text defines it for each form.
-    scalar : {"first", "last"}, optional
-        Place of a quaternion's scalar.
-    sequence : str, optional
-        Axes of Euler angles in the order of the turns, such as "zyx".
-    turns : {"intrinsic", "extrinsic"}, optional
-        Whether Euler angles turn about the turned axes or about the first ones.
-    radians : float, optional
-        Radians of one unit of the angles.
-    """
-
-    form: AttitudeForm
+    form: AttitudeForm  # What the columns are
+    # Between which axes, as the module's text defines it for each form
     maps: Literal["inertial_to_body", "body_to_inertial"]
-    scalar: Literal["first", "last"] = "last"
-    sequence: str = ""
+    scalar: Literal["first", "last"] = "last"  # Place of a quaternion's scalar
+    sequence: str = ""  # Axes of Euler angles in the order of the turns, such as "zyx"
+    # Whether Euler angles turn about the turned axes or about the first ones
     turns: Literal["intrinsic", "extrinsic"] = "intrinsic"
-    radians: float = 1.0
+    radians: float = 1.0  # Radians of one unit of the angles
 
 
 def to_quaternions(values: np.ndarray, convention: AttitudeConvention) -> np.ndarray:
@@ -84,8 +70,6 @@ def to_quaternions(values: np.ndarray, convention: AttitudeConvention) -> np.nda
     `values` (n, columns): the columns; NaN throughout a row without a fix. Rows must be good
     (`bad_attitude`). Returns (n, 4): body from inertial, scalar last; NaN in rows without a fix.
 
-    Examples
-    --------
     >>> degrees = {"sequence": "zyx", "radians": np.pi / 180}
     >>> yaw_first = AttitudeConvention("euler", "inertial_to_body", **degrees)
     >>> to_quaternions(np.array([[90.0, 0.0, 0.0]]), yaw_first).round(4).tolist()
@@ -123,8 +107,6 @@ def without_solution(
     `values` (n, columns). `marked` (n, columns): cells that hold what the mapping calls a mark.
     Returns (n,).
 
-    Examples
-    --------
     >>> rows = np.array([[0.0, 0.0, 0.0, 0.0], [0.5, 0.5, 0.5, 0.5], [-1.0, -1.0, -1.0, -1.0]])
     >>> quaternion = AttitudeConvention("quaternion", "inertial_to_body")
     >>> without_solution(rows, quaternion, np.zeros((3, 4), dtype=bool)).tolist()
@@ -148,8 +130,6 @@ def standing_mark(quaternions: np.ndarray, time: np.ndarray) -> np.ndarray:
 
     `quaternions` (n, 4); `time` (n,) [s]. Returns (n,).
 
-    Examples
-    --------
     >>> rows = np.array([[0.6, 0.0, 0.0, 0.8], [0.0, 0.0, 0.0, 1.0]] * 3)
     >>> rows[::2, 0] += 1e-6 * np.arange(3)
     >>> standing_mark(rows, np.arange(6.0)).tolist()
@@ -184,8 +164,6 @@ def rounding_of_attitudes(
     `sigmas` (columns,). `values` (n, columns): the columns; NaN throughout a row without a fix.
     Returns [rad].
 
-    Examples
-    --------
     >>> fix, sigmas = np.array([[0.0, 0.0, 0.6, 0.8]]), np.full(4, 1e-4)
     >>> quaternion = AttitudeConvention("quaternion", "inertial_to_body")
     >>> round(rounding_of_attitudes(fix, quaternion, sigmas), 7)
@@ -209,8 +187,6 @@ def bad_attitude(values: np.ndarray, convention: AttitudeConvention) -> tuple[in
 
     `values` (n, columns). Returns: the row and what is wrong with it; None if all rows are good.
 
-    Examples
-    --------
     >>> bad_attitude(np.eye(3).reshape(1, 9) * 2.0, AttitudeConvention("dcm", "inertial_to_body"))
     (0, 'the matrix is no rotation: its rows are not of length 1 and square to each other')
     """
@@ -240,8 +216,6 @@ def from_tracker_axes(quaternions: np.ndarray, body_from_tracker: np.ndarray) ->
     `body_from_tracker` (3, 3). `quaternions` (n, 4): tracker from inertial, scalar last; NaN in
     rows without a fix. Returns (n, 4).
 
-    Examples
-    --------
     >>> half_turn = np.diag([-1.0, -1.0, 1.0])
     >>> (from_tracker_axes(np.array([[0.0, 0.0, 0.0, 1.0]]), half_turn) + 0.0).tolist()
     [[0.0, 0.0, 1.0, 0.0]]
@@ -267,8 +241,6 @@ def agreed(stated: Any, mapped: Any, where: str, file: str) -> Any:
     `stated`: what the file says; "" or None where it says nothing. `mapped`: what the mapping says;
     "", None or empty where it says nothing.
 
-    Examples
-    --------
     >>> agreed("last", None, "m.toml, key scalar", "a.aem")
     'last'
     """

@@ -79,8 +79,6 @@ def spelled_for_pint(unit: str) -> str:
 
     `unit` [RPM].
 
-    Examples
-    --------
     >>> [spelled_for_pint(unit) for unit in ("mNm", "N.m.s", "[deg s-1]", "kg m2/s")]
     ['mN*m', 'N*m*s', 'deg*s**-1', 'kg*m**2/s']
     """
@@ -124,8 +122,6 @@ def _factor(quantity: str, spelled: str) -> float:
 def unit_factor(quantity: str, unit: str) -> float:
     """The factor from a unit to the SI unit of a quantity, with radians.
 
-    Examples
-    --------
     >>> unit_factor("wheel_torque", "mNm"), unit_factor("time", "ms")
     (0.001, 0.001)
     >>> unit_factor("rate", "Hz")
@@ -166,8 +162,6 @@ def to_si_with(
 
     `unit`: as the field spells it; of counts the unit of scale and offset.
 
-    Examples
-    --------
     >>> to_si_with(np.array([100.0]), "mN m", "wheel_torque", scale=0.1, offset=-5.0).tolist()
     [0.005]
     """

@@ -44,30 +44,15 @@ _WITH_MEANING = frozenset(
 
 @dataclass(frozen=True)
 class AemSegment:
-    """One block of metadata with its attitudes, KVN or XML alike.
+    """One block of metadata with its attitudes, KVN or XML alike."""
 
-    Parameters
-    ----------
-    version : str
-        "1.0" or "2.0".
-    metadata : dict of str to str
-        Keywords and their values.
-    rows : tuple of tuple of str
-        Cells: time stamp and numbers.
-    lines : tuple of int
-        Their lines; () for XML.
-    names : tuple of str
-        Columns as XML names them; () for KVN, where ATTITUDE_TYPE names them.
-    label : str
-        The file and the segment, as messages name them.
-    """
-
-    version: str
-    metadata: Mapping[str, str]
-    rows: tuple[tuple[str, ...], ...]
-    lines: tuple[int, ...] = ()
+    version: str  # "1.0" or "2.0"
+    metadata: Mapping[str, str]  # Keywords and their values
+    rows: tuple[tuple[str, ...], ...]  # Cells: time stamp and numbers
+    lines: tuple[int, ...] = ()  # Their lines; () for XML
+    # Columns as XML names them; () for KVN, where ATTITUDE_TYPE names them
     names: tuple[str, ...] = ()
-    label: str = ""
+    label: str = ""  # The file and the segment, as messages name them
 
     def error(self, what: str, advice: str) -> CampaignError:
         """What is wrong with the segment."""

@@ -240,8 +240,6 @@ _OLD_OBJECT = (
 def tables_of(arrays: Mapping[str, np.ndarray]) -> list[str]:
     """Names of the tables in a file of arrays: its groups with dots, and rows where lengths differ.
 
-    Examples
-    --------
     >>> tables_of({"gyro/t": np.zeros(5), "gyro/w": np.zeros((5, 3)), "st/t": np.zeros(2)})
     ['gyro', 'st']
     """
@@ -377,8 +375,6 @@ def array_column(values: np.ndarray, unit: str = "") -> RawColumn:
 
     The unit "seconds since 2024-01-01" makes dates of numbers.
 
-    Examples
-    --------
     >>> array_column(np.array([0.5]), "seconds since 2024-01-01").values.tolist()
     ['2024-01-01T00:00:00.500000000']
     """

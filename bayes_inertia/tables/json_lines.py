@@ -33,8 +33,6 @@ def read_json_lines(path: Path) -> RawTable:
 def parse_json_lines(text: str, label: str) -> RawTable:
     """The columns of text of JSON objects.
 
-    Examples
-    --------
     >>> table = parse_json_lines('{"t": 1, "gyro": {"w": [0.1, null]}}', "a.jsonl")
     >>> {name: column.values.tolist() for name, column in table.columns.items()}
     {'t': [1], 'gyro.w[0]': [0.1], 'gyro.w[1]': [nan]}

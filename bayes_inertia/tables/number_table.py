@@ -32,27 +32,15 @@ _VECTORS = "store each column as a vector of plain numbers"
 class Table:
     """Some columns of a table, as 64-bit floats with NaN for empty cells.
 
-    Parameters
-    ----------
-    label : str
-        The file, as messages name it.
-    columns : dict of str to (rows,) array
-        Values by column name, in the file's own units.
-    lines : (rows,) array of int, optional
-        Line numbers as a text editor shows them; None for files without lines.
-    single : frozenset of str, optional
-        Columns that the file stores as 32-bit floats.
-
-    Examples
-    --------
     >>> Table("a.csv", {"t": np.zeros(2)}, np.array([2, 4])).place(1, "t")
     'a.csv, line 4, column t'
     """
 
-    label: str
-    columns: dict[str, np.ndarray]
+    label: str  # The file, as messages name it
+    columns: dict[str, np.ndarray]  # Values by column name, in the file's own units
+    # (rows,) of int: line numbers as a text editor shows them; None for files without lines
     lines: np.ndarray | None = None
-    single: frozenset[str] = frozenset()
+    single: frozenset[str] = frozenset()  # Columns that the file stores as 32-bit floats
 
     def place(self, row: int, column: str | None = None) -> str:
         """File, line (or row from 1) and column of a cell, for a message."""
@@ -116,8 +104,6 @@ def parse_csv(text: str, names: Sequence[str], label: str) -> Table:
 
     An empty cell is NaN. Empty lines are skipped. Text is welcome in columns that are not wanted.
 
-    Examples
-    --------
     >>> text = "t,mode,w\\n0,idle,1\\n1,slew,\\n"
     >>> parse_csv(text, ["t", "w"], "a.csv").stack(["t", "w"]).tolist()
     [[0.0, 1.0], [1.0, nan]]

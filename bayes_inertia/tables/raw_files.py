@@ -49,8 +49,6 @@ _NO_LABEL = re.compile(r".*(valid|flag|status|quality|state|alarm|limit|severity
 def one_row_a_time(table: RawTable) -> RawTable:
     """A table whose rows each hold one parameter, with a column a parameter; others as they are.
 
-    Examples
-    --------
     >>> names = np.array(["wx", "wy", "wx"], dtype=np.dtypes.StringDType())
     >>> columns = {"t": [0.0, 0.0, 0.5], "parameter": names, "value": [1.0, 2.0, 3.0]}
     >>> made = {name: RawColumn(np.array(v)) for name, v in columns.items()}

@@ -33,23 +33,13 @@ _INERTIAL = re.compile(
 
 @array_dataclass
 class RawColumn:
-    """One column as it lies in the file.
+    """One column as it lies in the file."""
 
-    Parameters
-    ----------
-    values : (rows,) array
-        Floats (NaN for no reading), integers, or texts where not every cell is a number.
-    unit : str, optional
-        The unit that the file itself states; "" where it states none.
-    single : bool, optional
-        Whether the file stores 32-bit floats.
-    exact : (rows,) array of str, optional
-        The cells of a text file with more digits than a 64-bit float holds.
-    """
-
+    # (rows,): floats (NaN for no reading), integers, or texts where not every cell is a number
     values: np.ndarray
-    unit: str = ""
-    single: bool = False
+    unit: str = ""  # The unit that the file itself states; "" where it states none
+    single: bool = False  # Whether the file stores 32-bit floats
+    # (rows,) of str: the cells of a text file with more digits than a 64-bit float holds
     exact: np.ndarray | None = None
 
     @property
@@ -65,29 +55,17 @@ class RawColumn:
 
 @dataclass(frozen=True)
 class StatedAttitude:
-    """Attitude convention that the file states, so that no mapping need say it.
+    """Attitude convention that the file states, so that no mapping need say it."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        The columns: a quaternion or three angles, in the order of the file.
-    scalar : {"first", "last", ""}
-        Where the scalar of a quaternion stands; "" for angles.
-    from_frame, to_frame : str
-        v_to = C v_from with the rotation that the columns describe, such as "EME2000" and
-        "SC_BODY_1".
-    sequence : str
-        Axes of Euler angles in the order of the rotations, such as "ZYX"; "" for a quaternion.
-    angle_unit : str
-        Unit of the angles; "" for a quaternion.
-    """
-
-    names: tuple[str, ...]
-    scalar: Literal["first", "last", ""]
+    names: tuple[str, ...]  # The columns: a quaternion or three angles, in the order of the file
+    scalar: Literal["first", "last", ""]  # Where the scalar of a quaternion stands; "" for angles
+    # from_frame, to_frame: v_to = C v_from with the rotation that the columns describe, such as
+    # "EME2000" and "SC_BODY_1"
     from_frame: str
     to_frame: str
+    # Axes of Euler angles in the order of the rotations, such as "ZYX"; "" for a quaternion
     sequence: str = ""
-    angle_unit: str = ""
+    angle_unit: str = ""  # Unit of the angles; "" for a quaternion
 
     @property
     def maps(self) -> Literal["inertial_to_body", "body_to_inertial", ""]:
@@ -101,8 +79,6 @@ class StatedAttitude:
 def is_inertial(frame: str) -> bool:
     """Whether a name is that of an inertial frame, as CCSDS or 42 names it.
 
-    Examples
-    --------
     >>> [is_inertial(frame) for frame in ("EME2000", "icrf_3", "SC_BODY_1", "ITRF2000")]
     [True, True, False, False]
     """
@@ -113,37 +89,20 @@ def is_inertial(frame: str) -> bool:
 class RawTable:
     """The columns of one table of one file.
 
-    Parameters
-    ----------
-    label : str
-        The file (and its table), as messages name it.
-    columns : dict of str to RawColumn
-        All of one length.
-    lines : (rows,) array of int, optional
-        Line numbers as a text editor shows them; None for files without lines.
-    time_names : tuple of str, optional
-        Columns that hold the time, where the format says so.
-    time_kind : str, optional
-        Their kind as `time_stamps.times_to_seconds` names it, where the format says so.
-    attitude : StatedAttitude, optional
-        What the format says of its attitudes.
-    notes : tuple of str, optional
-        What a user should know of the file, such as too few decimals.
-
-    Examples
-    --------
     >>> table = RawTable("a.csv", {"t": RawColumn(np.zeros(2))}, np.array([2, 4]))
     >>> table.place(1, "t")
     'a.csv, line 4, column t'
     """
 
-    label: str
-    columns: dict[str, RawColumn]
+    label: str  # The file (and its table), as messages name it
+    columns: dict[str, RawColumn]  # All of one length
+    # (rows,) of int: line numbers as a text editor shows them; None for files without lines
     lines: np.ndarray | None = None
-    time_names: tuple[str, ...] = ()
+    time_names: tuple[str, ...] = ()  # Columns that hold the time, where the format says so
+    # Their kind as `time_stamps.times_to_seconds` names it, where the format says so
     time_kind: str = ""
-    attitude: StatedAttitude | None = None
-    notes: tuple[str, ...] = ()
+    attitude: StatedAttitude | None = None  # What the format says of its attitudes
+    notes: tuple[str, ...] = ()  # What a user should know of the file, such as too few decimals
 
     @property
     def rows(self) -> int:
@@ -207,8 +166,6 @@ def shortened(cell: str) -> str:
 def no_column(name: str, available: Sequence[str], where: str, why: str = "") -> CampaignError:
     """The refusal of a column that a table has not, with the nearest that it has.
 
-    Examples
-    --------
     >>> str(no_column("wx", ["t", "w_x"], "a.csv, line 1"))
     "a.csv, line 1: no column 'wx'; did you mean 'w_x'? The table has: t, w_x"
     """
@@ -237,8 +194,6 @@ def _listed(names: Sequence[str]) -> str:
 def number_of(cell: str, decimal: str = ".") -> float:
     """The number in a cell of text with the decimal sign "." or ","; NaN where it is none.
 
-    Examples
-    --------
     >>> number_of("1,5e-3", ","), number_of("1_000"), number_of("1.5D+02")
     (0.0015, nan, 150.0)
     """

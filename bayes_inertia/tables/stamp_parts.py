@@ -61,8 +61,6 @@ def leap_table() -> tuple[np.ndarray, np.ndarray]:
 def utc_to_tai(utc_ns: np.ndarray) -> np.ndarray:
     """TAI of UTC from 1972 on, (rows,) array of ns since 1958 each; a day of UTC has 86400 s.
 
-    Examples
-    --------
     >>> new_year = np.array([21550 * 86400 * SECOND])  # 2017-01-01
     >>> ((utc_to_tai(new_year) - utc_to_tai(new_year - 1)) / SECOND).round(6).tolist()
     [1.0]
@@ -75,8 +73,6 @@ def utc_to_tai(utc_ns: np.ndarray) -> np.ndarray:
 def tai_to_utc(tai_ns: int) -> int:
     """UTC of TAI [ns since 1958]; a day of UTC has 86400 s.
 
-    Examples
-    --------
     >>> moment = 21550 * 86400 * SECOND
     >>> tai_to_utc(int(utc_to_tai(np.array(moment)))) == moment
     True
@@ -109,8 +105,6 @@ _WORDS = re.compile(r"[A-Z]?[a-zµμ]+|[A-Z]+(?![a-z])")
 def words_of(name: str) -> list[str]:
     """The words of a column's name in their order, in small letters.
 
-    Examples
-    --------
     >>> words_of("unixMs"), words_of("GPS_time [s]")
     (['unix', 'ms'], ['gps', 'time', 's'])
     """
@@ -120,8 +114,6 @@ def words_of(name: str) -> list[str]:
 def unit_in_name(name: str) -> str:
     """The first unit of time that the name of a column says; "" where it says none.
 
-    Examples
-    --------
     >>> [unit_in_name(name) for name in ("nanosec", "us_of_ms", "dayOfYear", "iTOW", "fine")]
     ['ns', 'us', 'doy', 'ms', '']
     """
@@ -136,8 +128,6 @@ def unit_in_name(name: str) -> str:
 def unit_size(text: str) -> Fraction | None:
     """The nanoseconds of a unit of time such as "10 us" or "s/65536"; None where it is none.
 
-    Examples
-    --------
     >>> unit_size("10 us"), unit_size("s/2^16") == unit_size("1/65536 s"), unit_size("m")
     (Fraction(10000, 1), True, None)
     """

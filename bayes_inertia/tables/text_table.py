@@ -56,8 +56,6 @@ def read_text_table(path: Path, options: TextOptions) -> RawTable:
 def parse_text(text: str, label: str, options: TextOptions) -> RawTable:
     """The columns of a text table; what the options leave open is told from the text.
 
-    Examples
-    --------
     >>> table = parse_text("t;w\\ns;deg/s\\n0,25;1,5\\n0,5;\\n", "a.csv", TextOptions())
     >>> table.numbers("w").tolist(), table.columns["w"].unit
     ([1.5, nan], 'deg/s')
@@ -322,8 +320,6 @@ def text_column(cells: Sequence[str], decimal: str, unit: str = "") -> RawColumn
 
     The texts stand beside numbers that a float would round.
 
-    Examples
-    --------
     >>> text_column(["1.5", "", "n/a"], ".").values.tolist()
     [1.5, nan, nan]
     """

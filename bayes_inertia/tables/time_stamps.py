@@ -68,8 +68,6 @@ _OF_DAY = re.compile(r"\d{1,2}:\d{2}")
 def split_unit(name: str) -> tuple[str, str]:
     """A column's name without the unit that it ends with, and that unit, or "".
 
-    Examples
-    --------
     >>> split_unit("wx_deg_s"), split_unit("rate x [deg/s]"), split_unit("gyro")
     (('wx', 'deg/s'), ('rate x', 'deg/s'), ('gyro', ''))
     """
@@ -106,8 +104,6 @@ def _holds_dates(column: RawColumn) -> bool:
 def stamp_columns(table: RawTable, named: Sequence[str]) -> list[str]:
     """Columns that make one stamp together, whole units first; the first of `named` if it is alone.
 
-    Examples
-    --------
     >>> ros = {"sec": RawColumn(np.array([7.0, 7.0])), "nanosec": RawColumn(np.array([0.0, 5e8]))}
     >>> stamp_columns(RawTable("a.csv", ros), ["sec"])
     ['sec', 'nanosec']
@@ -174,8 +170,6 @@ def _stem(name: str) -> str:
 def stamp_units(table: RawTable, names: Sequence[str]) -> list[str]:
     """Unit of each column of a stamp, as a mapping writes it: "date" for texts, "" if unknown.
 
-    Examples
-    --------
     >>> cuc = {"coarse": np.array([7.0, 7.0]), "fine": np.array([16384.0, 49152.0])}
     >>> stamp_units(RawTable("a.csv", {k: RawColumn(v) for k, v in cuc.items()}), list(cuc))
     ['s', 's/2^16']
@@ -240,32 +234,18 @@ TIME_KINDS = (*FREE_CLOCKS, *_TEXTS, *_NUMBERS, "gps_week", *_DAYS)
 class TimeStamps:
     """The times of one stream.
 
-    Parameters
-    ----------
-    ns : (rows,) array of int
-        Nanoseconds since 1958-01-01T00:00:00 TAI where `absolute`, else since the clock's own
-        zero; 0 where a stamp is missing.
-    missing : (rows,) array of bool
-        Rows without a stamp.
-    absolute : bool
-        Whether other absolute clocks share the scale.
-    resolution_s : float
-        The step in which the file can write a stamp [s].
-    zero_ns : int, optional
-        The stamp of the clock's own zero.
-
-    Examples
-    --------
     >>> stamps = TimeStamps(np.array([10, 250_000_010]), np.array([False, False]), False, 1e-9)
     >>> stamps.seconds_since(stamps.first_ns).tolist()
     [0.0, 0.25]
     """
 
+    # (rows,) of int: nanoseconds since 1958-01-01T00:00:00 TAI where `absolute`, else since the
+    # clock's own zero; 0 where a stamp is missing
     ns: np.ndarray
-    missing: np.ndarray
-    absolute: bool
-    resolution_s: float
-    zero_ns: int = 0
+    missing: np.ndarray  # (rows,) of bool: rows without a stamp
+    absolute: bool  # Whether other absolute clocks share the scale
+    resolution_s: float  # The step in which the file can write a stamp [s]
+    zero_ns: int = 0  # The stamp of the clock's own zero
 
     @property
     def first_ns(self) -> int:
@@ -301,8 +281,6 @@ def times_to_seconds(
     as 2 from 2019-04-07. `first_day`: for "cds": the days from 1958-01-01 to the day that it calls
     0.
 
-    Examples
-    --------
     >>> from bayes_inertia.tables.raw_table import RawColumn
     >>> week = RawTable("w.csv", {"w": RawColumn(np.array([2086])), "s": RawColumn(np.array([18]))})
     >>> text = RawTable("t.csv", {"t": RawColumn(np.array(["2019-12-29T00:00:00Z"]))})
@@ -326,8 +304,6 @@ def times_to_seconds(
 def dates_of(number: float, kind: str) -> np.datetime64 | None:
     """The date in UTC of a count of one of `COUNTED_CLOCKS`; None outside the years that are read.
 
-    Examples
-    --------
     >>> str(dates_of(1456401618.0, "gps_s"))[:19]
     '2026-03-01T12:00:00'
     """

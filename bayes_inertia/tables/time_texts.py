@@ -53,8 +53,6 @@ _ADVICE = (
 def form_of_format(text: str, where: str) -> re.Pattern[str]:
     """The pattern of dates that a `format` of directives of `strptime` describes, for `text_to_ns`.
 
-    Examples
-    --------
     >>> form = form_of_format("%d.%m.%Y %H:%M", "m.toml")
     >>> text_to_ns("02.01.1958 00:01", utc=True, place=str, form=form)
     (86460000000000, False)
@@ -97,8 +95,6 @@ def text_to_ns(
     A day has 86400 s, and 23:59:60 is given as 23:59:59. Only a clock in UTC has zones and leap
     seconds.
 
-    Examples
-    --------
     >>> text_to_ns("2016-12-31T23:59:60.5Z", utc=True, place=str)
     (1861919999500000000, True)
     """
@@ -138,8 +134,6 @@ def text_to_ns(
 def is_date(cell: str) -> bool:
     """Whether a cell holds a date, with or without time of day, that needs no `format`.
 
-    Examples
-    --------
     >>> [is_date(cell) for cell in ("1 Mar 2026 12:00", "2026-03-01", "01/03/2026 12:00", "5 Nms")]
     [True, True, False, False]
     """
@@ -153,8 +147,6 @@ def plain_dates(cells: Sequence[str]) -> np.ndarray | None:
     None where one is empty, by day of year, a leap second, with an offset, or damaged: `text_to_ns`
     then reads each by itself.
 
-    Examples
-    --------
     >>> plain_dates(["1958-01-01T00:00:01Z", "1958-01-01T00:00:02Z"]) // SECOND
     array([1, 2])
     """

@@ -22,18 +22,10 @@ from bayes_inertia.tables.number_table import Table
 
 @dataclass(frozen=True)
 class SensorStream(ABC):
-    """One sensor's readings; a class for each kind of sensor, an instance for each sensor.
+    """One sensor's readings; a class for each kind of sensor, an instance for each sensor."""
 
-    Parameters
-    ----------
-    name : str
-        Of the channel, as files and messages say it.
-    field : str
-        Of `Slew`, which holds the readings; empty for one of `Campaign.more_sensors`.
-    """
-
-    name: str
-    field: str = ""
+    name: str  # Of the channel, as files and messages say it
+    field: str = ""  # Of `Slew`, which holds the readings; empty for one of `Campaign.more_sensors`
 
     # In words; in tables and pictures; of the readings.
     sensor: ClassVar[str]
