@@ -44,7 +44,8 @@ from bayes_inertia.files import (
     write_atomically,
 )
 from bayes_inertia.sealing import sha256_of
-from bayes_inertia.tables.number_table import Table, read_table
+from bayes_inertia.tables.number_table import read_table
+from bayes_inertia.tables.table import Table
 
 # A record without rows, and the times [s] that it concerns.
 _TimedDirt = tuple[Dirt, np.ndarray]
@@ -250,10 +251,9 @@ def _tables(part: SlewTables, table: _TableReader, parsed: Description) -> dict[
     read = [entry for entry in parsed.entries if part.file_of(entry)]
     first = min(read, key=lambda entry: entry.field != "rate")
     rated = tables[part.file_of(first) or ""]
-    rows = len(rated.columns[first.columns.names[0]])
-    if rows < 2:
+    if rated.rows < 2:
         raise CampaignError(
-            f"{rows} row(s) of telemetry",
+            f"{rated.rows} row(s) of telemetry",
             where=rated.label,
             advice="a slew needs at least two",
         )

@@ -40,7 +40,7 @@ from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.gaps import is_regular
 from bayes_inertia.faults.held import HeldReadings, held_readings
 from bayes_inertia.faults.stamps import StampSlope, regular_clock, regular_stamps, slope_of_readings
-from bayes_inertia.tables.number_table import Table
+from bayes_inertia.tables.table import Table
 
 
 @dataclass(frozen=True)
@@ -150,16 +150,17 @@ class StreamRows:
     @property
     def stamps(self) -> np.ndarray:
         """The column of its time, in the file's own unit."""
-        return self.table.columns[self.stream.time.names[0]]
+        return self.table.numbers(self.stream.time.names[0])
 
     def at(self, times: np.ndarray, dirt: Dirt | None) -> StreamRows:
         """The same rows at other times.
 
         `times` (rows,).
         """
-        columns = {**self.table.columns, self.stream.time.names[0]: times}
         records = self.dirt if dirt is None else (*self.dirt, dirt)
-        return replace(self, table=replace(self.table, columns=columns), dirt=records)
+        return replace(
+            self, table=self.table.changed({self.stream.time.names[0]: times}), dirt=records
+        )
 
 
 def on_their_clocks(slews: Sequence[Sequence[StreamRows]]) -> list[list[StreamRows]]:
@@ -292,14 +293,13 @@ def _without_repeats(
     """Rows of a stream without the repeats in some of its columns, and with a record of them."""
     repeated = np.flatnonzero(held.repeats.any(axis=1))
     values = np.where(held.repeats, np.nan, rows.table.stack(names))
-    columns = {**rows.table.columns, **dict(zip(names, values.T, strict=True))}
     poll = float(to_si(np.median(np.diff(rows.stamps)), "time", rows.stream.time.unit))
     note = (
         f"{held}: {len(repeated)} of {len(values)} rows repeat the one before and do not count; "
         f"a reading may be up to {poll:.3g} s older than its stamp"
     )
     record = Dirt("duplicate", channel, "", tuple(repeated.tolist()), "masked", note)
-    table = replace(rows.table, columns=columns)
+    table = rows.table.changed(dict(zip(names, values.T, strict=True)))
     return replace(rows, table=table, dirt=(*rows.dirt, record))
 
 
@@ -315,7 +315,7 @@ def stream_from_table(
     wheel [kg m^2], for tachometers that tell speeds. Returns: channels (rows, width), named as
     `Slew` names them ("more.NAME" of a further sensor), and their true "time" (rows,) [s].
     """
-    time = to_si(table.columns[stream.time.names[0]], "time", stream.time.unit)
+    time = to_si(table.numbers(stream.time.names[0]), "time", stream.time.unit)
     # Adding nothing would make a zero of -0.0.
     channels = {"time": time + stream.offset_s if stream.offset_s else time}
     for entry in stream.entries:
@@ -351,7 +351,7 @@ def inputs_of(streams: Sequence[StreamRows]) -> dict[str, InputStream]:
 
 
 def _input(table: Table, stream: Stream, entry: Entry) -> InputStream:
-    time = to_si(table.columns[stream.time.names[0]], "time", stream.time.unit)
+    time = to_si(table.numbers(stream.time.names[0]), "time", stream.time.unit)
     names = entry.columns.names
     refuse_half_empty_rows(table, names, "fill the row, or leave all its cells empty")
     values = table.stack(names)

@@ -28,7 +28,7 @@ from bayes_inertia.campaign.written_devices import (
 )
 from bayes_inertia.errors import OutputError
 from bayes_inertia.files import write_new_files
-from bayes_inertia.tables.number_table import Table
+from bayes_inertia.tables.table import Table
 
 # Slew field -> key of [columns], its unit and sense, and its columns (a text: one a wheel).
 _CHANNELS: dict[str, tuple[str, Mapping[str, str], str | Sequence[str]]] = {
@@ -92,8 +92,15 @@ def write_campaign(campaign: Campaign, folder: str | Path) -> Path:
 
 def files_of(description: str, tables: Mapping[str, Table]) -> dict[str, bytes]:
     """The files of a campaign folder by name, the description last."""
-    texts = {file: table.csv() for file, table in tables.items()} | {"campaign.toml": description}
+    texts = {file: _csv(table) for file, table in tables.items()} | {"campaign.toml": description}
     return {name: text.encode("utf-8") for name, text in texts.items()}
+
+
+def _csv(table: Table) -> str:
+    """Text with all digits; NaN becomes an empty cell."""
+    cells = table.stack(list(table.columns)).tolist()
+    rows = [["" if math.isnan(cell) else repr(cell) for cell in row] for row in cells]
+    return "".join(",".join(row) + "\n" for row in [list(table.columns), *rows])
 
 
 def content_of(campaign: Campaign) -> tuple[str, dict[str, Table]]:
@@ -212,7 +219,7 @@ def _table_of(slew: Slew, columns: dict[str, list[str]]) -> Table:
         if values is None:
             values = np.full((len(slew.time), len(names)), np.nan)
         made |= dict(zip(names, values.T, strict=True))
-    return Table(slew.name, made, lines=np.arange(len(slew.time)) + 2)
+    return Table.of(slew.name, made)
 
 
 def _toml(campaign: Campaign, columns: dict[str, list[str]], files: list[str]) -> str:

@@ -18,7 +18,7 @@ from bayes_inertia.campaign.sensors import SensorStream, streams_of
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import MORE
 from bayes_inertia.errors import OutputError
-from bayes_inertia.tables.number_table import Table
+from bayes_inertia.tables.table import Table
 
 # The stream of all that every slew has on its own list of times.
 TELEMETRY = "telemetry"
@@ -116,8 +116,7 @@ def input_tables(slew: Slew, streams: Streams, number: str) -> dict[str, Table]:
         given = (slew.inputs or {})[device]
         columns = {f"{stream}_{k + 1}": column for k, column in enumerate(given.values.T)}
         columns = {"t_s": given.time, **columns}
-        lines = np.arange(len(given.time)) + 2
-        tables[f"slew_{number}_{stream}.csv"] = Table(slew.name, columns, lines=lines)
+        tables[f"slew_{number}_{stream}.csv"] = Table.of(slew.name, columns)
     return tables
 
 

@@ -46,7 +46,7 @@ from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.importing.rest_noise import RestNoise, rest_noise
 from bayes_inertia.importing.slew_cutting import SlewCut, cut_into_slews
 from bayes_inertia.progress import Progress, silent
-from bayes_inertia.tables.number_table import Table
+from bayes_inertia.tables.table import Table
 
 
 @dataclass(frozen=True)

@@ -36,8 +36,8 @@ from bayes_inertia.importing.rest_noise import RestNoise
 from bayes_inertia.importing.slew_cutting import SlewCut, SlewWindow
 from bayes_inertia.importing.unit_factors import unit_factor
 from bayes_inertia.sealing import sha256_of
-from bayes_inertia.tables.number_table import Table
 from bayes_inertia.tables.stamp_parts import tai_to_utc
+from bayes_inertia.tables.table import Table
 from bayes_inertia.version import __version__
 
 _SI: Mapping[str, str] = MappingProxyType(
@@ -283,7 +283,7 @@ def tables_of(mapping: MappingPart, slews: Sequence[SlewTables]) -> dict[str, Ta
             stream = tables.streams[key]
             cells = written[key].cells(stream.values).T
             columns = {"t_s": stream.time} | dict(zip(written[key].names, cells, strict=True))
-            made[file] = Table(file, columns, lines=np.arange(len(stream.time)) + 2)
+            made[file] = Table.of(file, columns)
     return made
 
 

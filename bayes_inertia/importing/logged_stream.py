@@ -17,7 +17,7 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.faults.row_order import set_back_row
 from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.tables.raw_table import row_name
+from bayes_inertia.tables.table import row_name
 from bayes_inertia.tables.time_stamps import TimeStamps
 
 SHARED_ZERO = "campaign"

@@ -48,7 +48,7 @@ from bayes_inertia.importing.questions import (
 )
 from bayes_inertia.importing.stream_readings import stated_attitude
 from bayes_inertia.tables.raw_files import read_raw, tables_in
-from bayes_inertia.tables.raw_table import RawTable
+from bayes_inertia.tables.table import Table
 from bayes_inertia.tables.time_stamps import FREE_CLOCKS, split_unit, stamp_units, time_names
 
 _FROM_NAMES = "from the names of the columns"
@@ -60,7 +60,7 @@ class FileGroup:
 
     files: tuple[Path, ...]  # The files
     table_name: str  # Their table; "" for files that are one table
-    table: RawTable  # The first of them
+    table: Table  # The first of them
     # Of tables with rows of several packets, the column that says which, and its value
     packet: tuple[str, str | int] | None = None
 
@@ -130,7 +130,7 @@ def _guessed_clock(group: FileGroup, names: Sequence[str]) -> ClockGuess:
     return ClockGuess(*says["kind"]) if guess.kind == UNKNOWN and says else guess
 
 
-def _range(table: RawTable, names: Sequence[str]) -> str:
+def _range(table: Table, names: Sequence[str]) -> str:
     """Between what the readings of columns lie."""
     values = np.concatenate([table.columns[name].values.astype(float) for name in names])
     values = values[np.isfinite(values)]
@@ -140,7 +140,7 @@ def _range(table: RawTable, names: Sequence[str]) -> str:
 
 
 def _attitude(
-    table: RawTable,
+    table: Table,
     family: ColumnFamily,
     says: dict[str, tuple[str, str]],
     stated: dict[str, Any],
@@ -164,7 +164,7 @@ def _attitude(
     ]
 
 
-def _scalar_hint(table: RawTable, family: ColumnFamily, key: str) -> str:
+def _scalar_hint(table: Table, family: ColumnFamily, key: str) -> str:
     """First and last of four columns, where the scalar is asked."""
     if key != "scalar":
         return ""
@@ -302,7 +302,7 @@ def _groups(files: Sequence[Path]) -> list[FileGroup]:
     return list(groups.values())
 
 
-def _packets(table: RawTable) -> dict[tuple[str, str | int] | None, RawTable]:
+def _packets(table: Table) -> dict[tuple[str, str | int] | None, Table]:
     """The rows of each packet where a column says which, with the columns that it fills."""
     for name, column in table.columns.items():
         values, counts = np.unique(column.values, return_counts=True)
@@ -320,7 +320,7 @@ def _plain(value: str | float) -> str | int:
     return value if isinstance(value, str) else int(value)
 
 
-def _filled(table: RawTable, packet: str, rows: np.ndarray) -> RawTable:
+def _filled(table: Table, packet: str, rows: np.ndarray) -> Table:
     """Some rows of a table, without the packet and columns in which they hold nothing."""
     columns = {
         name: column.only(rows)

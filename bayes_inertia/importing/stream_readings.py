@@ -43,7 +43,7 @@ from bayes_inertia.importing.mapping_schema import (
 )
 from bayes_inertia.importing.questions import question_at
 from bayes_inertia.importing.unit_factors import to_si_with, unit_factor
-from bayes_inertia.tables.raw_table import RawTable, is_inertial, number_of
+from bayes_inertia.tables.table import Table, is_inertial, number_of
 
 AttitudeForm = Literal["quaternion", "euler", "dcm", "mrp"]
 COLUMNS_OF_FORM = {"quaternion": 4, "euler": 3, "dcm": 9, "mrp": 3}
@@ -255,7 +255,7 @@ def agreed(stated: Any, mapped: Any, where: str, file: str) -> Any:
     return stated
 
 
-def agreed_unit(table: RawTable, name: str, quantity: str, mapped: str, where: str) -> str:
+def agreed_unit(table: Table, name: str, quantity: str, mapped: str, where: str) -> str:
     """The unit of a column.
 
     `mapped`: the unit that the mapping states; "" where it states none.
@@ -289,7 +289,7 @@ def _factor(quantity: str, unit: str, where: str) -> float:
 
 
 def agreed_attitude(
-    table: RawTable, part: AttitudeStream, where: str
+    table: Table, part: AttitudeStream, where: str
 ) -> tuple[list[str], AttitudeConvention, bool]:
     """The columns of the attitudes of a table and what they mean.
 
@@ -334,7 +334,7 @@ def _unanswered(key: str, where: str) -> CampaignError:
     return CampaignError("missing key", where=f"{where}.{key}", advice=f"add it: {question}")
 
 
-def _angle_unit(table: RawTable, part: AttitudeStream, says: dict[str, Any], where: str) -> str:
+def _angle_unit(table: Table, part: AttitudeStream, says: dict[str, Any], where: str) -> str:
     """Unit of Euler angles; "" for other forms."""
     if (says.get("form") or part.form) != "euler":
         return ""
@@ -344,7 +344,7 @@ def _angle_unit(table: RawTable, part: AttitudeStream, says: dict[str, Any], whe
     return agreed_unit(table, first, "angle", part.unit, where)
 
 
-def stated_attitude(table: RawTable) -> dict[str, Any]:
+def stated_attitude(table: Table) -> dict[str, Any]:
     """Attitude convention that a file states, in the keys of a mapping."""
     stated = table.attitude
     if stated is None:
@@ -378,7 +378,7 @@ def _frame(name: str) -> str:
 
 
 def readings_of(
-    part: MappedStream, table: RawTable, where: str
+    part: MappedStream, table: Table, where: str
 ) -> tuple[np.ndarray, tuple[float, ...], list[str]]:
     """The readings of a stream in one table.
 
@@ -403,7 +403,7 @@ def _marks(part: MappedStream, numbers: np.ndarray) -> np.ndarray:
 
 
 def _readings(
-    part: ReadingsStream, table: RawTable, flagged: np.ndarray, where: str
+    part: ReadingsStream, table: Table, flagged: np.ndarray, where: str
 ) -> tuple[np.ndarray, tuple[float, ...], list[str]]:
     """Columns in SI units, torques on the wheel; their rounding; what was taken for no reading."""
     read = table.stack(part.names)
@@ -430,7 +430,7 @@ def _readings(
 
 
 def _attitudes(
-    part: AttitudeStream, table: RawTable, flagged: np.ndarray, where: str
+    part: AttitudeStream, table: Table, flagged: np.ndarray, where: str
 ) -> tuple[np.ndarray, tuple[float, ...], list[str]]:
     """Quaternions, body from inertial, scalar last; rounding [rad]; what was taken for no fix."""
     names, convention, of_tracker = agreed_attitude(table, part, where)
@@ -481,7 +481,7 @@ def _advice_on(row: int, read: np.ndarray, convention: AttitudeConvention, scale
     )
 
 
-def _valid_rows(valid: ValidRows, table: RawTable, where: str) -> np.ndarray:
+def _valid_rows(valid: ValidRows, table: Table, where: str) -> np.ndarray:
     column = table.column(valid.name)
     accepted = valid.equals if isinstance(valid.equals, list) else [valid.equals]
     if column.is_text:

@@ -24,7 +24,7 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import by_word, vocabulary
-from bayes_inertia.tables.raw_table import RawTable
+from bayes_inertia.tables.table import Table
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def unit_size(text: str) -> Fraction | None:
 
 
 def sizes_of(
-    table: RawTable, names: Sequence[str], units: Sequence[str], first: str
+    table: Table, names: Sequence[str], units: Sequence[str], first: str
 ) -> list[Fraction]:
     """The nanoseconds of one of each column, as mapping, name or kind of stamp (`first`) says."""
     sizes = []
@@ -163,7 +163,7 @@ def sizes_of(
 
 
 def added_parts(
-    table: RawTable, names: Sequence[str], sizes: Sequence[Fraction], *, of_date: bool = False
+    table: Table, names: Sequence[str], sizes: Sequence[Fraction], *, of_date: bool = False
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Time that the columns after the first add to a stamp.
 
@@ -194,7 +194,7 @@ def added_parts(
 
 
 def exact_ns(
-    table: RawTable, name: str, unit: Fraction, zero: float = 0.0
+    table: Table, name: str, unit: Fraction, zero: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """A column of numbers in whole nanoseconds, `zero` of its units (of `unit` ns) becoming 0.
 
@@ -228,7 +228,7 @@ def exact_ns(
     return ns + np.rint(rest * one).astype(np.int64), missing, float(spacing) * one / SECOND
 
 
-def _decimal_ns(table: RawTable, name: str, unit: int, zero: float) -> np.ndarray:
+def _decimal_ns(table: Table, name: str, unit: int, zero: float) -> np.ndarray:
     """Cells with more digits than a float holds, in whole nanoseconds."""
     column = table.column(name)
     assert column.exact is not None
@@ -253,9 +253,7 @@ def _rounded(values: np.ndarray, size: Fraction) -> np.ndarray:
     return np.rint(values * float(size)).astype(np.int64)
 
 
-def _wrong_part(
-    table: RawTable, names: Sequence[str], k: int, row: int, what: str
-) -> CampaignError:
+def _wrong_part(table: Table, names: Sequence[str], k: int, row: int, what: str) -> CampaignError:
     return CampaignError(
         f"{table.numbers(names[k])[row]:.12g} {what}",
         where=table.place(row, names[k]),
@@ -263,7 +261,7 @@ def _wrong_part(
     )
 
 
-def weeks_ns(table: RawTable, name: str, rollovers: int | None) -> tuple[np.ndarray, np.ndarray]:
+def weeks_ns(table: Table, name: str, rollovers: int | None) -> tuple[np.ndarray, np.ndarray]:
     """Starts of GPS weeks [ns since week 0], (rows,), and (rows,) whether the cell is empty.
 
     Weeks of ten bits began anew in 1999 and 2019; `rollovers` says how often, None if unstated.

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.tables.limits import LIMITS
-from bayes_inertia.tables.raw_table import EMPTY_CELLS, number_of
+from bayes_inertia.tables.table import EMPTY_CELLS, number_of
 from bayes_inertia.tables.time_texts import is_date
 
 WHITESPACE = "whitespace"

@@ -26,7 +26,6 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import by_word, vocabulary
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.tables.limits import LIMITS
-from bayes_inertia.tables.raw_table import RawColumn, RawTable
 from bayes_inertia.tables.stamp_parts import (
     SCALES,
     SECOND,
@@ -41,6 +40,7 @@ from bayes_inertia.tables.stamp_parts import (
     weeks_ns,
     words_of,
 )
+from bayes_inertia.tables.table import Column, Table
 from bayes_inertia.tables.time_texts import (
     form_of_format,
     is_date,
@@ -84,7 +84,7 @@ def split_unit(name: str) -> tuple[str, str]:
     return name, ""
 
 
-def time_names(table: RawTable) -> list[str]:
+def time_names(table: Table) -> list[str]:
     """Columns of the time: those that the file states, are so named, or hold dates; [] if none."""
     if table.time_names:
         return list(table.time_names)
@@ -97,15 +97,15 @@ def time_names(table: RawTable) -> list[str]:
     return stamp_columns(table, named or [n for n, c in table.columns.items() if _holds_dates(c)])
 
 
-def _holds_dates(column: RawColumn) -> bool:
+def _holds_dates(column: Column) -> bool:
     return column.is_text and len(column.values) > 0 and is_date(str(column.values[0]))
 
 
-def stamp_columns(table: RawTable, named: Sequence[str]) -> list[str]:
+def stamp_columns(table: Table, named: Sequence[str]) -> list[str]:
     """Columns that make one stamp together, whole units first; the first of `named` if it is alone.
 
-    >>> ros = {"sec": RawColumn(np.array([7.0, 7.0])), "nanosec": RawColumn(np.array([0.0, 5e8]))}
-    >>> stamp_columns(RawTable("a.csv", ros), ["sec"])
+    >>> ros = {"sec": Column(np.array([7.0, 7.0])), "nanosec": Column(np.array([0.0, 5e8]))}
+    >>> stamp_columns(Table("a.csv", ros), ["sec"])
     ['sec', 'nanosec']
     """
     weeks = [name for name in named if "week" in name.lower()]
@@ -118,7 +118,7 @@ def stamp_columns(table: RawTable, named: Sequence[str]) -> list[str]:
     return longest if len(longest) > 1 else list(named[:1])
 
 
-def _starts_a_stamp(table: RawTable, name: str) -> bool:
+def _starts_a_stamp(table: Table, name: str) -> bool:
     """Whether a column may hold the whole units of a stamp."""
     column = table.column(name)
     if column.is_text:
@@ -128,7 +128,7 @@ def _starts_a_stamp(table: RawTable, name: str) -> bool:
     )
 
 
-def _with_finer(table: RawTable, chain: list[str]) -> list[str]:
+def _with_finer(table: Table, chain: list[str]) -> list[str]:
     """The columns of a stamp with those that follow it and count parts of its unit."""
     for name in list(table.columns)[list(table.columns).index(chain[-1]) + 1 :]:
         if not _is_part(table, chain, name):
@@ -140,7 +140,7 @@ def _with_finer(table: RawTable, chain: list[str]) -> list[str]:
     return chain if whole and dated else chain[:1]
 
 
-def _is_part(table: RawTable, chain: Sequence[str], name: str) -> bool:
+def _is_part(table: Table, chain: Sequence[str], name: str) -> bool:
     """Whether a column counts parts of the last unit of a stamp."""
     before, column = table.column(chain[-1]), table.column(name)
     if column.is_text or before.is_text:
@@ -158,7 +158,7 @@ def _is_part(table: RawTable, chain: Sequence[str], name: str) -> bool:
     return None in sizes or 0.0 <= most * float(sizes[1] or 0) < float(sizes[0] or 0) * 1.001
 
 
-def _is_whole(column: RawColumn) -> bool:
+def _is_whole(column: Column) -> bool:
     return column.is_text or not np.any(np.nan_to_num(column.values) % 1.0)
 
 
@@ -167,11 +167,11 @@ def _stem(name: str) -> str:
     return " ".join(w for w in words_of(name) if w not in UNIT_WORDS and w not in _NO_STEM)
 
 
-def stamp_units(table: RawTable, names: Sequence[str]) -> list[str]:
+def stamp_units(table: Table, names: Sequence[str]) -> list[str]:
     """Unit of each column of a stamp, as a mapping writes it: "date" for texts, "" if unknown.
 
     >>> cuc = {"coarse": np.array([7.0, 7.0]), "fine": np.array([16384.0, 49152.0])}
-    >>> stamp_units(RawTable("a.csv", {k: RawColumn(v) for k, v in cuc.items()}), list(cuc))
+    >>> stamp_units(Table("a.csv", {k: Column(v) for k, v in cuc.items()}), list(cuc))
     ['s', 's/2^16']
     """
     units: list[str] = []
@@ -259,7 +259,7 @@ class TimeStamps:
 
 
 def times_to_seconds(
-    table: RawTable,
+    table: Table,
     names: Sequence[str],
     kind: str,
     *,
@@ -281,9 +281,9 @@ def times_to_seconds(
     as 2 from 2019-04-07. `first_day`: for "cds": the days from 1958-01-01 to the day that it calls
     0.
 
-    >>> from bayes_inertia.tables.raw_table import RawColumn
-    >>> week = RawTable("w.csv", {"w": RawColumn(np.array([2086])), "s": RawColumn(np.array([18]))})
-    >>> text = RawTable("t.csv", {"t": RawColumn(np.array(["2019-12-29T00:00:00Z"]))})
+    >>> from bayes_inertia.tables.table import Column
+    >>> week = Table("w.csv", {"w": Column(np.array([2086])), "s": Column(np.array([18]))})
+    >>> text = Table("t.csv", {"t": Column(np.array(["2019-12-29T00:00:00Z"]))})
     >>> gps = times_to_seconds(week, ["w", "s"], "gps_week")
     >>> gps.ns - times_to_seconds(text, ["t"], "utc").ns
     array([0])
@@ -314,7 +314,7 @@ def dates_of(number: float, kind: str) -> np.datetime64 | None:
     return np.datetime64("1958-01-01", "ns") + np.timedelta64(ns if leaps else tai_to_utc(ns), "ns")
 
 
-def _check_kind(table: RawTable, names: Sequence[str], kind: str, units: Sequence[str]) -> None:
+def _check_kind(table: Table, names: Sequence[str], kind: str, units: Sequence[str]) -> None:
     if kind not in TIME_KINDS:
         raise CampaignError(
             f"{kind!r} is no kind of time stamp",
@@ -338,7 +338,7 @@ def _check_kind(table: RawTable, names: Sequence[str], kind: str, units: Sequenc
 
 
 def _from_texts(
-    table: RawTable, names: Sequence[str], kind: str, units: Sequence[str], form: str
+    table: Table, names: Sequence[str], kind: str, units: Sequence[str], form: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Stamps (rows,) written as dates, on the TAI scale, and the rows without one."""
     name, column = names[0], table.column(names[0])
@@ -367,7 +367,7 @@ def _from_texts(
 
 
 def _dates_in_tai(
-    table: RawTable, name: str, kind: str, cells: list[str], form: str
+    table: Table, name: str, kind: str, cells: list[str], form: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Dates (rows,) on the TAI scale, and the rows without one."""
     pattern = form_of_format(form, f"{table.label}, format") if form else None
@@ -395,7 +395,7 @@ def _dates_in_tai(
 
 
 def _from_counts(
-    table: RawTable,
+    table: Table,
     names: Sequence[str],
     kind: str,
     units: Sequence[str],
@@ -422,7 +422,7 @@ def _from_counts(
     return (utc_to_tai(ns) if leaps else ns), missing, resolution
 
 
-def _check_years(table: RawTable, names: Sequence[str], kind: str, stamps: TimeStamps) -> None:
+def _check_years(table: Table, names: Sequence[str], kind: str, stamps: TimeStamps) -> None:
     if not stamps.absolute:
         return
     wrong = ((stamps.ns < SCALES.first) | (stamps.ns >= SCALES.last)) & ~stamps.missing
@@ -436,7 +436,7 @@ def _check_years(table: RawTable, names: Sequence[str], kind: str, stamps: TimeS
         )
 
 
-def _check_steps(table: RawTable, names: Sequence[str], stamps: TimeStamps) -> None:
+def _check_steps(table: Table, names: Sequence[str], stamps: TimeStamps) -> None:
     """Refuse stamps that are rounded so coarsely that their steps are lost."""
     present = np.sort(stamps.ns[~stamps.missing])
     if present.size < 3:

@@ -18,8 +18,8 @@ import numpy as np
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import vocabulary
 from bayes_inertia.tables.limits import LIMITS
-from bayes_inertia.tables.raw_table import EMPTY_CELLS, RawColumn, RawTable
 from bayes_inertia.tables.stamp_parts import SECOND, has_leap_second, unit_in_name
+from bayes_inertia.tables.table import EMPTY_CELLS, Column, Table
 
 _CLOCK = (
     r"(?:[T ,]+|(?<=\d)-|\s*//\s*)(?P<hour>\d{1,2}):(?P<minute>\d{2})"
@@ -230,7 +230,7 @@ def _is_leap(seconds: int) -> bool:
 
 
 def written_dates(
-    table: RawTable, names: Sequence[str], units: Sequence[str], form: str = ""
+    table: Table, names: Sequence[str], units: Sequence[str], form: str = ""
 ) -> tuple[list[str], list[str]]:
     """The date that columns hold together, one a row, and columns of hours and less to add."""
     columns = [table.column(name) for name in names]
@@ -249,7 +249,7 @@ def written_dates(
     return cells, counted
 
 
-def _texts(column: RawColumn, form: str = "") -> list[str]:
+def _texts(column: Column, form: str = "") -> list[str]:
     """Cells as the file writes them, "" for an empty one; `form` says what zeros a number lost."""
     if column.is_text or column.exact is not None:
         cells = column.values if column.exact is None else column.exact
@@ -270,7 +270,7 @@ def _joined(parts: Sequence[Sequence[str]]) -> list[str]:
     return [" ".join(cells) if all(cells) else "" for cells in zip(*parts, strict=True)]
 
 
-def _calendar_dates(table: RawTable, calendar: Mapping[str, str]) -> list[str]:
+def _calendar_dates(table: Table, calendar: Mapping[str, str]) -> list[str]:
     """Dates (rows) from columns of year, month and day, or year and day of year."""
     # Beside a year alone, "day" is that of the year.
     keys = ("year", "month", "day") if "month" in calendar else ("year", "doy")

@@ -17,7 +17,7 @@ from bayes_inertia.campaign.hardware import CorrelatedNoise
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.faults.fault import Series
-from bayes_inertia.tables.number_table import Table
+from bayes_inertia.tables.table import Table
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def all_empty(table: Table, names: Sequence[str]) -> bool:
 def refuse_empty_columns(table: Table, names: Sequence[str]) -> None:
     """Refuse a column that holds no number."""
     for name in names:
-        if np.isnan(table.columns[name]).all():
+        if np.isnan(table.numbers(name)).all():
             raise CampaignError(
                 "every cell is empty",
                 where=f"{table.label}, column {name}",
