@@ -79,10 +79,7 @@ def without_surplus_rows(campaign: Campaign) -> Campaign:
 
 
 def readings_a_mean(campaign: Campaign) -> int:
-    """Number of readings that a diagnosis averages.
-
-    Returns: 1 where readings stay as they are, see `without_surplus_rows`.
-    """
+    """Readings that a diagnosis averages; 1 where they stay, see `without_surplus_rows`."""
     rates = [np.asarray(slew.rate) for slew in campaign.slews if slew.rate is not None]
     commanded = any(slew.wheel_torque is not None for slew in campaign.slews)
     sensor = campaign.rate_sensor

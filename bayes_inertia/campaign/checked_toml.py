@@ -21,10 +21,7 @@ from bayes_inertia.errors import CampaignError
 
 
 def parse_toml[Form: BaseModel](text: str, label: str, form: type[Form]) -> Form:
-    """The content of a TOML file, every key checked.
-
-    `form`: the form of the file. A table that has one of several forms is a union of them, told
-    apart by one key (a pydantic discriminator).
+    """The content of a TOML file, every key checked; tables of several forms differ in one key.
 
     >>> class Form(BaseModel):
     ...     size: float

@@ -1,11 +1,4 @@
-"""The hardware that a campaign was flown with, its inertia as known before, and checks of both.
-
-Checks of the numbers that records of a campaign are given.
-
-Prior of the inertia tensor, as known before flight.
-
-The hardware that a campaign was flown with: wheels, rate sensor, star tracker.
-"""
+"""The hardware that a campaign was flown with, its inertia as known before, and checks of both."""
 
 from __future__ import annotations
 
@@ -35,9 +28,7 @@ def require(condition: bool, key: str, what: str, advice: str) -> None:
 
 
 def unit_vector(value: Any, key: str) -> Vector:
-    """Three numbers of length 1, as plain floats.
-
-    `value` (3,): A vector whose length is 1 to within a percent.
+    """Three numbers whose length is 1 to within a percent, as plain floats of length 1.
 
     >>> unit_vector([0, 0, 1.001], "wheels.z.axis")
     (0.0, 0.0, 1.0)
@@ -57,10 +48,7 @@ def unit_vector(value: Any, key: str) -> Vector:
 
 
 def unit_length(vectors: np.ndarray) -> np.ndarray:
-    """Vectors divided by their length.
-
-    `vectors` (..., n). Returns (..., n): the same directions. A vector whose length is 1 to
-    rounding stays as it is, so that reading what was written changes no digit.
+    """Vectors (..., n) over their length; one of length 1 to rounding stays, to the last digit.
 
     >>> unit_length(np.array([0.0, 3.0, 4.0])).tolist()
     [0.0, 0.6, 0.8]
@@ -70,9 +58,7 @@ def unit_length(vectors: np.ndarray) -> np.ndarray:
 
 
 def one_an_axis(value: Any, axes: int, key: str) -> Numbers:
-    """One number for each axis of a sensor, as plain floats.
-
-    `value` (axes,): one number for all axes, or one for each.
+    """One number for each axis of a sensor, as plain floats, from one number or one an axis.
 
     >>> one_an_axis(2e-5, 3, "rate_sensor.sigma")
     (2e-05, 2e-05, 2e-05)
@@ -374,8 +360,6 @@ def body_rates(
     """Rates along body axes (..., 3) [rad/s] of readings (..., n), with the prior's bias.
 
     By least squares where there are more than three axes; zero across all where there are fewer.
-
-    `scale_factor` (n,): K.
     """
     rate_S = np.asarray(scale_factor) * readings - np.asarray(sensor.bias)
     if len(sensor.axes) == 3:

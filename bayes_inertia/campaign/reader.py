@@ -83,8 +83,7 @@ def read_campaign(path: str | Path) -> Campaign:
 def read_unmasked(path: str | Path, *, keep_commands: bool = False) -> Campaign:
     """The campaign in a folder with every reading as it was written, believable or not.
 
-    `keep_commands`: whether commands with gaps are kept although tachometers make them unnecessary.
-    Returns: the campaign before impossible and stuck readings are masked.
+    `keep_commands`: whether commands with gaps are kept where tachometers make them unnecessary.
     """
     description = description_path(path)
     label = str(description)

@@ -1,13 +1,7 @@
 """Streams of a slew: rows with their clocks, from columns to channels, on one list of times.
 
-Telemetry at several rates and on several clocks, brought onto one list of times.
-
 Each reading keeps its own time. Nothing is interpolated: where a stream has no reading at a time,
 NaN stands there.
-
-The times of a stream: its stamps, or those of a clock that is better known.
-
-From the columns of a table to the channels of a slew: checks by line, units, signs, senses.
 """
 
 from __future__ import annotations
@@ -64,10 +58,7 @@ class Stream:
 
 
 def streams_of(slew: SlewTables, description: Description) -> list[Stream]:
-    """The streams of a slew, in the order of the description.
-
-    Returns: one if all entries share a table and a clock.
-    """
+    """The streams of a slew, in the order of the description."""
     found: dict[tuple[str, str, str, bool, float], tuple[TimeColumn, list[Entry]]] = {}
     for entry in description.entries:
         file = slew.file_of(entry)
@@ -84,13 +75,9 @@ def streams_of(slew: SlewTables, description: Description) -> list[Stream]:
 
 
 def union(streams: Sequence[dict[str, np.ndarray]], label: str) -> dict[str, np.ndarray]:
-    """The channels of several streams on the list of all their times.
+    """Channels (n, width) of streams on the list of all their times [s], NaN between readings.
 
     Times closer than a nanosecond, or than the rounding of large times, are one time.
-
-    `streams`: channels (rows, width) by the name of `Slew`, each with its own "time" (rows,) [s].
-    Returns: channels (n, width) with NaN where a stream has no reading, and "time" (n,) [s]; a
-    single stream as it is.
 
     >>> rate = {"time": np.array([0.0, 1.0]), "rate": np.zeros((2, 3))}
     >>> fix = {"time": np.array([0.5]), "attitude": np.array([[0.0, 0.0, 0.0, 1.0]])}
@@ -153,10 +140,7 @@ class StreamRows:
         return self.table.numbers(self.stream.time.names[0])
 
     def at(self, times: np.ndarray, dirt: Dirt | None) -> StreamRows:
-        """The same rows at other times.
-
-        `times` (rows,).
-        """
+        """The same rows at other times (rows,), with one more record."""
         records = self.dirt if dirt is None else (*self.dirt, dirt)
         return replace(
             self, table=self.table.changed({self.stream.time.names[0]: times}), dirt=records
@@ -259,10 +243,7 @@ def sensor_of(entry: Entry) -> SensorStream | None:
 
 
 def counted_once(slews: Sequence[Sequence[StreamRows]]) -> list[list[StreamRows]]:
-    """All streams with empty cells where a reading only repeats the one before.
-
-    Returns: the same with a record of kind "duplicate" where readings are held.
-    """
+    """All streams with empty cells, and a record, where a reading only repeats the one before."""
     result = [list(streams) for streams in slews]
     entries = {
         entry.path: entry for streams in slews for rows in streams for entry in rows.stream.entries
@@ -306,14 +287,10 @@ def _without_repeats(
 def stream_from_table(
     table: Table, stream: Stream, spin_inertias: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """The channels of a stream, in SI units, with the package's signs and senses.
+    """The channels (rows, width) of a stream, in SI units, with the package's signs and senses.
 
-    A star tracker or an environment whose columns are all empty is left out.
-
-    `table`: the telemetry, in the file's own units and in the order of time. `stream`: which
-    entries to take from the table, and their clock. `spin_inertias` (wheels,): spin inertia of each
-    wheel [kg m^2], for tachometers that tell speeds. Returns: channels (rows, width), named as
-    `Slew` names them ("more.NAME" of a further sensor), and their true "time" (rows,) [s].
+    A star tracker or an environment whose columns are all empty is left out. `spin_inertias`
+    (wheels,) [kg m^2] are for tachometers that tell speeds.
     """
     time = to_si(table.numbers(stream.time.names[0]), "time", stream.time.unit)
     # Adding nothing would make a zero of -0.0.

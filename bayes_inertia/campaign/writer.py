@@ -270,11 +270,7 @@ def _slew_part(slew: Slew) -> dict[str, Any]:
 def toml_text(
     parts: Mapping[str, Any], comment: str = "", remarks: Mapping[str, str] | None = None
 ) -> str:
-    """The text of a description, of which what is None or empty is left out.
-
-    `parts`: keys, tables of keys and lists of tables; tables inside of these stand on one line.
-    `comment`: the first line. `remarks`: behind keys, by the path of each.
-    """
+    """The text of a description, without what is None or empty; `remarks` stand behind keys."""
     import tomlkit
 
     document = tomlkit.document()

@@ -126,10 +126,7 @@ def devices(
     senses: Mapping[str, tuple[str, Mapping[str, str]]],
     streams: Streams,
 ) -> dict[str, Any]:
-    """`[[actuators]]`, `[[sensors]]`, `[[environment]]` and `[[changes]]` of format 2.
-
-    `columns` and `senses`: of each channel its columns, and its key with unit and sense.
-    """
+    """Devices, sensors, environment and changes of format 2; `senses`: key, unit and sense."""
 
     def entry(channel: str, **more: Any) -> tuple[str, dict[str, Any]]:
         key, sense = senses[channel]

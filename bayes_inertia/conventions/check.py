@@ -1,7 +1,5 @@
 """The whole check: a campaign as stated, what its data say of it, and which change mends it.
 
-Remedies of a campaign: a key, then a clock, then a fault of one stream alone.
-
 Keys that were written in the same wrong unit as a mended one: noises, and the prior's products.
 
 No law shows them. A stated noise that agrees with the noise of the readings while both are read in
@@ -69,11 +67,7 @@ def what_mends(
     columns: Columns,
     differ: Factors | None,
 ) -> tuple[tuple[Remedy, ...], Clocks]:
-    """All that makes the data consistent, the best first, and what is said of the clocks.
-
-    `columns` [columns]. Returns `remedies`: empty where nothing mends it; `clocks`: what the laws
-    say of the streams' clocks.
-    """
+    """All that makes the data consistent, the best first, and what is said of the clocks."""
     mending, clock = judgement.remedies, Clocks()
     if not mending:
         clock = clocks(misfits, judgement.reading, columns)
@@ -250,10 +244,7 @@ class _Case:
 def checked_with_torques(
     campaign: Campaign | str | Path, torques: Mapping[str, ToldTorque], *, quick: bool = False
 ) -> ConventionsCheck:
-    """The check where the telemetry does not tell some torques on the body, but effects do.
-
-    `torques`: by the name of a slew.
-    """
+    """The check where effects tell torques on the body, by slew, that the telemetry does not."""
     if isinstance(campaign, Campaign):
         return _checked(_Case(campaign, campaign, quick, torques))
     path = description_path(campaign)
@@ -292,10 +283,7 @@ def _all_readings(campaign: Campaign, channel: str) -> np.ndarray:
 def refuse_impossible(
     campaign: Campaign | str | Path, torques: Mapping[str, ToldTorque] | None = None
 ) -> ConventionsCheck:
-    """Raise an error if data are impossible as stated; quick where they are not.
-
-    `torques`: what effects that are named do to the body, by the name of a slew.
-    """
+    """Raise an error if data are impossible as stated; quick where they are not."""
     check = checked_with_torques(campaign, torques or {}, quick=True)
     if check.verdict == "wrong":
         where = "" if isinstance(campaign, Campaign) else str(description_path(campaign))
@@ -491,11 +479,7 @@ def _changes(mending: Sequence[Remedy]) -> tuple[ConventionChange, ...]:
 
 
 def with_companions(mistake: Mistake, campaign: Campaign, written: Mapping[str, Any]) -> Mistake:
-    """A mistake together with the keys that share its unit.
-
-    `written`: content of campaign.toml; empty for a campaign that was built in memory. Returns:
-    with more changes, where noises or products are in the same wrong unit.
-    """
+    """A mistake with the keys of campaign.toml (`written`) that share its wrong unit."""
     more = [
         change for mended in mistake.changes for change in _companions(mended, campaign, written)
     ]

@@ -1,9 +1,4 @@
-"""Doubtful parts of a campaign, and faults that the check comes across.
-
-Doubtful parts of a campaign: the channel, the axis or wheel, the slew.
-
-Faults of the telemetry that the check comes across: noise other than stated, a stale bias.
-"""
+"""Doubtful parts of a campaign, and faults that the check comes across."""
 
 from __future__ import annotations
 
@@ -41,11 +36,7 @@ LAWS_IN_WORDS: Mapping[str, str] = {
 
 
 def doubtful_places(misfits: Misfits, reading: Reading) -> tuple[str, ...]:
-    """Which laws fail, and where.
-
-    Returns: one a law that fails, such as "the commanded torque against the tachometers: wheel_y of
-    slew 2 is off by 4.3 sd".
-    """
+    """Which laws fail, and where, as sentences without full stop."""
     fits = misfits.of(reading)
     return tuple(
         f"{LAWS_IN_WORDS[law]}: {_place(misfits, law, fit)}"
@@ -95,10 +86,7 @@ class Factors:
     commands_are_wrong: bool | None
 
     def words(self) -> tuple[str, ...]:
-        """One sentence for all wheels with one factor.
-
-        Returns: without full stop; empty if no factor is far from 1.
-        """
+        """One sentence for all wheels with one factor; none if no factor is far from 1."""
         groups: dict[float, list[str]] = {}
         for name, value in zip(self.names, self.values, strict=True):
             if value != 1.0:
@@ -124,11 +112,7 @@ class Factors:
         return f"commands and tachometers of {wheels} {what}; {side}"
 
     def mistake(self, campaign: Campaign, columns: Columns) -> Mistake | None:
-        """Spin inertias that are wrong by the factors.
-
-        `columns` [columns]. Returns: none where spin inertia does not turn speeds into momentum, or
-        a factor is negative.
-        """
+        """Spin inertias wrong by the factors; None where they do not turn speeds into momentum."""
         if "wheel_speed" not in columns or np.all(self.values == 1.0) or np.any(self.values < 0.0):
             return None
         factors = np.array([_rounded(value) for value in self.values])
@@ -163,10 +147,7 @@ def _digits(value: float) -> float:
 
 
 def factors(misfits: Misfits, reading: Reading) -> Factors | None:
-    """Ratios of tachometers to commands, wheel by wheel.
-
-    Returns: none where a wheel has no commands or no tachometer, or no factor is far from 1.
-    """
+    """Ratios of tachometers to commands, wheel by wheel; None where none is far from 1."""
     slews = misfits.slews
     if slews.momentum is None or slews.impulse is None:
         return None
@@ -219,10 +200,7 @@ def _side(misfits: Misfits, reading: Reading, values: np.ndarray) -> bool | None
 
 
 def broken_limits(campaign: Campaign, holds: Mapping[str, bool]) -> tuple[str, ...]:
-    """Limits of the hardware that readings are far beyond.
-
-    `holds`: whether a law holds as stated; those that do show that the units are right.
-    """
+    """Limits of the hardware that readings are far beyond; laws that hold prove their units."""
     said = []
     for key, channel, unit, readings, proof in _LIMITS:
         beyond = _beyond(campaign, key, channel)
@@ -274,11 +252,7 @@ def _beyond(campaign: Campaign, key: str, channel: str) -> dict[str, tuple[float
 
 
 def dirt_of(misfits: Misfits, stated: Reading, reading: Reading) -> tuple[dict[str, Any], ...]:
-    """Everything that was found: by the reader, in the noise, and in the rests.
-
-    `reading`: conventions that agree with it, perhaps with another rate bias. Returns: as
-    `Dirt.json` writes them; a stale bias has the kind "stale_bias".
-    """
+    """Everything that was found: by the reader, in the noise, and in the rests ("stale_bias")."""
     by_reader = [dirt.json() for dirt in misfits.campaign.dirt]
     series = [s for s in series_of(misfits.campaign) if not (misfits.smoothed and s == RATE)]
     levels = [dirt.json() for s in series if (dirt := _level(misfits.campaign, s)) is not None]

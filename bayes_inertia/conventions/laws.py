@@ -1,19 +1,11 @@
 """Three laws that telemetry obeys whatever J and K are, and its misfits to them.
 
-One robust linear fit with priors, of all slews at once.
-
-Noise of the sensors as their own readings show it.
-
-Three laws that telemetry obeys whatever J and K are.
-
 Closure: the rate, integrated between star-tracker fixes, is the rotation between them.
 Conservation: J w + G h, in axes that do not turn, is constant within a slew.
 Drive: the torque commands, integrated, are the momentum that the tachometers read.
 
 Each is linear in what is uncertain (J, K, misalignment, bias, a constant torque, gains, friction),
 which is fitted with priors wide enough for anything physical.
-
-Misfits of telemetry to the three laws, under a reading of it.
 
 Misfits are in standard deviations of what noise and undisclosed physics may leave (`limits`).
 """
@@ -71,10 +63,7 @@ class LinearFit:
 
     @property
     def worst(self) -> float:
-        """The larger of the worst slew's misfit and the departure from the priors [sd].
-
-        Infinite where numbers overflow.
-        """
+        """The larger of the worst slew's misfit and the departure from the priors [sd]."""
         largest = np.max(self.misfit, initial=self.departure)
         return float("inf") if np.isnan(largest) else float(largest)
 
@@ -93,9 +82,7 @@ def fitted(
 ) -> LinearFit:
     """Fit data = regressors x + free c + error, with x from N(0, 1) and c free in every slew.
 
-    `data` (S, N, D); `free` (S, N, D, Q); `mask` (S, N). `regressors` (S, N, D, P): what a prior
-    standard deviation of each parameter does to them. `sigma` (S,): standard deviation of the norm
-    of a moment's error. Returns: after one round in which outlying moments lose weight.
+    Shapes and units are those of `LawData`; outlying moments lose weight in one round.
     """
     count = np.maximum(mask.sum(axis=1, keepdims=True), 1)
     weight = mask / np.sqrt(count)
@@ -146,10 +133,7 @@ def _weighted(
 
 
 def noise_ratios(campaign: Campaign, stream: SensorStream) -> np.ndarray:
-    """Noise in smooth rows over the stated noise, median over the slews.
-
-    Returns: one number an axis or wheel; empty or NaN where nothing is known.
-    """
+    """Noise in smooth rows over the stated noise, one number an axis or wheel; or NaN."""
     stated = _stated(campaign, stream)
     readings = [stream.of(slew) for slew in campaign.slews]
     seen = [[smooth_noise(c) for c in v.T] for v in readings if v is not None and v.shape[1]]
@@ -162,12 +146,10 @@ def noise_ratios(campaign: Campaign, stream: SensorStream) -> np.ndarray:
 
 
 def believed_noise(campaign: Campaign, stream: SensorStream) -> np.ndarray:
-    """The stated noise, but never much more than the readings show.
+    """The stated noise of each axis or wheel, but never much more than the readings show.
 
     So a reading in a smaller unit has less noise too, and cannot drown in a noise that was stated
     in a larger one.
-
-    Returns: sd of each axis or wheel, 0 where nothing is stated.
     """
     stated = np.nan_to_num(_stated(campaign, stream))
     ratio = noise_ratios(campaign, stream)
@@ -300,10 +282,7 @@ def _sigma(size: np.ndarray, noise: float, *more: np.ndarray) -> np.ndarray:
 
 
 def conservation(told: Told) -> LawData | None:
-    """Total momentum in axes that do not turn, rotors and what told torques gave it included.
-
-    Returns: none if there are wheels of which neither momentum nor commands are known.
-    """
+    """Total momentum in axes that do not turn, rotors and what told torques gave it included."""
     slews, moving = told.slews, told.motion
     to_start, valid = moving.to_start, slews.valid
     wheels_B = wheel_momentum_B(told)
@@ -383,10 +362,9 @@ def _crossed(angles: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 
 def wheel_momentum_B(told: Told) -> np.ndarray | None:
-    """The wheels' momentum relative to the body, along body axes.
+    """The wheels' momentum (S, N, 3) relative to the body, along body axes [N m s].
 
-    Returns (S, N, 3): from tachometers, else from commands up to a constant in each slew [N m s];
-    None without either. Zero for a body without wheels.
+    From tachometers, else from commands up to a constant in each slew; None without either.
     """
     slews, reading = told.slews, told.reading
     if not reading.axes_B.shape[1]:
@@ -406,10 +384,7 @@ def _momentum_noise(told: Told) -> float:
 
 
 def drive(told: Told) -> LawData | None:
-    """Commanded torque against the tachometers.
-
-    Returns: none without commands or tachometers. Each wheel of each slew counts as a slew.
-    """
+    """Commanded torque against the tachometers; each wheel of each slew counts as a slew."""
     slews, reading = told.slews, told.reading
     if slews.momentum is None or slews.impulse is None:
         return None
@@ -467,18 +442,12 @@ class Misfits:
         return Misfits(self.campaign, slews, self.torques, self.smoothed)
 
     def of(self, reading: Reading) -> dict[str, LinearFit]:
-        """The fit of every law that the telemetry can be held against.
-
-        Returns: by the name of the law; a law without telemetry is absent.
-        """
+        """The fit of every law that the telemetry can be held against, by its name."""
         fits = {law: self.fit(law, reading) for law in LAWS}
         return {law: fit for law, fit in fits.items() if fit is not None}
 
     def mends(self, reading: Reading, limit: float) -> bool:
-        """Whether a reading brings every law below a limit; the cheap laws are asked first.
-
-        `limit` [sd].
-        """
+        """Whether a reading brings every law below a limit [sd]; the cheap laws are asked first."""
         return all(
             fit is None or fit.worst < limit
             for fit in (self.fit(law, reading) for law in (DRIVE, CLOSURE, CONSERVATION))
@@ -492,10 +461,7 @@ class Misfits:
         return self.kept[key]
 
     def law(self, law: str, reading: Reading, bias_sd: np.ndarray | None = None) -> LawData | None:
-        """One law as a linear problem.
-
-        `bias_sd` (3,): sd of the rate bias [rad/s] where it is supposed to be stale.
-        """
+        """One law as a linear problem; `bias_sd` (3,) [rad/s] where the rate bias may be stale."""
         return LAWS[law](replace(self.told(reading), bias_sd=bias_sd))
 
     def told(self, reading: Reading) -> Told:

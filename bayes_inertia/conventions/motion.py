@@ -1,19 +1,11 @@
 """Slews reduced to some sixty moments each, and the motion that their rates tell.
 
-Rotations of many slews at once with numpy alone, which loads in no time.
-
 Quaternions are those of `maths.quaternion` (scalar last, Hamilton products); that module computes
 with JAX, which takes longer to load than the whole check lasts.
-
-Slews reduced to some sixty moments each, all slews in the same arrays.
 
 At every moment stand the rate, its integral since the slew's start, the wheels' momentum, the
 integral of their torque commands, and a star-tracker fix where there is one. Each is taken from the
 channel's own readings at their own times.
-
-The motion of all slews that the rates tell, and what errors of the rates do to it.
-
-Torques on the body that somebody told: effects named in a command, with their priors.
 """
 
 from __future__ import annotations
@@ -53,8 +45,6 @@ def turned_back(q: np.ndarray) -> np.ndarray:
 def of_angle(vector: np.ndarray) -> np.ndarray:
     """Unit quaternions (..., 4) of rotation vectors (..., 3) [rad].
 
-    `vector` (..., 3) [rad].
-
     >>> of_angle(np.array([0., 0., np.pi])).round(6).tolist()
     [0.0, 0.0, 1.0, 0.0]
     """
@@ -76,9 +66,7 @@ def angle_of(q: np.ndarray) -> np.ndarray:
 
 
 def matrix_to_start(q: np.ndarray) -> np.ndarray:
-    """C(q)^T (..., 3, 3): from body axes to the axes that q starts from.
-
-    `q` (..., 4).
+    """C(q)^T (..., 3, 3): from body axes to the axes that q (..., 4) starts from.
 
     >>> np.abs(matrix_to_start(np.array([0., 0., .5**.5, .5**.5])) @ [1., 0., 0.]).round(6).tolist()
     [0.0, 1.0, 0.0]
@@ -93,12 +81,7 @@ def matrix_to_start(q: np.ndarray) -> np.ndarray:
 
 
 def accumulated(steps: np.ndarray) -> np.ndarray:
-    """Products steps[0] * ... * steps[k] of quaternions along the last axis but one.
-
-    The products double their length in each round, so that a slew of n steps takes log2(n) rounds
-    of array operations.
-
-    `steps` (..., n, 4). Returns (..., n, 4).
+    """Products steps[0] * ... * steps[k] of quaternions (..., n, 4), in log2(n) rounds.
 
     >>> quarter = of_angle(np.array([0., 0., np.pi / 2]))
     >>> angle_of(accumulated(np.stack([quarter, quarter]))).round(3)[1].tolist()
@@ -134,10 +117,9 @@ class SampledSlews:
 
 
 def sampled(campaign: Campaign, shifts: Mapping[str, float] | None = None) -> SampledSlews | None:
-    """The slews of a campaign at some sixty moments each.
+    """The slews of a campaign at some sixty moments each; None if no slew has enough rates.
 
     `shifts`: what to add to the time stamps of a channel of `Slew` [s], such as "attitude".
-    Returns: none if no slew has enough readings of the rate.
 
     >>> from bayes_inertia.campaign.hardware import RateSensor
     >>> from bayes_inertia.campaign.hardware import InertiaPrior
@@ -348,11 +330,7 @@ class ToldTorque:
 def told_impulse(
     slews: SampledSlews, moving: Motion, torques: Mapping[str, ToldTorque]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What told torques add to the momentum (S, N, 3) in axes that do not turn, and doubt (S, N).
-
-    `torques`: by the name of the slew; where a slew has none, nothing is added [N m s]. Returns
-    also the momentum (S, N, 3) that devices carry, in the same axes.
-    """
+    """Momentum (S, N, 3) that told torques add in inertial axes, its doubt, and what is carried."""
     at = np.zeros((*slews.time.shape, 7))
     for k, name in enumerate(slews.names):
         if name in torques:

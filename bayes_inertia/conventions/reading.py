@@ -1,11 +1,7 @@
 """Readings of telemetry under stated or supposed conventions, and a supposed mistake.
 
-Readings of telemetry under stated or supposed conventions: a few small matrices.
-
 Every convention acts linearly on what was read: units are factors, orders permutations, signs
 signs, frames rotations. So a wrong convention is undone without reading the files again.
-
-A supposed mistake: keys of campaign.toml that were written wrong, and what mending them does.
 """
 
 from __future__ import annotations
@@ -64,11 +60,7 @@ class Reading:
 
 
 def stated_reading(campaign: Campaign) -> Reading:
-    """The reading that a campaign's own description states.
-
-    `campaign`: the campaign, in SI units and with the package's senses. Returns: the scale factors
-    and axes of its hardware; no other change.
-    """
+    """The reading that a campaign states: scale factors and axes of its hardware."""
     sensor, axes_B = campaign.gyro, campaign.wheel_axes_B
     same = np.eye(len(campaign.wheels))
     spin = (axes_B * campaign.spin_inertias) @ axes_B.T

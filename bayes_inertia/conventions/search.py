@@ -57,10 +57,7 @@ class Judgement:
 
 
 def judged(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> Judgement:
-    """Causes that make inconsistent data consistent: nothing, a stale bias, mistakes, or both.
-
-    Returns: pairs only where no single mistake explains the data.
-    """
+    """Causes that make inconsistent data consistent: nothing, a stale bias, mistakes, or both."""
     before = worst(misfits.of(stated))
     if before <= LIMITS.suspicious:
         return Judgement((), stated)
@@ -197,10 +194,7 @@ def misfit_of(fits: dict[str, LinearFit]) -> dict[str, float]:
 
 
 def turned_sensor(misfits: Misfits, reading: Reading) -> list[Mistake]:
-    """The rotation of the rate sensor's frame that the data themselves propose.
-
-    Returns: one from the fixes, one from the wheels' momentum, as far as the telemetry tells.
-    """
+    """Rotations of the rate sensor's frame that fixes, and wheel momentum, propose."""
     axes = misfits.campaign.gyro.axes
     words = "the rates are along other axes"
     rotations = [_from_fixes(misfits, reading), _from_momentum(misfits, reading)]
@@ -214,10 +208,7 @@ def turned_sensor(misfits: Misfits, reading: Reading) -> list[Mistake]:
 
 
 def turned_beside_bias(misfits: Misfits, reading: Reading) -> list[Mistake]:
-    """The rotation that the data propose where the rate bias is stale as well.
-
-    Rotation and bias are estimated by turns.
-    """
+    """The rotation that the data propose where the rate bias is stale as well, by turns."""
     best: list[Mistake] = []
     for _ in range(LIMITS.sensor_rounds):
         proposed = turned_sensor(misfits, reading)
@@ -237,9 +228,7 @@ def _whole(rotation: np.ndarray) -> bool:
 
 
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
-    """The rotation nearest to a matrix.
-
-    `matrix` (3, 3). Returns (3, 3).
+    """The rotation nearest to a matrix (3, 3).
 
     >>> nearest_rotation(np.diag([2.0, 3.0, 0.5])).round(6).tolist()
     [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
@@ -306,10 +295,7 @@ _Told = tuple[np.ndarray, np.ndarray]
 
 
 def with_own_bias(misfits: Misfits, reading: Reading) -> Reading:
-    """A reading with the constant rate bias that the telemetry tells under it.
-
-    Returns: with another bias; the reading itself where no bias makes it agree with the data.
-    """
+    """A reading with the constant rate bias that the telemetry tells under it, if one agrees."""
     drive = misfits.fit(DRIVE, reading)
     if drive is not None and drive.worst > LIMITS.ordinary:
         return reading
@@ -355,10 +341,7 @@ def _told_by(misfits: Misfits, law: str, reading: Reading, before: _Told) -> _To
 
 
 def beside_stale_bias(misfits: Misfits, mistake: Mistake) -> Mistake:
-    """A mistake in a campaign whose stated rate bias is stale as well.
-
-    Returns: with the same changes; the bias stands in the reading that it mends to.
-    """
+    """A mistake in a campaign whose stated rate bias is stale as well."""
     return replace(
         mistake,
         mend=lambda reading: with_own_bias(misfits, mistake.mend(reading)),

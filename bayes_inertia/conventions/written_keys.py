@@ -28,10 +28,10 @@ _IN_MEMORY: dict[str, dict[str, Any]] = {
 def stated_columns(
     campaign: Campaign, description: Description | None = None
 ) -> dict[str, Mapping[str, Any]]:
-    """What a campaign states about its columns, as plain values under the keys of `[columns]`.
+    """What a campaign states of its columns, under the keys of `[columns]`.
 
-    `description`: its campaign.toml; None for a campaign that was built in memory, which is in SI
-    units. Wheels whose columns are in several units or tables are left out.
+    A campaign in memory is in SI units. Wheels whose columns are in several units or tables are
+    left out.
 
     >>> from bayes_inertia.physics.small_campaign import small_campaign
     >>> stated_columns(small_campaign())["rate"]["unit"]

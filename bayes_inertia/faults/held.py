@@ -40,13 +40,10 @@ class HeldReadings:
 def held_readings(
     series: Sequence[tuple[np.ndarray, np.ndarray]], *, by_axis: bool = True
 ) -> list[HeldReadings | None]:
-    """Repeated readings of a channel whose sensor was polled faster than it measures.
+    """Repeated readings (n, k) of a sensor that was polled faster than it measures, of each slew.
 
-    `series`: times (n,) and readings (n, k), NaN where there is none; of each slew, in any unit.
-    `by_axis`: whether axes may be held each by itself; if not, only whole rows are. Returns: for
-    each slew; None where readings are not held. The first of equal readings counts as read. In runs
-    that are much longer than usual there is one in each usual length: whether they are stuck is for
-    `stuck_readings` to tell.
+    The first of equal readings counts as read; in runs that are much longer than usual there is one
+    in each usual length. `by_axis`: whether axes may be held each by itself.
 
     >>> rate = np.random.default_rng(1).normal(size=(50, 3)).repeat(4, axis=0)
     >>> (held,) = held_readings([(0.25 * np.arange(200.0), rate)])

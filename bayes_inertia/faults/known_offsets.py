@@ -26,10 +26,7 @@ KNOWN_OFFSETS: Mapping[float, str] = MappingProxyType(
 def known_offset(
     times: np.ndarray, spans: Sequence[tuple[float, float]]
 ) -> tuple[float, str, int] | None:
-    """The known offset that puts readings beside slews which they all miss.
-
-    `times` (n,) [s]; `spans` [s]. Returns `seconds`: what is to be added to the times; `inside`:
-    how many readings then lie in a slew.
+    """The known offset [s] that puts readings beside slews which they all miss, why, and how many.
 
     >>> known_offset(np.array([3605.0, 3690.0]), [(0.0, 99.0)])
     (-3600.0, '1 h, as of a time zone', 2)
@@ -48,9 +45,7 @@ def known_offset(
 
 
 def likely_offsets() -> Iterator[tuple[float, str]]:
-    """Known offsets of clocks: scales, time zones, and both.
-
-    Returns `seconds`: an offset, the most common first [s].
+    """Known offsets of clocks [s], the most common first: scales, time zones, and both.
 
     >>> next(iter(likely_offsets()))
     (18.0, 'GPS time is ahead of UTC')

@@ -32,10 +32,7 @@ class MotionScan:
     rest_rate: np.ndarray  # (3,): rate readings at rest [rad/s]
 
     def segment_span(self, moment: float) -> tuple[float, float]:
-        """First and last time of the part of the log, between pauses, that a moment lies in.
-
-        `moment` [s]. Returns [s].
-        """
+        """First and last time [s] of the part of the log, between pauses, that a moment lies in."""
         row = min(int(np.searchsorted(self.time, moment)), len(self.time) - 1)
         rows = np.flatnonzero(self.segment == self.segment[row])
         return float(self.time[rows[0]]), float(self.time[rows[-1]])
@@ -44,11 +41,7 @@ class MotionScan:
 def scan_motion(
     time: np.ndarray, values: np.ndarray, where: str, *, threshold: float | None, pause: float
 ) -> MotionScan:
-    """Find the motions in a log.
-
-    `time` (n,) [s], `values` (n, 3) [rad/s]: the rates, NaN where there is none, and where they
-    are, for messages. `pause` [s]. `threshold`: `high` [rad/s]; None: from the
-    noise at rest and the largest rate.
+    """The motions in a log of rates (n, 3) [rad/s]; `threshold` None: from noise and largest rate.
 
     >>> time = np.arange(0.0, 60.0, 0.5)
     >>> rates = np.outer(np.where((time > 20) & (time < 40), 0.1, 0.0), [1.0, 0.0, 0.0])

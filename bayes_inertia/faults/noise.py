@@ -1,9 +1,5 @@
 """Noise of readings: from differences of neighbours, and by an Allan-type fit at rest.
 
-Noise of readings, from differences of neighbours, which hardly see smooth motion.
-
-Noise of readings at rest: white, random walk and quantisation, by an Allan-type fit.
-
 The variance of second differences of block means (the Hadamard variance, an Allan variance that no
 steady drift enters) is fitted as a sum of what each kind of noise gives at each block length,
 exactly, with weights by its degrees of freedom and no negative share. Slow real motion enters the

@@ -11,9 +11,7 @@ from bayes_inertia.faults.limits import LIMITS
 
 
 def resolution(values: np.ndarray) -> float:
-    """The smallest step between different values; 0 if there are no two.
-
-    `values` (n,). Returns: in their unit; rounding of the last binary digits is no step.
+    """The smallest step between different values (n,); 0 if there are no two but for rounding.
 
     >>> resolution(np.array([0.75, 0.25, 0.25, 0.5]))
     0.25
@@ -24,10 +22,7 @@ def resolution(values: np.ndarray) -> float:
 
 
 def quantisation_step(values: np.ndarray) -> float | None:
-    """The step of which all differences between readings are whole multiples.
-
-    `values` (n,): readings of one axis; NaN where there is none. Returns: in the readings' unit;
-    None if there is no such step, or too few different values.
+    """The step of which all differences between readings (n,) are multiples; None if there is none.
 
     >>> quantisation_step(np.array([0.0, 0.5, 1.5, 0.5]))
     0.5

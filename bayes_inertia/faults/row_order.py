@@ -22,13 +22,10 @@ _LEFT_OUT = "with a wrong stamp left out"
 
 
 def set_back_row(stamps: np.ndarray, contents: np.ndarray) -> int | None:
-    """The row at which a clock was set back and ran on from there.
+    """The row (from 0) at which a clock was set back and ran on from there; None where none was.
 
     Rows that only came late fill a hole among the others, or were sent again with the same content.
     A few rows (three) out of order are no clock that was set back.
-
-    `stamps` (n,); `contents` (n, width). Returns: the row, counted from 0; None where no clock was
-    set back.
 
     >>> late, again = np.array([0.0, 1, 4, 5, 2, 3, 6]), np.r_[0:30, 0.1:30.1]
     >>> set_back_row(late, np.zeros((7, 1))), set_back_row(again, np.zeros((60, 1)))
@@ -90,10 +87,7 @@ def _explained(
 
 
 def ordered_rows(table: Table, time: str, names: Sequence[str]) -> tuple[Table, list[Dirt]]:
-    """The rows of a table in the order of their strictly increasing times.
-
-    Returns `table`: the same table if its times increase strictly; else its rows in order; `dirt`:
-    what was done; `rows` counts the rows of the table that is returned, `slew` is empty.
+    """The rows of a table in the order of their strictly increasing times, and what was done.
 
     >>> late = Table.of("a", {"t": np.array([0., 2., 1., 3.]), "w": np.array([5., 7., 6., 8.])})
     >>> ordered_rows(late, "t", ["w"])[0].numbers("w").tolist()

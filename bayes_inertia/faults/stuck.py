@@ -18,11 +18,7 @@ from bayes_inertia.faults.quantisation import resolution
 
 
 def stuck_readings(readings: np.ndarray, sigma: Sequence[float | None]) -> np.ndarray:
-    """Which readings repeat those before them for too long, in one axis or in all.
-
-    `readings` (n, k): readings of k axes in the order of time; NaN where there is none. `sigma`:
-    stated noise of each axis; None leaves the axis out. Returns (n, k): true in stuck runs, from
-    their first reading on.
+    """Which readings (n, k) repeat those before them for too long, in one axis or in all.
 
     >>> rate = np.random.default_rng(1).normal(size=(100, 1))
     >>> rate[40:52] = rate[40]
@@ -46,10 +42,7 @@ def stuck_readings(readings: np.ndarray, sigma: Sequence[float | None]) -> np.nd
 
 
 def stuck_fixes(fixes: np.ndarray) -> np.ndarray:
-    """Which star-tracker fixes repeat those before them to the last digit.
-
-    `fixes` (n, 4). Returns (n,): true in runs of three and more, if enough other fixes are all
-    different.
+    """Which fixes (n, 4) repeat those before them in runs of three and more, beside enough others.
 
     >>> stuck_fixes(np.full((9, 4), 0.5)).any()
     np.False_
@@ -64,10 +57,7 @@ def stuck_fixes(fixes: np.ndarray) -> np.ndarray:
 
 
 def always_zero(momentum: Sequence[np.ndarray], torque: Sequence[np.ndarray]) -> bool:
-    """Whether a wheel's tachometer reads exactly 0 in every row, and it is never commanded.
-
-    `momentum`, `torque`: a column (n,) for each slew that has one. A wheel at rest under control
-    has the noise of its tachometer.
+    """Whether a wheel is never commanded and its tachometer reads exactly 0 in every row.
 
     >>> always_zero([np.zeros(5)], [np.zeros(5)]), always_zero([np.zeros(5)], [np.ones(5)])
     (True, False)

@@ -1,9 +1,4 @@
-"""What columns of a raw table seem to hold, and which clock: told from names, units and sizes.
-
-Suggested contents of the columns of a raw table, from their names.
-
-Which clock a column of stamps seems to be read from, told from its name, unit and size.
-"""
+"""What columns of a raw table seem to hold, and which clock: told from names, units and sizes."""
 
 from __future__ import annotations
 
@@ -49,10 +44,7 @@ class ColumnFamily:
 
 
 def families(table: Table, file: str) -> list[ColumnFamily]:
-    """The quantities that a table seems to hold.
-
-    `file`: name of its file, which may say what the columns do not. Returns: in the order of the
-    columns; none for columns that are not recognised.
+    """The quantities that the columns of a table, or the name of its file, seem to hold.
 
     >>> import numpy as np
     >>> columns = dict.fromkeys(("t", "gx_dps", "gy_dps", "gz_dps"), Column(np.zeros(1)))
@@ -225,9 +217,7 @@ class ClockGuess:
 
 
 def guessed_clock(table: Table, names: Sequence[str]) -> ClockGuess:
-    """The clock of the columns of the time, as far as they show it.
-
-    Returns: its kind; "?" where name, unit and size leave more than one.
+    """The clock of the columns of the time, as far as name, unit and size show it; else "?".
 
     >>> ms = Table("a.csv", {"unix_ms": Column(np.array([1772366400000.0, 1772366400250.0]))})
     >>> guessed_clock(ms, ["unix_ms"]).kind

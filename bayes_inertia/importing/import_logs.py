@@ -1,7 +1,4 @@
-"""From raw files and a mapping to a campaign folder: the whole way.
-
-High-rate streams of an imported campaign as block means, where the mapping asks for it.
-"""
+"""From raw files and a mapping to a campaign folder: the whole way."""
 
 from __future__ import annotations
 
@@ -318,10 +315,7 @@ def _require_noises(mapping: MappingPart, noises: Sequence[RestNoise], label: st
 def reduced_content(
     description: str, tables: dict[str, Table], campaign: Campaign
 ) -> tuple[str, dict[str, Table], Campaign]:
-    """Description and tables with block means in place of high-rate readings, and their campaign.
-
-    The very ones where the motion does not allow blocks of two.
-    """
+    """Description, tables and campaign with block means of high-rate readings, if possible."""
     means = reduced(campaign)
     if means is campaign:
         return description, tables, campaign

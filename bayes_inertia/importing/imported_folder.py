@@ -1,14 +1,8 @@
 """The campaign folder that an import writes: columns, tables, description, record.
 
-Streams of an import as entries of `[columns]` of its campaign.
-
 Units and senses are those of the mapping, as far as the campaign format knows them. So the numbers
 in the tables are those of the logs, and what `doctor` says of a key of `[columns]` holds for the
 same key of the mapping.
-
-The telemetry of one slew as tables of a campaign folder: one a stream, its own times kept.
-
-The campaign folder that an import writes: description, tables, record, picture.
 """
 
 from __future__ import annotations
@@ -75,18 +69,12 @@ class WrittenColumns:
     factors: tuple[float, ...]  # What each column is multiplied by
 
     def cells(self, values: np.ndarray) -> np.ndarray:
-        """The columns of a stream's values.
-
-        `values` (n, width). Returns (n, columns).
-        """
+        """The columns (n, columns) of a stream's values (n, width)."""
         return values[:, list(self.order)] * np.array(self.factors)
 
 
 def written_columns(mapping: MappingPart) -> dict[str, WrittenColumns]:
-    """Entries of the streams, by the key of `[columns]`.
-
-    Returns: in the order of `[columns]`, whether or not the mapping has the stream.
-    """
+    """Entries of all streams that a mapping may have, by the key of `[columns]`."""
     written = {}
     for key, (suffix, templates) in _NAMES.items():
         names = templates
@@ -151,11 +139,7 @@ class SlewTables:
 
 
 def slew_tables(window: SlewWindow, streams: dict[str, LoggedStream]) -> SlewTables:
-    """The readings of one slew, with times from its start.
-
-    The command in force when the slew begins stands in its first row.
-
-    Returns: only the streams that have a reading in the slew.
+    """The readings of one slew from its start on, with the command that is in force when it begins.
 
     >>> command = LoggedStream("wheel_torque", np.array([0.0, 2.0]), np.array([[1.0], [3.0]]),
     ...                        np.zeros(2, dtype=int), ("a",))
@@ -219,10 +203,7 @@ PICTURE_FILE = "slews.svg"
 def description_text(
     mapping: MappingPart, slews: Sequence[SlewTables], noises: Sequence[RestNoise]
 ) -> str:
-    """The text of `campaign.toml`.
-
-    `noises`: what the rests show; it stands in comments beside what is stated.
-    """
+    """The text of `campaign.toml`, with what the rests show in comments."""
     tracker = mapping.star_tracker
     return toml_text(
         {
@@ -288,10 +269,7 @@ def tables_of(mapping: MappingPart, slews: Sequence[SlewTables]) -> dict[str, Ta
 
 
 def raw_place(where: str, mapping: MappingPart, slews: Sequence[SlewTables]) -> str:
-    """A place in a table of an import as a place in the raw logs.
-
-    Returns: such as "wheels.csv, column RW3, in slew 1 at 12.5 s"; what is no such place stays.
-    """
+    """A place in a table as one in the raw logs: "wheels.csv, column RW3, in slew 1 at 12.5 s"."""
     file = where.partition(", ")[0]
     for tables, files in zip(slews, _file_names(mapping, slews), strict=True):
         for key in (key for key, name in files.items() if name == file):
@@ -366,9 +344,7 @@ def record_text(
 
 
 def zero_of_clock(logs: Logs) -> str:
-    """When the clock of an import was zero.
-
-    Returns: A date in UTC, as `[[slews]]` of a mapping writes it, or that it is unknown.
+    """When the clock of an import was zero: a date in UTC, or that it is unknown.
 
     >>> zero_of_clock(Logs({}, 2_151_144_037_250_000_000, True))
     '2026-03-02T12:00:00.25Z'

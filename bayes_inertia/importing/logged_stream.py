@@ -1,9 +1,4 @@
-"""One quantity of a raw log: its share in a file, and on the common clock in SI units.
-
-Share of one file in one stream, before the clocks are brought together.
-
-One quantity of a raw log on the common clock, in SI units and with the package's senses.
-"""
+"""One quantity of a raw log: its share in a file, and on the common clock in SI units."""
 
 from __future__ import annotations
 
@@ -89,10 +84,7 @@ class LoggedStream:
         return float(np.median(np.diff(self.time))) if len(self.time) > 1 else 0.0
 
     def rows(self, keep: np.ndarray, *notes: str) -> LoggedStream:
-        """The same stream with some of its rows only.
-
-        `keep` (n,).
-        """
+        """The same stream with some of its rows (n,) only."""
         return replace(
             self,
             time=self.time[keep],
@@ -102,17 +94,12 @@ class LoggedStream:
         )
 
     def between(self, start: float, end: float) -> LoggedStream:
-        """The readings from a time to another, both included.
-
-        `start` and `end` [s].
-        """
+        """The readings from one time to another [s], both included."""
         return self.rows((self.time >= start) & (self.time <= end))
 
 
 def left_out(count: int, rows: int, why: str, *, where: str, advice: str) -> str:
     """The note that rows are left out, or an error if they are more than damage would explain.
-
-    `why`: why, such as "have no time"; it follows the number.
 
     >>> left_out(2, 900, "have no time", where="a.csv", advice="")
     '2 of 900 rows have no time and are left out'
@@ -128,12 +115,10 @@ def left_out(count: int, rows: int, why: str, *, where: str, advice: str) -> str
 
 
 def in_order(stream: LoggedStream, place: Callable[[int], str] | None = None) -> LoggedStream:
-    """A stream whose times increase strictly.
+    """A stream whose times increase strictly, with notes of what was sorted or dropped.
 
-    Rows that a file has out of order are sorted. Of rows with one time the first stays, filled up
-    with the readings that only the others have, as of wheels that come in files of their own.
-
-    Returns: with a note where rows were sorted or dropped.
+    Of rows with one time the first stays, filled up with the readings that only the others have, as
+    of wheels that come in files of their own.
 
     >>> raw = LoggedStream("rate", np.array([1.0, 0.0, 1.0]), np.ones((3, 3)), np.zeros(3, int), ())
     >>> ordered = in_order(raw)
@@ -192,10 +177,7 @@ def _late_rows(stream: LoggedStream) -> int:
 
 
 def _filled(values: np.ndarray, repeated: np.ndarray) -> tuple[np.ndarray, int, np.ndarray]:
-    """Values in which the first of rows with one time has what it lacks.
-
-    Also how many rows only repeat what it has, and which (n,) have other values.
-    """
+    """Values filled up from rows with one time, how many only repeat, and which (n,) differ."""
     values = values.copy()
     first = np.maximum.accumulate(np.where(repeated, 0, np.arange(len(values))))
     again, lost = 0, np.zeros(len(values), dtype=bool)
@@ -216,10 +198,7 @@ def _rows(count: int, what: str, done: str) -> str:
 
 
 def joined(streams: Sequence[LoggedStream]) -> LoggedStream:
-    """Streams that hold one quantity, such as wheels in files of their own, as one.
-
-    Returns: with the rows of all, in the order of their times.
-    """
+    """Streams that hold one quantity, such as wheels in files of their own, as one."""
     if len(streams) == 1:
         return streams[0]
     files = tuple(dict.fromkeys(file for stream in streams for file in stream.files))
@@ -237,10 +216,7 @@ def joined(streams: Sequence[LoggedStream]) -> LoggedStream:
 
 
 def held(stream: LoggedStream) -> LoggedStream:
-    """Commands in force at each time: an element without a new command keeps its last.
-
-    Returns: without the rows before every element has its first command.
-    """
+    """Commands in force at each time, from where every element has its first command."""
     rows = np.arange(len(stream.time))[:, None]
     last = np.maximum.accumulate(np.where(np.isnan(stream.values), -1, rows), axis=0)
     values = np.take_along_axis(stream.values, np.maximum(last, 0), axis=0)

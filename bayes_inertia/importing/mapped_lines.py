@@ -25,12 +25,7 @@ _OTHER_KEYS = MappingProxyType({"axes": ("mounting", "body_from_sensor")})
 
 
 def mapped_lines(folder: Path, key: str) -> list[str]:
-    """The lines of the mapping that a key of an imported campaign.toml comes from.
-
-    `key`: path of the key, such as "columns.rate.unit" or "wheels.x.axis". Returns: such as
-    'mapping.toml, line 30: unit = "deg/s"'; empty for a folder that was not imported, and for what
-    the mapping does not state.
-    """
+    """The lines of the mapping that a key such as "columns.rate.unit" comes from."""
     name, text = _of_record(
         folder, lambda r: (r["mapping"]["name"], r["mapping"]["text"]), ("", "")
     )
@@ -43,11 +38,7 @@ def other_mapping(folder: Path, data: bytes) -> bool:
 
 
 def streams_outside(folder: Path) -> dict[str, tuple[int, list[float], list[float]]]:
-    """Streams that were imported, none of whose readings lies in a slew.
-
-    Returns: by what the stream holds: how many readings, first and last time of the stream and of
-    all slews [s]; empty for a folder that was not imported.
-    """
+    """Imported streams without a reading in a slew: how many readings, their span, the slews'."""
 
     def outside(record: Any) -> dict[str, tuple[int, list[float], list[float]]]:
         slews = record["cut"]["slews"]

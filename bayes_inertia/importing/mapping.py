@@ -2,8 +2,6 @@
 
 Wheels of one type: `same_as` takes what one wheel of a mapping says for another.
 
-Numbers of the hardware with their unit: `sigma_cross = "5 arcsec"` in a mapping.
-
 Data sheets state noise in arc seconds and degrees an hour. A number without a unit is in SI units
 and radians, as in campaign.toml.
 """
@@ -318,9 +316,7 @@ _NUMBER_WITH_UNIT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\
 
 
 def with_si_hardware(document: dict[str, Any], label: str) -> dict[str, Any]:
-    """A mapping whose hardware is stated in SI units and radians.
-
-    Returns: the same with numbers in place of texts such as "5 arcsec".
+    """A mapping whose hardware is in SI units, with numbers in place of texts such as "5 arcsec".
 
     >>> tracker = {"star_tracker": {"sigma_cross": "3600 arcsec"}}
     >>> round(with_si_hardware(tracker, "m.toml")["star_tracker"]["sigma_cross"], 6)

@@ -1,11 +1,7 @@
 """Questions on raw logs that only the user can answer, and how a mapping asks them.
 
-Questions on raw logs that only the user can answer.
-
 A mapping that `import --start` writes has "?" at each of these keys, with the question beside it.
 An import with a "?" left repeats the question.
-
-Keys, values and comments of a mapping as text.
 """
 
 from __future__ import annotations
@@ -30,10 +26,7 @@ QUESTIONS: Mapping[str, str] = MappingProxyType(vocabulary("importing")["questio
 
 
 def question_at(path: tuple[str, ...]) -> str:
-    """The question at a key of a mapping.
-
-    `path`: the key's path, tables in lists by their label, such as ("streams", "rate", "unit").
-    Returns: the question; a general one where none is written.
+    """The question at a key of a mapping, tables in lists by their label; else a general one.
 
     >>> question_at(("streams", "attitude", "form"))
     '"quaternion", "euler", "dcm" or "mrp"?'

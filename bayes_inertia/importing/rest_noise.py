@@ -84,10 +84,7 @@ class RestNoise:
 
 
 def rest_noise(logs: Logs, scan: MotionScan | None, mapping: MappingPart) -> list[RestNoise]:
-    """The noise of rates, star tracker and tachometers at rest.
-
-    `scan`: the motions; None if none are known, and then nothing is measured.
-    """
+    """The noise of rates, star tracker and tachometers at rest; none without known motions."""
     if scan is None:
         return []
     noises = [*_rates(logs, scan, mapping), *_momenta(logs, scan, mapping)]

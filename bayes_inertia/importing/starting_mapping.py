@@ -1,9 +1,5 @@
 """A mapping to be filled in, written from the columns of raw files.
 
-One `[[streams]]` of a mapping to be filled in.
-
-What names of columns say by a notation that a simulator defines; suggestions, said as such.
-
 Basilisk writes the frame into the name: omega_BN_B is the rate of B against N in axes of B,
 sigma_BN the modified Rodrigues parameters of B from N; its wheelSpeeds are relative to the body
 [rad/s], and its motorTorque acts on the wheel [N m]. 42's wbn is in axes of the body, its Hwhl the
@@ -12,8 +8,6 @@ that takes vectors of the body to the world; PX4 begins it with the scalar and c
 Names with _B or "body" say that the axes are the body's.
 
 What files and names of columns say is suggested; what only the user can know is asked ("?").
-
-The hardware's part of a mapping to be filled in: inertia, wheels, sensors.
 """
 
 from __future__ import annotations
@@ -99,10 +93,7 @@ def _stream(group: FileGroup, family: ColumnFamily, *, commented: bool) -> dict[
 
 
 def counts_from_zero(group: FileGroup) -> bool:
-    """Whether the stamps count from a zero of their own.
-
-    Returns: false where the file or the stamps say the date.
-    """
+    """Whether the stamps count from a zero of their own; not where file or stamps say the date."""
     table = group.table
     if table.time_names and table.time_kind and table.time_kind not in FREE_CLOCKS:
         return False
@@ -195,10 +186,7 @@ def _time(group: FileGroup) -> str:
 
 
 def notation_of(holds: str, name: str) -> dict[str, tuple[str, str]]:
-    """Content of a column by the notation of its name.
-
-    `holds`: what the column seems to hold, as a mapping says it. Returns: for keys of the stream a
-    value, and whose notation says it; the first that fits.
+    """For keys of a stream, a value and whose notation says it, by the name of a column.
 
     >>> notation_of("rate", "omega_BN_B[0]")["frame"], notation_of("rate", "gx_dps")
     (('body', "Basilisk's notation"), {})
@@ -359,9 +347,7 @@ _AXES = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0], "z": [0.0, 0.0, 1.0]}
 
 
 def wheel_words(names: Sequence[str]) -> list[str]:
-    """Parts of names that distinguish the columns of the wheels.
-
-    Returns: A word a wheel: "x" of "cmd_wheel_x", else its number.
+    """A word for each wheel that tells its columns apart: "x" of "cmd_wheel_x", or a number.
 
     >>> wheel_words(["cmd_wheel_x", "cmd_wheel_y"]), wheel_words(["rw1_rpm", "rw2_rpm"])
     (['x', 'y'], ['1', '2'])

@@ -12,12 +12,8 @@ A rotation that `maps = "inertial_to_body"` has v_B = C v_N. For each form:
 - direction cosine matrix: C itself, its nine elements row by row.
 - modified Rodrigues parameters: eps / (1 + eta), such as Basilisk's `sigma_BN`.
 
-Facts that a file states itself; a mapping that contradicts them is an error.
-
 Units stand in rows of units and in attributes; CCSDS AEM states the columns, the form, the frames
 and the direction of attitudes.
-
-The readings of a stream from the cells of a table: units, scales, flags and marks.
 """
 
 from __future__ import annotations
@@ -65,10 +61,7 @@ class AttitudeConvention:
 
 
 def to_quaternions(values: np.ndarray, convention: AttitudeConvention) -> np.ndarray:
-    """Quaternions of attitudes in any form.
-
-    `values` (n, columns): the columns; NaN throughout a row without a fix. Rows must be good
-    (`bad_attitude`). Returns (n, 4): body from inertial, scalar last; NaN in rows without a fix.
+    """Quaternions (n, 4), body from inertial, scalar last, of attitudes (n, columns) in any form.
 
     >>> degrees = {"sequence": "zyx", "radians": np.pi / 180}
     >>> yaw_first = AttitudeConvention("euler", "inertial_to_body", **degrees)
@@ -100,12 +93,9 @@ def _inertial_to_body(values: np.ndarray, convention: AttitudeConvention) -> np.
 def without_solution(
     values: np.ndarray, convention: AttitudeConvention, marked: np.ndarray
 ) -> np.ndarray:
-    """Rows that hold a mark of "no solution" instead of an attitude.
+    """Rows (n,) that hold a mark of "no solution", such as 0 0 0 0 or -9999, not an attitude.
 
-    That is one number in all columns which no attitude has there, such as 0 0 0 0 or -9999.
-
-    `values` (n, columns). `marked` (n, columns): cells that hold what the mapping calls a mark.
-    Returns (n,).
+    That is one number in all columns which no attitude has there, or a mark that the mapping names.
 
     >>> rows = np.array([[0.0, 0.0, 0.0, 0.0], [0.5, 0.5, 0.5, 0.5], [-1.0, -1.0, -1.0, -1.0]])
     >>> quaternion = AttitudeConvention("quaternion", "inertial_to_body")
@@ -124,11 +114,7 @@ def without_solution(
 
 
 def standing_mark(quaternions: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Rows whose attitude is a mark of "no solution", such as 0 0 0 1.
-
-    To one and the same attitude, to the last digit, the rows jump again and again and back.
-
-    `quaternions` (n, 4); `time` (n,) [s]. Returns (n,).
+    """Rows (n,) whose attitude, to which others jump and back, is a mark of "no solution".
 
     >>> rows = np.array([[0.6, 0.0, 0.0, 0.8], [0.0, 0.0, 0.0, 1.0]] * 3)
     >>> rows[::2, 0] += 1e-6 * np.arange(3)
@@ -159,10 +145,7 @@ def standing_mark(quaternions: np.ndarray, time: np.ndarray) -> np.ndarray:
 def rounding_of_attitudes(
     values: np.ndarray, convention: AttitudeConvention, sigmas: np.ndarray
 ) -> float:
-    """Standard deviation of an attitude about any axis from rounding of its columns.
-
-    `sigmas` (columns,). `values` (n, columns): the columns; NaN throughout a row without a fix.
-    Returns [rad].
+    """Sd of an attitude about any axis [rad] from the rounding `sigmas` of its columns.
 
     >>> fix, sigmas = np.array([[0.0, 0.0, 0.6, 0.8]]), np.full(4, 1e-4)
     >>> quaternion = AttitudeConvention("quaternion", "inertial_to_body")
@@ -183,9 +166,7 @@ def rounding_of_attitudes(
 
 
 def bad_attitude(values: np.ndarray, convention: AttitudeConvention) -> tuple[int, str] | None:
-    """The first row that is neither empty nor an attitude.
-
-    `values` (n, columns). Returns: the row and what is wrong with it; None if all rows are good.
+    """The first row that is neither empty nor an attitude, and what is wrong with it; None if none.
 
     >>> bad_attitude(np.eye(3).reshape(1, 9) * 2.0, AttitudeConvention("dcm", "inertial_to_body"))
     (0, 'the matrix is no rotation: its rows are not of length 1 and square to each other')
@@ -211,10 +192,7 @@ def bad_attitude(values: np.ndarray, convention: AttitudeConvention) -> tuple[in
 
 
 def from_tracker_axes(quaternions: np.ndarray, body_from_tracker: np.ndarray) -> np.ndarray:
-    """Attitudes of the body from those of a star tracker: v_B = R v_T.
-
-    `body_from_tracker` (3, 3). `quaternions` (n, 4): tracker from inertial, scalar last; NaN in
-    rows without a fix. Returns (n, 4).
+    """Attitudes of the body (n, 4) from those of a star tracker: v_B = R v_T.
 
     >>> half_turn = np.diag([-1.0, -1.0, 1.0])
     >>> (from_tracker_axes(np.array([[0.0, 0.0, 0.0, 1.0]]), half_turn) + 0.0).tolist()
@@ -236,10 +214,7 @@ _TRACKER = re.compile(r"(STAR_?TRACKER|STR|ST|AST|INSTRUMENT|STARTRACKER).*")
 
 
 def agreed(stated: Any, mapped: Any, where: str, file: str) -> Any:
-    """Value that the file or the mapping states, or an error if they differ.
-
-    `stated`: what the file says; "" or None where it says nothing. `mapped`: what the mapping says;
-    "", None or empty where it says nothing.
+    """The value that file or mapping states ("" or None: nothing); an error if they differ.
 
     >>> agreed("last", None, "m.toml, key scalar", "a.aem")
     'last'
@@ -256,10 +231,7 @@ def agreed(stated: Any, mapped: Any, where: str, file: str) -> Any:
 
 
 def agreed_unit(table: Table, name: str, quantity: str, mapped: str, where: str) -> str:
-    """The unit of a column.
-
-    `mapped`: the unit that the mapping states; "" where it states none.
-    """
+    """The unit of a column, as the mapping or the file states it."""
     stated = table.column(name).unit
     if not mapped and not stated:
         path = tuple(where.rpartition(", key ")[2].split("."))
@@ -291,10 +263,7 @@ def _factor(quantity: str, unit: str, where: str) -> float:
 def agreed_attitude(
     table: Table, part: AttitudeStream, where: str
 ) -> tuple[list[str], AttitudeConvention, bool]:
-    """The columns of the attitudes of a table and what they mean.
-
-    Returns `of_tracker`: whether the attitudes are those of the tracker's axes, not of the body's.
-    """
+    """Columns of attitudes, what they mean, and whether they are of the tracker's axes."""
     says = stated_attitude(table)
     unit = _angle_unit(table, part, says, where)
 
@@ -380,11 +349,7 @@ def _frame(name: str) -> str:
 def readings_of(
     part: MappedStream, table: Table, where: str
 ) -> tuple[np.ndarray, tuple[float, ...], list[str]]:
-    """The readings of a stream in one table.
-
-    Returns `values` (rows, width) in SI units and the package's senses, NaN where there is none;
-    `rounding`, as of `LoggedStream`; `notes`: what was taken for no reading.
-    """
+    """Readings (rows, width) of a stream, SI and in the package's senses; rounding; notes."""
     flagged = np.zeros((1, 1), dtype=bool)
     notes = []
     if part.valid is not None:

@@ -371,9 +371,7 @@ def _add_columns(
 
 
 def array_column(values: np.ndarray, unit: str = "") -> Column:
-    """A vector of a file as a raw column; integers stay integers, so that ns keep their digits.
-
-    The unit "seconds since 2024-01-01" makes dates of numbers.
+    """A vector of a file as a column; the unit "seconds since 2024-01-01" makes dates of numbers.
 
     >>> array_column(np.array([0.5]), "seconds since 2024-01-01").values.tolist()
     ['2024-01-01T00:00:00.500000000']

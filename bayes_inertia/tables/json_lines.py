@@ -66,10 +66,7 @@ def _columns(records: Sequence[Any], lines: Sequence[int], label: str) -> dict[s
 
 
 def json_arrays(path: Path) -> dict[str, np.ndarray] | None:
-    """The arrays of a JSON document that holds arrays, or lists of objects, by path ("/" between).
-
-    None for objects in lines or in one list.
-    """
+    """Arrays of a JSON document of arrays or lists of objects, by path; else None."""
     label = str(path)
     text, _ = whole_lines(read_bytes(path), label)
     try:

@@ -48,9 +48,7 @@ def read_table(path: Path, names: Sequence[str], group: str = "") -> Table:
 
 
 def parse_csv(text: str, names: Sequence[str], label: str) -> Table:
-    """The columns of CSV text: a header, commas between cells, decimal points.
-
-    An empty cell is NaN. Empty lines are skipped. Text is welcome in columns that are not wanted.
+    """The columns of CSV text: a header, commas between cells, decimal points; no comments.
 
     >>> text = "t,mode,w\\n0,idle,1\\n1,slew,\\n"
     >>> parse_csv(text, ["t", "w"], "a.csv").stack(["t", "w"]).tolist()

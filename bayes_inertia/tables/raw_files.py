@@ -1,7 +1,4 @@
-"""The reader of raw logs: the format is told by content and suffix, each has its own file.
-
-Tables with one row a parameter, as YAMCS, InfluxDB and Grafana export: one row a time again.
-"""
+"""The reader of raw logs: the format is told by content and suffix, each has its own file."""
 
 from __future__ import annotations
 

@@ -1,9 +1,5 @@
 """Stamps in several columns, and leap seconds.
 
-Leap seconds: UTC on the continuous scale of TAI.
-
-Stamps in several columns: what each column counts, and the sum of all.
-
 ROS 2 writes seconds and nanoseconds; CCSDS unsegmented codes (CUC) seconds and a binary fraction,
 segmented ones (CDS) days, milliseconds and microseconds; loggers a date and a time of the day.
 """
@@ -196,10 +192,7 @@ def added_parts(
 def exact_ns(
     table: Table, name: str, unit: Fraction, zero: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """A column of numbers in whole nanoseconds, `zero` of its units (of `unit` ns) becoming 0.
-
-    Returns (rows,) ns, (rows,) whether the cell is empty, and the step of the file [s].
-    """
+    """A column in whole ns (rows,), `zero` of its units becoming 0; empty rows; step [s]."""
     column = table.column(name)
     values = table.numbers(name)
     missing = np.isnan(values)
@@ -262,10 +255,7 @@ def _wrong_part(table: Table, names: Sequence[str], k: int, row: int, what: str)
 
 
 def weeks_ns(table: Table, name: str, rollovers: int | None) -> tuple[np.ndarray, np.ndarray]:
-    """Starts of GPS weeks [ns since week 0], (rows,), and (rows,) whether the cell is empty.
-
-    Weeks of ten bits began anew in 1999 and 2019; `rollovers` says how often, None if unstated.
-    """
+    """Starts of GPS weeks [ns since week 0], (rows,), and (rows,) whether the cell is empty."""
     numbers = table.numbers(name)
     missing = np.isnan(numbers)
     numbers = np.where(missing, 0.0, numbers)

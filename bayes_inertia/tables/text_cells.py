@@ -1,9 +1,4 @@
-"""Text files: bytes as rows of cells, each with its line, and the form of the cells.
-
-Bytes of a text file as rows of cells, each with its line.
-
-Form of a text file: stated by a mapping, or recognised from its rows.
-"""
+"""Text files: bytes as rows of cells, each with its line, and the form of the cells."""
 
 from __future__ import annotations
 
@@ -41,9 +36,7 @@ class CellRow(NamedTuple):  # A log has a million of them: a dataclass takes twi
 
 
 def decoded(data: bytes, label: str, encoding: str = "") -> str:
-    """The text of a file without byte-order mark; an encoding "" is told from its content.
-
-    By its mark, as UTF-16 by its NUL bytes, as UTF-8, else as Windows-1252.
+    """The text of a file without byte-order mark; an encoding "" is told from its bytes.
 
     >>> decoded("t;°/s".encode("utf-16-le"), "a.csv"), decoded("t;°/s".encode("latin-1"), "a.csv")
     ('t;°/s', 't;°/s')

@@ -318,8 +318,6 @@ def _is_text(cell: str, decimal: str) -> bool:
 def text_column(cells: Sequence[str], decimal: str, unit: str = "") -> Column:
     """A column of text cells: numbers where every cell is one or empty, else texts.
 
-    The texts stand beside numbers that a float would round.
-
     >>> text_column(["1.5", "", "n/a"], ".").values.tolist()
     [1.5, nan, nan]
     """
@@ -348,10 +346,7 @@ _FORM_OF_42 = TextOptions(delimiter="whitespace", decimal=".", header_line=-1, u
 
 
 def read_42(path: Path) -> Table:
-    """The columns of an output of 42, such as qbn[0], with the stamps of the time.42 beside it.
-
-    Columns of a file that is not known are c1, c2, ...
-    """
+    """The columns of an output of 42, such as qbn[0], with the stamps of the time.42 beside it."""
     stem = path.stem
     if stem == "UTC":
         return _utc(path)

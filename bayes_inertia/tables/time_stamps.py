@@ -1,9 +1,5 @@
 """Time stamps: the columns that hold them, and all clocks on one scale.
 
-Columns that hold the time of a table, told from their names, units and cells.
-
-Time stamps of any clock on one continuous scale: integer nanoseconds of TAI.
-
 A gyro stamped in UTC, wheels in GPS seconds and a star tracker in an AEM then line up. 64-bit
 floats of seconds since 1958 have steps of 2.4e-7 s; integer nanoseconds lose nothing. UTC has leap
 seconds; their table is that of ERFA, and needs no network.

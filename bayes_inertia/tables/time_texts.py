@@ -142,10 +142,7 @@ def is_date(cell: str) -> bool:
 
 
 def plain_dates(cells: Sequence[str]) -> np.ndarray | None:
-    """(rows,) array of ns since 1958 of dates that are all written alike, at once.
-
-    None where one is empty, by day of year, a leap second, with an offset, or damaged: `text_to_ns`
-    then reads each by itself.
+    """Nanoseconds since 1958 (rows,) of dates that are all written alike, at once; None where not.
 
     >>> plain_dates(["1958-01-01T00:00:01Z", "1958-01-01T00:00:02Z"]) // SECOND
     array([1, 2])
