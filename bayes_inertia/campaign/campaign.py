@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.campaign.actuators import Actuator, Magnetorquer, Thruster
+from bayes_inertia.campaign.actuators import Actuator, Change, Magnetorquer, Thruster
 from bayes_inertia.campaign.body_rates import BodyRates, attitudes_seen, body_rates_of
-from bayes_inertia.campaign.changes import Change
 from bayes_inertia.campaign.hardware import (
     DirectionSensor,
     InertiaPrior,

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from bayes_inertia.campaign.actuators import Actuator, Magnetorquer
-from bayes_inertia.campaign.changes import Change
+from bayes_inertia.campaign.actuators import Actuator, Change, Magnetorquer
 from bayes_inertia.campaign.hardware import (
     DirectionSensor,
     InertiaPrior,

@@ -208,9 +208,10 @@ def _files(path: str | Path) -> list[tuple[str, bytes]]:
     read = [("campaign.toml", content), *((file, read_bytes(tables[file])) for file in files)]
     orbit = _orbit_path(parsed, description)
     read += [] if parsed.orbit is None or orbit is None else [(parsed.orbit[0], read_bytes(orbit))]
-    prior = _prior(parsed, description)
-    if prior is None or parsed.prior is None or parsed.prior.from_ is None:
+    if parsed.prior is None or parsed.prior.from_ is None:
         return read
+    prior = _prior(parsed, description)
+    assert prior is not None
     # Where the run lies, or whether it changes, does not matter to a copy.
     return [*read, (COPY_FILE, json.dumps(prior.json()).encode())]
 

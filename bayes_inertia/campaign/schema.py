@@ -41,7 +41,7 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "level": {"1": 1.0, "%": 0.01},
     }
 )
-"""For each quantity of a table, the factor from each accepted unit to SI."""
+"""For each quantity of a table, the factor from each accepted unit to SI; that of SI is first."""
 DEGREE = UNITS["rate"]["deg/s"]  # [rad]
 
 

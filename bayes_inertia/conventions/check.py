@@ -50,11 +50,13 @@ from bayes_inertia.conventions.reading import (
     KeyChange,
     Mistake,
     Reading,
+    as_written,
+    in_words,
+    stated_columns,
     stated_reading,
 )
 from bayes_inertia.conventions.search import Judgement, Remedy, judged, misfit_of
 from bayes_inertia.conventions.wording import invisible
-from bayes_inertia.conventions.written_keys import as_written, in_words, stated_columns
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import description_path, read_bytes, text_of
 from bayes_inertia.maths.values import json_ready

@@ -21,7 +21,7 @@ from bayes_inertia.conventions.laws import (
     noise_ratios,
 )
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.motion import angle_of, composed, turned_back
+from bayes_inertia.conventions.motion import angle_of, composed, turned_back, without_mean
 from bayes_inertia.conventions.reading import Columns, KeyChange, Mistake, Reading, turned
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.limits import LIMITS as FAULTS
@@ -151,8 +151,8 @@ def factors(misfits: Misfits, reading: Reading) -> Factors | None:
     slews = misfits.slews
     if slews.momentum is None or slews.impulse is None:
         return None
-    seen = _moved(slews.momentum @ reading.momentum.T, slews.valid)
-    asked = _moved(reading.time * slews.impulse @ reading.torque.T, slews.valid)
+    seen = without_mean(slews.momentum @ reading.momentum.T, slews.valid)
+    asked = without_mean(reading.time * slews.impulse @ reading.torque.T, slews.valid)
     both = np.sqrt((seen**2).sum((0, 1))), np.sqrt((asked**2).sum((0, 1)))
     sense = np.sign((seen * asked).sum((0, 1)))
     busy = np.maximum(both[0] / max(both[0].max(), 1e-300), both[1] / max(both[1].max(), 1e-300))
@@ -178,13 +178,6 @@ def factors(misfits: Misfits, reading: Reading) -> Factors | None:
         return None
     names = tuple(wheel.name for wheel in misfits.campaign.wheels)
     return Factors(names, values, _side(misfits, reading, values))
-
-
-def _moved(values: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Departures (S, N, wheels) from the mean of each slew, 0 where a moment does not count."""
-    count = np.maximum(valid.sum(axis=1), 1)[:, None, None]
-    mean = (values * valid[..., None]).sum(axis=1, keepdims=True) / count
-    return (values - mean) * valid[..., None]
 
 
 def _side(misfits: Misfits, reading: Reading, values: np.ndarray) -> bool | None:

@@ -31,6 +31,7 @@ from bayes_inertia.conventions.motion import (
     motion_of,
     told_impulse,
     turned_back,
+    without_mean,
 )
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.faults.noise import smooth_noise
@@ -268,10 +269,7 @@ def _bias_sd(told: Told) -> np.ndarray:
 
 def _deviation(vectors: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Root mean square distance (S,) of vectors (S, N, D) from their mean, where mask is True."""
-    count = np.maximum(mask.sum(axis=1), 1)[:, None]
-    mean = (vectors * mask[..., None]).sum(axis=1) / count
-    off = (vectors - mean[:, None]) * mask[..., None]
-    return np.sqrt((off**2).sum(axis=(1, 2)) / count[:, 0])
+    return _norm(without_mean(vectors, mask), mask)
 
 
 def _sigma(size: np.ndarray, noise: float, *more: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.inputs import held_integral
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.reading import Reading
@@ -217,9 +218,7 @@ def _impulse(slew: Slew, moments: np.ndarray) -> np.ndarray | None:
     """Integral of the held torque commands since the first moment [N m s]."""
     if slew.wheel_torque is None or not slew.wheel_torque.shape[1]:
         return None
-    held = np.nan_to_num(slew.wheel_torque[:-1]) * np.diff(slew.time)[:, None]
-    running = np.concatenate([np.zeros((1, held.shape[1])), np.cumsum(held, axis=0)])
-    at = np.stack([np.interp(moments, slew.time, column) for column in running.T], axis=1)
+    at = held_integral(slew.time, np.nan_to_num(slew.wheel_torque), moments)
     return at - at[0]
 
 
@@ -306,6 +305,13 @@ def motion_of(slews: SampledSlews, reading: Reading) -> Motion:
     )
 
 
+def without_mean(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Values (S, N, ...) less their mean in each slew, 0 where `mask` (S, N) is False."""
+    weight = mask.reshape(*mask.shape, *[1] * (values.ndim - 2))
+    count = np.maximum(weight.sum(axis=1, keepdims=True), 1)
+    return (values - (values * weight).sum(axis=1, keepdims=True) / count) * weight
+
+
 def _running(steps: np.ndarray) -> np.ndarray:
     """Sums along the moments (axis 1), from zero."""
     return np.concatenate([np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)], axis=1)
@@ -337,6 +343,5 @@ def told_impulse(
             at[k] = torques[name].at(slews.time[k])
     middle = 0.5 * (moving.to_start[:, 1:] + moving.to_start[:, :-1])
     steps = np.einsum("snij,snj->sni", middle, np.diff(at[..., :3], axis=1))
-    added = np.concatenate([np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)], axis=1)
     carried = np.einsum("snij,snj->sni", moving.to_start, at[..., 4:])
-    return added, at[..., 3] - at[:, :1, 3], carried
+    return _running(steps), at[..., 3] - at[:, :1, 3], carried

@@ -32,7 +32,7 @@ from bayes_inertia.conventions.laws import (
     worst,
 )
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.motion import angle_of, composed, turned_back
+from bayes_inertia.conventions.motion import angle_of, composed, turned_back, without_mean
 from bayes_inertia.conventions.reading import Mistake, Reading, both
 
 
@@ -271,9 +271,8 @@ def _from_momentum(misfits: Misfits, reading: Reading) -> np.ndarray | None:
         columns = np.einsum("snia,snb->sniab", moving.to_start, moving.rate_B)
         columns = columns.reshape(*rate.shape, 9)
         target = -np.einsum("snij,snj->sni", moving.to_start, stored)
-        weight = slews.valid[..., None]
-        columns = _without_mean(columns, weight[..., None]).reshape(-1, 9)
-        target = _without_mean(target, weight).reshape(-1)
+        columns = without_mean(columns, slews.valid).reshape(-1, 9)
+        target = without_mean(target, slews.valid).reshape(-1)
         normal = columns.T @ columns
         if not normal.any():
             return None
@@ -282,12 +281,6 @@ def _from_momentum(misfits: Misfits, reading: Reading) -> np.ndarray | None:
         free = prior + np.linalg.solve(normal + ridge, columns.T @ (target - columns @ prior))
         rotation = nearest_rotation(np.linalg.solve(reading.inertia, free.reshape(3, 3))) @ rotation
     return rotation
-
-
-def _without_mean(rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Rows (S, N, ...) less their mean in each slew, zero where they do not count."""
-    mean = (rows * weight).sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)
-    return (rows - mean) * weight
 
 
 # Bias along body axes and its sd [rad/s].

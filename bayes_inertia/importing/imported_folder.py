@@ -34,16 +34,6 @@ from bayes_inertia.tables.stamp_parts import tai_to_utc
 from bayes_inertia.tables.table import Table
 from bayes_inertia.version import __version__
 
-_SI: Mapping[str, str] = MappingProxyType(
-    {
-        "rate": "rad/s",
-        "wheel_torque": "N m",
-        "wheel_momentum": "N m s",
-        "wheel_speed": "rad/s",
-        "magnetic_field": "T",
-        "position": "m",
-    }
-)
 # Suffix of the tables, and columns; "{}" stands for the number of the wheel.
 _NAMES: Mapping[str, tuple[str, tuple[str, ...]]] = MappingProxyType(
     {
@@ -100,11 +90,12 @@ def written_columns(mapping: MappingPart) -> dict[str, WrittenColumns]:
 def _unit(mapping: MappingPart, key: str) -> str:
     """The unit that the mapping states, spelled as the campaign format does; else SI."""
     stated = {getattr(stream, "unit", "") for stream in streams_that_hold(mapping, key)}
+    si = next(iter(UNITS[key]))
     if len(stated) != 1 or "" in stated:
-        return _SI[key]
+        return si
     factor = unit_factor(key, stated.pop())
     known = (unit for unit, size in UNITS[key].items() if math.isclose(size, factor, rel_tol=1e-9))
-    return next(known, _SI[key])
+    return next(known, si)
 
 
 def _acts_on(mapping: MappingPart) -> tuple[str, float]:
