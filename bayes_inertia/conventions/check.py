@@ -9,7 +9,7 @@ the wrong unit was written in that unit too, and must be mended with it.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -228,7 +228,15 @@ class ConventionsCheck:
 
 def check_conventions(campaign: Campaign | str | Path, *, quick: bool = False) -> ConventionsCheck:
     """The check of a campaign whose devices, but for wheels, do nothing (else see `app`)."""
-    return checked_with_torques(campaign, {}, quick=quick)
+    return checked_with_torques(campaign, _untold, quick=quick)
+
+
+Teller = Callable[[Campaign], Mapping[str, ToldTorque]]
+"""What effects do to the body of a campaign, by the name of a slew."""
+
+
+def _untold(campaign: Campaign) -> Mapping[str, ToldTorque]:
+    return {}
 
 
 @dataclass(frozen=True)
@@ -244,11 +252,11 @@ class _Case:
 
 
 def checked_with_torques(
-    campaign: Campaign | str | Path, torques: Mapping[str, ToldTorque], *, quick: bool = False
+    campaign: Campaign | str | Path, told: Teller, *, quick: bool = False
 ) -> ConventionsCheck:
-    """The check where effects tell torques on the body, by slew, that the telemetry does not."""
+    """The check where effects tell torques on the body that the telemetry does not."""
     if isinstance(campaign, Campaign):
-        return _checked(_Case(campaign, campaign, quick, torques))
+        return _checked(_Case(campaign, campaign, quick, told(campaign)))
     path = description_path(campaign)
     text = text_of(read_bytes(path), str(path))
     written = read_unmasked(campaign)
@@ -257,7 +265,8 @@ def checked_with_torques(
         # A fit needs no commands where tachometers are; here both are held against each other.
         written = read_unmasked(campaign, keep_commands=True)
         masked = replace(with_dirt_masked(written), dirt=masked.dirt)
-    case = _Case(masked, written, quick, torques, text, parse_description(text, str(path)))
+    description = parse_description(text, str(path))
+    case = _Case(masked, written, quick, told(masked), text, description)
     if _suspect(written, masked):
         # Readings that are impossible in numbers are in a wrong unit, or marks for missing values.
         check = _checked(replace(case, campaign=written))
@@ -282,11 +291,9 @@ def _all_readings(campaign: Campaign, channel: str) -> np.ndarray:
     return np.concatenate([np.zeros(0), *(np.ravel(r) for r in readings if r is not None)])
 
 
-def refuse_impossible(
-    campaign: Campaign | str | Path, torques: Mapping[str, ToldTorque] | None = None
-) -> ConventionsCheck:
+def refuse_impossible(campaign: Campaign | str | Path, told: Teller = _untold) -> ConventionsCheck:
     """Raise an error if data are impossible as stated; quick where they are not."""
-    check = checked_with_torques(campaign, torques or {}, quick=True)
+    check = checked_with_torques(campaign, told, quick=True)
     if check.verdict == "wrong":
         where = "" if isinstance(campaign, Campaign) else str(description_path(campaign))
         raise CampaignError(

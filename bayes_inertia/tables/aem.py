@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -95,12 +95,7 @@ def joined_segments(tables: Sequence[Table]) -> Table:
     """Segments with the same conventions as one table."""
     first = tables[0]
     for number, table in enumerate(tables[1:], start=2):
-        same = (table.attitude, table.time_kind, list(table.columns)) == (
-            first.attitude,
-            first.time_kind,
-            list(first.columns),
-        )
-        if not same:
+        if _conventions(table) != _conventions(first):
             raise CampaignError(
                 f"segments 1 and {number} have different frames, time systems or types",
                 where=first.label,
@@ -115,15 +110,12 @@ def joined_segments(tables: Sequence[Table]) -> Table:
     }
     known = [table.lines for table in tables if table.lines is not None]
     lines = np.concatenate(known) if len(known) == len(tables) else None
-    return Table(
-        first.label,
-        columns,
-        lines,
-        first.time_names,
-        first.time_kind,
-        first.attitude,
-        tuple(dict.fromkeys(note for table in tables for note in table.notes)),
-    )
+    notes = tuple(dict.fromkeys(note for table in tables for note in table.notes))
+    return replace(first, columns=columns, lines=lines, notes=notes)
+
+
+def _conventions(table: Table) -> tuple:
+    return table.attitude, table.time_kind, list(table.columns)
 
 
 def _check_keywords(segment: AemSegment) -> None:
