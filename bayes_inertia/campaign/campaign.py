@@ -118,13 +118,9 @@ class Campaign:
     reference: str | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "wheels", tuple(self.wheels))
-        object.__setattr__(self, "dirt", tuple(self.dirt))
-        object.__setattr__(self, "slews", tuple(self.slews))
-        object.__setattr__(self, "mission", tuple(self.mission))
-        object.__setattr__(self, "more_sensors", tuple(self.more_sensors))
-        object.__setattr__(self, "actuators", tuple(self.actuators))
-        object.__setattr__(self, "changes", tuple(self.changes))
+        several = ("wheels", "dirt", "slews", "mission", "more_sensors", "actuators", "changes")
+        for key in several:
+            object.__setattr__(self, key, tuple(getattr(self, key)))
         advice = "list at least one [[slews]] table"
         require(len(self.slews) > 0, "slews", "the campaign has no slew", advice)
         _require_different("wheels", [wheel.name for wheel in self.wheels])

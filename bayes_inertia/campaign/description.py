@@ -91,7 +91,7 @@ class Description:
     names: tuple[str, str] = ("rate sensor", "star tracker")
     reference: str | None = None
     actuators: tuple[Actuator, ...] = ()
-    changes: tuple[Change, ...] = ()  # As `Campaign` has them
+    changes: tuple[Change, ...] = ()
     # A file of two-line elements, and UTC at time zero of the campaign
     orbit: tuple[str, str] | None = None
     # What this file calls a table of format 1, such as "wheels"; empty in format 1
@@ -101,6 +101,12 @@ class Description:
         """The time of an entry."""
         return self.time if entry.columns.time is None else entry.columns.time
 
+
+AS_CAMPAIGN = (
+    *("name", "inertia", "wheels", "rate_sensor", "star_tracker", "mission", "more_sensors"),
+    *("names", "reference", "actuators", "changes"),
+)
+"""What a `Campaign` has as its description does."""
 
 # Fields of hardware that the description calls otherwise.
 _RENAMED = {

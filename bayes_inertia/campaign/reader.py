@@ -14,7 +14,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.commands import with_known_torques, without_impossible_torques
-from bayes_inertia.campaign.description import Description, SlewTables
+from bayes_inertia.campaign.description import AS_CAMPAIGN, Description, SlewTables
 from bayes_inertia.campaign.environment import slews_with_orbit
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.inspection import with_dirt_masked
@@ -149,21 +149,8 @@ def _assembled(
     if parsed.orbit is not None and orbit is not None:
         slews = list(slews_with_orbit(slews, orbit, parsed.orbit[1]))
     try:
-        return Campaign(
-            name=parsed.name,
-            inertia=parsed.inertia,
-            wheels=parsed.wheels,
-            rate_sensor=parsed.rate_sensor,
-            star_tracker=parsed.star_tracker,
-            slews=tuple(slews),
-            dirt=tuple(dirt),
-            mission=parsed.mission,
-            more_sensors=parsed.more_sensors,
-            names=parsed.names,
-            reference=parsed.reference,
-            actuators=parsed.actuators,
-            changes=parsed.changes,
-        )
+        said = {key: getattr(parsed, key) for key in AS_CAMPAIGN}
+        return Campaign(slews=tuple(slews), dirt=tuple(dirt), **said)
     except CampaignError as error:
         raise error.inside(label) from None
 
