@@ -28,7 +28,7 @@ _PUBLIC = {
     "GaussianPrior": "campaign.prior",
     "InertiaPrior": "campaign.hardware",
     "CorrelatedNoise": "campaign.hardware",
-    "Change": "campaign.changes",
+    "Change": "campaign.actuators",
     "DirectionSensor": "campaign.hardware",
     "GimballedRotors": "campaign.actuators",
     "InputStream": "campaign.inputs",

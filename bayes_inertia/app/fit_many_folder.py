@@ -6,6 +6,7 @@ import io
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +62,7 @@ class CampaignFit:
             # Not one of the package's errors: the next command looks at the campaign again.
             raise RuntimeError(f"{path} was changed while it waited to be fitted")
         if not self.anyway:
-            refuse_impossible(path, torques_of(path, self.effects))
+            refuse_impossible(path, partial(torques_of, effects=self.effects))
         number = int(seed.generate_state(1)[0])
         posterior = fit(
             read_campaign(path),

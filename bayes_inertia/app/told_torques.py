@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.conventions.check import ConventionsCheck, checked_with_torques
 from bayes_inertia.conventions.motion import ToldTorque
-from bayes_inertia.files import description_path, read_bytes
 
 
 def check_conventions(campaign: Campaign | str | Path, *, quick: bool = False) -> ConventionsCheck:
@@ -42,41 +40,23 @@ def check_conventions(campaign: Campaign | str | Path, *, quick: bool = False) -
     >>> check_conventions(small_campaign()).verdict
     'consistent'
     """
-    return checked_with_torques(campaign, torques_of(campaign), quick=quick)
+    return checked_with_torques(campaign, torques_of, quick=quick)
 
 
-def torques_of(
-    campaign: Campaign | str | Path, effects: Sequence[str] = ()
-) -> dict[str, ToldTorque]:
+def torques_of(campaign: Campaign, effects: Sequence[str] = ()) -> dict[str, ToldTorque]:
     """What the campaign's devices and a user's own effects do to the body, by the name of a slew.
 
     Effects of the library are no larger than what the laws allow for undisclosed physics.
     `effects`: names, see `effects_named`.
     """
     own = any(":" in name for name in effects)
-    if not own and not _has_devices(campaign):
+    if not own and not campaign.actuators:
         return {}
     # Physics takes seconds to load.
-    from bayes_inertia.campaign.reader import read_campaign
     from bayes_inertia.physics.actuators import effects_of
     from bayes_inertia.physics.named_effects import effects_named
     from bayes_inertia.physics.told_torques import told_torques
 
-    flown = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
     named = effects_named(effects) if own else ()
-    told = told_torques(flown, (*effects_of(flown), *named))
+    told = told_torques(campaign, (*effects_of(campaign), *named))
     return {slew: ToldTorque(*parts) for slew, parts in told.items()}
-
-
-def _has_devices(campaign: Campaign | str | Path) -> bool:
-    """Whether a campaign has devices beside wheels; a bad description is left to its reader."""
-    if isinstance(campaign, Campaign):
-        return bool(campaign.actuators)
-    try:
-        content = tomllib.loads(read_bytes(description_path(campaign)).decode())
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError):
-        return False
-    devices = content.get("actuators", [])
-    return isinstance(devices, list) and any(
-        isinstance(device, dict) and device.get("type") != "wheel" for device in devices
-    )

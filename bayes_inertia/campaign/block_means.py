@@ -33,8 +33,6 @@ def reduced(campaign: Campaign, block: int | None = None) -> Campaign:
     times of their blocks, with sigma / sqrt(block) of rate sensor and tachometers; the campaign
     itself if blocks of two are too long.
 
-    Examples
-    --------
     >>> from bayes_inertia.campaign.hardware import RateSensor
     >>> from bayes_inertia.campaign.hardware import InertiaPrior
     >>> slew = Slew("a", 0.0, np.arange(60.0), rate=np.full((60, 3), 1e-6))
@@ -72,8 +70,6 @@ def without_surplus_rows(campaign: Campaign) -> Campaign:
     reading shows within a block), its noise is stated to be correlated, or its rates are rounded
     coarsely.
 
-    Examples
-    --------
     >>> from bayes_inertia.physics.small_campaign import small_campaign
     >>> campaign = small_campaign()
     >>> without_surplus_rows(campaign) is campaign
@@ -83,10 +79,7 @@ def without_surplus_rows(campaign: Campaign) -> Campaign:
 
 
 def readings_a_mean(campaign: Campaign) -> int:
-    """Number of readings that a diagnosis averages.
-
-    Returns: 1 where readings stay as they are, see `without_surplus_rows`.
-    """
+    """Readings that a diagnosis averages; 1 where they stay, see `without_surplus_rows`."""
     rates = [np.asarray(slew.rate) for slew in campaign.slews if slew.rate is not None]
     commanded = any(slew.wheel_torque is not None for slew in campaign.slews)
     sensor = campaign.rate_sensor
@@ -116,8 +109,6 @@ def longest_block(campaign: Campaign) -> int:
     Rates of a free body change at frequencies up to |w| + |h| / J, in rad/s: its own rate, and that
     of its nutation about the momentum of its wheels.
 
-    Examples
-    --------
     >>> from bayes_inertia.campaign.hardware import RateSensor
     >>> from bayes_inertia.campaign.hardware import InertiaPrior
     >>> slew = Slew("a", 0.0, np.arange(60.0) / 4e3, rate=np.full((60, 3), 10.0))

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker, body_rates
+from bayes_inertia.campaign.inputs import held_integral
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import CampaignError
@@ -38,17 +39,10 @@ def reads_body_rates(campaign: Campaign) -> bool:
 
 
 class BodyRates(NamedTuple):
-    """A campaign whose rate sensor reads three axes, perhaps smoothed, and the noise of its rates.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    noise : float
-        Of one rate [rad/s]: the mean of a sensor's axes, the median of smoothed ones.
-    """
+    """A campaign whose rate sensor reads three axes, perhaps smoothed, and their noise."""
 
     campaign: Campaign
-    noise: float
+    noise: float  # Of one rate [rad/s]: the mean of a sensor's axes, the median of smoothed ones
 
 
 def body_rates_of(campaign: Campaign) -> BodyRates:
@@ -117,8 +111,7 @@ def _by_wheels(campaign: Campaign, slew: Slew) -> np.ndarray:
     if momentum is not None and known.any():
         momentum = np.stack([np.interp(time, time[known], h[known]) for h in momentum.T], axis=-1)
     elif slew.wheel_torque is not None:
-        held = slew.wheel_torque[:-1] * np.diff(time)[:, None]
-        momentum = np.concatenate([np.zeros((1, held.shape[1])), np.cumsum(held, axis=0)])
+        momentum = held_integral(time, slew.wheel_torque, time)
     else:
         return np.zeros((len(time), 3))
     taken_B = (momentum - momentum[0]) @ campaign.wheel_axes_B.T

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.campaign.actuators import Actuator, Magnetorquer, Thruster
+from bayes_inertia.campaign.actuators import Actuator, Change, Magnetorquer, Thruster
 from bayes_inertia.campaign.body_rates import BodyRates, attitudes_seen, body_rates_of
-from bayes_inertia.campaign.changes import Change
 from bayes_inertia.campaign.hardware import (
     DirectionSensor,
     InertiaPrior,
@@ -119,13 +118,9 @@ class Campaign:
     reference: str | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "wheels", tuple(self.wheels))
-        object.__setattr__(self, "dirt", tuple(self.dirt))
-        object.__setattr__(self, "slews", tuple(self.slews))
-        object.__setattr__(self, "mission", tuple(self.mission))
-        object.__setattr__(self, "more_sensors", tuple(self.more_sensors))
-        object.__setattr__(self, "actuators", tuple(self.actuators))
-        object.__setattr__(self, "changes", tuple(self.changes))
+        several = ("wheels", "dirt", "slews", "mission", "more_sensors", "actuators", "changes")
+        for key in several:
+            object.__setattr__(self, key, tuple(getattr(self, key)))
         advice = "list at least one [[slews]] table"
         require(len(self.slews) > 0, "slews", "the campaign has no slew", advice)
         _require_different("wheels", [wheel.name for wheel in self.wheels])

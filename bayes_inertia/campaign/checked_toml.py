@@ -21,13 +21,8 @@ from bayes_inertia.errors import CampaignError
 
 
 def parse_toml[Form: BaseModel](text: str, label: str, form: type[Form]) -> Form:
-    """The content of a TOML file, every key checked.
+    """The content of a TOML file, every key checked; tables of several forms differ in one key.
 
-    `form`: the form of the file. A table that has one of several forms is a union of them, told
-    apart by one key (a pydantic discriminator).
-
-    Examples
-    --------
     >>> class Form(BaseModel):
     ...     size: float
     >>> parse_toml("size = 'x'", "a.toml", Form)
@@ -40,8 +35,6 @@ def parse_toml[Form: BaseModel](text: str, label: str, form: type[Form]) -> Form
 def toml_document(text: str, label: str) -> dict[str, Any]:
     """The content of a TOML file, its keys not yet checked.
 
-    Examples
-    --------
     >>> toml_document("a = 1", "a.toml")
     {'a': 1}
     """
@@ -56,8 +49,6 @@ def checked_document[Form: BaseModel](
 ) -> Form:
     """The content of a TOML file in its form.
 
-    Examples
-    --------
     >>> class Form(BaseModel):
     ...     size: float
     >>> checked_document({"size": 2.0}, "a.toml", Form).size
@@ -233,8 +224,6 @@ class _Wording:
 def table_label(table: Any) -> str:
     """Label of a table that is one of several: its name, or its content.
 
-    Examples
-    --------
     >>> table_label({"name": "wheel_x", "axis": []})
     'wheel_x'
     """

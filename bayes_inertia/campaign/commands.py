@@ -57,16 +57,10 @@ from bayes_inertia.faults.limits import LIMITS as FAULTS
 def with_short_gaps_filled(
     channels: Channels, negligible: float
 ) -> tuple[Channels, list[tuple[Dirt, np.ndarray]]]:
-    """Channels with rows for the commands that were lost, where a smooth curve is as good.
+    """Channels with rows for lost commands, where a smooth curve is as good, and the records.
 
-    `channels`: channels (n, width) by the name of `Slew`, with "wheel_torque" and "time"; NaN where
-    no command was recorded. `negligible`: error of the wheels' momentum that does not matter [N m
-    s]. Returns `channels`: the same where nothing is filled; else with new rows, NaN but for their
-    time and commands; `dirt`: A record without slew and rows, and the times [s] before and after
-    the gaps.
+    `negligible`: error of the wheels' momentum that does not matter [N m s].
 
-    Examples
-    --------
     >>> time = np.delete(np.arange(60.0), 30)
     >>> given = {"time": time, "wheel_torque": time[:, None] * 1e-4}
     >>> filled, dirt = with_short_gaps_filled(given, 1e-6)
@@ -188,17 +182,11 @@ Interval = tuple[float, float]
 def with_known_torques(
     channels: Channels, every_wheel_is_read: bool, negligible: float, largest: float = np.inf
 ) -> tuple[list[Channels], list[tuple[Dirt, np.ndarray]]]:
-    """The channels of a slew, in parts if need be, in which every torque is known or none is given.
+    """Parts of a slew's channels in which every torque is known or none is given, and records.
 
-    `channels`: channels (n, width) by the name of `Slew`, with "time"; NaN where no command was
-    recorded. `every_wheel_is_read`: whether every wheel has a tachometer of known noise.
-    `negligible`: error of the wheels' momentum that does not matter [N m s]. `largest`: the largest
-    torque of a wheel [N m]; by default the largest command. Returns `parts`: the slew, or its
-    parts; none if too little is left; `dirt`: what was done, without slew and rows, and the times
-    [s] that it concerns.
+    `negligible`: error of the wheels' momentum that does not matter [N m s]. `largest`: torque of a
+    wheel [N m]; by default the largest command.
 
-    Examples
-    --------
     >>> torque = np.array([[np.nan], [0.1], [np.nan], [0.2]])
     >>> given = {"time": np.arange(4.0), "wheel_torque": torque}
     >>> parts, _ = with_known_torques(given, False, 0.0)
@@ -287,15 +275,10 @@ def with_lost_commands(
 ) -> Channels | None:
     """Channels with a row for every lost command, a guess of it, and how far it may be off.
 
-    `step` [s]. `channels`: channels (n, width) by the name of `Slew`, with "time" and
-    "wheel_torque"; NaN where no command was recorded. `intervals`: times of the known commands
-    before and after each gap [s]. `largest`: the largest torque of a wheel [N m]: what it may be
-    off by where too few rows tell. Returns: the same with new rows, NaN but for their time and
-    torque, with the pieces of gaps under "lost_command" (n,), 0 where the command is known, and sds
-    [N m] under "lost_command_sd" (n, wheels). None where there are too many gaps to be modelled.
+    The pieces of gaps stand under "lost_command" (n,), 0 where the command is known, sds [N m]
+    under "lost_command_sd" (n, wheels). None where there are too many gaps. `intervals`: times of
+    the known commands before and after each gap [s]. `largest`: torque of a wheel [N m].
 
-    Examples
-    --------
     >>> given = {"time": np.array([0.0, 1.0, 4.0]), "wheel_torque": np.array([[0.1], [0.1], [0.4]])}
     >>> marked = with_lost_commands(given, [(1.0, 4.0)], 1.0, 0.5)
     >>> marked["lost_command"].tolist(), marked["wheel_torque"][:, 0].round(3).tolist()
@@ -369,15 +352,8 @@ def _usual_errors(
 def without_impossible_torques(
     channels: dict[str, np.ndarray], wheels: Sequence[Wheel]
 ) -> tuple[dict[str, np.ndarray], list[tuple[Dirt, np.ndarray]]]:
-    """Channels without commands that no wheel can follow: what was commanded then is unknown.
+    """Channels with NaN for commands that no wheel can follow, and a record with its times [s].
 
-    `channels`: channels (n, width) by the name of `Slew`, with "time". `wheels`: the wheels, with
-    their limits where they are known. Returns `channels`: the same with NaN for these commands;
-    `dirt`: A record without slew and rows, and the times [s] that it concerns; empty if there is
-    none.
-
-    Examples
-    --------
     >>> wheel = Wheel("x", (1.0, 0.0, 0.0), 1e-3, max_torque=0.02)
     >>> torque = np.full((60, 1), 0.01)
     >>> torque[7] = 1e31

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from bayes_inertia.campaign.actuators import Actuator, Magnetorquer
-from bayes_inertia.campaign.changes import Change
+from bayes_inertia.campaign.actuators import Actuator, Change, Magnetorquer
 from bayes_inertia.campaign.hardware import (
     DirectionSensor,
     InertiaPrior,
@@ -37,26 +36,15 @@ FIELDS: Mapping[str, str] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Entry:
-    """What some columns of the tables hold.
+    """What some columns of the tables hold."""
 
-    Parameters
-    ----------
-    key : str
-        Its kind, as an entry of `[columns]` of format 1: "rate", "wheel_torque", ...
-    field : str
-        Of `Slew`, where it goes; "more.NAME" for a further sensor, "inputs.NAME" for a device.
-    columns : object
-        Its names, unit, sense and clock: one of the forms of `[columns]`.
-    paths : tuple of str
-        Its key in the description, such as "columns.rate"; one a column where each has its own.
-    wheels : tuple of int
-        The wheels that the columns are of, counted from 0; empty: all, in their order.
-    """
-
-    key: str
+    key: str  # Its kind, as an entry of `[columns]` of format 1: "rate", "wheel_torque", ...
+    # Of `Slew`, where it goes; "more.NAME" for a further sensor, "inputs.NAME" for a device
     field: str
-    columns: Any
+    columns: Any  # Its names, unit, sense and clock: one of the forms of `[columns]`
+    # Its key in the description, such as "columns.rate"; one a column where each has its own
     paths: tuple[str, ...]
+    # The wheels that the columns are of, counted from 0; empty: all, in their order
     wheels: tuple[int, ...] = ()
 
     @property
@@ -87,51 +75,38 @@ class SlewTables:
 
 @dataclass(frozen=True)
 class Description:
-    """The content of a `campaign.toml` of either format.
+    """The content of a `campaign.toml` of either format."""
 
-    Parameters
-    ----------
-    name : str
-        The campaign.
-    time : TimeColumn
-        The time of every entry that has no other.
-    entries : tuple of Entry
-        What the tables hold.
-    slews : tuple of SlewTables
-        In which tables.
-    inertia, wheels, rate_sensor, star_tracker, mission, more_sensors, names, reference, actuators,
-    changes
-        As `Campaign` has them.
-    prior : PriorPart or None
-        The former result that takes the place of other knowledge.
-    orbit : (str, str) or None
-        A file of two-line elements, and UTC at time zero of the campaign.
-    devices : mapping of str to str
-        What this file calls a table of format 1, such as "wheels"; empty in format 1.
-    """
-
-    name: str
-    time: TimeColumn
-    entries: tuple[Entry, ...]
-    slews: tuple[SlewTables, ...]
+    name: str  # The campaign
+    time: TimeColumn  # The time of every entry that has no other
+    entries: tuple[Entry, ...]  # What the tables hold
+    slews: tuple[SlewTables, ...]  # In which tables
     inertia: InertiaPrior
     wheels: tuple[Wheel, ...]
     rate_sensor: RateSensor | None
     star_tracker: StarTracker | None
     mission: tuple[tuple[str, str], ...]
-    prior: PriorPart | None
+    prior: PriorPart | None  # The former result that takes the place of other knowledge
     more_sensors: tuple[tuple[str, Any], ...] = ()
     names: tuple[str, str] = ("rate sensor", "star tracker")
     reference: str | None = None
     actuators: tuple[Actuator, ...] = ()
     changes: tuple[Change, ...] = ()
+    # A file of two-line elements, and UTC at time zero of the campaign
     orbit: tuple[str, str] | None = None
+    # What this file calls a table of format 1, such as "wheels"; empty in format 1
     devices: Mapping[str, str] = MappingProxyType({})
 
     def clock(self, entry: Entry) -> TimeColumn:
         """The time of an entry."""
         return self.time if entry.columns.time is None else entry.columns.time
 
+
+AS_CAMPAIGN = (
+    *("name", "inertia", "wheels", "rate_sensor", "star_tracker", "mission", "more_sensors"),
+    *("names", "reference", "actuators", "changes"),
+)
+"""What a `Campaign` has as its description does."""
 
 # Fields of hardware that the description calls otherwise.
 _RENAMED = {

@@ -1,11 +1,4 @@
-"""The hardware that a campaign was flown with, its inertia as known before, and checks of both.
-
-Checks of the numbers that records of a campaign are given.
-
-Prior of the inertia tensor, as known before flight.
-
-The hardware that a campaign was flown with: wheels, rate sensor, star tracker.
-"""
+"""The hardware that a campaign was flown with, its inertia as known before, and checks of both."""
 
 from __future__ import annotations
 
@@ -28,8 +21,6 @@ Numbers = tuple[float, ...]
 def require(condition: bool, key: str, what: str, advice: str) -> None:
     """Raise an error that names a key of the campaign, unless a condition holds.
 
-    Examples
-    --------
     >>> require(1.0 > 0.0, "rate_sensor.sigma", "is not positive", "give a positive number")
     """
     if not condition:
@@ -37,12 +28,8 @@ def require(condition: bool, key: str, what: str, advice: str) -> None:
 
 
 def unit_vector(value: Any, key: str) -> Vector:
-    """Three numbers of length 1, as plain floats.
+    """Three numbers whose length is 1 to within a percent, as plain floats of length 1.
 
-    `value` (3,): A vector whose length is 1 to within a percent.
-
-    Examples
-    --------
     >>> unit_vector([0, 0, 1.001], "wheels.z.axis")
     (0.0, 0.0, 1.0)
     """
@@ -61,13 +48,8 @@ def unit_vector(value: Any, key: str) -> Vector:
 
 
 def unit_length(vectors: np.ndarray) -> np.ndarray:
-    """Vectors divided by their length.
+    """Vectors (..., n) over their length; one of length 1 to rounding stays, to the last digit.
 
-    `vectors` (..., n). Returns (..., n): the same directions. A vector whose length is 1 to
-    rounding stays as it is, so that reading what was written changes no digit.
-
-    Examples
-    --------
     >>> unit_length(np.array([0.0, 3.0, 4.0])).tolist()
     [0.0, 0.6, 0.8]
     """
@@ -76,12 +58,8 @@ def unit_length(vectors: np.ndarray) -> np.ndarray:
 
 
 def one_an_axis(value: Any, axes: int, key: str) -> Numbers:
-    """One number for each axis of a sensor, as plain floats.
+    """One number for each axis of a sensor, as plain floats, from one number or one an axis.
 
-    `value` (axes,): one number for all axes, or one for each.
-
-    Examples
-    --------
     >>> one_an_axis(2e-5, 3, "rate_sensor.sigma")
     (2e-05, 2e-05, 2e-05)
     """
@@ -97,8 +75,6 @@ def one_an_axis(value: Any, axes: int, key: str) -> Numbers:
 def require_positive(value: Any, key: str, *, optional: bool = False) -> None:
     """Raise an error unless numbers are finite and positive.
 
-    Examples
-    --------
     >>> require_positive(None, "wheels.x.max_torque", optional=True)
     """
     if value is None and optional:
@@ -371,8 +347,6 @@ class RateSensor:
 def axis_names(sensor: RateSensor | None) -> tuple[str, ...]:
     """Names of a rate sensor's axes: x, y and z of three, else 1 to n; none without a sensor.
 
-    Examples
-    --------
     >>> axis_names(RateSensor(1e-5)), axis_names(RateSensor(1e-5, np.eye(3)[:2]))
     (('x', 'y', 'z'), ('1', '2'))
     """
@@ -386,8 +360,6 @@ def body_rates(
     """Rates along body axes (..., 3) [rad/s] of readings (..., n), with the prior's bias.
 
     By least squares where there are more than three axes; zero across all where there are fewer.
-
-    `scale_factor` (n,): K.
     """
     rate_S = np.asarray(scale_factor) * readings - np.asarray(sensor.bias)
     if len(sensor.axes) == 3:

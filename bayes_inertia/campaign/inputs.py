@@ -132,6 +132,13 @@ class InputStream:
         return replace(self, time=self.time[kept], values=self.values[kept])
 
 
+def held_integral(time: np.ndarray, values: np.ndarray, moments: np.ndarray) -> np.ndarray:
+    """Integral (m, k), from the first time to moments (m,), of values (n, k) that are held."""
+    added = values[:-1] * np.diff(time)[:, None]
+    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(added, axis=0)])
+    return np.stack([np.interp(moments, time, column) for column in sums.T], axis=1)
+
+
 def _require_pulses(time: np.ndarray, values: np.ndarray, key: str) -> None:
     """Raise `CampaignError` unless on-times (n, k) are times that end before the next reading."""
     on = bool((values >= 0.0).all())

@@ -22,8 +22,6 @@ def with_dirt_masked(campaign: Campaign) -> Campaign:
     become NaN; gaps, saturated readings and quantisation are recorded. A campaign without such
     faults stays as it is, to the last digit.
 
-    Examples
-    --------
     >>> from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor
     >>> from bayes_inertia.campaign.slew import Slew
     >>> rate = np.random.default_rng(1).normal(scale=1e-5, size=(90, 3))

@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
 
+from bayes_inertia.campaign.actuators import (
+    Actuator,
+    Change,
+    GimballedRotors,
+    KnownTorque,
+    Magnetorquer,
+    Thruster,
+)
 from bayes_inertia.campaign.checked_toml import checked_document, toml_document
-from bayes_inertia.campaign.described_devices import described
 from bayes_inertia.campaign.description import (
     FIELDS,
     Description,
@@ -14,8 +23,22 @@ from bayes_inertia.campaign.description import (
     built,
     common,
 )
-from bayes_inertia.campaign.format_2 import Campaign2Part
-from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
+from bayes_inertia.campaign.format_2 import (
+    AttitudeDevice,
+    Campaign2Part,
+    ChangePart,
+    DirectionDevice,
+    MagnetorquerDevice,
+    OrbitDevice,
+    OtherActuator,
+    RateDevice,
+    RotorsDevice,
+    Slew2Part,
+    ThrusterDevice,
+    TorqueDevice,
+    WheelDevice,
+)
+from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.schema import (
     FORMAT_2,
     CampaignPart,
@@ -23,31 +46,12 @@ from bayes_inertia.campaign.schema import (
     check_consistency,
     refuse,
 )
+from bayes_inertia.errors import CampaignError
 
 
 def parse_description(text: str, label: str) -> Description:
     """The content of a `campaign.toml` of either format, every key checked.
 
-    Parameters
-    ----------
-    text : str
-        The content of the file.
-    label : str
-        The file, as messages name it.
-
-    Returns
-    -------
-    Description
-        What the file says.
-
-    Raises
-    ------
-    CampaignError
-        If it is no TOML (naming the line), or a key is unknown, missing, or of a wrong type or
-        value (naming the key).
-
-    Examples
-    --------
     >>> parse_description('format = "bayes-inertia-campaign/1"\\nnmae = "x"', "campaign.toml")
     Traceback (most recent call last):
     bayes_inertia.errors.CampaignError: campaign.toml, key nmae: unknown key; did you mean "name"?
@@ -99,7 +103,7 @@ def _check_names(slew: SlewTables, description: Description, label: str) -> None
         file = slew.file_of(entry)
         own = entry.columns.time is not None
         times[file, description.clock(entry).names[0]] = f"{entry.path}.time" if own else "time"
-        for path, name in _names(entry):
+        for path, name in _named_columns(entry):
             if (file, name) in used:
                 _refuse_twice(label, path, name, used[file, name])
             used[file, name] = path
@@ -108,7 +112,7 @@ def _check_names(slew: SlewTables, description: Description, label: str) -> None
             _refuse_twice(label, used[place], place[1], path)
 
 
-def _names(entry: Entry) -> Iterator[tuple[str, str]]:
+def _named_columns(entry: Entry) -> Iterator[tuple[str, str]]:
     """The path of each column of an entry, and its name."""
     for k, name in enumerate(entry.columns.names):
         yield entry.paths[min(k, len(entry.paths) - 1)], name
@@ -117,3 +121,321 @@ def _names(entry: Entry) -> Iterator[tuple[str, str]]:
 def _refuse_twice(label: str, path: str, name: str, other: str) -> None:
     what = f"the column {name!r} is already used by {other.removeprefix('columns.')}"
     refuse(label, f"{path}.names", what, "name each column once")
+
+
+def described(parsed: Campaign2Part, label: str) -> Description:
+    """The description that a file of format 2 is."""
+    for key in ("actuators", "sensors", "environment", "changes", "slews"):
+        _require_different(label, key, [part.name for part in getattr(parsed, key)])
+    wheels = [part for part in parsed.actuators if isinstance(part, WheelDevice)]
+    others = [part for part in parsed.actuators if not isinstance(part, WheelDevice)]
+    first: dict[str, Any] = {}
+    for part in parsed.sensors:
+        if not isinstance(part, DirectionDevice):
+            first.setdefault(part.type, part)
+    sensors = [(part, _sensor(part, label)) for part in parsed.sensors]
+    hardware = {part.type: sensor for part, sensor in sensors if part is first.get(part.type)}
+    entries = (
+        *_sensor_entries(parsed, first),
+        *_wheel_entries(wheels, label),
+        *(_input_entry(part, label) for part in others),
+        *_environment_entries(parsed),
+    )
+    return Description(
+        name=parsed.name,
+        time=parsed.time,
+        entries=entries,
+        slews=tuple(_tables_of_2(part, entries, label) for part in parsed.slews),
+        **common(parsed.inertia, parsed.mission, parsed.prior, label),
+        wheels=tuple(_wheel(part, label) for part in wheels),
+        rate_sensor=hardware.get("rate"),
+        star_tracker=hardware.get("attitude"),
+        more_sensors=tuple((p.name, sensor) for p, sensor in sensors if p is not first.get(p.type)),
+        names=_names(first),
+        reference=_reference(parsed, label),
+        actuators=tuple(_actuator(part, label) for part in others),
+        changes=tuple(_change(part, parsed.slews, label) for part in parsed.changes),
+        orbit=_orbit(parsed, label),
+        devices={"wheels": "actuators"}
+        | {
+            key: f"sensors.{first[kind].name}"
+            for key, kind in (("rate_sensor", "rate"), ("star_tracker", "attitude"))
+            if kind in first
+        },
+    )
+
+
+def _names(first: Mapping[str, Any]) -> tuple[str, str]:
+    """What the first rate sensor and the first star tracker are called."""
+    gyro, tracker = Description.names
+    return (
+        first["rate"].name if "rate" in first else gyro,
+        first["attitude"].name if "attitude" in first else tracker,
+    )
+
+
+def _reference(parsed: Campaign2Part, label: str) -> str | None:
+    """The sensor that says it is the reference of frames."""
+    stated = [s for s in parsed.sensors if not isinstance(s, DirectionDevice) and s.reference]
+    for part in stated[1:]:
+        what = f"{stated[0].name} is the reference of frames too"
+        refuse(label, f"sensors.{part.name}.reference", what, "keep one: its axes are the body's")
+    for part in stated:
+        if part.mounting_sigma is not None:
+            advice = "leave mounting_sigma out: its axes are the body's"
+            what = "the reference of frames sits as it is stated"
+            refuse(label, f"sensors.{part.name}.mounting_sigma", what, advice)
+    return stated[0].name if stated else None
+
+
+def _orbit(parsed: Campaign2Part, label: str) -> tuple[str, str] | None:
+    """The file of two-line elements and the epoch, if position and field come from them."""
+    orbits = [part for part in parsed.environment if isinstance(part, OrbitDevice)]
+    if not orbits:
+        return None
+    if len(parsed.environment) > 1:
+        what = "position and magnetic field are given twice"
+        advice = "keep the orbit alone, or the columns"
+        refuse(label, f"environment.{orbits[0].name}", what, advice)
+    return orbits[0].tle, orbits[0].epoch
+
+
+def _require_different(label: str, key: str, names: Sequence[str]) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            refuse(label, f"{key}.{name}", "the name is used twice", "give each its own name")
+
+
+def _sensor(part: RateDevice | AttitudeDevice | DirectionDevice, label: str) -> Any:
+    """The hardware of a sensor."""
+    place = f"sensors.{part.name}"
+    if isinstance(part, DirectionDevice):
+        return _direction_sensor(part, label, place)
+    if isinstance(part, AttitudeDevice):
+        return built(StarTracker, part, label, "star_tracker", place)
+    axes = 3 if part.axes is None else len(part.axes)
+    if len(part.rate.names) != axes:
+        what = f"{len(part.rate.names)} column(s) for {axes} axes"
+        refuse(label, f"{place}.rate.names", what, "name one column an axis, in the same order")
+    for key in ("sigma", "scale_factor", "scale_factor_sigma", "bias", "bias_sigma"):
+        values = getattr(part, key)
+        if values is not None and len(values) not in (1, axes):
+            what = f"{len(values)} numbers for {axes} axes"
+            refuse(label, f"{place}.{key}", what, "write one number, or one an axis")
+    return built(RateSensor, part, label, "rate_sensor", place)
+
+
+def _direction_sensor(part: DirectionDevice, label: str, place: str) -> DirectionSensor:
+    """A sensor of directions, or of a field where its columns have a unit."""
+    if len(part.sigma) not in (1, 3):
+        what = f"{len(part.sigma)} numbers for 3 axes"
+        refuse(label, f"{place}.sigma", what, "write one number, or one an axis")
+    unit, reference = part.direction.unit, part.reference
+    if reference is not None and part.reference_N is not None:
+        advice = "keep reference_N where it does not change, reference where it does"
+        refuse(label, f"{place}.reference", "reference_N is given too", advice)
+    if reference is not None and (unit is None) != (reference.unit is None):
+        advice = "give both in a unit such as T (a field), or none (a direction)"
+        refuse(label, f"{place}.reference.unit", "only one of reading and reference has it", advice)
+    if unit is None and reference is None and part.reference_N is None:
+        advice = "add reference_N = what it sees in inertial axes, or reference = { ... }"
+        refuse(label, f"{place}.reference_N", "missing key", advice)
+    is_field = "" if unit is None else "T"
+    return built(DirectionSensor, part, label, "sensors.direction", place, unit=is_field)
+
+
+def _sensor_entries(parsed: Campaign2Part, first: Mapping[str, Any]) -> list[Entry]:
+    entries = []
+    for part in parsed.sensors:
+        key = part.type
+        field = key if part is first.get(key) else f"more.{part.name}"
+        path = f"sensors.{part.name}"
+        entries.append(Entry(key, field, getattr(part, key), (f"{path}.{key}",)))
+        if isinstance(part, DirectionDevice) and part.reference is not None:
+            seen = Entry(
+                "magnetic_field", f"inputs.{part.name}", part.reference, (f"{path}.reference",)
+            )
+            entries.append(seen)
+    return entries
+
+
+def _environment_entries(parsed: Campaign2Part) -> list[Entry]:
+    return [
+        Entry(part.type, FIELDS[part.type], part.vector, (f"environment.{part.name}.vector",))
+        for part in parsed.environment
+        if not isinstance(part, OrbitDevice)
+    ]
+
+
+def _actuator(part: OtherActuator, label: str) -> Actuator:
+    """A device beside wheels."""
+    more: dict[str, Any] = {}
+    if isinstance(part, TorqueDevice):
+        more = {"frame": part.torque.frame}
+    if isinstance(part, RotorsDevice):
+        more = {"angle_sigma": part.gimbal_angle.sigma}
+    device = built(_ACTUATORS[type(part)], part, label, **more)
+    entry = _input_entry(part, label)
+    names, columns = entry.columns.names, device.columns
+    if len(names) != columns:
+        what = f"{len(names)} column(s) for {columns} of the device"
+        refuse(label, f"{entry.path}.names", what, "name one column each, in the same order")
+    return device
+
+
+def _change(part: ChangePart, slews: Sequence[Slew2Part], label: str) -> Change:
+    """A change, dated by the first slew after it or by a time."""
+    place = f"changes.{part.name}"
+    if (part.slew is None) == (part.time is None):
+        advice = "write slew = the name of the first slew after it, or time on the campaign's clock"
+        refuse(label, f"{place}.slew", "give one of slew and time", advice)
+    starts = {slew.name: slew.start for slew in slews}
+    if part.slew is not None and part.slew not in starts:
+        advice = f"slews here: {', '.join(starts)}"
+        refuse(label, f"{place}.slew", f"no slew is called {part.slew!r}", advice)
+    time = part.time if part.time is not None else starts[part.slew or ""]
+    if not min(starts.values()) < time <= max(starts.values()):
+        advice = "give the first slew after the change; at least one must come before it"
+        key = "time" if part.slew is None else "slew"
+        refuse(label, f"{place}.{key}", "all slews are on one side of the change", advice)
+    try:
+        return Change(part.name, time, part.sigma_fraction, part.part)
+    except CampaignError as error:
+        raise error.inside(label) from None
+
+
+# Record of each kind of device, and what its input is measured in.
+_ACTUATORS: Mapping[type, Any] = MappingProxyType(
+    {
+        TorqueDevice: KnownTorque,
+        MagnetorquerDevice: Magnetorquer,
+        ThrusterDevice: Thruster,
+        RotorsDevice: GimballedRotors,
+    }
+)
+_QUANTITIES: Mapping[str, str] = MappingProxyType(
+    {
+        "torque": "wheel_torque",
+        "dipole": "dipole",
+        "on_time": "time",
+        "level": "level",
+        "gimbal_angle": "angle",
+    }
+)
+
+
+def _input_entry(part: OtherActuator, label: str) -> Entry:
+    """The one stream of a device beside wheels."""
+    place = f"actuators.{part.name}"
+    keys = [key for key in _QUANTITIES if getattr(part, key, None) is not None]
+    if not keys:
+        advice = 'add on_time = { stream = "...", names = [...], unit = "s" }, or level = { ... }'
+        refuse(label, f"{place}.on_time", "missing key", advice)
+    if len(keys) > 1:
+        refuse(label, f"{place}.{keys[1]}", f"{keys[0]} is given too", "keep one of the two")
+    key = keys[0]
+    return Entry(_QUANTITIES[key], f"inputs.{part.name}", getattr(part, key), (f"{place}.{key}",))
+
+
+def _wheel(part: WheelDevice, label: str) -> Wheel:
+    place, more = f"actuators.{part.name}", {}
+    if part.momentum is not None and part.momentum.sigma is not None:
+        more = {"momentum_sigma": part.momentum.sigma}
+    if part.speed is not None and part.speed.sigma is not None:
+        more = {"momentum_sigma": part.speed.sigma * part.spin_inertia}
+    if more and part.momentum_sigma is not None:
+        advice = "keep sigma of momentum or speed"
+        refuse(label, f"{place}.momentum_sigma", "the noise is given twice", advice)
+    return built(Wheel, part, label, f"wheels.{part.name}", place, **more)
+
+
+def _wheel_entries(wheels: Sequence[WheelDevice], label: str) -> list[Entry]:
+    """Commands and tachometers; wheels that say the same of their columns share an entry."""
+    entries = []
+    for kind in ("torque", "momentum", "speed"):
+        alike: dict[Any, list[tuple[int, WheelDevice]]] = {}
+        for i, part in enumerate(wheels):
+            columns = getattr(part, kind)
+            if columns is not None:
+                said = columns.model_dump_json(exclude={"names", "sigma"})
+                alike.setdefault(said, []).append((i, part))
+        for members in alike.values():
+            names = [getattr(part, kind).names[0] for _, part in members]
+            columns = getattr(members[0][1], kind).model_copy(update={"names": names})
+            paths = tuple(f"actuators.{part.name}.{kind}" for _, part in members)
+            key = f"wheel_{kind}"
+            where = tuple(i for i, _ in members)
+            entries.append(Entry(key, FIELDS.get(key, key), columns, paths, where))
+    _check_wheels(wheels, label)
+    return entries
+
+
+def _check_wheels(wheels: Sequence[WheelDevice], label: str) -> None:
+    """One measurement of each wheel; commands of all wheels or none, in one table."""
+    commanded = [(part.name, part.torque.stream) for part in wheels if part.torque is not None]
+    for part in wheels:
+        place = f"actuators.{part.name}"
+        if part.momentum is not None and part.speed is not None:
+            advice = "keep one of the two, they are the same measurement"
+            refuse(label, f"{place}.speed", "momentum is given too", advice)
+        if part.torque is None and commanded and part.state != "locked":
+            what = f"missing key, but {commanded[0][0]} has it"
+            advice = "give the commands of every wheel, or leave all out: tachometers drive then"
+            refuse(label, f"{place}.torque", what, advice)
+        if part.torque is not None and part.torque.stream != commanded[0][1]:
+            what = f"another table than that of {commanded[0][0]}"
+            advice = "put the commands of all wheels into one table, a row for each time"
+            refuse(label, f"{place}.torque.stream", what, advice)
+
+
+_TEMPLATE = 'write files = "slew_01_{stream}.csv", or files = { gyro = "gyro_01.csv", ... }'
+
+
+def _tables_of_2(part: Slew2Part, entries: Sequence[Entry], label: str) -> SlewTables:
+    """The table of each entry: one for all, or that of its stream."""
+    place = f"slews.{part.name}"
+    if part.file is None and part.files is None:
+        advice = f'add file = the table of the slew, such as "slew_01.csv", or {_TEMPLATE}'
+        refuse(label, f"{place}.files", "missing key", advice)
+    if part.file is not None and part.files is not None:
+        advice = "keep file (one table) or files (one table a stream)"
+        refuse(label, f"{place}.files", "file is given too", advice)
+    if isinstance(part.files, str) and "{stream}" not in part.files:
+        what = f"{part.files!r} does not say where the stream's name goes"
+        refuse(label, f"{place}.files", what, f"{_TEMPLATE}; one table of all is file = ...")
+    files = {}
+    for entry in entries:
+        stream = entry.columns.stream
+        if part.files is not None and stream is None:
+            advice = f"add stream = what {{stream}} in the files of {part.name} stands for"
+            refuse(label, f"{entry.path}.stream", "missing key", advice)
+        if part.file is not None:
+            files[entry.path] = part.file
+        elif isinstance(part.files, str):
+            files[entry.path] = part.files.replace("{stream}", stream)
+        elif part.files is not None and stream in part.files:
+            files[entry.path] = part.files[stream]
+    _check_streams(part, entries, files, label)
+    key = "file" if part.files is None else "files"
+    return SlewTables(part.name, part.start, part.axis, part.angle_deg, key, files)
+
+
+def _check_streams(
+    part: Slew2Part, entries: Sequence[Entry], files: Mapping[str, str], label: str
+) -> None:
+    """Only streams that a device has, and those of what every slew needs."""
+    known = list(dict.fromkeys(entry.columns.stream for entry in entries))
+    for stream in part.files if isinstance(part.files, dict) else ():
+        if stream not in known:
+            what, advice = "no device has this stream", f"known here: {', '.join(known)}"
+            refuse(label, f"slews.{part.name}.files.{stream}", what, advice)
+    sensed = [e for e in entries if e.paths[0].startswith("sensors.") and e.path in files]
+    if not sensed:
+        advice = "add the table of a sensor, or leave the slew out"
+        refuse(label, f"slews.{part.name}.files", "no sensor has a table", advice)
+    for entry in entries:
+        needed = entry.field == "rate" or entry.field.startswith("inputs.")
+        if needed and entry.path not in files:
+            place = f"slews.{part.name}.files.{entry.columns.stream}"
+            advice = f"add the table of {entry.path}, or leave the slew out"
+            refuse(label, place, "missing key", advice)

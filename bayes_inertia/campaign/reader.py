@@ -14,7 +14,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.commands import with_known_torques, without_impossible_torques
-from bayes_inertia.campaign.description import Description, SlewTables
+from bayes_inertia.campaign.description import AS_CAMPAIGN, Description, SlewTables
 from bayes_inertia.campaign.environment import slews_with_orbit
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.inspection import with_dirt_masked
@@ -44,7 +44,8 @@ from bayes_inertia.files import (
     write_atomically,
 )
 from bayes_inertia.sealing import sha256_of
-from bayes_inertia.tables.number_table import Table, read_table
+from bayes_inertia.tables.number_table import read_table
+from bayes_inertia.tables.table import Table
 
 # A record without rows, and the times [s] that it concerns.
 _TimedDirt = tuple[Dirt, np.ndarray]
@@ -82,8 +83,7 @@ def read_campaign(path: str | Path) -> Campaign:
 def read_unmasked(path: str | Path, *, keep_commands: bool = False) -> Campaign:
     """The campaign in a folder with every reading as it was written, believable or not.
 
-    `keep_commands`: whether commands with gaps are kept although tachometers make them unnecessary.
-    Returns: the campaign before impossible and stuck readings are masked.
+    `keep_commands`: whether commands with gaps are kept where tachometers make them unnecessary.
     """
     description = description_path(path)
     label = str(description)
@@ -149,21 +149,8 @@ def _assembled(
     if parsed.orbit is not None and orbit is not None:
         slews = list(slews_with_orbit(slews, orbit, parsed.orbit[1]))
     try:
-        return Campaign(
-            name=parsed.name,
-            inertia=parsed.inertia,
-            wheels=parsed.wheels,
-            rate_sensor=parsed.rate_sensor,
-            star_tracker=parsed.star_tracker,
-            slews=tuple(slews),
-            dirt=tuple(dirt),
-            mission=parsed.mission,
-            more_sensors=parsed.more_sensors,
-            names=parsed.names,
-            reference=parsed.reference,
-            actuators=parsed.actuators,
-            changes=parsed.changes,
-        )
+        said = {key: getattr(parsed, key) for key in AS_CAMPAIGN}
+        return Campaign(slews=tuple(slews), dirt=tuple(dirt), **said)
     except CampaignError as error:
         raise error.inside(label) from None
 
@@ -208,9 +195,10 @@ def _files(path: str | Path) -> list[tuple[str, bytes]]:
     read = [("campaign.toml", content), *((file, read_bytes(tables[file])) for file in files)]
     orbit = _orbit_path(parsed, description)
     read += [] if parsed.orbit is None or orbit is None else [(parsed.orbit[0], read_bytes(orbit))]
-    prior = _prior(parsed, description)
-    if prior is None or parsed.prior is None or parsed.prior.from_ is None:
+    if parsed.prior is None or parsed.prior.from_ is None:
         return read
+    prior = _prior(parsed, description)
+    assert prior is not None
     # Where the run lies, or whether it changes, does not matter to a copy.
     return [*read, (COPY_FILE, json.dumps(prior.json()).encode())]
 
@@ -250,10 +238,9 @@ def _tables(part: SlewTables, table: _TableReader, parsed: Description) -> dict[
     read = [entry for entry in parsed.entries if part.file_of(entry)]
     first = min(read, key=lambda entry: entry.field != "rate")
     rated = tables[part.file_of(first) or ""]
-    rows = len(rated.columns[first.columns.names[0]])
-    if rows < 2:
+    if rated.rows < 2:
         raise CampaignError(
-            f"{rows} row(s) of telemetry",
+            f"{rated.rows} row(s) of telemetry",
             where=rated.label,
             advice="a slew needs at least two",
         )

@@ -1,13 +1,7 @@
 """The form of `campaign.toml`: keys, units, and what contradicts each other.
 
-The units a campaign may be written in, and their factors to SI units and radians.
-
 An explicit table, not a units library: each quantity accepts a handful of spellings, so that a
 wrong one is an error which lists them all.
-
-The form of `campaign.toml`: its keys, their types, and what to write where one is missing.
-
-What keys of `campaign.toml` demand of each other; each key alone is checked by its type.
 """
 
 from __future__ import annotations
@@ -47,17 +41,13 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "level": {"1": 1.0, "%": 0.01},
     }
 )
-"""For each quantity of a table, the factor from each accepted unit to SI."""
+"""For each quantity of a table, the factor from each accepted unit to SI; that of SI is first."""
 DEGREE = UNITS["rate"]["deg/s"]  # [rad]
 
 
 def to_si(values: np.ndarray, quantity: str, unit: str) -> np.ndarray:
-    """Convert values of a quantity to SI units and radians.
+    """Values of a quantity in SI units and radians; infinite where that overflows.
 
-    Returns: the same in SI units; infinite where that overflows.
-
-    Examples
-    --------
     >>> to_si(np.array([1.5]), "time", "min").tolist()
     [90.0]
     """

@@ -1,7 +1,4 @@
-"""The telemetry of one slew.
-
-Groups of star-tracker fixes: runs without a gap, usually one before and one after each slew.
-"""
+"""The telemetry of one slew."""
 
 from __future__ import annotations
 
@@ -234,13 +231,8 @@ class Slew:
 
 
 def bad_quaternion(attitude: np.ndarray) -> tuple[int, str] | None:
-    """The first row that is neither empty nor a unit quaternion.
+    """The first row (n, 4) that is neither empty nor a unit quaternion, and what is wrong; or None.
 
-    `attitude` (n, 4): quaternions; four NaN in a row that is empty. Returns: the row and what is
-    wrong with it; None if all rows are good.
-
-    Examples
-    --------
     >>> bad_quaternion(np.array([[0., 0., 0., 1.], [0., 0., 0., 2.]]))
     (1, 'the quaternion has length 2, not 1')
     """
@@ -318,12 +310,8 @@ def _normalised(attitude: np.ndarray, key: str) -> np.ndarray:
 
 
 def fix_groups(slew: Slew) -> np.ndarray:
-    """The group of every star-tracker fix.
+    """Number of the group, from 0, of every star-tracker fix (fixes,).
 
-    Returns (fixes,): numbers of groups from 0, in the order of time; empty without fixes.
-
-    Examples
-    --------
     >>> attitude = np.tile([0.0, 0.0, 0.0, 1.0], (90, 1))
     >>> attitude[2:88] = np.nan
     >>> fix_groups(Slew("a", 0.0, np.arange(90.0), attitude=attitude)).tolist()

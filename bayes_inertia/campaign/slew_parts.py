@@ -1,9 +1,5 @@
 """Parts of a slew that was cut, the records of each, and cuts where momentum is unknown.
 
-Parts of a slew that was cut, and the records that belong to each.
-
-Gaps of the tachometers where measured momentum drives the model.
-
 A straight line bridges them, unless the torque changed so much that the star tracker or the rates
 could tell the difference: then the slew is cut, each part with a start of its own.
 """
@@ -26,14 +22,8 @@ from bayes_inertia.faults.gaps import gap_note, missing_rows
 
 
 def parts_of(slew: Slew, pieces: Sequence[dict[str, np.ndarray]]) -> list[Slew]:
-    """A slew for each piece of its channels.
+    """A slew for each piece of its channels, with the inputs of its time; a single one keeps all.
 
-    `pieces`: channels (rows, width) and "time" (rows,) [s] of each piece. Returns: each has the
-    inputs of its own time. A single piece keeps the name; axis and angle of the rotation are
-    those of a whole slew.
-
-    Examples
-    --------
     >>> whole = Slew("a", 100.0, np.arange(4.0))
     >>> later = parts_of(whole, [{"time": whole.time[:2]}, {"time": whole.time[2:]}])[1]
     >>> later.name, later.start
@@ -63,14 +53,8 @@ def parts_of(slew: Slew, pieces: Sequence[dict[str, np.ndarray]]) -> list[Slew]:
 
 
 def located(records: Sequence[tuple[Dirt, np.ndarray]], slews: Sequence[Slew]) -> list[Dirt]:
-    """Records with the names and rows of the slews that hold the times they concern.
+    """Records with names and rows of the parts of a slew that hold, or are nearest to, their times.
 
-    `records`: records and the times [s] that each concerns; none if it concerns all rows. `slews`:
-    the parts of one slew; a time between two of them belongs to the nearer one. Returns: one for
-    each record and each slew that it concerns.
-
-    Examples
-    --------
     >>> slew = Slew("a", 0.0, np.arange(4.0))
     >>> located([(Dirt("gap", "rate", "", (), "ignored"), np.array([1.2]))], [slew])[0].rows
     (1,)
@@ -101,13 +85,8 @@ MORE, INPUTS = "more.", "inputs."
 
 
 def with_rows_at(channels: Channels, times: np.ndarray, step: float) -> Channels:
-    """Copies of channels that have a row at each of some times.
+    """Copies of channels that have a row at each of some times (m,) [s], or within `same_row`.
 
-    `channels` [s]; `times` (m,) [s]. `step`: the regular step [s]; a row within `SAME_ROW` of it is
-    the row of a time.
-
-    Examples
-    --------
     >>> given = {"time": np.array([0.0, 1.0, 3.0]), "rate": np.ones((3, 1))}
     >>> with_rows_at(given, np.array([1.0, 2.0]), 1.0)["rate"][:, 0].tolist()
     [1.0, 1.0, nan, 1.0]
@@ -128,14 +107,10 @@ def with_rows_at(channels: Channels, times: np.ndarray, step: float) -> Channels
 def without_intervals(
     channels: Channels, intervals: Sequence[tuple[float, float]]
 ) -> list[Channels]:
-    """Channels cut where nothing may lead across.
+    """Channels cut where nothing may lead across, without parts that have hardly any rate.
 
-    `channels` [s]. `intervals`: from the last time before to the first time after each cut [s];
-    rows between are left out. Infinite where rows before the first time or after the last are left
-    out. Returns: the parts, in order; those with hardly any rate are left out.
+    `intervals`: from the last time before to the first time after each cut [s].
 
-    Examples
-    --------
     >>> parts = without_intervals({"time": np.arange(30.0)}, [(11.0, 14.0)])
     >>> [(part["time"][0].item(), len(part["time"])) for part in parts]
     [(0.0, 12), (14.0, 16)]
@@ -171,10 +146,7 @@ class _Limits:
 
 
 def with_known_momentum(campaign: Campaign) -> Campaign:
-    """The campaign with slews cut where the momentum that drives the model is unknown.
-
-    Returns: the same if commands drive it, or if straight lines bridge all gaps of the tachometers.
-    """
+    """The campaign with slews cut where no straight line bridges a gap of what drives the model."""
     if campaign.has_commands or not campaign.wheels or not campaign.has_tachometers:
         return campaign
     inertia = float(np.linalg.eigvalsh(campaign.inertia.tensor)[0])

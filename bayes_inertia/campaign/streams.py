@@ -1,13 +1,7 @@
 """Streams of a slew: rows with their clocks, from columns to channels, on one list of times.
 
-Telemetry at several rates and on several clocks, brought onto one list of times.
-
 Each reading keeps its own time. Nothing is interpolated: where a stream has no reading at a time,
 NaN stands there.
-
-The times of a stream: its stamps, or those of a clock that is better known.
-
-From the columns of a table to the channels of a slew: checks by line, units, signs, senses.
 """
 
 from __future__ import annotations
@@ -40,29 +34,17 @@ from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.gaps import is_regular
 from bayes_inertia.faults.held import HeldReadings, held_readings
 from bayes_inertia.faults.stamps import StampSlope, regular_clock, regular_stamps, slope_of_readings
-from bayes_inertia.tables.number_table import Table
+from bayes_inertia.tables.table import Table
 
 
 @dataclass(frozen=True)
 class Stream:
-    """Entries of the description that share a table and a clock.
+    """Entries of the description that share a table and a clock."""
 
-    Parameters
-    ----------
-    file : str
-        The table, as the description names it.
-    time : TimeColumn
-        The column of stamps.
-    offset_s : float
-        True time minus stamp [s].
-    entries : tuple of Entry
-        What the columns hold.
-    """
-
-    file: str
-    time: TimeColumn
-    offset_s: float
-    entries: tuple[Entry, ...]
+    file: str  # The table, as the description names it
+    time: TimeColumn  # The column of stamps
+    offset_s: float  # True time minus stamp [s]
+    entries: tuple[Entry, ...]  # What the columns hold
 
     @property
     def columns(self) -> list[str]:
@@ -76,10 +58,7 @@ class Stream:
 
 
 def streams_of(slew: SlewTables, description: Description) -> list[Stream]:
-    """The streams of a slew, in the order of the description.
-
-    Returns: one if all entries share a table and a clock.
-    """
+    """The streams of a slew, in the order of the description."""
     found: dict[tuple[str, str, str, bool, float], tuple[TimeColumn, list[Entry]]] = {}
     for entry in description.entries:
         file = slew.file_of(entry)
@@ -96,16 +75,10 @@ def streams_of(slew: SlewTables, description: Description) -> list[Stream]:
 
 
 def union(streams: Sequence[dict[str, np.ndarray]], label: str) -> dict[str, np.ndarray]:
-    """The channels of several streams on the list of all their times.
+    """Channels (n, width) of streams on the list of all their times [s], NaN between readings.
 
     Times closer than a nanosecond, or than the rounding of large times, are one time.
 
-    `streams`: channels (rows, width) by the name of `Slew`, each with its own "time" (rows,) [s].
-    Returns: channels (n, width) with NaN where a stream has no reading, and "time" (n,) [s]; a
-    single stream as it is.
-
-    Examples
-    --------
     >>> rate = {"time": np.array([0.0, 1.0]), "rate": np.zeros((2, 3))}
     >>> fix = {"time": np.array([0.5]), "attitude": np.array([[0.0, 0.0, 0.0, 1.0]])}
     >>> union([rate, fix], "slew 1")["attitude"][:, 3].tolist()
@@ -155,35 +128,23 @@ _READINGS = tuple(key for key, stream in BY_KEY.items() if stream.is_series)
 
 @dataclass(frozen=True)
 class StreamRows:
-    """The rows of one stream of one slew, in the order of time.
+    """The rows of one stream of one slew, in the order of time."""
 
-    Parameters
-    ----------
-    stream : Stream
-        What the stream holds, and its clock.
-    table : Table
-        Its columns, in the file's own units.
-    dirt : tuple of Dirt
-        What is wrong with its rows and stamps, without slew.
-    """
-
-    stream: Stream
-    table: Table
-    dirt: tuple[Dirt, ...]
+    stream: Stream  # What the stream holds, and its clock
+    table: Table  # Its columns, in the file's own units
+    dirt: tuple[Dirt, ...]  # What is wrong with its rows and stamps, without slew
 
     @property
     def stamps(self) -> np.ndarray:
         """The column of its time, in the file's own unit."""
-        return self.table.columns[self.stream.time.names[0]]
+        return self.table.numbers(self.stream.time.names[0])
 
     def at(self, times: np.ndarray, dirt: Dirt | None) -> StreamRows:
-        """The same rows at other times.
-
-        `times` (rows,).
-        """
-        columns = {**self.table.columns, self.stream.time.names[0]: times}
+        """The same rows at other times (rows,), with one more record."""
         records = self.dirt if dirt is None else (*self.dirt, dirt)
-        return replace(self, table=replace(self.table, columns=columns), dirt=records)
+        return replace(
+            self, table=self.table.changed({self.stream.time.names[0]: times}), dirt=records
+        )
 
 
 def on_their_clocks(slews: Sequence[Sequence[StreamRows]]) -> list[list[StreamRows]]:
@@ -282,10 +243,7 @@ def sensor_of(entry: Entry) -> SensorStream | None:
 
 
 def counted_once(slews: Sequence[Sequence[StreamRows]]) -> list[list[StreamRows]]:
-    """All streams with empty cells where a reading only repeats the one before.
-
-    Returns: the same with a record of kind "duplicate" where readings are held.
-    """
+    """All streams with empty cells, and a record, where a reading only repeats the one before."""
     result = [list(streams) for streams in slews]
     entries = {
         entry.path: entry for streams in slews for rows in streams for entry in rows.stream.entries
@@ -316,30 +274,25 @@ def _without_repeats(
     """Rows of a stream without the repeats in some of its columns, and with a record of them."""
     repeated = np.flatnonzero(held.repeats.any(axis=1))
     values = np.where(held.repeats, np.nan, rows.table.stack(names))
-    columns = {**rows.table.columns, **dict(zip(names, values.T, strict=True))}
     poll = float(to_si(np.median(np.diff(rows.stamps)), "time", rows.stream.time.unit))
     note = (
         f"{held}: {len(repeated)} of {len(values)} rows repeat the one before and do not count; "
         f"a reading may be up to {poll:.3g} s older than its stamp"
     )
     record = Dirt("duplicate", channel, "", tuple(repeated.tolist()), "masked", note)
-    table = replace(rows.table, columns=columns)
+    table = rows.table.changed(dict(zip(names, values.T, strict=True)))
     return replace(rows, table=table, dirt=(*rows.dirt, record))
 
 
 def stream_from_table(
     table: Table, stream: Stream, spin_inertias: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """The channels of a stream, in SI units, with the package's signs and senses.
+    """The channels (rows, width) of a stream, in SI units, with the package's signs and senses.
 
-    A star tracker or an environment whose columns are all empty is left out.
-
-    `table`: the telemetry, in the file's own units and in the order of time. `stream`: which
-    entries to take from the table, and their clock. `spin_inertias` (wheels,): spin inertia of each
-    wheel [kg m^2], for tachometers that tell speeds. Returns: channels (rows, width), named as
-    `Slew` names them ("more.NAME" of a further sensor), and their true "time" (rows,) [s].
+    A star tracker or an environment whose columns are all empty is left out. `spin_inertias`
+    (wheels,) [kg m^2] are for tachometers that tell speeds.
     """
-    time = to_si(table.columns[stream.time.names[0]], "time", stream.time.unit)
+    time = to_si(table.numbers(stream.time.names[0]), "time", stream.time.unit)
     # Adding nothing would make a zero of -0.0.
     channels = {"time": time + stream.offset_s if stream.offset_s else time}
     for entry in stream.entries:
@@ -375,7 +328,7 @@ def inputs_of(streams: Sequence[StreamRows]) -> dict[str, InputStream]:
 
 
 def _input(table: Table, stream: Stream, entry: Entry) -> InputStream:
-    time = to_si(table.columns[stream.time.names[0]], "time", stream.time.unit)
+    time = to_si(table.numbers(stream.time.names[0]), "time", stream.time.unit)
     names = entry.columns.names
     refuse_half_empty_rows(table, names, "fill the row, or leave all its cells empty")
     values = table.stack(names)

@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from bayes_inertia.campaign.written_devices import (
 )
 from bayes_inertia.errors import OutputError
 from bayes_inertia.files import write_new_files
-from bayes_inertia.tables.number_table import Table
+from bayes_inertia.tables.table import Table
 
 # Slew field -> key of [columns], its unit and sense, and its columns (a text: one a wheel).
 _CHANNELS: dict[str, tuple[str, Mapping[str, str], str | Sequence[str]]] = {
@@ -45,6 +46,7 @@ _CHANNELS: dict[str, tuple[str, Mapping[str, str], str | Sequence[str]]] = {
 
 
 _SENSORS = {sensor.field: sensor for sensor in STREAMS}
+_TIME: Mapping[str, Any] = MappingProxyType({"names": ["t_s"], "unit": "s"})
 
 
 def write_campaign(campaign: Campaign, folder: str | Path) -> Path:
@@ -92,8 +94,15 @@ def write_campaign(campaign: Campaign, folder: str | Path) -> Path:
 
 def files_of(description: str, tables: Mapping[str, Table]) -> dict[str, bytes]:
     """The files of a campaign folder by name, the description last."""
-    texts = {file: table.csv() for file, table in tables.items()} | {"campaign.toml": description}
+    texts = {file: _csv(table) for file, table in tables.items()} | {"campaign.toml": description}
     return {name: text.encode("utf-8") for name, text in texts.items()}
+
+
+def _csv(table: Table) -> str:
+    """Text with all digits; NaN becomes an empty cell."""
+    cells = table.stack(list(table.columns)).tolist()
+    rows = [["" if math.isnan(cell) else repr(cell) for cell in row] for row in cells]
+    return "".join(",".join(row) + "\n" for row in [list(table.columns), *rows])
 
 
 def content_of(campaign: Campaign) -> tuple[str, dict[str, Table]]:
@@ -119,16 +128,23 @@ def _content_2(campaign: Campaign, columns: dict[str, list[str]]) -> tuple[str, 
         tables[streams.telemetry_file(number)] = _table_of(slew, columns)
         tables |= input_tables(slew, streams, number)
     parts = {
-        "format": FORMAT_2,
-        "name": campaign.name,
-        "mission": dict(campaign.mission),
-        "inertia": vars(campaign.inertia),
-        "prior": {} if campaign.prior is None else {"from": COPY_FILE},
-        "time": {"names": ["t_s"], "unit": "s"},
+        **_head(campaign, FORMAT_2),
+        "time": _TIME,
         **devices(campaign, columns, senses, streams),
         "slews": slews,
     }
     return toml_text(parts), tables
+
+
+def _head(campaign: Campaign, form: str) -> dict[str, Any]:
+    """What both formats begin with."""
+    return {
+        "format": form,
+        "name": campaign.name,
+        "mission": dict(campaign.mission),
+        "inertia": vars(campaign.inertia),
+        "prior": {} if campaign.prior is None else {"from": COPY_FILE},
+    }
 
 
 def numbered(count: int, name: str) -> list[str]:
@@ -168,12 +184,8 @@ def _columns(campaign: Campaign) -> dict[str, list[str]]:
 def _has(slew: Slew, channel: str, sensor: SensorStream | None) -> bool:
     """Whether a slew has a channel; fixes and environment without a number count as absent."""
     values = values_of(slew, channel)
-    may_be_empty = channel.endswith("_N") or not _is_series(sensor)
+    may_be_empty = channel.endswith("_N") or not (sensor is None or sensor.is_series)
     return values is not None and not (may_be_empty and np.isnan(values).all())
-
-
-def _is_series(sensor: SensorStream | None) -> bool:
-    return sensor is None or sensor.is_series
 
 
 def _refuse_what_reading_refuses(slew: Slew, channel: str, sensor: SensorStream | None) -> None:
@@ -212,22 +224,18 @@ def _table_of(slew: Slew, columns: dict[str, list[str]]) -> Table:
         if values is None:
             values = np.full((len(slew.time), len(names)), np.nan)
         made |= dict(zip(names, values.T, strict=True))
-    return Table(slew.name, made, lines=np.arange(len(slew.time)) + 2)
+    return Table.of(slew.name, made)
 
 
 def _toml(campaign: Campaign, columns: dict[str, list[str]], files: list[str]) -> str:
     """The text of campaign.toml."""
-    entries = {"time": {"names": ["t_s"], "unit": "s"}}
+    entries = {"time": _TIME}
     for channel, names in columns.items():
         key, sense, _ = _CHANNELS[channel]
         entries[key] = {"names": names, **sense}
     return toml_text(
         {
-            "format": FORMAT,
-            "name": campaign.name,
-            "mission": dict(campaign.mission),
-            "inertia": vars(campaign.inertia),
-            "prior": {} if campaign.prior is None else {"from": COPY_FILE},
+            **_head(campaign, FORMAT),
             # A wheel that is not running is said in format 2.
             "wheels": [keys_of(wheel) | {"state": None} for wheel in campaign.wheels],
             "rate_sensor": keys_of(campaign.rate_sensor),
@@ -263,11 +271,7 @@ def _slew_part(slew: Slew) -> dict[str, Any]:
 def toml_text(
     parts: Mapping[str, Any], comment: str = "", remarks: Mapping[str, str] | None = None
 ) -> str:
-    """The text of a description, of which what is None or empty is left out.
-
-    `parts`: keys, tables of keys and lists of tables; tables inside of these stand on one line.
-    `comment`: the first line. `remarks`: behind keys, by the path of each.
-    """
+    """The text of a description, without what is None or empty; `remarks` stand behind keys."""
     import tomlkit
 
     document = tomlkit.document()

@@ -18,7 +18,7 @@ from bayes_inertia.campaign.sensors import SensorStream, streams_of
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import MORE
 from bayes_inertia.errors import OutputError
-from bayes_inertia.tables.number_table import Table
+from bayes_inertia.tables.table import Table
 
 # The stream of all that every slew has on its own list of times.
 TELEMETRY = "telemetry"
@@ -53,8 +53,6 @@ def values_of(slew: Slew, channel: str) -> np.ndarray | None:
 def word(name: str) -> str:
     """A device's name as part of the names of files and columns.
 
-    Examples
-    --------
     >>> word("star tracker 2")
     'star_tracker_2'
     """
@@ -63,18 +61,11 @@ def word(name: str) -> str:
 
 @dataclass(frozen=True)
 class Streams:
-    """Which stream each channel and each device's input is of.
+    """Which stream each channel and each device's input is of."""
 
-    Parameters
-    ----------
-    channels : mapping of str to str
-        By channel: `TELEMETRY`, or a stream of its own where some slews lack it.
-    inputs : mapping of str to str
-        By device.
-    """
-
+    # By channel: `TELEMETRY`, or a stream of its own where some slews lack it
     channels: Mapping[str, str]
-    inputs: Mapping[str, str]
+    inputs: Mapping[str, str]  # By device
 
     def files(self, number: str, own: Sequence[str]) -> dict[str, Any]:
         """`file` or `files` of a slew: `own`, the channels that it has."""
@@ -125,8 +116,7 @@ def input_tables(slew: Slew, streams: Streams, number: str) -> dict[str, Table]:
         given = (slew.inputs or {})[device]
         columns = {f"{stream}_{k + 1}": column for k, column in enumerate(given.values.T)}
         columns = {"t_s": given.time, **columns}
-        lines = np.arange(len(given.time)) + 2
-        tables[f"slew_{number}_{stream}.csv"] = Table(slew.name, columns, lines=lines)
+        tables[f"slew_{number}_{stream}.csv"] = Table.of(slew.name, columns)
     return tables
 
 
@@ -136,10 +126,7 @@ def devices(
     senses: Mapping[str, tuple[str, Mapping[str, str]]],
     streams: Streams,
 ) -> dict[str, Any]:
-    """`[[actuators]]`, `[[sensors]]`, `[[environment]]` and `[[changes]]` of format 2.
-
-    `columns` and `senses`: of each channel its columns, and its key with unit and sense.
-    """
+    """Devices, sensors, environment and changes of format 2; `senses`: key, unit and sense."""
 
     def entry(channel: str, **more: Any) -> tuple[str, dict[str, Any]]:
         key, sense = senses[channel]

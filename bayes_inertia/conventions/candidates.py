@@ -39,10 +39,7 @@ _OTHER_ORDERS = tuple(permutations(range(3)))[1:]
 
 
 def mistakes(campaign: Campaign, columns: Columns) -> list[Mistake]:
-    """All single mistakes that are tried for a campaign.
-
-    `columns` [columns].
-    """
+    """All single mistakes that are tried for a campaign, the most common first."""
     every = [
         *_unit_mistakes(columns),
         *_attitude_mistakes(columns),
@@ -60,8 +57,6 @@ def mistakes(campaign: Campaign, columns: Columns) -> list[Mistake]:
 def listed(values: np.ndarray) -> list:
     """An array as campaign.toml writes it.
 
-    Examples
-    --------
     >>> listed(-np.eye(2))
     [[-1.0, 0.0], [0.0, -1.0]]
     """
@@ -172,10 +167,7 @@ def _axes_in_words(exchanged: np.ndarray) -> str:
 
 
 def axes_mistake(axes: np.ndarray, mended: np.ndarray, rarity: int, words: str) -> Mistake:
-    """The mistake that the rate sensor's axes are others than stated.
-
-    `axes` and `mended` (3, 3).
-    """
+    """The mistake that the rate sensor's axes (3, 3) are others than stated."""
     mend = turned("rate", np.linalg.inv(mended) @ axes)
     return _one_key("rate_sensor.axes", listed(axes), listed(mended), rarity, mend, words)
 

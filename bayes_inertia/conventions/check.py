@@ -1,7 +1,5 @@
 """The whole check: a campaign as stated, what its data say of it, and which change mends it.
 
-Remedies of a campaign: a key, then a clock, then a fault of one stream alone.
-
 Keys that were written in the same wrong unit as a mended one: noises, and the prior's products.
 
 No law shows them. A stated noise that agrees with the noise of the readings while both are read in
@@ -11,7 +9,7 @@ the wrong unit was written in that unit too, and must be mended with it.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -52,11 +50,13 @@ from bayes_inertia.conventions.reading import (
     KeyChange,
     Mistake,
     Reading,
+    as_written,
+    in_words,
+    stated_columns,
     stated_reading,
 )
 from bayes_inertia.conventions.search import Judgement, Remedy, judged, misfit_of
 from bayes_inertia.conventions.wording import invisible
-from bayes_inertia.conventions.written_keys import as_written, in_words, stated_columns
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import description_path, read_bytes, text_of
 from bayes_inertia.maths.values import json_ready
@@ -69,11 +69,7 @@ def what_mends(
     columns: Columns,
     differ: Factors | None,
 ) -> tuple[tuple[Remedy, ...], Clocks]:
-    """All that makes the data consistent, the best first, and what is said of the clocks.
-
-    `columns` [columns]. Returns `remedies`: empty where nothing mends it; `clocks`: what the laws
-    say of the streams' clocks.
-    """
+    """All that makes the data consistent, the best first, and what is said of the clocks."""
     mending, clock = judgement.remedies, Clocks()
     if not mending:
         clock = clocks(misfits, judgement.reading, columns)
@@ -232,7 +228,15 @@ class ConventionsCheck:
 
 def check_conventions(campaign: Campaign | str | Path, *, quick: bool = False) -> ConventionsCheck:
     """The check of a campaign whose devices, but for wheels, do nothing (else see `app`)."""
-    return checked_with_torques(campaign, {}, quick=quick)
+    return checked_with_torques(campaign, _untold, quick=quick)
+
+
+Teller = Callable[[Campaign], Mapping[str, ToldTorque]]
+"""What effects do to the body of a campaign, by the name of a slew."""
+
+
+def _untold(campaign: Campaign) -> Mapping[str, ToldTorque]:
+    return {}
 
 
 @dataclass(frozen=True)
@@ -248,14 +252,11 @@ class _Case:
 
 
 def checked_with_torques(
-    campaign: Campaign | str | Path, torques: Mapping[str, ToldTorque], *, quick: bool = False
+    campaign: Campaign | str | Path, told: Teller, *, quick: bool = False
 ) -> ConventionsCheck:
-    """The check where the telemetry does not tell some torques on the body, but effects do.
-
-    `torques`: by the name of a slew.
-    """
+    """The check where effects tell torques on the body that the telemetry does not."""
     if isinstance(campaign, Campaign):
-        return _checked(_Case(campaign, campaign, quick, torques))
+        return _checked(_Case(campaign, campaign, quick, told(campaign)))
     path = description_path(campaign)
     text = text_of(read_bytes(path), str(path))
     written = read_unmasked(campaign)
@@ -264,7 +265,8 @@ def checked_with_torques(
         # A fit needs no commands where tachometers are; here both are held against each other.
         written = read_unmasked(campaign, keep_commands=True)
         masked = replace(with_dirt_masked(written), dirt=masked.dirt)
-    case = _Case(masked, written, quick, torques, text, parse_description(text, str(path)))
+    description = parse_description(text, str(path))
+    case = _Case(masked, written, quick, told(masked), text, description)
     if _suspect(written, masked):
         # Readings that are impossible in numbers are in a wrong unit, or marks for missing values.
         check = _checked(replace(case, campaign=written))
@@ -289,14 +291,9 @@ def _all_readings(campaign: Campaign, channel: str) -> np.ndarray:
     return np.concatenate([np.zeros(0), *(np.ravel(r) for r in readings if r is not None)])
 
 
-def refuse_impossible(
-    campaign: Campaign | str | Path, torques: Mapping[str, ToldTorque] | None = None
-) -> ConventionsCheck:
-    """Raise an error if data are impossible as stated; quick where they are not.
-
-    `torques`: what effects that are named do to the body, by the name of a slew.
-    """
-    check = checked_with_torques(campaign, torques or {}, quick=True)
+def refuse_impossible(campaign: Campaign | str | Path, told: Teller = _untold) -> ConventionsCheck:
+    """Raise an error if data are impossible as stated; quick where they are not."""
+    check = checked_with_torques(campaign, told, quick=True)
     if check.verdict == "wrong":
         where = "" if isinstance(campaign, Campaign) else str(description_path(campaign))
         raise CampaignError(
@@ -491,11 +488,7 @@ def _changes(mending: Sequence[Remedy]) -> tuple[ConventionChange, ...]:
 
 
 def with_companions(mistake: Mistake, campaign: Campaign, written: Mapping[str, Any]) -> Mistake:
-    """A mistake together with the keys that share its unit.
-
-    `written`: content of campaign.toml; empty for a campaign that was built in memory. Returns:
-    with more changes, where noises or products are in the same wrong unit.
-    """
+    """A mistake with the keys of campaign.toml (`written`) that share its wrong unit."""
     more = [
         change for mended in mistake.changes for change in _companions(mended, campaign, written)
     ]

@@ -1,7 +1,5 @@
 """Which stream's clock is wrong, from the lateness that each law tells.
 
-Clocks of streams against each other: by how much is one late, and is that still physical?
-
 A sensor's exposure, processing and transport make it late by a fraction of a second: the library
 has effects for that (`star_tracker_time_offset`, `rate_sensor_delay`, `wheel_command_lag`), and a
 lateness of that size is no wrong convention. A lateness far beyond it is a wrong clock.
@@ -43,25 +41,15 @@ _EFFECT = {
 
 @dataclass(frozen=True)
 class Clocks:
-    """Lateness of the streams by each law.
+    """Lateness of the streams by each law."""
 
-    Parameters
-    ----------
-    remedies : tuple of Remedy
-        Clocks that are wrong by more than any sensor is late, the best proposal first.
-    remarks : tuple of str
-        Latenesses that are physical.
-    """
-
+    # Clocks that are wrong by more than any sensor is late, the best proposal first
     remedies: tuple[Remedy, ...] = ()
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()  # Latenesses that are physical
 
 
 def clocks(misfits: Misfits, reading: Reading, columns: Columns) -> Clocks:
-    """Look for streams that are late against each other.
-
-    `columns` [columns].
-    """
+    """Streams that are late against each other."""
     told = {
         law: late
         for law in (CLOSURE, CONSERVATION, DRIVE)
@@ -97,10 +85,7 @@ def shifted_misfit(misfits: Misfits, reading: Reading, remedy: Remedy) -> float:
 
 
 def known_offsets(misfits: Misfits, reading: Reading, columns: Columns) -> tuple[Remedy, ...]:
-    """Clocks that are off by what clocks of different kinds differ by, tried by name.
-
-    `columns` [columns]. Returns: those that make all laws hold, the most common offset first.
-    """
+    """Known offsets of clocks that make all laws hold, tried by name, the most common first."""
     campaign, laws = misfits.campaign, misfits.of(reading)
     before = worst(laws)
     fixes = sum(min(int(slew.fixes.sum()), LIMITS.fixes_per_slew) for slew in campaign.slews)
@@ -147,10 +132,7 @@ def _turned(slews: SampledSlews) -> float:
 
 
 def streams_apart(campaign: Campaign, columns: Columns) -> tuple[str, ...]:
-    """Streams all of whose readings lie before or after the rates, and the offset that is known.
-
-    `columns` [columns].
-    """
+    """Streams all of whose readings lie before or after the rates, and the offset that is known."""
     said = []
     for entry, stream in STREAMS.items():
         if entry not in columns or entry == "rate":
@@ -182,11 +164,8 @@ def apart_in_words(
 ) -> str:
     """That a stream lies outside every slew, and with which known offset it would not.
 
-    `entry` [columns]; `stated` [s]. `pairs`: times of its readings and of the rates [s], slew by
-    slew.
+    `pairs`: times of its readings and of the rates [s], slew by slew.
 
-    Examples
-    --------
     >>> apart_in_words("attitude", 9, [(np.array([3605.0, 3690.0]), np.array([0.0, 99.0]))])[-58:]
     'columns.attitude.offset_s = -3600 (1 h, as of a time zone)'
     """
@@ -245,10 +224,7 @@ def _one(first: float, second: float) -> bool:
 
 
 def fixes_in_motion(misfits: Misfits) -> bool:
-    """Whether some star-tracker fixes are taken while the body turns.
-
-    Returns: true if there are at least two in a slew with a fifth of its largest rate.
-    """
+    """Whether at least two fixes of a slew are taken while the body turns."""
     slews = misfits.slews
     speed = np.sqrt((slews.rate**2).sum(axis=-1))
     moving = speed > FAULTS.in_motion * speed.max(axis=1, keepdims=True)
@@ -278,26 +254,16 @@ def _mistake(columns: Columns, shifts: Mapping[str, float]) -> Mistake:
 
 @dataclass(frozen=True)
 class Lateness:
-    """Lateness of a stream, as one law measures it.
+    """Lateness of a stream, as one law measures it."""
 
-    Parameters
-    ----------
-    law : str
-        Which law.
-    seconds : float
-        What must be added to the time stamps of the law's second stream [s]; negative where it is
-        late.
-    before, after : float
-        Residual of the law without and with it [sd of the sensors' stated noise].
-    moments : int
-        How many moments were compared.
-    """
-
-    law: str
+    law: str  # Which law
+    # What must be added to the time stamps of the law's second stream [s]; negative where it is
+    # late
     seconds: float
+    # before, after: residual of the law without and with it [sd of the sensors' stated noise]
     before: float
     after: float
-    moments: int
+    moments: int  # How many moments were compared
 
     @property
     def explains(self) -> bool:
@@ -314,11 +280,9 @@ class Lateness:
 
 
 def lateness(misfits: Misfits, reading: Reading, law: str) -> Lateness | None:
-    """The shift of a stream that makes one law hold best.
+    """The shift of a stream that makes one law hold best; None where none is better than none.
 
     Closure shifts the star tracker, conservation the wheels, the drive the torque commands.
-
-    Returns: none if the law cannot be tested, or no shift is better than none.
     """
     channels = channels_of(misfits, law)
     data = misfits.law(law, reading)
@@ -353,10 +317,7 @@ def lateness(misfits: Misfits, reading: Reading, law: str) -> Lateness | None:
 
 
 def with_known_offset(misfits: Misfits, reading: Reading, late: Lateness) -> Lateness:
-    """The offset that clocks are known for, where it explains a law as well as a lateness does.
-
-    `late`: as the law tells it; fixes at rest tell only a range.
-    """
+    """The offset that clocks are known for, where it explains a law as well as a lateness does."""
     if abs(late.seconds) <= LIMITS.longest_delay_s:
         return late
     best = _left(misfits, reading, late.law, late.seconds)
@@ -397,13 +358,8 @@ def _shift(data: LawData) -> tuple[float, float]:
 
 
 def gross_lateness(campaign: Campaign, lag: bool) -> float:
-    """The lateness beyond which a clock is wrong [s].
+    """The lateness beyond which a clock is wrong [s]; `lag`: of wheels, which follow commands late.
 
-    `campaign`: its slews' duration is what the library measures lateness in. `lag`: whether wheels
-    follow their commands late, which they do more than sensors.
-
-    Examples
-    --------
     >>> from bayes_inertia.physics.small_campaign import small_campaign
     >>> gross_lateness(small_campaign(), True) > gross_lateness(small_campaign(), False)
     True

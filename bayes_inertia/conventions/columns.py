@@ -25,11 +25,7 @@ from bayes_inertia.faults.quantisation import resolution
 
 
 def faulty_columns(campaign: Campaign, columns: Columns) -> tuple[str, ...]:
-    """Columns that are dead, or one for two.
-
-    `columns` [columns]. Returns: one sentence each, without full stop, with axis or wheel and the
-    column's name.
-    """
+    """Columns that are dead, or one for two, as sentences without full stop."""
     rates, tachometers, commands = _streams(campaign, columns)
     return (
         *_dead_rates(campaign, rates),
@@ -41,10 +37,7 @@ def faulty_columns(campaign: Campaign, columns: Columns) -> tuple[str, ...]:
 
 
 def copied_commands(campaign: Campaign, columns: Columns) -> tuple[str, ...]:
-    """Commands that are one for two wheels, which is wrong only where tachometers contradict them.
-
-    `columns` [columns].
-    """
+    """Commands that are one for two wheels: wrong only where tachometers contradict them."""
     return tuple(_copies(_streams(campaign, columns)[2], 1e-9))
 
 
@@ -175,10 +168,7 @@ def _copies(stream: _Stream, share: float | None = None) -> Iterator[str]:
 
 
 def without_sign(misfits: Misfits, reading: Reading, before: float) -> Remedy | None:
-    """Tachometers or commands whose sign was lost, where signs make all laws hold.
-
-    `before` [sd]. Returns: without a change of campaign.toml: it cannot bring the signs back.
-    """
+    """Tachometers or commands that lost their sign, where signs make all laws hold."""
     slews = misfits.slews
     for field, what, told in (
         ("momentum", "the tachometers ({}, |h|)", _signs_of_momentum),

@@ -1,9 +1,4 @@
-"""Doubtful parts of a campaign, and faults that the check comes across.
-
-Doubtful parts of a campaign: the channel, the axis or wheel, the slew.
-
-Faults of the telemetry that the check comes across: noise other than stated, a stale bias.
-"""
+"""Doubtful parts of a campaign, and faults that the check comes across."""
 
 from __future__ import annotations
 
@@ -26,7 +21,7 @@ from bayes_inertia.conventions.laws import (
     noise_ratios,
 )
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.motion import angle_of, composed, turned_back
+from bayes_inertia.conventions.motion import angle_of, composed, turned_back, without_mean
 from bayes_inertia.conventions.reading import Columns, KeyChange, Mistake, Reading, turned
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.limits import LIMITS as FAULTS
@@ -41,11 +36,7 @@ LAWS_IN_WORDS: Mapping[str, str] = {
 
 
 def doubtful_places(misfits: Misfits, reading: Reading) -> tuple[str, ...]:
-    """Which laws fail, and where.
-
-    Returns: one a law that fails, such as "the commanded torque against the tachometers: wheel_y of
-    slew 2 is off by 4.3 sd".
-    """
+    """Which laws fail, and where, as sentences without full stop."""
     fits = misfits.of(reading)
     return tuple(
         f"{LAWS_IN_WORDS[law]}: {_place(misfits, law, fit)}"
@@ -86,27 +77,16 @@ def _parameters(misfits: Misfits, law: str) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Factors:
-    """Ratios of measured to commanded wheel momentum.
+    """Ratios of measured to commanded wheel momentum."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Of the wheels.
-    values : (wheels,) array
-        The factor; 1 where it is within what a gain and friction may be.
-    commands_are_wrong : bool or None
-        Whether conservation of momentum sides with the tachometers; None where it does not tell.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # Of the wheels
+    # (wheels,): the factor; 1 where it is within what a gain and friction may be
     values: np.ndarray
+    # Whether conservation of momentum sides with the tachometers; None where it does not tell
     commands_are_wrong: bool | None
 
     def words(self) -> tuple[str, ...]:
-        """One sentence for all wheels with one factor.
-
-        Returns: without full stop; empty if no factor is far from 1.
-        """
+        """One sentence for all wheels with one factor; none if no factor is far from 1."""
         groups: dict[float, list[str]] = {}
         for name, value in zip(self.names, self.values, strict=True):
             if value != 1.0:
@@ -132,11 +112,7 @@ class Factors:
         return f"commands and tachometers of {wheels} {what}; {side}"
 
     def mistake(self, campaign: Campaign, columns: Columns) -> Mistake | None:
-        """Spin inertias that are wrong by the factors.
-
-        `columns` [columns]. Returns: none where spin inertia does not turn speeds into momentum, or
-        a factor is negative.
-        """
+        """Spin inertias wrong by the factors; None where they do not turn speeds into momentum."""
         if "wheel_speed" not in columns or np.all(self.values == 1.0) or np.any(self.values < 0.0):
             return None
         factors = np.array([_rounded(value) for value in self.values])
@@ -171,15 +147,12 @@ def _digits(value: float) -> float:
 
 
 def factors(misfits: Misfits, reading: Reading) -> Factors | None:
-    """Ratios of tachometers to commands, wheel by wheel.
-
-    Returns: none where a wheel has no commands or no tachometer, or no factor is far from 1.
-    """
+    """Ratios of tachometers to commands, wheel by wheel; None where none is far from 1."""
     slews = misfits.slews
     if slews.momentum is None or slews.impulse is None:
         return None
-    seen = _moved(slews.momentum @ reading.momentum.T, slews.valid)
-    asked = _moved(reading.time * slews.impulse @ reading.torque.T, slews.valid)
+    seen = without_mean(slews.momentum @ reading.momentum.T, slews.valid)
+    asked = without_mean(reading.time * slews.impulse @ reading.torque.T, slews.valid)
     both = np.sqrt((seen**2).sum((0, 1))), np.sqrt((asked**2).sum((0, 1)))
     sense = np.sign((seen * asked).sum((0, 1)))
     busy = np.maximum(both[0] / max(both[0].max(), 1e-300), both[1] / max(both[1].max(), 1e-300))
@@ -207,13 +180,6 @@ def factors(misfits: Misfits, reading: Reading) -> Factors | None:
     return Factors(names, values, _side(misfits, reading, values))
 
 
-def _moved(values: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Departures (S, N, wheels) from the mean of each slew, 0 where a moment does not count."""
-    count = np.maximum(valid.sum(axis=1), 1)[:, None, None]
-    mean = (values * valid[..., None]).sum(axis=1, keepdims=True) / count
-    return (values - mean) * valid[..., None]
-
-
 def _side(misfits: Misfits, reading: Reading, values: np.ndarray) -> bool | None:
     """Whether conservation of momentum holds with the tachometers, or with what is commanded."""
     with_commands = replace(reading, momentum=np.diag(1.0 / values) @ reading.momentum)
@@ -227,10 +193,7 @@ def _side(misfits: Misfits, reading: Reading, values: np.ndarray) -> bool | None
 
 
 def broken_limits(campaign: Campaign, holds: Mapping[str, bool]) -> tuple[str, ...]:
-    """Limits of the hardware that readings are far beyond.
-
-    `holds`: whether a law holds as stated; those that do show that the units are right.
-    """
+    """Limits of the hardware that readings are far beyond; laws that hold prove their units."""
     said = []
     for key, channel, unit, readings, proof in _LIMITS:
         beyond = _beyond(campaign, key, channel)
@@ -282,11 +245,7 @@ def _beyond(campaign: Campaign, key: str, channel: str) -> dict[str, tuple[float
 
 
 def dirt_of(misfits: Misfits, stated: Reading, reading: Reading) -> tuple[dict[str, Any], ...]:
-    """Everything that was found: by the reader, in the noise, and in the rests.
-
-    `reading`: conventions that agree with it, perhaps with another rate bias. Returns: as
-    `Dirt.json` writes them; a stale bias has the kind "stale_bias".
-    """
+    """Everything that was found: by the reader, in the noise, and in the rests ("stale_bias")."""
     by_reader = [dirt.json() for dirt in misfits.campaign.dirt]
     series = [s for s in series_of(misfits.campaign) if not (misfits.smoothed and s == RATE)]
     levels = [dirt.json() for s in series if (dirt := _level(misfits.campaign, s)) is not None]

@@ -1,19 +1,11 @@
 """Three laws that telemetry obeys whatever J and K are, and its misfits to them.
 
-One robust linear fit with priors, of all slews at once.
-
-Noise of the sensors as their own readings show it.
-
-Three laws that telemetry obeys whatever J and K are.
-
 Closure: the rate, integrated between star-tracker fixes, is the rotation between them.
 Conservation: J w + G h, in axes that do not turn, is constant within a slew.
 Drive: the torque commands, integrated, are the momentum that the tachometers read.
 
 Each is linear in what is uncertain (J, K, misalignment, bias, a constant torque, gains, friction),
 which is fitted with priors wide enough for anything physical.
-
-Misfits of telemetry to the three laws, under a reading of it.
 
 Misfits are in standard deviations of what noise and undisclosed physics may leave (`limits`).
 """
@@ -39,6 +31,7 @@ from bayes_inertia.conventions.motion import (
     motion_of,
     told_impulse,
     turned_back,
+    without_mean,
 )
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.faults.noise import smooth_noise
@@ -46,26 +39,14 @@ from bayes_inertia.faults.noise import smooth_noise
 
 @dataclass(frozen=True, eq=False)
 class LinearFit:
-    """Residuals of a linear fit.
+    """Residuals of a linear fit."""
 
-    Parameters
-    ----------
-    misfit : (S,) array
-        Root mean square residual of each slew [its sigma].
-    departure : float
-        Distance of the parameters from their priors [sd], root mean square over three of them.
-    values : (P,) array
-        Parameters, in prior standard deviations.
-    sds : (P,) array
-        What is left of those standard deviations.
-    by_component : (S, D) array
-        Root mean square residual of each component of each slew [its sigma].
-    """
-
-    misfit: np.ndarray
+    misfit: np.ndarray  # (S,): root mean square residual of each slew [its sigma]
+    # Distance of the parameters from their priors [sd], root mean square over three of them
     departure: float
-    values: np.ndarray
-    sds: np.ndarray
+    values: np.ndarray  # (P,): parameters, in prior standard deviations
+    sds: np.ndarray  # (P,): what is left of those standard deviations
+    # (S, D): root mean square residual of each component of each slew [its sigma]
     by_component: np.ndarray
 
     def with_factors(self, which: slice, sds: np.ndarray) -> LinearFit:
@@ -83,10 +64,7 @@ class LinearFit:
 
     @property
     def worst(self) -> float:
-        """The larger of the worst slew's misfit and the departure from the priors [sd].
-
-        Infinite where numbers overflow.
-        """
+        """The larger of the worst slew's misfit and the departure from the priors [sd]."""
         largest = np.max(self.misfit, initial=self.departure)
         return float("inf") if np.isnan(largest) else float(largest)
 
@@ -105,9 +83,7 @@ def fitted(
 ) -> LinearFit:
     """Fit data = regressors x + free c + error, with x from N(0, 1) and c free in every slew.
 
-    `data` (S, N, D); `free` (S, N, D, Q); `mask` (S, N). `regressors` (S, N, D, P): what a prior
-    standard deviation of each parameter does to them. `sigma` (S,): standard deviation of the norm
-    of a moment's error. Returns: after one round in which outlying moments lose weight.
+    Shapes and units are those of `LawData`; outlying moments lose weight in one round.
     """
     count = np.maximum(mask.sum(axis=1, keepdims=True), 1)
     weight = mask / np.sqrt(count)
@@ -158,10 +134,7 @@ def _weighted(
 
 
 def noise_ratios(campaign: Campaign, stream: SensorStream) -> np.ndarray:
-    """Noise in smooth rows over the stated noise, median over the slews.
-
-    Returns: one number an axis or wheel; empty or NaN where nothing is known.
-    """
+    """Noise in smooth rows over the stated noise, one number an axis or wheel; or NaN."""
     stated = _stated(campaign, stream)
     readings = [stream.of(slew) for slew in campaign.slews]
     seen = [[smooth_noise(c) for c in v.T] for v in readings if v is not None and v.shape[1]]
@@ -174,12 +147,10 @@ def noise_ratios(campaign: Campaign, stream: SensorStream) -> np.ndarray:
 
 
 def believed_noise(campaign: Campaign, stream: SensorStream) -> np.ndarray:
-    """The stated noise, but never much more than the readings show.
+    """The stated noise of each axis or wheel, but never much more than the readings show.
 
     So a reading in a smaller unit has less noise too, and cannot drown in a noise that was stated
     in a larger one.
-
-    Returns: sd of each axis or wheel, 0 where nothing is stated.
     """
     stated = np.nan_to_num(_stated(campaign, stream))
     ratio = noise_ratios(campaign, stream)
@@ -198,70 +169,37 @@ CLOSURE, CONSERVATION, DRIVE = "closure", "conservation", "drive"
 
 @dataclass(frozen=True, eq=False)
 class Told:
-    """Telemetry in physical units, under a reading.
+    """Telemetry in physical units, under a reading."""
 
-    Parameters
-    ----------
-    campaign : Campaign
-        Hardware and priors.
-    slews : SampledSlews
-        The telemetry.
-    reading : Reading
-        Conventions, stated or supposed.
-    motion : Motion
-        What the rates then tell of the motion.
-    noise : mapping of str to array
-        Sd of the readings of "rate" (3,) and "momentum" (wheels,), in the units stated.
-    bias_sd : (3,) array, optional
-        Sd of the rate bias [rad/s] where it is supposed to be stale; None for the stated one.
-    torques : mapping of str to ToldTorque
-        By the name of a slew: what effects that are named do to the body.
-    """
-
-    campaign: Campaign
-    slews: SampledSlews
-    reading: Reading
-    motion: Motion
+    campaign: Campaign  # Hardware and priors
+    slews: SampledSlews  # The telemetry
+    reading: Reading  # Conventions, stated or supposed
+    motion: Motion  # What the rates then tell of the motion
+    # Sd of the readings of "rate" (3,) and "momentum" (wheels,), in the units stated
     noise: Mapping[str, np.ndarray]
+    # (3,): sd of the rate bias [rad/s] where it is supposed to be stale; None for the stated one
     bias_sd: np.ndarray | None = None
+    # By the name of a slew: what effects that are named do to the body
     torques: Mapping[str, ToldTorque] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
 class LawData:
-    """One law as a linear problem: data = regressors x + free c + error.
+    """One law as a linear problem: data = regressors x + free c + error."""
 
-    Parameters
-    ----------
-    data : (S, N, D) array
-        What should vanish, or be constant.
-    regressors : (S, N, D, P) array
-        What a prior standard deviation of each uncertain parameter does to it.
-    free : (S, N, D, Q) array
-        What is free in every slew.
-    sigma : (S,) array
-        What noise and undisclosed physics may leave.
-    mask : (S, N) array of bool
-        Which moments count.
-    early : (S, N, D) array
-        What one second adds by which the second stream (attitude, wheels, commands) is early.
-    noise : float
-        Sd of the norm of a moment's error that the sensors' stated noise makes.
-    factors : float
-        Sd of the logarithms of the moments of inertia, which are regressors 0, 4 and 8; 0 for none.
-    bias_from : int
-        Which regressor is the first of three of the rate bias; -1 for none.
-    """
-
-    data: np.ndarray
+    data: np.ndarray  # (S, N, D): what should vanish, or be constant
+    # (S, N, D, P): what a prior standard deviation of each uncertain parameter does to it
     regressors: np.ndarray
-    free: np.ndarray
-    sigma: np.ndarray
-    mask: np.ndarray
+    free: np.ndarray  # (S, N, D, Q): what is free in every slew
+    sigma: np.ndarray  # (S,): what noise and undisclosed physics may leave
+    mask: np.ndarray  # (S, N) of bool: which moments count
+    # (S, N, D): what one second adds by which the second stream (attitude, wheels, commands) is
+    # early
     early: np.ndarray
-    noise: float
+    noise: float  # Sd of the norm of a moment's error that the sensors' stated noise makes
+    # Sd of the logarithms of the moments of inertia, which are regressors 0, 4 and 8; 0 for none
     factors: float = 0.0
-    bias_from: int = -1
+    bias_from: int = -1  # Which regressor is the first of three of the rate bias; -1 for none
 
     def fit(self) -> LinearFit:
         """The fit of all that is uncertain."""
@@ -331,10 +269,7 @@ def _bias_sd(told: Told) -> np.ndarray:
 
 def _deviation(vectors: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Root mean square distance (S,) of vectors (S, N, D) from their mean, where mask is True."""
-    count = np.maximum(mask.sum(axis=1), 1)[:, None]
-    mean = (vectors * mask[..., None]).sum(axis=1) / count
-    off = (vectors - mean[:, None]) * mask[..., None]
-    return np.sqrt((off**2).sum(axis=(1, 2)) / count[:, 0])
+    return _norm(without_mean(vectors, mask), mask)
 
 
 def _sigma(size: np.ndarray, noise: float, *more: np.ndarray) -> np.ndarray:
@@ -345,10 +280,7 @@ def _sigma(size: np.ndarray, noise: float, *more: np.ndarray) -> np.ndarray:
 
 
 def conservation(told: Told) -> LawData | None:
-    """Total momentum in axes that do not turn, rotors and what told torques gave it included.
-
-    Returns: none if there are wheels of which neither momentum nor commands are known.
-    """
+    """Total momentum in axes that do not turn, rotors and what told torques gave it included."""
     slews, moving = told.slews, told.motion
     to_start, valid = moving.to_start, slews.valid
     wheels_B = wheel_momentum_B(told)
@@ -428,10 +360,9 @@ def _crossed(angles: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 
 def wheel_momentum_B(told: Told) -> np.ndarray | None:
-    """The wheels' momentum relative to the body, along body axes.
+    """The wheels' momentum (S, N, 3) relative to the body, along body axes [N m s].
 
-    Returns (S, N, 3): from tachometers, else from commands up to a constant in each slew [N m s];
-    None without either. Zero for a body without wheels.
+    From tachometers, else from commands up to a constant in each slew; None without either.
     """
     slews, reading = told.slews, told.reading
     if not reading.axes_B.shape[1]:
@@ -451,10 +382,7 @@ def _momentum_noise(told: Told) -> float:
 
 
 def drive(told: Told) -> LawData | None:
-    """Commanded torque against the tachometers.
-
-    Returns: none without commands or tachometers. Each wheel of each slew counts as a slew.
-    """
+    """Commanded torque against the tachometers; each wheel of each slew counts as a slew."""
     slews, reading = told.slews, told.reading
     if slews.momentum is None or slews.impulse is None:
         return None
@@ -497,23 +425,13 @@ LAWS: Mapping[str, Callable[[Told], LawData | None]] = MappingProxyType(
 
 @dataclass(frozen=True, eq=False)
 class Misfits:
-    """The three laws, for a campaign at some sixty moments a slew; results are kept.
+    """The three laws, for a campaign at some sixty moments a slew; results are kept."""
 
-    Parameters
-    ----------
-    campaign : Campaign
-        Hardware and priors.
-    slews : SampledSlews
-        Its telemetry.
-    torques : mapping of str to ToldTorque
-        By the name of a slew: what effects that are named do to the body.
-    smoothed : bool
-        Whether the rates are smoothed from all sensors: their noise does not show.
-    """
-
-    campaign: Campaign
-    slews: SampledSlews
+    campaign: Campaign  # Hardware and priors
+    slews: SampledSlews  # Its telemetry
+    # By the name of a slew: what effects that are named do to the body
     torques: Mapping[str, ToldTorque] = field(default_factory=dict)
+    # Whether the rates are smoothed from all sensors: their noise does not show
     smoothed: bool = False
     kept: dict = field(default_factory=dict)
 
@@ -522,18 +440,12 @@ class Misfits:
         return Misfits(self.campaign, slews, self.torques, self.smoothed)
 
     def of(self, reading: Reading) -> dict[str, LinearFit]:
-        """The fit of every law that the telemetry can be held against.
-
-        Returns: by the name of the law; a law without telemetry is absent.
-        """
+        """The fit of every law that the telemetry can be held against, by its name."""
         fits = {law: self.fit(law, reading) for law in LAWS}
         return {law: fit for law, fit in fits.items() if fit is not None}
 
     def mends(self, reading: Reading, limit: float) -> bool:
-        """Whether a reading brings every law below a limit; the cheap laws are asked first.
-
-        `limit` [sd].
-        """
+        """Whether a reading brings every law below a limit [sd]; the cheap laws are asked first."""
         return all(
             fit is None or fit.worst < limit
             for fit in (self.fit(law, reading) for law in (DRIVE, CLOSURE, CONSERVATION))
@@ -547,10 +459,7 @@ class Misfits:
         return self.kept[key]
 
     def law(self, law: str, reading: Reading, bias_sd: np.ndarray | None = None) -> LawData | None:
-        """One law as a linear problem.
-
-        `bias_sd` (3,): sd of the rate bias [rad/s] where it is supposed to be stale.
-        """
+        """One law as a linear problem; `bias_sd` (3,) [rad/s] where the rate bias may be stale."""
         return LAWS[law](replace(self.told(reading), bias_sd=bias_sd))
 
     def told(self, reading: Reading) -> Told:

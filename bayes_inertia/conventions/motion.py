@@ -1,19 +1,11 @@
 """Slews reduced to some sixty moments each, and the motion that their rates tell.
 
-Rotations of many slews at once with numpy alone, which loads in no time.
-
 Quaternions are those of `maths.quaternion` (scalar last, Hamilton products); that module computes
 with JAX, which takes longer to load than the whole check lasts.
-
-Slews reduced to some sixty moments each, all slews in the same arrays.
 
 At every moment stand the rate, its integral since the slew's start, the wheels' momentum, the
 integral of their torque commands, and a star-tracker fix where there is one. Each is taken from the
 channel's own readings at their own times.
-
-The motion of all slews that the rates tell, and what errors of the rates do to it.
-
-Torques on the body that somebody told: effects named in a command, with their priors.
 """
 
 from __future__ import annotations
@@ -25,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.inputs import held_integral
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.reading import Reading
@@ -35,8 +28,6 @@ from bayes_inertia.maths.quaternion_product import product_components
 def composed(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Hamilton product p * q of quaternions (..., 4).
 
-    Examples
-    --------
     >>> composed(np.array([0., 0., 0., 1.]), np.array([1., 0., 0., 0.])).tolist()
     [1.0, 0.0, 0.0, 0.0]
     """
@@ -46,8 +37,6 @@ def composed(p: np.ndarray, q: np.ndarray) -> np.ndarray:
 def turned_back(q: np.ndarray) -> np.ndarray:
     """The inverse of unit quaternions (..., 4).
 
-    Examples
-    --------
     >>> turned_back(np.array([0., 0., 1., 0.])).tolist()
     [-0.0, -0.0, -1.0, 0.0]
     """
@@ -57,10 +46,6 @@ def turned_back(q: np.ndarray) -> np.ndarray:
 def of_angle(vector: np.ndarray) -> np.ndarray:
     """Unit quaternions (..., 4) of rotation vectors (..., 3) [rad].
 
-    `vector` (..., 3) [rad].
-
-    Examples
-    --------
     >>> of_angle(np.array([0., 0., np.pi])).round(6).tolist()
     [0.0, 0.0, 1.0, 0.0]
     """
@@ -72,8 +57,6 @@ def of_angle(vector: np.ndarray) -> np.ndarray:
 def angle_of(q: np.ndarray) -> np.ndarray:
     """Rotation vectors (..., 3) [rad], at most pi long, of unit quaternions (..., 4).
 
-    Examples
-    --------
     >>> angle_of(-of_angle(np.array([0.25, 0., 0.]))).round(6).tolist()
     [0.25, 0.0, 0.0]
     """
@@ -84,12 +67,8 @@ def angle_of(q: np.ndarray) -> np.ndarray:
 
 
 def matrix_to_start(q: np.ndarray) -> np.ndarray:
-    """C(q)^T (..., 3, 3): from body axes to the axes that q starts from.
+    """C(q)^T (..., 3, 3): from body axes to the axes that q (..., 4) starts from.
 
-    `q` (..., 4).
-
-    Examples
-    --------
     >>> np.abs(matrix_to_start(np.array([0., 0., .5**.5, .5**.5])) @ [1., 0., 0.]).round(6).tolist()
     [0.0, 1.0, 0.0]
     """
@@ -103,15 +82,8 @@ def matrix_to_start(q: np.ndarray) -> np.ndarray:
 
 
 def accumulated(steps: np.ndarray) -> np.ndarray:
-    """Products steps[0] * ... * steps[k] of quaternions along the last axis but one.
+    """Products steps[0] * ... * steps[k] of quaternions (..., n, 4), in log2(n) rounds.
 
-    The products double their length in each round, so that a slew of n steps takes log2(n) rounds
-    of array operations.
-
-    `steps` (..., n, 4). Returns (..., n, 4).
-
-    Examples
-    --------
     >>> quarter = of_angle(np.array([0., 0., np.pi / 2]))
     >>> angle_of(accumulated(np.stack([quarter, quarter]))).round(3)[1].tolist()
     [0.0, 0.0, 3.142]
@@ -126,36 +98,18 @@ def accumulated(steps: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class SampledSlews:
-    """Pieces of slews without gaps, S of them, at N moments each.
+    """Pieces of slews without gaps, S of them, at N moments each."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Name of the slew that each piece is of.
-    time : (S, N) array
-        Moments on the slew's own clock [s], as stated; the last is repeated at the end.
-    valid : (S, N) array of bool
-        False where a moment is a repetition.
-    rate : (S, N, 3) array
-        Rate sensor's readings [rad/s], as stated.
-    turn : (S, N, 3) array
-        Their integrals since the first moment [rad].
-    momentum : (S, N, wheels) array or None
-        Wheel momentum relative to the body [N m s].
-    impulse : (S, N, wheels) array or None
-        Integral of the torque commands since the first moment [N m s].
-    attitude : (S, N, 4) array
-        Star-tracker quaternions, NaN where there is no fix.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # Name of the slew that each piece is of
+    # (S, N): moments on the slew's own clock [s], as stated; the last is repeated at the end
     time: np.ndarray
-    valid: np.ndarray
-    rate: np.ndarray
-    turn: np.ndarray
-    momentum: np.ndarray | None
+    valid: np.ndarray  # (S, N) of bool: false where a moment is a repetition
+    rate: np.ndarray  # (S, N, 3): rate sensor's readings [rad/s], as stated
+    turn: np.ndarray  # (S, N, 3): their integrals since the first moment [rad]
+    momentum: np.ndarray | None  # (S, N, wheels): wheel momentum relative to the body [N m s]
+    # (S, N, wheels): integral of the torque commands since the first moment [N m s]
     impulse: np.ndarray | None
-    attitude: np.ndarray
+    attitude: np.ndarray  # (S, N, 4): star-tracker quaternions, NaN where there is no fix
 
     @property
     def fixes(self) -> np.ndarray:
@@ -164,13 +118,10 @@ class SampledSlews:
 
 
 def sampled(campaign: Campaign, shifts: Mapping[str, float] | None = None) -> SampledSlews | None:
-    """The slews of a campaign at some sixty moments each.
+    """The slews of a campaign at some sixty moments each; None if no slew has enough rates.
 
     `shifts`: what to add to the time stamps of a channel of `Slew` [s], such as "attitude".
-    Returns: none if no slew has enough readings of the rate.
 
-    Examples
-    --------
     >>> from bayes_inertia.campaign.hardware import RateSensor
     >>> from bayes_inertia.campaign.hardware import InertiaPrior
     >>> slew = Slew("a", 0.0, np.arange(50.0), rate=np.ones((50, 3)))
@@ -267,9 +218,7 @@ def _impulse(slew: Slew, moments: np.ndarray) -> np.ndarray | None:
     """Integral of the held torque commands since the first moment [N m s]."""
     if slew.wheel_torque is None or not slew.wheel_torque.shape[1]:
         return None
-    held = np.nan_to_num(slew.wheel_torque[:-1]) * np.diff(slew.time)[:, None]
-    running = np.concatenate([np.zeros((1, held.shape[1])), np.cumsum(held, axis=0)])
-    at = np.stack([np.interp(moments, slew.time, column) for column in running.T], axis=1)
+    at = held_integral(slew.time, np.nan_to_num(slew.wheel_torque), moments)
     return at - at[0]
 
 
@@ -323,31 +272,16 @@ class _Channel:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """The motion of all slews under one reading of rate and time.
+    """The motion of all slews under one reading of rate and time."""
 
-    Parameters
-    ----------
-    rate_B : (S, N, 3) array
-        Rate of the body [rad/s].
-    path : (S, N, 4) array
-        Attitude relative to that at the slew's first moment.
-    to_start : (S, N, 3, 3) array
-        From body axes to those of the first moment.
-    by_scale : (S, N, 3, 9) array
-        Rotation, in the axes of the first moment, that an error of 1 in each element of the matrix
-        from readings to rates adds.
-    by_bias : (S, N, 3, 3) array
-        The same for a bias of 1 rad/s.
-    duration : (S,) array
-        Of each slew [s].
-    """
-
-    rate_B: np.ndarray
-    path: np.ndarray
-    to_start: np.ndarray
+    rate_B: np.ndarray  # (S, N, 3): rate of the body [rad/s]
+    path: np.ndarray  # (S, N, 4): attitude relative to that at the slew's first moment
+    to_start: np.ndarray  # (S, N, 3, 3): from body axes to those of the first moment
+    # (S, N, 3, 9): rotation, in the axes of the first moment, that an error of 1 in each element of
+    # the matrix from readings to rates adds
     by_scale: np.ndarray
-    by_bias: np.ndarray
-    duration: np.ndarray
+    by_bias: np.ndarray  # (S, N, 3, 3): the same for a bias of 1 rad/s
+    duration: np.ndarray  # (S,): of each slew [s]
 
 
 def motion_of(slews: SampledSlews, reading: Reading) -> Motion:
@@ -371,6 +305,13 @@ def motion_of(slews: SampledSlews, reading: Reading) -> Motion:
     )
 
 
+def without_mean(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Values (S, N, ...) less their mean in each slew, 0 where `mask` (S, N) is False."""
+    weight = mask.reshape(*mask.shape, *[1] * (values.ndim - 2))
+    count = np.maximum(weight.sum(axis=1, keepdims=True), 1)
+    return (values - (values * weight).sum(axis=1, keepdims=True) / count) * weight
+
+
 def _running(steps: np.ndarray) -> np.ndarray:
     """Sums along the moments (axis 1), from zero."""
     return np.concatenate([np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)], axis=1)
@@ -378,24 +319,13 @@ def _running(steps: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class ToldTorque:
-    """The torque on the body in one slew that effects told, in body axes.
+    """The torque on the body in one slew that effects told, in body axes."""
 
-    Parameters
-    ----------
-    time : (n,) array
-        Moments on the slew's own clock [s].
-    impulse_B : (n, 3) array
-        Integral of the torque since the first of them, at the priors' means [N m s].
-    doubt : (n,) array
-        Integral of the size by which the priors' sds may change it [N m s].
-    carried_B : (n, 3) array
-        Momentum that devices carry inside [N m s].
-    """
-
-    time: np.ndarray
+    time: np.ndarray  # (n,): moments on the slew's own clock [s]
+    # (n, 3): integral of the torque since the first of them, at the priors' means [N m s]
     impulse_B: np.ndarray
-    doubt: np.ndarray
-    carried_B: np.ndarray
+    doubt: np.ndarray  # (n,): integral of the size by which the priors' sds may change it [N m s]
+    carried_B: np.ndarray  # (n, 3): momentum that devices carry inside [N m s]
 
     def at(self, moments: np.ndarray) -> np.ndarray:
         """Impulse, doubt and carried momentum (N, 7) at moments (N,) [s]."""
@@ -406,17 +336,12 @@ class ToldTorque:
 def told_impulse(
     slews: SampledSlews, moving: Motion, torques: Mapping[str, ToldTorque]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What told torques add to the momentum (S, N, 3) in axes that do not turn, and doubt (S, N).
-
-    `torques`: by the name of the slew; where a slew has none, nothing is added [N m s]. Returns
-    also the momentum (S, N, 3) that devices carry, in the same axes.
-    """
+    """Momentum (S, N, 3) that told torques add in inertial axes, its doubt, and what is carried."""
     at = np.zeros((*slews.time.shape, 7))
     for k, name in enumerate(slews.names):
         if name in torques:
             at[k] = torques[name].at(slews.time[k])
     middle = 0.5 * (moving.to_start[:, 1:] + moving.to_start[:, :-1])
     steps = np.einsum("snij,snj->sni", middle, np.diff(at[..., :3], axis=1))
-    added = np.concatenate([np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)], axis=1)
     carried = np.einsum("snij,snj->sni", moving.to_start, at[..., 4:])
-    return added, at[..., 3] - at[:, :1, 3], carried
+    return _running(steps), at[..., 3] - at[:, :1, 3], carried

@@ -1,16 +1,13 @@
 """Readings of telemetry under stated or supposed conventions, and a supposed mistake.
 
-Readings of telemetry under stated or supposed conventions: a few small matrices.
-
 Every convention acts linearly on what was read: units are factors, orders permutations, signs
 signs, frames rotations. So a wrong convention is undone without reading the files again.
-
-A supposed mistake: keys of campaign.toml that were written wrong, and what mending them does.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -18,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.description import Description, Entry
 
 Columns = Mapping[str, Mapping[str, Any]]
 """What `[columns]` of campaign.toml states, by its entries."""
@@ -50,42 +48,21 @@ STREAMS: Mapping[str, Stream] = MappingProxyType(
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """Conversion of telemetry, as the campaign states it, into physics.
+    """Conversion of telemetry, as the campaign states it, into physics."""
 
-    Parameters
-    ----------
-    rate : (3, 3) array
-        From the sensor's readings to the body's rate.
-    time : float
-        Factor on time.
-    attitude : (4, 4) array
-        From the quaternion as stated to body from inertial, scalar last.
-    torque, momentum : (wheels, wheels) array
-        From the columns to the torque and momentum of each wheel.
-    axes_B : (3, wheels) array
-        Spin axes of the wheels, as columns.
-    inertia : (3, 3) array
-        Inertia with locked wheels [kg m^2].
-    bias_B : (3,) array
-        What the rate still shows of a body at rest, along body axes [rad/s].
-    """
-
-    rate: np.ndarray
-    time: float
-    attitude: np.ndarray
+    rate: np.ndarray  # (3, 3): from the sensor's readings to the body's rate
+    time: float  # Factor on time
+    attitude: np.ndarray  # (4, 4): from the quaternion as stated to body from inertial, scalar last
+    # torque, momentum: (wheels, wheels): from the columns to the torque and momentum of each wheel
     torque: np.ndarray
     momentum: np.ndarray
-    axes_B: np.ndarray
-    inertia: np.ndarray
-    bias_B: np.ndarray
+    axes_B: np.ndarray  # (3, wheels): spin axes of the wheels, as columns
+    inertia: np.ndarray  # (3, 3): inertia with locked wheels [kg m^2]
+    bias_B: np.ndarray  # (3,): what the rate still shows of a body at rest, along body axes [rad/s]
 
 
 def stated_reading(campaign: Campaign) -> Reading:
-    """The reading that a campaign's own description states.
-
-    `campaign`: the campaign, in SI units and with the package's senses. Returns: the scale factors
-    and axes of its hardware; no other change.
-    """
+    """The reading that a campaign states: scale factors and axes of its hardware."""
     sensor, axes_B = campaign.gyro, campaign.wheel_axes_B
     same = np.eye(len(campaign.wheels))
     spin = (axes_B * campaign.spin_inertias) @ axes_B.T
@@ -104,44 +81,26 @@ def stated_reading(campaign: Campaign) -> Reading:
 
 @dataclass(frozen=True)
 class KeyChange:
-    """One key of campaign.toml and the value it should have.
+    """One key of campaign.toml and the value it should have."""
 
-    Parameters
-    ----------
-    key : str
-        Path of the key, such as "columns.rate.unit" or "wheels.x.axis".
-    stated, mended : object
-        Its value as written, and the value that it should have.
-    """
-
-    key: str
+    key: str  # Path of the key, such as "columns.rate.unit" or "wheels.x.axis"
+    # stated, mended: its value as written, and the value that it should have
     stated: Any
     mended: Any
 
 
 @dataclass(frozen=True)
 class Mistake:
-    """One mistake that somebody may have made.
+    """One mistake that somebody may have made."""
 
-    Parameters
-    ----------
-    changes : tuple of KeyChange
-        What mends it; several keys where one mistake shows in several.
-    rarity : int
-        How seldom the mistake is made, from 1; of two that explain the data alike the more common
-        one is proposed.
-    mend : callable
-        From the reading as stated to the reading without the mistake.
-    words : str
-        What went wrong, as the end of a sentence that begins with "It looks as if".
-    companions : int, optional
-        How many of the changes, the last ones, only follow: noises in the same unit.
-    """
-
-    changes: tuple[KeyChange, ...]
+    changes: tuple[KeyChange, ...]  # What mends it; several keys where one mistake shows in several
+    # How seldom the mistake is made, from 1; of two that explain the data alike the more common one
+    # is proposed
     rarity: int
+    # From the reading as stated to the reading without the mistake
     mend: Callable[[Reading], Reading]
-    words: str
+    words: str  # What went wrong, as the end of a sentence that begins with "It looks as if"
+    # How many of the changes, the last ones, only follow: noises in the same unit
     companions: int = 0
 
 
@@ -170,3 +129,103 @@ def both(first: Mistake, second: Mistake) -> Mistake:
         mend=lambda reading: second.mend(first.mend(reading)),
         words=f"{first.words}, and {second.words}",
     )
+
+
+# A campaign built in memory is in SI units and has the package's senses.
+_IN_MEMORY: dict[str, dict[str, Any]] = {
+    "time": {"names": ["time"], "unit": "s"},
+    "rate": {"names": ["rate_x", "rate_y", "rate_z"], "unit": "rad/s"},
+    "wheel_torque": {"unit": "N m", "acts_on": "wheel"},
+    "wheel_momentum": {"unit": "N m s", "relative_to": "body"},
+    "attitude": {
+        "names": ["q1", "q2", "q3", "q4"],
+        "scalar": "last",
+        "maps": "inertial_to_body",
+    },
+}
+
+
+def stated_columns(
+    campaign: Campaign, description: Description | None = None
+) -> dict[str, Mapping[str, Any]]:
+    """What a campaign states of its columns, under the keys of `[columns]`.
+
+    A campaign in memory is in SI units. Wheels whose columns are in several units or tables are
+    left out.
+
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> stated_columns(small_campaign())["rate"]["unit"]
+    'rad/s'
+    """
+    if description is not None:
+        stated: dict[str, Any] = {"rate": _rates_in_memory(0)}
+        for entry in _first(description):
+            if not entry.wheels or len(entry.wheels) == len(campaign.wheels):
+                stated[entry.key] = entry.columns.model_dump()
+        return {"time": description.time.model_dump(), **stated}
+    axes = len(campaign.rate_sensor.axes) if campaign.rate_sensor else 0
+    columns: dict[str, Mapping[str, Any]] = {"time": _IN_MEMORY["time"]}
+    columns["rate"] = _rates_in_memory(axes)
+    for key in ("wheel_torque", "wheel_momentum", "attitude"):
+        if any(getattr(slew, key) is not None for slew in campaign.slews):
+            names = [f"{key}.{wheel.name}" for wheel in campaign.wheels]
+            columns[key] = {"names": names, **_IN_MEMORY[key]}
+    return columns
+
+
+def _rates_in_memory(axes: int) -> dict[str, Any]:
+    names = [f"rate_{i + 1}" for i in range(axes)]
+    return _IN_MEMORY["rate"] if axes == 3 else {"names": names, "unit": "rad/s"}
+
+
+def _first(description: Description) -> Iterator[Entry]:
+    """Entries of the sensors, wheels and environment that format 1 knows."""
+    return (entry for entry in description.entries if "." not in entry.field)
+
+
+def as_written(mistake: Mistake, description: Description | None) -> Mistake:
+    """A mistake with the keys of the campaign's own description."""
+    if description is None or not description.devices:
+        return mistake
+    entries = {entry.key: entry for entry in _first(description)}
+    rewritten = [tuple(_rewritten(old, entries, description)) for old in mistake.changes]
+    companions = sum(len(new) for new in rewritten[len(rewritten) - mistake.companions :])
+    changes = tuple(new for each in rewritten for new in each)
+    return replace(mistake, changes=changes, companions=companions)
+
+
+def _rewritten(
+    change: KeyChange, entries: Mapping[str, Entry], description: Description
+) -> Iterator[KeyChange]:
+    table, _, rest = change.key.partition(".")
+    key, _, last = rest.rpartition(".")
+    if table == "columns" and key in entries:
+        entry = entries[key]
+        for k, path in enumerate(entry.paths):
+            stated, mended = change.stated, change.mended
+            if last == "names" and len(entry.paths) > 1:
+                stated, mended = [stated[k]], [mended[k]]
+            if stated != mended:
+                yield KeyChange(f"{path}.{last}", stated, mended)
+    elif table == "wheels" and last == "momentum_sigma":
+        yield replace(change, key=f"actuators.{key}.momentum.sigma")
+    else:
+        yield replace(change, key=in_words(change.key, description))
+
+
+def in_words(text: str, description: Description | None) -> str:
+    """A text in which keys are those of the campaign's own description."""
+    if description is None or not description.devices:
+        return text
+    paths = {entry.key: _any_wheel(entry.paths) for entry in _first(description)}
+    text = re.sub(r"\bcolumns\.(\w+)", lambda m: paths.get(m[1], m[1]), text)
+    for old, new in description.devices.items():
+        text = re.sub(rf"\b{re.escape(old)}\.", f"{new}.".replace("\\", r"\\"), text)
+    return text
+
+
+def _any_wheel(paths: Sequence[str]) -> str:
+    """One key for those of all wheels."""
+    if len(paths) == 1:
+        return paths[0]
+    return f"actuators.*.{paths[0].rpartition('.')[2]}"

@@ -32,48 +32,32 @@ from bayes_inertia.conventions.laws import (
     worst,
 )
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.motion import angle_of, composed, turned_back
+from bayes_inertia.conventions.motion import angle_of, composed, turned_back, without_mean
 from bayes_inertia.conventions.reading import Mistake, Reading, both
 
 
 @dataclass(frozen=True)
 class Remedy:
-    """A mistake whose mending makes the data consistent.
+    """A mistake whose mending makes the data consistent."""
 
-    Parameters
-    ----------
-    mistake : Mistake
-        What to mend.
-    before, after : float
-        Worst misfit of the laws that it concerns, as stated and mended [sd].
-    """
-
-    mistake: Mistake
+    mistake: Mistake  # What to mend
+    # before, after: worst misfit of the laws that it concerns, as stated and mended [sd]
     before: float
     after: float
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """Verdict on a campaign's conventions.
+    """Verdict on a campaign's conventions."""
 
-    Parameters
-    ----------
-    remedies : tuple of Remedy
-        What makes inconsistent data consistent, the best first, with what the data hold equal.
-    reading : Reading
-        Conventions as stated, with the bias that the telemetry tells where the stated one is stale.
-    """
-
+    # What makes inconsistent data consistent, the best first, with what the data hold equal
     remedies: tuple[Remedy, ...]
+    # Conventions as stated, with the bias that the telemetry tells where the stated one is stale
     reading: Reading
 
 
 def judged(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> Judgement:
-    """Causes that make inconsistent data consistent: nothing, a stale bias, mistakes, or both.
-
-    Returns: pairs only where no single mistake explains the data.
-    """
+    """Causes that make inconsistent data consistent: nothing, a stale bias, mistakes, or both."""
     before = worst(misfits.of(stated))
     if before <= LIMITS.suspicious:
         return Judgement((), stated)
@@ -210,10 +194,7 @@ def misfit_of(fits: dict[str, LinearFit]) -> dict[str, float]:
 
 
 def turned_sensor(misfits: Misfits, reading: Reading) -> list[Mistake]:
-    """The rotation of the rate sensor's frame that the data themselves propose.
-
-    Returns: one from the fixes, one from the wheels' momentum, as far as the telemetry tells.
-    """
+    """Rotations of the rate sensor's frame that fixes, and wheel momentum, propose."""
     axes = misfits.campaign.gyro.axes
     words = "the rates are along other axes"
     rotations = [_from_fixes(misfits, reading), _from_momentum(misfits, reading)]
@@ -227,10 +208,7 @@ def turned_sensor(misfits: Misfits, reading: Reading) -> list[Mistake]:
 
 
 def turned_beside_bias(misfits: Misfits, reading: Reading) -> list[Mistake]:
-    """The rotation that the data propose where the rate bias is stale as well.
-
-    Rotation and bias are estimated by turns.
-    """
+    """The rotation that the data propose where the rate bias is stale as well, by turns."""
     best: list[Mistake] = []
     for _ in range(LIMITS.sensor_rounds):
         proposed = turned_sensor(misfits, reading)
@@ -250,12 +228,8 @@ def _whole(rotation: np.ndarray) -> bool:
 
 
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
-    """The rotation nearest to a matrix.
+    """The rotation nearest to a matrix (3, 3).
 
-    `matrix` (3, 3). Returns (3, 3).
-
-    Examples
-    --------
     >>> nearest_rotation(np.diag([2.0, 3.0, 0.5])).round(6).tolist()
     [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     """
@@ -297,9 +271,8 @@ def _from_momentum(misfits: Misfits, reading: Reading) -> np.ndarray | None:
         columns = np.einsum("snia,snb->sniab", moving.to_start, moving.rate_B)
         columns = columns.reshape(*rate.shape, 9)
         target = -np.einsum("snij,snj->sni", moving.to_start, stored)
-        weight = slews.valid[..., None]
-        columns = _without_mean(columns, weight[..., None]).reshape(-1, 9)
-        target = _without_mean(target, weight).reshape(-1)
+        columns = without_mean(columns, slews.valid).reshape(-1, 9)
+        target = without_mean(target, slews.valid).reshape(-1)
         normal = columns.T @ columns
         if not normal.any():
             return None
@@ -310,21 +283,12 @@ def _from_momentum(misfits: Misfits, reading: Reading) -> np.ndarray | None:
     return rotation
 
 
-def _without_mean(rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Rows (S, N, ...) less their mean in each slew, zero where they do not count."""
-    mean = (rows * weight).sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)
-    return (rows - mean) * weight
-
-
 # Bias along body axes and its sd [rad/s].
 _Told = tuple[np.ndarray, np.ndarray]
 
 
 def with_own_bias(misfits: Misfits, reading: Reading) -> Reading:
-    """A reading with the constant rate bias that the telemetry tells under it.
-
-    Returns: with another bias; the reading itself where no bias makes it agree with the data.
-    """
+    """A reading with the constant rate bias that the telemetry tells under it, if one agrees."""
     drive = misfits.fit(DRIVE, reading)
     if drive is not None and drive.worst > LIMITS.ordinary:
         return reading
@@ -370,10 +334,7 @@ def _told_by(misfits: Misfits, law: str, reading: Reading, before: _Told) -> _To
 
 
 def beside_stale_bias(misfits: Misfits, mistake: Mistake) -> Mistake:
-    """A mistake in a campaign whose stated rate bias is stale as well.
-
-    Returns: with the same changes; the bias stands in the reading that it mends to.
-    """
+    """A mistake in a campaign whose stated rate bias is stale as well."""
     return replace(
         mistake,
         mend=lambda reading: with_own_bias(misfits, mistake.mend(reading)),

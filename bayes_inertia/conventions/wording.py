@@ -1,9 +1,4 @@
-"""Sentences of the check: verdict, proposal, and what the data cannot show.
-
-Conventions that a campaign's telemetry says nothing about: by nature, or in this campaign.
-
-Sentences of the check: the verdict, the proposal, the lines of campaign.toml it changes.
-"""
+"""Sentences of the check: verdict, proposal, and what the data cannot show."""
 
 from __future__ import annotations
 
@@ -25,10 +20,7 @@ _AS_CONTENT = ": the data would be as content if "
 
 
 def invisible(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> tuple[str, ...]:
-    """Conventions that the data cannot show, in plain words.
-
-    `singles`: mistakes; those that would leave the data as consistent are named.
-    """
+    """Conventions that the data cannot show, and mistakes that leave them as consistent."""
     laws = misfits.of(stated)
     said = [*_by_nature(misfits), *_without_telemetry(misfits, set(laws))]
     largest = LIMITS.equal_factor * worst(laws) + LIMITS.equal_misfit
@@ -42,11 +34,6 @@ def invisible(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> 
 def invisible_in_brief(cannot_show: Sequence[str]) -> list[str]:
     """The same in a few lines: equal keys together, with how many other values they could have.
 
-    Returns: one line each for what is missing, one for keys whose other values would do as well,
-    and one for what no campaign shows.
-
-    Examples
-    --------
     >>> alike = "columns.time.unit: the data would be as content if time is in "
     >>> invisible_in_brief([f"{alike}ms, not in s", f"{alike}us, not in s", "no fixes"])
     ['no fixes', 'other values would do as well: columns.time.unit (2)']
@@ -112,10 +99,7 @@ def verdict_in_words(
     doubts: Sequence[str] = (),
     stale: bool = False,
 ) -> str:
-    """The verdict in a few short sentences.
-
-    `misfits` [sd]. `stale`: whether the misfits are those of another rate bias than the stated one.
-    """
+    """The verdict in short sentences; `stale`: misfits [sd] are those of another rate bias."""
     places = [f"  - {doubt}" for doubt in doubts]
     if not misfits and not doubts:
         return "The telemetry holds nothing that the conventions could be checked against."
@@ -189,10 +173,7 @@ def _change_in_words(mistake: Mistake) -> list[str]:
 
 
 def edited_lines(text: str, mistake: Mistake) -> list[str]:
-    """The lines of campaign.toml that a mistake's mending changes.
-
-    Returns: such as 'line 46: a = 1 -> a = 2'; empty without text.
-    """
+    """The lines of campaign.toml that a mistake's mending changes, as 'line 46: a = 1 -> a = 2'."""
     if not text:
         return []
     import tomlkit

@@ -9,13 +9,8 @@ from bayes_inertia.faults.limits import LIMITS
 
 
 def missing_rows(time: np.ndarray) -> tuple[np.ndarray, float]:
-    """Times at which a regular stream lacks rows.
+    """Rows (m,) before the gaps of a regular stream, and its median step [s]; 0 of fewer than two.
 
-    `time` (n,) [s]. Returns `before` (m,): the rows before the gaps; none if the stream is not
-    regular, as a log of changes is; `step`: the median step [s]; 0 with fewer than two rows.
-
-    Examples
-    --------
     >>> missing_rows(np.array([0., 1., 2., 3., 4., 7., 8.]))
     (array([4]), 1.0)
     """
@@ -29,12 +24,8 @@ def missing_rows(time: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def is_regular(time: np.ndarray) -> bool:
-    """Whether rows come at one step, but for jitter and gaps.
+    """Whether times (n,) come at one step, but for jitter and gaps.
 
-    `time` (n,) [s].
-
-    Examples
-    --------
     >>> is_regular(np.arange(9.0)), is_regular(np.arange(9.0) ** 2)
     (True, False)
     """
@@ -46,12 +37,8 @@ def is_regular(time: np.ndarray) -> bool:
 
 
 def unbroken_rows(time: np.ndarray, steps: int, step: float) -> np.ndarray:
-    """Rows that so many regular steps follow.
+    """Rows (m,) that so many steps of a regular length [s] follow.
 
-    `time` (n,) [s]; `step` [s]. Returns (m,).
-
-    Examples
-    --------
     >>> unbroken_rows(np.array([0.0, 1.0, 2.0, 4.0, 5.0]), 2, 1.0).tolist()
     [0]
     """
@@ -66,8 +53,6 @@ def detect(series: Series) -> list[Fault]:
 
     They cost information and nothing else: the motion is integrated across them.
 
-    Examples
-    --------
     >>> values = np.zeros((7, 1))
     >>> time = np.array([0., 1., 2., 3., 4., 7., 8.])
     >>> detect(Series(time, values, values == 0.0, [1.0]))[0].note
@@ -84,12 +69,8 @@ def detect(series: Series) -> list[Fault]:
 
 
 def gap_note(count: int, longest: float) -> str:
-    """Number and length of gaps, in words.
+    """Number and longest length [s] of gaps, in words.
 
-    `longest` [s]. Returns: such as "3 gaps, the longest of 2.5 s".
-
-    Examples
-    --------
     >>> gap_note(3, 2.5)
     '3 gaps, the longest of 2.5 s'
     """

@@ -23,18 +23,11 @@ _WORDS = ("once", "twice", "three", "four", "five", "six", "seven", "eight", "ni
 
 @array_dataclass
 class HeldReadings:
-    """Which readings of a channel only repeat those before them, in one slew.
+    """Which readings of a channel only repeat those before them, in one slew."""
 
-    Parameters
-    ----------
-    repeats : (n, k) array of bool
-        True where a reading repeats the one before, False at the first of each run.
-    lengths : (runs,) array of int
-        How often each reading stands.
-    """
-
+    # (n, k) of bool: true where a reading repeats the one before, False at the first of each run
     repeats: np.ndarray
-    lengths: np.ndarray
+    lengths: np.ndarray  # (runs,) of int: how often each reading stands
 
     def __str__(self) -> str:
         low, high = (int(q) for q in np.quantile(self.lengths, [0.1, 0.9], method="nearest"))
@@ -47,16 +40,11 @@ class HeldReadings:
 def held_readings(
     series: Sequence[tuple[np.ndarray, np.ndarray]], *, by_axis: bool = True
 ) -> list[HeldReadings | None]:
-    """Repeated readings of a channel whose sensor was polled faster than it measures.
+    """Repeated readings (n, k) of a sensor that was polled faster than it measures, of each slew.
 
-    `series`: times (n,) and readings (n, k), NaN where there is none; of each slew, in any unit.
-    `by_axis`: whether axes may be held each by itself; if not, only whole rows are. Returns: for
-    each slew; None where readings are not held. The first of equal readings counts as read. In runs
-    that are much longer than usual there is one in each usual length: whether they are stuck is for
-    `stuck_readings` to tell.
+    The first of equal readings counts as read; in runs that are much longer than usual there is one
+    in each usual length. `by_axis`: whether axes may be held each by itself.
 
-    Examples
-    --------
     >>> rate = np.random.default_rng(1).normal(size=(50, 3)).repeat(4, axis=0)
     >>> (held,) = held_readings([(0.25 * np.arange(200.0), rate)])
     >>> str(held), int(held.repeats.any(axis=1).sum())

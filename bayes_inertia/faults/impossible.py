@@ -10,8 +10,6 @@ from bayes_inertia.faults.fault import Fault, Series
 def detect(series: Series) -> list[Fault]:
     """Readings beyond what any spacecraft or wheel can cause.
 
-    Examples
-    --------
     >>> values = np.array([[0.1], [-1e31]])
     >>> detect(Series(np.arange(2.0), values, values < 1e3, [1.0], 1e3))[0].mask[:, 0].tolist()
     [False, True]

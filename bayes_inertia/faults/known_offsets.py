@@ -26,13 +26,8 @@ KNOWN_OFFSETS: Mapping[float, str] = MappingProxyType(
 def known_offset(
     times: np.ndarray, spans: Sequence[tuple[float, float]]
 ) -> tuple[float, str, int] | None:
-    """The known offset that puts readings beside slews which they all miss.
+    """The known offset [s] that puts readings beside slews which they all miss, why, and how many.
 
-    `times` (n,) [s]; `spans` [s]. Returns `seconds`: what is to be added to the times; `inside`:
-    how many readings then lie in a slew.
-
-    Examples
-    --------
     >>> known_offset(np.array([3605.0, 3690.0]), [(0.0, 99.0)])
     (-3600.0, '1 h, as of a time zone', 2)
     """
@@ -50,12 +45,8 @@ def known_offset(
 
 
 def likely_offsets() -> Iterator[tuple[float, str]]:
-    """Known offsets of clocks: scales, time zones, and both.
+    """Known offsets of clocks [s], the most common first: scales, time zones, and both.
 
-    Returns `seconds`: an offset, the most common first [s].
-
-    Examples
-    --------
     >>> next(iter(likely_offsets()))
     (18.0, 'GPS time is ahead of UTC')
     """

@@ -20,37 +20,19 @@ from bayes_inertia.maths.values import array_dataclass
 
 @array_dataclass
 class MotionScan:
-    """The rates over time and the motions in them.
+    """The rates over time and the motions in them."""
 
-    Parameters
-    ----------
-    time : (n,) array
-        Times of the rate readings [s].
-    speed : (n,) array
-        Norm of the smoothed rates, relative to the rate at rest [rad/s].
-    segment : (n,) array of int
-        Counts up after each pause of the log.
-    low, high : float
-        The thresholds [rad/s].
-    motions : (m, 2) array
-        Start and end of each motion [s].
-    rest_rate : (3,) array
-        Rate readings at rest [rad/s].
-    """
-
-    time: np.ndarray
-    speed: np.ndarray
-    segment: np.ndarray
+    time: np.ndarray  # (n,): times of the rate readings [s]
+    speed: np.ndarray  # (n,): norm of the smoothed rates, relative to the rate at rest [rad/s]
+    segment: np.ndarray  # (n,) of int: counts up after each pause of the log
+    # low, high: the thresholds [rad/s]
     low: float
     high: float
-    motions: np.ndarray
-    rest_rate: np.ndarray
+    motions: np.ndarray  # (m, 2): start and end of each motion [s]
+    rest_rate: np.ndarray  # (3,): rate readings at rest [rad/s]
 
     def segment_span(self, moment: float) -> tuple[float, float]:
-        """First and last time of the part of the log, between pauses, that a moment lies in.
-
-        `moment` [s]. Returns [s].
-        """
+        """First and last time [s] of the part of the log, between pauses, that a moment lies in."""
         row = min(int(np.searchsorted(self.time, moment)), len(self.time) - 1)
         rows = np.flatnonzero(self.segment == self.segment[row])
         return float(self.time[rows[0]]), float(self.time[rows[-1]])
@@ -59,14 +41,8 @@ class MotionScan:
 def scan_motion(
     time: np.ndarray, values: np.ndarray, where: str, *, threshold: float | None, pause: float
 ) -> MotionScan:
-    """Find the motions in a log.
+    """The motions in a log of rates (n, 3) [rad/s]; `threshold` None: from noise and largest rate.
 
-    `time` (n,) [s], `values` (n, 3) [rad/s]: the rates, NaN where there is none, and where they
-    are, for messages. `pause` [s]. `threshold`: `high` [rad/s]; None: from the
-    noise at rest and the largest rate.
-
-    Examples
-    --------
     >>> time = np.arange(0.0, 60.0, 0.5)
     >>> rates = np.outer(np.where((time > 20) & (time < 40), 0.1, 0.0), [1.0, 0.0, 0.0])
     >>> scan_motion(time, rates, "a.csv", threshold=None, pause=30.0).motions.tolist()

@@ -1,9 +1,5 @@
 """Noise of readings: from differences of neighbours, and by an Allan-type fit at rest.
 
-Noise of readings, from differences of neighbours, which hardly see smooth motion.
-
-Noise of readings at rest: white, random walk and quantisation, by an Allan-type fit.
-
 The variance of second differences of block means (the Hadamard variance, an Allan variance that no
 steady drift enters) is fitted as a sum of what each kind of noise gives at each block length,
 exactly, with weights by its degrees of freedom and no negative share. Slow real motion enters the
@@ -35,8 +31,6 @@ def second_difference_noise(second: np.ndarray) -> float:
 def smooth_noise(values: np.ndarray) -> float:
     """Noise of readings (n,) of a smooth motion; NaN for too few.
 
-    Examples
-    --------
     >>> values = np.random.default_rng(1).normal(size=400)
     >>> bool(abs(smooth_noise(values) - 1.0) < 0.1)
     True
@@ -90,8 +84,6 @@ def rounding_sigmas(values: np.ndarray) -> np.ndarray:
     column that never changes is taken to have the coarsest step of the others, whatever their
     decimals. Returns (k,).
 
-    Examples
-    --------
     >>> speeds = np.array([[300.0, 100.0, 50.0], [150.0, 100.0, 50.5], [450.0, 100.0, 49.5]])
     >>> rounding_sigmas(speeds).round(2).tolist()
     [43.3, 43.3, 0.14]
@@ -135,8 +127,6 @@ def fit_noise(series: Sequence[np.ndarray], rounding: float = 0.0) -> NoiseFit |
     it: the white noise is never less than that of the rounding. Returns: the noise, in the
     readings' unit; None where there are too few of them, or where they show none at all.
 
-    Examples
-    --------
     >>> white = np.random.default_rng(1).normal(0.0, 2.0, 4000)
     >>> fit = fit_noise([white])
     >>> round(fit.white, 1), fit.random_walk, fit.quantisation

@@ -11,12 +11,8 @@ from bayes_inertia.faults.limits import LIMITS
 
 
 def resolution(values: np.ndarray) -> float:
-    """The smallest step between different values; 0 if there are no two.
+    """The smallest step between different values (n,); 0 if there are no two but for rounding.
 
-    `values` (n,). Returns: in their unit; rounding of the last binary digits is no step.
-
-    Examples
-    --------
     >>> resolution(np.array([0.75, 0.25, 0.25, 0.5]))
     0.25
     """
@@ -26,13 +22,8 @@ def resolution(values: np.ndarray) -> float:
 
 
 def quantisation_step(values: np.ndarray) -> float | None:
-    """The step of which all differences between readings are whole multiples.
+    """The step of which all differences between readings (n,) are multiples; None if there is none.
 
-    `values` (n,): readings of one axis; NaN where there is none. Returns: in the readings' unit;
-    None if there is no such step, or too few different values.
-
-    Examples
-    --------
     >>> quantisation_step(np.array([0.0, 0.5, 1.5, 0.5]))
     0.5
     >>> quantisation_step(np.random.default_rng(1).normal(size=50)) is None
@@ -50,8 +41,6 @@ def quantisation_step(values: np.ndarray) -> float | None:
 def quantisation_sigma(step: float) -> float:
     """Standard deviation of the error of rounding to a step.
 
-    Examples
-    --------
     >>> round(quantisation_sigma(12.0), 6)
     3.464102
     """

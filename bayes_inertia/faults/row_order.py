@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NoReturn
 
 import numpy as np
@@ -17,22 +16,17 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.faults.fault import Dirt, DirtKind, Treatment
 from bayes_inertia.faults.limits import LIMITS
 from bayes_inertia.faults.stamps import regular_stamps
-from bayes_inertia.tables.number_table import Table
+from bayes_inertia.tables.table import Table
 
 _LEFT_OUT = "with a wrong stamp left out"
 
 
 def set_back_row(stamps: np.ndarray, contents: np.ndarray) -> int | None:
-    """The row at which a clock was set back and ran on from there.
+    """The row (from 0) at which a clock was set back and ran on from there; None where none was.
 
     Rows that only came late fill a hole among the others, or were sent again with the same content.
     A few rows (three) out of order are no clock that was set back.
 
-    `stamps` (n,); `contents` (n, width). Returns: the row, counted from 0; None where no clock was
-    set back.
-
-    Examples
-    --------
     >>> late, again = np.array([0.0, 1, 4, 5, 2, 3, 6]), np.r_[0:30, 0.1:30.1]
     >>> set_back_row(late, np.zeros((7, 1))), set_back_row(again, np.zeros((60, 1)))
     (None, 30)
@@ -93,18 +87,13 @@ def _explained(
 
 
 def ordered_rows(table: Table, time: str, names: Sequence[str]) -> tuple[Table, list[Dirt]]:
-    """The rows of a table in the order of their strictly increasing times.
+    """The rows of a table in the order of their strictly increasing times, and what was done.
 
-    Returns `table`: the same table if its times increase strictly; else its rows in order; `dirt`:
-    what was done; `rows` counts the rows of the table that is returned, `slew` is empty.
-
-    Examples
-    --------
-    >>> late = Table("a", {"t": np.array([0., 2., 1., 3.]), "w": np.array([5., 7., 6., 8.])})
-    >>> ordered_rows(late, "t", ["w"])[0].columns["w"].tolist()
+    >>> late = Table.of("a", {"t": np.array([0., 2., 1., 3.]), "w": np.array([5., 7., 6., 8.])})
+    >>> ordered_rows(late, "t", ["w"])[0].numbers("w").tolist()
     [5.0, 6.0, 7.0, 8.0]
     """
-    stamps = table.columns[time]
+    stamps = table.numbers(time)
     _refuse_empty_times(table, time)
     with np.errstate(over="ignore"):
         steps = np.diff(stamps)
@@ -115,22 +104,22 @@ def ordered_rows(table: Table, time: str, names: Sequence[str]) -> tuple[Table, 
     far = _far_off_rows(table, time)
     if not len(far):
         return table, records
-    table = _rows(table, np.delete(np.arange(len(table.columns[time])), far))
-    return table, [_dirt("clock", far, len(table.columns[time]), "masked", _LEFT_OUT), *records]
+    table = table.taking(np.delete(np.arange(table.rows), far))
+    return table, [_dirt("clock", far, table.rows, "masked", _LEFT_OUT), *records]
 
 
 def _in_order(table: Table, time: str, names: Sequence[str]) -> tuple[Table, list[Dirt]]:
     """Rows whose times go back somewhere, in order; and what was done."""
-    row = set_back_row(table.columns[time], table.stack(names))
+    row = set_back_row(table.numbers(time), table.stack(names))
     if row is not None:
         _refuse_jump(table, time, row)
     table, kept, wrong = _without_wrong_stamps(table, time)
-    stamps = table.columns[time]
+    stamps = table.numbers(time)
     late = kept[_late_rows(stamps[kept])]
     late = late[~np.isin(stamps[late], np.delete(stamps, late))]  # others were only sent again
     order = kept[np.argsort(stamps[kept], kind="stable")]
-    joined, doubled = _joined(_rows(table, order), time, names)
-    times = joined.columns[time]
+    joined, doubled = _joined(table.taking(order), time, names)
+    times = joined.numbers(time)
     mended = np.intersect1d(wrong, kept)
     lost = np.setdiff1d(wrong, kept)
     before_lost = stamps[np.maximum(lost - 1, 0)]
@@ -157,16 +146,8 @@ def _rows_text(count: int) -> str:
     return "1 row" if count == 1 else f"{count} rows"
 
 
-def _rows(table: Table, rows: np.ndarray) -> Table:
-    return replace(
-        table,
-        columns={name: values[rows] for name, values in table.columns.items()},
-        lines=None if table.lines is None else table.lines[rows],
-    )
-
-
 def _refuse_empty_times(table: Table, time: str) -> None:
-    empty = np.isnan(table.columns[time])
+    empty = np.isnan(table.numbers(time))
     if empty.any():
         raise CampaignError(
             "every cell is empty" if empty.all() else "the cell is empty",
@@ -178,13 +159,13 @@ def _refuse_empty_times(table: Table, time: str) -> None:
 
 
 def _refuse_coarse_times(table: Table, time: str, steps: np.ndarray) -> None:
-    if time not in table.single or not len(steps):
+    if not table.columns[time].single or not len(steps):
         return
-    resolution = float(np.spacing(np.float32(np.abs(table.columns[time]).max())))
+    resolution = float(np.spacing(np.float32(np.abs(table.numbers(time)).max())))
     if resolution <= LIMITS.coarse_stamp * abs(float(np.median(steps))):
         return
     # A regular clock may be known better than its stamps.
-    _, record = regular_stamps(table.columns[time]) if np.all(steps > 0.0) else (None, None)
+    _, record = regular_stamps(table.numbers(time)) if np.all(steps > 0.0) else (None, None)
     if record is None or record.treated != "modelled":
         raise CampaignError(
             "times stored with 32 bits are too coarse for their spacing",
@@ -195,7 +176,7 @@ def _refuse_coarse_times(table: Table, time: str, steps: np.ndarray) -> None:
 
 def _far_off_rows(table: Table, time: str) -> np.ndarray:
     """Rows whose stamps lie so far from the others that no slew is meant; few, or refused."""
-    stamps = table.columns[time]
+    stamps = table.numbers(time)
     steps = np.diff(np.unique(stamps))
     if len(steps) < 2:
         return np.zeros(0, dtype=int)
@@ -238,7 +219,7 @@ def _without_wrong_stamps(table: Table, time: str) -> tuple[Table, np.ndarray, n
 
     Between neighbours two steps apart a regular clock leaves one place; else the row is lost.
     """
-    stamps = table.columns[time]
+    stamps = table.numbers(time)
     rows = np.arange(len(stamps))
     late = _late_rows(stamps)
     steps = np.diff(np.unique(stamps))
@@ -253,7 +234,7 @@ def _without_wrong_stamps(table: Table, time: str) -> tuple[Table, np.ndarray, n
     regular = inner[np.abs(hole - 2.0 * step) <= LIMITS.glitch_tolerance * step]
     mended = stamps.copy()
     mended[regular] = 0.5 * (stamps[regular - 1] + stamps[regular + 1])
-    table = replace(table, columns={**table.columns, time: mended})
+    table = table.changed({time: mended})
     return table, np.setdiff1d(rows, np.setdiff1d(wrong, regular)), wrong
 
 
@@ -275,7 +256,7 @@ def _fits(stamps: np.ndarray, late: np.ndarray, step: float) -> np.ndarray:
 
 
 def _refuse_jump(table: Table, time: str, row: int) -> NoReturn:
-    stamps = table.columns[time]
+    stamps = table.numbers(time)
     row = row if row and stamps[row] < stamps[row - 1] else int(np.argmax(np.diff(stamps) < 0)) + 1
     now, before = float(stamps[row]), float(stamps[row - 1])
     raise CampaignError(
@@ -288,15 +269,16 @@ def _refuse_jump(table: Table, time: str, row: int) -> NoReturn:
 
 def _joined(table: Table, time: str, names: Sequence[str]) -> tuple[Table, np.ndarray]:
     """One row a time: rows of one time are joined if no cell is given twice with two values."""
-    stamps = table.columns[time]
+    stamps = table.numbers(time)
     is_new = np.concatenate([[True], np.diff(stamps) > 0.0])
     if is_new.all():
         return table, np.zeros(0, dtype=int)
     first, group = np.flatnonzero(is_new), np.cumsum(is_new) - 1
-    columns = {name: values[first].copy() for name, values in table.columns.items()}
+    given = {name: table.numbers(name) for name in names}
+    columns = {name: values[first] for name, values in given.items()}
     for row in np.flatnonzero(~is_new).tolist():
-        for name in names:
-            value, kept = table.columns[name][row], columns[name][group[row]]
+        for name, values in given.items():
+            value, kept = values[row], columns[name][group[row]]
             if np.isnan(kept):
                 columns[name][group[row]] = value
             elif not np.isnan(value) and value != kept:
@@ -306,6 +288,4 @@ def _joined(table: Table, time: str, names: Sequence[str]) -> tuple[Table, np.nd
                     where=table.place(row, time),
                     advice="remove the row that is wrong, or mend its time",
                 )
-    lines = None if table.lines is None else table.lines[first]
-    joined = replace(table, columns={**table.columns, **columns}, lines=lines)
-    return joined, group[~is_new]
+    return table.taking(first).changed(columns), group[~is_new]

@@ -1,12 +1,8 @@
 """Stamps of a regular clock: rounded, jittering about it, or uneven.
 
-Stamps that jitter about a regular clock, and whether the readings jitter with them.
-
 A stamp that is off by e moves a reading y by y' e only if the reading was taken at the stamp. So
 the readings themselves tell: regress their short-term part on that of y' e. A slope of 1 says that
 sampling is uneven and the stamps are right; 0 says that sampling is regular and the stamps jitter.
-
-Stamps of a regular clock that were rounded, and stamps that are uneven by more than that.
 
 Stamps of 32 bits, or with few digits, step from one multiple of their resolution to another. Where
 one regular clock lies within half a resolution of every stamp, its times are the better ones.
@@ -28,18 +24,10 @@ from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 
 @dataclass(frozen=True)
 class StampSlope:
-    """Slope of readings against the jitter of their stamps.
+    """Slope of readings against the jitter of their stamps."""
 
-    Parameters
-    ----------
-    value : float
-        1 where they were taken at the stamps, 0 where at the times of a regular clock.
-    sd : float
-        Its standard deviation; infinite where there is no motion.
-    """
-
-    value: float
-    sd: float
+    value: float  # 1 where they were taken at the stamps, 0 where at the times of a regular clock
+    sd: float  # Its standard deviation; infinite where there is no motion
 
     @property
     def sampling_is_regular(self) -> bool:
@@ -53,12 +41,8 @@ class StampSlope:
 
 
 def row_numbers(time: np.ndarray) -> np.ndarray:
-    """Numbers of rows on a regular clock, as far as single steps tell.
+    """Numbers (n,) of rows on a regular clock, as far as single steps tell.
 
-    `time` (n,). Returns (n,).
-
-    Examples
-    --------
     >>> row_numbers(np.array([0.0, 1.02, 1.99, 4.0])).tolist()
     [0.0, 1.0, 2.0, 4.0]
     """
@@ -69,13 +53,8 @@ def row_numbers(time: np.ndarray) -> np.ndarray:
 
 
 def clock_through(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """The regular clock that lies nearest to stamps.
+    """Times (n,) of the regular clock nearest to stamps, from the first, and its rows (n,).
 
-    `time` (n,). Returns `fitted` (n,): times of the clock, counted from the first stamp; `rows`
-    (n,): numbers of the rows on it; they do not increase everywhere where no clock fits.
-
-    Examples
-    --------
     >>> fitted, rows, step = clock_through(np.array([5.0, 6.0, 7.0, 9.0]))
     >>> fitted.round(9).tolist(), [round(row) for row in rows], round(float(step), 9)
     ([0.0, 1.0, 2.0, 4.0], [0, 1, 2, 4], 1.0)
@@ -89,13 +68,8 @@ def clock_through(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def regular_clock(time: np.ndarray) -> tuple[np.ndarray | None, str]:
-    """Times of the regular clock about which stamps jitter.
+    """Times (n,) of the regular clock about which stamps jitter; or None, and why there is none.
 
-    `time` (n,). Returns `time` (n,): times of the clock; None where no regular clock explains the
-    stamps; `problem`: why there is none; "" where there is one.
-
-    Examples
-    --------
     >>> stamps = 0.5 * np.arange(99.0) + 0.02 * np.sin(np.arange(99.0) ** 2)
     >>> clock, _ = regular_clock(stamps)
     >>> bool(np.ptp(np.diff(clock)) < 1e-9)
@@ -124,13 +98,8 @@ def regular_clock(time: np.ndarray) -> tuple[np.ndarray | None, str]:
 def slope_of_readings(
     slews: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
 ) -> StampSlope:
-    """Whether readings move with the jitter of their stamps.
+    """Whether readings (n, width) of slews move with the jitter of stamps about a clock's times.
 
-    `slews`: for each slew the stamps (n,), the times of the regular clock (n,), and readings (n,
-    width) of any unit, NaN where there is none.
-
-    Examples
-    --------
     >>> rng = np.random.default_rng(1)
     >>> clock = 0.25 * np.arange(400.0)
     >>> stamps = clock + 0.02 * rng.uniform(-1.0, 1.0, 400)
@@ -200,14 +169,8 @@ def _residual_weights() -> np.ndarray:
 
 
 def regular_stamps(time: np.ndarray, unit: str = "s") -> tuple[np.ndarray, Dirt | None]:
-    """Times of the regular clock that rounded stamps show; else the stamps.
+    """Times (n,) of the regular clock that rounded stamps show, else the stamps; and a record.
 
-    `time` (n,): stamps, in the unit they were written in, strictly increasing. Returns `time` (n,):
-    the clock's times if its steps are lost in rounding, else the stamps; `dirt`: what was done,
-    without slew; None if stamps are even, or come from several clocks.
-
-    Examples
-    --------
     >>> stamps, record = regular_stamps(np.round(0.48 * np.arange(99), 1))
     >>> bool(np.abs(np.diff(stamps) - 0.48).max() < 1e-3), record.treated
     (True, 'modelled')

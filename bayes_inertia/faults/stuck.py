@@ -18,14 +18,8 @@ from bayes_inertia.faults.quantisation import resolution
 
 
 def stuck_readings(readings: np.ndarray, sigma: Sequence[float | None]) -> np.ndarray:
-    """Which readings repeat those before them for too long, in one axis or in all.
+    """Which readings (n, k) repeat those before them for too long, in one axis or in all.
 
-    `readings` (n, k): readings of k axes in the order of time; NaN where there is none. `sigma`:
-    stated noise of each axis; None leaves the axis out. Returns (n, k): true in stuck runs, from
-    their first reading on.
-
-    Examples
-    --------
     >>> rate = np.random.default_rng(1).normal(size=(100, 1))
     >>> rate[40:52] = rate[40]
     >>> np.flatnonzero(stuck_readings(rate, [1.0])[:, 0]).tolist() == list(range(40, 52))
@@ -48,13 +42,8 @@ def stuck_readings(readings: np.ndarray, sigma: Sequence[float | None]) -> np.nd
 
 
 def stuck_fixes(fixes: np.ndarray) -> np.ndarray:
-    """Which star-tracker fixes repeat those before them to the last digit.
+    """Which fixes (n, 4) repeat those before them in runs of three and more, beside enough others.
 
-    `fixes` (n, 4). Returns (n,): true in runs of three and more, if enough other fixes are all
-    different.
-
-    Examples
-    --------
     >>> stuck_fixes(np.full((9, 4), 0.5)).any()
     np.False_
     """
@@ -68,13 +57,8 @@ def stuck_fixes(fixes: np.ndarray) -> np.ndarray:
 
 
 def always_zero(momentum: Sequence[np.ndarray], torque: Sequence[np.ndarray]) -> bool:
-    """Whether a wheel's tachometer reads exactly 0 in every row, and it is never commanded.
+    """Whether a wheel is never commanded and its tachometer reads exactly 0 in every row.
 
-    `momentum`, `torque`: a column (n,) for each slew that has one. A wheel at rest under control
-    has the noise of its tachometer.
-
-    Examples
-    --------
     >>> always_zero([np.zeros(5)], [np.zeros(5)]), always_zero([np.zeros(5)], [np.ones(5)])
     (True, False)
     """

@@ -30,7 +30,7 @@ from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.prediction import predict_all
 from bayes_inertia.physics.slew_input import Start
-from bayes_inertia.tables.number_table import Table
+from bayes_inertia.tables.table import Table
 
 
 @dataclass(frozen=True)
@@ -251,6 +251,6 @@ def _add_columns(
     table = tables.get(file)
     if table is None:
         columns = {clock.names[0]: _rounded(time / UNITS["time"][clock.unit]), **columns}
-        tables[file] = Table(file, columns, lines=np.arange(len(time)) + 2)
+        tables[file] = Table.of(file, columns)
     else:
-        tables[file] = replace(table, columns=table.columns | columns)
+        tables[file] = table.changed(columns)

@@ -1,9 +1,4 @@
-"""What columns of a raw table seem to hold, and which clock: told from names, units and sizes.
-
-Suggested contents of the columns of a raw table, from their names.
-
-Which clock a column of stamps seems to be read from, told from its name, unit and size.
-"""
+"""What columns of a raw table seem to hold, and which clock: told from names, units and sizes."""
 
 from __future__ import annotations
 
@@ -16,8 +11,8 @@ import numpy as np
 
 from bayes_inertia.files import vocabulary
 from bayes_inertia.importing.questions import UNKNOWN
-from bayes_inertia.tables.raw_table import RawColumn, RawTable
 from bayes_inertia.tables.stamp_parts import UNIT_WORDS, unit_in_name, words_of
+from bayes_inertia.tables.table import Column, Table
 from bayes_inertia.tables.time_stamps import (
     COUNTED_CLOCKS,
     FREE_CLOCKS,
@@ -37,46 +32,23 @@ _ANY_VECTOR = frozenset({"xyz", "vector", "value", "data"})
 
 @dataclass(frozen=True)
 class ColumnFamily:
-    """Columns that seem to hold one quantity.
+    """Columns that seem to hold one quantity."""
 
-    Parameters
-    ----------
-    holds : str
-        What they seem to hold, as a mapping says it.
-    names : tuple of str
-        The columns, in their order.
-    unit : str
-        The unit that their names end with; "" if none.
-    stated_unit : str
-        The unit that the file states; "" if none.
-    form : str
-        Of attitudes: "quaternion", "euler", "dcm" or "mrp".
-    scalar : str
-        Of quaternions: "first" or "last", where the names say it.
-    sequence : str
-        Of Euler angles: the sequence, where it is usual for the names.
-    """
-
-    holds: str
-    names: tuple[str, ...]
-    unit: str = ""
-    stated_unit: str = ""
-    form: str = ""
-    scalar: str = ""
-    sequence: str = ""
+    holds: str  # What they seem to hold, as a mapping says it
+    names: tuple[str, ...]  # The columns, in their order
+    unit: str = ""  # The unit that their names end with; "" if none
+    stated_unit: str = ""  # The unit that the file states; "" if none
+    form: str = ""  # Of attitudes: "quaternion", "euler", "dcm" or "mrp"
+    scalar: str = ""  # Of quaternions: "first" or "last", where the names say it
+    sequence: str = ""  # Of Euler angles: the sequence, where it is usual for the names
 
 
-def families(table: RawTable, file: str) -> list[ColumnFamily]:
-    """The quantities that a table seems to hold.
+def families(table: Table, file: str) -> list[ColumnFamily]:
+    """The quantities that the columns of a table, or the name of its file, seem to hold.
 
-    `file`: name of its file, which may say what the columns do not. Returns: in the order of the
-    columns; none for columns that are not recognised.
-
-    Examples
-    --------
     >>> import numpy as np
-    >>> columns = dict.fromkeys(("t", "gx_dps", "gy_dps", "gz_dps"), RawColumn(np.zeros(1)))
-    >>> families(RawTable("imu.csv", columns), "imu.csv")[0].unit
+    >>> columns = dict.fromkeys(("t", "gx_dps", "gy_dps", "gz_dps"), Column(np.zeros(1)))
+    >>> families(Table("imu.csv", columns), "imu.csv")[0].unit
     'deg/s'
     """
     numbers = {
@@ -92,14 +64,14 @@ def families(table: RawTable, file: str) -> list[ColumnFamily]:
     return sorted(result, key=lambda family: order.index(family.names[0]))
 
 
-def _stems(columns: Mapping[str, RawColumn]) -> dict[str, tuple[str, str]]:
+def _stems(columns: Mapping[str, Column]) -> dict[str, tuple[str, str]]:
     """Stem in small letters, and unit, of each column."""
     split = {name: split_unit(name) for name in columns}
     return {name: (stem.lower(), unit) for name, (stem, unit) in split.items()}
 
 
 def _groups(
-    columns: Mapping[str, RawColumn], members: Sequence[str]
+    columns: Mapping[str, Column], members: Sequence[str]
 ) -> list[tuple[str, list[str], str]]:
     """Template, names and unit of columns that differ only in one of some words."""
     groups: dict[tuple[str, str], dict[str, str]] = {}
@@ -116,7 +88,7 @@ def _groups(
     ]
 
 
-def _matrices(columns: Mapping[str, RawColumn], file: str) -> list[ColumnFamily]:
+def _matrices(columns: Mapping[str, Column], file: str) -> list[ColumnFamily]:
     """Direction cosine matrices: nine columns with two indices."""
     indexed: dict[str, dict[str, str]] = {}
     for name in columns:
@@ -134,7 +106,7 @@ def _matrices(columns: Mapping[str, RawColumn], file: str) -> list[ColumnFamily]
     ]
 
 
-def _quaternions(columns: Mapping[str, RawColumn], file: str) -> list[ColumnFamily]:
+def _quaternions(columns: Mapping[str, Column], file: str) -> list[ColumnFamily]:
     result = []
     taken: set[str] = set()
     for members, scalar in _WORDS["quaternions"]:
@@ -150,7 +122,7 @@ def _quaternions(columns: Mapping[str, RawColumn], file: str) -> list[ColumnFami
     return result
 
 
-def _vectors(columns: Mapping[str, RawColumn], file: str) -> list[ColumnFamily]:
+def _vectors(columns: Mapping[str, Column], file: str) -> list[ColumnFamily]:
     """Three columns a vector, or one a wheel."""
     result: list[ColumnFamily] = []
     taken: set[str] = set()
@@ -167,7 +139,7 @@ def _vectors(columns: Mapping[str, RawColumn], file: str) -> list[ColumnFamily]:
     return result
 
 
-def _single_wheels(columns: Mapping[str, RawColumn], file: str) -> list[ColumnFamily]:
+def _single_wheels(columns: Mapping[str, Column], file: str) -> list[ColumnFamily]:
     """Columns of a single wheel."""
     result: list[ColumnFamily] = []
     for name, (stem, unit) in _stems(columns).items():
@@ -181,7 +153,7 @@ def _vector(
     template: str,
     names: list[str],
     unit: str,
-    columns: Mapping[str, RawColumn],
+    columns: Mapping[str, Column],
     file: str,
     members: Sequence[str],
 ) -> ColumnFamily | None:
@@ -237,31 +209,17 @@ _FIRST, _LAST = np.datetime64("1995-01-01"), np.datetime64("2060-01-01")
 
 @dataclass(frozen=True)
 class ClockGuess:
-    """The clock of a column of stamps.
+    """The clock of a column of stamps."""
 
-    Parameters
-    ----------
-    kind : str
-        As a mapping names it; "?" where only the user can know it.
-    why : str
-        What shows it; "" for "?".
-    hint : str
-        What helps the user to answer; "" where nothing does.
-    """
-
-    kind: str
-    why: str = ""
-    hint: str = ""
+    kind: str  # As a mapping names it; "?" where only the user can know it
+    why: str = ""  # What shows it; "" for "?"
+    hint: str = ""  # What helps the user to answer; "" where nothing does
 
 
-def guessed_clock(table: RawTable, names: Sequence[str]) -> ClockGuess:
-    """The clock of the columns of the time, as far as they show it.
+def guessed_clock(table: Table, names: Sequence[str]) -> ClockGuess:
+    """The clock of the columns of the time, as far as name, unit and size show it; else "?".
 
-    Returns: its kind; "?" where name, unit and size leave more than one.
-
-    Examples
-    --------
-    >>> ms = RawTable("a.csv", {"unix_ms": RawColumn(np.array([1772366400000.0, 1772366400250.0]))})
+    >>> ms = Table("a.csv", {"unix_ms": Column(np.array([1772366400000.0, 1772366400250.0]))})
     >>> guessed_clock(ms, ["unix_ms"]).kind
     'unix_ms'
     """
@@ -290,7 +248,7 @@ def guessed_clock(table: RawTable, names: Sequence[str]) -> ClockGuess:
     return _of_numbers(column, words)
 
 
-def _of_days(column: RawColumn, words: Sequence[str]) -> ClockGuess:
+def _of_days(column: Column, words: Sequence[str]) -> ClockGuess:
     """The clock of a column of whole days beside one of parts of the day."""
     days = column.values[np.isfinite(column.values)][:1]
     if {"mjd", "jd"} & {*words}:
@@ -301,7 +259,7 @@ def _of_days(column: RawColumn, words: Sequence[str]) -> ClockGuess:
     return ClockGuess("day", "from the names of the columns")
 
 
-def _of_numbers(column: RawColumn, words: Sequence[str]) -> ClockGuess:
+def _of_numbers(column: Column, words: Sequence[str]) -> ClockGuess:
     """The clock of a column of counts."""
     numbers = column.values.astype(float)
     numbers = numbers[np.isfinite(numbers)]

@@ -1,13 +1,7 @@
 """Streams of several clocks on one; counters that wrap are counted on.
 
-Counters that begin anew at 2^16, 2^32, ... counts: they are counted on, in all streams alike.
-
 A clock that goes back is either a counter that wrapped or a clock that was set back. A wrap leaves
 the step between two rows as it is, once the period is added; that decides.
-
-Streams of several clocks on one.
-
-Wheel readings that hold the body's turning too become relative to the body.
 """
 
 from __future__ import annotations
@@ -53,10 +47,7 @@ class _Period:
 
 
 def counted_on(shares: Sequence[FileShare]) -> list[FileShare]:
-    """Shares whose counters do not begin anew.
-
-    Returns: the same, with a note where a counter wrapped.
-    """
+    """Shares whose counters do not begin anew, with a note where one wrapped."""
     result = list(shares)
     for group in _groups(shares):
         found = next((w for w in (_wrap(of_stream) for of_stream in _streams(group)) if w), None)
@@ -193,24 +184,12 @@ def _with_counts(share: FileShare, counts: np.ndarray, period: _Period) -> FileS
 
 @array_dataclass
 class Logs:
-    """All that was logged, on one clock.
+    """All that was logged, on one clock."""
 
-    Parameters
-    ----------
-    streams : dict of str to LoggedStream
-        By what they hold; times in seconds since `epoch_ns`.
-    epoch_ns : int
-        Zero of the clock: nanoseconds of TAI since 1958 where `absolute`.
-    absolute : bool
-        Whether the zero is a known date.
-    unused : tuple of str
-        Files that no stream names.
-    """
-
-    streams: dict[str, LoggedStream]
-    epoch_ns: int
-    absolute: bool
-    unused: tuple[str, ...] = ()
+    streams: dict[str, LoggedStream]  # By what they hold; times in seconds since `epoch_ns`
+    epoch_ns: int  # Zero of the clock: nanoseconds of TAI since 1958 where `absolute`
+    absolute: bool  # Whether the zero is a known date
+    unused: tuple[str, ...] = ()  # Files that no stream names
 
 
 def on_one_clock(
@@ -281,10 +260,7 @@ def _different_clocks(shares: Sequence[FileShare], label: str) -> CampaignError:
 def _starts_of_files(
     shares: Sequence[FileShare], mapping: MappingPart, label: str
 ) -> dict[int, int]:
-    """For each share the stamp [ns] that becomes zero, so that files follow each other.
-
-    The k-th file of each stream belongs to the k-th of the others.
-    """
+    """For each share the stamp [ns] that becomes zero: k-th files of all streams go together."""
     pause = mapping.cut.between_files_s
     if pause is None:
         raise CampaignError(
@@ -350,8 +326,6 @@ def relative_to_body(
     The speed of a wheel in inertial space is that relative to the body plus g.w; its momentum Js
     times that. The rates come between their own readings on straight lines: this is a small term of
     a reading, not a reading.
-
-    Returns: all streams; a note says what was taken out.
     """
     result = dict(streams)
     for holds in ("wheel_momentum", "wheel_speed"):

@@ -1,7 +1,4 @@
-"""From raw files and a mapping to a campaign folder: the whole way.
-
-High-rate streams of an imported campaign as block means, where the mapping asks for it.
-"""
+"""From raw files and a mapping to a campaign folder: the whole way."""
 
 from __future__ import annotations
 
@@ -46,7 +43,7 @@ from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.importing.rest_noise import RestNoise, rest_noise
 from bayes_inertia.importing.slew_cutting import SlewCut, cut_into_slews
 from bayes_inertia.progress import Progress, silent
-from bayes_inertia.tables.number_table import Table
+from bayes_inertia.tables.table import Table
 
 
 @dataclass(frozen=True)
@@ -318,10 +315,7 @@ def _require_noises(mapping: MappingPart, noises: Sequence[RestNoise], label: st
 def reduced_content(
     description: str, tables: dict[str, Table], campaign: Campaign
 ) -> tuple[str, dict[str, Table], Campaign]:
-    """Description and tables with block means in place of high-rate readings, and their campaign.
-
-    The very ones where the motion does not allow blocks of two.
-    """
+    """Description, tables and campaign with block means of high-rate readings, if possible."""
     means = reduced(campaign)
     if means is campaign:
         return description, tables, campaign

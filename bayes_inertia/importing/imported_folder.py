@@ -1,14 +1,8 @@
 """The campaign folder that an import writes: columns, tables, description, record.
 
-Streams of an import as entries of `[columns]` of its campaign.
-
 Units and senses are those of the mapping, as far as the campaign format knows them. So the numbers
 in the tables are those of the logs, and what `doctor` says of a key of `[columns]` holds for the
 same key of the mapping.
-
-The telemetry of one slew as tables of a campaign folder: one a stream, its own times kept.
-
-The campaign folder that an import writes: description, tables, record, picture.
 """
 
 from __future__ import annotations
@@ -36,20 +30,10 @@ from bayes_inertia.importing.rest_noise import RestNoise
 from bayes_inertia.importing.slew_cutting import SlewCut, SlewWindow
 from bayes_inertia.importing.unit_factors import unit_factor
 from bayes_inertia.sealing import sha256_of
-from bayes_inertia.tables.number_table import Table
 from bayes_inertia.tables.stamp_parts import tai_to_utc
+from bayes_inertia.tables.table import Table
 from bayes_inertia.version import __version__
 
-_SI: Mapping[str, str] = MappingProxyType(
-    {
-        "rate": "rad/s",
-        "wheel_torque": "N m",
-        "wheel_momentum": "N m s",
-        "wheel_speed": "rad/s",
-        "magnetic_field": "T",
-        "position": "m",
-    }
-)
 # Suffix of the tables, and columns; "{}" stands for the number of the wheel.
 _NAMES: Mapping[str, tuple[str, tuple[str, ...]]] = MappingProxyType(
     {
@@ -66,41 +50,21 @@ _NAMES: Mapping[str, tuple[str, tuple[str, ...]]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class WrittenColumns:
-    """Entry of one stream.
+    """Entry of one stream."""
 
-    Parameters
-    ----------
-    suffix : str
-        What the names of its tables end with.
-    names : tuple of str
-        The columns.
-    sense : dict of str to str
-        Unit and sense, as its entry in `[columns]` states them.
-    order : tuple of int
-        Which element of the stream stands in each column.
-    factors : tuple of float
-        What each column is multiplied by.
-    """
-
-    suffix: str
-    names: tuple[str, ...]
-    sense: dict[str, str]
-    order: tuple[int, ...]
-    factors: tuple[float, ...]
+    suffix: str  # What the names of its tables end with
+    names: tuple[str, ...]  # The columns
+    sense: dict[str, str]  # Unit and sense, as its entry in `[columns]` states them
+    order: tuple[int, ...]  # Which element of the stream stands in each column
+    factors: tuple[float, ...]  # What each column is multiplied by
 
     def cells(self, values: np.ndarray) -> np.ndarray:
-        """The columns of a stream's values.
-
-        `values` (n, width). Returns (n, columns).
-        """
+        """The columns (n, columns) of a stream's values (n, width)."""
         return values[:, list(self.order)] * np.array(self.factors)
 
 
 def written_columns(mapping: MappingPart) -> dict[str, WrittenColumns]:
-    """Entries of the streams, by the key of `[columns]`.
-
-    Returns: in the order of `[columns]`, whether or not the mapping has the stream.
-    """
+    """Entries of all streams that a mapping may have, by the key of `[columns]`."""
     written = {}
     for key, (suffix, templates) in _NAMES.items():
         names = templates
@@ -126,11 +90,12 @@ def written_columns(mapping: MappingPart) -> dict[str, WrittenColumns]:
 def _unit(mapping: MappingPart, key: str) -> str:
     """The unit that the mapping states, spelled as the campaign format does; else SI."""
     stated = {getattr(stream, "unit", "") for stream in streams_that_hold(mapping, key)}
+    si = next(iter(UNITS[key]))
     if len(stated) != 1 or "" in stated:
-        return _SI[key]
+        return si
     factor = unit_factor(key, stated.pop())
     known = (unit for unit, size in UNITS[key].items() if math.isclose(size, factor, rel_tol=1e-9))
-    return next(known, _SI[key])
+    return next(known, si)
 
 
 def _acts_on(mapping: MappingPart) -> tuple[str, float]:
@@ -156,32 +121,17 @@ def _attitude(mapping: MappingPart, suffix: str) -> WrittenColumns:
 
 @dataclass(frozen=True)
 class SlewTables:
-    """One slew, ready to be written.
+    """One slew, ready to be written."""
 
-    Parameters
-    ----------
-    window : SlewWindow
-        The part of the log.
-    start : float
-        Time of its first reading on the clock of the import [s].
-    streams : dict of str to LoggedStream
-        Readings of the slew with times from its start, by what they hold.
-    """
-
-    window: SlewWindow
-    start: float
+    window: SlewWindow  # The part of the log
+    start: float  # Time of its first reading on the clock of the import [s]
+    # Readings of the slew with times from its start, by what they hold
     streams: dict[str, LoggedStream]
 
 
 def slew_tables(window: SlewWindow, streams: dict[str, LoggedStream]) -> SlewTables:
-    """The readings of one slew, with times from its start.
+    """The readings of one slew from its start on, with the command that is in force when it begins.
 
-    The command in force when the slew begins stands in its first row.
-
-    Returns: only the streams that have a reading in the slew.
-
-    Examples
-    --------
     >>> command = LoggedStream("wheel_torque", np.array([0.0, 2.0]), np.array([[1.0], [3.0]]),
     ...                        np.zeros(2, dtype=int), ("a",))
     >>> rate = LoggedStream("rate", np.arange(1.0, 4.0), np.zeros((3, 3)), np.zeros(3, int), ("b",))
@@ -244,10 +194,7 @@ PICTURE_FILE = "slews.svg"
 def description_text(
     mapping: MappingPart, slews: Sequence[SlewTables], noises: Sequence[RestNoise]
 ) -> str:
-    """The text of `campaign.toml`.
-
-    `noises`: what the rests show; it stands in comments beside what is stated.
-    """
+    """The text of `campaign.toml`, with what the rests show in comments."""
     tracker = mapping.star_tracker
     return toml_text(
         {
@@ -308,15 +255,12 @@ def tables_of(mapping: MappingPart, slews: Sequence[SlewTables]) -> dict[str, Ta
             stream = tables.streams[key]
             cells = written[key].cells(stream.values).T
             columns = {"t_s": stream.time} | dict(zip(written[key].names, cells, strict=True))
-            made[file] = Table(file, columns, lines=np.arange(len(stream.time)) + 2)
+            made[file] = Table.of(file, columns)
     return made
 
 
 def raw_place(where: str, mapping: MappingPart, slews: Sequence[SlewTables]) -> str:
-    """A place in a table of an import as a place in the raw logs.
-
-    Returns: such as "wheels.csv, column RW3, in slew 1 at 12.5 s"; what is no such place stays.
-    """
+    """A place in a table as one in the raw logs: "wheels.csv, column RW3, in slew 1 at 12.5 s"."""
     file = where.partition(", ")[0]
     for tables, files in zip(slews, _file_names(mapping, slews), strict=True):
         for key in (key for key, name in files.items() if name == file):
@@ -391,12 +335,8 @@ def record_text(
 
 
 def zero_of_clock(logs: Logs) -> str:
-    """When the clock of an import was zero.
+    """When the clock of an import was zero: a date in UTC, or that it is unknown.
 
-    Returns: A date in UTC, as `[[slews]]` of a mapping writes it, or that it is unknown.
-
-    Examples
-    --------
     >>> zero_of_clock(Logs({}, 2_151_144_037_250_000_000, True))
     '2026-03-02T12:00:00.25Z'
     """

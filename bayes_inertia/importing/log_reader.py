@@ -25,8 +25,8 @@ from bayes_inertia.importing.questions import question_at
 from bayes_inertia.importing.stream_readings import agreed, readings_of, standing_mark
 from bayes_inertia.progress import Progress, silent
 from bayes_inertia.tables.raw_files import file_format, read_raw
-from bayes_inertia.tables.raw_table import RawColumn, RawTable
 from bayes_inertia.tables.stamp_parts import SECOND, tai_to_utc
+from bayes_inertia.tables.table import Column, Table
 from bayes_inertia.tables.text_cells import TextOptions
 from bayes_inertia.tables.time_stamps import FREE_CLOCKS, TimeStamps, times_to_seconds
 
@@ -46,9 +46,9 @@ _ARRAY_FORMATS = ("numpy", "hdf5", "netcdf", "mat", "ulog", "bag")
 class _Tables:
     """Reads each table once, although several streams may name it."""
 
-    read: dict[tuple, RawTable] = field(default_factory=dict)
+    read: dict[tuple, Table] = field(default_factory=dict)
 
-    def table(self, path: Path, stream: MappedStream) -> RawTable:
+    def table(self, path: Path, stream: MappedStream) -> Table:
         options = TextOptions(**stream.text.model_dump())
         columns = _wanted(stream) if file_format(path) in _ARRAY_FORMATS else ()
         key = (path, stream.table, columns, options)
@@ -132,7 +132,7 @@ def _refuse_second_use(
             )
 
 
-def _read_part(part: MappedStream, table: RawTable, where: str) -> FileShare:
+def _read_part(part: MappedStream, table: Table, where: str) -> FileShare:
     """One file's readings of a stream; NaN where a row holds none."""
     stamps = _stamps(table, part.time, where)
     values, rounding, said = readings_of(part, table, where)
@@ -192,7 +192,7 @@ def _refuse_few_rates(
             )
 
 
-def _stamps(table: RawTable, time: TimeStampPart, where: str) -> TimeStamps:
+def _stamps(table: Table, time: TimeStampPart, where: str) -> TimeStamps:
     where = f"{where}.time"
     if time.rate_hz is not None:
         return _with_epoch(_of_row_numbers(table, time, where), time, where)
@@ -216,7 +216,7 @@ def _stamps(table: RawTable, time: TimeStampPart, where: str) -> TimeStamps:
     return stamps
 
 
-def _of_row_numbers(table: RawTable, time: TimeStampPart, where: str) -> TimeStamps:
+def _of_row_numbers(table: Table, time: TimeStampPart, where: str) -> TimeStamps:
     """Stamps of a log without any: its rows follow each other at the stated rate."""
     if time.names or time.kind:
         raise CampaignError(
@@ -241,7 +241,7 @@ def _with_epoch(stamps: TimeStamps, time: TimeStampPart, where: str) -> TimeStam
 
 
 def _stamped(
-    table: RawTable, names: list[str], kind: str, time: TimeStampPart, where: str
+    table: Table, names: list[str], kind: str, time: TimeStampPart, where: str
 ) -> TimeStamps:
     try:
         return times_to_seconds(
@@ -272,12 +272,10 @@ def _first_day(epoch: str, where: str) -> int:
 def utc_ns(text: str, where: str) -> int:
     """A date in UTC on the common scale.
 
-    Examples
-    --------
     >>> utc_ns("1972-01-01T00:00:01Z", "epoch") - utc_ns("1972-01-01T00:00:00Z", "epoch")
     1000000000
     """
-    table = RawTable(where, {"date": RawColumn(np.array([text]))})
+    table = Table(where, {"date": Column(np.array([text]))})
     stamps = times_to_seconds(table, ["date"], "utc")
     if stamps.missing.any():
         raise CampaignError(

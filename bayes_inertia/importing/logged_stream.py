@@ -1,9 +1,4 @@
-"""One quantity of a raw log: its share in a file, and on the common clock in SI units.
-
-Share of one file in one stream, before the clocks are brought together.
-
-One quantity of a raw log on the common clock, in SI units and with the package's senses.
-"""
+"""One quantity of a raw log: its share in a file, and on the common clock in SI units."""
 
 from __future__ import annotations
 
@@ -17,7 +12,7 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.faults.row_order import set_back_row
 from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.tables.raw_table import row_name
+from bayes_inertia.tables.table import row_name
 from bayes_inertia.tables.time_stamps import TimeStamps
 
 SHARED_ZERO = "campaign"
@@ -28,32 +23,17 @@ ZERO_OF_FILE = "file"
 
 @array_dataclass
 class FileShare:
-    """One file's share of a stream, its stamps not yet on the common clock.
+    """One file's share of a stream, its stamps not yet on the common clock."""
 
-    Parameters
-    ----------
-    stream : pydantic model
-        The `[[streams]]` of the mapping.
-    file : str
-        The file, as messages name it.
-    stamps : TimeStamps
-        The stamp of each row.
-    values : (rows, width) array
-        Readings in SI units and the package's senses; NaN where there is none.
-    rounding : tuple of float
-        Standard deviation of the rounding in the file, as of `LoggedStream`.
-    notes : tuple of str, optional
-        What a user should know of the file.
-    lines : (rows,) array of int, optional
-        Lines as a text editor shows them; None for files without lines.
-    """
-
-    stream: Any
-    file: str
-    stamps: TimeStamps
+    stream: Any  # The `[[streams]]` of the mapping
+    file: str  # The file, as messages name it
+    stamps: TimeStamps  # The stamp of each row
+    # (rows, width): readings in SI units and the package's senses; NaN where there is none
     values: np.ndarray
+    # Standard deviation of the rounding in the file, as of `LoggedStream`
     rounding: tuple[float, ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # What a user should know of the file
+    # (rows,) of int: lines as a text editor shows them; None for files without lines
     lines: np.ndarray | None = None
 
     @property
@@ -77,43 +57,26 @@ misread.
 class LoggedStream:
     """Readings of one quantity at their own times, from all the files that hold it.
 
-    Parameters
-    ----------
-    holds : str
-        "rate", "wheel_torque", "wheel_momentum", "wheel_speed", "attitude", "magnetic_field" or
-        "position".
-    time : (n,) array
-        Time of each reading on the clock of the import [s], strictly increasing within a file.
-    values : (n, width) array
-        In SI units and radians: torques on the wheels; quaternions body from inertial, scalar
-        last; rates along the axes of the sensor. NaN where an element has no reading.
-    file : (n,) array of int
-        From which of `files` each row is.
-    files : tuple of str
-        The files, as messages name them.
-    notes : tuple of str, optional
-        What was sorted, dropped or taken from the files, for people.
-    rounding : tuple of float, optional
-        Standard deviation of the rounding of each element in the files; one number of attitudes,
-        about any axis [rad].
-    overlap : bool, optional
-        Whether files repeat rows of each other, as downloads of one log do.
-
-    Examples
-    --------
     >>> stream = LoggedStream("rate", np.arange(3.0), np.zeros((3, 3)), np.zeros(3, int), ("a",))
     >>> stream.between(0.5, 2.0).time.tolist()
     [1.0, 2.0]
     """
 
+    # "rate", "wheel_torque", "wheel_momentum", "wheel_speed", "attitude", "magnetic_field" or
+    # "position"
     holds: str
+    # (n,): time of each reading on the clock of the import [s], strictly increasing within a file
     time: np.ndarray
+    # (n, width): in SI units and radians: torques on the wheels; quaternions body from inertial,
+    # scalar last; rates along the axes of the sensor. NaN where an element has no reading.
     values: np.ndarray
-    file: np.ndarray
-    files: tuple[str, ...]
-    notes: tuple[str, ...] = ()
+    file: np.ndarray  # (n,) of int: from which of `files` each row is
+    files: tuple[str, ...]  # The files, as messages name them
+    notes: tuple[str, ...] = ()  # What was sorted, dropped or taken from the files, for people
+    # Standard deviation of the rounding of each element in the files; one number of attitudes,
+    # about any axis [rad]
     rounding: tuple[float, ...] = (0.0,)
-    overlap: bool = False
+    overlap: bool = False  # Whether files repeat rows of each other, as downloads of one log do
 
     @property
     def step(self) -> float:
@@ -121,10 +84,7 @@ class LoggedStream:
         return float(np.median(np.diff(self.time))) if len(self.time) > 1 else 0.0
 
     def rows(self, keep: np.ndarray, *notes: str) -> LoggedStream:
-        """The same stream with some of its rows only.
-
-        `keep` (n,).
-        """
+        """The same stream with some of its rows (n,) only."""
         return replace(
             self,
             time=self.time[keep],
@@ -134,20 +94,13 @@ class LoggedStream:
         )
 
     def between(self, start: float, end: float) -> LoggedStream:
-        """The readings from a time to another, both included.
-
-        `start` and `end` [s].
-        """
+        """The readings from one time to another [s], both included."""
         return self.rows((self.time >= start) & (self.time <= end))
 
 
 def left_out(count: int, rows: int, why: str, *, where: str, advice: str) -> str:
     """The note that rows are left out, or an error if they are more than damage would explain.
 
-    `why`: why, such as "have no time"; it follows the number.
-
-    Examples
-    --------
     >>> left_out(2, 900, "have no time", where="a.csv", advice="")
     '2 of 900 rows have no time and are left out'
     """
@@ -162,15 +115,11 @@ def left_out(count: int, rows: int, why: str, *, where: str, advice: str) -> str
 
 
 def in_order(stream: LoggedStream, place: Callable[[int], str] | None = None) -> LoggedStream:
-    """A stream whose times increase strictly.
+    """A stream whose times increase strictly, with notes of what was sorted or dropped.
 
-    Rows that a file has out of order are sorted. Of rows with one time the first stays, filled up
-    with the readings that only the others have, as of wheels that come in files of their own.
+    Of rows with one time the first stays, filled up with the readings that only the others have, as
+    of wheels that come in files of their own.
 
-    Returns: with a note where rows were sorted or dropped.
-
-    Examples
-    --------
     >>> raw = LoggedStream("rate", np.array([1.0, 0.0, 1.0]), np.ones((3, 3)), np.zeros(3, int), ())
     >>> ordered = in_order(raw)
     >>> ordered.time.tolist(), ordered.notes
@@ -228,10 +177,7 @@ def _late_rows(stream: LoggedStream) -> int:
 
 
 def _filled(values: np.ndarray, repeated: np.ndarray) -> tuple[np.ndarray, int, np.ndarray]:
-    """Values in which the first of rows with one time has what it lacks.
-
-    Also how many rows only repeat what it has, and which (n,) have other values.
-    """
+    """Values filled up from rows with one time, how many only repeat, and which (n,) differ."""
     values = values.copy()
     first = np.maximum.accumulate(np.where(repeated, 0, np.arange(len(values))))
     again, lost = 0, np.zeros(len(values), dtype=bool)
@@ -252,10 +198,7 @@ def _rows(count: int, what: str, done: str) -> str:
 
 
 def joined(streams: Sequence[LoggedStream]) -> LoggedStream:
-    """Streams that hold one quantity, such as wheels in files of their own, as one.
-
-    Returns: with the rows of all, in the order of their times.
-    """
+    """Streams that hold one quantity, such as wheels in files of their own, as one."""
     if len(streams) == 1:
         return streams[0]
     files = tuple(dict.fromkeys(file for stream in streams for file in stream.files))
@@ -273,10 +216,7 @@ def joined(streams: Sequence[LoggedStream]) -> LoggedStream:
 
 
 def held(stream: LoggedStream) -> LoggedStream:
-    """Commands in force at each time: an element without a new command keeps its last.
-
-    Returns: without the rows before every element has its first command.
-    """
+    """Commands in force at each time, from where every element has its first command."""
     rows = np.arange(len(stream.time))[:, None]
     last = np.maximum.accumulate(np.where(np.isnan(stream.values), -1, rows), axis=0)
     values = np.take_along_axis(stream.values, np.maximum(last, 0), axis=0)

@@ -25,12 +25,7 @@ _OTHER_KEYS = MappingProxyType({"axes": ("mounting", "body_from_sensor")})
 
 
 def mapped_lines(folder: Path, key: str) -> list[str]:
-    """The lines of the mapping that a key of an imported campaign.toml comes from.
-
-    `key`: path of the key, such as "columns.rate.unit" or "wheels.x.axis". Returns: such as
-    'mapping.toml, line 30: unit = "deg/s"'; empty for a folder that was not imported, and for what
-    the mapping does not state.
-    """
+    """The lines of the mapping that a key such as "columns.rate.unit" comes from."""
     name, text = _of_record(
         folder, lambda r: (r["mapping"]["name"], r["mapping"]["text"]), ("", "")
     )
@@ -43,11 +38,7 @@ def other_mapping(folder: Path, data: bytes) -> bool:
 
 
 def streams_outside(folder: Path) -> dict[str, tuple[int, list[float], list[float]]]:
-    """Streams that were imported, none of whose readings lies in a slew.
-
-    Returns: by what the stream holds: how many readings, first and last time of the stream and of
-    all slews [s]; empty for a folder that was not imported.
-    """
+    """Imported streams without a reading in a slew: how many readings, their span, the slews'."""
 
     def outside(record: Any) -> dict[str, tuple[int, list[float], list[float]]]:
         slews = record["cut"]["slews"]
@@ -62,18 +53,7 @@ def streams_outside(folder: Path) -> dict[str, tuple[int, list[float], list[floa
 
 
 def streams_beside(folder: Path) -> list[str]:
-    """Record of streams that a known offset would put into the slews.
-
-    Parameters
-    ----------
-    folder : Path
-        A campaign folder.
-
-    Returns
-    -------
-    list of str
-        One a stream; empty for a folder that was not imported.
-    """
+    """Notes on streams that a known offset would put into the slews; none without an import."""
     return _of_record(
         folder,
         lambda record: [
@@ -95,22 +75,8 @@ def _of_record[T](folder: Path, read: Callable[[Any], T], otherwise: T) -> T:
 
 
 def lines_of(text: str, key: str) -> list[tuple[int, str]]:
-    """Number and text of the lines of a mapping that state a key.
+    """Number and text of the lines of a mapping that state a key of campaign.toml; [] if none.
 
-    Parameters
-    ----------
-    text : str
-        The mapping.
-    key : str
-        Path of the key in campaign.toml, such as "columns.rate.unit".
-
-    Returns
-    -------
-    list of tuple of int and str
-        Empty where the mapping does not state it.
-
-    Examples
-    --------
     >>> lines_of('[[streams]]\\nholds = "rate"\\nunit = "deg/s"', "columns.rate.unit")
     [(3, 'unit = "deg/s"')]
     """

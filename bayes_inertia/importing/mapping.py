@@ -2,8 +2,6 @@
 
 Wheels of one type: `same_as` takes what one wheel of a mapping says for another.
 
-Numbers of the hardware with their unit: `sigma_cross = "5 arcsec"` in a mapping.
-
 Data sheets state noise in arc seconds and degrees an hour. A number without a unit is in SI units
 and radians, as in campaign.toml.
 """
@@ -47,28 +45,8 @@ _FORM_OF_KEY = {"scalar": "quaternion", "sequence": "euler", "turns": "euler", "
 
 
 def parse_mapping(text: str, label: str) -> MappingPart:
-    """The content of a `mapping.toml`, every key checked.
+    """The content of a `mapping.toml`, every key checked; messages name the file `label`.
 
-    Parameters
-    ----------
-    text : str
-        The content of the file.
-    label : str
-        The file, as messages name it.
-
-    Returns
-    -------
-    MappingPart
-        What the file says.
-
-    Raises
-    ------
-    CampaignError
-        If a question is open ("?"), if a key is unknown, missing, or of a wrong type or value, or
-        if keys contradict each other; the error names the key.
-
-    Examples
-    --------
     >>> parse_mapping('format = "bayes-inertia-mapping/1"\\nname = "?"', "mapping.toml")
     Traceback (most recent call last):
     bayes_inertia.errors.CampaignError: mapping.toml, key name: the question is open; ...
@@ -293,8 +271,6 @@ _OF_TYPE = ("spin_inertia", "max_torque", "max_momentum", "momentum_sigma")
 def with_alike_wheels(document: dict[str, Any], label: str) -> dict[str, Any]:
     """A mapping whose wheels all say themselves what `same_as` took from another.
 
-    Examples
-    --------
     >>> wheels = [{"name": "x", "spin_inertia": 1e-3}, {"name": "y", "same_as": "x"}]
     >>> with_alike_wheels({"wheels": wheels}, "m.toml")["wheels"][1]["spin_inertia"]
     0.001
@@ -340,12 +316,8 @@ _NUMBER_WITH_UNIT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\
 
 
 def with_si_hardware(document: dict[str, Any], label: str) -> dict[str, Any]:
-    """A mapping whose hardware is stated in SI units and radians.
+    """A mapping whose hardware is in SI units, with numbers in place of texts such as "5 arcsec".
 
-    Returns: the same with numbers in place of texts such as "5 arcsec".
-
-    Examples
-    --------
     >>> tracker = {"star_tracker": {"sigma_cross": "3600 arcsec"}}
     >>> round(with_si_hardware(tracker, "m.toml")["star_tracker"]["sigma_cross"], 6)
     0.017453

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Annotated, Literal, get_args
 
 from annotated_types import Len
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from bayes_inertia.campaign.schema import (
     InertiaPart,
@@ -17,6 +17,7 @@ from bayes_inertia.campaign.schema import (
     Names,
     Names3,
     OneOrThree,
+    Part,
     RateSensorPart,
     StarTrackerPart,
     Vector3,
@@ -26,10 +27,6 @@ from bayes_inertia.campaign.schema import (
 MAPPING_FORMAT = "bayes-inertia-mapping/1"
 
 Numbers = float | Annotated[list[float], Len(1)]
-
-
-class _MappingTable(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
 
 
 class MappedRateSensor(RateSensorPart):
@@ -45,14 +42,14 @@ class MappedStarTracker(StarTrackerPart):
     sigma_roll: float | None = None  # type: ignore[assignment]
 
 
-class TimeStampPart(_MappingTable):
+class TimeStampPart(Part):
     """`time` of a stream: the columns of its stamps and the clock that they are read from."""
 
     names: list[str] = Field(default=[], description='names = ["..."], the columns of the time')
     kind: str = ""
     epoch: str = ""
     # What each of several columns counts, such as "ns" or "s/65536"; else their names say it.
-    units: list[str] = []
+    units: list[str] = Field(default=[])
     # How dates are written, in directives of strptime; "" for the forms that are told.
     format: str = ""
     # How often GPS weeks of ten bits began anew.
@@ -63,7 +60,7 @@ class TimeStampPart(_MappingTable):
     regular: bool = False
 
 
-class ValidRows(_MappingTable):
+class ValidRows(Part):
     """`valid` of a stream: rows whose flag has another value hold no reading."""
 
     name: str = Field(description='name = "...", the column of the flag')
@@ -72,7 +69,7 @@ class ValidRows(_MappingTable):
     )
 
 
-class TextFilePart(_MappingTable):
+class TextFilePart(Part):
     """`text` of a stream: how a text file is written, where it cannot be told from its content."""
 
     delimiter: str = ""
@@ -83,7 +80,7 @@ class TextFilePart(_MappingTable):
     units_line: int = 0
 
 
-class _StreamPart(_MappingTable):
+class _StreamPart(Part):
     files: Annotated[list[str], Len(1)] = Field(
         description='files = ["...", ...], names or patterns of the files, such as "gyro_*.csv"'
     )
@@ -145,7 +142,7 @@ class AttitudeStream(_StreamPart):
 
     holds: Literal["attitude"]
     form: Literal["quaternion", "euler", "dcm", "mrp"] | None = None
-    names: list[str] = []
+    names: list[str] = Field(default=[])
     scalar: Literal["first", "last"] | None = None
     maps: Literal["inertial_to_body", "body_to_inertial"] | None = None
     scale: Numbers = 1.0
@@ -156,20 +153,21 @@ class AttitudeStream(_StreamPart):
     body_from_tracker: Matrix33 | None = None
 
 
-class MagneticFieldStream(_ReadingsPart):
+class _InertialPart(_ReadingsPart):
+    names: Names3 = Field(description='names = ["...", "...", "..."], along the inertial axes')
+    frame: Literal["inertial"]
+
+
+class MagneticFieldStream(_InertialPart):
     """The magnetic field along inertial axes."""
 
     holds: Literal["magnetic_field"]
-    names: Names3 = Field(description='names = ["...", "...", "..."], along the inertial axes')
-    frame: Literal["inertial"]
 
 
-class PositionStream(_ReadingsPart):
+class PositionStream(_InertialPart):
     """The position along inertial axes."""
 
     holds: Literal["position"]
-    names: Names3 = Field(description='names = ["...", "...", "..."], along the inertial axes')
-    frame: Literal["inertial"]
 
 
 STREAM_TYPES: dict[str, type[_StreamPart]] = {
@@ -190,7 +188,7 @@ ReadingsStream = RateStream | WheelStream | MagneticFieldStream | PositionStream
 MappedStream = Annotated[ReadingsStream | AttitudeStream, Field(discriminator="holds")]
 
 
-class CutPart(_MappingTable):
+class CutPart(Part):
     """`[cut]`: how logs become slews. Every key has a default that the log gives."""
 
     by: Literal["rest", "files", "gaps"] | None = None
@@ -203,7 +201,7 @@ class CutPart(_MappingTable):
     between_files_s: float | None = Field(default=None, gt=0.0)
 
 
-class MappedSlew(_MappingTable):
+class MappedSlew(Part):
     """One `[[slews]]` of a mapping: a part of the log that the user names."""
 
     name: str = Field(description='name = "..."')
@@ -216,7 +214,7 @@ class MappedSlew(_MappingTable):
     angle_deg: float | None = None
 
 
-class MappingPart(_MappingTable):
+class MappingPart(Part):
     """The whole of `mapping.toml`."""
 
     format: Literal["bayes-inertia-mapping/1"]
@@ -238,4 +236,4 @@ class MappingPart(_MappingTable):
     reduce: Literal["block_means"] | None = Field(
         default=None, description='reduce = "block_means", before the first table'
     )
-    slews: list[MappedSlew] = []
+    slews: list[MappedSlew] = Field(default=[])

@@ -1,11 +1,7 @@
 """Questions on raw logs that only the user can answer, and how a mapping asks them.
 
-Questions on raw logs that only the user can answer.
-
 A mapping that `import --start` writes has "?" at each of these keys, with the question beside it.
 An import with a "?" left repeats the question.
-
-Keys, values and comments of a mapping as text.
 """
 
 from __future__ import annotations
@@ -30,13 +26,8 @@ QUESTIONS: Mapping[str, str] = MappingProxyType(vocabulary("importing")["questio
 
 
 def question_at(path: tuple[str, ...]) -> str:
-    """The question at a key of a mapping.
+    """The question at a key of a mapping, tables in lists by their label; else a general one.
 
-    `path`: the key's path, tables in lists by their label, such as ("streams", "rate", "unit").
-    Returns: the question; a general one where none is written.
-
-    Examples
-    --------
     >>> question_at(("streams", "attitude", "form"))
     '"quaternion", "euler", "dcm" or "mrp"?'
     """
@@ -50,8 +41,6 @@ def question_at(path: tuple[str, ...]) -> str:
 def refuse_open_questions(document: dict[str, Any], label: str) -> None:
     """Raise an error if a mapping has a question left open.
 
-    Examples
-    --------
     >>> refuse_open_questions({"streams": [{"holds": "rate", "unit": "?"}]}, "m.toml")
     Traceback (most recent call last):
     bayes_inertia.errors.CampaignError: m.toml, key streams.rate.unit: the question is open; ...
@@ -70,8 +59,6 @@ def refuse_open_questions(document: dict[str, Any], label: str) -> None:
 def open_questions(value: Any, path: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
     """Paths of all keys whose value is, or holds, a "?".
 
-    Examples
-    --------
     >>> open_questions({"a": {"b": ["?", 1]}, "c": 1})
     [('a', 'b')]
     """
@@ -92,8 +79,6 @@ def open_questions(value: Any, path: tuple[str, ...] = ()) -> list[tuple[str, ..
 def mapping_value(value: Any) -> str:
     """A value as TOML writes it on one line.
 
-    Examples
-    --------
     >>> mapping_value({"names": ["t"], "kind": "utc"})
     '{ names = ["t"], kind = "utc" }'
     """
@@ -108,8 +93,6 @@ def mapping_value(value: Any) -> str:
 def mapping_comment(text: str) -> str:
     """A comment in lines of the usual width.
 
-    Examples
-    --------
     >>> mapping_comment("as drawn")
     '# as drawn'
     """
@@ -119,8 +102,6 @@ def mapping_comment(text: str) -> str:
 def mapping_entry(path: tuple[str, ...], value: Any, comment: str = "", hint: str = "") -> str:
     """One key, with its question above where it is open.
 
-    Examples
-    --------
     >>> print(mapping_entry(("streams", "attitude", "unit"), "?", hint="It reads 1 to 9."))
     # Which unit: deg or rad? It reads 1 to 9.
     unit = "?"

@@ -9,6 +9,7 @@ from decimal import Decimal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from bayes_inertia.campaign.inputs import held_integral
 from bayes_inertia.faults.motion_scan import MotionScan
 from bayes_inertia.faults.noise import NoiseFit, fit_noise
 from bayes_inertia.faults.outliers import outliers_at_rest
@@ -16,7 +17,6 @@ from bayes_inertia.faults.quantisation import quantisation_sigma
 from bayes_inertia.faults.stuck import stuck_fixes
 from bayes_inertia.importing.common_clock import Logs
 from bayes_inertia.importing.limits import LIMITS
-from bayes_inertia.importing.logged_stream import LoggedStream
 from bayes_inertia.importing.mapping_schema import MappingPart
 
 
@@ -84,10 +84,7 @@ class RestNoise:
 
 
 def rest_noise(logs: Logs, scan: MotionScan | None, mapping: MappingPart) -> list[RestNoise]:
-    """The noise of rates, star tracker and tachometers at rest.
-
-    `scan`: the motions; None if none are known, and then nothing is measured.
-    """
+    """The noise of rates, star tracker and tachometers at rest; none without known motions."""
     if scan is None:
         return []
     noises = [*_rates(logs, scan, mapping), *_momenta(logs, scan, mapping)]
@@ -119,7 +116,9 @@ def _momenta(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[Res
     if stream is None:
         return
     torque = logs.streams.get("wheel_torque")
-    commanded = np.zeros_like(stream.values) if torque is None else _impulse(torque, stream.time)
+    commanded = np.zeros_like(stream.values)
+    if torque is not None:
+        commanded = held_integral(torque.time, torque.values, stream.time)
     roundings = np.broadcast_to(stream.rounding, len(mapping.wheels))
     for k, wheel in enumerate(mapping.wheels):
         size = wheel.spin_inertia if speed else 1.0
@@ -131,13 +130,6 @@ def _momenta(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[Res
             stated = wheel.momentum_sigma
             key = f"wheels.{wheel.name}.momentum_sigma"
             yield RestNoise(key, "N m s", (fit,), None if stated is None else (stated,))
-
-
-def _impulse(torque: LoggedStream, time: np.ndarray) -> np.ndarray:
-    """Integral of the held commands up to each time (n, wheels) [N m s]."""
-    added = torque.values[:-1] * np.diff(torque.time)[:, None]
-    sums = np.concatenate([np.zeros((1, torque.values.shape[1])), np.cumsum(added, axis=0)])
-    return np.stack([np.interp(time, torque.time, column) for column in sums.T], axis=1)
 
 
 def _attitudes(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[RestNoise]:

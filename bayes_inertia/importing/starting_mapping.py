@@ -1,9 +1,5 @@
 """A mapping to be filled in, written from the columns of raw files.
 
-One `[[streams]]` of a mapping to be filled in.
-
-What names of columns say by a notation that a simulator defines; suggestions, said as such.
-
 Basilisk writes the frame into the name: omega_BN_B is the rate of B against N in axes of B,
 sigma_BN the modified Rodrigues parameters of B from N; its wheelSpeeds are relative to the body
 [rad/s], and its motorTorque acts on the wheel [N m]. 42's wbn is in axes of the body, its Hwhl the
@@ -12,8 +8,6 @@ that takes vectors of the body to the world; PX4 begins it with the scalar and c
 Names with _B or "body" say that the axes are the body's.
 
 What files and names of columns say is suggested; what only the user can know is asked ("?").
-
-The hardware's part of a mapping to be filled in: inertia, wheels, sensors.
 """
 
 from __future__ import annotations
@@ -48,7 +42,7 @@ from bayes_inertia.importing.questions import (
 )
 from bayes_inertia.importing.stream_readings import stated_attitude
 from bayes_inertia.tables.raw_files import read_raw, tables_in
-from bayes_inertia.tables.raw_table import RawTable
+from bayes_inertia.tables.table import Table
 from bayes_inertia.tables.time_stamps import FREE_CLOCKS, split_unit, stamp_units, time_names
 
 _FROM_NAMES = "from the names of the columns"
@@ -56,23 +50,12 @@ _FROM_NAMES = "from the names of the columns"
 
 @dataclass(frozen=True)
 class FileGroup:
-    """Files whose tables have the same columns.
+    """Files whose tables have the same columns."""
 
-    Parameters
-    ----------
-    files : tuple of Path
-        The files.
-    table_name : str
-        Their table; "" for files that are one table.
-    table : RawTable
-        The first of them.
-    packet : tuple of str and (str or int), optional
-        Of tables with rows of several packets, the column that says which, and its value.
-    """
-
-    files: tuple[Path, ...]
-    table_name: str
-    table: RawTable
+    files: tuple[Path, ...]  # The files
+    table_name: str  # Their table; "" for files that are one table
+    table: Table  # The first of them
+    # Of tables with rows of several packets, the column that says which, and its value
     packet: tuple[str, str | int] | None = None
 
 
@@ -110,10 +93,7 @@ def _stream(group: FileGroup, family: ColumnFamily, *, commented: bool) -> dict[
 
 
 def counts_from_zero(group: FileGroup) -> bool:
-    """Whether the stamps count from a zero of their own.
-
-    Returns: false where the file or the stamps say the date.
-    """
+    """Whether the stamps count from a zero of their own; not where file or stamps say the date."""
     table = group.table
     if table.time_names and table.time_kind and table.time_kind not in FREE_CLOCKS:
         return False
@@ -141,7 +121,7 @@ def _guessed_clock(group: FileGroup, names: Sequence[str]) -> ClockGuess:
     return ClockGuess(*says["kind"]) if guess.kind == UNKNOWN and says else guess
 
 
-def _range(table: RawTable, names: Sequence[str]) -> str:
+def _range(table: Table, names: Sequence[str]) -> str:
     """Between what the readings of columns lie."""
     values = np.concatenate([table.columns[name].values.astype(float) for name in names])
     values = values[np.isfinite(values)]
@@ -151,7 +131,7 @@ def _range(table: RawTable, names: Sequence[str]) -> str:
 
 
 def _attitude(
-    table: RawTable,
+    table: Table,
     family: ColumnFamily,
     says: dict[str, tuple[str, str]],
     stated: dict[str, Any],
@@ -175,7 +155,7 @@ def _attitude(
     ]
 
 
-def _scalar_hint(table: RawTable, family: ColumnFamily, key: str) -> str:
+def _scalar_hint(table: Table, family: ColumnFamily, key: str) -> str:
     """First and last of four columns, where the scalar is asked."""
     if key != "scalar":
         return ""
@@ -206,13 +186,8 @@ def _time(group: FileGroup) -> str:
 
 
 def notation_of(holds: str, name: str) -> dict[str, tuple[str, str]]:
-    """Content of a column by the notation of its name.
+    """For keys of a stream, a value and whose notation says it, by the name of a column.
 
-    `holds`: what the column seems to hold, as a mapping says it. Returns: for keys of the stream a
-    value, and whose notation says it; the first that fits.
-
-    Examples
-    --------
     >>> notation_of("rate", "omega_BN_B[0]")["frame"], notation_of("rate", "gx_dps")
     (('body', "Basilisk's notation"), {})
     """
@@ -230,24 +205,12 @@ _WHEEL_STREAMS = ("wheel_torque", "wheel_momentum", "wheel_speed")
 
 @dataclass(frozen=True)
 class StartingMapping:
-    """A mapping to be filled in.
+    """A mapping to be filled in."""
 
-    Parameters
-    ----------
-    text : str
-        TOML with comments.
-    questions : int
-        Number of questions that it asks.
-    streams : tuple of str
-        What the streams that were recognised hold.
-    left_over : tuple of str
-        Columns that no stream holds, such as "gyro.csv: c1, c2".
-    """
-
-    text: str
-    questions: int
-    streams: tuple[str, ...]
-    left_over: tuple[str, ...]
+    text: str  # TOML with comments
+    questions: int  # Number of questions that it asks
+    streams: tuple[str, ...]  # What the streams that were recognised hold
+    left_over: tuple[str, ...]  # Columns that no stream holds, such as "gyro.csv: c1, c2"
 
 
 def write_starting_mapping(files: Sequence[str | Path], path: str | Path) -> StartingMapping:
@@ -327,7 +290,7 @@ def _groups(files: Sequence[Path]) -> list[FileGroup]:
     return list(groups.values())
 
 
-def _packets(table: RawTable) -> dict[tuple[str, str | int] | None, RawTable]:
+def _packets(table: Table) -> dict[tuple[str, str | int] | None, Table]:
     """The rows of each packet where a column says which, with the columns that it fills."""
     for name, column in table.columns.items():
         values, counts = np.unique(column.values, return_counts=True)
@@ -345,7 +308,7 @@ def _plain(value: str | float) -> str | int:
     return value if isinstance(value, str) else int(value)
 
 
-def _filled(table: RawTable, packet: str, rows: np.ndarray) -> RawTable:
+def _filled(table: Table, packet: str, rows: np.ndarray) -> Table:
     """Some rows of a table, without the packet and columns in which they hold nothing."""
     columns = {
         name: column.only(rows)
@@ -384,12 +347,8 @@ _AXES = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0], "z": [0.0, 0.0, 1.0]}
 
 
 def wheel_words(names: Sequence[str]) -> list[str]:
-    """Parts of names that distinguish the columns of the wheels.
+    """A word for each wheel that tells its columns apart: "x" of "cmd_wheel_x", or a number.
 
-    Returns: A word a wheel: "x" of "cmd_wheel_x", else its number.
-
-    Examples
-    --------
     >>> wheel_words(["cmd_wheel_x", "cmd_wheel_y"]), wheel_words(["rw1_rpm", "rw2_rpm"])
     (['x', 'y'], ['1', '2'])
     """

@@ -12,12 +12,8 @@ A rotation that `maps = "inertial_to_body"` has v_B = C v_N. For each form:
 - direction cosine matrix: C itself, its nine elements row by row.
 - modified Rodrigues parameters: eps / (1 + eta), such as Basilisk's `sigma_BN`.
 
-Facts that a file states itself; a mapping that contradicts them is an error.
-
 Units stand in rows of units and in attributes; CCSDS AEM states the columns, the form, the frames
 and the direction of attitudes.
-
-The readings of a stream from the cells of a table: units, scales, flags and marks.
 """
 
 from __future__ import annotations
@@ -43,7 +39,7 @@ from bayes_inertia.importing.mapping_schema import (
 )
 from bayes_inertia.importing.questions import question_at
 from bayes_inertia.importing.unit_factors import to_si_with, unit_factor
-from bayes_inertia.tables.raw_table import RawTable, is_inertial, number_of
+from bayes_inertia.tables.table import Table, is_inertial, number_of
 
 AttitudeForm = Literal["quaternion", "euler", "dcm", "mrp"]
 COLUMNS_OF_FORM = {"quaternion": 4, "euler": 3, "dcm": 9, "mrp": 3}
@@ -52,40 +48,21 @@ COLUMNS_OF_FORM = {"quaternion": 4, "euler": 3, "dcm": 9, "mrp": 3}
 
 @dataclass(frozen=True)
 class AttitudeConvention:
-    """Attitude convention of a log.
+    """Attitude convention of a log."""
 
-    Parameters
-    ----------
-    form : {"quaternion", "euler", "dcm", "mrp"}
-        What the columns are.
-    maps : {"inertial_to_body", "body_to_inertial"}
-        Between which axes, as the module's text defines it for each form.
-    scalar : {"first", "last"}, optional
-        Place of a quaternion's scalar.
-    sequence : str, optional
-        Axes of Euler angles in the order of the turns, such as "zyx".
-    turns : {"intrinsic", "extrinsic"}, optional
-        Whether Euler angles turn about the turned axes or about the first ones.
-    radians : float, optional
-        Radians of one unit of the angles.
-    """
-
-    form: AttitudeForm
+    form: AttitudeForm  # What the columns are
+    # Between which axes, as the module's text defines it for each form
     maps: Literal["inertial_to_body", "body_to_inertial"]
-    scalar: Literal["first", "last"] = "last"
-    sequence: str = ""
+    scalar: Literal["first", "last"] = "last"  # Place of a quaternion's scalar
+    sequence: str = ""  # Axes of Euler angles in the order of the turns, such as "zyx"
+    # Whether Euler angles turn about the turned axes or about the first ones
     turns: Literal["intrinsic", "extrinsic"] = "intrinsic"
-    radians: float = 1.0
+    radians: float = 1.0  # Radians of one unit of the angles
 
 
 def to_quaternions(values: np.ndarray, convention: AttitudeConvention) -> np.ndarray:
-    """Quaternions of attitudes in any form.
+    """Quaternions (n, 4), body from inertial, scalar last, of attitudes (n, columns) in any form.
 
-    `values` (n, columns): the columns; NaN throughout a row without a fix. Rows must be good
-    (`bad_attitude`). Returns (n, 4): body from inertial, scalar last; NaN in rows without a fix.
-
-    Examples
-    --------
     >>> degrees = {"sequence": "zyx", "radians": np.pi / 180}
     >>> yaw_first = AttitudeConvention("euler", "inertial_to_body", **degrees)
     >>> to_quaternions(np.array([[90.0, 0.0, 0.0]]), yaw_first).round(4).tolist()
@@ -116,15 +93,10 @@ def _inertial_to_body(values: np.ndarray, convention: AttitudeConvention) -> np.
 def without_solution(
     values: np.ndarray, convention: AttitudeConvention, marked: np.ndarray
 ) -> np.ndarray:
-    """Rows that hold a mark of "no solution" instead of an attitude.
+    """Rows (n,) that hold a mark of "no solution", such as 0 0 0 0 or -9999, not an attitude.
 
-    That is one number in all columns which no attitude has there, such as 0 0 0 0 or -9999.
+    That is one number in all columns which no attitude has there, or a mark that the mapping names.
 
-    `values` (n, columns). `marked` (n, columns): cells that hold what the mapping calls a mark.
-    Returns (n,).
-
-    Examples
-    --------
     >>> rows = np.array([[0.0, 0.0, 0.0, 0.0], [0.5, 0.5, 0.5, 0.5], [-1.0, -1.0, -1.0, -1.0]])
     >>> quaternion = AttitudeConvention("quaternion", "inertial_to_body")
     >>> without_solution(rows, quaternion, np.zeros((3, 4), dtype=bool)).tolist()
@@ -142,14 +114,8 @@ def without_solution(
 
 
 def standing_mark(quaternions: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Rows whose attitude is a mark of "no solution", such as 0 0 0 1.
+    """Rows (n,) whose attitude, to which others jump and back, is a mark of "no solution".
 
-    To one and the same attitude, to the last digit, the rows jump again and again and back.
-
-    `quaternions` (n, 4); `time` (n,) [s]. Returns (n,).
-
-    Examples
-    --------
     >>> rows = np.array([[0.6, 0.0, 0.0, 0.8], [0.0, 0.0, 0.0, 1.0]] * 3)
     >>> rows[::2, 0] += 1e-6 * np.arange(3)
     >>> standing_mark(rows, np.arange(6.0)).tolist()
@@ -179,13 +145,8 @@ def standing_mark(quaternions: np.ndarray, time: np.ndarray) -> np.ndarray:
 def rounding_of_attitudes(
     values: np.ndarray, convention: AttitudeConvention, sigmas: np.ndarray
 ) -> float:
-    """Standard deviation of an attitude about any axis from rounding of its columns.
+    """Sd of an attitude about any axis [rad] from the rounding `sigmas` of its columns.
 
-    `sigmas` (columns,). `values` (n, columns): the columns; NaN throughout a row without a fix.
-    Returns [rad].
-
-    Examples
-    --------
     >>> fix, sigmas = np.array([[0.0, 0.0, 0.6, 0.8]]), np.full(4, 1e-4)
     >>> quaternion = AttitudeConvention("quaternion", "inertial_to_body")
     >>> round(rounding_of_attitudes(fix, quaternion, sigmas), 7)
@@ -205,12 +166,8 @@ def rounding_of_attitudes(
 
 
 def bad_attitude(values: np.ndarray, convention: AttitudeConvention) -> tuple[int, str] | None:
-    """The first row that is neither empty nor an attitude.
+    """The first row that is neither empty nor an attitude, and what is wrong with it; None if none.
 
-    `values` (n, columns). Returns: the row and what is wrong with it; None if all rows are good.
-
-    Examples
-    --------
     >>> bad_attitude(np.eye(3).reshape(1, 9) * 2.0, AttitudeConvention("dcm", "inertial_to_body"))
     (0, 'the matrix is no rotation: its rows are not of length 1 and square to each other')
     """
@@ -235,13 +192,8 @@ def bad_attitude(values: np.ndarray, convention: AttitudeConvention) -> tuple[in
 
 
 def from_tracker_axes(quaternions: np.ndarray, body_from_tracker: np.ndarray) -> np.ndarray:
-    """Attitudes of the body from those of a star tracker: v_B = R v_T.
+    """Attitudes of the body (n, 4) from those of a star tracker: v_B = R v_T.
 
-    `body_from_tracker` (3, 3). `quaternions` (n, 4): tracker from inertial, scalar last; NaN in
-    rows without a fix. Returns (n, 4).
-
-    Examples
-    --------
     >>> half_turn = np.diag([-1.0, -1.0, 1.0])
     >>> (from_tracker_axes(np.array([[0.0, 0.0, 0.0, 1.0]]), half_turn) + 0.0).tolist()
     [[0.0, 0.0, 1.0, 0.0]]
@@ -262,13 +214,8 @@ _TRACKER = re.compile(r"(STAR_?TRACKER|STR|ST|AST|INSTRUMENT|STARTRACKER).*")
 
 
 def agreed(stated: Any, mapped: Any, where: str, file: str) -> Any:
-    """Value that the file or the mapping states, or an error if they differ.
+    """The value that file or mapping states ("" or None: nothing); an error if they differ.
 
-    `stated`: what the file says; "" or None where it says nothing. `mapped`: what the mapping says;
-    "", None or empty where it says nothing.
-
-    Examples
-    --------
     >>> agreed("last", None, "m.toml, key scalar", "a.aem")
     'last'
     """
@@ -283,11 +230,8 @@ def agreed(stated: Any, mapped: Any, where: str, file: str) -> Any:
     return stated
 
 
-def agreed_unit(table: RawTable, name: str, quantity: str, mapped: str, where: str) -> str:
-    """The unit of a column.
-
-    `mapped`: the unit that the mapping states; "" where it states none.
-    """
+def agreed_unit(table: Table, name: str, quantity: str, mapped: str, where: str) -> str:
+    """The unit of a column, as the mapping or the file states it."""
     stated = table.column(name).unit
     if not mapped and not stated:
         path = tuple(where.rpartition(", key ")[2].split("."))
@@ -317,12 +261,9 @@ def _factor(quantity: str, unit: str, where: str) -> float:
 
 
 def agreed_attitude(
-    table: RawTable, part: AttitudeStream, where: str
+    table: Table, part: AttitudeStream, where: str
 ) -> tuple[list[str], AttitudeConvention, bool]:
-    """The columns of the attitudes of a table and what they mean.
-
-    Returns `of_tracker`: whether the attitudes are those of the tracker's axes, not of the body's.
-    """
+    """Columns of attitudes, what they mean, and whether they are of the tracker's axes."""
     says = stated_attitude(table)
     unit = _angle_unit(table, part, says, where)
 
@@ -362,7 +303,7 @@ def _unanswered(key: str, where: str) -> CampaignError:
     return CampaignError("missing key", where=f"{where}.{key}", advice=f"add it: {question}")
 
 
-def _angle_unit(table: RawTable, part: AttitudeStream, says: dict[str, Any], where: str) -> str:
+def _angle_unit(table: Table, part: AttitudeStream, says: dict[str, Any], where: str) -> str:
     """Unit of Euler angles; "" for other forms."""
     if (says.get("form") or part.form) != "euler":
         return ""
@@ -372,7 +313,7 @@ def _angle_unit(table: RawTable, part: AttitudeStream, says: dict[str, Any], whe
     return agreed_unit(table, first, "angle", part.unit, where)
 
 
-def stated_attitude(table: RawTable) -> dict[str, Any]:
+def stated_attitude(table: Table) -> dict[str, Any]:
     """Attitude convention that a file states, in the keys of a mapping."""
     stated = table.attitude
     if stated is None:
@@ -406,13 +347,9 @@ def _frame(name: str) -> str:
 
 
 def readings_of(
-    part: MappedStream, table: RawTable, where: str
+    part: MappedStream, table: Table, where: str
 ) -> tuple[np.ndarray, tuple[float, ...], list[str]]:
-    """The readings of a stream in one table.
-
-    Returns `values` (rows, width) in SI units and the package's senses, NaN where there is none;
-    `rounding`, as of `LoggedStream`; `notes`: what was taken for no reading.
-    """
+    """Readings (rows, width) of a stream, SI and in the package's senses; rounding; notes."""
     flagged = np.zeros((1, 1), dtype=bool)
     notes = []
     if part.valid is not None:
@@ -431,7 +368,7 @@ def _marks(part: MappedStream, numbers: np.ndarray) -> np.ndarray:
 
 
 def _readings(
-    part: ReadingsStream, table: RawTable, flagged: np.ndarray, where: str
+    part: ReadingsStream, table: Table, flagged: np.ndarray, where: str
 ) -> tuple[np.ndarray, tuple[float, ...], list[str]]:
     """Columns in SI units, torques on the wheel; their rounding; what was taken for no reading."""
     read = table.stack(part.names)
@@ -458,7 +395,7 @@ def _readings(
 
 
 def _attitudes(
-    part: AttitudeStream, table: RawTable, flagged: np.ndarray, where: str
+    part: AttitudeStream, table: Table, flagged: np.ndarray, where: str
 ) -> tuple[np.ndarray, tuple[float, ...], list[str]]:
     """Quaternions, body from inertial, scalar last; rounding [rad]; what was taken for no fix."""
     names, convention, of_tracker = agreed_attitude(table, part, where)
@@ -509,7 +446,7 @@ def _advice_on(row: int, read: np.ndarray, convention: AttitudeConvention, scale
     )
 
 
-def _valid_rows(valid: ValidRows, table: RawTable, where: str) -> np.ndarray:
+def _valid_rows(valid: ValidRows, table: Table, where: str) -> np.ndarray:
     column = table.column(valid.name)
     accepted = valid.equals if isinstance(valid.equals, list) else [valid.equals]
     if column.is_text:

@@ -77,10 +77,6 @@ def _word(text: str) -> str:
 def spelled_for_pint(unit: str) -> str:
     """A unit as the field writes it, in the spelling that pint reads.
 
-    `unit` [RPM].
-
-    Examples
-    --------
     >>> [spelled_for_pint(unit) for unit in ("mNm", "N.m.s", "[deg s-1]", "kg m2/s")]
     ['mN*m', 'N*m*s', 'deg*s**-1', 'kg*m**2/s']
     """
@@ -124,8 +120,6 @@ def _factor(quantity: str, spelled: str) -> float:
 def unit_factor(quantity: str, unit: str) -> float:
     """The factor from a unit to the SI unit of a quantity, with radians.
 
-    Examples
-    --------
     >>> unit_factor("wheel_torque", "mNm"), unit_factor("time", "ms")
     (0.001, 0.001)
     >>> unit_factor("rate", "Hz")
@@ -162,12 +156,8 @@ def unit_factor(quantity: str, unit: str) -> float:
 def to_si_with(
     values: np.ndarray, unit: str, quantity: str, *, scale: float = 1.0, offset: float = 0.0
 ) -> np.ndarray:
-    """Values of a raw column in SI units and radians.
+    """Values of a raw column in SI units; of counts, `unit` is that of scale and offset.
 
-    `unit`: as the field spells it; of counts the unit of scale and offset.
-
-    Examples
-    --------
     >>> to_si_with(np.array([100.0]), "mN m", "wheel_torque", scale=0.1, offset=-5.0).tolist()
     [0.005]
     """

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.tables.raw_table import RawColumn, RawTable, StatedAttitude
+from bayes_inertia.tables.table import Column, StatedAttitude, Table
 from bayes_inertia.tables.text_table import text_column
 
 _QUATERNION = ("Q1", "Q2", "Q3", "QC")
@@ -44,37 +44,22 @@ _WITH_MEANING = frozenset(
 
 @dataclass(frozen=True)
 class AemSegment:
-    """One block of metadata with its attitudes, KVN or XML alike.
+    """One block of metadata with its attitudes, KVN or XML alike."""
 
-    Parameters
-    ----------
-    version : str
-        "1.0" or "2.0".
-    metadata : dict of str to str
-        Keywords and their values.
-    rows : tuple of tuple of str
-        Cells: time stamp and numbers.
-    lines : tuple of int
-        Their lines; () for XML.
-    names : tuple of str
-        Columns as XML names them; () for KVN, where ATTITUDE_TYPE names them.
-    label : str
-        The file and the segment, as messages name them.
-    """
-
-    version: str
-    metadata: Mapping[str, str]
-    rows: tuple[tuple[str, ...], ...]
-    lines: tuple[int, ...] = ()
+    version: str  # "1.0" or "2.0"
+    metadata: Mapping[str, str]  # Keywords and their values
+    rows: tuple[tuple[str, ...], ...]  # Cells: time stamp and numbers
+    lines: tuple[int, ...] = ()  # Their lines; () for XML
+    # Columns as XML names them; () for KVN, where ATTITUDE_TYPE names them
     names: tuple[str, ...] = ()
-    label: str = ""
+    label: str = ""  # The file and the segment, as messages name them
 
     def error(self, what: str, advice: str) -> CampaignError:
         """What is wrong with the segment."""
         return CampaignError(what, where=self.label, advice=advice)
 
 
-def segment_table(segment: AemSegment) -> RawTable:
+def segment_table(segment: AemSegment) -> Table:
     """The table of a segment, with what the segment says of its numbers."""
     _check_keywords(segment)
     names = segment.names or _names_of_type(segment)
@@ -89,13 +74,13 @@ def segment_table(segment: AemSegment) -> RawTable:
                 advice="mend or remove the line",
             )
     cells = list(zip(*segment.rows, strict=True))
-    columns = {EPOCH: RawColumn(np.array(cells[0], dtype=np.dtypes.StringDType()))}
+    columns = {EPOCH: Column(np.array(cells[0], dtype=np.dtypes.StringDType()))}
     for name, values in zip(names, cells[1:], strict=True):
         columns[name] = text_column(values, ".", _unit_of(name))
     if _type(segment) == "SPIN":
         columns = _spin_angles(segment, columns)
     attitude, notes = _attitude(segment, tuple(columns))
-    return RawTable(
+    return Table(
         segment.label,
         columns,
         np.array(segment.lines, dtype=int) if segment.lines else None,
@@ -106,23 +91,18 @@ def segment_table(segment: AemSegment) -> RawTable:
     )
 
 
-def joined_segments(tables: Sequence[RawTable]) -> RawTable:
+def joined_segments(tables: Sequence[Table]) -> Table:
     """Segments with the same conventions as one table."""
     first = tables[0]
     for number, table in enumerate(tables[1:], start=2):
-        same = (table.attitude, table.time_kind, list(table.columns)) == (
-            first.attitude,
-            first.time_kind,
-            list(first.columns),
-        )
-        if not same:
+        if _conventions(table) != _conventions(first):
             raise CampaignError(
                 f"segments 1 and {number} have different frames, time systems or types",
                 where=first.label,
                 advice='name one segment as the table, such as "segment 1"',
             )
     columns = {
-        name: RawColumn(
+        name: Column(
             np.concatenate([table.columns[name].values for table in tables]),
             first.columns[name].unit,
         )
@@ -130,15 +110,12 @@ def joined_segments(tables: Sequence[RawTable]) -> RawTable:
     }
     known = [table.lines for table in tables if table.lines is not None]
     lines = np.concatenate(known) if len(known) == len(tables) else None
-    return RawTable(
-        first.label,
-        columns,
-        lines,
-        first.time_names,
-        first.time_kind,
-        first.attitude,
-        tuple(dict.fromkeys(note for table in tables for note in table.notes)),
-    )
+    notes = tuple(dict.fromkeys(note for table in tables for note in table.notes))
+    return replace(first, columns=columns, lines=lines, notes=notes)
+
+
+def _conventions(table: Table) -> tuple:
+    return table.attitude, table.time_kind, list(table.columns)
 
 
 def _check_keywords(segment: AemSegment) -> None:
@@ -267,7 +244,7 @@ def _check_quaternions(segment: AemSegment, names: Sequence[str]) -> None:
         )
 
 
-def _spin_angles(segment: AemSegment, columns: Mapping[str, RawColumn]) -> dict[str, RawColumn]:
+def _spin_angles(segment: AemSegment, columns: Mapping[str, Column]) -> dict[str, Column]:
     """Columns with the angles of the turns Z, X, Z that spin axis and phase are (504.0-B)."""
     if segment.metadata.get("ATTITUDE_DIR", "A2B").upper() == "B2A":
         raise segment.error(
@@ -280,10 +257,10 @@ def _spin_angles(segment: AemSegment, columns: Mapping[str, RawColumn]) -> dict[
             f"ATTITUDE_TYPE = SPIN without {', '.join(_SPIN[:3])}",
             "export the message again, or as QUATERNION",
         )
-    alpha, delta, phase = RawTable(segment.label, dict(columns)).stack(_SPIN[:3]).T
+    alpha, delta, phase = Table(segment.label, dict(columns)).stack(_SPIN[:3]).T
     turns = (alpha + 90.0, 90.0 - delta, phase)
     rest = {name: column for name, column in columns.items() if name not in _SPIN[:3]}
-    return rest | {name: RawColumn(v, "deg") for name, v in zip(_ANGLES, turns, strict=True)}
+    return rest | {name: Column(v, "deg") for name, v in zip(_ANGLES, turns, strict=True)}
 
 
 def _frames(segment: AemSegment) -> tuple[str, str]:

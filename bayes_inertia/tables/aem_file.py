@@ -18,8 +18,8 @@ import numpy as np
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes, vocabulary
 from bayes_inertia.tables.aem import AemSegment, joined_segments, segment_table
-from bayes_inertia.tables.raw_table import RawTable
 from bayes_inertia.tables.stamp_parts import SECOND, tai_to_utc, utc_to_tai
+from bayes_inertia.tables.table import Table
 from bayes_inertia.tables.text_cells import decoded
 from bayes_inertia.tables.time_texts import text_to_ns
 
@@ -66,7 +66,7 @@ def refuse_other_messages(head: bytes, path: Path) -> None:
         raise CampaignError(f"is an {kind} ({what})", where=str(path), advice=advice)
 
 
-def read_aem(path: Path, table: str = "") -> RawTable:
+def read_aem(path: Path, table: str = "") -> Table:
     """The attitudes of a message; `table` is "segment 1" and so on, or "" for all together."""
     segments = _segments(path)
     names = _names(len(segments))

@@ -160,24 +160,12 @@ class FileError(Exception):
 
 @dataclass(eq=False)
 class FileArrays:
-    """Arrays of a file by path ("/" between groups or structs), their units, and what is closed.
+    """Arrays of a file by path ("/" between groups or structs), their units, and what is closed."""
 
-    Parameters
-    ----------
-    arrays : dict of str to array
-        Numbers and texts.
-    units : dict of str to str
-        Units that the file states.
-    closed : dict of str to str
-        What could not be read, and what it is.
-    left : float, optional
-        Bytes that further arrays may have.
-    """
-
-    arrays: dict[str, np.ndarray] = field(default_factory=dict)
-    units: dict[str, str] = field(default_factory=dict)
-    closed: dict[str, str] = field(default_factory=dict)
-    left: float = float("inf")
+    arrays: dict[str, np.ndarray] = field(default_factory=dict)  # Numbers and texts
+    units: dict[str, str] = field(default_factory=dict)  # Units that the file states
+    closed: dict[str, str] = field(default_factory=dict)  # What could not be read, and what it is
+    left: float = float("inf")  # Bytes that further arrays may have
 
     def check_size(self, path: str, size: int) -> None:
         """Refuse an array of `size` bytes, before it is read, that no such file can hold."""

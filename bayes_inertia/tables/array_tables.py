@@ -26,8 +26,8 @@ import numpy as np
 from bayes_inertia.errors import CampaignError, library_of_extra
 from bayes_inertia.tables.array_files import UNITS_OF_TIME, FileArrays
 from bayes_inertia.tables.limits import LIMITS
-from bayes_inertia.tables.raw_table import RawColumn, RawTable
 from bayes_inertia.tables.stamp_parts import SECOND
+from bayes_inertia.tables.table import Column, Table
 from bayes_inertia.tables.time_texts import text_to_ns
 
 
@@ -240,8 +240,6 @@ _OLD_OBJECT = (
 def tables_of(arrays: Mapping[str, np.ndarray]) -> list[str]:
     """Names of the tables in a file of arrays: its groups with dots, and rows where lengths differ.
 
-    Examples
-    --------
     >>> tables_of({"gyro/t": np.zeros(5), "gyro/w": np.zeros((5, 3)), "st/t": np.zeros(2)})
     ['gyro', 'st']
     """
@@ -261,7 +259,7 @@ def tables_of(arrays: Mapping[str, np.ndarray]) -> list[str]:
 
 def table_of(
     held: FileArrays, label: str, *, table: str = "", columns: Sequence[str] = ()
-) -> RawTable:
+) -> Table:
     """The columns of one group of a file of arrays; the group "" is the whole file."""
     match = _WITH_ROWS.fullmatch(table)
     group, rows = (match[1], int(match[2])) if match else (table, 0)
@@ -277,12 +275,12 @@ def table_of(
     wanted = {path for path, name in named.items() if _is_wanted(name, columns)}
     chosen = [path for path in counts if path in wanted and rows in (0, counts[path])]
     _check_one_length(chosen, counts, named, table, tables_of(below), label)
-    made: dict[str, RawColumn] = {}
+    made: dict[str, Column] = {}
     for path in chosen:
         _add_columns(made, named[path], below[path], counts[path], held.units.get(path, ""))
     notes = tuple(f"{path} is {what} and was not read" for path, what in held.closed.items())
     where = f"{label}, {table}" if table else label
-    return RawTable(where, made, notes=notes)
+    return Table(where, made, notes=notes)
 
 
 def _is_wanted(name: str, columns: Sequence[str]) -> bool:
@@ -358,7 +356,7 @@ def _row_axis(shape: Sequence[int], vectors: set[int]) -> int:
 
 
 def _add_columns(
-    made: dict[str, RawColumn], name: str, array: np.ndarray, rows: int, unit: str
+    made: dict[str, Column], name: str, array: np.ndarray, rows: int, unit: str
 ) -> None:
     squeezed = _squeezed(array)
     if squeezed.ndim == 1:
@@ -372,30 +370,26 @@ def _add_columns(
         made[f"{name}[{','.join(map(str, index))}]"] = array_column(flat[:, number], unit)
 
 
-def array_column(values: np.ndarray, unit: str = "") -> RawColumn:
-    """A vector of a file as a raw column; integers stay integers, so that ns keep their digits.
+def array_column(values: np.ndarray, unit: str = "") -> Column:
+    """A vector of a file as a column; the unit "seconds since 2024-01-01" makes dates of numbers.
 
-    The unit "seconds since 2024-01-01" makes dates of numbers.
-
-    Examples
-    --------
     >>> array_column(np.array([0.5]), "seconds since 2024-01-01").values.tolist()
     ['2024-01-01T00:00:00.500000000']
     """
     kind = values.dtype.kind
     if kind in "US" or kind == "T":
-        return RawColumn(values.astype(np.dtypes.StringDType()), unit)
+        return Column(values.astype(np.dtypes.StringDType()), unit)
     if kind == "b":
-        return RawColumn(values.astype(np.int64), unit)
+        return Column(values.astype(np.int64), unit)
     since = _SINCE.fullmatch(unit)
     if since and since[1].lower().rstrip("s") + "s" in _NS_OF and kind in "iuf":
-        return RawColumn(_dates_since(values, _NS_OF[since[1].lower().rstrip("s") + "s"], since[2]))
+        return Column(_dates_since(values, _NS_OF[since[1].lower().rstrip("s") + "s"], since[2]))
     if kind == "u":
         exact = values.astype(np.int64) if values.max(initial=0) < 2**63 else values.astype(float)
-        return RawColumn(exact, unit)
+        return Column(exact, unit)
     if kind == "i":
-        return RawColumn(values.astype(np.int64), unit)
-    return RawColumn(values.astype(float), unit, single=values.dtype.itemsize <= 4)
+        return Column(values.astype(np.int64), unit)
+    return Column(values.astype(float), unit, single=values.dtype.itemsize <= 4)
 
 
 def _dates_since(values: np.ndarray, unit: int, epoch: str) -> np.ndarray:

@@ -69,8 +69,6 @@ def check_readable(path: Path, kind: CheckKind, advice: str) -> None:
 
     To be called before a library of this process opens a file that may be damaged.
 
-    Examples
-    --------
     >>> check_readable(Path("no/such/file.h5"), "check", "")
     Traceback (most recent call last):
     bayes_inertia.errors.CampaignError: no/such/file.h5: cannot be opened (...

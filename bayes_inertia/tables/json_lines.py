@@ -18,32 +18,30 @@ import numpy as np
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes
 from bayes_inertia.tables.limits import LIMITS
-from bayes_inertia.tables.raw_table import RawColumn, RawTable
+from bayes_inertia.tables.table import Column, Table
 from bayes_inertia.tables.text_cells import whole_lines
 from bayes_inertia.tables.time_stamps import time_names
 
 
-def read_json_lines(path: Path) -> RawTable:
+def read_json_lines(path: Path) -> Table:
     """The columns of a file of JSON objects; a key that one lacks is an empty cell."""
     text, notes = whole_lines(read_bytes(path), str(path))
     table = parse_json_lines(text, str(path))
     return replace(table, notes=(*notes, *table.notes))
 
 
-def parse_json_lines(text: str, label: str) -> RawTable:
+def parse_json_lines(text: str, label: str) -> Table:
     """The columns of text of JSON objects.
 
-    Examples
-    --------
     >>> table = parse_json_lines('{"t": 1, "gyro": {"w": [0.1, null]}}', "a.jsonl")
     >>> {name: column.values.tolist() for name, column in table.columns.items()}
     {'t': [1], 'gyro.w[0]': [0.1], 'gyro.w[1]': [nan]}
     """
     records, lines, notes = _records(text, label)
-    return RawTable(label, _columns(records, lines, label), np.array(lines, dtype=int), notes=notes)
+    return Table(label, _columns(records, lines, label), np.array(lines, dtype=int), notes=notes)
 
 
-def _columns(records: Sequence[Any], lines: Sequence[int], label: str) -> dict[str, RawColumn]:
+def _columns(records: Sequence[Any], lines: Sequence[int], label: str) -> dict[str, Column]:
     """A column for each key of the objects; a key that one lacks is an empty cell."""
     cells: dict[str, list[Any]] = {}
     for index, (record, line) in enumerate(zip(records, lines, strict=True)):
@@ -68,10 +66,7 @@ def _columns(records: Sequence[Any], lines: Sequence[int], label: str) -> dict[s
 
 
 def json_arrays(path: Path) -> dict[str, np.ndarray] | None:
-    """The arrays of a JSON document that holds arrays, or lists of objects, by path ("/" between).
-
-    None for objects in lines or in one list.
-    """
+    """Arrays of a JSON document of arrays or lists of objects, by path; else None."""
     label = str(path)
     text, _ = whole_lines(read_bytes(path), label)
     try:
@@ -100,7 +95,7 @@ def _arrays_of(document: Any, label: str) -> dict[str, np.ndarray] | None:
     scalars: list[str] = []
     _collect(document, "", found, scalars, label)
     found = {name: array for name, array in found.items() if len(array) > 1}
-    stamp = RawTable("", {name: RawColumn(np.zeros(1)) for name in scalars})
+    stamp = Table("", {name: Column(np.zeros(1)) for name in scalars})
     longest = max((len(array) for array in found.values()), default=0)
     if not found or (longest <= LIMITS.longest_vector and time_names(stamp)):
         return None
@@ -223,14 +218,14 @@ def _flatten(value: Any, name: str, flat: dict[str, Any], depth: int, where: str
         flat[name] = value
 
 
-def _column(values: list[Any]) -> RawColumn:
+def _column(values: list[Any]) -> Column:
     """Integers where all are, floats where all are numbers or missing, else texts."""
     if all(type(value) is int and abs(value) < 2**63 for value in values):
-        return RawColumn(np.array(values, dtype=np.int64))
+        return Column(np.array(values, dtype=np.int64))
     if all(value is None or isinstance(value, int | float) for value in values):
-        return RawColumn(np.array([_float(value) for value in values]))
+        return Column(np.array([_float(value) for value in values]))
     texts = ["" if value is None else str(value) for value in values]
-    return RawColumn(np.array(texts, dtype=np.dtypes.StringDType()))
+    return Column(np.array(texts, dtype=np.dtypes.StringDType()))
 
 
 def _float(value: float | None) -> float:

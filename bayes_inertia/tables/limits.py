@@ -40,7 +40,7 @@ class Limits:
     most_parameters: int = 2000  # More parameters than these are texts of another kind.
     head_bytes: int = 1024  # Bytes by which a format is told.
 
-    # `raw_table.py`
+    # `table.py`
     # Names of columns that a message lists, and the characters of one.
     most_names_told: int = 60
     longest_name_told: int = 60

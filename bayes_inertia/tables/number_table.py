@@ -1,4 +1,4 @@
-"""Tables of a campaign: the wanted columns as floats, by a reader that guesses nothing.
+"""Tables of a campaign: the wanted columns as numbers, by a reader that guesses nothing.
 
 It reads what the readers of raw logs read, but refuses a text without a header, commas and decimal
 points, and columns that are no numbers. pandas would pad short lines, shift the data when a line is
@@ -7,85 +7,24 @@ long, rename doubled columns, and not say which line of the file a bad cell is o
 
 from __future__ import annotations
 
-import math
-import re
-from array import array
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes, text_of
-from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.tables.array_files import FileArrays
-from bayes_inertia.tables.array_tables import parquet_arrays
-from bayes_inertia.tables.isolated import read_arrays
-from bayes_inertia.tables.raw_table import no_column, row_name, shortened
+from bayes_inertia.tables.array_tables import array_column, parquet_arrays
+from bayes_inertia.tables.isolated import ArrayKind, read_arrays
+from bayes_inertia.tables.table import Column, Table, no_column
 from bayes_inertia.tables.text_cells import content_lines, split_rows
+from bayes_inertia.tables.text_table import text_column
 
-_VECTORS = "store each column as a vector of plain numbers"
-
-
-@array_dataclass
-class Table:
-    """Some columns of a table, as 64-bit floats with NaN for empty cells.
-
-    Parameters
-    ----------
-    label : str
-        The file, as messages name it.
-    columns : dict of str to (rows,) array
-        Values by column name, in the file's own units.
-    lines : (rows,) array of int, optional
-        Line numbers as a text editor shows them; None for files without lines.
-    single : frozenset of str, optional
-        Columns that the file stores as 32-bit floats.
-
-    Examples
-    --------
-    >>> Table("a.csv", {"t": np.zeros(2)}, np.array([2, 4])).place(1, "t")
-    'a.csv, line 4, column t'
-    """
-
-    label: str
-    columns: dict[str, np.ndarray]
-    lines: np.ndarray | None = None
-    single: frozenset[str] = frozenset()
-
-    def place(self, row: int, column: str | None = None) -> str:
-        """File, line (or row from 1) and column of a cell, for a message."""
-        return f"{self.label}, {self.row(row)}{f', column {column}' if column else ''}"
-
-    def row(self, row: int) -> str:
-        """A row as people count: "line 12" of a text file, else "row 11"."""
-        return row_name(self.lines, row)
-
-    def stack(self, names: Sequence[str]) -> np.ndarray:
-        """(rows, len(names)) array of columns, in the file's own units."""
-        return np.stack([self.columns[name] for name in names], axis=1)
-
-    def only(self, names: Sequence[str]) -> Table:
-        """The table with some of its columns, refused if a number is infinite."""
-        return replace(self, columns={name: self.columns[name] for name in names}).checked()
-
-    def checked(self) -> Table:
-        """The table itself, refused if a number is infinite."""
-        for name, values in self.columns.items():
-            if np.isinf(values).any():
-                raise CampaignError(
-                    "an infinite value",
-                    where=self.place(int(np.argmax(np.isinf(values))), name),
-                    advice="leave the cell empty, or remove the row",
-                )
-        return self
-
-    def csv(self) -> str:
-        """Text of CSV with all digits; NaN becomes an empty cell."""
-        cells = np.stack(list(self.columns.values()), axis=1).tolist()
-        rows = [["" if math.isnan(cell) else repr(cell) for cell in row] for row in cells]
-        return "".join(",".join(row) + "\n" for row in [list(self.columns), *rows])
+_WITH_GROUPS: Mapping[str, ArrayKind] = MappingProxyType(
+    {".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
+)
 
 
 def read_table(path: Path, names: Sequence[str], group: str = "") -> Table:
@@ -93,47 +32,38 @@ def read_table(path: Path, names: Sequence[str], group: str = "") -> Table:
 
     Where several groups of an HDF5 or MAT file hold the columns, the one called `group` is read.
     """
-    label = str(path)
-    readers: dict[str, Callable[[], Table]] = {
-        ".csv": lambda: parse_csv(text_of(read_bytes(path), label), names, label),
-        ".parquet": lambda: _columns(parquet_arrays(path), names, label),
-        ".h5": lambda: _of_group(read_arrays(path, "hdf5"), names, group, label),
-        ".hdf5": lambda: _of_group(read_arrays(path, "hdf5"), names, group, label),
-        ".mat": lambda: _of_group(read_arrays(path, "mat"), names, group, label),
-    }
-    reader = readers.get(path.suffix.lower())
-    if reader is None:
-        raise CampaignError(
-            f"the suffix {path.suffix!r} is not that of a table",
-            where=label,
-            advice=f"export it as one of {', '.join(readers)}",
-        )
-    return reader().checked()
+    label, suffix = str(path), path.suffix.lower()
+    if suffix == ".csv":
+        return parse_csv(text_of(read_bytes(path), label), names, label)
+    if suffix == ".parquet":
+        return _columns(parquet_arrays(path), names, label)
+    if suffix in _WITH_GROUPS:
+        held = read_arrays(path, _WITH_GROUPS[suffix])
+        return _columns(held, names, label, _group(held, names, group, label))
+    raise CampaignError(
+        f"the suffix {path.suffix!r} is not that of a table",
+        where=label,
+        advice=f"export it as one of .csv, .parquet, {', '.join(_WITH_GROUPS)}",
+    )
 
 
 def parse_csv(text: str, names: Sequence[str], label: str) -> Table:
-    """The columns of CSV text: a header, commas between cells, decimal points.
+    """The columns of CSV text: a header, commas between cells, decimal points; no comments.
 
-    An empty cell is NaN. Empty lines are skipped. Text is welcome in columns that are not wanted.
-
-    Examples
-    --------
     >>> text = "t,mode,w\\n0,idle,1\\n1,slew,\\n"
     >>> parse_csv(text, ["t", "w"], "a.csv").stack(["t", "w"]).tolist()
     [[0.0, 1.0], [1.0, nan]]
     """
-    rows = split_rows(content_lines(text, ())[0], ",", label)
-    head = next(rows, None)
+    written = split_rows(content_lines(text, ())[0], ",", label)
+    head = next(written, None)
     if head is None:
         raise CampaignError(
             "the file is empty",
             where=f"{label}, line 1",
             advice="give a header line and the telemetry below it",
         )
-    header = list(head.cells)
+    header, rows = head.cells, list(written)
     _check_header(header, names, f"{label}, line {head.line}")
-    picked = [header.index(name) for name in names]
-    values, lines = array("d"), array("q")
     for line, cells in rows:
         if len(cells) != len(header):
             raise CampaignError(
@@ -142,13 +72,12 @@ def parse_csv(text: str, names: Sequence[str], label: str) -> Table:
                 advice="give every line as many cells as the header; "
                 "write decimal points, not commas",
             )
-        values.extend([_number(cells[i], label, line, header[i]) for i in picked])
-        lines.append(line)
-    data = np.array(values).reshape(len(lines), len(picked))
-    return Table(label, dict(zip(names, data.T, strict=True)), np.array(lines, dtype=int))
+    picked = {name: header.index(name) for name in names}
+    columns = {name: text_column([row.cells[k] for row in rows], ".") for name, k in picked.items()}
+    return Table(label, columns, np.array([row.line for row in rows], dtype=int)).only(names)
 
 
-def _check_header(header: list[str], names: Sequence[str], place: str) -> None:
+def _check_header(header: Sequence[str], names: Sequence[str], place: str) -> None:
     for separator, word in ((";", "semicolons"), ("\t", "tabs")):
         if len(header) == 1 and separator in header[0]:
             raise CampaignError(
@@ -172,29 +101,8 @@ def _check_present(names: Sequence[str], available: Sequence[str], place: str) -
             raise no_column(name, available, place, " (named in [columns])")
 
 
-def _number(cell: str, label: str, line: int, column: str) -> float:
-    if not cell:
-        return math.nan
-    try:
-        # Python reads 1_000 as a number; in telemetry it is a damaged cell.
-        if "_" not in cell:
-            return float(cell)
-    except ValueError:
-        pass
-    advice = "write a number, or leave the cell empty"
-    if re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", cell):
-        advice = "write a decimal point, not a comma"
-    elif re.search(r"\d[-/:T]\d", cell):
-        advice = "write times as seconds (or another unit of [columns]) from an epoch, not as dates"
-    raise CampaignError(
-        f"{shortened(cell)!r} is not a number",
-        where=f"{label}, line {line}, column {column}",
-        advice=advice,
-    )
-
-
-def _of_group(held: FileArrays, names: Sequence[str], group: str, label: str) -> Table:
-    """The columns of the group that holds them all: the only one, or the one called `group`."""
+def _group(held: FileArrays, names: Sequence[str], group: str, label: str) -> str:
+    """The path of the group that holds all columns: the only one, or the one called `group`."""
     groups: dict[str, list[str]] = {}
     for place in (*held.arrays, *held.closed):
         parent, _, name = place.rpartition("/")
@@ -211,40 +119,33 @@ def _of_group(held: FileArrays, names: Sequence[str], group: str, label: str) ->
             where=label,
             advice="name one group as the slew, or give each slew its own file",
         )
-    chosen = (full if len(full) == 1 else named)[0]
-    return _columns(held, names, label, f"{chosen}/" if chosen else "")
+    return (full if len(full) == 1 else named)[0]
 
 
-def _columns(held: FileArrays, names: Sequence[str], label: str, prefix: str = "") -> Table:
-    """Arrays of a file as columns of numbers."""
-    _check_present(names, [*held.arrays, *held.closed] if not prefix else names, label)
-    columns: dict[str, np.ndarray] = {}
+def _columns(held: FileArrays, names: Sequence[str], label: str, group: str = "") -> Table:
+    """Arrays of a group of a file as columns of numbers."""
+    below = f"{group}/" if group else ""
+    if not group:
+        _check_present(names, [*held.arrays, *held.closed], label)
+    columns: dict[str, Column] = {}
     for name in names:
-        where = f"{label}, column {name}"
-        if prefix + name in held.closed:
-            raise CampaignError(
-                held.closed[prefix + name].replace("a link", "links", 1),
-                where=where,
-                advice="store the numbers in the table itself",
-            )
-        values = held.arrays[prefix + name]
-        if values.dtype.kind not in "iuf":
-            raise CampaignError("does not hold numbers", where=where, advice=_VECTORS)
+        where, closed = f"{label}, column {name}", held.closed.get(below + name)
+        if closed is not None:
+            advice = "store the numbers in the table itself"
+            raise CampaignError(closed.replace("a link", "links", 1), where=where, advice=advice)
+        values = held.arrays[below + name]
         # MATLAB vectors are matrices of one row or one column.
-        if values.size != max(values.shape, default=1):
-            raise CampaignError(
-                f"has shape {values.shape}, not that of one column", where=where, advice=_VECTORS
-            )
-        columns[name] = values.ravel()
-        rows = columns[names[0]].size
+        one = values.size == max(values.shape, default=1)
+        if not one or values.dtype.kind == "b":
+            what = "truth values, not numbers" if one else f"shape {values.shape}, no column"
+            advice = "store each column as a vector of plain numbers"
+            raise CampaignError(f"has {what}", where=where, advice=advice)
+        columns[name] = array_column(values.ravel())
+        rows = columns[names[0]].values.size
         if values.size != rows:
             raise CampaignError(
                 f"has {values.size} rows, but {names[0]} has {rows}",
                 where=where,
                 advice="give all columns one length",
             )
-    single = frozenset(name for name, values in columns.items() if values.dtype == np.float32)
-    numbers = {name: values.astype(float) for name, values in columns.items()}
-    # Damage can make NaNs of which every calculation would warn.
-    quiet = {name: np.where(np.isnan(v), np.nan, v) for name, v in numbers.items()}
-    return Table(label, quiet, single=single)
+    return Table(label, columns).only(names)

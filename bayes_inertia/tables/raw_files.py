@@ -1,7 +1,4 @@
-"""The reader of raw logs: the format is told by content and suffix, each has its own file.
-
-Tables with one row a parameter, as YAMCS, InfluxDB and Grafana export: one row a time again.
-"""
+"""The reader of raw logs: the format is told by content and suffix, each has its own file."""
 
 from __future__ import annotations
 
@@ -30,7 +27,7 @@ from bayes_inertia.tables.array_tables import (
 from bayes_inertia.tables.isolated import ArrayKind, read_arrays
 from bayes_inertia.tables.json_lines import json_arrays, read_json_lines
 from bayes_inertia.tables.limits import LIMITS
-from bayes_inertia.tables.raw_table import EMPTY_CELLS, RawColumn, RawTable
+from bayes_inertia.tables.table import EMPTY_CELLS, Column, Table
 from bayes_inertia.tables.text_cells import TextOptions
 from bayes_inertia.tables.text_table import read_42, read_text_table, text_column
 from bayes_inertia.tables.time_stamps import time_names
@@ -46,15 +43,13 @@ _UNIT = re.compile(r"(.*[ _.])?units?")
 _NO_LABEL = re.compile(r".*(valid|flag|status|quality|state|alarm|limit|severity|unit|time|date).*")
 
 
-def one_row_a_time(table: RawTable) -> RawTable:
+def one_row_a_time(table: Table) -> Table:
     """A table whose rows each hold one parameter, with a column a parameter; others as they are.
 
-    Examples
-    --------
     >>> names = np.array(["wx", "wy", "wx"], dtype=np.dtypes.StringDType())
     >>> columns = {"t": [0.0, 0.0, 0.5], "parameter": names, "value": [1.0, 2.0, 3.0]}
-    >>> made = {name: RawColumn(np.array(v)) for name, v in columns.items()}
-    >>> wide = one_row_a_time(RawTable("a.csv", made))
+    >>> made = {name: Column(np.array(v)) for name, v in columns.items()}
+    >>> wide = one_row_a_time(Table("a.csv", made))
     >>> wide.stack(["t", "wx", "wy"]).tolist()
     [[0.0, 1.0, 2.0], [0.5, 3.0, nan]]
     """
@@ -82,21 +77,20 @@ def one_row_a_time(table: RawTable) -> RawTable:
             table.column(values[0]), own, rows[own], len(first), _only_unit(units, own)
         )
     note = f"one row a parameter ({', '.join(named)}): {len(made) - len(times)} became columns"
-    lines = None if table.lines is None else table.lines[first]
-    return replace(table, columns=made, lines=lines, notes=(*table.notes, note))
+    return replace(table.taking(first), columns=made, notes=(*table.notes, note))
 
 
-def _columns(table: RawTable, names: Sequence[str]) -> list[RawColumn]:
+def _columns(table: Table, names: Sequence[str]) -> list[Column]:
     return [table.column(name) for name in names]
 
 
-def _texts(column: RawColumn) -> list[str]:
+def _texts(column: Column) -> list[str]:
     """The cells of a column as texts."""
     values = column.values if column.exact is None else column.exact
     return [str(cell).strip() for cell in values.tolist()]
 
 
-def _named_by(table: RawTable, parameters: Sequence[str], others: set[str]) -> list[str]:
+def _named_by(table: Table, parameters: Sequence[str], others: set[str]) -> list[str]:
     """The columns that together name the parameter of a row; the parameter itself comes last."""
     tags = [
         name
@@ -133,14 +127,12 @@ def _rows(stamps: Sequence[tuple], labels: Sequence[str]) -> tuple[np.ndarray, l
     return rows, first
 
 
-def _spread(
-    column: RawColumn, own: np.ndarray, rows: np.ndarray, count: int, unit: str
-) -> RawColumn:
+def _spread(column: Column, own: np.ndarray, rows: np.ndarray, count: int, unit: str) -> Column:
     """The readings of one parameter in their rows; no reading in the others."""
     if not column.is_text:
         values = np.full(count, np.nan)
         values[rows] = column.values[own]
-        return RawColumn(values, unit or column.unit, column.single)
+        return Column(values, unit or column.unit, column.single)
     cells = [""] * count
     for row, cell in zip(rows.tolist(), column.values[own].tolist(), strict=True):
         cells[row] = cell
@@ -231,7 +223,7 @@ def read_raw(
     table: str = "",
     columns: Sequence[str] = (),
     options: TextOptions | None = None,
-) -> RawTable:
+) -> Table:
     """One table of a raw log; `table` is a name of `tables_in`, or "" for the whole file.
 
     The wanted columns choose where those of one table differ in length; () are all. Options say how
@@ -267,10 +259,10 @@ def tables_in(path: str | Path) -> list[str]:
     return [""] if held is None else tables_of(held.arrays)
 
 
-def _parquet_table(file: Path) -> RawTable:
+def _parquet_table(file: Path) -> Table:
     held = parquet_arrays(file)
     columns = {name: array_column(a, held.units[name]) for name, a in held.arrays.items()}
-    table = RawTable(str(file), columns)
+    table = Table(str(file), columns)
     if not table.rows:
         raise CampaignError("holds no rows of numbers", where=table.label, advice="export it again")
     return table

@@ -1,9 +1,5 @@
 """Stamps in several columns, and leap seconds.
 
-Leap seconds: UTC on the continuous scale of TAI.
-
-Stamps in several columns: what each column counts, and the sum of all.
-
 ROS 2 writes seconds and nanoseconds; CCSDS unsegmented codes (CUC) seconds and a binary fraction,
 segmented ones (CDS) days, milliseconds and microseconds; loggers a date and a time of the day.
 """
@@ -24,7 +20,7 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import by_word, vocabulary
-from bayes_inertia.tables.raw_table import RawTable
+from bayes_inertia.tables.table import Table
 
 
 @dataclass(frozen=True)
@@ -61,8 +57,6 @@ def leap_table() -> tuple[np.ndarray, np.ndarray]:
 def utc_to_tai(utc_ns: np.ndarray) -> np.ndarray:
     """TAI of UTC from 1972 on, (rows,) array of ns since 1958 each; a day of UTC has 86400 s.
 
-    Examples
-    --------
     >>> new_year = np.array([21550 * 86400 * SECOND])  # 2017-01-01
     >>> ((utc_to_tai(new_year) - utc_to_tai(new_year - 1)) / SECOND).round(6).tolist()
     [1.0]
@@ -75,8 +69,6 @@ def utc_to_tai(utc_ns: np.ndarray) -> np.ndarray:
 def tai_to_utc(tai_ns: int) -> int:
     """UTC of TAI [ns since 1958]; a day of UTC has 86400 s.
 
-    Examples
-    --------
     >>> moment = 21550 * 86400 * SECOND
     >>> tai_to_utc(int(utc_to_tai(np.array(moment)))) == moment
     True
@@ -109,8 +101,6 @@ _WORDS = re.compile(r"[A-Z]?[a-zµμ]+|[A-Z]+(?![a-z])")
 def words_of(name: str) -> list[str]:
     """The words of a column's name in their order, in small letters.
 
-    Examples
-    --------
     >>> words_of("unixMs"), words_of("GPS_time [s]")
     (['unix', 'ms'], ['gps', 'time', 's'])
     """
@@ -120,8 +110,6 @@ def words_of(name: str) -> list[str]:
 def unit_in_name(name: str) -> str:
     """The first unit of time that the name of a column says; "" where it says none.
 
-    Examples
-    --------
     >>> [unit_in_name(name) for name in ("nanosec", "us_of_ms", "dayOfYear", "iTOW", "fine")]
     ['ns', 'us', 'doy', 'ms', '']
     """
@@ -136,8 +124,6 @@ def unit_in_name(name: str) -> str:
 def unit_size(text: str) -> Fraction | None:
     """The nanoseconds of a unit of time such as "10 us" or "s/65536"; None where it is none.
 
-    Examples
-    --------
     >>> unit_size("10 us"), unit_size("s/2^16") == unit_size("1/65536 s"), unit_size("m")
     (Fraction(10000, 1), True, None)
     """
@@ -152,7 +138,7 @@ def unit_size(text: str) -> Fraction | None:
 
 
 def sizes_of(
-    table: RawTable, names: Sequence[str], units: Sequence[str], first: str
+    table: Table, names: Sequence[str], units: Sequence[str], first: str
 ) -> list[Fraction]:
     """The nanoseconds of one of each column, as mapping, name or kind of stamp (`first`) says."""
     sizes = []
@@ -173,7 +159,7 @@ def sizes_of(
 
 
 def added_parts(
-    table: RawTable, names: Sequence[str], sizes: Sequence[Fraction], *, of_date: bool = False
+    table: Table, names: Sequence[str], sizes: Sequence[Fraction], *, of_date: bool = False
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Time that the columns after the first add to a stamp.
 
@@ -204,12 +190,9 @@ def added_parts(
 
 
 def exact_ns(
-    table: RawTable, name: str, unit: Fraction, zero: float = 0.0
+    table: Table, name: str, unit: Fraction, zero: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """A column of numbers in whole nanoseconds, `zero` of its units (of `unit` ns) becoming 0.
-
-    Returns (rows,) ns, (rows,) whether the cell is empty, and the step of the file [s].
-    """
+    """A column in whole ns (rows,), `zero` of its units becoming 0; empty rows; step [s]."""
     column = table.column(name)
     values = table.numbers(name)
     missing = np.isnan(values)
@@ -238,7 +221,7 @@ def exact_ns(
     return ns + np.rint(rest * one).astype(np.int64), missing, float(spacing) * one / SECOND
 
 
-def _decimal_ns(table: RawTable, name: str, unit: int, zero: float) -> np.ndarray:
+def _decimal_ns(table: Table, name: str, unit: int, zero: float) -> np.ndarray:
     """Cells with more digits than a float holds, in whole nanoseconds."""
     column = table.column(name)
     assert column.exact is not None
@@ -263,9 +246,7 @@ def _rounded(values: np.ndarray, size: Fraction) -> np.ndarray:
     return np.rint(values * float(size)).astype(np.int64)
 
 
-def _wrong_part(
-    table: RawTable, names: Sequence[str], k: int, row: int, what: str
-) -> CampaignError:
+def _wrong_part(table: Table, names: Sequence[str], k: int, row: int, what: str) -> CampaignError:
     return CampaignError(
         f"{table.numbers(names[k])[row]:.12g} {what}",
         where=table.place(row, names[k]),
@@ -273,11 +254,8 @@ def _wrong_part(
     )
 
 
-def weeks_ns(table: RawTable, name: str, rollovers: int | None) -> tuple[np.ndarray, np.ndarray]:
-    """Starts of GPS weeks [ns since week 0], (rows,), and (rows,) whether the cell is empty.
-
-    Weeks of ten bits began anew in 1999 and 2019; `rollovers` says how often, None if unstated.
-    """
+def weeks_ns(table: Table, name: str, rollovers: int | None) -> tuple[np.ndarray, np.ndarray]:
+    """Starts of GPS weeks [ns since week 0], (rows,), and (rows,) whether the cell is empty."""
     numbers = table.numbers(name)
     missing = np.isnan(numbers)
     numbers = np.where(missing, 0.0, numbers)

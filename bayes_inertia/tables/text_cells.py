@@ -1,9 +1,4 @@
-"""Text files: bytes as rows of cells, each with its line, and the form of the cells.
-
-Bytes of a text file as rows of cells, each with its line.
-
-Form of a text file: stated by a mapping, or recognised from its rows.
-"""
+"""Text files: bytes as rows of cells, each with its line, and the form of the cells."""
 
 from __future__ import annotations
 
@@ -17,7 +12,7 @@ from typing import NamedTuple
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.tables.limits import LIMITS
-from bayes_inertia.tables.raw_table import EMPTY_CELLS, number_of
+from bayes_inertia.tables.table import EMPTY_CELLS, number_of
 from bayes_inertia.tables.time_texts import is_date
 
 WHITESPACE = "whitespace"
@@ -41,12 +36,8 @@ class CellRow(NamedTuple):  # A log has a million of them: a dataclass takes twi
 
 
 def decoded(data: bytes, label: str, encoding: str = "") -> str:
-    """The text of a file without byte-order mark; an encoding "" is told from its content.
+    """The text of a file without byte-order mark; an encoding "" is told from its bytes.
 
-    By its mark, as UTF-16 by its NUL bytes, as UTF-8, else as Windows-1252.
-
-    Examples
-    --------
     >>> decoded("t;°/s".encode("utf-16-le"), "a.csv"), decoded("t;°/s".encode("latin-1"), "a.csv")
     ('t;°/s', 't;°/s')
     """
@@ -62,8 +53,6 @@ def whole_lines(data: bytes, label: str, encoding: str = "") -> tuple[str, tuple
     A logger that loses power leaves NUL bytes where its last lines were to stand. Lines with zero
     bytes become empty, so that the others keep their numbers.
 
-    Examples
-    --------
     >>> whole_lines(b"t,w\\n0,1\\n1,2\\n2,\\0\\0", "a.csv")
     ('t,w\\n0,1\\n1,2\\n', ('NUL bytes in line 4 (a loss of power?): 1 line cut left out',))
     """
@@ -197,31 +186,17 @@ _TIME = re.compile(
 
 @dataclass(frozen=True)
 class TextOptions:
-    """Form of a text file as a mapping states it; everything else is recognised from the file.
+    """Form of a text file as a mapping states it; everything else is recognised from the file."""
 
-    Parameters
-    ----------
-    delimiter : str, optional
-        What separates cells, such as ";", "\\t" or "whitespace"; "" to tell from the file.
-    decimal : str, optional
-        "." or ","; "" to tell from the file.
-    encoding : str, optional
-        Such as "latin-1"; "" to tell from the file.
-    comment : str, optional
-        What a comment row begins with; "" for "#" and "%".
-    header_line : int, optional
-        Line of the column names, from 1; 0 to tell from the file, -1 for a file without names,
-        whose columns are then called c1, c2, ...
-    units_line : int, optional
-        Line of the units, from 1; 0 to tell from the file, -1 for none.
-    """
-
+    # What separates cells, such as ";", "\\t" or "whitespace"; "" to tell from the file
     delimiter: str = ""
-    decimal: str = ""
-    encoding: str = ""
-    comment: str = ""
+    decimal: str = ""  # "." or ","; "" to tell from the file
+    encoding: str = ""  # Such as "latin-1"; "" to tell from the file
+    comment: str = ""  # What a comment row begins with; "" for "#" and "%"
+    # Line of the column names, from 1; 0 to tell from the file, -1 for a file without names, whose
+    # columns are then called c1, c2, ...
     header_line: int = 0
-    units_line: int = 0
+    units_line: int = 0  # Line of the units, from 1; 0 to tell from the file, -1 for none
 
 
 class TextForm(NamedTuple):

@@ -21,11 +21,11 @@ import numpy as np
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes, vocabulary
 from bayes_inertia.tables.limits import LIMITS
-from bayes_inertia.tables.raw_table import (
+from bayes_inertia.tables.table import (
     EMPTY_CELLS,
-    RawColumn,
-    RawTable,
+    Column,
     StatedAttitude,
+    Table,
     number_of,
 )
 from bayes_inertia.tables.text_cells import (
@@ -45,7 +45,7 @@ _BRACKETS = re.compile(r".*?\s*[\[(<]([^\[\]()<>]*)[\])>]\s*")
 _UNIT_WORDS = frozenset(vocabulary("tables")["units"]["words"].split())
 
 
-def read_text_table(path: Path, options: TextOptions) -> RawTable:
+def read_text_table(path: Path, options: TextOptions) -> Table:
     """The columns of a text file, with the units that a row of units or the names state."""
     label = str(path)
     text, notes = whole_lines(read_bytes(path), label, options.encoding)
@@ -53,11 +53,9 @@ def read_text_table(path: Path, options: TextOptions) -> RawTable:
     return replace(table, notes=(*notes, *table.notes))
 
 
-def parse_text(text: str, label: str, options: TextOptions) -> RawTable:
+def parse_text(text: str, label: str, options: TextOptions) -> Table:
     """The columns of a text table; what the options leave open is told from the text.
 
-    Examples
-    --------
     >>> table = parse_text("t;w\\ns;deg/s\\n0,25;1,5\\n0,5;\\n", "a.csv", TextOptions())
     >>> table.numbers("w").tolist(), table.columns["w"].unit
     ([1.5, nan], 'deg/s')
@@ -294,7 +292,7 @@ def _table(
     decimal: str,
     label: str,
     notes: tuple[str, ...],
-) -> RawTable:
+) -> Table:
     count = len(names)
     for row in rows:
         extra = row.cells[count:]
@@ -310,20 +308,16 @@ def _table(
         name: text_column(values, decimal, unit)
         for name, values, unit in zip(names, cells, units, strict=False)
     }
-    return RawTable(label, columns, np.array([row.line for row in rows], dtype=int), notes=notes)
+    return Table(label, columns, np.array([row.line for row in rows], dtype=int), notes=notes)
 
 
 def _is_text(cell: str, decimal: str) -> bool:
     return math.isnan(number_of(cell, decimal)) and cell.lower() not in EMPTY_CELLS
 
 
-def text_column(cells: Sequence[str], decimal: str, unit: str = "") -> RawColumn:
+def text_column(cells: Sequence[str], decimal: str, unit: str = "") -> Column:
     """A column of text cells: numbers where every cell is one or empty, else texts.
 
-    The texts stand beside numbers that a float would round.
-
-    Examples
-    --------
     >>> text_column(["1.5", "", "n/a"], ".").values.tolist()
     [1.5, nan, nan]
     """
@@ -335,14 +329,14 @@ def text_column(cells: Sequence[str], decimal: str, unit: str = "") -> RawColumn
     except ValueError:
         # Lazily: of a column of dates the first cell tells.
         if any(_is_text(cell, decimal) for cell in cells):
-            return RawColumn(np.array(cells, dtype=np.dtypes.StringDType()), unit)
+            return Column(np.array(cells, dtype=np.dtypes.StringDType()), unit)
         values = np.array([number_of(cell, decimal) for cell in cells])
     finite = np.abs(values[np.isfinite(values)])
     if finite.size and finite.max() >= LIMITS.lossy_size:
         digits = max(sum(c.isdigit() for c in cell) for cell in points)
         if digits > LIMITS.lossy_digits:
-            return RawColumn(values, unit, exact=np.array(points, dtype=np.dtypes.StringDType()))
-    return RawColumn(values, unit)
+            return Column(values, unit, exact=np.array(points, dtype=np.dtypes.StringDType()))
+    return Column(values, unit)
 
 
 # Number of columns (0: any), and unit, of each output of 42.
@@ -351,11 +345,8 @@ _UTC_OF_42 = re.compile(r"\s*(\d{4}):(\d{1,2}):(\d{1,2}):(\d{1,2}):(\d{2}):(\d{2
 _FORM_OF_42 = TextOptions(delimiter="whitespace", decimal=".", header_line=-1, units_line=-1)
 
 
-def read_42(path: Path) -> RawTable:
-    """The columns of an output of 42, such as qbn[0], with the stamps of the time.42 beside it.
-
-    Columns of a file that is not known are c1, c2, ...
-    """
+def read_42(path: Path) -> Table:
+    """The columns of an output of 42, such as qbn[0], with the stamps of the time.42 beside it."""
     stem = path.stem
     if stem == "UTC":
         return _utc(path)
@@ -379,7 +370,7 @@ def read_42(path: Path) -> RawTable:
     if stem == "qbn":
         attitude = StatedAttitude(tuple(f"qbn[{i}]" for i in range(4)), "last", "N", "BODY")
     timed = "time" in columns
-    return RawTable(
+    return Table(
         str(path),
         columns,
         table.lines,
@@ -390,7 +381,7 @@ def read_42(path: Path) -> RawTable:
     )
 
 
-def _stamps(path: Path, rows: int) -> dict[str, RawColumn]:
+def _stamps(path: Path, rows: int) -> dict[str, Column]:
     """The time of each row, from the file that 42 writes beside all others."""
     beside = path.with_name("time.42")
     if path.stem in ("time", "DynTime") or not beside.is_file():
@@ -402,10 +393,10 @@ def _stamps(path: Path, rows: int) -> dict[str, RawColumn]:
             where=str(path),
             advice="take both from one run",
         )
-    return {"time": RawColumn(time.values, "s")}
+    return {"time": Column(time.values, "s")}
 
 
-def _notes(path: Path, stem: str, columns: Mapping[str, RawColumn]) -> tuple[str, ...]:
+def _notes(path: Path, stem: str, columns: Mapping[str, Column]) -> tuple[str, ...]:
     """Say where the six decimals that 42 writes leave few digits."""
     if stem not in ("Hwhl", "MTB", "Thr"):
         return ()
@@ -421,7 +412,7 @@ def _notes(path: Path, stem: str, columns: Mapping[str, RawColumn]) -> tuple[str
     )
 
 
-def _utc(path: Path) -> RawTable:
+def _utc(path: Path) -> Table:
     """UTC.42: year:month:day:hour:minute:second, as ISO 8601."""
     texts, numbers = [], []
     for number, line in enumerate(decoded(read_bytes(path), str(path)).splitlines(), start=1):
@@ -437,5 +428,5 @@ def _utc(path: Path) -> RawTable:
         year, month, day, hour, minute = (int(part) for part in match.groups()[:5])
         texts.append(f"{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{match[6]}Z")
         numbers.append(number)
-    column = RawColumn(np.array(texts, dtype=np.dtypes.StringDType()))
-    return RawTable(str(path), {"UTC": column}, np.array(numbers), ("UTC",), "utc")
+    column = Column(np.array(texts, dtype=np.dtypes.StringDType()))
+    return Table(str(path), {"UTC": column}, np.array(numbers), ("UTC",), "utc")

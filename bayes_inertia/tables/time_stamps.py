@@ -1,9 +1,5 @@
 """Time stamps: the columns that hold them, and all clocks on one scale.
 
-Columns that hold the time of a table, told from their names, units and cells.
-
-Time stamps of any clock on one continuous scale: integer nanoseconds of TAI.
-
 A gyro stamped in UTC, wheels in GPS seconds and a star tracker in an AEM then line up. 64-bit
 floats of seconds since 1958 have steps of 2.4e-7 s; integer nanoseconds lose nothing. UTC has leap
 seconds; their table is that of ERFA, and needs no network.
@@ -26,7 +22,6 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import by_word, vocabulary
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.tables.limits import LIMITS
-from bayes_inertia.tables.raw_table import RawColumn, RawTable
 from bayes_inertia.tables.stamp_parts import (
     SCALES,
     SECOND,
@@ -41,6 +36,7 @@ from bayes_inertia.tables.stamp_parts import (
     weeks_ns,
     words_of,
 )
+from bayes_inertia.tables.table import Column, Table
 from bayes_inertia.tables.time_texts import (
     form_of_format,
     is_date,
@@ -68,8 +64,6 @@ _OF_DAY = re.compile(r"\d{1,2}:\d{2}")
 def split_unit(name: str) -> tuple[str, str]:
     """A column's name without the unit that it ends with, and that unit, or "".
 
-    Examples
-    --------
     >>> split_unit("wx_deg_s"), split_unit("rate x [deg/s]"), split_unit("gyro")
     (('wx', 'deg/s'), ('rate x', 'deg/s'), ('gyro', ''))
     """
@@ -86,7 +80,7 @@ def split_unit(name: str) -> tuple[str, str]:
     return name, ""
 
 
-def time_names(table: RawTable) -> list[str]:
+def time_names(table: Table) -> list[str]:
     """Columns of the time: those that the file states, are so named, or hold dates; [] if none."""
     if table.time_names:
         return list(table.time_names)
@@ -99,17 +93,15 @@ def time_names(table: RawTable) -> list[str]:
     return stamp_columns(table, named or [n for n, c in table.columns.items() if _holds_dates(c)])
 
 
-def _holds_dates(column: RawColumn) -> bool:
+def _holds_dates(column: Column) -> bool:
     return column.is_text and len(column.values) > 0 and is_date(str(column.values[0]))
 
 
-def stamp_columns(table: RawTable, named: Sequence[str]) -> list[str]:
+def stamp_columns(table: Table, named: Sequence[str]) -> list[str]:
     """Columns that make one stamp together, whole units first; the first of `named` if it is alone.
 
-    Examples
-    --------
-    >>> ros = {"sec": RawColumn(np.array([7.0, 7.0])), "nanosec": RawColumn(np.array([0.0, 5e8]))}
-    >>> stamp_columns(RawTable("a.csv", ros), ["sec"])
+    >>> ros = {"sec": Column(np.array([7.0, 7.0])), "nanosec": Column(np.array([0.0, 5e8]))}
+    >>> stamp_columns(Table("a.csv", ros), ["sec"])
     ['sec', 'nanosec']
     """
     weeks = [name for name in named if "week" in name.lower()]
@@ -122,7 +114,7 @@ def stamp_columns(table: RawTable, named: Sequence[str]) -> list[str]:
     return longest if len(longest) > 1 else list(named[:1])
 
 
-def _starts_a_stamp(table: RawTable, name: str) -> bool:
+def _starts_a_stamp(table: Table, name: str) -> bool:
     """Whether a column may hold the whole units of a stamp."""
     column = table.column(name)
     if column.is_text:
@@ -132,7 +124,7 @@ def _starts_a_stamp(table: RawTable, name: str) -> bool:
     )
 
 
-def _with_finer(table: RawTable, chain: list[str]) -> list[str]:
+def _with_finer(table: Table, chain: list[str]) -> list[str]:
     """The columns of a stamp with those that follow it and count parts of its unit."""
     for name in list(table.columns)[list(table.columns).index(chain[-1]) + 1 :]:
         if not _is_part(table, chain, name):
@@ -144,7 +136,7 @@ def _with_finer(table: RawTable, chain: list[str]) -> list[str]:
     return chain if whole and dated else chain[:1]
 
 
-def _is_part(table: RawTable, chain: Sequence[str], name: str) -> bool:
+def _is_part(table: Table, chain: Sequence[str], name: str) -> bool:
     """Whether a column counts parts of the last unit of a stamp."""
     before, column = table.column(chain[-1]), table.column(name)
     if column.is_text or before.is_text:
@@ -162,7 +154,7 @@ def _is_part(table: RawTable, chain: Sequence[str], name: str) -> bool:
     return None in sizes or 0.0 <= most * float(sizes[1] or 0) < float(sizes[0] or 0) * 1.001
 
 
-def _is_whole(column: RawColumn) -> bool:
+def _is_whole(column: Column) -> bool:
     return column.is_text or not np.any(np.nan_to_num(column.values) % 1.0)
 
 
@@ -171,13 +163,11 @@ def _stem(name: str) -> str:
     return " ".join(w for w in words_of(name) if w not in UNIT_WORDS and w not in _NO_STEM)
 
 
-def stamp_units(table: RawTable, names: Sequence[str]) -> list[str]:
+def stamp_units(table: Table, names: Sequence[str]) -> list[str]:
     """Unit of each column of a stamp, as a mapping writes it: "date" for texts, "" if unknown.
 
-    Examples
-    --------
     >>> cuc = {"coarse": np.array([7.0, 7.0]), "fine": np.array([16384.0, 49152.0])}
-    >>> stamp_units(RawTable("a.csv", {k: RawColumn(v) for k, v in cuc.items()}), list(cuc))
+    >>> stamp_units(Table("a.csv", {k: Column(v) for k, v in cuc.items()}), list(cuc))
     ['s', 's/2^16']
     """
     units: list[str] = []
@@ -240,32 +230,18 @@ TIME_KINDS = (*FREE_CLOCKS, *_TEXTS, *_NUMBERS, "gps_week", *_DAYS)
 class TimeStamps:
     """The times of one stream.
 
-    Parameters
-    ----------
-    ns : (rows,) array of int
-        Nanoseconds since 1958-01-01T00:00:00 TAI where `absolute`, else since the clock's own
-        zero; 0 where a stamp is missing.
-    missing : (rows,) array of bool
-        Rows without a stamp.
-    absolute : bool
-        Whether other absolute clocks share the scale.
-    resolution_s : float
-        The step in which the file can write a stamp [s].
-    zero_ns : int, optional
-        The stamp of the clock's own zero.
-
-    Examples
-    --------
     >>> stamps = TimeStamps(np.array([10, 250_000_010]), np.array([False, False]), False, 1e-9)
     >>> stamps.seconds_since(stamps.first_ns).tolist()
     [0.0, 0.25]
     """
 
+    # (rows,) of int: nanoseconds since 1958-01-01T00:00:00 TAI where `absolute`, else since the
+    # clock's own zero; 0 where a stamp is missing
     ns: np.ndarray
-    missing: np.ndarray
-    absolute: bool
-    resolution_s: float
-    zero_ns: int = 0
+    missing: np.ndarray  # (rows,) of bool: rows without a stamp
+    absolute: bool  # Whether other absolute clocks share the scale
+    resolution_s: float  # The step in which the file can write a stamp [s]
+    zero_ns: int = 0  # The stamp of the clock's own zero
 
     @property
     def first_ns(self) -> int:
@@ -279,7 +255,7 @@ class TimeStamps:
 
 
 def times_to_seconds(
-    table: RawTable,
+    table: Table,
     names: Sequence[str],
     kind: str,
     *,
@@ -301,11 +277,9 @@ def times_to_seconds(
     as 2 from 2019-04-07. `first_day`: for "cds": the days from 1958-01-01 to the day that it calls
     0.
 
-    Examples
-    --------
-    >>> from bayes_inertia.tables.raw_table import RawColumn
-    >>> week = RawTable("w.csv", {"w": RawColumn(np.array([2086])), "s": RawColumn(np.array([18]))})
-    >>> text = RawTable("t.csv", {"t": RawColumn(np.array(["2019-12-29T00:00:00Z"]))})
+    >>> from bayes_inertia.tables.table import Column
+    >>> week = Table("w.csv", {"w": Column(np.array([2086])), "s": Column(np.array([18]))})
+    >>> text = Table("t.csv", {"t": Column(np.array(["2019-12-29T00:00:00Z"]))})
     >>> gps = times_to_seconds(week, ["w", "s"], "gps_week")
     >>> gps.ns - times_to_seconds(text, ["t"], "utc").ns
     array([0])
@@ -326,8 +300,6 @@ def times_to_seconds(
 def dates_of(number: float, kind: str) -> np.datetime64 | None:
     """The date in UTC of a count of one of `COUNTED_CLOCKS`; None outside the years that are read.
 
-    Examples
-    --------
     >>> str(dates_of(1456401618.0, "gps_s"))[:19]
     '2026-03-01T12:00:00'
     """
@@ -338,7 +310,7 @@ def dates_of(number: float, kind: str) -> np.datetime64 | None:
     return np.datetime64("1958-01-01", "ns") + np.timedelta64(ns if leaps else tai_to_utc(ns), "ns")
 
 
-def _check_kind(table: RawTable, names: Sequence[str], kind: str, units: Sequence[str]) -> None:
+def _check_kind(table: Table, names: Sequence[str], kind: str, units: Sequence[str]) -> None:
     if kind not in TIME_KINDS:
         raise CampaignError(
             f"{kind!r} is no kind of time stamp",
@@ -362,7 +334,7 @@ def _check_kind(table: RawTable, names: Sequence[str], kind: str, units: Sequenc
 
 
 def _from_texts(
-    table: RawTable, names: Sequence[str], kind: str, units: Sequence[str], form: str
+    table: Table, names: Sequence[str], kind: str, units: Sequence[str], form: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Stamps (rows,) written as dates, on the TAI scale, and the rows without one."""
     name, column = names[0], table.column(names[0])
@@ -391,7 +363,7 @@ def _from_texts(
 
 
 def _dates_in_tai(
-    table: RawTable, name: str, kind: str, cells: list[str], form: str
+    table: Table, name: str, kind: str, cells: list[str], form: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Dates (rows,) on the TAI scale, and the rows without one."""
     pattern = form_of_format(form, f"{table.label}, format") if form else None
@@ -419,7 +391,7 @@ def _dates_in_tai(
 
 
 def _from_counts(
-    table: RawTable,
+    table: Table,
     names: Sequence[str],
     kind: str,
     units: Sequence[str],
@@ -446,7 +418,7 @@ def _from_counts(
     return (utc_to_tai(ns) if leaps else ns), missing, resolution
 
 
-def _check_years(table: RawTable, names: Sequence[str], kind: str, stamps: TimeStamps) -> None:
+def _check_years(table: Table, names: Sequence[str], kind: str, stamps: TimeStamps) -> None:
     if not stamps.absolute:
         return
     wrong = ((stamps.ns < SCALES.first) | (stamps.ns >= SCALES.last)) & ~stamps.missing
@@ -460,7 +432,7 @@ def _check_years(table: RawTable, names: Sequence[str], kind: str, stamps: TimeS
         )
 
 
-def _check_steps(table: RawTable, names: Sequence[str], stamps: TimeStamps) -> None:
+def _check_steps(table: Table, names: Sequence[str], stamps: TimeStamps) -> None:
     """Refuse stamps that are rounded so coarsely that their steps are lost."""
     present = np.sort(stamps.ns[~stamps.missing])
     if present.size < 3:

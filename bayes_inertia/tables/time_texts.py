@@ -18,8 +18,8 @@ import numpy as np
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import vocabulary
 from bayes_inertia.tables.limits import LIMITS
-from bayes_inertia.tables.raw_table import EMPTY_CELLS, RawColumn, RawTable
 from bayes_inertia.tables.stamp_parts import SECOND, has_leap_second, unit_in_name
+from bayes_inertia.tables.table import EMPTY_CELLS, Column, Table
 
 _CLOCK = (
     r"(?:[T ,]+|(?<=\d)-|\s*//\s*)(?P<hour>\d{1,2}):(?P<minute>\d{2})"
@@ -53,8 +53,6 @@ _ADVICE = (
 def form_of_format(text: str, where: str) -> re.Pattern[str]:
     """The pattern of dates that a `format` of directives of `strptime` describes, for `text_to_ns`.
 
-    Examples
-    --------
     >>> form = form_of_format("%d.%m.%Y %H:%M", "m.toml")
     >>> text_to_ns("02.01.1958 00:01", utc=True, place=str, form=form)
     (86460000000000, False)
@@ -97,8 +95,6 @@ def text_to_ns(
     A day has 86400 s, and 23:59:60 is given as 23:59:59. Only a clock in UTC has zones and leap
     seconds.
 
-    Examples
-    --------
     >>> text_to_ns("2016-12-31T23:59:60.5Z", utc=True, place=str)
     (1861919999500000000, True)
     """
@@ -138,8 +134,6 @@ def text_to_ns(
 def is_date(cell: str) -> bool:
     """Whether a cell holds a date, with or without time of day, that needs no `format`.
 
-    Examples
-    --------
     >>> [is_date(cell) for cell in ("1 Mar 2026 12:00", "2026-03-01", "01/03/2026 12:00", "5 Nms")]
     [True, True, False, False]
     """
@@ -148,13 +142,8 @@ def is_date(cell: str) -> bool:
 
 
 def plain_dates(cells: Sequence[str]) -> np.ndarray | None:
-    """(rows,) array of ns since 1958 of dates that are all written alike, at once.
+    """Nanoseconds since 1958 (rows,) of dates that are all written alike, at once; None where not.
 
-    None where one is empty, by day of year, a leap second, with an offset, or damaged: `text_to_ns`
-    then reads each by itself.
-
-    Examples
-    --------
     >>> plain_dates(["1958-01-01T00:00:01Z", "1958-01-01T00:00:02Z"]) // SECOND
     array([1, 2])
     """
@@ -238,7 +227,7 @@ def _is_leap(seconds: int) -> bool:
 
 
 def written_dates(
-    table: RawTable, names: Sequence[str], units: Sequence[str], form: str = ""
+    table: Table, names: Sequence[str], units: Sequence[str], form: str = ""
 ) -> tuple[list[str], list[str]]:
     """The date that columns hold together, one a row, and columns of hours and less to add."""
     columns = [table.column(name) for name in names]
@@ -257,7 +246,7 @@ def written_dates(
     return cells, counted
 
 
-def _texts(column: RawColumn, form: str = "") -> list[str]:
+def _texts(column: Column, form: str = "") -> list[str]:
     """Cells as the file writes them, "" for an empty one; `form` says what zeros a number lost."""
     if column.is_text or column.exact is not None:
         cells = column.values if column.exact is None else column.exact
@@ -278,7 +267,7 @@ def _joined(parts: Sequence[Sequence[str]]) -> list[str]:
     return [" ".join(cells) if all(cells) else "" for cells in zip(*parts, strict=True)]
 
 
-def _calendar_dates(table: RawTable, calendar: Mapping[str, str]) -> list[str]:
+def _calendar_dates(table: Table, calendar: Mapping[str, str]) -> list[str]:
     """Dates (rows) from columns of year, month and day, or year and day of year."""
     # Beside a year alone, "day" is that of the year.
     keys = ("year", "month", "day") if "month" in calendar else ("year", "doy")

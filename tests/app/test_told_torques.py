@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from bayes_inertia.app.told_torques import torques_of
 from bayes_inertia.campaign.actuators import GimballedRotors, Thruster
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.inputs import InputStream
+from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.conventions.check import (
@@ -74,19 +76,19 @@ def test_a_torque_that_a_named_effect_tells_is_no_broken_law(thrown):
     before = check_conventions(thrown)
     assert before.verdict != "consistent"
     assert before.misfits["conservation"] > 3.0
-    check = refuse_impossible(thrown, torques_of(thrown, thrusters(thrown, 0.02)))
+    check = refuse_impossible(thrown, partial(torques_of, effects=thrusters(thrown, 0.02)))
     assert check.verdict == "consistent"
     assert max(check.misfits.values()) < 0.2
 
 
 def test_a_torque_of_the_wrong_sign_is_found(thrown):
-    check = checked_with_torques(thrown, torques_of(thrown, thrusters(thrown, -0.02)))
+    check = checked_with_torques(thrown, partial(torques_of, effects=thrusters(thrown, -0.02)))
     assert check.verdict != "consistent"
     assert check.misfits["conservation"] > 3.0
 
 
 def test_effects_of_the_library_load_no_physics(thrown):
-    assert torques_of(thrown, ["magnetic_dipole", "constant_torque"]) == {}
+    assert torques_of(read_campaign(thrown), ["magnetic_dipole", "constant_torque"]) == {}
 
 
 def test_the_told_torque_follows_the_measured_attitude(tmp_path):
@@ -100,7 +102,7 @@ def test_the_told_torque_follows_the_measured_attitude(tmp_path):
         + "    def body_torque(self, p, slew, t, state):\n"
         + "        return to_body(state.attitude, jnp.array([1e-3, 0.0, 0.0]))\n"
     )
-    told = torques_of(tmp_path / "campaign", [f"{file}:Wind"])["slew 3"]
+    told = torques_of(read_campaign(tmp_path / "campaign"), [f"{file}:Wind"])["slew 3"]
     slew = pushed(0.02).slews[2]
     force = np.tile([1e-3, 0.0, 0.0], (len(slew.time), 1))
     torque = np.asarray(to_body(slew.attitude, force))

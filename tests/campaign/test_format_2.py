@@ -10,9 +10,14 @@ from support.campaign_files import CSV, assert_same, assert_teaches, edited, mak
 from support.campaign_files import FORMAT_2 as TOML
 
 from bayes_inertia.app.commands.check import campaign_json
-from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magnetorquer, Thruster
+from bayes_inertia.campaign.actuators import (
+    Change,
+    GimballedRotors,
+    KnownTorque,
+    Magnetorquer,
+    Thruster,
+)
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.changes import Change
 from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_campaign

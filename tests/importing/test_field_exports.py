@@ -12,7 +12,7 @@ import pytest
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.starting_mapping import write_starting_mapping
 from bayes_inertia.tables.raw_files import read_raw, tables_in
-from bayes_inertia.tables.raw_table import RawTable
+from bayes_inertia.tables.table import Table
 from bayes_inertia.tables.time_stamps import times_to_seconds
 
 ROWS = 40
@@ -22,7 +22,7 @@ STAMPS = [f"2026-03-01T12:00:{t:06.3f}Z" for t in TIME]
 AXES = ("GYRO_X", "GYRO_Y", "GYRO_Z")
 
 
-def read(folder: Path, name: str, content: str | bytes, table: str = "") -> RawTable:
+def read(folder: Path, name: str, content: str | bytes, table: str = "") -> Table:
     file = folder / name
     file.write_bytes(content if isinstance(content, bytes) else content.encode())
     return read_raw(file, table=table)

@@ -16,7 +16,7 @@ from bayes_inertia.importing.import_logs import import_logs
 from bayes_inertia.importing.mapping import parse_mapping
 from bayes_inertia.importing.questions import open_questions
 from bayes_inertia.importing.starting_mapping import starting_mapping, write_starting_mapping
-from bayes_inertia.tables.raw_table import RawColumn, RawTable
+from bayes_inertia.tables.table import Column, Table
 
 LOOKS = [
     ("imu.csv", "utc gx_dps gy_dps gz_dps flag", ["utc"], [("rate", 3, "deg/s")]),
@@ -100,7 +100,7 @@ LOOKS = [
     ("file", "names", "times", "expected"), LOOKS, ids=[x[1][:60] for x in LOOKS]
 )
 def test_usual_columns_are_recognised(file, names, times, expected):
-    table = RawTable(file, {name: RawColumn(np.zeros(2)) for name in names.split()})
+    table = Table(file, {name: Column(np.zeros(2)) for name in names.split()})
     assert time_names(table) == times
     seen = [(f.holds, len(f.names), f.unit) for f in families(table, file)]
     assert seen == expected
@@ -108,7 +108,7 @@ def test_usual_columns_are_recognised(file, names, times, expected):
 
 def test_the_scalar_is_suggested_only_where_the_names_say_it():
     def scalar(names: str) -> str:
-        table = RawTable("a", {name: RawColumn(np.zeros(2)) for name in names.split()})
+        table = Table("a", {name: Column(np.zeros(2)) for name in names.split()})
         return families(table, "a")[0].scalar
 
     assert scalar("qs qx qy qz") == "first"
@@ -342,7 +342,7 @@ STAMPS = [
     ("columns", "kind", "units"), STAMPS, ids=[" ".join(c) for c, *_ in STAMPS]
 )
 def test_stamps_in_several_columns_are_seen(columns, kind, units):
-    table = RawTable("a.csv", {n: RawColumn(np.array(v)) for n, v in columns.items()})
+    table = Table("a.csv", {n: Column(np.array(v)) for n, v in columns.items()})
     names = time_names(table)
     assert names == list(columns)[: len(units)]
     assert stamp_units(table, names) == units
@@ -351,7 +351,7 @@ def test_stamps_in_several_columns_are_seen(columns, kind, units):
 
 @pytest.mark.parametrize(("name", "first", "kind"), KINDS, ids=[row[0] for row in KINDS])
 def test_a_clock_is_suggested_where_name_and_size_leave_one(name, first, kind):
-    table = RawTable("a.csv", {name: RawColumn(np.array([first, first]))})
+    table = Table("a.csv", {name: Column(np.array([first, first]))})
     assert time_names(table) == [name]
     guess = guessed_clock(table, [name])
     assert guess.kind == kind

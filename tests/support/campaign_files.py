@@ -200,7 +200,7 @@ def assert_teaches(error: BayesInertiaError, named: list[str]) -> None:
 
 BAD_BINARY = [
     ("missing column", {"wx": None}, ["no column 'wx'", "The table has"]),
-    ("text", {"wx": ["a", "b", "c", "d"]}, ["column wx", "not", "numbers"]),
+    ("text", {"wx": ["a", "b", "c", "d"]}, ["column wx", "'a' is not a number"]),
     ("truth", {"wx": np.array([True, False, True, False])}, ["column wx", "numbers"]),
     ("infinite", {"wx": np.array([0.0, np.inf, 0.0, 0.0])}, ["row 2, column wx", "infinite"]),
     ("repeated time", {"t": np.array([0.0, 1.0, 1.0, 2.0])}, ["row 3, column t", "repeated"]),

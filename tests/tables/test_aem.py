@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.stream_readings import AttitudeConvention, to_quaternions
 from bayes_inertia.tables.raw_files import read_raw, tables_in
-from bayes_inertia.tables.raw_table import StatedAttitude
+from bayes_inertia.tables.table import StatedAttitude
 from bayes_inertia.tables.time_stamps import times_to_seconds
 
 ROWS = 6

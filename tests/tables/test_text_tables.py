@@ -10,7 +10,7 @@ import pytest
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.tables.raw_files import read_raw, tables_in
-from bayes_inertia.tables.raw_table import RawTable
+from bayes_inertia.tables.table import Table
 from bayes_inertia.tables.text_cells import TextOptions
 from bayes_inertia.tables.text_table import parse_text
 
@@ -21,7 +21,7 @@ FIX = np.where(np.arange(ROWS) % 4 == 0, RATE, np.nan)
 FRAME = pd.DataFrame({"t": TIME, "w": RATE, "q": FIX, "mode": ["SLEW"] * ROWS})
 
 
-def check(table: RawTable) -> None:
+def check(table: Table) -> None:
     """All numbers of the frame, to the last digit."""
     assert list(table.columns) == ["t", "w", "q", "mode"]
     np.testing.assert_array_equal(table.stack(["t", "w", "q"]), np.c_[TIME, RATE, FIX])
@@ -149,7 +149,7 @@ def test_damaged_text_is_refused_with_the_line(text, message):
         parse_text_file(text)
 
 
-def parse_text_file(text: str) -> RawTable:
+def parse_text_file(text: str) -> Table:
     from bayes_inertia.tables.text_cells import decoded
 
     return parse_text(decoded(text.encode(), "a.csv"), "a.csv", TextOptions())

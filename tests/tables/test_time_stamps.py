@@ -10,8 +10,8 @@ from astropy.time import Time
 from astropy.utils import iers
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.tables.raw_table import RawColumn, RawTable
 from bayes_inertia.tables.stamp_parts import SECOND
+from bayes_inertia.tables.table import Column, Table
 from bayes_inertia.tables.text_cells import TextOptions
 from bayes_inertia.tables.text_table import parse_text
 from bayes_inertia.tables.time_stamps import TIME_KINDS, times_to_seconds
@@ -35,12 +35,11 @@ def moments():
         yield time, ns
 
 
-def table(*columns) -> RawTable:
+def table(*columns) -> Table:
     made = [
-        c if isinstance(c, RawColumn) else RawColumn(np.asarray(c), single=_single(c))
-        for c in columns
+        c if isinstance(c, Column) else Column(np.asarray(c), single=_single(c)) for c in columns
     ]
-    return RawTable("log.csv", {f"t{i}": column for i, column in enumerate(made)})
+    return Table("log.csv", {f"t{i}": column for i, column in enumerate(made)})
 
 
 def _single(values) -> bool:
@@ -306,7 +305,7 @@ SECOND_COLUMNS = [
 
 @pytest.mark.parametrize(("kind", "cells", "units"), SECOND_COLUMNS, ids=lambda x: str(x))
 def test_stamps_in_several_columns_are_added(kind, cells, units):
-    made = RawTable("log.csv", {k: RawColumn(np.array([v])) for k, v in cells.items()})
+    made = Table("log.csv", {k: Column(np.array([v])) for k, v in cells.items()})
     stamps = times_to_seconds(made, list(cells), kind, units=units)
     assert abs(stamps.ns[0] - ns_of("utc", ["2026-03-01T12:00:00.25"])[0]) <= 1
 
@@ -317,7 +316,7 @@ def test_a_second_column_of_no_known_unit_or_too_much_is_refused():
         ({"sec": 7.0, "nanosec": 1e9}, "no part of one"),
         ({"sec": 7.5, "nanosec": 0.0}, "is not whole"),
     ):
-        made = RawTable("log.csv", {k: RawColumn(np.array([v])) for k, v in cells.items()})
+        made = Table("log.csv", {k: Column(np.array([v])) for k, v in cells.items()})
         with pytest.raises(CampaignError, match=what):
             times_to_seconds(made, list(cells), "s")
 

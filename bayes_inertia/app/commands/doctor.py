@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -79,7 +80,7 @@ def refuse_or_warn(
     from bayes_inertia.conventions.check import refuse_impossible
 
     progress(_CHECKING, 0, 0)
-    check = refuse_impossible(campaign, torques_of(campaign, effects))
+    check = refuse_impossible(campaign, partial(torques_of, effects=effects))
     check = check.doubting(_left_out(campaign))
     if check.verdict == "doubtful":
         say(f"warning: {check.sentence}")

@@ -12,7 +12,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors.sensor_stream import SensorStream, all_empty
 from bayes_inertia.campaign.slew import bad_quaternion
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.tables.number_table import Table
+from bayes_inertia.tables.table import Table
 
 
 @dataclass(frozen=True)

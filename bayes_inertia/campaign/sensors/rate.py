@@ -15,7 +15,7 @@ from bayes_inertia.campaign.sensors.sensor_stream import SensorStream, refuse_em
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults.limits import LIMITS
 from bayes_inertia.faults.saturated import in_range
-from bayes_inertia.tables.number_table import Table
+from bayes_inertia.tables.table import Table
 
 
 @dataclass(frozen=True)

@@ -17,23 +17,15 @@ from bayes_inertia.campaign.hardware import CorrelatedNoise
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.faults.fault import Series
-from bayes_inertia.tables.number_table import Table
+from bayes_inertia.tables.table import Table
 
 
 @dataclass(frozen=True)
 class SensorStream(ABC):
-    """One sensor's readings; a class for each kind of sensor, an instance for each sensor.
+    """One sensor's readings; a class for each kind of sensor, an instance for each sensor."""
 
-    Parameters
-    ----------
-    name : str
-        Of the channel, as files and messages say it.
-    field : str
-        Of `Slew`, which holds the readings; empty for one of `Campaign.more_sensors`.
-    """
-
-    name: str
-    field: str = ""
+    name: str  # Of the channel, as files and messages say it
+    field: str = ""  # Of `Slew`, which holds the readings; empty for one of `Campaign.more_sensors`
 
     # In words; in tables and pictures; of the readings.
     sensor: ClassVar[str]
@@ -149,7 +141,7 @@ def all_empty(table: Table, names: Sequence[str]) -> bool:
 def refuse_empty_columns(table: Table, names: Sequence[str]) -> None:
     """Refuse a column that holds no number."""
     for name in names:
-        if np.isnan(table.columns[name]).all():
+        if np.isnan(table.numbers(name)).all():
             raise CampaignError(
                 "every cell is empty",
                 where=f"{table.label}, column {name}",

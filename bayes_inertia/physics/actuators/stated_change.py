@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 
-from bayes_inertia.campaign.changes import Change
+from bayes_inertia.campaign.actuators import Change
 from bayes_inertia.maths.inertia_tensor import ELEMENTS, tensor
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.parameters import Normal, vector

@@ -1,10 +1,8 @@
-"""Result of every reader of raw logs: named columns with what the file itself states.
+"""Result of every reader of tables: named columns with what the file itself states.
 
-A column of a raw log has no meaning yet: a mapping gives it one. So a column keeps its numbers or
-texts as they lie in the file, with the unit that the file states (a row of units, an attribute of
-netCDF or HDF5) and, where a format defines them, the conventions of its attitudes (CCSDS AEM).
-`raw_files.read_raw` makes such tables; `time_stamps.times_to_seconds` takes the columns of the time
-on from here, `importing` the others.
+A column keeps its numbers or texts as they lie in the file, with the unit that the file states (a
+row of units, an attribute of netCDF or HDF5) and, where a format defines them, the conventions of
+its attitudes (CCSDS AEM). What it means, the description of a campaign or a mapping says.
 """
 
 from __future__ import annotations
@@ -12,7 +10,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -32,24 +30,14 @@ _INERTIAL = re.compile(
 
 
 @array_dataclass
-class RawColumn:
-    """One column as it lies in the file.
+class Column:
+    """One column as it lies in the file."""
 
-    Parameters
-    ----------
-    values : (rows,) array
-        Floats (NaN for no reading), integers, or texts where not every cell is a number.
-    unit : str, optional
-        The unit that the file itself states; "" where it states none.
-    single : bool, optional
-        Whether the file stores 32-bit floats.
-    exact : (rows,) array of str, optional
-        The cells of a text file with more digits than a 64-bit float holds.
-    """
-
+    # (rows,): floats (NaN for no reading), integers, or texts where not every cell is a number
     values: np.ndarray
-    unit: str = ""
-    single: bool = False
+    unit: str = ""  # The unit that the file itself states; "" where it states none
+    single: bool = False  # Whether the file stores 32-bit floats
+    # (rows,) of str: the cells of a text file with more digits than a 64-bit float holds
     exact: np.ndarray | None = None
 
     @property
@@ -57,7 +45,7 @@ class RawColumn:
         """Whether some cell is no number."""
         return self.values.dtype.kind not in "iuf"
 
-    def only(self, rows: np.ndarray | Sequence[int]) -> RawColumn:
+    def only(self, rows: np.ndarray | Sequence[int]) -> Column:
         """Some rows of the column."""
         exact = None if self.exact is None else self.exact[rows]
         return replace(self, values=self.values[rows], exact=exact)
@@ -65,29 +53,17 @@ class RawColumn:
 
 @dataclass(frozen=True)
 class StatedAttitude:
-    """Attitude convention that the file states, so that no mapping need say it.
+    """Attitude convention that the file states, so that no mapping need say it."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        The columns: a quaternion or three angles, in the order of the file.
-    scalar : {"first", "last", ""}
-        Where the scalar of a quaternion stands; "" for angles.
-    from_frame, to_frame : str
-        v_to = C v_from with the rotation that the columns describe, such as "EME2000" and
-        "SC_BODY_1".
-    sequence : str
-        Axes of Euler angles in the order of the rotations, such as "ZYX"; "" for a quaternion.
-    angle_unit : str
-        Unit of the angles; "" for a quaternion.
-    """
-
-    names: tuple[str, ...]
-    scalar: Literal["first", "last", ""]
+    names: tuple[str, ...]  # The columns: a quaternion or three angles, in the order of the file
+    scalar: Literal["first", "last", ""]  # Where the scalar of a quaternion stands; "" for angles
+    # from_frame, to_frame: v_to = C v_from with the rotation that the columns describe, such as
+    # "EME2000" and "SC_BODY_1"
     from_frame: str
     to_frame: str
+    # Axes of Euler angles in the order of the rotations, such as "ZYX"; "" for a quaternion
     sequence: str = ""
-    angle_unit: str = ""
+    angle_unit: str = ""  # Unit of the angles; "" for a quaternion
 
     @property
     def maps(self) -> Literal["inertial_to_body", "body_to_inertial", ""]:
@@ -101,8 +77,6 @@ class StatedAttitude:
 def is_inertial(frame: str) -> bool:
     """Whether a name is that of an inertial frame, as CCSDS or 42 names it.
 
-    Examples
-    --------
     >>> [is_inertial(frame) for frame in ("EME2000", "icrf_3", "SC_BODY_1", "ITRF2000")]
     [True, True, False, False]
     """
@@ -110,51 +84,43 @@ def is_inertial(frame: str) -> bool:
 
 
 @array_dataclass
-class RawTable:
+class Table:
     """The columns of one table of one file.
 
-    Parameters
-    ----------
-    label : str
-        The file (and its table), as messages name it.
-    columns : dict of str to RawColumn
-        All of one length.
-    lines : (rows,) array of int, optional
-        Line numbers as a text editor shows them; None for files without lines.
-    time_names : tuple of str, optional
-        Columns that hold the time, where the format says so.
-    time_kind : str, optional
-        Their kind as `time_stamps.times_to_seconds` names it, where the format says so.
-    attitude : StatedAttitude, optional
-        What the format says of its attitudes.
-    notes : tuple of str, optional
-        What a user should know of the file, such as too few decimals.
-
-    Examples
-    --------
-    >>> table = RawTable("a.csv", {"t": RawColumn(np.zeros(2))}, np.array([2, 4]))
-    >>> table.place(1, "t")
-    'a.csv, line 4, column t'
+    >>> Table.of("a.csv", {"t": np.zeros(2)}).place(1, "t")
+    'a.csv, line 3, column t'
     """
 
-    label: str
-    columns: dict[str, RawColumn]
+    label: str  # The file (and its table), as messages name it
+    columns: dict[str, Column]  # All of one length
+    # (rows,) of int: line numbers as a text editor shows them; None for files without lines
     lines: np.ndarray | None = None
-    time_names: tuple[str, ...] = ()
+    time_names: tuple[str, ...] = ()  # Columns that hold the time, where the format says so
+    # Their kind as `time_stamps.times_to_seconds` names it, where the format says so
     time_kind: str = ""
-    attitude: StatedAttitude | None = None
-    notes: tuple[str, ...] = ()
+    attitude: StatedAttitude | None = None  # What the format says of its attitudes
+    notes: tuple[str, ...] = ()  # What a user should know of the file, such as too few decimals
+
+    @classmethod
+    def of(cls, label: str, columns: Mapping[str, np.ndarray]) -> Table:
+        """A table of plain numbers, with the lines that they have below a header."""
+        made = cls(label, {name: Column(values) for name, values in columns.items()})
+        return replace(made, lines=np.arange(made.rows) + 2)
 
     @property
     def rows(self) -> int:
         """Number of rows."""
         return max((column.values.size for column in self.columns.values()), default=0)
 
-    def place(self, row: int, name: str) -> str:
+    def place(self, row: int, name: str = "") -> str:
         """File, line (or row from 1) and column of a cell, for a message."""
-        return f"{self.label}, {row_name(self.lines, row)}, column {name}"
+        return f"{self.label}, {self.row(row)}{f', column {name}' if name else ''}"
 
-    def column(self, name: str) -> RawColumn:
+    def row(self, row: int) -> str:
+        """A row as people count: "line 12" of a text file, else "row 11"."""
+        return row_name(self.lines, row)
+
+    def column(self, name: str) -> Column:
         """A column by name, or an error that names the nearest."""
         if name not in self.columns:
             raise no_column(name, list(self.columns), self.label)
@@ -165,12 +131,8 @@ class RawTable:
         column = self.column(name)
         if column.is_text:
             row, cell = _first_text(column.values)
-            raise CampaignError(
-                f"{cell!r} is not a number",
-                where=self.place(row, name),
-                advice="write a number, or leave the cell empty; texts that mean no reading are "
-                + ", ".join(sorted(repr(cell) for cell in EMPTY_CELLS if cell)),
-            )
+            what, where = f"{shortened(cell)!r} is not a number", self.place(row, name)
+            raise CampaignError(what, where=where, advice=_number_in_place_of(cell))
         values = column.values.astype(float)
         infinite = np.isinf(values)
         if infinite.any():
@@ -179,19 +141,48 @@ class RawTable:
                 where=self.place(int(np.argmax(infinite)), name),
                 advice="leave the cell empty, or remove the row",
             )
-        return values
+        # Damage can make NaNs of which every calculation would warn.
+        return np.where(np.isnan(values), np.nan, values)
 
     def stack(self, names: Sequence[str]) -> np.ndarray:
         """(rows, len(names)) array of columns of numbers, in the file's own units."""
         return np.stack([self.numbers(name) for name in names], axis=1)
+
+    def only(self, names: Sequence[str]) -> Table:
+        """The table with some of its columns, refused if a cell is no number, or infinite."""
+        columns = {
+            name: Column(self.numbers(name), single=self.columns[name].single) for name in names
+        }
+        return replace(self, columns=columns)
+
+    def changed(self, columns: Mapping[str, np.ndarray]) -> Table:
+        """The table with other numbers in some of its columns."""
+        changed = {name: Column(values) for name, values in columns.items()}
+        return replace(self, columns=self.columns | changed)
+
+    def taking(self, rows: np.ndarray | Sequence[int]) -> Table:
+        """Some rows of the table."""
+        lines = None if self.lines is None else self.lines[rows]
+        columns = {name: column.only(rows) for name, column in self.columns.items()}
+        return replace(self, columns=columns, lines=lines)
 
 
 def _first_text(values: np.ndarray) -> tuple[int, str]:
     """Row and text of the first cell that is no number."""
     for row, cell in enumerate(values.tolist()):
         if math.isnan(number_of(cell)) and cell.strip().lower() not in EMPTY_CELLS:
-            return row, shortened(cell)
+            return row, cell
     return 0, str(values[0])
+
+
+def _number_in_place_of(cell: str) -> str:
+    """What to write in the place of a cell that is no number."""
+    if re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", cell):
+        return "write a decimal point, not a comma"
+    if re.search(r"\d[-/:T]\d", cell):
+        return "write times as seconds (or another unit of time) from an epoch, not as dates"
+    marks = ", ".join(sorted(repr(cell) for cell in EMPTY_CELLS if cell))
+    return f"write a number, or leave the cell empty; texts that mean no reading are {marks}"
 
 
 def row_name(lines: np.ndarray | None, row: int) -> str:
@@ -207,8 +198,6 @@ def shortened(cell: str) -> str:
 def no_column(name: str, available: Sequence[str], where: str, why: str = "") -> CampaignError:
     """The refusal of a column that a table has not, with the nearest that it has.
 
-    Examples
-    --------
     >>> str(no_column("wx", ["t", "w_x"], "a.csv, line 1"))
     "a.csv, line 1: no column 'wx'; did you mean 'w_x'? The table has: t, w_x"
     """
@@ -237,8 +226,6 @@ def _listed(names: Sequence[str]) -> str:
 def number_of(cell: str, decimal: str = ".") -> float:
     """The number in a cell of text with the decimal sign "." or ","; NaN where it is none.
 
-    Examples
-    --------
     >>> number_of("1,5e-3", ","), number_of("1_000"), number_of("1.5D+02")
     (0.0015, nan, 150.0)
     """
