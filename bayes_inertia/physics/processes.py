@@ -13,6 +13,15 @@ from typing import NamedTuple
 import numpy as np
 from jax import Array
 
+from bayes_inertia.physics.random_basis import (
+    ornstein_uhlenbeck_covariance,
+    ornstein_uhlenbeck_root,
+    random_walk_covariance,
+    random_walk_root,
+    slew_duration,
+)
+from bayes_inertia.physics.slew_context import SlewContext
+
 
 class RowTimes(NamedTuple):
     """When readings are taken.
@@ -79,6 +88,25 @@ class Process(NamedTuple):
     size: float | Array
     time: float | Array = float("inf")
     knots: int = 0
+
+    @property
+    def walks(self) -> bool:
+        """Whether it is a random walk."""
+        return isinstance(self.time, float) and self.time == float("inf")
+
+    def root(self, slew: SlewContext, knots: int) -> Array:
+        """Root (knots, knots) of its covariance at evenly spaced knots of a slew."""
+        if self.walks:
+            return random_walk_root(self.size, slew, knots)
+        return ornstein_uhlenbeck_root(
+            self.size, self.time, slew_duration(slew) / (knots - 1), knots
+        )
+
+    def across_slews(self, slews: SlewContext, knots: int) -> Array:
+        """Its covariance (slews knots, slews knots) at evenly spaced knots of all slews."""
+        if self.walks:
+            return random_walk_covariance(self.size, slews, knots)
+        return ornstein_uhlenbeck_covariance(self.size, self.time, slews, knots)
 
     def in_rows(self, rows: RowTimes, variance: np.ndarray) -> StateSpace:
         """The process at readings whose white noise has this variance (c,)."""
