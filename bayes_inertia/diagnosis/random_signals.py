@@ -448,4 +448,4 @@ class TachometerShape(TachometerNoiseWalk):
         return sd_and_time(campaign, "N m s", max(sigma), None, 1.5) if sigma else ()
 
     def reading_noise(self, p):
-        return Process("momentum", p["sd"], p["time"], self.knots) if p else None
+        return Process("momentum", p["sd"], p["time"], self.knots)

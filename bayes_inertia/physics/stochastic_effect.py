@@ -186,6 +186,10 @@ class ReadingNoise(StochasticEffect):
         """How many components the sensor has; 0 where there is nothing to estimate."""
         return 0
 
+    def reading_noise(self, p: Mapping[str, Array]) -> Process:
+        """The process; asked for only where there are components."""
+        raise NotImplementedError
+
     def coefficient_count(self, campaign):
         return self.components(campaign) * self.knots
 

@@ -53,7 +53,7 @@ class TachometerNoiseWalk(ReadingNoise):
         return len(campaign.wheels) if self.parameters(campaign) else 0
 
     def reading_noise(self, p):
-        return Process("momentum", p["density"], knots=self.knots) if p else None
+        return Process("momentum", p["density"], knots=self.knots)
 
     def momentum_output(self, p, slew, trajectory, momentum):
         return momentum + self.signal(p, slew, slew.time) if p["coefficients"].size else momentum
