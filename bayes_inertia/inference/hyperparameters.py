@@ -115,49 +115,6 @@ def _with_held(precision: np.ndarray, held: np.ndarray) -> np.ndarray:
     return block_diag(precision, np.diag(held)) if len(held) else precision
 
 
-@dataclass(frozen=True, eq=False)
-class LearntParameters:
-    """Which parameters are learnt, and how they are counted.
-
-    Parameters
-    ----------
-    model : Model
-    learnt : (h,) array of int
-        Their indices.
-    """
-
-    model: Model
-    learnt: np.ndarray
-
-    @cached_property
-    def priors(self) -> dict[str, np.ndarray]:
-        """Of these parameters, as `ParameterSpace.constants`."""
-        constants = self.model.space.constants().items()
-        kept = ((key, values) for key, values in constants if key != "whitening")
-        return {key: np.asarray(values)[self.learnt] for key, values in kept}
-
-    def standardised(self, theta: np.ndarray) -> np.ndarray:
-        """The learnt parameters of all.
-
-        `theta` (..., d). Returns (..., h).
-        """
-        value, logarithmic = np.asarray(theta)[..., self.learnt], self.priors["logarithmic"]
-        value = np.where(logarithmic, np.log(np.where(logarithmic, value, 1.0)), value)
-        return (value - self.priors["mean"]) / self.priors["scale"]
-
-    def put(self, theta: np.ndarray, standardised: np.ndarray) -> np.ndarray:
-        """All parameters, with other values of the learnt ones.
-
-        `theta` (d,); `standardised` (..., h). Returns (..., d).
-        """
-        priors, standardised = self.priors, np.asarray(standardised)
-        value, logarithmic = priors["mean"] + priors["scale"] * standardised, priors["logarithmic"]
-        value = np.where(logarithmic, np.exp(np.where(logarithmic, value, 0.0)), value)
-        result = np.broadcast_to(theta, (*standardised.shape[:-1], len(theta))).copy()
-        result[..., self.learnt] = np.clip(value, priors["lower"], priors["upper"])
-        return result
-
-
 def without_hyperparameters(model: Model, free: np.ndarray) -> np.ndarray:
     """Parameters that change the signal of an effect, not only the prior of its coefficients.
 
@@ -272,22 +229,27 @@ class Evidence:
         return information_blocks(self.model, self.point, self.white, self.shaped)
 
     @cached_property
-    def parameters(self) -> LearntParameters:
-        """How the learnt parameters are counted."""
-        return LearntParameters(self.model, self.learnt)
-
-    def standardised(self, theta: np.ndarray) -> np.ndarray:
-        """The learnt parameters (..., h) of all (..., d), in prior sds from the centre."""
-        return self.parameters.standardised(theta)
-
-    def theta(self, standardised: np.ndarray) -> np.ndarray:
-        """The point's parameters (..., d) with the learnt ones from standardised ones (..., h)."""
-        return self.parameters.put(self.point.theta, standardised)
+    def hyperparameters(self) -> np.ndarray:
+        """Indices (h,) of all parameters of stochastic effects."""
+        return np.array(self.model.structure.hyperparameters)
 
     @cached_property
-    def _all_learnt(self) -> LearntParameters:
-        """All parameters of stochastic effects, those included that may not move."""
-        return LearntParameters(self.model, np.array(self.model.structure.hyperparameters))
+    def priors(self) -> dict[str, np.ndarray]:
+        """Of all parameters of stochastic effects, as `ParameterSpace.constants`."""
+        constants = self.model.space.constants().items()
+        kept = ((key, values) for key, values in constants if key != "whitening")
+        return {key: np.asarray(values)[self.hyperparameters] for key, values in kept}
+
+    def standardised(self, theta: np.ndarray) -> np.ndarray:
+        """The parameters of stochastic effects (..., h) of all (..., d), in prior sds."""
+        priors, value = self.priors, np.asarray(theta)[..., self.hyperparameters]
+        logarithmic = priors["logarithmic"]
+        value = np.where(logarithmic, np.log(np.where(logarithmic, value, 1.0)), value)
+        return (value - priors["mean"]) / priors["scale"]
+
+    def theta(self, standardised: np.ndarray) -> np.ndarray:
+        """The point's parameters (..., d) with others of stochastic effects (..., h)."""
+        return _theta(self.priors, self.hyperparameters, self.point.theta, standardised)
 
     @cached_property
     def frozen(self) -> FrozenEvidence:
@@ -325,9 +287,9 @@ class Evidence:
             tuple(repeated(np.linalg.inv(root), size, 0) for root in roots),
             point.theta,
             np.concatenate([moving, held]),
-            self._all_learnt.learnt,
+            self.hyperparameters,
             np.concatenate([unknowns.scale[:f], of_held + 1.0]),
-            {key: np.asarray(values) for key, values in self._all_learnt.priors.items()},
+            self.priors,
             jax.tree.map(lambda x: repeated(x, size, 0), model.data.contexts),
             filtered,
         )
@@ -403,28 +365,32 @@ class Evidence:
 
         `standardised` (h,) [prior sd]. Returns `slope` (h,).
         """
-        sought = np.isin(self._all_learnt.learnt, self.learnt)
-        at = self._all_learnt.standardised(self.point.theta)
-        at[sought] = standardised
-        value, slope = _negative_log(self.model.structure, self.frozen, jnp.asarray(at))
-        return float(value), np.asarray(slope)[sought]
+        at = jnp.asarray(standardised)
+        value, slope = _negative_log(self.model.structure, self.frozen, at)
+        return float(value), np.asarray(slope)
 
 
-def _theta(frozen: FrozenEvidence, standardised: Array) -> Array:
+def _theta(
+    priors: dict[str, AnyArray],
+    learnt: AnyArray,
+    theta: AnyArray,
+    standardised: AnyArray,
+    xp: Any = np,
+) -> Any:
     """Parameters (..., d) with the learnt ones from standardised ones (..., h)."""
-    priors = frozen.priors
     value, logarithmic = priors["mean"] + priors["scale"] * standardised, priors["logarithmic"]
-    value = jnp.where(logarithmic, jnp.exp(jnp.where(logarithmic, value, 0.0)), value)
-    value = jnp.clip(value, priors["lower"], priors["upper"])
-    theta = jnp.broadcast_to(frozen.theta, (*standardised.shape[:-1], len(frozen.theta)))
-    return theta.at[..., frozen.learnt].set(value)
+    value = xp.where(logarithmic, xp.exp(xp.where(logarithmic, value, 0.0)), value)
+    value = xp.clip(value, priors["lower"], priors["upper"])
+    every = np.arange(len(theta))
+    place = xp.minimum(xp.searchsorted(learnt, every), len(learnt) - 1)
+    return xp.where(xp.isin(every, learnt), value[..., place], theta)
 
 
 def _all_but_learnt_eliminated(
     structure: Structure, frozen: FrozenEvidence, standardised: Array
 ) -> tuple[EliminatedSlews, Array]:
     """The quadratic form, and the log of the norm of what is filtered."""
-    theta = _theta(frozen, standardised)
+    theta = _theta(frozen.priors, frozen.learnt, frozen.theta, standardised, jnp)
     change = root_change(structure, frozen.inverse_roots, theta, frozen.contexts)
     equations, norm = frozen.equations, jnp.zeros(())
     processes = processes_of_effects(structure, theta) if frozen.filtered else ()
@@ -505,7 +471,8 @@ def most_probable(evidence: Evidence) -> tuple[Point, float]:
     much the parameters moved, the largest [prior sd].
     """
     begin = evidence.standardised(evidence.point.theta)
-    bounds = [(-LIMITS.farthest_sd, LIMITS.farthest_sd)] * len(begin)
+    far, moves = LIMITS.farthest_sd, np.isin(evidence.hyperparameters, evidence.free)
+    bounds = [(-far, far) if m else (x, x) for x, m in zip(begin, moves, strict=True)]
     best = optimize.minimize(
         evidence.negative_log, begin, jac=True, method="L-BFGS-B", bounds=bounds
     )
@@ -560,9 +527,10 @@ def information_with_learnt(
 def _curvature(evidence: Evidence) -> np.ndarray:
     """Second derivatives (h, h) by differences of slopes, lifted to be positive definite."""
     at = evidence.standardised(evidence.point.theta)
+    moves = np.isin(evidence.hyperparameters, evidence.free)
     slopes = [
-        [evidence.negative_log(at + side * unit)[1] for side in (1.0, -1.0)]
-        for unit in LIMITS.slope_step * np.eye(len(at))
+        [evidence.negative_log(at + side * unit)[1][moves] for side in (1.0, -1.0)]
+        for unit in LIMITS.slope_step * np.eye(len(at))[moves]
     ]
     hessian = np.array([(up - down) / (2.0 * LIMITS.slope_step) for up, down in slopes])
     powers, directions = np.linalg.eigh(0.5 * (hessian + hessian.T))

@@ -22,7 +22,6 @@ from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_filter import Memory, noise_memory
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.physics.channel_noise import NOISE_OWNER
-from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.densities import Density
 from bayes_inertia.physics.forward_model import Model
 
@@ -206,15 +205,10 @@ def whitening(model: Model, theta: np.ndarray) -> Whitenings:
     for channel, readings in zip(
         model.structure.channels, model.data.arrays.telemetry.readings, strict=True
     ):
-        noise = stated_noise_of(model, channel, theta)
+        noise = channel.noise(model.campaign, theta, model.structure.drive)
         factors = channel.factors(noise, np.asarray(readings.valid))
         white.append(Whitening(on_device(factors), noise_memory(model, channel, theta)))
     return tuple(white)
-
-
-def stated_noise_of(model: Model, channel: Channel, theta: np.ndarray) -> np.ndarray:
-    """Noise of one reading of a channel, as the channel's methods take it."""
-    return channel.noise(model.campaign, theta, model.structure.drive)
 
 
 def without_memory(white: Whitenings) -> Whitenings:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.hyperparameters import Evidence, LearntParameters, most_probable
+from bayes_inertia.inference.hyperparameters import Evidence, most_probable
 from bayes_inertia.inference.noise_filter import estimated_noise
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.objective import prior_rows
@@ -46,11 +46,10 @@ def evidence_at(estimate, *effects):
     widened = optimizer.move_to(estimate, Model(estimate.model.campaign, effects))
     local = np.array(widened.point.local)
     local[:, estimate.point.n_local :: 7] = 0.3
-    model, theta = widened.model, widened.theta
-    learnt = LearntParameters(model, np.array(model.structure.hyperparameters))
-    theta = learnt.put(theta, np.zeros(len(learnt.learnt)))
-    point = replace(widened.point, theta=theta, local=local)
-    return Evidence(model, point, widened.white, np.arange(len(theta)), whole=True)
+    every, point = np.arange(len(widened.theta)), replace(widened.point, local=local)
+    evidence = Evidence(widened.model, point, widened.white, every, whole=True)
+    theta = evidence.theta(np.zeros(len(evidence.hyperparameters)))
+    return replace(evidence, point=replace(point, theta=theta))
 
 
 def dense_log_density(estimate, noise):
