@@ -345,7 +345,7 @@ class Evidence:
         size, n = padded_size(model.n_slews, 1, often=True), padded_size(valid.shape[1])
         times = rows_of(model)
         rows = RowTimes(filled(repeated(times.times, n), size, 0), filled(times.away, size, 0))
-        known = [each.process for each in noise.processes if not each.coefficients.stop]
+        known = [each.process for each in noise.processes if not each.estimated]
 
         def padded(x: np.ndarray) -> np.ndarray:
             return filled(filled(x, size, 0), n)

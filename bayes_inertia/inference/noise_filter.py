@@ -129,6 +129,11 @@ class ChannelProcess(NamedTuple):
     process: Process
     coefficients: slice = slice(0, 0)
 
+    @property
+    def estimated(self) -> bool:
+        """Whether an effect estimates it."""
+        return self.coefficients.stop > 0
+
 
 class WanderingNoise(NamedTuple):
     """The noise of a channel that is correlated in time: white noise and processes beside it.
@@ -234,10 +239,11 @@ def noise_memory(
     noise = wandering_noise(model, channel, theta, measured=measured)
     if noise is None:
         return None
-    every = [each.process for each in noise.processes if not each.coefficients.stop or whole]
-    every = [process._replace(knots=0) for process in every]
-    if not whole:
-        every += [each.process for each in noise.processes if each.process.knots]
+    every = [
+        each.process._replace(knots=0) if whole else each.process
+        for each in noise.processes
+        if whole or each.process.knots or not each.estimated
+    ]
     if not every:
         return None
     rows, valid = rows_of(model), readings_of(model, channel)
