@@ -350,9 +350,12 @@ class Evidence:
         def padded(x: np.ndarray) -> np.ndarray:
             return filled(filled(x, size, 0), n)
 
+        # Columns in few sizes, too, whichever parameters may move: what is added is zero.
+        columns = padded(columns.reshape(*valid.shape, -1))
+        width = padded_size(columns.shape[-1], 1, often=True)
         return FilteredRows(
-            padded(columns.reshape(*valid.shape, -1)),
-            places,
+            filled(columns, width, -1),
+            repeated(places, width - 1, 0),
             padded(valid),
             rows,
             noise.variance,
