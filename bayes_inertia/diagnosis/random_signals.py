@@ -48,15 +48,9 @@ from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import REMAINDERS, STOCHASTIC
 from bayes_inertia.physics.effects.scales import sd_and_time
+from bayes_inertia.physics.effects.tachometer_noise_walk import TachometerNoiseWalk
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.random_basis import (
-    hat_functions,
-    on_axes,
-    on_each_axis,
-    ornstein_uhlenbeck_root,
-    slew_duration,
-    slew_fraction,
-)
+from bayes_inertia.physics.processes import Process
 from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.stated_noise import stated_terms
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
@@ -444,24 +438,14 @@ def dense(blocks: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class TachometerShape(StochasticEffect):
+class TachometerShape(TachometerNoiseWalk):
     """An error of the tachometers on knots: the shape without a name where no effect has knots."""
 
     name: ClassVar[str] = "tachometer_shape"
-    knots: int = 17
 
     def parameters(self, campaign):
         sigma = [wheel.momentum_sigma for wheel in campaign.wheels if wheel.momentum_sigma]
         return sd_and_time(campaign, "N m s", max(sigma), None, 1.5) if sigma else ()
 
-    def coefficient_count(self, campaign):
-        return len(campaign.wheels) * self.knots if self.parameters(campaign) else 0
-
-    def coefficient_root(self, p, slew, count):
-        spacing = slew_duration(slew) / (self.knots - 1)
-        root = ornstein_uhlenbeck_root(p["sd"], p["time"], spacing, self.knots)
-        return on_each_axis(root, count // self.knots)
-
-    def momentum_output(self, p, slew, trajectory, momentum):
-        hats = hat_functions(slew_fraction(slew, slew.time), self.knots)
-        return momentum + on_axes(hats, p["coefficients"], momentum.shape[1])
+    def reading_noise(self, p):
+        return Process("momentum", p["sd"], p["time"], self.knots)

@@ -228,7 +228,12 @@ def log_integral(parts: EliminatedSlews) -> Array:
 
 
 def steps_given(parts: EliminatedSlews, noise: Array | float = 0.0) -> tuple[Array, Array]:
-    """As `conditional_nuisances`, in compiled code; the mean unless `noise` is given."""
+    """Steps drawn from the posterior of the unknowns, given all that is not among them.
+
+    `noise` (s + slews n_local,): standard normal numbers; zeros give the conditional mean. Returns
+    `shared` (s,): step of what slews share; `local` (slews, n_local): nuisances, coefficients
+    whitened by their prior.
+    """
     s, root = len(parts.shared_step), parts.root
     every = jnp.broadcast_to(noise, (s + parts.local.size,))
     pull = every[:s] - parts.shared_step
@@ -236,21 +241,3 @@ def steps_given(parts: EliminatedSlews, noise: Array | float = 0.0) -> tuple[Arr
     right = every[s:].reshape(parts.local.shape) - parts.step - parts.across @ shared
     own = solve_triangular(root, right[..., None], lower=True, trans="T")[..., 0]
     return shared, parts.local + own
-
-
-def conditional_nuisances(
-    parts: EliminatedSlews, noise: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Steps drawn from the posterior of the unknowns, given all that is not among them.
-
-    `noise` (s + slews n_local,): standard normal numbers; zeros give the conditional mean. There
-    may be fewer slews than were eliminated: what follows is padding. Returns `shared` (s,): step of
-    what slews share; `local` (slews, n_local): nuisances, coefficients whitened by their prior.
-    """
-    shared_root = np.asarray(parts.shared_root)
-    s, slews = len(shared_root), (len(noise) - len(shared_root)) // parts.local.shape[1]
-    each = (parts.local, parts.across, parts.step, parts.root)
-    local, across, step, root = (np.asarray(x)[:slews] for x in each)
-    shared = np.linalg.solve(shared_root.T, noise[:s] - np.asarray(parts.shared_step))
-    right = noise[s:].reshape(local.shape) - step - across @ shared
-    return shared, local + np.linalg.solve(np.swapaxes(root, -1, -2), right[..., None])[..., 0]

@@ -10,7 +10,6 @@ from collections.abc import Iterable
 from typing import Any
 
 from bayes_inertia.inference.coefficients import PROGRAMS as OF_COEFFICIENTS
-from bayes_inertia.inference.filtered_evidence import PROGRAMS as OF_FILTERS
 from bayes_inertia.inference.hyperparameters import PROGRAMS as OF_EVIDENCE
 from bayes_inertia.inference.likelihood import PROGRAMS as OF_LIKELIHOOD
 from bayes_inertia.inference.limits import LIMITS
@@ -22,7 +21,6 @@ def forget_surplus(
     programs: Iterable[Any] = (
         *OF_COEFFICIENTS,
         *OF_EVIDENCE,
-        *OF_FILTERS,
         *OF_LIKELIHOOD,
         *OF_POSTERIOR,
     ),

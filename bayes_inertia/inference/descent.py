@@ -24,9 +24,8 @@ from scipy import integrate, optimize
 
 from bayes_inertia.campaign.hardware import body_rates
 from bayes_inertia.errors import EstimateError
-from bayes_inertia.inference.filtered_evidence import filtered_parameters, with_filtered_sizes
 from bayes_inertia.inference.hyperparameters import (
-    evidence_at,
+    Evidence,
     most_probable,
     without_hyperparameters,
 )
@@ -66,8 +65,9 @@ def compiled_meanwhile(model: Model, point: Point) -> Iterator[None]:
 def _evaluate(model: Model, point: Point) -> None:
     """Derivatives and evidence first: they take longest to compile."""
     white = whitening(model, point.theta)
-    evidence = evidence_at(model, point, white, np.arange(model.space.size))
-    evidence.negative_log(evidence.standardised(point.theta))
+    for whole in (True, False):
+        evidence = Evidence(model, point, white, np.arange(model.space.size), whole)
+        evidence.negative_log(evidence.standardised(point.theta))
     residuals(model.structure, point, model.data, white)
 
 
@@ -85,7 +85,7 @@ def descend(
         rough = roughly(stop)
         point, _ = _to_minimum(model, point, white, shaped, **rough)
         for _ in range(LIMITS.most_rounds_of_sizes):
-            point, change = _sizes_learnt(model, point, white, free)
+            point, change = most_probable(Evidence(model, point, white, free, whole=True))
             if change < LIMITS.settled:
                 break
             point, _ = _to_minimum(model, point, white, shaped, **rough)
@@ -101,18 +101,6 @@ def roughly(stop: Mapping[str, Any]) -> dict[str, Any]:
     {'steps': 60, 'tolerance': 0.001}
     """
     return {**stop, "tolerance": max(stop.get("tolerance", 0.0), LIMITS.tolerance_of_rounds)}
-
-
-def _sizes_learnt(
-    model: Model, point: Point, white: Whitenings, free: np.ndarray
-) -> tuple[Point, float]:
-    """The point with the sizes that the evidence favours, and how far they moved [prior sd]."""
-    by_knots = np.setdiff1d(free, filtered_parameters(model, point.theta))
-    change = 0.0
-    if len(without_hyperparameters(model, by_knots)) < len(by_knots):
-        point, change = most_probable(evidence_at(model, point, white, by_knots))
-    point, further = with_filtered_sizes(model, point, white, free)
-    return point, max(change, further)
 
 
 def _to_minimum(

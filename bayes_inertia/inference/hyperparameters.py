@@ -9,9 +9,10 @@ They are counted in prior sds from the centres of their priors.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -31,15 +32,33 @@ from bayes_inertia.inference.coefficients import (
     root_change,
     times,
 )
-from bayes_inertia.inference.likelihood import Information, information_blocks
+from bayes_inertia.inference.likelihood import (
+    Information,
+    information_blocks,
+    unpadded_sensitivities,
+)
 from bayes_inertia.inference.limits import LIMITS
-from bayes_inertia.inference.noise_model import Whitenings
+from bayes_inertia.inference.noise_filter import (
+    ChannelProcess,
+    coefficients_of,
+    estimated_noise,
+    filter_of,
+    in_states,
+    innovations,
+    processes_of_effects,
+    readings_of,
+    rows_of,
+    wandering_noise,
+)
+from bayes_inertia.inference.noise_model import Whitening, Whitenings
 from bayes_inertia.inference.objective import prior_equations, prior_rows
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.device_arrays import filled, on_device, padded_size, repeated
 from bayes_inertia.maths.values import AnyArray
+from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.prediction import Structure
+from bayes_inertia.physics.processes import RowTimes, StateSpace
 from bayes_inertia.physics.slew_context import SlewContext
 
 
@@ -96,49 +115,6 @@ def _with_held(precision: np.ndarray, held: np.ndarray) -> np.ndarray:
     return block_diag(precision, np.diag(held)) if len(held) else precision
 
 
-@dataclass(frozen=True, eq=False)
-class LearntParameters:
-    """Which parameters are learnt, and how they are counted.
-
-    Parameters
-    ----------
-    model : Model
-    learnt : (h,) array of int
-        Their indices.
-    """
-
-    model: Model
-    learnt: np.ndarray
-
-    @cached_property
-    def priors(self) -> dict[str, np.ndarray]:
-        """Of these parameters, as `ParameterSpace.constants`."""
-        constants = self.model.space.constants().items()
-        kept = ((key, values) for key, values in constants if key != "whitening")
-        return {key: np.asarray(values)[self.learnt] for key, values in kept}
-
-    def standardised(self, theta: np.ndarray) -> np.ndarray:
-        """The learnt parameters of all.
-
-        `theta` (..., d). Returns (..., h).
-        """
-        value, logarithmic = np.asarray(theta)[..., self.learnt], self.priors["logarithmic"]
-        value = np.where(logarithmic, np.log(np.where(logarithmic, value, 1.0)), value)
-        return (value - self.priors["mean"]) / self.priors["scale"]
-
-    def put(self, theta: np.ndarray, standardised: np.ndarray) -> np.ndarray:
-        """All parameters, with other values of the learnt ones.
-
-        `theta` (d,); `standardised` (..., h). Returns (..., d).
-        """
-        priors, standardised = self.priors, np.asarray(standardised)
-        value, logarithmic = priors["mean"] + priors["scale"] * standardised, priors["logarithmic"]
-        value = np.where(logarithmic, np.exp(np.where(logarithmic, value, 0.0)), value)
-        result = np.broadcast_to(theta, (*standardised.shape[:-1], len(theta))).copy()
-        result[..., self.learnt] = np.clip(value, priors["lower"], priors["upper"])
-        return result
-
-
 def without_hyperparameters(model: Model, free: np.ndarray) -> np.ndarray:
     """Parameters that change the signal of an effect, not only the prior of its coefficients.
 
@@ -146,6 +122,33 @@ def without_hyperparameters(model: Model, free: np.ndarray) -> np.ndarray:
     """
     fixed = model.structure.hyperparameters
     return free if not fixed else free[~np.isin(free, fixed)]
+
+
+class FilteredRows(NamedTuple):
+    """Readings of one channel out of which processes are filtered, of whatever sizes.
+
+    Parameters
+    ----------
+    columns : (slews, n, c, 1 + k) array
+        Whitened residuals where nothing is filtered, then their derivatives.
+    at : (k,) array of int
+        Places of these unknowns in the equations.
+    valid : (slews, n, c) array of bool
+        What was measured.
+    rows : RowTimes
+    variance, white : (c,) arrays
+        As of `WanderingNoise`.
+    known : tuple of StateSpace
+        Processes whose sizes are not learnt.
+    """
+
+    columns: AnyArray
+    at: AnyArray
+    valid: AnyArray
+    rows: RowTimes
+    variance: AnyArray
+    white: AnyArray
+    known: tuple[StateSpace, ...]
 
 
 class FrozenEvidence(NamedTuple):
@@ -170,6 +173,8 @@ class FrozenEvidence(NamedTuple):
         Of the latter, as `ParameterSpace.constants`.
     contexts : SlewContext
         With the slews as leading axis.
+    filtered : dict of FilteredRows
+        By channel, what the equations lack; empty where nothing is filtered whole.
     """
 
     equations: SlewEquations
@@ -180,6 +185,7 @@ class FrozenEvidence(NamedTuple):
     scale: AnyArray
     priors: dict[str, AnyArray]
     contexts: SlewContext
+    filtered: dict[str, FilteredRows]
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,57 +197,85 @@ class Evidence:
     model : Model
     point : Point
         Where the derivatives were taken.
-    information : Information
-        There, of the parameters that are not learnt here.
-    learnt : (h,) array of int
-        Indices of the parameters of stochastic effects that may move.
+    white : tuple of Whitening
+        The noise as used.
+    free : (f,) array of int
+        Indices of all parameters that may move.
+    whole : bool
+        Whether processes of readings are filtered whole, whatever their size: nothing that they do
+        between knots is left out. Else they act through their coefficients, as where J and K are
+        sampled, and what they do between knots stays as it is used.
     """
 
     model: Model
     point: Point
-    information: Information
-    learnt: np.ndarray
+    white: Whitenings
+    free: np.ndarray
+    whole: bool = False
+
+    @property
+    def shaped(self) -> np.ndarray:
+        """Those that are not learnt here."""
+        return without_hyperparameters(self.model, self.free)
+
+    @property
+    def learnt(self) -> np.ndarray:
+        """Indices of the parameters of stochastic effects that may move."""
+        return np.setdiff1d(self.free, self.shaped)
 
     @cached_property
-    def parameters(self) -> LearntParameters:
-        """How the learnt parameters are counted."""
-        return LearntParameters(self.model, self.learnt)
+    def information(self) -> Information:
+        """Normal equations of the parameters that are not learnt here."""
+        return information_blocks(self.model, self.point, self.white, self.shaped)
+
+    @cached_property
+    def hyperparameters(self) -> np.ndarray:
+        """Indices (h,) of all parameters of stochastic effects."""
+        return np.array(self.model.structure.hyperparameters)
+
+    @cached_property
+    def priors(self) -> dict[str, np.ndarray]:
+        """Of all parameters of stochastic effects, as `ParameterSpace.constants`."""
+        constants = self.model.space.constants().items()
+        kept = ((key, values) for key, values in constants if key != "whitening")
+        return {key: np.asarray(values)[self.hyperparameters] for key, values in kept}
 
     def standardised(self, theta: np.ndarray) -> np.ndarray:
-        """The learnt parameters (..., h) of all (..., d), in prior sds from the centre."""
-        return self.parameters.standardised(theta)
+        """The parameters of stochastic effects (..., h) of all (..., d), in prior sds."""
+        priors, value = self.priors, np.asarray(theta)[..., self.hyperparameters]
+        logarithmic = priors["logarithmic"]
+        value = np.where(logarithmic, np.log(np.where(logarithmic, value, 1.0)), value)
+        return (value - priors["mean"]) / priors["scale"]
 
     def theta(self, standardised: np.ndarray) -> np.ndarray:
-        """The point's parameters (..., d) with the learnt ones from standardised ones (..., h)."""
-        return self.parameters.put(self.point.theta, standardised)
-
-    @cached_property
-    def _all_learnt(self) -> LearntParameters:
-        """All parameters of stochastic effects, those included that may not move."""
-        return LearntParameters(self.model, np.array(self.model.structure.hyperparameters))
+        """The point's parameters (..., d) with others of stochastic effects (..., h)."""
+        return _theta(self.priors, self.hyperparameters, self.point.theta, standardised)
 
     @cached_property
     def frozen(self) -> FrozenEvidence:
         """What compiled functions are given."""
-        model, point, moving = self.model, self.point, self.information.free
+        model, point, moving = self.model, self.point, self.shaped
         shaped = without_hyperparameters(model, np.arange(model.space.size))
         held = np.setdiff1d(shaped, moving)
         f, unknowns = len(moving), shared_first(model, point, moving)
-        scale, order = unknowns.scale, unknowns.order
-        matrix = self.information.matrix.sum(1) * np.outer(scale, scale)
-        gradient = (self.information.gradient.sum(1) * scale)[:, order]
         of_held, at = np.zeros(len(held)), len(point.bias) + f
         # Between what slews share and the nuisances of each.
         places = np.full(len(held), at)
-        rows = np.insert(matrix[:, order[:, None], order], places, 0.0, axis=1)
+        standing = estimated_noise(model, point.theta) if self.whole else ()
+        chi2, matrix, gradient, filtered = (
+            self._unfiltered(unknowns, standing, len(held))
+            if standing
+            else self._known_noise(unknowns)
+        )
+        rows = np.insert(matrix, places, 0.0, axis=1)
         numbers = (
-            0.0,
+            chi2,
             np.insert(rows, places, 0.0, axis=2),
             np.insert(gradient, places, 0.0, axis=1),
             _with_held(unknowns.precision, of_held + 1.0),
             np.concatenate([unknowns.gradient, of_held]),
             0.0,
-            point.local,
+            np.where(coefficients_of(model, standing), 0.0, point.local),
         )
         roots = prior_roots(model.structure, point.theta, model.data.contexts)
         equations = SlewEquations(*(np.asarray(x, float) for x in numbers))
@@ -253,49 +287,136 @@ class Evidence:
             tuple(repeated(np.linalg.inv(root), size, 0) for root in roots),
             point.theta,
             np.concatenate([moving, held]),
-            self._all_learnt.learnt,
-            np.concatenate([scale[:f], of_held + 1.0]),
-            {key: np.asarray(values) for key, values in self._all_learnt.priors.items()},
+            self.hyperparameters,
+            np.concatenate([unknowns.scale[:f], of_held + 1.0]),
+            self.priors,
             jax.tree.map(lambda x: repeated(x, size, 0), model.data.contexts),
+            filtered,
         )
         return jax.tree.map(on_device, frozen)
+
+    def _known_noise(self, unknowns: SharedFirst) -> tuple[Any, ...]:
+        """Squares (which say nothing here), matrix and gradient where the noise stays as used."""
+        scale, order = unknowns.scale, unknowns.order
+        matrix = self.information.matrix.sum(1) * np.outer(scale, scale)
+        gradient = (self.information.gradient.sum(1) * scale)[:, order]
+        return 0.0, matrix[:, order[:, None], order], gradient, {}
+
+    def _unfiltered(
+        self, unknowns: SharedFirst, standing: Sequence[ChannelProcess], held: int
+    ) -> tuple[Any, ...]:
+        """The same of channels without estimated processes, and the rows of the others.
+
+        Coefficients that stand for processes are left out: their columns are zero.
+        """
+        model, point, b = self.model, self.point, len(self.point.bias)
+        names = {each.process.channel for each in standing}
+        white = tuple(
+            each._replace(memory=None, density=None) if channel.name in names else each
+            for channel, each in zip(model.channels, self.white, strict=True)
+        )
+        s = unpadded_sensitivities(model, point, white, self.shaped)
+        out = coefficients_of(model, standing)
+        gone = np.concatenate([np.zeros(len(self.shaped) + b, bool), out])
+        kept = np.flatnonzero(~gone[unknowns.order])
+        places = np.where(kept < len(self.shaped) + b, kept, kept + held)
+        u = len(unknowns.order)
+        products, filtered = np.zeros((model.n_slews, 1 + u, 1 + u)), {}
+        for channel, each, r, j in zip(model.channels, white, s.residuals, s.jacobian, strict=True):
+            columns = np.asarray(j)
+            r = np.asarray(r) - np.einsum("snk,sk->sn", columns[..., gone], point.local[:, out])
+            columns = np.where(gone, 0.0, columns * unknowns.scale)[..., unknowns.order]
+            if channel.name in names:
+                columns = np.concatenate([r[..., None], columns[..., kept]], -1)
+                filtered[channel.name] = self._rows(channel, each, columns, places)
+            else:
+                columns = np.concatenate([r[..., None], columns], -1)
+                products = products + np.swapaxes(columns, 1, 2) @ columns
+        return products[:, 0, 0].sum(), products[:, 1:, 1:], products[:, 1:, 0], filtered
+
+    def _rows(
+        self, channel: Channel, white: Whitening, columns: np.ndarray, places: np.ndarray
+    ) -> FilteredRows:
+        """What is filtered of one channel (slews, numbers, 1 + k)."""
+        model, valid = self.model, readings_of(self.model, channel)
+        level = level_used(model, channel, self.point.theta, white)
+        noise = wandering_noise(model, channel, self.point.theta, level=level)
+        assert noise is not None
+        size, n = padded_size(model.n_slews, 1, often=True), padded_size(valid.shape[1])
+        times = rows_of(model)
+        rows = RowTimes(filled(repeated(times.times, n), size, 0), filled(times.away, size, 0))
+        known = [each.process for each in noise.processes if not each.estimated]
+
+        def padded(x: np.ndarray) -> np.ndarray:
+            return filled(filled(x, size, 0), n)
+
+        # Columns in few sizes, too, whichever parameters may move: what is added is zero.
+        columns = padded(columns.reshape(*valid.shape, -1))
+        width = padded_size(columns.shape[-1], 1, often=True)
+        return FilteredRows(
+            filled(columns, width, -1),
+            repeated(places, width - 1, 0),
+            padded(valid),
+            rows,
+            noise.variance,
+            noise.white,
+            tuple(each.in_rows(rows, noise.variance) for each in known),
+        )
 
     def negative_log(self, standardised: np.ndarray) -> tuple[float, np.ndarray]:
         """Minus the log evidence and log prior, up to a constant.
 
         `standardised` (h,) [prior sd]. Returns `slope` (h,).
         """
-        sought = np.isin(self._all_learnt.learnt, self.learnt)
-        at = self._all_learnt.standardised(self.point.theta)
-        at[sought] = standardised
-        value, slope = _negative_log(self.model.structure, self.frozen, jnp.asarray(at))
-        return float(value), np.asarray(slope)[sought]
+        at = jnp.asarray(standardised)
+        value, slope = _negative_log(self.model.structure, self.frozen, at)
+        return float(value), np.asarray(slope)
 
 
-def _theta(frozen: FrozenEvidence, standardised: Array) -> Array:
+def _theta(
+    priors: dict[str, AnyArray],
+    learnt: AnyArray,
+    theta: AnyArray,
+    standardised: AnyArray,
+    xp: Any = np,
+) -> Any:
     """Parameters (..., d) with the learnt ones from standardised ones (..., h)."""
-    priors = frozen.priors
     value, logarithmic = priors["mean"] + priors["scale"] * standardised, priors["logarithmic"]
-    value = jnp.where(logarithmic, jnp.exp(jnp.where(logarithmic, value, 0.0)), value)
-    value = jnp.clip(value, priors["lower"], priors["upper"])
-    theta = jnp.broadcast_to(frozen.theta, (*standardised.shape[:-1], len(frozen.theta)))
-    return theta.at[..., frozen.learnt].set(value)
+    value = xp.where(logarithmic, xp.exp(xp.where(logarithmic, value, 0.0)), value)
+    value = xp.clip(value, priors["lower"], priors["upper"])
+    every = np.arange(len(theta))
+    place = xp.minimum(xp.searchsorted(learnt, every), len(learnt) - 1)
+    return xp.where(xp.isin(every, learnt), value[..., place], theta)
 
 
 def _all_but_learnt_eliminated(
     structure: Structure, frozen: FrozenEvidence, standardised: Array
-) -> EliminatedSlews:
-    theta = _theta(frozen, standardised)
+) -> tuple[EliminatedSlews, Array]:
+    """The quadratic form, and the log of the norm of what is filtered."""
+    theta = _theta(frozen.priors, frozen.learnt, frozen.theta, standardised, jnp)
     change = root_change(structure, frozen.inverse_roots, theta, frozen.contexts)
-    return eliminated(change, frozen.equations)
+    equations, norm = frozen.equations, jnp.zeros(())
+    processes = processes_of_effects(structure, theta) if frozen.filtered else ()
+    for name, own in frozen.filtered.items():
+        whole = (x.process._replace(knots=0) for x in processes if x.process.channel == name)
+        states = [*own.known, *(x.in_rows(own.rows, own.variance, jnp) for x in whole)]
+        memory = filter_of(in_states(states, jnp), own.white, own.valid)
+        new = innovations(own.columns, memory)
+        products = jnp.einsum("sncp,sncq->spq", new, new)
+        norm = norm + jnp.sum(jnp.where(own.valid, jnp.log(memory.scale), 0.0))
+        equations = equations._replace(
+            chi2=equations.chi2 + jnp.sum(products[:, 0, 0]),
+            matrix=equations.matrix.at[:, own.at[:, None], own.at].add(products[:, 1:, 1:]),
+            gradient=equations.gradient.at[:, own.at].add(products[:, 1:, 0]),
+        )
+    return eliminated(change, equations), norm
 
 
 @partial(jax.jit, static_argnums=0)
 @partial(jax.value_and_grad, argnums=2)
 def _negative_log(structure: Structure, frozen: FrozenEvidence, standardised: Array) -> Array:
-    return 0.5 * jnp.sum(standardised**2) - log_integral(
-        _all_but_learnt_eliminated(structure, frozen, standardised)
-    )
+    parts, norm = _all_but_learnt_eliminated(structure, frozen, standardised)
+    return 0.5 * jnp.sum(standardised**2) - log_integral(parts) - norm
 
 
 class GivenSizes(NamedTuple):
@@ -324,8 +445,8 @@ def given_sizes(structure: Structure, frozen: FrozenEvidence, standardised: Arra
     """
 
     def at(standardised: Array) -> GivenSizes:
-        parts = _all_but_learnt_eliminated(structure, frozen, standardised)
-        value = log_integral(parts) - 0.5 * jnp.sum(standardised**2)
+        parts, norm = _all_but_learnt_eliminated(structure, frozen, standardised)
+        value = log_integral(parts) + norm - 0.5 * jnp.sum(standardised**2)
         # The bias stands first: the last block of the root is what is left of it.
         b = len(parts.shared_step) - len(frozen.free)
         root, step = parts.shared_root[b:, b:], parts.shared_step[b:]
@@ -339,14 +460,11 @@ def given_sizes(structure: Structure, frozen: FrozenEvidence, standardised: Arra
 PROGRAMS = (_negative_log, given_sizes)
 
 
-def evidence_at(model: Model, point: Point, white: Whitenings, free: np.ndarray) -> Evidence:
-    """The evidence around a point.
-
-    `free` (f,).
-    """
-    shaped = without_hyperparameters(model, free)
-    information = information_blocks(model, point, white, shaped)
-    return Evidence(model, point, information, np.setdiff1d(free, shaped))
+def level_used(model: Model, channel: Channel, theta: np.ndarray, white: Whitening) -> float:
+    """Noise of a channel as used over noise as stated, over all slews."""
+    noise = channel.noise(model.campaign, theta, model.structure.drive)
+    stated = np.square(channel.factors(noise, readings_of(model, channel))).sum()
+    return float(np.sqrt(stated / np.square(np.asarray(white.factors)).sum())) if stated else 1.0
 
 
 def most_probable(evidence: Evidence) -> tuple[Point, float]:
@@ -356,7 +474,8 @@ def most_probable(evidence: Evidence) -> tuple[Point, float]:
     much the parameters moved, the largest [prior sd].
     """
     begin = evidence.standardised(evidence.point.theta)
-    bounds = [(-LIMITS.farthest_sd, LIMITS.farthest_sd)] * len(begin)
+    far, moves = LIMITS.farthest_sd, np.isin(evidence.hyperparameters, evidence.free)
+    bounds = [(-far, far) if m else (x, x) for x, m in zip(begin, moves, strict=True)]
     best = optimize.minimize(
         evidence.negative_log, begin, jac=True, method="L-BFGS-B", bounds=bounds
     )
@@ -390,7 +509,7 @@ def information_with_learnt(
     """
     if len(without_hyperparameters(model, free)) == len(free):
         return information_blocks(model, point, white, free)
-    evidence = evidence_at(model, point, white, free)
+    evidence = Evidence(model, point, white, free)
     plain = evidence.information
     curvature = _curvature(evidence)
     slope, distance = prior_rows(model, point.theta)
@@ -411,9 +530,10 @@ def information_with_learnt(
 def _curvature(evidence: Evidence) -> np.ndarray:
     """Second derivatives (h, h) by differences of slopes, lifted to be positive definite."""
     at = evidence.standardised(evidence.point.theta)
+    moves = np.isin(evidence.hyperparameters, evidence.free)
     slopes = [
-        [evidence.negative_log(at + side * unit)[1] for side in (1.0, -1.0)]
-        for unit in LIMITS.slope_step * np.eye(len(at))
+        [evidence.negative_log(at + side * unit)[1][moves] for side in (1.0, -1.0)]
+        for unit in LIMITS.slope_step * np.eye(len(at))[moves]
     ]
     hessian = np.array([(up - down) / (2.0 * LIMITS.slope_step) for up, down in slopes])
     powers, directions = np.linalg.eigh(0.5 * (hessian + hessian.T))

@@ -19,8 +19,6 @@ from bayes_inertia.inference.noise_filter import noise_memory
 from bayes_inertia.inference.noise_model import (
     Whitenings,
     densities_of,
-    noise_between_knots,
-    stated_noise_of,
 )
 from bayes_inertia.inference.objective import prior_root
 from bayes_inertia.inference.point import Point
@@ -361,13 +359,11 @@ def plain_series(estimate: Estimate) -> dict[str, list[np.ndarray]]:
     Returns (rows, components): by channel and slew; NaN where nothing was measured.
     """
     model, theta = estimate.model, estimate.theta
-    more = noise_between_knots(model, theta)
-    white = []
-    for channel, stated in zip(model.channels, estimate.stated, strict=True):
-        noise = stated_noise_of(model, channel, theta)
-        memory = noise_memory(model, channel, noise, more, measured=False)
-        white.append(stated._replace(memory=memory))
-    return residual_series(model, estimate.point, tuple(white))
+    white = tuple(
+        stated._replace(memory=noise_memory(model, channel, theta, measured=False))
+        for channel, stated in zip(model.channels, estimate.stated, strict=True)
+    )
+    return residual_series(model, estimate.point, white)
 
 
 def marginal(estimate: Estimate) -> Marginal:

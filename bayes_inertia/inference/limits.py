@@ -87,15 +87,8 @@ class Limits:
     # Sizes of processes
     # So many prior sds from its centre a size may move.
     farthest_sd: float = 8.0
-    # Steps of differences [prior sd]: of the evidence's slopes, of the filtered evidence on the way
-    # to its peak, and of its width there.
+    # Step of the differences of the evidence's slopes [prior sd].
     slope_step: float = 0.02
-    peak_step: float = 0.01
-    width_step: float = 0.1
-    # Of the log evidence: less decides nothing.
-    evidence_tolerance: float = 1e-3
-    # A move counts in prior sds, or in fifths of a parameter's own sd where these are larger.
-    own_share: float = 0.2
     # Least curvature along every direction [prior sd^-2]: a fourth of the prior's. Most where
     # differences are too rough to tell: a posterior sd of a fiftieth of the prior's.
     least_evidence_curvature: float = 0.25

@@ -23,10 +23,10 @@ from bayes_inertia.inference.coefficients import (
     CoefficientPart,
     EliminatedSlews,
     SlewEquations,
-    conditional_nuisances,
     eliminated,
     log_integral,
     root_change,
+    steps_given,
 )
 from bayes_inertia.inference.each_slew import of_slew, slew_pieces
 from bayes_inertia.inference.likelihood import Residuals, residuals, whitened
@@ -271,11 +271,23 @@ def _padded_nuisances(marginal: Marginal) -> _Nuisances:
     return jax.tree.map(on_device, padded)
 
 
-_compiled_elimination = jax.jit(_elimination, static_argnums=0)
+@partial(jax.jit, static_argnums=0)
+def _drawn(
+    structure: Structure,
+    nuisances: _Nuisances,
+    theta: Array,
+    chi2: Array,
+    gradient: Array,
+    noise: Array,
+) -> tuple[Array, Array]:
+    """Bias and own nuisances of all slews at one theta, from standard normal numbers."""
+    parts, bias = _elimination(structure, nuisances, theta, chi2, gradient)
+    step, local = steps_given(parts, noise)
+    return bias + step, local
 
 
 # What is compiled for each size of slew, largest first.
-PROGRAMS = (_pulls, _densities, _compiled_elimination)
+PROGRAMS = (_pulls, _densities, _drawn)
 
 
 def conditional_point(
@@ -297,10 +309,11 @@ def conditional_point(
     slew_gradient = pulled(r, jax.tree.map(np.asarray, marginal.columns))
     if marginal.coefficients is not None:
         nuisances = _padded_nuisances(marginal)
-        pull = sum(np.sum(x**2) for x in r), filled(slew_gradient, len(nuisances.ridge_local), 0)
-        parts, bias = _compiled_elimination(structure, nuisances, theta, *pull)
-        step, local = conditional_nuisances(parts, noise)
-        return Point(theta, np.asarray(bias) + step, local)
+        slews, n_local, _ = nuisances.ridge_local.shape
+        pull = sum(np.sum(x**2) for x in r), filled(slew_gradient, slews, 0)
+        every = filled(np.asarray(noise), len(optimum.bias) + slews * n_local, 0)
+        bias, own = _drawn(structure, nuisances, theta, *pull, every)
+        return Point(theta, np.asarray(bias), np.asarray(own)[: len(local)])
     n = len(bias)
     gradient = np.concatenate(
         [slew_gradient[:, :n].sum(0) + bias, (slew_gradient[:, n:] + local).ravel()]

@@ -22,7 +22,8 @@ from bayes_inertia.maths.device_arrays import filled, padded_size
 from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.processes import Process, RowTimes, StateSpace, gauss_markov
+from bayes_inertia.physics.prediction import Structure
+from bayes_inertia.physics.processes import Process, RowTimes, StateSpace
 from bayes_inertia.physics.stated_noise import stated_reading_noise
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
@@ -32,11 +33,11 @@ class Memory(NamedTuple):
 
     Parameters
     ----------
-    decay : (slews, n, 3, processes) array
+    decay : (slews, n, c, processes) array
         What is left of each process at the next row.
-    gain : (slews, n, 3, processes) array
+    gain : (slews, n, c, processes) array
         Share of an innovation that belongs to a process; 0 where nothing was measured.
-    scale : (slews, n, 3) array
+    scale : (slews, n, c) array
         One over the standard deviation of the innovations; 1 where nothing was measured.
     """
 
@@ -49,8 +50,8 @@ class Memory(NamedTuple):
 def innovations(rate: Any, memory: Memory) -> Any:
     """Whitened residuals without what the residuals before them let expect.
 
-    `rate` (slews, n, 3, ...): whitened residuals, or columns of their derivatives; zero where
-    nothing was measured. Of numpy, or of JAX in compiled code. Returns (slews, n, 3, ...).
+    `rate` (slews, n, c, ...): whitened residuals, or columns of their derivatives; zero where
+    nothing was measured. Of numpy, or of JAX in compiled code. Returns (slews, n, c, ...).
 
     Examples
     --------
@@ -99,12 +100,12 @@ def _innovations(rate: Array, memory: Memory) -> Array:
 def correlated_noise(white_noise: np.ndarray, memory: Memory) -> np.ndarray:
     """Noise whose innovations are given: the inverse of `innovations`.
 
-    `white_noise` (..., slews, n, 3). Returns (..., slews, n, 3): correlated noise, in units of the
+    `white_noise` (..., slews, n, c). Returns (..., slews, n, c): correlated noise, in units of the
     white noise's sigma.
     """
     decay, gain, scale = (np.asarray(x) for x in memory)
     noise = white_noise / scale
-    expected = np.zeros((*noise.shape[:-2], 3, decay.shape[-1]))
+    expected = np.zeros((*noise.shape[:-2], *decay.shape[-2:]))
     for row in range(noise.shape[-2]):
         new = noise[..., row, :].copy()
         noise[..., row, :] += expected.sum(-1)
@@ -112,148 +113,183 @@ def correlated_noise(white_noise: np.ndarray, memory: Memory) -> np.ndarray:
     return noise
 
 
-class EffectNoise(NamedTuple):
-    """What one effect adds to readings.
+class ChannelProcess(NamedTuple):
+    """One process of a channel's noise, and who says so.
 
     Parameters
     ----------
-    effect : str
-        Its name.
-    noise : Process
-        The process.
-    coefficients : slice
+    source : str
+        "measured", "stated", or the name of the effect that estimates it.
+    process : Process
+    coefficients : slice, optional
         Which of a slew's own nuisances stand for it.
     """
 
-    effect: str
-    noise: Process
-    coefficients: slice
+    source: str
+    process: Process
+    coefficients: slice = slice(0, 0)
+
+    @property
+    def estimated(self) -> bool:
+        """Whether an effect estimates it."""
+        return self.coefficients.stop > 0
 
 
-def noise_of_effects(model: Model, theta: np.ndarray) -> tuple[EffectNoise, ...]:
-    """What a model's effects add to readings that are compared.
+class WanderingNoise(NamedTuple):
+    """The noise of a channel that is correlated in time: white noise and processes beside it.
 
-    `theta` (d,).
+    Parameters
+    ----------
+    variance : (c,) array
+        Of one reading, stated and estimated processes left out.
+    white : (c,) array
+        Share of it that is white.
+    processes : tuple of ChannelProcess
+        Measured, stated and estimated ones.
+    """
+
+    variance: np.ndarray
+    white: np.ndarray
+    processes: tuple[ChannelProcess, ...]
+
+
+def wandering_noise(
+    model: Model, channel: Channel, theta: np.ndarray, *, level: float = 1.0, measured: bool = True
+) -> WanderingNoise | None:
+    """What noise a channel has beside white noise: measured, stated, and estimated by effects.
+
+    `theta` (d,). `level`: factor on its stated sigma. `measured`: whether correlated noise that was
+    measured counts; it is part of the stated sigma. None where the noise is white.
 
     Examples
     --------
     >>> from bayes_inertia.physics.small_campaign import small_campaign
     >>> model = Model(small_campaign())
-    >>> noise_of_effects(model, model.space.mean)
-    ()
+    >>> wandering_noise(model, model.channels[0], model.space.mean) is None
+    True
     """
-    structure, start, found = model.structure, model.structure.n_start, []
+    campaign, structure = model.campaign, model.structure
+    correlated = channel.stream.correlated(campaign) if measured else None
+    stated = stated_reading_noise(campaign, structure.effects)
+    processes = [ChannelProcess("stated", x) for x in stated if x.channel == channel.name]
+    processes += [x for x in estimated_noise(model, theta) if x.process.channel == channel.name]
+    if correlated is None and not processes:
+        return None
+    noise = channel.noise(campaign, theta, structure.drive)
+    variance = level**2 * channel.variance(noise)
+    white = np.ones(len(variance))
+    if correlated is not None:
+        share = np.array(correlated.share)
+        own = Process(channel.name, np.sqrt(share * variance), np.array(correlated.time))
+        white = white - share
+        processes.append(ChannelProcess("measured", own))
+    return WanderingNoise(variance, white, tuple(processes))
+
+
+def processes_of_effects(structure: Structure, theta: Any) -> tuple[ChannelProcess, ...]:
+    """What effects add to readings, at parameters (d,) that may be traced."""
+    start, found = structure.n_start, []
     if not any(structure.coefficients):
         return ()
-    active = structure.active_effects(jnp.asarray(theta))
+    active = structure.active_effects(theta)
     for (effect, p), count in zip(active, structure.coefficients, strict=False):
-        noise = effect.reading_noise(p) if isinstance(effect, StochasticEffect) else None
-        if count and noise is not None and _is_read(model, noise):
-            plain = noise._replace(size=float(noise.size), time=float(noise.time))
-            found.append(EffectNoise(effect.name, plain, slice(start, start + count)))
+        if count and isinstance(effect, StochasticEffect):
+            process = effect.reading_noise(p)
+            if process is not None:
+                found.append(ChannelProcess(effect.name, process, slice(start, start + count)))
         start += count
     return tuple(found)
 
 
-def effects_between_knots(model: Model, theta: np.ndarray) -> tuple[EffectNoise, ...]:
-    """Those of `noise_of_effects` whose coefficients are values of the rates' errors on knots.
+def estimated_noise(model: Model, theta: np.ndarray) -> tuple[ChannelProcess, ...]:
+    """Those of `processes_of_effects` whose readings are compared, as plain numbers."""
+    compared = {channel.name for channel in model.channels if channel.compared}
+    return tuple(
+        each._replace(
+            process=each.process._replace(
+                size=float(each.process.size), time=float(each.process.time)
+            )
+        )
+        for each in processes_of_effects(model.structure, jnp.asarray(theta))
+        if each.process.channel in compared
+    )
 
-    `theta` (d,). Returns: what they do between knots is filtered out of the readings.
-    """
-    every = noise_of_effects(model, theta)
-    return tuple(each for each in every if each.noise.channel == "rate" and each.noise.knots)
 
-
-def _is_read(model: Model, noise: Process) -> bool:
-    """Whether readings with this noise are compared, and the noise is there at all."""
-    channel = model.channels[model.structure.place(noise.channel)]
-    return channel.compared and float(noise.size) > 0.0
+def coefficients_of(model: Model, noise: Sequence[ChannelProcess]) -> np.ndarray:
+    """Which of a slew's own nuisances (n_local,) stand for processes."""
+    standing = np.zeros(model.structure.n_local, bool)
+    for each in noise:
+        standing[each.coefficients] = True
+    return standing
 
 
 def noise_memory(
     model: Model,
     channel: Channel,
-    noise: np.ndarray,
-    more: Sequence[Process] = (),
+    theta: np.ndarray,
     *,
+    whole: bool = False,
     measured: bool = True,
 ) -> Memory | None:
-    """What the noise of each reading keeps of those before.
+    """The filter for the noise of a channel; None where that is white.
 
-    `model`: its campaign says how the noise is correlated. What its effects estimate is none of it.
-    `noise`: of one reading, wandering left out. `more`: what effects add to readings. Of those with
-    knots what is left between them. `measured`: whether correlated noise that was measured counts,
-    beside what is stated.
+    `theta` (d,). `whole`: whether coefficients of effects on knots are left out, and their
+    processes are filtered whole; else what these do between knots.
     """
-    memory = noise_memories(model, channel, noise, [more], measured=measured)
-    return None if memory is None else Memory(*(x[0] for x in memory))
-
-
-def noise_memories(
-    model: Model,
-    channel: Channel,
-    noise: np.ndarray,
-    settings: Sequence[Sequence[Process]],
-    *,
-    measured: bool = True,
-    white: float = 1.0,
-) -> Memory | None:
-    """As `noise_memory`, for several sets of what effects add.
-
-    `noise`: of one reading, wandering left out. `white`: variance of the white noise, in units of
-    that. Returns: with the settings as leading axis; None where the noise is white and as stated.
-    """
-    correlated = channel.stream.correlated(model.campaign) if measured else None
-    stated = _of(channel, stated_reading_noise(model.campaign, model.structure.effects))
-    settings = [_of(channel, processes) for processes in settings]
-    if correlated is None and not stated and not settings[0]:
+    noise = wandering_noise(model, channel, theta, measured=measured)
+    if noise is None:
         return None
-    rows, variance = _rows(model), channel.variance(noise)
-    whites = np.full(len(variance), white)
-    common = [each.in_rows(rows, variance) for each in stated]
-    if correlated is not None:
-        share = np.array(correlated.share)
-        whites = whites - share
-        common.append(gauss_markov(rows, share, np.array(correlated.time)))
-    more = [[each.in_rows(rows, variance) for each in processes] for processes in settings]
-    # Sets are filtered as if they were further slews.
-    joined = [_joined(parts) for parts in zip(*([*common, *own] for own in more), strict=True)]
+    every = [
+        each.process._replace(knots=0) if whole else each.process
+        for each in noise.processes
+        if whole or each.process.knots or not each.estimated
+    ]
+    if not every:
+        return None
+    rows, valid = rows_of(model), readings_of(model, channel)
+    joined = in_states([each.in_rows(rows, noise.variance) for each in every])
+    slews, n = valid.shape[:2]
+    sizes = padded_size(slews, 1, often=True), padded_size(n)
+    decay, fresh, known = (
+        filled(filled(x, sizes[0], 0), sizes[1]) for x in (joined.decay, joined.fresh, valid)
+    )
+    states = StateSpace(filled(joined.start, sizes[0], 0), decay, fresh)
+    memory = filter_of(states, noise.white, known)
+    return Memory(*(np.asarray(x)[:slews, :n] for x in memory))
+
+
+def readings_of(model: Model, channel: Channel) -> np.ndarray:
+    """Which readings (slews, n, c) of a channel were taken."""
     readings = model.data.arrays.telemetry.readings[model.structure.place(channel.name)]
-    valid = np.asarray(readings.valid)
-    filtered = _filter(joined, whites, np.tile(valid, (len(settings), 1, 1)))
-    return Memory(*(np.reshape(x, (len(settings), len(valid), *x.shape[1:])) for x in filtered))
+    return np.asarray(readings.valid)
 
 
-def _joined(processes: Sequence[StateSpace]) -> StateSpace:
-    """Processes one after the other, along the axis of slews."""
-    return StateSpace(*(np.concatenate(parts) for parts in zip(*processes, strict=True)))
-
-
-def _of(channel: Channel, noise: Sequence[Process]) -> list[Process]:
-    return [each for each in noise if each.channel == channel.name]
-
-
-def _rows(model: Model) -> RowTimes:
+def rows_of(model: Model) -> RowTimes:
+    """When the rows of telemetry are."""
     times, context = row_times(model), model.data.arrays.slews.context
     away = np.abs(np.asarray(context.start) + times[:, 0] - np.asarray(context.middle))
     return RowTimes(times, away)
 
 
-def _filter(processes: list[StateSpace], white: np.ndarray, valid: np.ndarray) -> Memory:
-    """The filter for processes beside white noise (c,); `valid` (slews, n, c): was measured."""
-    decay = np.stack([process.decay for process in processes], -1)
-    fresh = np.stack([process.fresh for process in processes], -1)
-    start = np.stack([process.start for process in processes], -1)
-    same = np.eye(len(processes))
-    gain, scale = np.zeros_like(decay), np.ones(valid.shape)
-    covariance = start[..., None] * same
-    for row in range(valid.shape[1]):
+def in_states(processes: Sequence[StateSpace], xp: Any = np) -> StateSpace:
+    """Processes side by side, along a last axis."""
+    return StateSpace(*(xp.stack(parts, -1) for parts in zip(*processes, strict=True)))
+
+
+@jax.jit
+def filter_of(states: StateSpace, white: Array, valid: Array) -> Memory:
+    """The filter for processes (last axis) beside white noise (c,); `valid` (slews, n, c)."""
+    same = jnp.eye(states.decay.shape[-1])
+
+    def step(covariance: Array, row: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
+        decay, fresh, known = row
         with_reading = covariance.sum(-1)
-        of_reading = np.maximum(with_reading.sum(-1) + white, 1e-12)
-        known = valid[:, row]
-        gain[:, row] = np.where(known[..., None], with_reading / of_reading[..., None], 0.0)
-        scale[:, row] = np.where(known, 1.0 / np.sqrt(of_reading), 1.0)
-        left = covariance - gain[:, row][..., None] * with_reading[..., None, :]
-        kept = decay[:, row]
-        covariance = kept[..., None] * kept[..., None, :] * left + fresh[:, row][..., None] * same
-    return Memory(decay, gain, scale)
+        of_reading = jnp.maximum(with_reading.sum(-1) + white, 1e-12)
+        gain = jnp.where(known[..., None], with_reading / of_reading[..., None], 0.0)
+        left = covariance - gain[..., None] * with_reading[..., None, :]
+        after = decay[..., None] * decay[..., None, :] * left + fresh[..., None] * same
+        return after, (gain, jnp.where(known, 1.0 / jnp.sqrt(of_reading), 1.0))
+
+    rows = (jnp.moveaxis(x, 1, 0) for x in (states.decay, states.fresh, valid))
+    _, (gain, scale) = jax.lax.scan(step, states.start[..., None] * same, tuple(rows))
+    return Memory(states.decay, jnp.moveaxis(gain, 0, 1), jnp.moveaxis(scale, 0, 1))

@@ -19,13 +19,11 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.inference.limits import LIMITS
-from bayes_inertia.inference.noise_filter import Memory, effects_between_knots, noise_memory
+from bayes_inertia.inference.noise_filter import Memory, noise_memory
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.physics.channel_noise import NOISE_OWNER
-from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.densities import Density
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.processes import Process
 
 
 class Pull(NamedTuple):
@@ -203,29 +201,14 @@ def whitening(model: Model, theta: np.ndarray) -> Whitenings:
     `theta` (d,): parameters; in the measured drive the noise of the rates depends on J and K, and
     what an effect's process does between its knots depends on its size and time.
     """
-    between_knots = noise_between_knots(model, theta)
     white = []
     for channel, readings in zip(
         model.structure.channels, model.data.arrays.telemetry.readings, strict=True
     ):
-        noise = stated_noise_of(model, channel, theta)
+        noise = channel.noise(model.campaign, theta, model.structure.drive)
         factors = channel.factors(noise, np.asarray(readings.valid))
-        memory = noise_memory(model, channel, noise, between_knots)
-        white.append(Whitening(on_device(factors), memory))
+        white.append(Whitening(on_device(factors), noise_memory(model, channel, theta)))
     return tuple(white)
-
-
-def stated_noise_of(model: Model, channel: Channel, theta: np.ndarray) -> np.ndarray:
-    """Noise of one reading of a channel, as the channel's methods take it."""
-    return channel.noise(model.campaign, theta, model.structure.drive)
-
-
-def noise_between_knots(model: Model, theta: np.ndarray) -> tuple[Process, ...]:
-    """What a fit's effects add to the readings and its coefficients do not hold.
-
-    `theta` (d,).
-    """
-    return tuple(each.noise for each in effects_between_knots(model, theta))
 
 
 def without_memory(white: Whitenings) -> Whitenings:

@@ -25,13 +25,13 @@ from bayes_inertia.inference.hyperparameters import information_with_learnt, wit
 from bayes_inertia.inference.laplace import Estimate, Starts, model_of
 from bayes_inertia.inference.likelihood import information_blocks
 from bayes_inertia.inference.limits import LIMITS
+from bayes_inertia.inference.noise_filter import estimated_noise
 from bayes_inertia.inference.noise_model import (
     Densities,
     Whitenings,
     densities_of,
     discounted,
     n_data,
-    noise_between_knots,
     of_densities,
     whitening,
 )
@@ -271,7 +271,7 @@ def _optimum_with_noise(
     """
     stated, objective = whitening(model, point.theta), np.inf
     rounds = rounds if model.structure.drive == "measured" else 1
-    if noise_between_knots(model, point.theta):
+    if estimated_noise(model, point.theta):
         rounds = max(rounds, LIMITS.rounds_between_knots)
     for round_ in range(1, rounds + 1):
         # Before the last round the noise is known roughly, too.

@@ -21,7 +21,6 @@ from bayes_inertia.inference.noise_model import (
     ChannelDensity,
     densities_of,
     remembers,
-    stated_noise_of,
     without_memory,
 )
 from bayes_inertia.inference.point import Point
@@ -169,7 +168,7 @@ def with_measurement_noise(
         noise = unit(channel.name, (*values.shape[:-1], given.valid.shape[-1]))
         if white.memory is not None:
             noise = correlated_noise(noise, white.memory)
-        stated = stated_noise_of(model, channel, estimate.theta)
+        stated = channel.noise(model.campaign, estimate.theta, model.structure.drive)
         values = channel.moved(values, channel.drawn(stated, noise))
         noisy[channel.name] = channel.known(given._replace(values=values))
     return noisy

@@ -19,7 +19,7 @@ from emcee.moves import MHMove
 from scipy import linalg, stats
 
 from bayes_inertia.errors import EstimateError
-from bayes_inertia.inference.hyperparameters import Evidence, GivenSizes, evidence_at, given_sizes
+from bayes_inertia.inference.hyperparameters import Evidence, GivenSizes, given_sizes
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.marginal_posterior import LogDensity
@@ -302,7 +302,7 @@ def find_proposal(
     move: Proposal = IndependenceMove(estimate.theta, estimate.covariance, logarithmic=logarithmic)
     if estimate.model.structure.hyperparameters:
         everything = np.arange(len(estimate.theta))
-        evidence = evidence_at(estimate.model, estimate.point, estimate.white, everything)
+        evidence = Evidence(estimate.model, estimate.point, estimate.white, everything)
         move = EvidenceMove(evidence, explored_sizes(evidence, random))
     spent = 0
     for _ in range(LIMITS.most_pilots):

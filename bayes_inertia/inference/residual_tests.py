@@ -26,14 +26,17 @@ from scipy import stats
 from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.likelihood import Information, residuals
 from bayes_inertia.inference.limits import LIMITS
-from bayes_inertia.inference.noise_filter import noise_memory, noise_of_effects
-from bayes_inertia.inference.noise_model import Whitenings, stated_noise_of
+from bayes_inertia.inference.noise_filter import (
+    coefficients_of,
+    estimated_noise,
+    noise_memory,
+)
+from bayes_inertia.inference.noise_model import Whitenings
 from bayes_inertia.inference.objective import block_index
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.processes import Process
 
 
 def residual_series(model: Model, point: Point, white: Whitenings) -> dict[str, list[np.ndarray]]:
@@ -251,32 +254,18 @@ def filtered_residuals(
     `covariance` (unknowns, unknowns) [free]. Returns: none where there is no such effect: residuals
     are tested as they are.
     """
-    of_effects = noise_of_effects(model, point.theta)
-    if not of_effects:
+    filtered = coefficients_of(model, estimated_noise(model, point.theta))
+    if not filtered.any():
         return None
-    filtered = np.zeros(point.n_local, bool)
-    for each in of_effects:
-        filtered[each.coefficients] = True
-    whole = [each.noise._replace(knots=0) for each in of_effects]
-    series = _filtered_series(model, point, stated, whole, filtered)
+    white = tuple(
+        each._replace(memory=noise_memory(model, channel, point.theta, whole=True))
+        for channel, each in zip(model.channels, stated, strict=True)
+    )
+    alone = replace(point, local=np.where(filtered, 0.0, point.local))
+    series = residual_series(model, alone, white)
     chi2 = [[float(np.nansum(np.square(x))) for x in of_slews] for of_slews in series.values()]
     parameters = hat_traces(information, point.n_local, covariance, nuisances=~filtered)
     return TestedResiduals(series, np.array(chi2).T, parameters)
-
-
-def _filtered_series(
-    model: Model,
-    point: Point,
-    stated: Whitenings,
-    noise: list[Process],
-    filtered: np.ndarray,
-) -> dict[str, list[np.ndarray]]:
-    """Residuals without the coefficients of these processes, the processes filtered out."""
-    local, white = np.where(filtered, 0.0, point.local), []
-    for channel, stated_white in zip(model.channels, stated, strict=True):
-        of_channel = stated_noise_of(model, channel, point.theta)
-        white.append(stated_white._replace(memory=noise_memory(model, channel, of_channel, noise)))
-    return residual_series(model, replace(point, local=local), tuple(white))
 
 
 def hat_traces(

@@ -8,10 +8,20 @@ to readings, all of it or what it does between knots. One filter whitens their s
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jax import Array
+
+from bayes_inertia.maths.values import AnyArray
+from bayes_inertia.physics.random_basis import (
+    ornstein_uhlenbeck_covariance,
+    ornstein_uhlenbeck_root,
+    random_walk_covariance,
+    random_walk_root,
+    slew_duration,
+)
+from bayes_inertia.physics.slew_context import SlewContext
 
 
 class RowTimes(NamedTuple):
@@ -25,13 +35,15 @@ class RowTimes(NamedTuple):
         From the middle of the campaign to the slew's first row [s].
     """
 
-    times: np.ndarray
-    away: np.ndarray
+    # Of numpy on the host, of JAX in compiled code.
+    times: AnyArray
+    away: AnyArray
 
     @property
-    def steps(self) -> np.ndarray:
+    def steps(self) -> AnyArray:
         """Time (slews, n) from each row to the next [s], zero after the last."""
-        return np.diff(self.times, axis=1, append=self.times[:, -1:])
+        n = self.times.shape[1]
+        return self.times[:, np.minimum(np.arange(n) + 1, n - 1)] - self.times
 
 
 class StateSpace(NamedTuple):
@@ -47,9 +59,9 @@ class StateSpace(NamedTuple):
         Variance that is new by then.
     """
 
-    start: np.ndarray
-    decay: np.ndarray
-    fresh: np.ndarray
+    start: AnyArray
+    decay: AnyArray
+    fresh: AnyArray
 
 
 class Process(NamedTuple):
@@ -57,11 +69,11 @@ class Process(NamedTuple):
 
     Parameters
     ----------
-    channel : {"rate", "momentum"}
+    channel : str
         Of which readings; each component has a process of its own.
-    size : float or () array
+    size : float, () or (c,) array
         Sd of the Gauss-Markov process; of a random walk the density, its sd after one second. SI.
-    time : float or () array, optional
+    time : float, () or (c,) array, optional
         Correlation time [s]; infinite: a random walk. It is zero in the middle of the campaign: a
         slew begins with what it became since (or before).
     knots : int, optional
@@ -76,35 +88,42 @@ class Process(NamedTuple):
     """
 
     channel: str
-    size: float | Array
-    time: float | Array = float("inf")
+    size: AnyArray
+    time: AnyArray = float("inf")
     knots: int = 0
 
-    def in_rows(self, rows: RowTimes, variance: np.ndarray) -> StateSpace:
+    @property
+    def walks(self) -> bool:
+        """Whether it is a random walk."""
+        return isinstance(self.time, float) and self.time == float("inf")
+
+    def root(self, slew: SlewContext, knots: int) -> Array:
+        """Root (knots, knots) of its covariance at evenly spaced knots of a slew."""
+        if self.walks:
+            return random_walk_root(self.size, slew, knots)
+        return ornstein_uhlenbeck_root(
+            self.size, self.time, slew_duration(slew) / (knots - 1), knots
+        )
+
+    def across_slews(self, slews: SlewContext, knots: int) -> Array:
+        """Its covariance (slews knots, slews knots) at evenly spaced knots of all slews."""
+        if self.walks:
+            return random_walk_covariance(self.size, slews, knots)
+        return ornstein_uhlenbeck_covariance(self.size, self.time, slews, knots)
+
+    def in_rows(self, rows: RowTimes, variance: AnyArray, xp: Any = np) -> StateSpace:
         """The process at readings whose white noise has this variance (c,)."""
-        power = float(self.size) ** 2 / variance
+        power = self.size**2 / variance
         if self.knots:
             return _between_knots(rows, self.knots, float(self.time), power)
-        if np.isinf(self.time):
-            return random_walk(rows, power)
-        return gauss_markov(rows, power, np.full(len(variance), float(self.time)))
-
-
-def gauss_markov(rows: RowTimes, variance: np.ndarray, time: np.ndarray) -> StateSpace:
-    """A stationary process of these variances and correlation times (c,) [s]."""
-    decay = np.exp(-rows.steps[..., None] / time)
-    start = np.broadcast_to(variance, (len(decay), len(variance)))
-    return StateSpace(start, decay, variance * (1.0 - decay**2))
-
-
-def random_walk(rows: RowTimes, growth: np.ndarray) -> StateSpace:
-    """A Wiener process whose variance grows by `growth` (c,) a second.
-
-    It is zero in the middle of the campaign, as in `random_walk_root`.
-    """
-    first = rows.away + rows.times[:, -1] - rows.times[:, 0]
-    fresh = rows.steps[..., None] * growth
-    return StateSpace(first[:, None] * growth, np.ones_like(fresh), fresh)
+        steps = rows.steps[..., None]
+        if self.walks:
+            # Zero in the middle of the campaign, as in `random_walk_root`.
+            before = rows.away + rows.times[:, -1] - rows.times[:, 0]
+            fresh = steps * power
+            return StateSpace(before[:, None] * power, xp.ones_like(fresh), fresh)
+        decay = xp.exp(-steps / self.time) * xp.ones_like(variance)
+        return StateSpace(xp.ones_like(rows.away)[:, None] * power, decay, power * (1.0 - decay**2))
 
 
 def _between_knots(rows: RowTimes, knots: int, time: float, power: np.ndarray) -> StateSpace:

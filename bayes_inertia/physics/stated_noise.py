@@ -49,16 +49,22 @@ def stated_reading_noise(campaign: Campaign, effects: Sequence[Effect]) -> tuple
     >>> stated_reading_noise(small_campaign(), ())
     ()
     """
-    sensor, estimated = campaign.rate_sensor, {effect.name for effect in effects}
-    stated: list[Process] = []
+    estimated = {effect.name for effect in effects}
+    return tuple(x for name, x in _of_gyro(campaign).items() if name not in estimated)
+
+
+def _of_gyro(campaign: Campaign) -> dict[str, Process]:
+    """What is stated of the gyro's bias, by the effect that would estimate it."""
+    sensor = campaign.rate_sensor
     if sensor is None:
-        return ()
-    if sensor.rate_random_walk is not None and RateRandomWalk.name not in estimated:
-        stated.append(Process("rate", sensor.rate_random_walk))
-    if sensor.bias_instability is not None and RateBiasInstability.name not in estimated:
-        time = sensor.bias_instability_time or float("inf")
-        stated.append(Process("rate", sensor.bias_instability, time))
-    return tuple(stated)
+        return {}
+    stated = {
+        RateRandomWalk.name: Process("rate", sensor.rate_random_walk),
+        RateBiasInstability.name: Process(
+            "rate", sensor.bias_instability, sensor.bias_instability_time
+        ),
+    }
+    return {name: process for name, process in stated.items() if process.size}
 
 
 def stated_terms(campaign: Campaign) -> tuple[str, ...]:
@@ -73,10 +79,6 @@ def stated_terms(campaign: Campaign) -> tuple[str, ...]:
     >>> stated_terms(small_campaign())
     ()
     """
-    sensor, tracker = campaign.rate_sensor, campaign.star_tracker
-    stated = {
-        RateRandomWalk.name: sensor.rate_random_walk if sensor else None,
-        RateBiasInstability.name: sensor.bias_instability if sensor else None,
-        StarTrackerLowFrequency.name: tracker.low_frequency_sigma if tracker else None,
-    }
-    return tuple(name for name, size in stated.items() if size)
+    tracker = campaign.star_tracker
+    wandering = tracker is not None and tracker.low_frequency_sigma
+    return (*_of_gyro(campaign), *([StarTrackerLowFrequency.name] if wandering else ()))

@@ -10,7 +10,7 @@ z out in closed form with the other nuisances of the slew; p are sampled like J 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
 import jax.numpy as jnp
@@ -19,6 +19,7 @@ from jax import Array
 from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.processes import Process
+from bayes_inertia.physics.random_basis import hat_functions, on_axes, on_each_axis, slew_fraction
 from bayes_inertia.physics.slew_context import SlewContext
 
 if TYPE_CHECKING:
@@ -149,12 +150,7 @@ class StochasticEffect(Effect):
         return None
 
     def reading_noise(self, p: Mapping[str, Array]) -> Process | None:
-        """The same process as noise of readings, if that is all it is.
-
-        A reduced basis leaves out what is fast. Where residuals are tested, and where sizes are
-        learnt, the process is filtered out exactly, with nothing left out. Where it is of the rates
-        and its coefficients are values on knots, what is left between them is filtered out of the
-        readings that are fitted.
+        """The process, where it is noise of readings and nothing else.
 
         Parameters
         ----------
@@ -164,6 +160,49 @@ class StochasticEffect(Effect):
         Returns
         -------
         Process or None
-            None where the process moves the body, or is no first-order process.
+            None where it moves the body, or is no first-order process.
         """
         return None
+
+
+@dataclass(frozen=True)
+class ReadingNoise(StochasticEffect):
+    """Base of effects that only a sensor feels: a first-order process in each of its components.
+
+    `reading_noise` says which process, `components` in how many; derived classes add `signal` to
+    what their sensor gives. Coefficients are values on knots with straight lines between. What the
+    process does between knots is filtered out of the readings, at its own size. Where residuals
+    are tested, and where sizes are learnt, all of it is filtered out.
+
+    Parameters
+    ----------
+    knots : int, optional
+        Of each component, evenly over the slew.
+    """
+
+    knots: int = field(default=17, kw_only=True)
+
+    def components(self, campaign: Campaign) -> int:
+        """How many components the sensor has; 0 where there is nothing to estimate."""
+        return 0
+
+    def reading_noise(self, p: Mapping[str, Array]) -> Process:
+        """The process; asked for only where there are components."""
+        raise NotImplementedError
+
+    def coefficient_count(self, campaign):
+        return self.components(campaign) * self.knots
+
+    def coefficient_root(self, p, slew, count):
+        root = self.reading_noise(p).root(slew, self.knots)
+        return on_each_axis(root, count // self.knots)
+
+    def covariance_across_slews(self, p, slews):
+        return self.reading_noise(p).across_slews(slews, self.knots)
+
+    def signal(self, p, slew, t):
+        hats = hat_functions(slew_fraction(slew, t), self.knots)
+        return on_axes(hats, p["coefficients"], p["coefficients"].size // self.knots)
+
+    def looks_between_rows(self, campaign):
+        return False

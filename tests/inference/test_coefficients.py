@@ -10,7 +10,7 @@ import pytest
 from scipy import linalg, stats
 
 from bayes_inertia.inference.coefficients import prior_roots
-from bayes_inertia.inference.hyperparameters import evidence_at
+from bayes_inertia.inference.hyperparameters import Evidence
 from bayes_inertia.inference.laplace import marginal
 from bayes_inertia.inference.marginal_posterior import conditional_point, log_posterior
 from bayes_inertia.inference.optimizer import estimate
@@ -98,7 +98,7 @@ def test_the_integral_is_that_of_the_dense_gaussian(wandered):
 @pytest.mark.slow
 def test_the_evidence_is_largest_at_the_fit(wandered):
     """Its gradient in the learnt parameters vanishes, and agrees with the sampled density's."""
-    evidence = evidence_at(
+    evidence = Evidence(
         wandered.model, wandered.point, wandered.white, np.arange(len(wandered.theta))
     )
     standardised = evidence.standardised(wandered.theta)
@@ -127,7 +127,7 @@ def acceptance(move, structure, frozen) -> float:
 @pytest.mark.slow
 def test_proposals_by_evidence_resemble_the_posterior(wandered):
     model, everything = wandered.model, np.arange(len(wandered.theta))
-    evidence = evidence_at(model, wandered.point, wandered.white, everything)
+    evidence = Evidence(model, wandered.point, wandered.white, everything)
     ours = EvidenceMove(evidence, explored_sizes(evidence, np.random.RandomState(9)))
     logarithmic = np.array([p.logarithmic for p in model.space.priors])
     # One ellipsoid around everything, the negative control, resembles it less.

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.filtered_evidence import (
-    FilteredEvidence,
-    evidence_peak,
-    noise_level_used,
-)
+from bayes_inertia.inference.hyperparameters import Evidence, most_probable
+from bayes_inertia.inference.noise_filter import estimated_noise
+from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.objective import prior_rows
-from bayes_inertia.physics.effects import RateBiasInstability
+from bayes_inertia.physics.effects import (
+    RateBiasInstability,
+    RateRandomWalk,
+    TachometerNoiseWalk,
+)
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.processes import Process
 
 SD, TIME = 6e-5, 15.0
-NONE, WALK, BIAS = (), (Process("rate", 4e-6),), (Process("rate", SD, TIME),)
 
 
 def wandering(campaign, seed):
@@ -41,11 +41,15 @@ def plain(flown):
     return optimizer.estimate(Model(wandering(flown.campaign, 3)), discount=False)
 
 
-def evidence_at(estimate):
-    model, point, white = estimate.model, estimate.point, estimate.white
-    level = noise_level_used(model, point, white)
-    nothing = np.zeros(point.n_local, bool)
-    return FilteredEvidence(model, point, white, estimate.free, level, nothing)
+def evidence_at(estimate, *effects):
+    """Of effects at the point of a fit without them; some of their coefficients are not zero."""
+    widened = optimizer.move_to(estimate, Model(estimate.model.campaign, effects))
+    local = np.array(widened.point.local)
+    local[:, estimate.point.n_local :: 7] = 0.3
+    every, point = np.arange(len(widened.theta)), replace(widened.point, local=local)
+    evidence = Evidence(widened.model, point, widened.white, every, whole=True)
+    theta = evidence.theta(np.zeros(len(evidence.hyperparameters)))
+    return replace(evidence, point=replace(point, theta=theta))
 
 
 def dense_log_density(estimate, noise):
@@ -63,13 +67,18 @@ def dense_log_density(estimate, noise):
         covariance[s, :, s] = np.eye(numbers) + fit.local[s] @ fit.local[s].T
         for t in range(slews):
             covariance[s, :, t] += shared[s] @ shared[t].T
-    channel = fit.channels["rate"]
-    rows = channel.valid[0].size
-    for s, slew in enumerate(model.campaign.slews):
-        for process in noise:
-            power = (process.size / np.array(model.campaign.rate_sensor.sigma)) ** 2
+    sigma = {
+        "rate": model.campaign.rate_sensor.sigma,
+        "momentum": [wheel.momentum_sigma for wheel in model.campaign.wheels],
+    }
+    for process in noise:
+        channel = fit.channels[process.channel]
+        power = (process.size / np.array(sigma[process.channel])) ** 2
+        for s, slew in enumerate(model.campaign.slews):
             own = np.kron(covariance_of(process, model.campaign, slew, channel.time[s]), np.eye(3))
-            covariance[s, :rows, s, :rows] += own * np.tile(power, len(channel.time[s]))
+            covariance[s, channel.part, s, channel.part] += own * np.tile(
+                power, len(channel.time[s])
+            )
     valid = fit.valid.ravel()
     covariance = covariance.reshape(len(valid), -1)[np.ix_(valid, valid)]
     x = residual.ravel()[valid]
@@ -87,36 +96,42 @@ def covariance_of(process, campaign, slew, at):
 
 
 def test_the_evidence_is_the_density_of_all_readings(plain):
-    """Differences between sets of processes: constants fall out."""
-    settings = [NONE, WALK, BIAS]
-    dense = np.array([dense_log_density(plain, noise) for noise in settings])
-    evidence = evidence_at(plain)
-    found = [evidence.log_evidence([noise])[0] for noise in settings]
+    """Differences between sizes and times: constants fall out. Tachometers may walk as well."""
+    evidence = evidence_at(plain, RateRandomWalk(), RateBiasInstability(), TachometerNoiseWalk())
+    found, dense = [], []
+    for x in np.array([[-1.0, 0.0, 0.0, -1.0], [0.0, 1.0, -1.0, -1.0], [1.0, -1.0, 0.5, 0.0]]):
+        processes = [each.process for each in estimated_noise(evidence.model, evidence.theta(x))]
+        dense.append(dense_log_density(plain, processes))
+        found.append(0.5 * x @ x - evidence.negative_log(x)[0])
     np.testing.assert_allclose(np.diff(found), np.diff(dense), rtol=0.0, atol=0.01)
-    assert dense[2] > dense[1] + 20.0 > dense[0]
+    assert np.abs(np.diff(dense)).min() > 20.0
 
 
-def test_a_set_among_others_has_the_same_evidence(plain):
-    sizes = np.geomspace(1e-5, 1e-4, 11)
-    evidence = evidence_at(plain)
-    settings = [(Process("rate", size, TIME),) for size in sizes]
-    alone = [evidence.log_evidence([setting])[0] for setting in settings]
-    np.testing.assert_allclose(evidence.log_evidence(settings), alone, rtol=1e-12)
+def test_the_slope_of_the_evidence_is_that_of_its_values(plain):
+    evidence, x, step = evidence_at(plain, RateBiasInstability()), np.array([0.3, -0.2]), 1e-4
+    slope = evidence.negative_log(x)[1]
+    for i, unit in enumerate(step * np.eye(2)):
+        up, down = (evidence.negative_log(x + side * unit)[0] for side in (1.0, -1.0))
+        assert slope[i] == pytest.approx((up - down) / (2.0 * step), rel=1e-5)
 
 
 def test_the_peak_is_where_nothing_around_is_higher_and_near_the_truth(plain):
-    evidence = evidence_at(plain)
+    evidence = evidence_at(plain, RateBiasInstability())
+    point, _ = most_probable(evidence)
+    x = evidence.standardised(point.theta)
+    lowest, slope = evidence.negative_log(x)
+    assert np.abs(slope).max() < 0.05
+    for step in 0.05 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]):
+        assert evidence.negative_log(x + step)[0] > lowest
+    assert point.theta[-2:] == pytest.approx([SD, TIME], rel=0.35)
 
-    def processes(x):
-        return (Process("rate", SD * np.exp(x[0]), TIME * np.exp(x[1])),)
 
-    flat = np.zeros(2)
-    peak = evidence_peak(evidence, processes, np.array([1.0, -1.0]), flat)
-    steps = 0.05 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    around = evidence.log_evidence([processes(peak.at + step) for step in steps])
-    assert np.all(around < peak.log_evidence)
-    # The truth is at zero: within four sds, as the curvature has them.
-    assert peak.at @ peak.curvature @ peak.at < 16.0
+def test_tachometers_that_walk_are_filtered_as_rates_are(plain):
+    """Their size is learnt from all of the walk, and what it does between knots is filtered."""
+    evidence = evidence_at(plain, TachometerNoiseWalk(knots=5))
+    assert list(evidence.frozen.filtered) == ["momentum"]
+    memories = [each.memory for each in whitening(evidence.model, evidence.point.theta)]
+    assert [memory is None for memory in memories] == [True, True, False]
 
 
 @pytest.mark.long

@@ -12,7 +12,12 @@ from bayes_inertia.campaign.hardware import CorrelatedNoise
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.channel_rows import channel_rows
 from bayes_inertia.inference.laplace import plain_series
-from bayes_inertia.inference.noise_filter import correlated_noise, innovations, noise_memory
+from bayes_inertia.inference.noise_filter import (
+    correlated_noise,
+    innovations,
+    noise_memory,
+    wandering_noise,
+)
 from bayes_inertia.physics.effects import RateBiasInstability, RateRandomWalk
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.random_basis import hat_functions, slew_fraction
@@ -40,13 +45,10 @@ def with_gaps(campaign):
     return replace(campaign, slews=tuple(slews))
 
 
-def rate_memory(model, variance, more=()):
+def rate_memory(model, theta=None, **asked):
     """The filter for the noise of the rates."""
-    return noise_memory(model, model.channels[0], variance, more)
-
-
-def variance_of(campaign):
-    return np.diag(np.square(campaign.rate_sensor.sigma))
+    theta = model.space.mean if theta is None else theta
+    return noise_memory(model, model.channels[0], theta, **asked)
 
 
 def covariance(campaign, slew, at, axis):
@@ -86,7 +88,7 @@ def test_innovations_give_the_likelihood_of_the_full_covariance(flown, colour, s
     """r^T C^-1 r and log |C|, missing readings included."""
     campaign = with_noise(with_gaps(flown.campaign), colour, **stated)
     model = Model(campaign)
-    memory = rate_memory(model, variance_of(campaign))
+    memory = rate_memory(model)
     valid = channel_rows(model)["rate"].valid
     z = np.random.default_rng(7).normal(size=valid.shape) * valid
     new = np.asarray(innovations(z, memory))
@@ -104,16 +106,17 @@ def test_innovations_give_the_likelihood_of_the_full_covariance(flown, colour, s
 
 
 def test_white_noise_needs_no_filter(flown):
-    assert rate_memory(Model(flown.campaign), variance_of(flown.campaign)) is None
+    assert rate_memory(Model(flown.campaign)) is None
 
 
 @pytest.mark.parametrize("effect", [RateRandomWalk(knots=4), RateBiasInstability(knots=5)])
 def test_what_an_effect_estimates_is_not_filtered_out_as_well(flown, effect):
     campaign = with_noise(flown.campaign, **STATED)
-    both = rate_memory(Model(campaign), variance_of(campaign))
-    other = rate_memory(Model(campaign, (effect,)), variance_of(campaign))
-    assert both.gain.shape[-1] == 2
-    assert other.gain.shape[-1] == 1
+    model = Model(campaign, (effect,))
+    for asked, sources in ((Model(campaign), ["stated"] * 2), (model, ["stated", effect.name])):
+        noise = wandering_noise(asked, asked.channels[0], asked.space.mean)
+        assert [each.source for each in noise.processes] == sources
+        assert rate_memory(asked).gain.shape[-1] == 2
 
 
 def noise_covariance(memory, slew, axis):
@@ -138,14 +141,9 @@ def test_knots_and_what_is_left_between_them_are_the_whole_process(
     flown, effect, values, tolerance
 ):
     """Covariances of straight lines between knots, of the bridges, and of the whole add up."""
-    model = Model(flown.campaign)
-    whole, between = (
-        rate_memory(model, variance_of(flown.campaign), [noise])
-        for noise in (
-            effect.reading_noise(values)._replace(knots=0),
-            effect.reading_noise(values),
-        )
-    )
+    model = Model(flown.campaign, (effect,))
+    theta = np.concatenate([model.space.mean[: model.n_base], list(values.values())])
+    whole, between = (rate_memory(model, theta, whole=whole) for whole in (True, False))
     slew, axis = 1, 0
     rows = len(flown.campaign.slews[slew].time)
     context = jax.tree.map(lambda x: x[slew], model.data.arrays.slews.context)

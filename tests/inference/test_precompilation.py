@@ -39,7 +39,7 @@ def test_what_a_fit_evaluates_is_compiled_beside_the_body():
     likelihood.residuals(model.structure, point, model.data, white)
     # Also where fewer parameters may move.
     for free in (everything, np.setdiff1d(everything, [7])):
-        evidence = hyperparameters.evidence_at(model, point, white, free)
+        evidence = hyperparameters.Evidence(model, point, white, free)
         evidence.negative_log(evidence.standardised(point.theta))
     assert sizes() == compiled
 

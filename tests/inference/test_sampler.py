@@ -15,7 +15,6 @@ from bayes_inertia.errors import SettingsError
 from bayes_inertia.inference.gates import Diagnostics
 from bayes_inertia.inference.likelihood import _plain_residuals, _plain_sensitivities
 from bayes_inertia.inference.marginal_posterior import _pulls
-from bayes_inertia.inference.noise_model import stated_noise_of
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.posterior_groups import build_posterior
 from bayes_inertia.inference.predicted_telemetry import predicted_telemetry
@@ -163,7 +162,7 @@ def test_predicted_rates_have_the_noise_that_the_likelihood_counts(small_flown):
     draws = posterior.tree["posterior_predictive"]["rate"].values
     draws = draws.reshape(-1, *draws.shape[2:])
     spread = np.nanmean(np.var(draws, axis=0, ddof=1), axis=(0, 1))
-    covariance = stated_noise_of(model, model.channels[0], noisy.theta)
+    covariance = model.channels[0].noise(model.campaign, noisy.theta, model.structure.drive)
     stated = np.square(campaign.rate_sensor.sigma)
     assert np.all(np.diag(covariance) > 4.0 * stated)
     np.testing.assert_allclose(spread, np.diag(covariance), rtol=0.1)

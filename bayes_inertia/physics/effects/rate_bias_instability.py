@@ -9,20 +9,11 @@ import numpy as np
 
 from bayes_inertia.physics.effects.scales import rate_axes, sd_and_time
 from bayes_inertia.physics.processes import Process
-from bayes_inertia.physics.random_basis import (
-    hat_functions,
-    on_axes,
-    on_each_axis,
-    ornstein_uhlenbeck_covariance,
-    ornstein_uhlenbeck_root,
-    slew_duration,
-    slew_fraction,
-)
-from bayes_inertia.physics.stochastic_effect import StochasticEffect
+from bayes_inertia.physics.stochastic_effect import ReadingNoise
 
 
 @dataclass(frozen=True)
-class RateBiasInstability(StochasticEffect):
+class RateBiasInstability(ReadingNoise):
     """The rate bias of each axis and slew has a part that is a first-order Gauss-Markov process.
 
     Its covariance is sd^2 exp(-|t - t'| / time). A fit takes two slews as independent; where the
@@ -58,7 +49,6 @@ class RateBiasInstability(StochasticEffect):
     median_sd: float | None = None
     median_time: float | None = None
     factor_sd: float = 1.5
-    knots: int = 17
 
     def parameters(self, campaign):
         sensor = campaign.gyro
@@ -66,26 +56,11 @@ class RateBiasInstability(StochasticEffect):
         time = self.median_time or sensor.bias_instability_time
         return sd_and_time(campaign, "rad/s", sd, time, self.factor_sd)
 
-    def coefficient_count(self, campaign):
-        return len(rate_axes(campaign)) * self.knots
-
-    def coefficient_root(self, p, slew, count):
-        spacing = slew_duration(slew) / (self.knots - 1)
-        root = ornstein_uhlenbeck_root(p["sd"], p["time"], spacing, self.knots)
-        return on_each_axis(root, count // self.knots)
-
-    def covariance_across_slews(self, p, slews):
-        return ornstein_uhlenbeck_covariance(p["sd"], p["time"], slews, self.knots)
-
-    def signal(self, p, slew, t):
-        hats = hat_functions(slew_fraction(slew, t), self.knots)
-        return on_axes(hats, p["coefficients"], p["coefficients"].size // self.knots)
+    def components(self, campaign):
+        return len(rate_axes(campaign))
 
     def reading_noise(self, p):
         return Process("rate", p["sd"], p["time"], self.knots)
-
-    def looks_between_rows(self, campaign):
-        return False
 
     def rate_output(self, p, slew, trajectory, rate_S):
         return rate_S + self.signal(p, slew, slew.time)

@@ -10,19 +10,11 @@ import numpy as np
 from bayes_inertia.physics.effects.scales import rate_axes
 from bayes_inertia.physics.parameters import LogNormal, scalar
 from bayes_inertia.physics.processes import Process
-from bayes_inertia.physics.random_basis import (
-    hat_functions,
-    on_axes,
-    on_each_axis,
-    random_walk_covariance,
-    random_walk_root,
-    slew_fraction,
-)
-from bayes_inertia.physics.stochastic_effect import StochasticEffect
+from bayes_inertia.physics.stochastic_effect import ReadingNoise
 
 
 @dataclass(frozen=True)
-class RateRandomWalk(StochasticEffect):
+class RateRandomWalk(ReadingNoise):
     """The rate bias is a Wiener process: white noise of its derivative (Farrenkopf 1978, RRW).
 
     Over a time T the bias of each axis changes by rate_random_walk.density sqrt(T) (one sd). In
@@ -64,7 +56,6 @@ class RateRandomWalk(StochasticEffect):
     signal_components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     median: float | None = None
     factor_sd: float = 1.5
-    knots: int = 17
 
     def parameters(self, campaign):
         median = self.median or campaign.gyro.rate_random_walk
@@ -73,25 +64,11 @@ class RateRandomWalk(StochasticEffect):
             median = sigma / np.sqrt(campaign.scale_of_motion()[1])
         return (scalar("density", unit="rad/s^1.5", prior=LogNormal(median, self.factor_sd)),)
 
-    def coefficient_count(self, campaign):
-        return len(rate_axes(campaign)) * self.knots
-
-    def coefficient_root(self, p, slew, count):
-        root = random_walk_root(p["density"], slew, self.knots)
-        return on_each_axis(root, count // self.knots)
-
-    def covariance_across_slews(self, p, slews):
-        return random_walk_covariance(p["density"], slews, self.knots)
-
-    def signal(self, p, slew, t):
-        hats = hat_functions(slew_fraction(slew, t), self.knots)
-        return on_axes(hats, p["coefficients"], p["coefficients"].size // self.knots)
+    def components(self, campaign):
+        return len(rate_axes(campaign))
 
     def reading_noise(self, p):
         return Process("rate", p["density"], knots=self.knots)
-
-    def looks_between_rows(self, campaign):
-        return False
 
     def rate_output(self, p, slew, trajectory, rate_S):
         return rate_S + self.signal(p, slew, slew.time)

@@ -9,19 +9,11 @@ import numpy as np
 
 from bayes_inertia.physics.parameters import LogNormal, scalar
 from bayes_inertia.physics.processes import Process
-from bayes_inertia.physics.random_basis import (
-    hat_functions,
-    on_axes,
-    on_each_axis,
-    random_walk_covariance,
-    random_walk_root,
-    slew_fraction,
-)
-from bayes_inertia.physics.stochastic_effect import StochasticEffect
+from bayes_inertia.physics.stochastic_effect import ReadingNoise
 
 
 @dataclass(frozen=True)
-class TachometerNoiseWalk(StochasticEffect):
+class TachometerNoiseWalk(ReadingNoise):
     """The error of each tachometer is a Wiener process, which goes on between slews.
 
     Over a time T the error changes by tachometer_noise_walk.density sqrt(T) (one sd). In each slew
@@ -49,7 +41,6 @@ class TachometerNoiseWalk(StochasticEffect):
     name: ClassVar[str] = "tachometer_noise_walk"
     median: float | None = None
     factor_sd: float = 1.5
-    knots: int = 17
 
     def parameters(self, campaign):
         sigma = [wheel.momentum_sigma for wheel in campaign.wheels if wheel.momentum_sigma]
@@ -58,24 +49,11 @@ class TachometerNoiseWalk(StochasticEffect):
         median = self.median or float(np.max(sigma)) / np.sqrt(campaign.scale_of_motion()[1])
         return (scalar("density", unit="N m s^0.5", prior=LogNormal(median, self.factor_sd)),)
 
-    def coefficient_count(self, campaign):
-        return len(campaign.wheels) * self.knots if self.parameters(campaign) else 0
-
-    def coefficient_root(self, p, slew, count):
-        root = random_walk_root(p["density"], slew, self.knots)
-        return on_each_axis(root, count // self.knots)
-
-    def covariance_across_slews(self, p, slews):
-        return random_walk_covariance(p["density"], slews, self.knots)
+    def components(self, campaign):
+        return len(campaign.wheels) if self.parameters(campaign) else 0
 
     def reading_noise(self, p):
-        return Process("momentum", p["density"]) if p else None
-
-    def looks_between_rows(self, campaign):
-        return False
+        return Process("momentum", p["density"], knots=self.knots)
 
     def momentum_output(self, p, slew, trajectory, momentum):
-        if not p["coefficients"].shape[0]:
-            return momentum
-        hats = hat_functions(slew_fraction(slew, slew.time), self.knots)
-        return momentum + on_axes(hats, p["coefficients"], momentum.shape[1])
+        return momentum + self.signal(p, slew, slew.time) if p["coefficients"].size else momentum

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.physics.effects.scales import sd_and_time, torque_scale
 from bayes_inertia.physics.random_basis import (
     on_each_axis,
@@ -17,7 +18,54 @@ from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
 @dataclass(frozen=True)
-class TorqueNoise(StochasticEffect):
+class PiecewiseTorque(StochasticEffect):
+    """Base of torques with covariance sd^2 exp(-|t - t'| / time), constant over pieces of a slew.
+
+    They have the covariance that the means of the process have over the pieces: what it does to the
+    rate is exact between pieces, what it does within one is left out. Derived classes say in how
+    many components, and where `signal` acts.
+
+    Parameters
+    ----------
+    median_sd, median_time : float or None, optional
+        Medians of the priors [N m, s]; None takes 1 % of J w / T (2e-6 N m for a microsatellite's
+        slew), and a fifth of a slew.
+    factor_sd : float, optional
+        Sd of the logarithm of the sd. The time is known to a factor of 2 (sd 0.7).
+    pieces : int, optional
+        Of each component, of equal length.
+    """
+
+    median_sd: float | None = None
+    median_time: float | None = None
+    factor_sd: float = 1.5
+    pieces: int = 16
+
+    def components(self, campaign: Campaign) -> int:
+        """How many independent torques there are; 0 where there is nothing to estimate."""
+        return 3
+
+    def parameters(self, campaign):
+        if not self.components(campaign):
+            return ()
+        sd = self.median_sd or 0.01 * torque_scale(campaign)
+        return sd_and_time(campaign, "N m", sd, self.median_time, self.factor_sd)
+
+    def coefficient_count(self, campaign):
+        return self.components(campaign) * self.pieces
+
+    def coefficient_root(self, p, slew, count):
+        width = slew_duration(slew) / self.pieces
+        root = ornstein_uhlenbeck_mean_root(p["sd"], p["time"], width, self.pieces)
+        return on_each_axis(root, count // self.pieces)
+
+    def signal(self, p, slew, t):
+        components = p["coefficients"].size // self.pieces
+        return on_pieces(slew_fraction(slew, t), p["coefficients"], components)
+
+
+@dataclass(frozen=True)
+class TorqueNoise(PiecewiseTorque):
     """A torque on the body with the covariance sd^2 exp(-|t - t'| / time) on each axis.
 
     Fuel or crew that moves, venting, aerodynamic gusts: whatever torque has no name. It is
@@ -49,30 +97,12 @@ class TorqueNoise(StochasticEffect):
     signal_quantity: ClassVar[str] = "torque"
     signal_unit: ClassVar[str] = "N m"
     signal_components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
-    median_sd: float | None = None
-    median_time: float | None = None
-    factor_sd: float = 1.5
-    pieces: int = 16
     steps_a_piece: ClassVar[int] = 4  # integration steps in each piece, at least
-
-    def parameters(self, campaign):
-        sd = self.median_sd or 0.01 * torque_scale(campaign)
-        return sd_and_time(campaign, "N m", sd, self.median_time, self.factor_sd)
-
-    def coefficient_count(self, campaign):
-        return 3 * self.pieces
 
     def max_step(self, campaign):
         # An edge between pieces is displaced by less than a step.
         shortest = min(float(slew.time[-1] - slew.time[0]) for slew in campaign.slews)
         return shortest / (self.steps_a_piece * self.pieces)
-
-    def coefficient_root(self, p, slew, count):
-        width = slew_duration(slew) / self.pieces
-        return on_each_axis(ornstein_uhlenbeck_mean_root(p["sd"], p["time"], width, self.pieces), 3)
-
-    def signal(self, p, slew, t):
-        return on_pieces(slew_fraction(slew, t), p["coefficients"], 3)
 
     def body_torque(self, p, slew, t, state):
         return self.signal(p, slew, t)
