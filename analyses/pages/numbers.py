@@ -243,6 +243,15 @@ def sampling() -> Iterator[tuple[str, str]]:
     yield "sampling.by_hand", f"{1000 * round(by_hand / 1000):,}"
 
 
+def gpu() -> Iterator[tuple[str, str]]:
+    """The density at many points at once: times of processor and GPU."""
+    processor, gpu = (row["seconds_a_call"] for row in content("accelerator"))
+    most = max(gpu, key=int)
+    yield "gpu.points", f"{int(most):,}"
+    yield "gpu.ms", f"{1e3 * gpu[most]:.0f}"
+    yield "gpu.ratio", f"{processor[most] / gpu[most]:.0f}"
+
+
 def design() -> Iterator[tuple[str, str]]:
     """Designed slews against slews like the paper's."""
     for goal, row in content("design_gains").items():
@@ -384,6 +393,7 @@ GROUPS: tuple[Callable[[], Iterator[tuple[str, str]]], ...] = (
     dirt,
     distortions,
     sampling,
+    gpu,
     design,
     other_methods,
     throws,

@@ -94,8 +94,9 @@ def test_leave_one_slew_out_is_that_of_exact_refits(template, tmp_path):
         others = bi.estimate(campaign.subset(i for i in range(n) if i != left_out), discount=False)
         numbers = fitted.information.n_data[left_out].sum()
         exact.append(evidence(fitted) - evidence(others) + 0.5 * numbers)
-    # Pareto k of 0.7 to 1: each slew tells much that no other does.
-    assert np.abs(loo.elpd_i.values - exact).max() < 1.5
+    # Above a Pareto k of 0.7 a slew tells much that no other does, and ArviZ says so.
+    within = np.where(loo.pareto_k.values <= 0.7, 1.0, 2.0)
+    assert (np.abs(loo.elpd_i.values - exact) < within).all()
     assert np.ptp(exact) > 20.0
 
 
