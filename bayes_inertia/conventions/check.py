@@ -249,7 +249,7 @@ class _Case:
 def check_conventions(
     campaign: Campaign | str | Path, told: Teller = _untold, *, quick: bool = False
 ) -> ConventionsCheck:
-    """The check; `told`: what effects beside wheels do to the body, which telemetry does not tell."""
+    """The check; `told`: what effects, but for wheels, do to the body by name of the slew."""
     if isinstance(campaign, Campaign):
         return _checked(_Case(campaign, campaign, quick, told(campaign)))
     path = description_path(campaign)
