@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.conventions.check import ConventionsCheck, checked_with_torques
+from bayes_inertia.conventions.check import ConventionsCheck
+from bayes_inertia.conventions.check import check_conventions as checked
 from bayes_inertia.conventions.motion import ToldTorque
 
 
@@ -40,7 +41,7 @@ def check_conventions(campaign: Campaign | str | Path, *, quick: bool = False) -
     >>> check_conventions(small_campaign()).verdict
     'consistent'
     """
-    return checked_with_torques(campaign, torques_of, quick=quick)
+    return checked(campaign, torques_of, quick=quick)
 
 
 def torques_of(campaign: Campaign, effects: Sequence[str] = ()) -> dict[str, ToldTorque]:

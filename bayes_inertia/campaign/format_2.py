@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Len
 from pydantic import BeforeValidator, Field
@@ -73,18 +73,11 @@ class WheelSpeed(OfWheel, SpeedColumns):
     sigma: float | None = None  # noise of a reading [rad/s]
 
 
-# The states that a wheel may have are those of `hardware.Wheel`.
-if TYPE_CHECKING:
-    type WheelStates = str
-else:
-    WheelStates = Literal[get_args(WheelState)]
-
-
 class WheelDevice(WheelPart):
     """One of `[[actuators]]`: a reaction or momentum wheel."""
 
     type: Literal["wheel"]
-    state: WheelStates | None = None
+    state: WheelState | None = None
     torque: WheelTorque | None = None
     momentum: WheelMomentum | None = None
     speed: WheelSpeed | None = None

@@ -226,11 +226,6 @@ class ConventionsCheck:
         return json_ready({"format": FORMAT, **content})
 
 
-def check_conventions(campaign: Campaign | str | Path, *, quick: bool = False) -> ConventionsCheck:
-    """The check of a campaign whose devices, but for wheels, do nothing (else see `app`)."""
-    return checked_with_torques(campaign, _untold, quick=quick)
-
-
 Teller = Callable[[Campaign], Mapping[str, ToldTorque]]
 """What effects do to the body of a campaign, by the name of a slew."""
 
@@ -251,10 +246,10 @@ class _Case:
     description: Description | None = None
 
 
-def checked_with_torques(
-    campaign: Campaign | str | Path, told: Teller, *, quick: bool = False
+def check_conventions(
+    campaign: Campaign | str | Path, told: Teller = _untold, *, quick: bool = False
 ) -> ConventionsCheck:
-    """The check where effects tell torques on the body that the telemetry does not."""
+    """The check; `told`: what effects, but for wheels, do to the body by name of the slew."""
     if isinstance(campaign, Campaign):
         return _checked(_Case(campaign, campaign, quick, told(campaign)))
     path = description_path(campaign)
@@ -293,7 +288,7 @@ def _all_readings(campaign: Campaign, channel: str) -> np.ndarray:
 
 def refuse_impossible(campaign: Campaign | str | Path, told: Teller = _untold) -> ConventionsCheck:
     """Raise an error if data are impossible as stated; quick where they are not."""
-    check = checked_with_torques(campaign, told, quick=True)
+    check = check_conventions(campaign, told, quick=True)
     if check.verdict == "wrong":
         where = "" if isinstance(campaign, Campaign) else str(description_path(campaign))
         raise CampaignError(

@@ -35,7 +35,7 @@ class Dirt:
         What it is: "outliers", "gap", "stuck", "saturated", "duplicate" (a row sent twice, or a
         reading held), "clock", "quantised", "coloured" or "noise_level".
     channel : str
-        "rate", "attitude", "momentum", "torque" or "time".
+        Of the sensor, such as "rate"; "torque" of commands, "time" of stamps.
     slew : str
         Name of the slew; "" where it concerns all slews.
     rows : tuple of int

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import codecs
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from xml.etree import ElementTree
@@ -93,80 +93,77 @@ def _names(count: int) -> list[str]:
 
 
 def _segments(path: Path) -> list[AemSegment]:
-    text = decoded(read_bytes(path), str(path))
-    read = _from_acm if "CCSDS_ACM_VERS" in text else _from_kvn
+    text, label = decoded(read_bytes(path), str(path)), str(path)
     if text.lstrip().startswith("<"):
-        read = _from_xml
-    segments = read(text, str(path))
+        segments = _from_xml(text, label)
+    else:
+        segments = _from_acm(text, label) if "CCSDS_ACM_VERS" in text else _from_kvn(text, label)
     if not segments:
-        raise CampaignError("holds no segment of attitudes", where=str(path), advice=_ADVICE)
+        raise CampaignError("holds no segment of attitudes", where=label, advice=_ADVICE)
     return segments
+
+
+@dataclass(frozen=True)
+class _Block:
+    """What stands between NAME_START and NAME_STOP, or outside of all blocks ("")."""
+
+    name: str
+    where: str
+    pairs: dict[str, str] = field(default_factory=dict)
+    rows: list[tuple[str, ...]] = field(default_factory=list)
+    lines: list[int] = field(default_factory=list)
+
+
+def _blocks(text: str, label: str, read: Mapping[str, bool]) -> list[_Block]:
+    """Blocks of a message, what is outside first; `read`: names, and whether they hold rows."""
+    block = outside = _Block("", label)
+    blocks = [outside]
+    for number, raw in enumerate(re.split("\r\n|\n|\r", text), start=1):
+        line, where = raw.strip(), f"{label}, line {number}"
+        mark = _BLOCK.fullmatch(line)
+        if mark:
+            if block.name != (mark[1] if mark[2] == "STOP" else ""):
+                raise CampaignError(f"{line} does not belong here", where=where, advice=_ADVICE)
+            block = _Block(mark[1], where) if mark[2] == "START" else outside
+            blocks += [] if block is outside else [block]
+        elif not line or line.startswith("COMMENT") or block.name not in read:
+            continue
+        elif read[block.name] and "=" not in line:
+            block.rows.append(tuple(line.split()))
+            block.lines.append(number)
+        else:
+            _add(block.pairs, *_pair(line, where), where)
+    if block is not outside:
+        raise CampaignError("ends within a segment", where=label, advice=_ADVICE)
+    return blocks
 
 
 def _from_kvn(text: str, label: str) -> list[AemSegment]:
-    """Segments of keywords and values."""
-    version, part = "", "header"
-    segments: list[AemSegment] = []
-    meta: dict[str, str] = {}
-    rows: list[tuple[str, ...]] = []
-    lines: list[int] = []
-    for number, line in _lines(text):
-        where = f"{label}, line {number}"
-        if line in ("META_START", "META_STOP", "DATA_START", "DATA_STOP"):
-            part = _next_part(part, line, where)
-            if line == "META_START":
-                meta, rows, lines = {}, [], []
-            elif line == "DATA_STOP":
-                segments.append(AemSegment(version, meta, tuple(rows), tuple(lines)))
-        elif part == "data":
-            rows.append(tuple(line.split()))
-            lines.append(number)
-        else:
-            key, value = _pair(line, where)
-            if key == "CCSDS_AEM_VERS":
-                version = value
-            elif part == "meta":
-                _add(meta, key, value, where)
-    if part not in ("between", "header"):
+    """Segments of keywords and values: metadata and data by turns."""
+    header, *blocks = _blocks(text, label, {"": False, "META": False, "DATA": True})
+    for k, block in enumerate(blocks):
+        if block.name != ("META", "DATA")[k % 2]:
+            what = f"{block.name}_START does not belong here"
+            raise CampaignError(what, where=block.where, advice=_ADVICE)
+    if len(blocks) % 2:
         raise CampaignError("ends within a segment", where=label, advice=_ADVICE)
-    return segments
-
-
-def _lines(text: str) -> Iterator[tuple[int, str]]:
-    """Lines that say something, with their numbers."""
-    for number, raw in enumerate(re.split("\r\n|\n|\r", text), start=1):
-        line = raw.strip()
-        if line and not line.startswith("COMMENT"):
-            yield number, line
+    version = header.pairs.get("CCSDS_AEM_VERS", "")
+    return [
+        AemSegment(version, meta.pairs, tuple(data.rows), tuple(data.lines))
+        for meta, data in zip(blocks[::2], blocks[1::2], strict=True)
+    ]
 
 
 def _from_acm(text: str, label: str) -> list[AemSegment]:
     """Blocks of attitudes of a comprehensive message; other blocks are passed over."""
-    part = ""
     segments: list[AemSegment] = []
     meta: dict[str, str] = {}
-    block: dict[str, str] = {}
-    rows: list[tuple[str, ...]] = []
-    lines: list[int] = []
-    for number, line in _lines(text):
-        where = f"{label}, line {number}"
-        mark = _BLOCK.fullmatch(line)
-        if mark:
-            if part != (mark[1] if mark[2] == "STOP" else ""):
-                raise CampaignError(f"{line} does not belong here", where=where, advice=_ADVICE)
-            part = mark[1] if mark[2] == "START" else ""
-            if line == "ATT_START":
-                block, rows, lines = {}, [], []
-            elif line == "ATT_STOP":
-                stated, stamped = _as_aem(meta, block, rows, label)
-                segments.append(AemSegment("2.0", stated, stamped, tuple(lines)))
-        elif part in ("META", "ATT") and "=" in line:
-            _add(meta if part == "META" else block, *_pair(line, where), where)
-        elif part == "ATT":
-            rows.append(tuple(line.split()))
-            lines.append(number)
-    if part:
-        raise CampaignError("ends within a segment", where=label, advice=_ADVICE)
+    for block in _blocks(text, label, {"META": False, "ATT": True}):
+        if block.name == "META":
+            meta |= block.pairs
+        elif block.name == "ATT":
+            stated, stamped = _as_aem(meta, block.pairs, block.rows, label)
+            segments.append(AemSegment("2.0", stated, stamped, tuple(block.lines)))
     return segments
 
 
@@ -198,20 +195,6 @@ def _as_aem(
         return str(_ZERO + np.timedelta64(tai_to_utc(ns) if utc else ns, "ns"))
 
     return stated, tuple((stamp(row[0]), *row[1:]) for row in rows)
-
-
-def _next_part(part: str, mark: str, where: str) -> str:
-    """The part of the message after a mark."""
-    allowed = {
-        ("header", "META_START"): "meta",
-        ("between", "META_START"): "meta",
-        ("meta", "META_STOP"): "after meta",
-        ("after meta", "DATA_START"): "data",
-        ("data", "DATA_STOP"): "between",
-    }
-    if (part, mark) not in allowed:
-        raise CampaignError(f"{mark} does not belong here", where=where, advice=_ADVICE)
-    return allowed[part, mark]
 
 
 def _pair(line: str, where: str) -> tuple[str, str]:

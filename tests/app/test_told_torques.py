@@ -18,7 +18,6 @@ from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.conventions.check import (
     check_conventions,
-    checked_with_torques,
     refuse_impossible,
 )
 from bayes_inertia.maths.quaternion import exp, to_body
@@ -82,7 +81,7 @@ def test_a_torque_that_a_named_effect_tells_is_no_broken_law(thrown):
 
 
 def test_a_torque_of_the_wrong_sign_is_found(thrown):
-    check = checked_with_torques(thrown, partial(torques_of, effects=thrusters(thrown, -0.02)))
+    check = check_conventions(thrown, partial(torques_of, effects=thrusters(thrown, -0.02)))
     assert check.verdict != "consistent"
     assert check.misfits["conservation"] > 3.0
 

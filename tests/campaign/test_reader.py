@@ -44,6 +44,12 @@ def test_reads_everything_in_si(tmp_path):
     assert first.magnetic_field_N[0].tolist() == [1e-5, 2e-5, 3e-5]
 
 
+@pytest.mark.parametrize("mark", ["nan", "N/A", "null", "-"])
+def test_marks_of_an_empty_cell_hold_no_reading(tmp_path, mark):
+    marked = make(tmp_path / "marked", csv=CSV.replace("0.04,,0.06", f"0.04,{mark},0.06"))
+    assert_same(read_campaign(marked), read_campaign(make(tmp_path / "empty")))
+
+
 UNITS = [
     ('["t"], unit = "s"', '["t"], unit = "min"', lambda s: s.time[1], 15.0),
     ('["t"], unit = "s"', '["t"], unit = "ms"', lambda s: s.time[1], 2.5e-4),

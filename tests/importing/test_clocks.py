@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.campaign_files import assert_teaches
-from support.raw_logs import edited_mapping, log_columns, write_csv
+from support.raw_logs import imported, log_columns, write_csv
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.faults.known_offsets import known_offset
 from bayes_inertia.faults.row_order import set_back_row
-from bayes_inertia.importing.import_logs import import_logs
 from bayes_inertia.importing.mapped_lines import streams_beside
 
 GRID = np.arange(0.0, 100.0, 0.25)
@@ -20,12 +19,6 @@ CAMPAIGN = 'kind = "ms", epoch = "campaign"'
 @pytest.fixture(scope="module")
 def columns():
     return log_columns([(40.0, 30.0, 0.5)], 110.0)
-
-
-def imported(tmp_path, columns, *changes, files=None):
-    mapping = edited_mapping(tmp_path, *changes)
-    files = files or [write_csv(tmp_path / "log.csv", columns)]
-    return import_logs(files, mapping, tmp_path / "c")
 
 
 def refusal(tmp_path, columns, *changes, files=None) -> CampaignError:

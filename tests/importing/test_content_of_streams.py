@@ -7,10 +7,9 @@ import json
 import numpy as np
 import pytest
 from support.campaign_files import assert_teaches
-from support.raw_logs import MAPPING, edited_mapping, log_columns, write_csv
+from support.raw_logs import MAPPING, imported, log_columns
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.importing.import_logs import import_logs
 from bayes_inertia.importing.mapping import parse_mapping
 
 FIXES = ("q1", "q2", "q3", "q4")
@@ -31,11 +30,6 @@ OF_FIXES = 'form = "quaternion"\n'
 def columns():
     columns = log_columns([(40.0, 30.0, 0.5), (140.0, 30.0, -0.5)], 210.0)
     return columns | {"speed": 400.0 + np.cumsum(columns["torque"])}
-
-
-def imported(tmp_path, columns, *changes, more=""):
-    log = write_csv(tmp_path / "log.csv", columns)
-    return import_logs([log], edited_mapping(tmp_path, *changes, more=more), tmp_path / "campaign")
 
 
 def refused(tmp_path, columns, *changes, more="") -> CampaignError:

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from support.campaign_files import assert_teaches
-from support.raw_logs import NOISE, STEP, edited_mapping, log_columns, write_csv
+from support.raw_logs import NOISE, STEP, edited_mapping, imported, log_columns, write_csv
 
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError
@@ -22,11 +22,6 @@ EVERY_FIX = ("[inertia]", "[cut]\nbefore_s = 20.0\nafter_s = 20.0\n\n[inertia]")
 @pytest.fixture
 def columns():
     return log_columns(TURNS, END)
-
-
-def imported(tmp_path, columns, *changes, more=""):
-    log = write_csv(tmp_path / "log.csv", columns)
-    return import_logs([log], edited_mapping(tmp_path, *changes, more=more), tmp_path / "c")
 
 
 def test_slews_go_from_rest_to_rest_and_the_others_are_named(tmp_path, columns):

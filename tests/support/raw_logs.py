@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from bayes_inertia.importing.import_logs import import_logs
+
 MAPPING = """\
 format = "bayes-inertia-mapping/1"
 name = "small"
@@ -99,3 +101,11 @@ def edited_mapping(folder: Path, *changes: tuple[str, str], more: str = "") -> P
     path = folder / "mapping.toml"
     path.write_text(text + more, encoding="utf-8")
     return path
+
+
+def imported(
+    folder: Path, columns: dict[str, np.ndarray], *changes: tuple[str, str], more="", files=()
+):
+    """The import of files, or of columns as log.csv, by the mapping with some texts replaced."""
+    files = files or [write_csv(folder / "log.csv", columns)]
+    return import_logs(files, edited_mapping(folder, *changes, more=more), folder / "c")

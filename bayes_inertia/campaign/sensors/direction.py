@@ -9,12 +9,9 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import DirectionSensor
 from bayes_inertia.campaign.schema import to_si
 from bayes_inertia.campaign.sensors.sensor_stream import SensorStream, refuse_empty_columns
 from bayes_inertia.tables.table import Table
-
-__all__ = ["DirectionSensor", "DirectionStream"]
 
 
 @dataclass(frozen=True)
