@@ -20,7 +20,7 @@ from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.page import render_page
 from bayes_inertia.report.pictures.run_differences import draw_run_differences
 from bayes_inertia.report.run_comparison import ComparedRun, ParameterDifference, RunComparison
-from bayes_inertia.report.section import Section, captioned, packaged
+from bayes_inertia.report.section import Section, Table, captioned, packaged
 
 
 def comparison_page(comparison: RunComparison) -> str:
@@ -101,12 +101,13 @@ def _gates_section(comparison: RunComparison) -> Section:
     ]
     names = dict.fromkeys(name for gates in by_name for name in gates)
     fits = [run.summary["fit"]["reduced_chi2"] for _, run in _lettered(comparison)]
+    reduced = [
+        (channel_name(channel), *(_reduced_text(fit.get(channel)) for fit in fits))
+        for channel in dict.fromkeys(c for fit in fits for c in fit)
+    ]
     context = {
         "gates": [{"name": n, "sides": [gates.get(n) for gates in by_name]} for n in names],
-        "reduced": [
-            (channel_name(channel), *(_reduced_text(fit.get(channel)) for fit in fits))
-            for channel in dict.fromkeys(c for fit in fits for c in fit)
-        ],
+        "reduced": Table({"reduced χ²": "", "A": "n", "B": "n"}, reduced, "narrow short"),
     }
     return Section("Gates", packaged("comparison_gates.html"), context)
 
@@ -116,8 +117,9 @@ def _reduced_text(value: float | None) -> str:
 
 
 def _settings_section(comparison: RunComparison) -> Section:
-    rows = comparison.differing_settings
+    rows = [(name, a or NOT_GIVEN, b or NOT_GIVEN) for name, a, b in comparison.differing_settings]
     differing = {row[0] for row in rows}
     same = listed([name for name in comparison.first.settings if name not in differing])
-    context = {"rows": rows, "same": same}
+    table = Table({"setting": "", "A": "long value", "B": "long value"}, rows, "")
+    context = {"table": table, "same": same}
     return Section("What differs in settings", packaged("comparison_settings.html"), context)

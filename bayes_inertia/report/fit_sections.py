@@ -41,7 +41,7 @@ from bayes_inertia.report.pictures.pairs import draw_pairs
 from bayes_inertia.report.pictures.posterior_data import n_ensembles, n_slews, values_of
 from bayes_inertia.report.pictures.priors import draw_priors
 from bayes_inertia.report.residual_sections import residuals_section, telemetry_section
-from bayes_inertia.report.section import Picture, Section, captioned, packaged
+from bayes_inertia.report.section import Picture, Section, Table, captioned, packaged
 from bayes_inertia.report.verdict import (
     Level,
     Verdict,
@@ -104,8 +104,22 @@ def standard_sections(
 
 def dirt_section(posterior: Posterior) -> Section | None:
     """Telemetry faults, and their treatment."""
-    rows = dirt_rows(posterior.attributes.get("dirt", []))
-    return Section("Dirt in the telemetry", packaged("dirt.html"), {"rows": rows}) if rows else None
+    rows = [
+        (
+            row["kind"],
+            row["channel"],
+            str(row["rows"] or "all"),
+            ", ".join(dict.fromkeys(row["slews"])) or "all",
+            row["treated"],
+            next(iter(row["notes"]), ""),
+        )
+        for row in dirt_rows(posterior.attributes.get("dirt", []))
+    ]
+    columns = {"fault": "", "channel": "", "rows": "n", "slews": "", "treated": "", "note": "long"}
+    table = Table(columns, rows)
+    return (
+        Section("Dirt in the telemetry", packaged("dirt.html"), {"table": table}) if rows else None
+    )
 
 
 def gates_section(posterior: Posterior) -> Section:
