@@ -133,7 +133,8 @@ def gates_section(posterior: Posterior) -> Section:
         ("autocorrelation time, steps", f"{diagnostics['tau_max']:.1f}"),
     ]
     gates = [gate | {"says": typeset(gate["says"])} for gate in attributes["gates"]]
-    context = {"gates": gates, "numbers": numbers}
+    sampler = Table({"sampler": "", "value": "n"}, numbers, "narrow short")
+    context = {"gates": gates, "sampler": sampler}
     pictures = captioned("chains", draw_chains(posterior), folded=True)
     return Section("Gates", packaged("gates.html"), context, pictures)
 

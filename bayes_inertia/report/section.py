@@ -91,6 +91,7 @@ class Table:
     columns: Mapping[str, str]
     rows: Sequence[Sequence[str]]
     kind: str = "narrow"  # classes of the whole
+    marked: Sequence[int] = ()  # rows whose last cell stands out
 
     def section(
         self,
