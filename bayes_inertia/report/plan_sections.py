@@ -90,10 +90,9 @@ def gain_table(
         (plain(name), unit_text(units[name]), *cells, _times(before[name] / after[name]))
         for name, *cells in zip(after, *(cells for _, cells in printed), strict=True)
     ]
-    now, after_plan, after_paper = heads
-    columns = {"parameter": "", "unit": "", now: "n", after_plan: "n"}
-    columns |= dict.fromkeys((after_paper, "times sharper"), "n extra")
-    return Table(columns, rows, "many short")
+    classes = ("", "", "n", "n", "n extra", "n extra")
+    heads = ["parameter", "unit", *heads, "times sharper"]
+    return Table(dict(zip(heads, classes, strict=True)), rows, "many short")
 
 
 def _quantity(value: float, unit: str) -> str:
