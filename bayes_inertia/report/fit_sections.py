@@ -26,6 +26,7 @@ from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 from bayes_inertia.report.formatting import (
     NOT_GIVEN,
     exponent,
+    kind_of,
     listed,
     number,
     plain,
@@ -47,7 +48,6 @@ from bayes_inertia.report.verdict import (
     Verdict,
     diagnosis_verdict,
     fit_verdict,
-    is_scale_factor,
     verdict_sentence,
     worst_level,
 )
@@ -345,7 +345,7 @@ def result_sections(
             else ""
         )
     level, rows = level_of(summary, list(verdicts.values())), summary["parameters"]
-    scale_factors = [[row] for name, row in rows.items() if is_scale_factor(name)]
+    scale_factors = [[row] for name, row in rows.items() if kind_of(name) == "K"]
     context = {
         "level": level,
         "status": _STATUS[level],
