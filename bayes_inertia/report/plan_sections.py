@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.design.comparison import Contender
-from bayes_inertia.flight.plan import Plan
 from bayes_inertia.physics.parameters import BASE_NAMES, BASE_UNITS
 from bayes_inertia.report.formatting import (
     arcsec_text,
@@ -121,7 +120,7 @@ def _worse_text(ratios: dict[str, float], than: str) -> str:
     return f"Known worse than with {than}: {listed(worse)}."
 
 
-def slews_table(plans: Mapping[str, Plan]) -> Table:
+def slews_table(plans: Mapping[str, Any]) -> Table:
     """The slews of plans, by what they are called; one alone may have no name."""
     rows = [
         (
