@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from analyses import results_of
+from analyses import aloud, results_of
 from analyses.calibration.quoted_sd_campaigns import CLASSES, Case, case_of
 from analyses.calibration.quoted_sd_page import write_page
 from analyses.data_quality.pipeline import PERFECT
@@ -28,7 +28,6 @@ from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import clean_fit
 from bayes_inertia.inference.gates import check_gates
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.studies.engine import Execution
 from bayes_inertia.studies.work import Row, Work
 
 RESULTS = results_of(__file__) / "quoted_sd.jsonl"
@@ -88,9 +87,7 @@ def main() -> None:
     parser.add_argument("--page", action="store_true")
     options = parser.parse_args()
     lines = []
-    execution = Execution(
-        jobs=options.jobs, progress=lambda *told: print(*told, flush=True), notice=print
-    )
+    execution = aloud(options.jobs)
     options.work.mkdir(parents=True, exist_ok=True)
     for kind in options.kinds.split(",") if options.each else ():
         for tachometers in (True, False):

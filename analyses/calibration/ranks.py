@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -26,6 +25,7 @@ from time import perf_counter
 import numpy as np
 import pandas as pd
 
+from analyses import aloud
 from analyses.calibration.rank_statistics import LEVELS, RANKED, RANKS
 from analyses.calibration.ranks_page import picture, report
 from bayes_inertia.files import write_atomically
@@ -39,7 +39,6 @@ from bayes_inertia.inference.sampler import sample
 from bayes_inertia.inference.settings import Settings
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.studies.engine import Execution
 from bayes_inertia.studies.work import Work
 
 ROOT = Path(__file__).parents[2]
@@ -153,21 +152,13 @@ def run(
     """All fits (those already in the folder are read): one row a campaign and parameter."""
     parts = []
     for study in chosen or studies():
-        execution = Execution(jobs=jobs, progress=_show, notice=_tell)
+        execution = aloud(jobs)
         work = work_of(study, campaigns, seed)
         result = execution.run(work, folder / study.name.replace(" ", "_"))
         if result.failures:
             raise RuntimeError(f"{len(result.failures)} failed: {result.failures[0].reason}")
         parts += [pd.DataFrame(row).drop(columns="task") for row in result.rows]
     return pd.concat(parts, ignore_index=True)
-
-
-def _show(what: str, done: int, of: int) -> None:
-    print(f"{done} of {of} {what}", end="\r" if done < of else "\n", file=sys.stderr)
-
-
-def _tell(sentence: str) -> None:
-    print(sentence, file=sys.stderr)
 
 
 def main(arguments: Sequence[str] | None = None) -> pd.DataFrame:

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from scipy import linalg, stats
 
-from analyses import results_of
+from analyses import aloud, results_of
 from analyses.calibration.ranks import studies
 from analyses.pages.table import table_lines
 from bayes_inertia.files import write_atomically
@@ -33,7 +33,6 @@ from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.inference import optimizer
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.studies.calibration import CalibrationCase, cases_named
-from bayes_inertia.studies.engine import Execution
 from bayes_inertia.studies.work import Row, Work
 from bayes_inertia.version import __version__
 
@@ -130,9 +129,7 @@ def main() -> None:
         ids = tuple(str(i) for i in range(options.campaigns))
         told = {"case": repr(case)}
         work = Work("campaigns", DistanceOfTruth(case), ids, SEED, told)
-        execution = Execution(
-            jobs=options.jobs, progress=lambda *told: print(*told, flush=True), notice=print
-        )
+        execution = aloud(options.jobs)
         rows = execution.run(work, options.work / case.name.replace(" ", "_")).rows
         if len(rows) < options.campaigns:
             sys.exit(f"{options.campaigns - len(rows)} campaigns have no row")

@@ -23,7 +23,7 @@ from time import process_time
 
 import numpy as np
 
-from analyses import results_of
+from analyses import aloud, results_of
 from analyses.calibration.unmodelled_disturbance_page import write_page
 from analyses.naming.fixed_shape import OUTSIDE, truth_of
 from analyses.naming.fixed_shape_campaigns import draw, without_tachometers
@@ -36,7 +36,6 @@ from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.studies.engine import Execution
 from bayes_inertia.studies.work import Row, Work
 
 RESULTS = results_of(__file__) / "unmodelled_disturbance.jsonl"
@@ -164,9 +163,7 @@ def main() -> None:
     options = parser.parse_args()
     if options.each:
         few = options.each if options.each_without is None else options.each_without
-        execution = Execution(
-            jobs=options.jobs, progress=lambda *told: print(*told, flush=True), notice=print
-        )
+        execution = aloud(options.jobs)
         lines = []
         for tachometers, each in ((True, options.each), (False, few)):
             ids = tuple(f"{kind}/{i}" for i in range(each) for kind in KINDS)

@@ -22,11 +22,10 @@ from pathlib import Path
 
 import numpy as np
 
-from analyses import results_of
+from analyses import aloud, results_of
 from analyses.data_quality import cases
 from analyses.data_quality.page import write_page
 from bayes_inertia.files import write_atomically
-from bayes_inertia.studies.engine import Execution
 from bayes_inertia.studies.work import Row, Work
 
 RESULTS = results_of(__file__) / "telemetry_faults.json"
@@ -73,13 +72,9 @@ def run_part(part: str, options: argparse.Namespace) -> None:
     if not ids:
         return
     task = DirtyCase(part, options.work, options.basilisk, options.delft)
-    execution = Execution(jobs=options.jobs, progress=_say, notice=print)
+    execution = aloud(options.jobs)
     result = execution.run(Work("cases", task, ids, options={"part": name}), options.work / name)
     store(name, rows + [json.loads(row["line"]) for row in result.rows])
-
-
-def _say(what: str, done: int, of: int) -> None:
-    print(f"{what}: {done} of {of}", flush=True)
 
 
 def main() -> None:

@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from matplotlib.figure import Figure
 
+from analyses import aloud
 from analyses.design.cases import (
     CRAFT,
     FIGURES,
@@ -57,7 +58,6 @@ from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import BASE_NAMES
 from bayes_inertia.report.pictures.design import draw_comparison
-from bayes_inertia.studies.engine import Execution
 from bayes_inertia.studies.plan_comparison import compare_plans
 from bayes_inertia.studies.simulated_fits import achieved_errors
 from bayes_inertia.studies.work import Work
@@ -159,17 +159,9 @@ def achieved(campaigns: int, jobs: int) -> dict[str, AchievedErrors]:
     for name, plan in plans().items():
         work = Work("campaigns", Refit(plan), ids, options={"plan": repr(plan)})
         folder = ROOT / "run_design" / name.replace(" ", "_")
-        execution = Execution(jobs=jobs, progress=_show, notice=_tell)
+        execution = aloud(jobs)
         results[name] = achieved_errors(execution.run(work, folder))
     return results
-
-
-def _show(what: str, done: int, of: int) -> None:
-    print(f"{done} of {of} {what}", end="\r", file=sys.stderr)
-
-
-def _tell(sentence: str) -> None:
-    print(sentence, file=sys.stderr)
 
 
 def against_achieved(errors_by_plan: dict[str, AchievedErrors]) -> dict:

@@ -56,7 +56,7 @@ def to_json(investigation: Investigation) -> dict[str, Any]:
         "unknown": None if unknown is None else _unknown(unknown),
         "correction_slew": _correction(investigation.correction),
         "separating": [_separating(s) for s in investigation.separating_slews],
-        "alternatives": [_alternative(a) for a in investigation.alternatives],
+        "alternatives": [asdict(a) for a in investigation.alternatives],
         "could_hide": [asdict(u) for u in investigation.blind_spots],
         **_search(diagnosis),
         "fitted": fitted_rows(diagnosis),
@@ -158,15 +158,6 @@ def next_fit_from(content: Mapping[str, Any], library: Sequence[Effect] = LIBRAR
     )
 
 
-def _alternative(alternative: AlternativeParameters) -> dict[str, Any]:
-    return {
-        **asdict(alternative),
-        "names": list(alternative.names),
-        "mean": alternative.mean.tolist(),
-        "covariance": alternative.covariance.tolist(),
-    }
-
-
 def _alternative_from(row: Mapping[str, Any]) -> AlternativeParameters:
     arrays = {key: np.array(row[key]) for key in ("mean", "covariance")}
     return AlternativeParameters(**{**row, **arrays, "names": tuple(row["names"])})
@@ -202,8 +193,7 @@ def _slew_starts(disagreement: Disagreement) -> dict[str, float]:
 
 
 def _windows(disagreement: Disagreement) -> list[dict[str, Any]]:
-    keys = ("channel", "slew", "component", "t_start", "t_end", "kind", "score", "p_value")
-    return [{key: getattr(w, key) for key in keys} for w in disagreement.windows]
+    return [asdict(window) for window in disagreement.windows]
 
 
 def _unknown(unknown: UnexplainedSignal) -> dict[str, Any]:
@@ -242,26 +232,15 @@ def candidate_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 
 def _scored(candidate: Candidate, final: Estimate, added: bool) -> dict[str, Any]:
     return {
-        "effect": candidate.effect,
-        "dof": candidate.dof,
-        "score": candidate.score,
-        "p_value": candidate.p_value,
-        "log_bayes_factor": candidate.log_bayes_factor,
+        **asdict(candidate),
         "parameters": parameter_rows(final, candidate.effect) if added else None,
         "reason": None if candidate.dof else _REASON_INVISIBLE,
     }
 
 
 def _unscored(name: str, reason: str) -> dict[str, Any]:
-    return {
-        "effect": name,
-        "dof": 0,
-        "score": None,
-        "p_value": None,
-        "log_bayes_factor": None,
-        "parameters": None,
-        "reason": reason,
-    }
+    none = dict.fromkeys(("score", "p_value", "log_bayes_factor", "parameters"))
+    return {"effect": name, "dof": 0, **none, "reason": reason}
 
 
 def _noise_text(louder: dict[str, float]) -> str:
@@ -303,10 +282,7 @@ def step_row(step: Step) -> dict[str, Any]:
         "added": step.added,
         "log_bayes_factor": step.log_bayes_factor,
         "alternatives": [
-            {
-                "effect": other.effect,
-                "correlation": other.correlation,
-            }
+            {"effect": other.effect, "correlation": other.correlation}
             for other in step.alternatives
         ],
         "reduced_chi2_before": {key: t.reduced_chi2 for key, t in step.before.tests.items()},

@@ -198,14 +198,15 @@ def _in_lines(heading: str) -> str:
 
 
 def print_table(
-    heads: Sequence[str], rows: Iterable[Sequence[str]], wrapping: Sequence[str] = ()
+    columns: Iterable[str], rows: Iterable[Sequence[str]], wrapping: Sequence[str] = ()
 ) -> None:
     """Print a table that fits 80 columns: the first column gives way, numbers never do."""
     console = plain_console()
     narrow = console.width < LAYOUT.narrow_columns
     table = Table(box=SIMPLE, show_edge=False, pad_edge=False, collapse_padding=True)
-    table.add_column(heads[0], overflow="fold")
-    for heading in heads[1:]:
+    first, *others = columns
+    table.add_column(first, overflow="fold")
+    for heading in others:
         if heading in wrapping:
             longest = max(map(len, heading.split()))
             table.add_column(heading, overflow="fold", min_width=longest)

@@ -20,7 +20,18 @@ from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.page import render_page
 from bayes_inertia.report.pictures.run_differences import draw_run_differences
 from bayes_inertia.report.run_comparison import ComparedRun, ParameterDifference, RunComparison
-from bayes_inertia.report.section import Section, captioned, packaged
+from bayes_inertia.report.section import Section, Table, captioned, packaged
+
+_COLUMNS = {
+    "parameter": "",
+    "unit": "unit",
+    "A: mean": "n strong",
+    "A: quoted sd": "n",
+    "B: mean": "n strong",
+    "B: quoted sd": "n",
+    "B − A": "n",
+    "in combined sd": "n",
+}
 
 
 def comparison_page(comparison: RunComparison) -> str:
@@ -64,34 +75,38 @@ def _parameters_section(comparison: RunComparison) -> Section:
     figure = draw_run_differences(comparison.J_and_K)
     powers = exponents_of(comparison.first.rows, comparison.second.rows)
     rows = [_parameter_row(p, powers[p.name]) for p in comparison.parameters]
-    context, pictures = {"rows": rows}, captioned("run_differences", figure)
+    far = [
+        k
+        for k, p in enumerate(comparison.parameters)
+        if p.in_sd is not None and abs(p.in_sd) > LAYOUT.noticeable_sd
+    ]
+    context = {"table": Table(_COLUMNS, rows, "many", far)}
+    pictures = captioned("run_differences", figure)
     return Section("Parameters", packaged("comparison_parameters.html"), context, pictures)
 
 
-def _parameter_row(parameter: ParameterDifference, power: int) -> dict[str, Any]:
+def _parameter_row(parameter: ParameterDifference, power: int) -> tuple[str, ...]:
     difference, combined, in_sd = parameter.difference, parameter.combined_sd, parameter.in_sd
     shown = NOT_GIVEN
     if difference is not None and combined is not None:
         shown = number(difference, combined, power)
-    return {
-        "name": plain(parameter.name),
-        "unit": unit_text(parameter.unit, power),
-        "sides": [_cells(row, power) for row in (parameter.first, parameter.second)],
-        "difference": shown,
-        "in_sd": NOT_GIVEN if in_sd is None else tenths(in_sd),
-        "noticeable": in_sd is not None and abs(in_sd) > LAYOUT.noticeable_sd,
-    }
+    return (
+        plain(parameter.name),
+        unit_text(parameter.unit, power),
+        *_cells(parameter.first, power),
+        *_cells(parameter.second, power),
+        shown,
+        NOT_GIVEN if in_sd is None else tenths(in_sd),
+    )
 
 
-def _cells(row: Mapping[str, Any] | None, power: int) -> dict[str, str]:
+def _cells(row: Mapping[str, Any] | None, power: int) -> tuple[str, str]:
     """Mean and quoted sd of one run."""
     if row is None:
-        return dict.fromkeys(("mean", "quoted_sd"), NOT_GIVEN)
+        return NOT_GIVEN, NOT_GIVEN
     quoted = row["quoted_sd"]
-    return {
-        "mean": number(row["mean"], sd_in_print(row), power),
-        "quoted_sd": NOT_GIVEN if quoted is None else number(quoted, quoted, power),
-    }
+    mean = number(row["mean"], sd_in_print(row), power)
+    return mean, NOT_GIVEN if quoted is None else number(quoted, quoted, power)
 
 
 def _gates_section(comparison: RunComparison) -> Section:
@@ -101,12 +116,13 @@ def _gates_section(comparison: RunComparison) -> Section:
     ]
     names = dict.fromkeys(name for gates in by_name for name in gates)
     fits = [run.summary["fit"]["reduced_chi2"] for _, run in _lettered(comparison)]
+    reduced = [
+        (channel_name(channel), *(_reduced_text(fit.get(channel)) for fit in fits))
+        for channel in dict.fromkeys(c for fit in fits for c in fit)
+    ]
     context = {
         "gates": [{"name": n, "sides": [gates.get(n) for gates in by_name]} for n in names],
-        "reduced": [
-            (channel_name(channel), *(_reduced_text(fit.get(channel)) for fit in fits))
-            for channel in dict.fromkeys(c for fit in fits for c in fit)
-        ],
+        "reduced": Table({"reduced χ²": "", "A": "n", "B": "n"}, reduced, "narrow short"),
     }
     return Section("Gates", packaged("comparison_gates.html"), context)
 
@@ -116,8 +132,9 @@ def _reduced_text(value: float | None) -> str:
 
 
 def _settings_section(comparison: RunComparison) -> Section:
-    rows = comparison.differing_settings
+    rows = [(name, a or NOT_GIVEN, b or NOT_GIVEN) for name, a, b in comparison.differing_settings]
     differing = {row[0] for row in rows}
     same = listed([name for name in comparison.first.settings if name not in differing])
-    context = {"rows": rows, "same": same}
+    table = Table({"setting": "", "A": "long value", "B": "long value"}, rows, "")
+    context = {"table": table, "same": same}
     return Section("What differs in settings", packaged("comparison_settings.html"), context)

@@ -30,7 +30,7 @@ from bayes_inertia.report.pictures.diagnosis import (
     draw_shifts,
     draw_signal,
 )
-from bayes_inertia.report.section import Picture, Section, captioned, packaged
+from bayes_inertia.report.section import Picture, Section, Table, captioned, packaged
 from bayes_inertia.report.words import phrase, probabilities, rules_of, sentences
 
 _said = partial(phrase, "diagnosis")
@@ -59,20 +59,19 @@ def _disagreement_section(content: Mapping[str, Any]) -> Section:
     """Where the base model disagrees with the data, before and after effects were added."""
     windows, starts = content["disagreement"], content.get("slew_start", {})
     rows = [
-        {
-            "where": _said("window", window, starts.get(window["slew"], 0.0)),
-            "kind": "mean is off" if window["kind"] == "shift" else "too large",
-            "score": f"{window['score']:.1f}",
-            "p": p_value_text(window["p_value"]),
-        }
+        (
+            _said("window", window, starts.get(window["slew"], 0.0)),
+            "mean is off" if window["kind"] == "shift" else "too large",
+            f"{window['score']:.1f}",
+            p_value_text(window["p_value"]),
+        )
         for window in windows[: LAYOUT.most_windows_listed]
     ]
-    return Section(
-        "Where does the base model disagree?",
-        packaged("disagreement.html"),
-        {"rows": rows, "shown": LAYOUT.evidence_rows_shown, "total": len(windows)},
-        _disagreement_pictures(content),
-    )
+    columns = {"where": "", "residuals": "", "standard deviations": "n"}
+    table = Table(columns | {"p, all places counted": "n"}, rows)
+    context = {"table": table, "shown": LAYOUT.evidence_rows_shown, "total": len(windows)}
+    title, pictures = "Where does the base model disagree?", _disagreement_pictures(content)
+    return Section(title, packaged("disagreement.html"), context, pictures)
 
 
 def _disagreement_pictures(content: Mapping[str, Any]) -> tuple[Picture, ...]:
@@ -126,28 +125,23 @@ def _changes_section(content: Mapping[str, Any]) -> Section | None:
     ]
     rows = [_step_row("base model", steps[0], "before", measured)]
     rows += [_step_row(f"+ {plain(step['added'])}", step, "after", measured) for step in steps]
+    heads = (*(channel_name(channel) for channel in measured), "slews left out")
     tried = content["verdict"] == "unknown"
     pictures = (
         *captioned("misfit_by_step", draw_misfit_by_step(steps), folded=True),
         *captioned("shifts", draw_shifts(steps), _said("with_what", content), folded=tried),
     )
-    context = {
-        "rows": rows,
-        "channels": [channel_name(channel) for channel in measured],
-        "unexplained": content["verdict"] in OPEN_VERDICTS,
-    }
+    table = Table({"model": ""} | dict.fromkeys(heads, "n"), rows)
+    context = {"table": table, "unexplained": content["verdict"] in OPEN_VERDICTS}
     return Section("What adding effects changes", packaged("changes.html"), context, pictures)
 
 
 def _step_row(
     label: str, step: Mapping[str, Any], side: str, channels: list[str]
-) -> dict[str, Any]:
+) -> tuple[str, ...]:
     held_out = step[f"held_out_{side}"]
-    return {
-        "label": label,
-        "cells": [_chi2_text(step[f"reduced_chi2_{side}"][channel]) for channel in channels],
-        "held": NOT_GIVEN if held_out is None else _chi2_text(held_out),
-    }
+    reduced = (_chi2_text(step[f"reduced_chi2_{side}"][channel]) for channel in channels)
+    return (label, *reduced, NOT_GIVEN if held_out is None else _chi2_text(held_out))
 
 
 def _chi2_text(reduced: float) -> str:
@@ -157,18 +151,20 @@ def _chi2_text(reduced: float) -> str:
 def _answers_section(content: Mapping[str, Any]) -> Section | None:
     """How probable each answer is; None in a diagnosis of an earlier version."""
     rows = [
-        {
-            "answer": _said("answer", row),
-            "probability": _said("per_cent", row["probability"]),
-            "prior": _said("per_cent", math.exp(row["log_prior"])),
-            "log_evidence": tenths(row["log_evidence"]),
-            "pareto_k": "" if row.get("pareto_k") is None else tenths(row["pareto_k"]),
-        }
+        (
+            _said("answer", row),
+            _said("per_cent", row["probability"]),
+            _said("per_cent", math.exp(row["log_prior"])),
+            tenths(row["log_evidence"]),
+            "" if row.get("pareto_k") is None else tenths(row["pareto_k"]),
+        )
         for row in content.get("hypotheses", [])[: LAYOUT.most_answers_listed]
     ]
     if not rows:
         return None
-    context = {"rows": rows, "shown": LAYOUT.evidence_rows_shown}
+    columns = {"what is missing from the base model": "", "probability": "n"}
+    columns |= dict.fromkeys(("before the data", "log evidence", "Pareto k"), "n extra")
+    context = {"table": Table(columns, rows, "narrow short"), "shown": LAYOUT.evidence_rows_shown}
     return Section("How probable each answer is", packaged("answers.html"), context)
 
 
@@ -186,9 +182,10 @@ def _alternatives_section(content: Mapping[str, Any]) -> Section | None:
         cases += [(a["mean"][i], math.sqrt(a["covariance"][i][i])) for a in alternatives]
         power = exponent(*cases[0])
         cells = [f"{number(mean, sd, power)} ± {number(sd, sd, power)}" for mean, sd in cases]
-        rows.append({"name": name, "unit": unit_text(shift["unit"], power), "cells": cells})
+        rows.append((name, unit_text(shift["unit"], power), *cells))
     heads = [f"{what} ({100.0 * p:.0f} %)" for what, p in probabilities(content)]
-    context = {"rows": rows, "heads": heads}
+    columns = {"parameter": "", "unit": "unit"} | dict.fromkeys(heads, "n")
+    context = {"table": Table(columns, rows, "")}
     return Section("J and K, whichever it is", packaged("alternatives.html"), context)
 
 
@@ -201,19 +198,21 @@ def _could_hide_section(content: Mapping[str, Any]) -> Section | None:
         sd_column([row[key] for row in found]) for key in ("shift", "sd")
     )
     rows = [
-        {
-            "name": row["parameter"],
-            "unit": unit_text(row["unit"]),
-            "shift": shift,
-            "sd": sd,
-            "sds": tenths(row["shift"] / row["sd"]),
-            "effect": plain(row["effect"]),
-            "limit": "its prior ends there" if row["unseen"] else "a larger one is found",
-        }
+        (
+            row["parameter"],
+            unit_text(row["unit"]),
+            shift,
+            sd,
+            tenths(row["shift"] / row["sd"]),
+            plain(row["effect"]),
+            "its prior ends there" if row["unseen"] else "a larger one is found",
+        )
         for row, shift, sd in zip(found, shifts, sds, strict=True)
     ]
-    heads = (sd_head("could be off by", shift_power), sd_head("model's sd", sd_power))
-    context = {"rows": rows, "heads": heads, "shown": LAYOUT.evidence_rows_shown}
+    heads = (sd_head("could be off by", shift_power), sd_head("model's sd", sd_power), "in sds")
+    columns = {"parameter": "", "unit": "unit"} | dict.fromkeys(heads, "n")
+    columns |= {"if there is": "", "not more, because": ""}
+    context = {"table": Table(columns, rows), "shown": LAYOUT.evidence_rows_shown}
     return Section("What could still hide", packaged("could_hide.html"), context)
 
 

@@ -27,6 +27,7 @@ from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 from bayes_inertia.report.formatting import (
     NOT_GIVEN,
     exponent,
+    kind_of,
     listed,
     number,
     plain,
@@ -42,13 +43,12 @@ from bayes_inertia.report.pictures.pairs import draw_pairs
 from bayes_inertia.report.pictures.posterior_data import n_ensembles, n_slews, values_of
 from bayes_inertia.report.pictures.priors import draw_priors
 from bayes_inertia.report.residual_sections import residuals_section, telemetry_section
-from bayes_inertia.report.section import Picture, Section, captioned, packaged
+from bayes_inertia.report.section import Picture, Section, Table, captioned, packaged
 from bayes_inertia.report.verdict import (
     Level,
     Verdict,
     diagnosis_verdict,
     fit_verdict,
-    is_scale_factor,
     verdict_sentence,
     worst_level,
 )
@@ -105,8 +105,22 @@ def standard_sections(
 
 def dirt_section(posterior: Posterior) -> Section | None:
     """Telemetry faults, and their treatment."""
-    rows = dirt_rows(posterior.attributes.get("dirt", []))
-    return Section("Dirt in the telemetry", packaged("dirt.html"), {"rows": rows}) if rows else None
+    rows = [
+        (
+            row["kind"],
+            row["channel"],
+            str(row["rows"] or "all"),
+            ", ".join(dict.fromkeys(row["slews"])) or "all",
+            row["treated"],
+            next(iter(row["notes"]), ""),
+        )
+        for row in dirt_rows(posterior.attributes.get("dirt", []))
+    ]
+    columns = {"fault": "", "channel": "", "rows": "n", "slews": "", "treated": "", "note": "long"}
+    table = Table(columns, rows)
+    return (
+        Section("Dirt in the telemetry", packaged("dirt.html"), {"table": table}) if rows else None
+    )
 
 
 def gates_section(posterior: Posterior) -> Section:
@@ -120,7 +134,8 @@ def gates_section(posterior: Posterior) -> Section:
         ("autocorrelation time, steps", f"{diagnostics['tau_max']:.1f}"),
     ]
     gates = [gate | {"says": typeset(gate["says"])} for gate in attributes["gates"]]
-    context = {"gates": gates, "numbers": numbers}
+    sampler = Table({"sampler": "", "value": "n"}, numbers, "narrow short")
+    context = {"gates": gates, "sampler": sampler}
     pictures = captioned("chains", draw_chains(posterior), folded=True)
     return Section("Gates", packaged("gates.html"), context, pictures)
 
@@ -334,7 +349,7 @@ def result_sections(
             else ""
         )
     level, rows = level_of(summary, list(verdicts.values())), summary["parameters"]
-    scale_factors = [[row] for name, row in rows.items() if is_scale_factor(name)]
+    scale_factors = [[row] for name, row in rows.items() if kind_of(name) == "K"]
     context = {
         "level": level,
         "status": _STATUS[level],

@@ -51,13 +51,19 @@ def common_exponents(values: Mapping[str, tuple[str, float, float]]) -> dict[str
     """
     sizes: dict[tuple[str, str], float] = {}
     for name, (unit, mean, sd) in values.items():
-        kind = (_kind(name), unit)
+        kind = (kind_of(name), unit)
         sizes[kind] = max(sizes.get(kind, 0.0), abs(mean), sd)
-    return {name: exponent(sizes[_kind(name), unit], 0.0) for name, (unit, *_) in values.items()}
+    return {name: exponent(sizes[kind_of(name), unit], 0.0) for name, (unit, *_) in values.items()}
 
 
-def _kind(name: str) -> str:
-    """Kind of a parameter."""
+def kind_of(name: str) -> str:
+    """Kind of a parameter: moment or product of inertia, K, or the effect that it belongs to.
+
+    Examples
+    --------
+    >>> [kind_of(name) for name in ("Jxx", "Jxy", "K4", "mems.K1")]
+    ['moment of inertia', 'product of inertia', 'K', 'mems']
+    """
     effect, dot, _ = name.partition(".")
     if dot:
         return effect

@@ -36,6 +36,7 @@ _HEADS = (
     "commands worth",
     "this campaign",
 )
+_CLASSES = ("", "extra", "n extra", "n", "n extra", "", "n extra", "n extra", "")
 _NOTE = (
     "Most from: the slew that tells most of the parameter, and its share. Others cost: sd over its "
     "value were everything else known. Commands worth: sd with the recorded torque commands "
@@ -77,7 +78,8 @@ def _result_section(observability: Observability) -> Section:
     all_determined = all(p.verdict == "determined" for p in observability.parameters)
     parts = zip(observability.parameters, priors, sds, strict=True)
     rows = [_row(observability, *part) for part in parts]
-    return Table(heads, rows, (2, 3, 4, 6, 7), extra=(1, 2, 4, 6, 7), kind="many short").section(
+    columns = dict(zip(heads, _CLASSES, strict=True))
+    return Table(columns, rows, "many short").section(
         "Result",
         captioned("observability", draw_observability(observability)),
         sentence=answer(observability),

@@ -16,7 +16,7 @@ from bayes_inertia.report.formatting import (
     unit_text,
 )
 from bayes_inertia.report.layout import LAYOUT
-from bayes_inertia.report.section import Section, packaged
+from bayes_inertia.report.section import Section, Table, packaged
 
 
 @dataclass(frozen=True)
@@ -37,14 +37,8 @@ class PromisedParameter:
 
     def json(self) -> dict[str, Any]:
         """As it stands in a JSON document."""
-        return {
-            "unit": self.unit,
-            "prior_sd": self.prior_sd,
-            "promised_sd": self.promised_sd,
-            "sd": self.sd,
-            "quoted_sd": self.quoted_sd,
-            "ratio": self.ratio,
-        }
+        told = {key: value for key, value in vars(self).items() if key != "name"}
+        return told | {"ratio": self.ratio}
 
 
 @dataclass(frozen=True)
@@ -121,37 +115,32 @@ def plan_promise(
     return PlanPromise(plan, file, promised_by, parameters, tuple(summary["effects"]))
 
 
-HEADINGS = ("prior sd", "promised sd", "quoted sd", "quoted / promised")
+_COLUMNS = {"parameter": "", "unit": "unit"} | dict.fromkeys(
+    ("prior sd", "promised sd", "quoted sd", "quoted / promised"), "n"
+)
 
 
 def plan_promise_section(promise: PlanPromise) -> Section:
     """One table: promised and achieved sd of each parameter, and their ratio."""
     context = {
         "sentence": promise.sentence,
-        "headings": HEADINGS,
-        "rows": promise_rows(promise),
+        "table": promise_table(promise),
         "promised_by": promise.promised_by,
         "effects": listed([plain(name) for name in promise.effects]),
     }
     return Section("Promised and achieved", packaged("plan_promise.html"), context)
 
 
-def promise_rows(promise: PlanPromise) -> list[dict[str, Any]]:
-    """The rows of the table, for page and terminal."""
+def promise_table(promise: PlanPromise) -> Table:
+    """The table, for page and terminal; a ratio that is noticeable is marked."""
     rows = []
     for p in promise.parameters:
         power = _power([q.promised_sd for q in promise.parameters if q.unit == p.unit])
         prior, promised = (number(x, x, power) for x in (p.prior_sd, p.promised_sd))
         quoted = NOT_GIVEN if p.quoted_sd is None else number(p.quoted_sd, p.quoted_sd, power)
-        rows.append(
-            {
-                "name": p.name,
-                "unit": unit_text(p.unit, power),
-                "cells": (prior, promised, quoted, f"{p.ratio:.2f}"),
-                "noticeable": p.ratio > LAYOUT.worse_than_promised,
-            }
-        )
-    return rows
+        rows.append((p.name, unit_text(p.unit, power), prior, promised, quoted, f"{p.ratio:.2f}"))
+    worse = [k for k, p in enumerate(promise.parameters) if p.ratio > LAYOUT.worse_than_promised]
+    return Table(_COLUMNS, rows, "many", worse)
 
 
 def _power(sds: list[float]) -> int:

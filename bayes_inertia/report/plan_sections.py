@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.design.comparison import Contender
-from bayes_inertia.flight.plan import Plan
 from bayes_inertia.physics.parameters import BASE_NAMES, BASE_UNITS
 from bayes_inertia.report.formatting import (
     arcsec_text,
@@ -27,14 +26,8 @@ from bayes_inertia.report.pictures.design import draw_comparison
 from bayes_inertia.report.section import Section, Table, captioned
 
 _PAPER = "slews like the paper's"
-_SLEW_HEADS = (
-    "slew",
-    "about body axis",
-    "angle [deg]",
-    "rate [deg/s]",
-    "ramps [deg/s²]",
-    "starts [s]",
-    "lasts [s]",
+_OF_SLEW = {"slew": "", "about body axis": ""} | dict.fromkeys(
+    ("angle [deg]", "rate [deg/s]", "ramps [deg/s²]", "starts [s]", "lasts [s]"), "n"
 )
 
 
@@ -96,8 +89,9 @@ def gain_table(
         (plain(name), unit_text(units[name]), *cells, _times(before[name] / after[name]))
         for name, *cells in zip(after, *(cells for _, cells in printed), strict=True)
     ]
+    classes = ("", "", "n", "n", "n extra", "n extra")
     heads = ["parameter", "unit", *heads, "times sharper"]
-    return Table(heads, rows, (2, 3, 4, 5), extra=(4, 5), kind="many short")
+    return Table(dict(zip(heads, classes, strict=True)), rows, "many short")
 
 
 def _quantity(value: float, unit: str) -> str:
@@ -126,7 +120,7 @@ def _worse_text(ratios: dict[str, float], than: str) -> str:
     return f"Known worse than with {than}: {listed(worse)}."
 
 
-def slews_table(plans: Mapping[str, Plan]) -> Table:
+def slews_table(plans: Mapping[str, Any]) -> Table:
     """The slews of plans, by what they are called; one alone may have no name."""
     rows = [
         (
@@ -143,7 +137,7 @@ def slews_table(plans: Mapping[str, Plan]) -> Table:
             zip(plan.slews, plan.starts, plan.durations, strict=True), 1
         )
     ]
-    return Table(_SLEW_HEADS, rows, numbers=(2, 3, 4, 5, 6))
+    return Table(_OF_SLEW, rows)
 
 
 def _margins_section(content: Mapping[str, Any]) -> Section:
@@ -155,7 +149,7 @@ def _margins_section(content: Mapping[str, Any]) -> Section:
         "Flown in closed loop with noise, J and K drawn from what is known. "
         f"Limits that hold the design back: {active}.",
     )
-    return Table(("limit, the tightest first", ""), rows).section("Limits", notes=notes)
+    return Table({"limit, the tightest first": "", "": ""}, rows).section("Limits", notes=notes)
 
 
 def comparison_sections(contenders: Sequence[Contender]) -> list[Section]:
@@ -199,14 +193,9 @@ def sds_table(contenders: Sequence[Contender]) -> Table:
         (name, unit_text(unit), *(_sd_cell(c, i, power) for c in contenders))
         for i, (name, unit) in enumerate(zip(BASE_NAMES, BASE_UNITS, strict=True))
     ]
-    heads = ["parameter", "unit", *(sd_head(f"{plain(c.name)}: sd", power) for c in contenders)]
+    heads = [sd_head(f"{plain(c.name)}: sd", power) for c in contenders]
     kind = "many short" if len(contenders) < LAYOUT.many_plans else "many"
-    return Table(heads, rows, _columns_of(contenders), extra=(1,), kind=kind)
-
-
-def _columns_of(contenders: Sequence[Contender]) -> range:
-    """The columns of plans, behind name and unit."""
-    return range(2, 2 + len(contenders))
+    return Table({"parameter": "", "unit": "extra"} | dict.fromkeys(heads, "n"), rows, kind)
 
 
 def _sd_cell(contender: Contender, i: int, power: int) -> str:
@@ -227,9 +216,8 @@ def costs_table(contenders: Sequence[Contender]) -> Table:
         ("peak torque", "N m", *(two_digits(c.peak_torque) for c in contenders)),
         ("limits broken", "–", *(_broken(c) for c in contenders)),
     ]
-    return Table(
-        ("cost", "unit", *(plain(c.name) for c in contenders)), rows, _columns_of(contenders)
-    )
+    plans = [plain(c.name) for c in contenders]
+    return Table({"cost": "", "unit": ""} | dict.fromkeys(plans, "n"), rows)
 
 
 def _broken(contender: Contender) -> str:

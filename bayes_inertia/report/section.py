@@ -87,11 +87,11 @@ class Section:
 class Table:
     """Cells of a table, for page and terminal alike."""
 
-    heads: Sequence[str]
+    # Headings, and the classes of their cells: n (numbers), extra (not on a phone), unit, long.
+    columns: Mapping[str, str]
     rows: Sequence[Sequence[str]]
-    numbers: Sequence[int] = ()  # columns of numbers
-    extra: Sequence[int] = ()  # columns that a phone leaves out
-    kind: str = "narrow"  # classes of the style sheet
+    kind: str = "narrow"  # classes of the whole
+    marked: Sequence[int] = ()  # rows whose last cell stands out
 
     def section(
         self,
@@ -105,7 +105,7 @@ class Table:
     ) -> Section:
         """A section with a sentence above the table (`level`: its colour), and notes below."""
         said = {"sentence": sentence, "level": level, "more": more, "notes": notes}
-        return Section(title, packaged("table.html"), vars(self) | said, pictures)
+        return Section(title, packaged("table.html"), {"table": self} | said, pictures)
 
 
 def packaged(name: str) -> str:

@@ -14,17 +14,16 @@ from bayes_inertia.report.section import Section, Table, captioned
 from bayes_inertia.series.fleet import Fleet
 from bayes_inertia.series.history import OF_PART, History, SeenJump
 
-_HISTORY_HEADS = ("parameter", "unit", "now", "sd", "change since the first")
-_FLEET_HEADS = (
-    "parameter",
-    "unit",
-    "fleet's mean",
-    "sd",
-    "spread",
-    "90 % of the spread",
-    "sd of a craft alone",
-    "with its sisters",
-)
+_PARAMETER = {"parameter": "", "unit": "extra"}
+_OF_HISTORY = _PARAMETER | dict.fromkeys(("now", "sd", "change since the first"), "n")
+_OF_FLEET = _PARAMETER | {
+    "fleet's mean": "n",
+    "sd": "n",
+    "spread": "n",
+    "90 % of the spread": "n extra",
+    "sd of a craft alone": "n",
+    "with its sisters": "n",
+}
 _SPREAD = "Spread: sd from craft to craft. The sds of a craft are medians over the fleet."
 
 
@@ -75,7 +74,7 @@ def history_table(history: History) -> Table:
                 number(mean[-1] - mean[0], both),
             )
         )
-    return Table(_HISTORY_HEADS, rows, numbers=(2, 3, 4), extra=(1,), kind="many short")
+    return Table(_OF_HISTORY, rows, "many short")
 
 
 def left_out_in_words(campaigns: Sequence[str]) -> tuple[str, ...]:
@@ -140,7 +139,7 @@ def fleet_table(fleet: Fleet, alone_sd: np.ndarray) -> Table:
                 *(number(sd, sd) for sd in sds),
             )
         )
-    return Table(_FLEET_HEADS, rows, (2, 3, 4, 5, 6, 7), extra=(1, 5), kind="many short")
+    return Table(_OF_FLEET, rows, "many short")
 
 
 def fleet_sections(

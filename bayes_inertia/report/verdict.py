@@ -7,7 +7,7 @@ explains the data. The numbers are the quoted sds; a result that quotes none giv
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -20,7 +20,7 @@ from bayes_inertia.report.criteria import (
     ratios_told,
     sd_in_print,
 )
-from bayes_inertia.report.formatting import channel_name, two_digits, unit_text
+from bayes_inertia.report.formatting import channel_name, kind_of, two_digits, unit_text
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.words import averaged_over, dirt_sentences, phrase, sentences
 
@@ -214,17 +214,16 @@ def _accuracy(summary: Mapping[str, Any]) -> str:
     rows, criteria = summary["parameters"], criteria_of(summary)
     undetermined = names_by_determination(rows, criteria)["not determined"]
     known = {name: row for name, row in rows.items() if name not in undetermined}
-    kinds: tuple[tuple[str, Callable[[str], bool], Callable[[Mapping[str, Any]], str]], ...] = (
-        ("J", _is_moment, _percent),
-        ("products of inertia", _is_product, _in_unit),
-        ("K", is_scale_factor, _percent),
+    kinds = (
+        ("J", "moment of inertia", _relative_sd, _percent),
+        ("products of inertia", "product of inertia", sd_in_print, _in_unit),
+        ("K", "K", _relative_sd, _percent),
     )
     said = [_ratios_to(summary)] if ratios_told(summary) else []
-    for label, belongs, text in kinds:
-        members = [row for name, row in known.items() if belongs(name)]
+    for label, kind, size, text in kinds:
+        members = [row for name, row in known.items() if kind_of(name) == kind]
         if members:
-            worst = max(members, key=_relative_sd if text is _percent else _sd)
-            said.append(f"{label} to {text(worst)}")
+            said.append(f"{label} to {text(max(members, key=size))}")
     if not said:
         return "J and K are not determined"
     worst_of = "the worst of each" if len(said) > 1 else "the worst element"
@@ -240,31 +239,8 @@ def _ratios_to(summary: Mapping[str, Any]) -> str:
     return f"J / trace J to {two_digits(100.0 * worst)} % ({size})"
 
 
-def _is_moment(name: str) -> bool:
-    return len(name) == 3 and name[0] == "J" and name[1] == name[2]
-
-
-def _is_product(name: str) -> bool:
-    return len(name) == 3 and name[0] == "J" and name[1] != name[2]
-
-
-def is_scale_factor(name: str) -> bool:
-    """Whether a parameter is one of K.
-
-    Examples
-    --------
-    >>> is_scale_factor("K4"), is_scale_factor("mems.K1")
-    (True, False)
-    """
-    return name[0] == "K" and name[1:].isdigit()
-
-
-def _sd(row: Mapping[str, Any]) -> float:
-    return sd_in_print(row)
-
-
 def _relative_sd(row: Mapping[str, Any]) -> float:
-    return _sd(row) / abs(row["mean"]) if row["mean"] else math.inf
+    return sd_in_print(row) / abs(row["mean"]) if row["mean"] else math.inf
 
 
 def _percent(row: Mapping[str, Any]) -> str:
@@ -272,7 +248,7 @@ def _percent(row: Mapping[str, Any]) -> str:
 
 
 def _in_unit(row: Mapping[str, Any]) -> str:
-    return f"{two_digits(_sd(row))} {unit_text(row['unit'])}"
+    return f"{two_digits(sd_in_print(row))} {unit_text(row['unit'])}"
 
 
 # What the words of the answer ask for, each only where they need it.

@@ -17,7 +17,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from bayes_inertia.campaign.sensors import CHANNELS, STREAMS
 from bayes_inertia.inference.settings import NOTHING, OPEN_VERDICTS
 from bayes_inertia.report import formatting
-from bayes_inertia.report.formatting import either_or, listed, plain
+from bayes_inertia.report.formatting import either_or, kind_of, listed, plain
 from bayes_inertia.report.layout import LAYOUT
 
 
@@ -29,13 +29,11 @@ def meaning(name: str) -> str:
     >>> meaning("Jxy"), meaning("K2"), meaning("wheel_friction.coulomb1")
     ('inertia tensor element xy', 'rate-sensor scale factor, axis 2', 'wheel friction: coulomb1')
     """
-    if name[:1] == "J" and len(name) == 3:
-        if name[1] == name[2]:
-            return f"moment of inertia, body {name[1]}"
-        return f"inertia tensor element {name[1:]}"
-    if name[:1] == "K" and name[1:].isdigit():
-        return f"rate-sensor scale factor, axis {name[1:]}"
-    return plain(name)
+    return {
+        "moment of inertia": f"moment of inertia, body {name[1:2]}",
+        "product of inertia": f"inertia tensor element {name[1:]}",
+        "K": f"rate-sensor scale factor, axis {name[1:]}",
+    }.get(kind_of(name)) or plain(name)
 
 
 def correlation_sentences(names: Sequence[str], matrix: Sequence[Sequence[float]]) -> list[str]:

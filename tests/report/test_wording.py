@@ -4,18 +4,22 @@ import re
 from pathlib import Path
 
 import pytest
-from jinja2 import Environment, StrictUndefined
 
 from bayes_inertia.inference.limits import criteria
 from bayes_inertia.report.criteria import Criteria, channel_verdict, criteria_of, determination
 from bayes_inertia.report.formatting import listed, number
-from bayes_inertia.report.section import packaged
-from bayes_inertia.report.words import correlation_sentences, phrase, sentences
+from bayes_inertia.report.section import Table, packaged
+from bayes_inertia.report.words import (
+    correlation_sentences,
+    phrase,
+    sentences,
+    templates_in,
+)
 
 
 def page_of(template: str, **context) -> str:
     """The text of a section's body."""
-    body = Environment(undefined=StrictUndefined).from_string(packaged(template)).render(**context)
+    body = templates_in("").from_string(packaged(template)).render(**context)
     return re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", body))
 
 
@@ -23,7 +27,7 @@ def test_what_is_said_of_stated_probabilities_is_what_was_measured():
     measured = (
         Path(__file__).parents[2] / "analyses/results/calibration/reliability.md"
     ).read_text()
-    said = page_of("answers.html", rows=[], shown=0)
+    said = page_of("answers.html", table=Table({}, []), shown=0)
     campaigns = re.findall(r"\(([\d,]+) campaigns\)", said)
     assert [f"{int(n.replace(',', ''))} campaigns" in measured for n in campaigns] == [True, True]
     claims = re.findall(r"(\d+) % of (\d+)(?: answers)? stated at (\d+) %", said)

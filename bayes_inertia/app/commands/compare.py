@@ -79,5 +79,5 @@ def show_comparison(contenders: Sequence[Contender], folder: Path) -> None:
     answer, worse = comparison_answer(contenders)
     console.print(headed(answer, f" {worse}"))
     for table in (sds_table(contenders), costs_table(contenders)):
-        print_table(table.heads, table.rows, table.heads[2:])
+        print_table(table.columns, table.rows, list(table.columns)[2:])
     console.print(f"wrote compare.json, compare.png and compare.html in {folder}")

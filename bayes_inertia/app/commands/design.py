@@ -124,11 +124,11 @@ def show_design(
     console.print(headed(gain_answer(goal.says, goal.unit, *reached, design.kept)))
     console.print(worse_than_paper(sd, paper))
     gained = gain_table(design.sd_before, sd, paper, design.units)
-    print_table(gained.heads, gained.rows)
+    print_table(gained.columns, gained.rows)
     if not after:
         console.print("now: the prior; with --after this campaign's telemetry counts too")
     slews = slews_table({"": design.plan})
-    print_table(slews.heads, slews.rows)
+    print_table(slews.columns, slews.rows)
     _show_margins(console, design)
     for note in notes:
         console.print(headed("note", f": {note}", style="bold yellow"))

@@ -48,8 +48,6 @@ def doctor_command(campaign: _CampaignOrNone = None, as_json: AsJson = False) ->
     then what fails, and where, is said.
     """
     if campaign is None:
-        from bayes_inertia.app.commands.doctor import installation_json, show_installation
-
         with progress_bar() as progress:
             installation = installation_json(progress)
         if as_json:

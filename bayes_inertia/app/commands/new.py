@@ -15,13 +15,14 @@ from bayes_inertia.errors import SettingsError
 from bayes_inertia.files import text_of, write_new_files
 
 FORMAT = "bayes-inertia-new/1"
+_TEMPLATES = files("bayes_inertia") / "templates"
+_FILES = sorted(each.name for each in _TEMPLATES.iterdir())
 
 NewFolder = Annotated[Path, typer.Argument(help="Folder for the campaign; made if absent.")]
 Like = Annotated[
     str,
     typer.Option(
-        help="Which spacecraft: microsat, cubesat, gyroless, two-gyros, spinner, thruster or "
-        "torquers."
+        help=f"Which spacecraft: {', '.join(name.removesuffix('.toml') for name in _FILES)}."
     ),
 ]
 
@@ -55,9 +56,8 @@ def new_command(
 
 def templates() -> dict[str, str]:
     """The text of each commented campaign, by its name."""
-    found = (files("bayes_inertia") / "templates").iterdir()
-    texts = {each.name: text_of(each.read_bytes(), each.name) for each in found}
-    return {name.removesuffix(".toml"): text for name, text in sorted(texts.items())}
+    texts = {name: text_of((_TEMPLATES / name).read_bytes(), name) for name in _FILES}
+    return {name.removesuffix(".toml"): text for name, text in texts.items()}
 
 
 def template(name: str) -> str:

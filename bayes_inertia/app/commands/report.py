@@ -97,12 +97,12 @@ def _report(run: Path, plan: Path | None, out: Path | None, as_json: bool) -> Pa
 
 def show_promise(promise: PlanPromise) -> None:
     """Print what a plan promised beside what was achieved."""
-    from bayes_inertia.report.plan_promise import HEADINGS, promise_rows
+    from bayes_inertia.report.plan_promise import promise_table
 
     console = plain_console()
     console.print(promise.sentence)
-    rows = ((row["name"], row["unit"], *row["cells"]) for row in promise_rows(promise))
-    print_table(("parameter", "unit", *HEADINGS), rows)
+    table = promise_table(promise)
+    print_table(table.columns, table.rows)
     console.print(f"promised: {promise.promised_by}")
 
 

@@ -96,7 +96,7 @@ def _show(
 
     console = plain_console()
     console.print(headed(answer))
-    print_table(table.heads, table.rows, table.heads[5:6])
+    print_table(table.columns, table.rows, list(table.columns)[5:6])
     for sentence in left_out_in_words(left_out):
         console.print(sentence)
     console.print(f"wrote {' and '.join(files)} in {folder}")

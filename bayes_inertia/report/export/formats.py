@@ -17,9 +17,8 @@ from functools import partial
 import numpy as np
 
 from bayes_inertia.maths.values import array_dataclass, json_ready
-from bayes_inertia.report.formatting import arcsec, common_exponents, number
+from bayes_inertia.report.formatting import arcsec, common_exponents, kind_of, number
 from bayes_inertia.report.layout import LAYOUT
-from bayes_inertia.report.verdict import is_scale_factor
 from bayes_inertia.report.words import templates_in
 
 _TEX = {c: f"\\{c}" for c in "&%$#_{}"} | {"\\": "/", "~": "-", "^": "-"}
@@ -216,7 +215,7 @@ class ExportedResult:
     @property
     def scale_factors(self) -> tuple[ExportedParameter, ...]:
         """Those of K, one an axis of the rate sensor."""
-        return tuple(p for p in self.parameters if is_scale_factor(p.name))
+        return tuple(p for p in self.parameters if kind_of(p.name) == "K")
 
     def parameter(self, name: str) -> ExportedParameter:
         """The parameter of a name."""
