@@ -306,7 +306,7 @@ def _parameter_table(console: Console, summary: dict[str, Any]) -> Table:
             NOT_GIVEN if quoted is None else number(quoted, quoted, power),
             unit_text(p["unit"], power),
             number(p["prior_sd"], p["prior_sd"], power),
-            _DETERMINED[determination_of(p, criteria)],
+            "its ratio" if f"{name}/trace" in shown else _DETERMINED[determination_of(p, criteria)],
         )
     return table
 
