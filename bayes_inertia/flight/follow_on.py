@@ -41,6 +41,12 @@ def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
     )
 
 
+def flies_plans(campaign: Campaign) -> bool:
+    """Whether wheels and a gyro of three axes can fly a plan."""
+    gyro = campaign.rate_sensor is not None and len(campaign.rate_sensor.axes) == 3
+    return gyro and bool(allocation(campaign.wheels).any())
+
+
 def devices_at_rest(campaign: Campaign) -> tuple[str, ...]:
     """What of a campaign's devices and changes no plan flies, in a sentence; none if all fly.
 

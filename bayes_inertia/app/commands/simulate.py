@@ -59,7 +59,7 @@ def simulate_command(
         simulated = run_simulate(out, plan, campaign, hidden=hide or (), draw=draw, seed=seed)
     for note in simulated.notes:
         say(note)
-    slews = [slew.name for slew in simulated.flight.campaign.slews]
+    slews = [slew.name for slew in simulated.campaign.slews]
     if as_json:
         print_json(_document(simulated, slews, out))
         return
