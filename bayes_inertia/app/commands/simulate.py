@@ -22,7 +22,8 @@ SpacecraftOf = Annotated[
     Path | None,
     typer.Option(
         help="Campaign whose spacecraft flies: its wheels, sensors and noise, J and K at the mean "
-        "of its prior. Without it, a MOST-like spacecraft."
+        "of its prior. One that no plan flies (no wheels, no gyro of three axes) repeats its own "
+        "slews. Without it, a MOST-like spacecraft."
     ),
 ]
 DrawTruth = Annotated[
