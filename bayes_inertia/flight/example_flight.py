@@ -7,7 +7,7 @@ prior; commands are those that would make each slew, were J at its mean. The loo
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -73,7 +73,7 @@ def example_flight(description: str, label: str, seed: int) -> ExampleFlight:
 
 def flown_again(
     campaign: Campaign,
-    effects: Sequence[Effect],
+    effects: tuple[Effect, ...],
     values: Mapping[str, Mapping[str, Any]],
     seed: int,
     *,
