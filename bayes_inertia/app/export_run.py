@@ -112,11 +112,7 @@ def _quoted_covariance(posterior: Posterior, parameters: Sequence[ExportedParame
     """Covariance of the draws, widened to the sds that are quoted; of J at its mean trace where
     nothing ties its size.
     """
-    samples = np.array(posterior.samples)
-    if posterior.is_scale_untied:
-        trace = samples[:, :3].sum(axis=1, keepdims=True)
-        samples[:, :6] *= trace.mean() / trace
-    covariance = np.cov(samples, rowvar=False)
+    covariance = np.cov(posterior.sized_samples, rowvar=False)
     widening = np.array([p.sd for p in parameters]) / np.sqrt(np.diag(covariance))
     return covariance * np.outer(widening, widening)
 

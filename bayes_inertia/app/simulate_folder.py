@@ -12,20 +12,24 @@ from bayes_inertia.app.plan_json import PAPER, plans_named
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.flight.follow_on import devices_at_rest
+from bayes_inertia.flight.follow_on import devices_at_rest, flies_plans
 from bayes_inertia.flight.mission import Mission, most_like_mission
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.plan_file import read_plan
-from bayes_inertia.flight.plan_flight import Flight
-from bayes_inertia.flight.simulated_campaigns import draw_spacecraft, simulate
+from bayes_inertia.flight.simulated_campaigns import draw_spacecraft, simulate, simulate_again
 from bayes_inertia.physics.stated_noise import stated_terms
+
+_OPEN_LOOP = (
+    "plans fly wheels about three axes by a gyro of three: this campaign's own slews were flown "
+    "again, turned by what its devices did"
+)
 
 
 @dataclass(frozen=True)
 class SimulatedFlight:
     """A plan flown in simulation, and what should be known of it."""
 
-    flight: Flight  # what was flown
+    campaign: Campaign  # what was flown
     spacecraft: str  # whose spacecraft flew, in words
     notes: tuple[str, ...] = ()  # what the simulation leaves out
 
@@ -43,7 +47,8 @@ def run_simulate(
 
     `plan`: file of the plan, or `paper`; None for five slews like the paper's. `campaign`: folder
     of the campaign whose spacecraft flies: its wheels and sensors, their noise, J and K at the mean
-    of its prior. None for the MOST-like spacecraft. `draw`: whether J and K are drawn from the
+    of its prior; one that no plan flies repeats its own slews, where none is named. None for the
+    MOST-like spacecraft. `draw`: whether J and K are drawn from the
     campaign's prior instead.
     """
     if campaign is None:
@@ -55,14 +60,18 @@ def run_simulate(
             )
         chosen = paper_like_plan() if plan in (None, PAPER) else read_plan(str(plan))
         flight = simulate(chosen, most_like_mission(), folder, seed, hidden=hidden)
-        return SimulatedFlight(flight, "the MOST-like spacecraft")
+        return SimulatedFlight(flight.campaign, "the MOST-like spacecraft")
     given = read_campaign(campaign)
+    truth = "drawn from" if draw else "at the mean of"
+    spacecraft = f"the spacecraft of {campaign}, J and K {truth} its prior"
+    if plan is None and not flies_plans(given):
+        flown = simulate_again(given, folder, seed, draw=draw, hidden=hidden)
+        return SimulatedFlight(flown, spacecraft, (_OPEN_LOOP, *_undrawn(given)))
     (chosen,) = plans_named([plan or PAPER], given).values()
     mission = _drawn_mission(given, seed) if draw else Mission.of(given)
     flight = simulate(chosen, mission, folder, seed, hidden=hidden)
-    truth = "drawn from" if draw else "at the mean of"
-    spacecraft = f"the spacecraft of {campaign}, J and K {truth} its prior"
-    return SimulatedFlight(flight, spacecraft, _left_out(given))
+    notes = (*_undrawn(given), *devices_at_rest(given))
+    return SimulatedFlight(flight.campaign, spacecraft, notes)
 
 
 def _drawn_mission(campaign: Campaign, seed: int) -> Mission:
@@ -72,10 +81,8 @@ def _drawn_mission(campaign: Campaign, seed: int) -> Mission:
     return Mission(craft, campaign.inertia)
 
 
-def _left_out(campaign: Campaign) -> tuple[str, ...]:
-    """What the campaign has and a simulation does not fly."""
-    wandering, notes = stated_terms(campaign), []
-    if wandering:
-        said = ", ".join(wandering)
-        notes.append(f"noise that the campaign states and the simulation does not draw: {said}")
-    return (*notes, *devices_at_rest(campaign))
+def _undrawn(campaign: Campaign) -> tuple[str, ...]:
+    """Noise that the campaign states and a simulation leaves out."""
+    said = ", ".join(stated_terms(campaign))
+    what = "noise that the campaign states and the simulation does not draw"
+    return (f"{what}: {said}",) if said else ()

@@ -27,6 +27,7 @@ from bayes_inertia.campaign.slew_parts import INPUTS, MORE
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.prediction import predict_all
 from bayes_inertia.physics.slew_input import Start
@@ -68,6 +69,47 @@ def example_flight(description: str, label: str, seed: int) -> ExampleFlight:
             _add_columns(tables, parsed, part, entry, *told[entry.field])
     scale = np.asarray(model.data.scale.bias)
     return ExampleFlight(tables, _truth(model, theta, bias * scale, seed))
+
+
+def flown_again(
+    campaign: Campaign,
+    effects: tuple[Effect, ...],
+    values: Mapping[str, Mapping[str, Any]],
+    seed: int,
+    *,
+    draw: bool,
+) -> tuple[Campaign, dict[str, Any]]:
+    """A campaign's slews once more, turned by what its own devices did; and the truth.
+
+    J and K are at the mean of the prior, or with `draw` one draw of it. Slews begin as they did.
+    """
+    rng, model = np.random.default_rng(seed), Model(campaign, effects)
+    theta = np.array(model.space.mean)
+    theta[model.n_base :] = model.space.nulls[model.n_base :]
+    if draw:
+        theta[: model.n_base] = model.draw_prior(rng, 1)[0][: model.n_base]
+    for effect in effects:
+        parts = [np.ravel(values[effect.name][p.name]) for p in effect.parameters(campaign)]
+        theta[model.space.slice_of(effect.name)] = np.concatenate(parts)
+    bias = rng.standard_normal(model.n_bias)
+    readings = _readings(model, theta, bias, model.data.arrays.reference, rng)
+    slews = [_with_told(slew, k, readings) for k, slew in enumerate(campaign.slews)]
+    scale = np.asarray(model.data.scale.bias)
+    return replace(campaign, slews=tuple(slews)), _truth(model, theta, bias * scale, seed)
+
+
+def _with_told(slew: Slew, k: int, readings: Mapping[str, Any]) -> Slew:
+    """A slew with these readings in place of its own."""
+    fields: dict[str, Any] = {}
+    more = dict(slew.more or {})
+    for name, told in readings.items():
+        time, values = told[k]
+        if not len(time):
+            continue
+        column = np.full((len(slew.time), values.shape[1]), np.nan)
+        column[np.searchsorted(slew.time, time)] = values
+        (more if name.startswith(MORE) else fields)[name.removeprefix(MORE)] = column
+    return replace(slew, **fields, more=more or None)
 
 
 def _truth(model: Model, theta: np.ndarray, bias: np.ndarray, seed: int) -> dict[str, Any]:

@@ -41,6 +41,12 @@ def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
     )
 
 
+def flies_plans(campaign: Campaign) -> bool:
+    """Whether wheels and a gyro of three axes can fly a plan."""
+    gyro = campaign.rate_sensor is not None and len(campaign.rate_sensor.axes) == 3
+    return gyro and bool(allocation(campaign.wheels).any())
+
+
 def devices_at_rest(campaign: Campaign) -> tuple[str, ...]:
     """What of a campaign's devices and changes no plan flies, in a sentence; none if all fly.
 
@@ -53,9 +59,9 @@ def devices_at_rest(campaign: Campaign) -> tuple[str, ...]:
     names = [wheel.name for wheel in campaign.wheels if wheel.state == "locked"]
     names += [name for name, _ in campaign.more_sensors]
     names += [device.name for device in (*campaign.actuators, *campaign.changes)]
-    tracker = " and the first star tracker" if campaign.star_tracker else ""
-    flying = f"wheels, the first rate sensor{tracker} fly; left out: "
-    return (flying + ", ".join(names),) if names else ()
+    sensors = ", the first rate sensor and the first star tracker"
+    flying = f"wheels{sensors if campaign.star_tracker else ' and the first rate sensor'} fly; "
+    return (f"{flying}left out: {', '.join(names)}",) if names else ()
 
 
 def following_plan(campaign: Campaign, wheel_momentum: np.ndarray | None = None) -> Plan:

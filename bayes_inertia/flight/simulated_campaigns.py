@@ -19,6 +19,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.errors import EffectError, OutputError
 from bayes_inertia.files import write_atomically
+from bayes_inertia.flight.example_flight import flown_again
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_flight import Flight, fly
@@ -182,8 +183,26 @@ def simulate(
     """
     mission = with_hidden_effects(mission, plan, hidden, seed)
     flight = fly(plan, mission, seed, controller=controller, name=name)
-    folder = Path(out_folder)
-    text = json.dumps(truth_of(flight, seed), indent=1) + "\n"
+    _write_with_truth(flight.campaign, truth_of(flight, seed), Path(out_folder))
+    return flight
+
+
+def simulate_again(
+    campaign: Campaign, out_folder: Path, seed: int, *, draw: bool = False, hidden: Sequence[str]
+) -> Campaign:
+    """Fly a campaign's own slews again, in open loop, and write it, with `truth.json` beside it.
+
+    Whatever turns the spacecraft does what it did. `draw`: see `flown_again`; `hidden`: see
+    `with_hidden_effects`.
+    """
+    effects, values = _hidden_effects(hidden, campaign, np.random.default_rng([seed, 2]))
+    flown, truth = flown_again(campaign, effects, values, seed, draw=draw)
+    _write_with_truth(flown, truth, out_folder)
+    return flown
+
+
+def _write_with_truth(campaign: Campaign, truth: Mapping[str, Any], folder: Path) -> None:
+    text = json.dumps(truth, indent=1) + "\n"
     path = folder / "truth.json"
     if path.exists() and path.read_text(encoding="utf-8") != text:
         raise OutputError(
@@ -191,9 +210,8 @@ def simulate(
             where=str(path),
             advice="write to a new folder",
         )
-    write_campaign(flight.campaign, folder)
+    write_campaign(campaign, folder)
     write_atomically(path, text)
-    return flight
 
 
 def truth_of(flight: Flight, seed: int | None = None) -> dict[str, Any]:

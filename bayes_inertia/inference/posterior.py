@@ -374,6 +374,15 @@ class Posterior:
         """Whether nothing ties the absolute size of J, which then is the prior's."""
         return self.attributes.get("scale_of_J") == []
 
+    @property
+    def sized_samples(self) -> np.ndarray:
+        """The draws (n, size), J at its mean trace where nothing ties its size."""
+        samples = np.array(self.samples)
+        if self.is_scale_untied:
+            trace = samples[:, :3].sum(axis=1, keepdims=True)
+            samples[:, :6] *= trace.mean() / trace
+        return samples
+
     def _ratios(self) -> dict[str, Any]:
         """Elements of J over its trace, and ratios of the principal moments."""
         prior: Any = self.tree["prior"]

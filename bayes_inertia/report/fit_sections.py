@@ -218,19 +218,22 @@ def parameters_section(posterior: Posterior) -> Section:
     """The table of parameters and principal moments, prior against posterior."""
     summary, criteria = posterior.summary(), criteria_of(posterior.attributes)
     prior_mean = values_of(posterior, "estimate", "prior_mean")
-    further = ratios_told(summary) | summary["derived"]
-    powers = exponents_of(summary["parameters"] | further)
-    rows = [
+    ratios = ratios_told(summary)
+    powers = exponents_of(ratios | summary["parameters"] | summary["derived"])
+    rows = [_row_of_ratio(name, row, powers[name], criteria) for name, row in ratios.items()]
+    rows += [
         _parameter_row(name, row, powers[name], float(center), criteria)
         for (name, row), center in zip(summary["parameters"].items(), prior_mean, strict=True)
     ]
+    for row in rows:  # An sd of the size of J would be the prior's.
+        if f"{row['name']}/trace" in ratios:
+            row |= {"sd": NOT_GIVEN, "contraction": "", "determined": "only its ratio"}
     pictures = captioned("priors", draw_priors(posterior), folded=True)
     context = {
         "rows": rows,
-        "further": [
-            _value_cells(name, row, powers[name])
-            | {"meaning": "ratio" if "/" in name else "principal moment of inertia"}
-            for name, row in further.items()
+        "moments": [
+            _value_cells(name, row, powers[name]) | ({"sd": NOT_GIVEN} if ratios else {})
+            for name, row in summary["derived"].items()
         ],
         "trusted": posterior.trusted,
         "quoted": posterior.quoted_factor is not None,
@@ -256,6 +259,14 @@ def _value_cells(name: str, row: Mapping[str, Any], power: int) -> dict[str, str
     }
 
 
+def _row_of_ratio(
+    name: str, row: Mapping[str, Any], power: int, criteria: Criteria
+) -> dict[str, str]:
+    told = _parameter_row(name, row, power, 0.0, criteria)
+    prior = number(row["prior_sd"], row["prior_sd"], power)
+    return told | {"meaning": "ratio", "prior": f"± {prior}"}
+
+
 def _parameter_row(
     name: str, row: Mapping[str, Any], power: int, prior_mean: float, criteria: Criteria
 ) -> dict[str, str]:
@@ -271,8 +282,12 @@ def _parameter_row(
 
 def determination_section(posterior: Posterior) -> Section:
     """Determined parameters, in words, and the pair plot."""
-    rows, names = posterior.summary()["parameters"], posterior.names
-    matrix = np.atleast_2d(np.corrcoef(posterior.samples.T)).tolist()
+    summary = posterior.summary()
+    ratios, rows = ratios_told(summary), summary["parameters"]
+    # Where nothing ties the size of J, all that is said is said of its ratios.
+    names = [f"{n}/trace" if f"{n}/trace" in ratios else n for n in posterior.names]
+    rows = {n: ratios.get(n) or rows[n] for n in names} | ratios
+    matrix = np.atleast_2d(np.corrcoef(posterior.sized_samples.T)).tolist()
     most = LAYOUT.most_parameters_drawn
     pictures = captioned("pairs", draw_pairs(posterior, most), most, len(names), folded=True)
     context = {

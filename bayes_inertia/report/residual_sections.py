@@ -48,7 +48,11 @@ def residuals_section(posterior: Posterior) -> Section:
     measured = [c for c in range(n_data.shape[1]) if n_data[:, c].sum() > 0]
     noise = posterior.attributes.get("noise", {})
     context = {
-        "channels": [_channel_row(name, fit, criteria) for name in fit["reduced_chi2"]],
+        "channels": [
+            _channel_row(name, fit, criteria)
+            for name, reduced in fit["reduced_chi2"].items()
+            if reduced is not None
+        ],
         "labels": [str(labels[c]) for c in measured],
         "slews": [
             {

@@ -15,6 +15,7 @@ import bayes_inertia
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.plan_file import write_plan
+from bayes_inertia.physics.forward_model import Model
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 
@@ -76,3 +77,21 @@ def test_simulate_says_what_a_spacecraft_lacks_and_what_is_not_simulated(
     (campaign / "campaign.toml").write_text(text.replace("[rate_sensor]", wandering))
     assert run("simulate", "-o", tmp_path / "out", "--campaign", campaign) == 0
     assert "does not draw: rate_random_walk" in capsys.readouterr().err
+
+
+def test_a_spacecraft_that_no_plan_flies_flies_its_own_slews_again(tmp_path, capsys):
+    assert run("new", "--like", "thruster", tmp_path / "given", "--seed", "1") == 0
+    truth = simulated_truth(tmp_path / "again", "--campaign", tmp_path / "given", "--draw")
+    given, flown = (read_campaign(tmp_path / name) for name in ("given", "again"))
+    assert "own slews were flown again" in capsys.readouterr().err
+    assert [slew.name for slew in flown.slews] == [slew.name for slew in given.slews]
+    jets = (flown.slews[1].inputs["jets"], given.slews[1].inputs["jets"])
+    np.testing.assert_allclose(jets[0].values, jets[1].values)
+    # The forward model at the truth explains what was written.
+    model = Model(flown)
+    theta = np.array(model.space.nulls)
+    theta[:9] = [truth["parameters"][name] for name in model.space.names[:9]]
+    shown = model.predict(theta)["rate"][0, 0]
+    read = flown.slews[0].rate
+    spread = (read - shown[: len(read)]) / np.array(flown.rate_sensor.sigma)
+    assert np.abs(np.diff(spread, axis=0)).max() < 7.0 * 2**0.5

@@ -1,10 +1,18 @@
 """The card on top of a report: one verdict, J and K, the next slew, the origin."""
 
+import json
 import re
 
 import pytest
 
-from bayes_inertia.report.fit_sections import result_sections, standard_sections
+from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.maths.inertia_tensor import ELEMENTS
+from bayes_inertia.report.fit_sections import (
+    determination_section,
+    parameters_section,
+    result_sections,
+    standard_sections,
+)
 from bayes_inertia.report.formatting import number
 from bayes_inertia.report.page import page_facts, render, render_page
 from bayes_inertia.report.words import phrase
@@ -87,3 +95,19 @@ def test_the_head_says_where_a_result_comes_from_and_leaves_out_what_is_not_know
     head = re.search(r'<p class="facts">(.*?)</p>', page)[1]
     assert re.findall(r"<b>([^<]*)</b>", head) == ["2026-11-26", "campaign_3", "0.1.0"]
     assert "an &lt;operator&gt;" in render_page("t", [], facts)
+
+
+def test_of_a_tensor_without_a_size_only_ratios_are_said(posteriors):
+    posterior = Posterior(posteriors["good"].tree.copy(deep=True))
+    attributes = posterior.attributes | {"scale_of_J": []}
+    posterior.tree.attrs["bayes_inertia"] = json.dumps(attributes)
+    assert [row["quoted_sd"] for row in posterior.summary()["derived"].values()] == [None] * 3
+    context = parameters_section(posterior).context
+    rows = {row["name"]: row for row in context["rows"]}
+    assert list(rows)[:2] == ["Jxx/trace", "Jyy/trace"]
+    assert rows["Jxx/trace"]["determined"] == "determined"
+    without = [*(rows[n] for n in ELEMENTS), *context["moments"]]
+    assert {(row["quoted_sd"], row["sd"]) for row in without} == {("–", "–")}
+    groups = determination_section(posterior).context["groups"]
+    assert "Jxx/trace" in groups["determined"]
+    assert not set(ELEMENTS) & {name for names in groups.values() for name in names}

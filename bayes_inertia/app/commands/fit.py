@@ -303,7 +303,7 @@ def _parameter_rows(summary: dict[str, Any]) -> Iterator[tuple[str, ...]]:
             NOT_GIVEN if quoted is None else number(quoted, quoted, power),
             unit_text(p["unit"], power),
             number(p["prior_sd"], p["prior_sd"], power),
-            _DETERMINED[determination_of(p, criteria)],
+            "its ratio" if f"{name}/trace" in shown else _DETERMINED[determination_of(p, criteria)],
         )
 
 

@@ -22,7 +22,8 @@ SpacecraftOf = Annotated[
     Path | None,
     typer.Option(
         help="Campaign whose spacecraft flies: its wheels, sensors and noise, J and K at the mean "
-        "of its prior. Without it, a MOST-like spacecraft."
+        "of its prior. One that no plan flies (no wheels, no gyro of three axes) repeats its own "
+        "slews. Without it, a MOST-like spacecraft."
     ),
 ]
 DrawTruth = Annotated[
@@ -59,7 +60,7 @@ def simulate_command(
         simulated = run_simulate(out, plan, campaign, hidden=hide or (), draw=draw, seed=seed)
     for note in simulated.notes:
         say(note)
-    slews = [slew.name for slew in simulated.flight.campaign.slews]
+    slews = [slew.name for slew in simulated.campaign.slews]
     if as_json:
         print_json(_document(simulated, slews, out))
         return
