@@ -319,7 +319,9 @@ class Evidence:
         out = coefficients_of(model, standing)
         gone = np.concatenate([np.zeros(len(self.shaped) + b, bool), out])
         kept = np.flatnonzero(~gone[unknowns.order])
-        places = np.where(kept < len(self.shaped) + b, kept, kept + held)
+        shared = len(self.shaped) + b
+        places = np.where(kept < shared, kept, kept + held)
+        places = np.concatenate([places, shared + np.arange(held)])
         u = len(unknowns.order)
         products, filtered = np.zeros((model.n_slews, 1 + u, 1 + u)), {}
         for channel, each, r, j in zip(model.channels, white, s.residuals, s.jacobian, strict=True):
@@ -327,7 +329,9 @@ class Evidence:
             r = np.asarray(r) - np.einsum("snk,sk->sn", columns[..., gone], point.local[:, out])
             columns = np.where(gone, 0.0, columns * unknowns.scale)[..., unknowns.order]
             if channel.name in names:
+                # One shape, whichever parameters may move: columns of those held are zero.
                 columns = np.concatenate([r[..., None], columns[..., kept]], -1)
+                columns = filled(columns, 1 + len(kept) + held, -1)
                 filtered[channel.name] = self._rows(channel, each, columns, places)
             else:
                 columns = np.concatenate([r[..., None], columns], -1)
@@ -350,12 +354,9 @@ class Evidence:
         def padded(x: np.ndarray) -> np.ndarray:
             return filled(filled(x, size, 0), n)
 
-        # Columns in few sizes, too, whichever parameters may move: what is added is zero.
-        columns = padded(columns.reshape(*valid.shape, -1))
-        width = padded_size(columns.shape[-1], 1, often=True)
         return FilteredRows(
-            filled(columns, width, -1),
-            repeated(places, width - 1, 0),
+            padded(columns.reshape(*valid.shape, -1)),
+            places,
             padded(valid),
             rows,
             noise.variance,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -38,8 +40,9 @@ def test_what_a_fit_evaluates_is_compiled_beside_the_body():
     white, everything = whitening(model, point.theta), np.arange(model.space.size)
     likelihood.residuals(model.structure, point, model.data, white)
     # Also where fewer parameters may move.
-    for free in (everything, np.setdiff1d(everything, [7])):
-        evidence = hyperparameters.Evidence(model, point, white, free)
+    subsets = (everything, np.setdiff1d(everything, [7]))
+    for free, whole in itertools.product(subsets, (True, False)):
+        evidence = hyperparameters.Evidence(model, point, white, free, whole)
         evidence.negative_log(evidence.standardised(point.theta))
     assert sizes() == compiled
 
