@@ -21,8 +21,8 @@ def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
     """
     campaign = campaign.without_locked_wheels()
     turned_by = ", ".join(device.name for device in campaign.actuators) or "nothing"
-    what = f"plans fly wheels that motors drive, and {turned_by} turns this spacecraft"
-    advice = "`observe` and `fit` take whatever turns it"
+    what = f"plans fly wheels that motors drive; what turns this spacecraft: {turned_by}"
+    advice = "`fit`, `observe` and `simulate` without a plan take whatever turns it"
     require(bool(allocation(campaign.wheels).any()), "wheels", what, advice)
     J = np.array(
         [

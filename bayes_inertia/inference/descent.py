@@ -153,12 +153,16 @@ def _unexplained(time: np.ndarray, rate: np.ndarray, momentum: np.ndarray) -> np
     return momentum - momentum[0] + _integrated(np.cross(rate, momentum), time)
 
 
-def _rows_and_rates(model: Model, K: np.ndarray, s: int) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (n,) of slew s with complete readings, and its body rates there (n, 3) [rad/s]."""
-    campaign = model.campaign.with_body_rates
-    rows, readings = campaign.slews[s].complete_rates(campaign.valid_readings(campaign.slews[s]))
-    K = K if campaign is model.campaign else np.ones(3)
-    return rows, body_rates(campaign.gyro, readings, K)
+def _complete_readings(model: Model, s: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (n,) of slew s with complete readings, and these."""
+    seen = model.campaign.with_body_rates
+    return seen.slews[s].complete_rates(seen.valid_readings(seen.slews[s]))
+
+
+def _rate_B(model: Model, readings: np.ndarray, K: np.ndarray) -> np.ndarray:
+    """Body rates (n, 3) of readings [rad/s]."""
+    seen = model.campaign.with_body_rates
+    return body_rates(seen.gyro, readings, K if seen is model.campaign else np.ones(3))
 
 
 def _start_momentum(
@@ -166,10 +170,10 @@ def _start_momentum(
 ) -> np.ndarray:
     """Wheel momentum (wheels,) at the start of slew s beyond the reference, in prior sd."""
     slew, axes = model.campaign.slews[s], model.campaign.wheel_axes_B
-    rows, rate = _rows_and_rates(model, scale_factor, s)
+    rows, readings = _complete_readings(model, s)
     if len(rows) < 2:
         return np.zeros(len(prior_sd))
-    time = slew.time[rows]
+    time, rate = slew.time[rows], _rate_B(model, readings, scale_factor)
     taken_up = _integrated(np.asarray(slew.wheel_torque), slew.time)[rows]
     reference = np.asarray(model.data.arrays.reference.wheel_momentum)[s]
     unexplained = _unexplained(time, rate, rate @ J + (taken_up + reference) @ axes.T)
@@ -188,28 +192,33 @@ def _start_momentum(
 def _balanced(model: Model, theta: np.ndarray) -> np.ndarray:
     """J and K near which a body that nothing turns keeps its momentum, as the rates show it.
 
-    `theta` (d,); of other bodies it is returned as it is. From a J that is some per cent wrong a
-    simulated tumble soon turns the other way; this balance needs no simulation.
+    `theta` (d,); returned as it is of other bodies, and where the balance is lost in bias and noise
+    of the rates. From a J that is some per cent wrong a simulated tumble soon turns the other way;
+    this balance needs no simulation.
     """
-    if model.campaign.wheels or model.campaign.actuators:
+    campaign = model.campaign
+    if campaign.wheels or campaign.actuators:
         return theta
     n, mean, sd = model.n_base, model.space.mean[: model.n_base], model.space.sd[: model.n_base]
+    told = [_complete_readings(model, s) for s in range(model.n_slews)]
+    told = [(campaign.slews[s].time[rows], x) for s, (rows, x) in enumerate(told) if len(rows) > 1]
 
     def residual(x: np.ndarray) -> np.ndarray:
         J, K = inertia_tensor.tensor(mean[:6] + sd[:6] * x[:6]), mean[6:] + sd[6:] * x[6:]
         parts = [x]
-        for s, slew in enumerate(model.campaign.slews):
-            rows, rate = _rows_and_rates(model, K, s)
+        for time, readings in told:
+            rate = _rate_B(model, readings, K)
             momentum = rate @ np.asarray(J)
             size = LIMITS.balance * np.linalg.norm(momentum, axis=1).max(initial=1e-300)
-            gained = _unexplained(slew.time[rows], rate, momentum) if len(rows) else momentum
-            parts.append(gained.ravel() / size)
+            # What bias and noise make of it lasts over the slew: its rows count as one.
+            gained = _unexplained(time, rate, momentum) / (size * np.sqrt(len(time)))
+            parts.append(gained.ravel())
         return np.concatenate(parts)
 
-    start = (theta[:n] - mean) / sd
-    found = np.array(theta)
-    found[:n] = mean + sd * optimize.least_squares(residual, start).x
-    return found if inertia_tensor.is_physical(found[:6]) else theta
+    x = optimize.least_squares(residual, (theta[:n] - mean) / sd).x
+    found = np.concatenate([mean + sd * x, theta[n:]])
+    credible = bool(np.abs(x).max() < LIMITS.prior_sd_at_most)
+    return found if credible and inertia_tensor.is_physical(found[:6]) else theta
 
 
 def gentle_descents(
@@ -282,9 +291,13 @@ def _gentle_descent(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[
     weights = np.full((model.n_slews, len(model.channels)), LIMITS.gentle_weight)
     white = discounted(whitening(model, theta), weights)
     core = free[free < model.n_base]
+    starts = [theta]
     if np.array_equal(core, np.arange(model.n_base)):
-        theta = _balanced(model, theta)
-    first = Point(theta, np.zeros(model.n_bias), guess_nuisances(model, theta))
+        starts += [x for x in [_balanced(model, theta)] if x is not theta]
+    points = [Point(x, np.zeros(model.n_bias), guess_nuisances(model, x)) for x in starts]
+    first = points[0]
+    if len(points) > 1:
+        first = min(points, key=lambda point: negative_log_posterior(model, point, white))
     point, objective = descend(model, first, white, core, **LIMITS.gentle_stop)
     if np.any(first.local):
         guess = Point(point.theta, point.bias, guess_nuisances(model, point.theta))
