@@ -286,6 +286,9 @@ def random_members(
     members: list[RandomMember] = []
     unnamed: dict[str, list[tuple[Signal, float]]] = {}
     for i, effect in enumerate(both):
+        source = source_of(effect)
+        if isinstance(effect, TachometerShape) and source in unnamed:
+            continue
         columns = coefficient_columns(response, effect)
         if not columns.any():
             continue
@@ -293,7 +296,6 @@ def random_members(
         if not isinstance(effect, TachometerShape):
             kept = len(linear.held) == 0 and _numbers(own, both) <= LIMITS.largest_matrices
             members.append(_random(effect, model, signal, own, kept=kept))
-        source = source_of(effect)
         if nameless and own[0].blocks.shape[-1] > 1 and source not in unnamed:
             unnamed[source] = _free(effect, model, signal, own)
     if nameless:
