@@ -122,7 +122,11 @@ def of_slews(raw: RawCampaign, which: Sequence[int]) -> RawCampaign:
 def raw_of(campaign: Campaign) -> RawCampaign:
     """A campaign in memory as plain data, without environment columns and the axes of its slews."""
     text, tables = content_of(campaign)
-    raw = _plain_data(text, lambda file: tables[file].columns)
+    columns = {
+        file: {name: column.values for name, column in table.columns.items()}
+        for file, table in tables.items()
+    }
+    raw = _plain_data(text, columns.__getitem__)
     for slew in raw.description["slews"]:
         for told in ("axis", "angle_deg"):
             slew.pop(told, None)

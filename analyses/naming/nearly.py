@@ -36,7 +36,6 @@ FOLDER = results_of(__file__)
 ROWS = FOLDER / "nearly.jsonl"
 _KEY = 44_05
 _TIMES = (3.0, 10.0, 30.0)
-_MEASURED = {True: "with", False: "without"}
 
 
 @dataclass(frozen=True)

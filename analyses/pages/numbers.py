@@ -145,6 +145,13 @@ def formulas() -> Iterator[tuple[str, str]]:
     yield "formulas.imitated", f"{sum(x in ('named', 'ambiguous') for x in found)}"
 
 
+def nearly() -> Iterator[tuple[str, str]]:
+    """Strong effects of nearly the library's shapes."""
+    found = rows("nearly")
+    yield "nearly.right", f"{sum(row['right'] for row in found)}"
+    yield "nearly.campaigns", f"{len(found)}"
+
+
 def naming_random() -> Iterator[tuple[str, str]]:
     """Stochastic effects, and disturbances outside the library."""
     found = [row for row in rows("naming_*") if row["kind"] != "prior" and "error" not in row]
@@ -386,6 +393,7 @@ GROUPS: tuple[Callable[[], Iterator[tuple[str, str]]], ...] = (
     calibration,
     naming,
     formulas,
+    nearly,
     naming_random,
     probabilities,
     unexplained,

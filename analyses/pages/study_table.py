@@ -89,6 +89,13 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
             "formulas",
         ),
         (
+            "An effect 3, 10 and 30 times as strong whose shape differs a little (a delay for a "
+            "lag, friction with a dip, a tilted field, a gain that drifts)",
+            "the right name is named or in the set in {nearly.right} of {nearly.campaigns} "
+            "campaigns, half of them without tachometers",
+            "nearly",
+        ),
+        (
             "Two effects at once; three",
             "all found in {naming.pair_found} of {naming.pair}; {naming.triple_found} of "
             "{naming.triple}",

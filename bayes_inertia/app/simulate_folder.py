@@ -20,7 +20,7 @@ from bayes_inertia.flight.simulated_campaigns import draw_spacecraft, simulate, 
 from bayes_inertia.physics.stated_noise import stated_terms
 
 _OPEN_LOOP = (
-    "plans fly wheels about three axes by a gyro of three: this campaign's own slews were flown "
+    "plans fly wheels by a gyro of three axes: this campaign's own slews were flown "
     "again, turned by what its devices did"
 )
 

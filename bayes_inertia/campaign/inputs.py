@@ -136,7 +136,10 @@ def held_integral(time: np.ndarray, values: np.ndarray, moments: np.ndarray) -> 
     """Integral (m, k), from the first time to moments (m,), of values (n, k) that are held."""
     added = values[:-1] * np.diff(time)[:, None]
     sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(added, axis=0)])
-    return np.stack([np.interp(moments, time, column) for column in sums.T], axis=1)
+    found = np.zeros((len(moments), values.shape[1]))
+    for k, column in enumerate(sums.T):
+        found[:, k] = np.interp(moments, time, column)
+    return found
 
 
 def _require_pulses(time: np.ndarray, values: np.ndarray, key: str) -> None:

@@ -15,7 +15,7 @@ from bayes_inertia.design.margins import broken_limits, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.errors import BayesInertiaError, DesignError
 from bayes_inertia.flight.plan import Plan, PlannedSlew
-from bayes_inertia.flight.spacecraft import Spacecraft, allocation
+from bayes_inertia.flight.spacecraft import Spacecraft
 
 
 def require_feasible(
@@ -40,7 +40,8 @@ def axes_of_control(wheels: Sequence[Wheel]) -> int:
     >>> axes_of_control([Wheel("x", (1.0, 0.0, 0.0), 1e-3)])
     1
     """
-    return int(np.linalg.matrix_rank(allocation(wheels), tol=1e-6)) if wheels else 0
+    axes_B = [wheel.axis_B for wheel in wheels if wheel.state == "running"]
+    return int(np.linalg.matrix_rank(np.array(axes_B), tol=1e-6)) if axes_B else 0
 
 
 def require_three_axes(wheels: Sequence[Wheel], error: type[BayesInertiaError]) -> None:

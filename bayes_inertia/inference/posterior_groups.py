@@ -15,6 +15,7 @@ import jax
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import RateSensor
 from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.each_slew import of_slew
 from bayes_inertia.inference.gates import check_gates, groups_of_slews
@@ -276,6 +277,11 @@ def _attributes(estimate: Estimate, chains: Chains, context: FitContext) -> dict
         "wheels": model.structure.wheels,
         "free_momenta": model.structure.free_momenta,
         "scale_of_J": ties_of_scale(model.campaign),
+        "angle_sensors": [
+            name
+            for name, sensor in model.campaign.sensors.items()
+            if not isinstance(sensor, RateSensor)
+        ],
         **_frames(model.campaign),
         "versions": {name: metadata.version(name) for name in _LIBRARIES},
     }

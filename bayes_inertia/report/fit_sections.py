@@ -147,6 +147,8 @@ def limits_section(posterior: Posterior) -> Section:
         "drive": attributes["drive"],
         "effects": attributes["effects"],
         "channels": [c for c in ("attitude", "momentum") if c in predicted],
+        "angle_sensors": attributes.get("angle_sensors", ()),
+        "scale_factors": [name for name in posterior.names if kind_of(name) == "K"],
         "wheels": attributes.get("wheels", 3),
         "ties": tie_sentences(posterior),
         "free_momenta": attributes.get("free_momenta", 0),

@@ -61,9 +61,10 @@ def kind_of(name: str) -> str:
 
     Examples
     --------
-    >>> [kind_of(name) for name in ("Jxx", "Jxy", "K4", "mems.K1")]
-    ['moment of inertia', 'product of inertia', 'K', 'mems']
+    >>> [kind_of(name) for name in ("Jxx", "Jxy", "K4", "mems.K1", "Jxy/trace")]
+    ['moment of inertia', 'product of inertia', 'K', 'mems', 'product of inertia']
     """
+    name = name.removesuffix("/trace")
     effect, dot, _ = name.partition(".")
     if dot:
         return effect

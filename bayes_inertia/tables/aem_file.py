@@ -128,7 +128,7 @@ def _blocks(text: str, label: str, read: Mapping[str, bool]) -> list[_Block]:
             blocks += [] if block is outside else [block]
         elif not line or line.startswith("COMMENT") or block.name not in read:
             continue
-        elif read[block.name] and "=" not in line:
+        elif read[block.name] and (block.name == "DATA" or "=" not in line):
             block.rows.append(tuple(line.split()))
             block.lines.append(number)
         else:

@@ -131,7 +131,8 @@ class Table:
         column = self.column(name)
         if column.is_text:
             row, cell = _first_text(column.values)
-            what, where = f"{shortened(cell)!r} is not a number", self.place(row, name)
+            stored = "is not a number" if math.isnan(number_of(cell)) else "is stored as a text"
+            what, where = f"{shortened(cell)!r} {stored}", self.place(row, name)
             raise CampaignError(what, where=where, advice=_number_in_place_of(cell))
         values = column.values.astype(float)
         infinite = np.isinf(values)
@@ -177,6 +178,8 @@ def _first_text(values: np.ndarray) -> tuple[int, str]:
 
 def _number_in_place_of(cell: str) -> str:
     """What to write in the place of a cell that is no number."""
+    if not math.isnan(number_of(cell)):
+        return "store the column as numbers"
     if re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", cell):
         return "write a decimal point, not a comma"
     if re.search(r"\d[-/:T]\d", cell):

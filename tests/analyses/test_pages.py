@@ -42,6 +42,7 @@ DEFINITIONS = {
         "above 100 times the wheel's limit",
         "here 0.25 s",
         "4 sd from one half",
+        "What 2 % lost rows cost",
     ),
     "how_to/doctor.md": (
         "within 3 sds",

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
+from bayes_inertia.design.feasibility import axes_of_control
 from bayes_inertia.design.limits import (
     KeepOut,
     Limits,
@@ -96,3 +97,11 @@ def test_planned_margins_are_those_of_the_closed_loop(craft, prior):
     ):
         assert planned.limit == flown.limit
         assert flown.used == pytest.approx(planned.used, rel=0.03)
+
+
+@pytest.mark.parametrize(("out_of_plane", "axes"), [(1e-8, 2), (0.1, 3)])
+def test_wheels_nearly_in_one_plane_turn_about_two_axes(out_of_plane, axes):
+    directions = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.6, 0.8, out_of_plane)
+    wheels = [Wheel(name, axis, 1e-3) for name, axis in zip("abc", directions, strict=True)]
+    assert axes_of_control(wheels) == axes
+    assert axes_of_control([replace(wheel, state="free") for wheel in wheels]) == 0

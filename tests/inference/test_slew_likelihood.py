@@ -95,7 +95,7 @@ def test_leave_one_slew_out_is_that_of_exact_refits(template, tmp_path):
         numbers = fitted.information.n_data[left_out].sum()
         exact.append(evidence(fitted) - evidence(others) + 0.5 * numbers)
     # Above a Pareto k of 0.7 a slew tells much that no other does, and ArviZ says so.
-    within = np.where(loo.pareto_k.values <= 0.7, 1.0, 2.0)
+    within = np.where(loo.pareto_k.values <= 0.7, 1.0, 1.6)
     assert (np.abs(loo.elpd_i.values - exact) < within).all()
     assert np.ptp(exact) > 20.0
 

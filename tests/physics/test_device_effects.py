@@ -123,6 +123,17 @@ def test_the_gain_of_a_device_is_that_of_its_record(equipped):
         np.testing.assert_allclose(predicted[1][channel], values, rtol=1e-9, atol=1e-13)
 
 
+def test_a_device_of_one_number_has_one_gain(equipped):
+    """Its gain and its gain of each would be the same column twice."""
+    slews = tuple(
+        replace(s, inputs={"jet": replace(told, values=told.values[:, :1])})
+        for s in equipped.slews
+        for told in [s.inputs["jets"]]
+    )
+    one = replace(equipped, actuators=(Thruster("jet", TORQUES[:1]),), slews=slews)
+    assert [e.kind for e in errors_of("jet", one)] == ["gain", "direction", "delay"]
+
+
 def test_gains_of_each_are_those_of_the_record(equipped):
     doubtful = replace(equipped.actuators[1], each_gain_sigma=0.02)
     actuators = (equipped.actuators[0], doubtful, equipped.actuators[2])

@@ -140,10 +140,35 @@ def test_limits(drive, effects, channels, wheels, slews, says, does_not_say):
         n_slews=slews,
         ties=[],
         free_momenta=3 * (drive == "measured"),
+        angle_sensors=[],
+        scale_factors=["K1", "K2", "K3"],
         listed=listed,
     )
     assert [s for s in says if s not in said] == []
     assert [s for s in does_not_say if s in said] == []
+
+
+@pytest.mark.parametrize(
+    ("angle_sensors", "scale_factors", "doubted"),
+    [([], ["K1"], True), (["sun", "magnetometer"], ["K1"], False), ([], [], False)],
+)
+def test_scale_factors_are_doubted_where_nothing_measures_angles(
+    angle_sensors, scale_factors, doubted
+):
+    said = page_of(
+        "limits.html",
+        drive="commanded",
+        effects=[],
+        channels=[],
+        wheels=0,
+        n_slews=8,
+        ties=[],
+        free_momenta=0,
+        angle_sensors=angle_sensors,
+        scale_factors=scale_factors,
+        listed=listed,
+    )
+    assert ("K rests mostly on its prior" in said) is doubted
 
 
 def test_limits_say_which_device_ties_the_size_of_the_tensor():

@@ -245,6 +245,7 @@ def show_verdict(sentence: str, trusted: bool) -> None:
 
 def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> None:
     """Print a fit's gates first, then its numbers."""
+    from bayes_inertia.report.criteria import ratios_told
     from bayes_inertia.report.words import averaged_over, dirt_sentences
 
     console = plain_console()
@@ -252,7 +253,8 @@ def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> 
     for sentence in dirt_sentences(summary.get("dirt", [])):
         console.print(indented(sentence))
     print_table(_COLUMNS, _parameter_rows(summary))
-    if all(p["quoted_sd"] is None for p in summary["parameters"].values()):
+    told = ratios_told(summary) | summary["parameters"]
+    if all(row["quoted_sd"] is None for row in told.values()):
         console.print("sd: none can be quoted, this result is not to be used")
     elif causes := averaged_over(summary):
         console.print(f"estimate and sd: averaged over what may be true ({causes})")

@@ -105,7 +105,7 @@ def show_fits(result: WorkResult, folder: Path) -> None:
 def _cell(row: dict[str, Any], name: str) -> str:
     from bayes_inertia.report.formatting import NOT_GIVEN, exponent, number, unit_text
 
-    sd = row[f"{name}_quoted_sd"]
+    sd = row.get(f"{name}_quoted_sd")  # None of K that the gyro does not have
     if sd is None:
         return NOT_GIVEN
     power = exponent(row[name], sd)

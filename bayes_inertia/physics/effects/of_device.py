@@ -135,7 +135,12 @@ def errors_of(device: str, campaign: Campaign) -> tuple[Effect, ...]:
     if isinstance(record, Actuator):
         acting = DEVICE_EFFECTS[type(record)](record)
         actuator_errors = cast("tuple[ActuatorError, ...]", KINDS[Actuator])
-        return tuple(replace(e, acting=acting, device=device) for e in actuator_errors)
+        return tuple(
+            replace(e, acting=acting, device=device)
+            for e in actuator_errors
+            # A gain of each of one is the gain.
+            if record.columns > 1 or not isinstance(e, ActuatorEachGain)
+        )
     own = KINDS.get(type(record), ())
     is_field = getattr(record, "is_field", False)
     return tuple(
