@@ -71,6 +71,8 @@ nitpicky = True
 # network.
 DEFAULT_LINKS.clear()
 nitpick_ignore_regex = [("py:.*", r"(?!bayes_inertia).*")]
+# A base that only effects of the package have.
+nitpick_ignore = [("py:class", "bayes_inertia.physics.stochastic_effect.ReadingNoise")]
 numpydoc_xref_param_type = True
 numpydoc_xref_ignore = "all"
 numpydoc_xref_aliases = {name: f"bayes_inertia.{name}" for name in bayes_inertia.__all__}

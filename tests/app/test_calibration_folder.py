@@ -30,6 +30,7 @@ def ranked(monkeypatch):
     monkeypatch.setattr(CalibrationFit, "__call__", fit)
 
 
+@pytest.mark.slow
 def test_right_and_wrong_posteriors_are_told_apart(ranked, tmp_path: Path, capsys):
     words = ["study", "calibration", "-o", str(tmp_path / "right"), "--fits", "40"]
     with pytest.raises(SystemExit) as stop:

@@ -144,6 +144,7 @@ def test_fits_of_a_fleet(printed):
     assert "0.00012" in out
 
 
+@pytest.mark.slow
 def test_observability(printed):
     campaign = small_campaign()
     campaign = replace(campaign, slews=campaign.slews[:1])

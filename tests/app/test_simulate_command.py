@@ -44,6 +44,7 @@ def simulated_truth(out: Path, *options) -> dict:
     return json.loads((out / "truth.json").read_text())
 
 
+@pytest.mark.slow
 def test_simulate_flies_the_spacecraft_of_a_campaign(campaign, tmp_path, capsys):
     given = read_campaign(campaign)
     truth = simulated_truth(tmp_path / "mean", "--campaign", campaign)
@@ -79,6 +80,7 @@ def test_simulate_says_what_a_spacecraft_lacks_and_what_is_not_simulated(
     assert "does not draw: rate_random_walk" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_spacecraft_that_no_plan_flies_flies_its_own_slews_again(tmp_path, capsys):
     assert run("new", "--like", "thruster", tmp_path / "given", "--seed", "1") == 0
     truth = simulated_truth(tmp_path / "again", "--campaign", tmp_path / "given", "--draw")

@@ -43,6 +43,7 @@ def words_of_effects() -> int:
     return len(through_shell("", "effects", PYTHONIOENCODING="utf-8").stdout.decode().split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("encoding", ["cp1252", "ascii", "latin-1", "cp437"])
 def test_letters_that_a_code_page_lacks_are_replaced(encoding, words_of_effects):
     done = through_shell("", "effects", PYTHONIOENCODING=encoding)

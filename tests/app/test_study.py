@@ -94,6 +94,7 @@ def test_sds_that_are_too_small_end_with_3(tmp_path, capsys, monkeypatch):
     assert "Jxx" in json.loads((tmp_path / "run" / "study.json").read_text())["too_small"]
 
 
+@pytest.mark.slow
 def test_campaigns_that_cannot_be_fitted_are_reported_and_left_out(tmp_path, capsys, monkeypatch):
     good, calls = made(25, 3).achieved, iter(range(25))
 

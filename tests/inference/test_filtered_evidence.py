@@ -95,6 +95,7 @@ def covariance_of(process, campaign, slew, at):
     return abs(slew.start + begin - middle) + length + np.minimum.outer(at, at) - begin
 
 
+@pytest.mark.slow
 def test_the_evidence_is_the_density_of_all_readings(plain):
     """Differences between sizes and times: constants fall out. Tachometers may walk as well."""
     evidence = evidence_at(plain, RateRandomWalk(), RateBiasInstability(), TachometerNoiseWalk())
@@ -107,6 +108,7 @@ def test_the_evidence_is_the_density_of_all_readings(plain):
     assert np.abs(np.diff(dense)).min() > 20.0
 
 
+@pytest.mark.slow
 def test_the_slope_of_the_evidence_is_that_of_its_values(plain):
     evidence, x, step = evidence_at(plain, RateBiasInstability()), np.array([0.3, -0.2]), 1e-4
     slope = evidence.negative_log(x)[1]
@@ -126,6 +128,7 @@ def test_the_peak_is_where_nothing_around_is_higher_and_near_the_truth(plain):
     assert point.theta[-2:] == pytest.approx([SD, TIME], rel=0.35)
 
 
+@pytest.mark.slow
 def test_tachometers_that_walk_are_filtered_as_rates_are(plain):
     """Their size is learnt from all of the walk, and what it does between knots is filtered."""
     evidence = evidence_at(plain, TachometerNoiseWalk(knots=5))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from support.chains import SHORT
 
 from bayes_inertia.inference.gates import autocorrelation_time, check_gates, diagnose_chains
@@ -50,6 +51,7 @@ def test_two_modes_between_the_ensembles_fail_the_gate():
     assert not between.converged
 
 
+@pytest.mark.slow
 def test_gates_say_which_noise_was_taken_and_fail_where_something_unknown_remains(small_at):
     chains = sample(small_at, SHORT)
     stated, louder, unknown = (

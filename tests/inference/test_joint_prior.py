@@ -76,6 +76,7 @@ def test_an_update_equals_the_joint_fit(example):
         assert (part.sd[J_AND_K] / sd).max() > 1.2
 
 
+@pytest.mark.slow
 def test_a_prior_without_correlations_is_the_stated_one_to_the_bit():
     campaign = small_campaign()
     stated = bi.estimate(campaign)
@@ -127,6 +128,7 @@ def test_what_is_known_adds_up(campaign):
     assert all(0.0 <= d.contraction <= 1.0 for d in seen.directions)
 
 
+@pytest.mark.slow
 def test_jax_samples_the_joint_prior_too(campaign):
     density = bi.log_density(campaign)
     theta = density.mean + 0.1 * np.sqrt(np.diag(density.covariance))

@@ -88,6 +88,7 @@ def test_at_the_optimum_no_direction_goes_down(fitted):
         assert abs(moved - best - 0.125) < 0.01  # half of 0.5 squared: the Hessian is right as well
 
 
+@pytest.mark.slow
 def test_a_prior_on_the_locked_tensor_gives_the_same_physics(flying, setup_type):
     """J or J_locked: what the file calls its tensor comes out, wheels heavy enough to tell."""
     for includes in (False, True):
@@ -156,6 +157,7 @@ def test_a_point_moves_to_a_model_whose_rows_are_padded_otherwise():
     np.testing.assert_array_equal(moved.theta[:9], theta)
 
 
+@pytest.mark.slow
 def test_without_a_single_reading_the_estimate_is_the_prior():
     """Nothing was measured: no misfit, and nothing to divide it by."""
     campaign = small_campaign()

@@ -43,6 +43,7 @@ class NoNoise:
         return np.zeros(shape)
 
 
+@pytest.mark.slow
 def test_slews_add_up_to_the_density_that_is_sampled(density):
     theta = drawn(density, np.random.default_rng(1))[:50]
     logs, likelihood = by_slew(density, theta, NoNoise()), density.log_likelihood(theta)
@@ -54,6 +55,7 @@ def test_slews_add_up_to_the_density_that_is_sampled(density):
     assert np.corrcoef(logs.sum(1), likelihood)[0, 1] > 0.98
 
 
+@pytest.mark.slow
 def test_noise_that_is_not_as_stated_has_no_slews_apart(campaign):
     noise = bi.NoiseModel(rate=bi.ChannelNoise("student_t"))
     fitted = bi.estimate(bi.Model(campaign, noise=noise))

@@ -110,6 +110,7 @@ def test_an_error_of_a_sensor_shows_in_its_readings_alone(equipped):
         assert moved == expected, effect.name
 
 
+@pytest.mark.slow
 def test_the_gain_of_a_device_is_that_of_its_record(equipped):
     (gain,) = by_name(["gain[torquers]"])
     doubtful = (replace(equipped.actuators[0], gain_sigma=0.02), *equipped.actuators[1:])
@@ -134,6 +135,7 @@ def test_a_device_of_one_number_has_one_gain(equipped):
     assert [e.kind for e in errors_of("jet", one)] == ["gain", "direction", "delay"]
 
 
+@pytest.mark.slow
 def test_gains_of_each_are_those_of_the_record(equipped):
     doubtful = replace(equipped.actuators[1], each_gain_sigma=0.02)
     actuators = (equipped.actuators[0], doubtful, equipped.actuators[2])
@@ -152,6 +154,7 @@ def test_gains_of_each_are_those_of_the_record(equipped):
         np.testing.assert_allclose(predicted[1][channel], values, rtol=1e-9, atol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("between", ["hold", "line"])
 @pytest.mark.parametrize("tau", [0.0, 0.3, 1.7])
 def test_a_delayed_device_does_what_one_does_that_is_told_later(equipped, between, tau):
@@ -189,6 +192,7 @@ def test_effects_of_absent_parts_are_no_candidates():
     assert "rate_bias" in names_of(found.linear)
 
 
+@pytest.mark.slow
 def test_a_direction_turns_the_torques_of_thrusters(equipped):
     turned = replace(equipped.actuators[1], torque_B=TORQUES + np.cross([0.0, 0.0, 1e-3], TORQUES))
     other = replace(equipped, actuators=(equipped.actuators[0], turned, equipped.actuators[2]))

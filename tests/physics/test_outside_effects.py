@@ -163,6 +163,7 @@ def test_an_installed_package_offers_effects_by_name(write, monkeypatch, tmp_pat
     assert effects_named([name]) == effects_named(["push"])
 
 
+@pytest.mark.slow
 def test_a_simulation_hides_an_effect_from_outside(write, tmp_path):
     path, plan = write(PUSH), Plan("one", (PlannedSlew((1.0, 0.0, 0.0), 0.5),))
     flight = simulate(

@@ -45,6 +45,7 @@ def with_gyro(noisy, exact, axes, K, bias, rng):
     return replace(noisy.campaign, rate_sensor=sensor, slews=tuple(slews))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axes", AXES.values(), ids=AXES)
 def test_a_gyro_of_n_axes_has_n_scale_factors_and_finds_J(flying, axes):
     noisy, exact = flying(3), flying(3, noise=0.0)
@@ -68,6 +69,7 @@ def test_a_gyro_of_n_axes_has_n_scale_factors_and_finds_J(flying, axes):
     assert np.std(predicted[::-1] - read) > 0.1 * np.std(read)
 
 
+@pytest.mark.slow
 def test_without_a_gyro_J_comes_from_the_star_tracker(flying, setup_type):
     setup = setup_type(fix_rows=EVERY_ROW)
     noisy, exact = flying(5, setup), flying(5, setup, noise=0.0)
