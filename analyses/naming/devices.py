@@ -12,13 +12,13 @@ campaign to `results/naming/devices.jsonl`; campaigns whose rows are there are l
 from __future__ import annotations
 
 import argparse
-import json
+import itertools
 from dataclasses import replace
 from time import process_time
 
 import numpy as np
 
-from analyses import results_of
+from analyses import made_rows, results_of, rows_of
 from analyses.naming.fixed_shape import RULES, truth_of
 from analyses.naming.fixed_shape_campaigns import (
     degrees_of_freedom,
@@ -168,14 +168,14 @@ def campaign_with(name: str, index: int) -> tuple[Campaign, float, np.ndarray]:
     return flown(plan, (effect,), theta, rng), size * float(np.linalg.norm(step)), truth
 
 
-def row_of(name: str, index: int) -> dict:
+def row_of(hidden: str, index: int) -> dict:
     """One campaign flown and diagnosed."""
-    campaign, size, truth = campaign_with(name, index)
+    campaign, size, truth = campaign_with(hidden, index)
     began = process_time()
     diagnosis = diagnose(campaign, seed=index)
     quoted = quoted_parameters(diagnosis)
     return {
-        "hidden": name,
+        "hidden": hidden,
         "index": index,
         "prior_sds": size,
         "verdict": diagnosis.verdict,
@@ -230,17 +230,12 @@ def main() -> None:
     parser.add_argument("--kinds", nargs="+", default=list(HIDDEN))
     parser.add_argument("--page", action="store_true")
     options = parser.parse_args()
-    rows = [json.loads(line) for line in ROWS.read_text().splitlines()] if ROWS.exists() else []
-    wanted = [] if options.page else [(n, k) for k in range(options.seeds) for n in options.kinds]
-    for name, index in wanted:
-        if (name, index) in {(row["hidden"], row["index"]) for row in rows}:
-            continue
-        rows.append(row_of(name, index))
-        with ROWS.open("a") as file:
-            file.write(json.dumps(rows[-1]) + "\n")
-        told = [rows[-1][key] for key in ("verdict", "named", "ambiguous_with")]
-        print(name, index, *told, f"{rows[-1]['seconds']:.0f} s", flush=True)
-    write_page(rows)
+    wanted = [] if options.page else itertools.product(range(options.seeds), options.kinds)
+    cases = ({"hidden": name, "index": index} for index, name in wanted)
+    for row in made_rows(ROWS, cases, row_of):
+        told = [row[key] for key in ("hidden", "index", "verdict", "named", "ambiguous_with")]
+        print(*told, f"{row['seconds']:.0f} s", flush=True)
+    write_page(rows_of(ROWS))
 
 
 if __name__ == "__main__":

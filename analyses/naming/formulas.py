@@ -14,14 +14,13 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from time import process_time
 
 import numpy as np
 
-from analyses import results_of
+from analyses import made_rows, results_of, rows_of
 from analyses.naming.fixed_shape import NAMES, RULES, hash_of, quoted_z, truth_of
 from analyses.naming.fixed_shape_campaigns import draw, noncentrality
 from analyses.naming.formula_laws import LAWS, Lawful
@@ -123,7 +122,7 @@ OUTCOMES = {
 
 def page() -> str:
     """The page of all rows."""
-    rows = [json.loads(line) for line in ROWS.read_text().splitlines()]
+    rows = rows_of(ROWS)
     strengths = sorted({row["times"] for row in rows})
     counts = {t: [outcome(r) for r in rows if r["times"] == t] for t in strengths}
     held = [abs(z) < 1.645 for row in rows for z in row["quoted_z"]]
@@ -161,13 +160,10 @@ def main() -> None:
     parser.add_argument("--page", action="store_true")
     options = parser.parse_args()
     wanted = itertools.product(options.seeds, options.times, options.laws)
-    known = [json.loads(line) for line in ROWS.read_text().splitlines()]
-    flown = {(row["seed"], row["times"], row["law"]) for row in known}
-    for seed, times, law in (case for case in wanted if case not in flown):
-        row = row_of(law, seed, times)
-        print(law, seed, times, outcome(row), f"{row['seconds']:.0f} s", flush=True)
-        with ROWS.open("a") as file:
-            file.write(json.dumps(row) + "\n")
+    cases = (dict(zip(("seed", "times", "law"), case, strict=True)) for case in wanted)
+    for row in made_rows(ROWS, cases, row_of):
+        told = row["law"], row["seed"], row["times"], outcome(row)
+        print(*told, f"{row['seconds']:.0f} s", flush=True)
     if options.page:
         write_atomically(FOLDER / "formulas.md", page())
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from time import process_time
@@ -21,7 +20,7 @@ from time import process_time
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from analyses import results_of
+from analyses import made_rows, results_of, rows_of
 from analyses.naming.fixed_shape import hash_of, quoted_z, truth_of
 from analyses.naming.fixed_shape_campaigns import draw, without_tachometers
 from analyses.naming.formulas import size_of
@@ -132,7 +131,7 @@ def row_of(shape: str, seed: int, times: float, tachometers: bool) -> dict:
 
 def page() -> str:
     """The page of all rows."""
-    rows = [json.loads(line) for line in ROWS.read_text().splitlines()]
+    rows = rows_of(ROWS)
     body = [
         [
             shape,
@@ -180,18 +179,12 @@ def main() -> None:
     if options.page:
         write_atomically(FOLDER / "nearly.md", page())
         return
-    lines = ROWS.read_text().splitlines() if ROWS.exists() else []
-    keys = ("shape", "seed", "times", "tachometers")
-    done = {tuple(row[key] for key in keys) for row in map(json.loads, lines)}
+    keys = "seed", "times", "tachometers", "shape"
     wanted = itertools.product(options.seeds, options.times, (True, False), options.shapes)
-    for seed, times, tachometers, shape in wanted:
-        if (shape, seed, times, tachometers) in done:
-            continue
-        row = row_of(shape, seed, times, tachometers)
-        with ROWS.open("a") as file:
-            file.write(json.dumps(row) + "\n")
-        told = [row[key] for key in ("verdict", "named", "ambiguous_with")]
-        print(shape, seed, times, tachometers, *told, f"{row['seconds']:.0f} s", flush=True)
+    cases = (dict(zip(keys, case, strict=True)) for case in wanted)
+    for row in made_rows(ROWS, cases, row_of):
+        told = [row[key] for key in (*keys, "verdict", "named", "ambiguous_with")]
+        print(*told, f"{row['seconds']:.0f} s", flush=True)
 
 
 if __name__ == "__main__":

@@ -12,12 +12,11 @@ seconds of processor time a campaign.
 from __future__ import annotations
 
 import argparse
-import json
 
 import numpy as np
 from scipy import stats
 
-from analyses import results_of
+from analyses import made_rows, results_of, rows_of
 from analyses.naming.fixed_shape_campaigns import draw
 from bayes_inertia.diagnosis.clean_start import clean_start
 from bayes_inertia.diagnosis.linear_system import (
@@ -88,13 +87,11 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=0)
     parser.add_argument("--without-tachometers", action="store_true")
     options = parser.parse_args()
-    rows = [json.loads(x) for x in RESULTS.read_text().splitlines()] if RESULTS.exists() else []
     tachometers = not options.without_tachometers
-    done = {row["index"] for row in rows if row["tachometers"] == tachometers}
-    for index in (i for i in range(options.count) if i not in done):
-        rows.append(clean_campaign(index, tachometers))
-        write_atomically(RESULTS, "".join(f"{json.dumps(row)}\n" for row in rows))
-    write_atomically(RESULTS.with_suffix(".md"), page(rows))
+    cases = ({"index": index, "tachometers": tachometers} for index in range(options.count))
+    for row in made_rows(RESULTS, cases, clean_campaign):
+        print(row["index"], flush=True)
+    write_atomically(RESULTS.with_suffix(".md"), page(rows_of(RESULTS)))
 
 
 if __name__ == "__main__":

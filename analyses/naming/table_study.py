@@ -15,12 +15,13 @@ processor time.
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Iterator, Sequence
+from functools import partial
 from time import process_time
 
 import numpy as np
 
+from analyses import made_rows
 from analyses.naming.fixed_shape import (
     FOLDER,
     NAMES,
@@ -195,14 +196,11 @@ def main() -> None:
     for of_kind, label, index in wanted[options.part :: options.of]:
         kind, measured = of_kind.split("/")
         path = FOLDER / f"table_{kind}_{measured}.jsonl"
-        lines = path.read_text().splitlines() if path.exists() else []
-        if (label, index) in {(r["label"], r["index"]) for r in map(json.loads, lines)}:
-            continue
-        row = row_of(kind, label, index, measured == "tacho")
-        with path.open("a") as file:
-            file.write(json.dumps(row) + "\n")
-        told = [row.get(key) for key in ("verdict", "named", "ambiguous_with", "error")]
-        print(of_kind, label, index, *told, f"{row['seconds']:.0f} s", flush=True)
+        case = {"label": label, "index": index}
+        fly = partial(row_of, kind, tachometers=measured == "tacho")
+        for row in made_rows(path, [case], fly):
+            told = [row.get(key) for key in ("verdict", "named", "ambiguous_with", "error")]
+            print(of_kind, label, index, *told, f"{row['seconds']:.0f} s", flush=True)
 
 
 if __name__ == "__main__":

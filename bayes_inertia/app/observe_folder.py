@@ -19,8 +19,8 @@ from bayes_inertia.observability.against_posterior import (
     comparison_json,
 )
 from bayes_inertia.observability.analysis import observe
+from bayes_inertia.observability.observability_json import FORMAT, observability_json
 from bayes_inertia.observability.result import Observability
-from bayes_inertia.observability.sentences import FORMAT, observability_json
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.slew_input import Drive

@@ -17,23 +17,27 @@ from bayes_inertia.flight.follow_on import following_plan
 from bayes_inertia.flight.plan import Plan, paper_like_plan
 from bayes_inertia.flight.plan_file import read_plan
 from bayes_inertia.physics.parameters import BASE_NAMES
+from bayes_inertia.report.formatting import plain
 from bayes_inertia.sealing import sha256_of
 
 PAPER = "paper"
 
 
 def plans_named(texts: Sequence[str], campaign: Campaign) -> dict[str, Plan]:
-    """Plans from files, or `paper`: five slews like the paper's, from where the campaign ended."""
+    """Plans from files, or `paper`: five slews like the paper's, from where the campaign ended.
+
+    Those that would be printed alike bear the name of their file too.
+    """
     base = following_plan(campaign)
     # The paper's slews from where the campaign ended, so that all plans start alike.
     paper = replace(base, name="five slews like the paper's", slews=paper_like_plan().slews)
     read = [(text, paper if text == PAPER else read_plan(text)) for text in texts]
-    names = [plan.name for _, plan in read]
+    printed = [plain(plan.name) for _, plan in read]
     named = {
-        plan.name if names.count(plan.name) == 1 else f"{plan.name} ({Path(text).stem})": plan
-        for text, plan in read
+        plan.name if printed.count(name) == 1 else f"{plan.name} ({Path(text).stem})": plan
+        for name, (text, plan) in zip(printed, read, strict=True)
     }
-    if len(named) < len(read):
+    if len({plain(name) for name in named}) < len(read):
         raise CampaignError("the same plan twice", where="plans", advice="give each once")
     return named
 

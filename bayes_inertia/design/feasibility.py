@@ -6,8 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from bayes_inertia.campaign.hardware import Wheel
 from bayes_inertia.design.feasible_region import FeasibleRegion
 from bayes_inertia.design.limits import Limits
@@ -15,7 +13,7 @@ from bayes_inertia.design.margins import broken_limits, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.errors import BayesInertiaError, DesignError
 from bayes_inertia.flight.plan import Plan, PlannedSlew
-from bayes_inertia.flight.spacecraft import Spacecraft
+from bayes_inertia.flight.spacecraft import Spacecraft, axes_of_control
 
 
 def require_feasible(
@@ -30,18 +28,6 @@ def require_feasible(
     if limits.end_attitude is not None:
         at_end = replace(base, start_attitude=limits.end_attitude, slews=(still,))
         _require_end(at_end, spacecraft, limits)
-
-
-def axes_of_control(wheels: Sequence[Wheel]) -> int:
-    """About how many axes the wheels that motors drive turn a spacecraft.
-
-    Examples
-    --------
-    >>> axes_of_control([Wheel("x", (1.0, 0.0, 0.0), 1e-3)])
-    1
-    """
-    axes_B = [wheel.axis_B for wheel in wheels if wheel.state == "running"]
-    return int(np.linalg.matrix_rank(np.array(axes_B), tol=1e-6)) if axes_B else 0
 
 
 def require_three_axes(wheels: Sequence[Wheel], error: type[BayesInertiaError]) -> None:

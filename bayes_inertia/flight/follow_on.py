@@ -9,7 +9,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import require
 from bayes_inertia.flight.plan import Plan, PlannedSlew
-from bayes_inertia.flight.spacecraft import Spacecraft, allocation, without_spin
+from bayes_inertia.flight.spacecraft import Spacecraft, axes_of_control, without_spin
 
 
 def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
@@ -23,7 +23,7 @@ def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
     turned_by = ", ".join(device.name for device in campaign.actuators) or "nothing"
     what = f"plans fly wheels that motors drive; what turns this spacecraft: {turned_by}"
     advice = "`fit`, `observe` and `simulate` without a plan take whatever turns it"
-    require(bool(allocation(campaign.wheels).any()), "wheels", what, advice)
+    require(axes_of_control(campaign.wheels) > 0, "wheels", what, advice)
     J = np.array(
         [
             [theta[0], theta[3], theta[4]],
@@ -44,7 +44,7 @@ def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
 def flies_plans(campaign: Campaign) -> bool:
     """Whether wheels and a gyro of three axes can fly a plan."""
     gyro = campaign.rate_sensor is not None and len(campaign.rate_sensor.axes) == 3
-    return gyro and bool(allocation(campaign.wheels).any())
+    return gyro and axes_of_control(campaign.wheels) > 0
 
 
 def devices_at_rest(campaign: Campaign) -> tuple[str, ...]:

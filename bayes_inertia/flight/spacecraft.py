@@ -246,8 +246,24 @@ def allocation(wheels: Sequence[Wheel]) -> np.ndarray:
     >>> bool(allocation([Wheel("y", (0., 1., 0.), 1e-3, state="free")]).any())
     False
     """
+    return np.linalg.pinv(_driven_axes_B(wheels))
+
+
+def axes_of_control(wheels: Sequence[Wheel]) -> int:
+    """About how many axes the wheels that motors drive turn a spacecraft.
+
+    Examples
+    --------
+    >>> axes_of_control([Wheel("x", (1.0, 0.0, 0.0), 1e-3)]), axes_of_control(())
+    (1, 0)
+    """
+    return int(np.linalg.matrix_rank(_driven_axes_B(wheels), tol=1e-6)) if wheels else 0
+
+
+def _driven_axes_B(wheels: Sequence[Wheel]) -> np.ndarray:
+    """Spin axes (3, wheels) as columns, zero for a wheel that no motor drives."""
     driven = [w.axis_B if w.state == "running" else (0.0, 0.0, 0.0) for w in wheels]
-    return np.linalg.pinv(np.array(driven).reshape(-1, 3).T)
+    return np.array(driven).reshape(-1, 3).T
 
 
 def spin_tensor(wheels: Sequence[Wheel]) -> np.ndarray:

@@ -189,16 +189,16 @@ def _start_momentum(
     return -np.linalg.solve(normal, columns.T @ unexplained)
 
 
-def _balanced(model: Model, theta: np.ndarray) -> np.ndarray:
+def _balanced(model: Model, theta: np.ndarray) -> np.ndarray | None:
     """J and K near which a body that nothing turns keeps its momentum, as the rates show it.
 
-    `theta` (d,); returned as it is of other bodies, and where the balance is lost in bias and noise
-    of the rates. From a J that is some per cent wrong a simulated tumble soon turns the other way;
+    `theta` (d,). None of other bodies, and where the balance is lost in bias and noise of the
+    rates. From a J that is some per cent wrong a simulated tumble soon turns the other way;
     this balance needs no simulation.
     """
     campaign = model.campaign
     if campaign.wheels or campaign.actuators:
-        return theta
+        return None
     n, mean, sd = model.n_base, model.space.mean[: model.n_base], model.space.sd[: model.n_base]
     told = [_complete_readings(model, s) for s in range(model.n_slews)]
     told = [(campaign.slews[s].time[rows], x) for s, (rows, x) in enumerate(told) if len(rows) > 1]
@@ -218,7 +218,7 @@ def _balanced(model: Model, theta: np.ndarray) -> np.ndarray:
     x = optimize.least_squares(residual, (theta[:n] - mean) / sd).x
     found = np.concatenate([mean + sd * x, theta[n:]])
     credible = bool(np.abs(x).max() < LIMITS.prior_sd_at_most)
-    return found if credible and inertia_tensor.is_physical(found[:6]) else theta
+    return found if credible and inertia_tensor.is_physical(found[:6]) else None
 
 
 def gentle_descents(
@@ -280,6 +280,11 @@ def _descents(
     return descents
 
 
+def _without_bias(model: Model, theta: np.ndarray) -> Point:
+    """A point to begin from: no bias, nuisances guessed."""
+    return Point(theta, np.zeros(model.n_bias), guess_nuisances(model, theta))
+
+
 def _gentle_descent(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[float, Point]:
     """Objective and end of a descent with the data counted weakly.
 
@@ -291,13 +296,11 @@ def _gentle_descent(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[
     weights = np.full((model.n_slews, len(model.channels)), LIMITS.gentle_weight)
     white = discounted(whitening(model, theta), weights)
     core = free[free < model.n_base]
-    starts = [theta]
-    if np.array_equal(core, np.arange(model.n_base)):
-        starts += [x for x in [_balanced(model, theta)] if x is not theta]
-    points = [Point(x, np.zeros(model.n_bias), guess_nuisances(model, x)) for x in starts]
-    first = points[0]
-    if len(points) > 1:
-        first = min(points, key=lambda point: negative_log_posterior(model, point, white))
+    first = _without_bias(model, theta)
+    balanced = _balanced(model, theta) if len(core) == model.n_base else None
+    if balanced is not None:
+        both = first, _without_bias(model, balanced)
+        first = min(both, key=lambda point: negative_log_posterior(model, point, white))
     point, objective = descend(model, first, white, core, **LIMITS.gentle_stop)
     if np.any(first.local):
         guess = Point(point.theta, point.bias, guess_nuisances(model, point.theta))

@@ -62,9 +62,10 @@ def parse_csv(text: str, names: Sequence[str], label: str) -> Table:
             where=f"{label}, line 1",
             advice="give a header line and the telemetry below it",
         )
-    header, rows = head.cells, list(written)
+    header = head.cells
     _check_header(header, names, f"{label}, line {head.line}")
-    for line, cells in rows:
+    wanted, lines, rows = [header.index(name) for name in names], list[int](), list[list[str]]()
+    for line, cells in written:
         if len(cells) != len(header):
             raise CampaignError(
                 f"{len(cells)} cells, but the header has {len(header)}",
@@ -72,9 +73,10 @@ def parse_csv(text: str, names: Sequence[str], label: str) -> Table:
                 advice="give every line as many cells as the header; "
                 "write decimal points, not commas",
             )
-    picked = {name: header.index(name) for name in names}
-    columns = {name: text_column([row.cells[k] for row in rows], ".") for name, k in picked.items()}
-    return Table(label, columns, np.array([row.line for row in rows], dtype=int)).only(names)
+        lines.append(line)
+        rows.append([cells[k] for k in wanted])
+    columns = {name: text_column([row[k] for row in rows], ".") for k, name in enumerate(names)}
+    return Table(label, columns, np.array(lines, dtype=int)).only(names)
 
 
 def _check_header(header: Sequence[str], names: Sequence[str], place: str) -> None:

@@ -19,12 +19,14 @@ from bayes_inertia.app.commands.design import show_design
 from bayes_inertia.app.commands.fit import show_diagnosis, show_summary
 from bayes_inertia.app.commands.observe import show_observability
 from bayes_inertia.app.commands.study import show_study
+from bayes_inertia.app.plan_json import plans_named
 from bayes_inertia.app.study_folder import Study
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.design.comparison import Contender
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.simulated_fits import AchievedErrors
 from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.flight.plan_file import write_plan
 from bayes_inertia.physics.parameters import BASE_NAMES
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
@@ -200,3 +202,12 @@ def test_the_help_keeps_its_units(printed):
     out = printed()
     for unit in ("[s]", "[deg/s]", "[deg]", "[deg/s^2]"):
         assert unit in out
+
+
+def test_plans_that_would_be_printed_alike_bear_the_names_of_their_files(tmp_path):
+    files = [
+        str(write_plan(replace(paper_like_plan(), name=name), tmp_path / f"{stem}.toml"))
+        for stem, name in (("first", "fast_slews"), ("second", "fast slews"), ("third", "slow"))
+    ]
+    named = plans_named(files, read_campaign(EXAMPLE))
+    assert list(named) == ["fast_slews (first)", "fast slews (second)", "slow"]

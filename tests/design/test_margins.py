@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
-from bayes_inertia.design.feasibility import axes_of_control
 from bayes_inertia.design.limits import (
     KeepOut,
     Limits,
@@ -21,6 +20,7 @@ from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.flight.spacecraft import (
     Controller,
     Spacecraft,
+    axes_of_control,
 )
 
 DEGREE = math.pi / 180.0

@@ -23,17 +23,7 @@ class PiecewiseTorque(StochasticEffect):
 
     They have the covariance that the means of the process have over the pieces: what it does to the
     rate is exact between pieces, what it does within one is left out. Derived classes say in how
-    many components, and where `signal` acts.
-
-    Parameters
-    ----------
-    median_sd, median_time : float or None, optional
-        Medians of the priors [N m, s]; None takes 1 % of J w / T (2e-6 N m for a microsatellite's
-        slew), and a fifth of a slew.
-    factor_sd : float, optional
-        Sd of the logarithm of the sd. The time is known to a factor of 2 (sd 0.7).
-    pieces : int, optional
-        Of each component, of equal length.
+    many components, and where `signal` acts. Fields: see `TorqueNoise`.
     """
 
     median_sd: float | None = None
