@@ -275,8 +275,8 @@ def medians(model: Model) -> np.ndarray:
 
     Returns (d,).
     """
-    constants = model.space.constants()
-    mean, logarithmic = np.asarray(constants["mean"]), np.asarray(constants["logarithmic"])
+    alone = model.space.marginals()
+    mean, logarithmic = np.asarray(alone["mean"]), np.asarray(alone["logarithmic"])
     return np.where(logarithmic, np.exp(np.where(logarithmic, mean, 0.0)), mean)
 
 
@@ -285,7 +285,7 @@ def parameters_at(model: Model, effect: Effect, size: float, shape: float) -> np
     part = model.space.slice_of(effect.name)
     values = medians(model)[part]
     values[0] *= size
-    values[1:] *= np.exp(shape * np.asarray(model.space.constants()["scale"])[part][1:])
+    values[1:] *= np.exp(shape * np.asarray(model.space.marginals()["scale"])[part][1:])
     return values
 
 
@@ -346,7 +346,7 @@ def forms_of(effect: StochasticEffect, model: Model, roots: Sequence[CandidateRo
 
 def largest_size(effect: StochasticEffect, model: Model) -> float:
     """The largest size that the prior of an effect has, in medians."""
-    scale = np.asarray(model.space.constants()["scale"])[model.space.slice_of(effect.name).start]
+    scale = np.asarray(model.space.marginals()["scale"])[model.space.slice_of(effect.name).start]
     return float(np.exp(LIMITS.largest_random_size * scale))
 
 

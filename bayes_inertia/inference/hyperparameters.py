@@ -170,7 +170,7 @@ class FrozenEvidence(NamedTuple):
     scale : (f,) array
         Of the former: one prior sd.
     priors : dict of (h,) arrays
-        Of the latter, as `ParameterSpace.constants`.
+        Of the latter, as `ParameterSpace.marginals`.
     contexts : SlewContext
         With the slews as leading axis.
     filtered : dict of FilteredRows
@@ -235,10 +235,9 @@ class Evidence:
 
     @cached_property
     def priors(self) -> dict[str, np.ndarray]:
-        """Of all parameters of stochastic effects, as `ParameterSpace.constants`."""
-        constants = self.model.space.constants().items()
-        kept = ((key, values) for key, values in constants if key != "whitening")
-        return {key: np.asarray(values)[self.hyperparameters] for key, values in kept}
+        """Of all parameters of stochastic effects, as `ParameterSpace.marginals`."""
+        marginals = self.model.space.marginals().items()
+        return {key: np.asarray(values)[self.hyperparameters] for key, values in marginals}
 
     def standardised(self, theta: np.ndarray) -> np.ndarray:
         """The parameters of stochastic effects (..., h) of all (..., d), in prior sds."""

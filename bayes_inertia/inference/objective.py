@@ -71,8 +71,8 @@ def prior_rows(model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     `theta` (d,). Returns `slope` (d,): derivative of the whitened distance of each parameter from
     its prior mean; `distance` (d,): the distance itself [prior sd].
     """
-    constants = {k: v for k, v in model.space.constants().items() if k != "whitening"}
-    return np.asarray(_prior_slope(constants, theta)), np.asarray(_prior_residual(constants, theta))
+    alone = model.space.marginals()
+    return np.asarray(_prior_slope(alone, theta)), np.asarray(_prior_residual(alone, theta))
 
 
 def prior_root(model: Model, theta: np.ndarray) -> np.ndarray:

@@ -63,6 +63,11 @@ def sd_of_interval(low: Any, high: Any) -> Any:
     return (high - low) / (2.0 * stats.norm.isf(0.05))
 
 
+def _robust_sd(robust: Any, sd: float) -> float | None:
+    """What the slews support, never below the sample's own sd; None of a single slew."""
+    return max(float(robust), sd) if np.isfinite(robust) else None
+
+
 def _ratio_draws(J: np.ndarray) -> dict[str, np.ndarray]:
     """Elements (n, 6) of J over the trace, and principal moments over the largest."""
     moments = np.asarray(inertia_tensor.principal_moments(J))
@@ -343,30 +348,51 @@ class Posterior:
     def _parameter(self, i: int, name: str) -> dict[str, Any]:
         """A parameter as it stands in summary.json."""
         estimate: Any = self.tree["estimate"]
-        draws = self.averaged_samples[:, i]
-        prior_sd, sd = float(estimate["prior_sd"][i]), float(self.samples[:, i].std(ddof=1))
-        # NaN for a single slew; never below the sample's own.
-        robust = max(float(estimate["robust_sd"][i]), sd)
-        contraction = 1.0 - (sd / prior_sd) ** 2
-        q05, q50, q95 = (float(q) for q in np.quantile(draws, [0.05, 0.5, 0.95]))
-        # An sd of the size of J would be the prior's.
-        untied = self.is_scale_untied and name in ELEMENTS
+        row = self._row(
+            self.averaged_samples[:, i],
+            self.samples[:, i],
+            is_averaged=self._is_averaged(name),
+            # An sd of the size of J would be the prior's.
+            is_prior=self.is_scale_untied and name in ELEMENTS,
+            beyond=float(self._beyond("prior_beyond_sd", i + 1)[i]),
+        )
+        prior_sd = float(estimate["prior_sd"][i])
+        contraction = 1.0 - (row["sd"] / prior_sd) ** 2
         return {
-            "mean": q50 if self._is_averaged(name) else float(draws.mean()),
-            "sd": sd,
-            "quoted_sd": None
-            if untied
-            else self._quoted(q05, q95, self._beyond("prior_beyond_sd", i + 1)[i]),
-            "robust_sd": robust if np.isfinite(robust) else None,
+            **row,
+            "robust_sd": _robust_sd(estimate["robust_sd"][i], row["sd"]),
             **{key: float(estimate[key][i]) for key in _OTHER_MEASURES if key in estimate},
             **self._decisive_slew(i),
-            "q05": q05,
-            "q50": q50,
-            "q95": q95,
             "unit": str(self.tree["posterior"][name].attrs.get("units", "")),
             "prior_sd": prior_sd,
             "contraction": contraction,
-            "observable": bool(contraction > LIMITS.observable_above) and not untied,
+            "observable": bool(contraction > LIMITS.observable_above)
+            and not (self.is_scale_untied and name in ELEMENTS),
+        }
+
+    def _row(
+        self,
+        draws: np.ndarray,
+        sampled: np.ndarray,
+        *,
+        is_averaged: bool,
+        is_prior: bool = False,
+        beyond: float = 0.0,
+    ) -> dict[str, Any]:
+        """What summary.json says of one number by its draws (n,).
+
+        `sampled` (n,): of the model that was fitted, before any average over models. `beyond`: what
+        a former result, taken as prior, adds to the quoted sd.
+        """
+        q05, q50, q95 = (float(q) for q in np.quantile(draws, _NINETY))
+        return {
+            # Thin long tails rule the mean of an average over models.
+            "mean": q50 if is_averaged else float(draws.mean()),
+            "sd": float(sampled.std(ddof=1)),
+            "quoted_sd": None if is_prior else self._quoted(q05, q95, beyond),
+            "q05": q05,
+            "q50": q50,
+            "q95": q95,
         }
 
     @property
@@ -387,20 +413,13 @@ class Posterior:
         """Elements of J over its trace, and ratios of the principal moments."""
         prior: Any = self.tree["prior"]
         before = _ratio_draws(np.stack([prior[n].values.ravel() for n in ELEMENTS], axis=-1))
-        rows = {}
-        for name, values in _ratio_draws(self.averaged_samples[:, :6]).items():
-            q05, q50, q95 = (float(q) for q in np.quantile(values, _NINETY))
-            rows[name] = {
-                "mean": q50 if "averaged" in self.tree else float(values.mean()),
-                "sd": float(values.std(ddof=1)),
-                "quoted_sd": self._quoted(q05, q95, 0.0),
-                "q05": q05,
-                "q50": q50,
-                "q95": q95,
-                "unit": "",
-                "prior_sd": float(before[name].std(ddof=1)),
-            }
-        return rows
+        sampled = _ratio_draws(self.samples[:, :6])
+        averaged = "averaged" in self.tree
+        return {
+            name: self._row(values, sampled[name], is_averaged=averaged)
+            | {"unit": "", "prior_sd": float(before[name].std(ddof=1))}
+            for name, values in _ratio_draws(self.averaged_samples[:, :6]).items()
+        }
 
     def _is_averaged(self, name: str) -> bool:
         """Whether draws are an average over models: thin long tails rule the mean of one."""
@@ -434,23 +453,19 @@ class Posterior:
         """Principal moments as they stand in summary.json, smallest first."""
         group: Any = self.tree["averaged" if "averaged" in self.tree else "derived"]
         draws = group["principal_moment"].values.reshape(-1, 3)
-        middle = np.median if self._is_averaged("principal_moment") else np.mean
         derived: Any = self.tree["derived"]
-        sd = derived["principal_moment"].values.reshape(-1, 3).std(0, ddof=1)
-        # As for the parameters.
+        sampled = derived["principal_moment"].values.reshape(-1, 3)
         estimate: Any = self.tree["estimate"]
-        robust = np.maximum(estimate["robust_principal_sd"].values, sd)
-        ends = np.quantile(draws, [0.05, 0.95], axis=0)
         beyond = self._beyond("prior_beyond_principal_sd", 3)
-        return {
-            f"I{i + 1}": {
-                "mean": float(middle(draws[:, i])),
-                "sd": float(sd[i]),
-                "quoted_sd": None
-                if self.is_scale_untied
-                else self._quoted(float(ends[0, i]), float(ends[1, i]), float(beyond[i])),
-                "robust_sd": float(robust[i]) if np.isfinite(robust[i]) else None,
-                "unit": "kg m^2",
-            }
-            for i in range(3)
-        }
+        rows = {}
+        for i, robust in enumerate(estimate["robust_principal_sd"]):
+            row = self._row(
+                draws[:, i],
+                sampled[:, i],
+                is_averaged=self._is_averaged("principal_moment"),
+                is_prior=self.is_scale_untied,
+                beyond=float(beyond[i]),
+            )
+            robust_sd = _robust_sd(robust, row["sd"])
+            rows[f"I{i + 1}"] = row | {"robust_sd": robust_sd, "unit": "kg m^2"}
+        return rows

@@ -1,18 +1,17 @@
-"""Building a posterior: the groups of its tree, from an estimate and its samples.
-
-Effects without a fixed shape over time, as the posterior draws them.
-"""
+"""Building a posterior: the groups of its tree, from an estimate and its samples."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
+from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import RateSensor
@@ -24,7 +23,11 @@ from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.limits import LIMITS, criteria
 from bayes_inertia.inference.objective import prior_root
 from bayes_inertia.inference.posterior import FORMAT, Posterior
-from bayes_inertia.inference.predicted_telemetry import predicted_telemetry
+from bayes_inertia.inference.predicted_telemetry import (
+    drawn_nuisances,
+    predicted_telemetry,
+    thinned_draws,
+)
 from bayes_inertia.inference.sampler import Chains
 from bayes_inertia.inference.settings import FitContext
 from bayes_inertia.inference.slew_likelihood import slew_log_likelihood
@@ -32,19 +35,13 @@ from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.actuators import ties_of_scale
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.parameters import log_prior
+from bayes_inertia.physics.prediction import Structure
+from bayes_inertia.physics.random_inputs import with_coefficients
+from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 if TYPE_CHECKING:
     import xarray as xr
-
-from functools import partial
-
-from jax import Array
-
-from bayes_inertia.inference.predicted_telemetry import drawn_nuisances, thinned_draws
-from bayes_inertia.physics.prediction import Structure
-from bayes_inertia.physics.random_inputs import with_coefficients
-from bayes_inertia.physics.slew_context import SlewContext
 
 Groups = dict[str, dict[str, np.ndarray]]
 

@@ -193,7 +193,7 @@ class SlewScatter:
         if moved is not best:
             best, tries = moved, (n - 1) * float(np.log(2.0))
         p_value = np.exp(stats.chi2.logsf(self._gain(best), len(self.covariance)) + tries)
-        (first, A), (second, B) = self._fit_of(~best), self._fit_of(best)
+        (first, A, _), (second, B, _) = self._fit_of(~best), self._fit_of(best)
         parts = ((~best, first, A), (best, second, B))
         pulls = [pull for part in parts for pull in self._pulls_within(*part)]
         rest = _dispersion(pulls) if pulls else None
@@ -204,20 +204,20 @@ class SlewScatter:
         sd = np.sqrt(np.diag(A) + np.diag(B))
         return SlewGroups((slews[0], slews[1]), float(min(p_value, 1.0)), second - first, sd)
 
-    def _fit_of(self, part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Step (n_shared,) to the optimum of some slews (slews,), and its covariance.
+    def _fit_of(self, part: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Step (n_shared,) to the optimum of some slews (slews,), its covariance, fall of chi^2.
 
         They take their share of the prior, so that the parts of a division take it once.
         """
         share, shares = float(np.mean(part)), self.shares
         covariance = inverse(shares.matrix[part].sum(0) + share * shares.prior_matrix)
         gradient = shares.gradient[part].sum(0) + share * shares.prior_gradient
-        return -covariance @ gradient, covariance
+        step = -covariance @ gradient
+        return step, covariance, float(-step @ gradient)
 
     def _gain(self, second: np.ndarray) -> float:
         """By how much chi^2 falls where the slews of a mask (slews,) are fitted by themselves."""
-        steps = ((part, *self._fit_of(part)) for part in (second, ~second))
-        return sum(float(step @ solve(covariance, step)) for _, step, covariance in steps)
+        return sum(self._fit_of(part)[-1] for part in (second, ~second))
 
     def _pulls_within(
         self, part: np.ndarray, step: np.ndarray, covariance: np.ndarray

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -416,20 +415,28 @@ class ParameterSpace:
             start = stop
         return values
 
-    def constants(self) -> dict[str, Array]:
-        """The one-dimensional priors as arrays, for compiled code.
+    def marginals(self) -> dict[str, Array]:
+        """The prior of each parameter alone as arrays, for compiled code.
 
         Returns
         -------
         dict of str to (size,) array
-            `logarithmic`, `mean`, `scale`, `lower` and `upper`; `whitening` (size, size) where
-            priors are correlated.
+            `logarithmic`, `mean`, `scale`, `lower` and `upper`.
         """
         kinds = ("logarithmic", "mean", "scale", "lower", "upper")
-        columns: dict[str, Any] = {k: [getattr(prior, k) for prior in self.priors] for k in kinds}
-        if self.whitening is not None:
-            columns["whitening"] = self.whitening
+        columns = {k: [getattr(prior, k) for prior in self.priors] for k in kinds}
         return {kind: on_device(np.array(column)) for kind, column in columns.items()}
+
+    def constants(self) -> dict[str, Array]:
+        """The joint prior as arrays, for compiled code.
+
+        Returns
+        -------
+        dict of str to (size,) array
+            `marginals`, and `whitening` (size, size) where priors are correlated.
+        """
+        joint = {} if self.whitening is None else {"whitening": on_device(self.whitening)}
+        return self.marginals() | joint
 
     @cached_property
     def whitening(self) -> np.ndarray | None:
