@@ -53,6 +53,9 @@ def counts(tree: Tree) -> dict[str, int]:
         "lines of docstrings": sum(docs for _, docs in lines),
         "deciding numbers at module level": sum(len(deciding_numbers(s)) for s in sources),
         "files that name all three channels": sum(names_all_channels(s) for s in sources),
+        "of them, files that look channels up by these names": sum(
+            looks_channels_up(s) for s in sources
+        ),
         "modules with one importer": sum(number == 1 for number in importers.values()),
     }
     for wing in CORE:
@@ -109,6 +112,16 @@ def _is_annotated(node: ast.AST) -> bool:
 def names_all_channels(source: str) -> bool:
     """Whether a file speaks of rate, attitude and momentum."""
     return all(re.search(rf"\b{channel}\b", source) for channel in CHANNELS)
+
+
+def looks_channels_up(source: str) -> bool:
+    """Whether all three names stand as texts of the program: as keys, not as words of physics.
+
+    >>> looks_channels_up("rate, attitude = f(momentum)")
+    False
+    """
+    nodes = ast.walk(ast.parse(source))
+    return {n.value for n in nodes if isinstance(n, ast.Constant)}.issuperset(CHANNELS)
 
 
 def floors(edges: set[tuple[str, str]]) -> int:
