@@ -10,14 +10,12 @@ import codecs
 import errno
 import io
 import json
-import math
 import os
 import re
-import statistics
 import sys
 import textwrap
 import webbrowser
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
@@ -162,9 +160,15 @@ def print_json(content: Mapping[str, Any]) -> None:
     typer.echo(json.dumps(content, indent=1, allow_nan=False))
 
 
-def print_json_file(path: Path) -> None:
-    """Print a JSON document that a command wrote, as it stands in its file."""
-    print_json(json.loads(path.read_text(encoding="utf-8")))
+def show_result(
+    document: Path, as_json: bool, open_page: bool, show: Callable[..., None], *told: Any
+) -> None:
+    """Print the JSON document that a command wrote, or `show(*told)`; open its page if wanted."""
+    if as_json:
+        print_json(json.loads(document.read_text(encoding="utf-8")))
+    else:
+        show(*told)
+    open_in_browser(document.with_suffix(".html"), open_page)
 
 
 def safe_message(text: str) -> str:
@@ -215,20 +219,6 @@ def print_table(
     for row in rows:
         table.add_row(*row)
     console.print(table)
-
-
-def unit_powers(sds: Iterable[tuple[str, float]]) -> dict[str, int]:
-    """Power of ten, a multiple of three, in which all (unit, sd) of a unit read best.
-
-    Examples
-    --------
-    >>> unit_powers([("kg m^2", 2e-4), ("kg m^2", 9e-5), ("rad", 0.1)])
-    {'kg m^2': -3, 'rad': 0}
-    """
-    sizes: dict[str, list[float]] = {}
-    for unit, sd in sds:
-        sizes.setdefault(unit, []).append(math.log10(sd))
-    return {unit: 3 * round(statistics.median(logs) / 3.0) for unit, logs in sizes.items()}
 
 
 def indented(line: str) -> Padding:

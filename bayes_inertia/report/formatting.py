@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from bayes_inertia.campaign.sensors import STREAMS
@@ -102,6 +102,20 @@ def sd_column(sds: Sequence[float]) -> tuple[int, list[str]]:
 def sd_head(name: str, power: int) -> str:
     """Heading of a column of `sd_column`: its name and power of ten."""
     return f"{name} {power_text(power)}" if power else name
+
+
+def unit_powers(sds: Iterable[tuple[str, float]]) -> dict[str, int]:
+    """Power of ten, a multiple of three, in which all (unit, sd) of a unit read best.
+
+    Examples
+    --------
+    >>> unit_powers([("kg m^2", 2e-4), ("kg m^2", 9e-5), ("rad", 0.1)])
+    {'kg m^2': -3, 'rad': 0}
+    """
+    sizes: dict[str, list[float]] = {}
+    for unit, sd in sds:
+        sizes.setdefault(unit, []).append(math.log10(sd))
+    return {unit: 3 * round(statistics.median(logs) / 3.0) for unit, logs in sizes.items()}
 
 
 def tenths(value: float) -> str:

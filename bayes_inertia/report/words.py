@@ -6,17 +6,18 @@ a dash and a blank.
 
 from __future__ import annotations
 
+import math
 import operator
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from functools import cache
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache, partial
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from bayes_inertia.campaign.sensors import CHANNELS, STREAMS
 from bayes_inertia.inference.settings import NOTHING, OPEN_VERDICTS
-from bayes_inertia.report import formatting
+from bayes_inertia.report import criteria, formatting
 from bayes_inertia.report.formatting import either_or, kind_of, listed, plain
 from bayes_inertia.report.layout import LAYOUT
 
@@ -175,7 +176,7 @@ def sentences(template: str, macro: str, *values: Any) -> list[str]:
 
 
 def _said(template: str, macro: str, values: Sequence[Any]) -> str:
-    module: Any = _templates().get_template(f"{template}.txt").module
+    module: Any = _words().get_template(f"{template}.txt").module
     return getattr(module, macro)(*values)
 
 
@@ -185,49 +186,20 @@ def _on_one_line(text: str) -> str:
 
 def templates_in(folder: str, **options: Any) -> Environment:
     """Templates of a folder of the report: what they lack is an error, control leaves no line."""
-    return Environment(
+    environment = Environment(
         loader=PackageLoader("bayes_inertia.report", folder),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         **options,
     )
-
-
-@cache
-def _templates() -> Environment:
-    environment = templates_in("words")
-    environment.globals |= {
-        "layout": LAYOUT,
-        "NOTHING": NOTHING,
-        "OPEN": OPEN_VERDICTS,
-        "averaged_over": averaged_over,
-        "rules": rules_of,
-        "shares": probabilities,
-    }
+    environment.globals |= _GLOBALS
+    environment.filters |= _FILTERS
     environment.tests |= {"contains": operator.contains, "endswith": str.endswith}
-    environment.filters |= {
-        "arcsec": formatting.arcsec_text,
-        "channel": formatting.channel_name,
-        "either": lambda names: either_or([plain(name) for name in names]),
-        "farthest_alternative": _farthest_alternative,
-        "in_order": _in_order,
-        "least_gain": _least_gain,
-        "listed": listed,
-        "most_moved": _most_moved,
-        "p": formatting.probability,
-        "plain": plain,
-        "tenths": formatting.tenths,
-        "two_digits": formatting.two_digits,
-        "typeset": formatting.typeset,
-        "unit": formatting.unit_text,
-        "value": formatting.value_text,
-        "vector": formatting.vector_text,
-        "names": lambda names: listed([plain(name) for name in names]),
-        "digits": format,
-        "sentence": lambda text: text[:1].upper() + text[1:],
-    }
     return environment
+
+
+_words = cache(partial(templates_in, "words"))
 
 
 def rules_of(content: Mapping[str, Any]) -> Mapping[str, float]:
@@ -278,12 +250,70 @@ def _least_gain(slew: Mapping[str, Any]) -> float:
     return min(power["after"] / max(power["before"], 1e-12) for power in powers)
 
 
-def _most_moved(rows: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
-    """The parameter that what may hide moves most, in sds."""
-    return max(rows, key=lambda row: row["shift"] / row["sd"])
+def _most_moved_first(rows: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Parameters that what may hide moves, first the one that moves by most sds."""
+    return sorted(rows, key=lambda row: -row["shift"] / row["sd"])
+
+
+def _elements(jump: Any) -> list[tuple[str, float, float]]:
+    """Name, size and sd of the elements that a jump changed for sure; at least of one."""
+    # They bring JAX along, which other words do without.
+    from bayes_inertia.physics.parameters import BASE_NAMES
+    from bayes_inertia.series.history import OF_PART
+
+    rows = list(zip(BASE_NAMES[OF_PART[jump.part]], jump.size, jump.sd, strict=True))
+    sure = [row for row in rows if abs(row[1]) > LAYOUT.change_told_sd * row[2]]
+    return sure or [max(rows, key=lambda row: abs(row[1] / row[2]))]
 
 
 def _in_order(channels: Iterable[str]) -> list[str]:
     """Channels in the order of the usual ones, others behind them."""
     hit = set(channels)
     return [name for name in dict.fromkeys((*CHANNELS, *sorted(hit))) if name in hit]
+
+
+# What templates know beside their values; of criteria and formatting, functions of the same name.
+_OF_CRITERIA = (
+    *("channel_verdict", "contraction", "contraction_text", "determination_of", "discount_text"),
+    *("interval_90", "sd_in_print", "whiteness_text"),
+)
+_OF_FORMATTING = (
+    "listed",
+    "number",
+    "p_value_text",
+    "plain",
+    "tenths",
+    "two_digits",
+    "typeset",
+    "with_minus_sign",
+)
+_GLOBALS: Mapping[str, Any] = {
+    "layout": LAYOUT,
+    "NOTHING": NOTHING,
+    "OPEN": OPEN_VERDICTS,
+    "averaged_over": averaged_over,
+    "exp": math.exp,
+    "rules": rules_of,
+    "sentences": sentences,
+    "shares": probabilities,
+} | {name: getattr(formatting, name) for name in ("exponent", "power_text", "sd_column", "sd_head")}
+_FILTERS: Mapping[str, Callable[..., Any]] = {
+    "arcsec": formatting.arcsec_text,
+    "channel": formatting.channel_name,
+    "digits": format,
+    "either": lambda names: either_or([plain(name) for name in names]),
+    "elements": _elements,
+    "farthest_alternative": _farthest_alternative,
+    "in_order": _in_order,
+    "least_gain": _least_gain,
+    "meaning": meaning,
+    "most_moved_first": _most_moved_first,
+    "names": lambda names: listed([plain(name) for name in names]),
+    "p": formatting.probability,
+    "sentence": lambda text: text[:1].upper() + text[1:],
+    "unit": formatting.unit_text,
+    "value": formatting.value_text,
+    "vector": formatting.vector_text,
+    **{name: getattr(criteria, name) for name in _OF_CRITERIA},
+    **{name: getattr(formatting, name) for name in _OF_FORMATTING},
+}
