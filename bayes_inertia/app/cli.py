@@ -171,8 +171,6 @@ _ALLOCATION_FAILED = ("RESOURCE_EXHAUSTED", "Out of memory", "Unable to allocate
 def failure_message(error: Exception) -> str | None:
     """Message on an exception that the machine caused and not the program.
 
-    Examples
-    --------
     >>> failure_message(MemoryError())
     'out of memory; close other programs, or use a machine with more'
     >>> failure_message(OSError(28, "No space left on device", "/run/a.nc"))
@@ -198,8 +196,6 @@ def failure_message(error: Exception) -> str | None:
 def disk_failure(error: Exception) -> str:
     """The reason that the HDF5 library gives in the middle of its words.
 
-    Examples
-    --------
     >>> disk_failure(RuntimeError("write failed: errno = 28, error message = 'No space', buf = 0"))
     'No space'
     """

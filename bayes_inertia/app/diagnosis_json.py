@@ -114,8 +114,6 @@ def next_fit_from(content: Mapping[str, Any], library: Sequence[Effect] = LIBRAR
     `library`: where the names of effects are looked up, beside stochastic ones.
     Returns: bit for bit the one of the diagnosis that was written.
 
-    Examples
-    --------
     >>> content = {"verdict": "named", "noise": {"rate": 1.0}, "drive": "commanded"}
     >>> content["fitted"] = [{"effect": "flexible_mode", "settings": {"frequency": 0.3}}]
     >>> next_fit_from(content).effects[0].frequency

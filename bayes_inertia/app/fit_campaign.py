@@ -180,8 +180,6 @@ def import_in_background(names: Sequence[str]) -> Thread:
 
     Compiled code and the compiler need no interpreter lock, so this costs hardly any time.
 
-    Examples
-    --------
     >>> import_in_background(["json", "no_such_module"]).join()
     """
     thread = Thread(target=_import_all, args=(tuple(names),), daemon=True)

@@ -186,8 +186,6 @@ def keep_outs(texts: Sequence[str]) -> tuple[KeepOut, ...]:
     `texts`: each `name,x,y,z,half_angle_deg` (inertial direction), or a TOML file with [[keep_out]]
     tables of the keys name, direction_N, half_angle_deg.
 
-    Examples
-    --------
     >>> keep_outs(["Sun,1,0,0,30"])[0].name
     'Sun'
     """

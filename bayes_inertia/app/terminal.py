@@ -71,8 +71,6 @@ def usable_streams() -> Iterator[None]:
     Letters that their encoding lacks are replaced. Where they are closed, or their reader goes
     away, what is printed is dropped, and the work goes on.
 
-    Examples
-    --------
     >>> with usable_streams():
     ...     print("5 slews")
     5 slews
@@ -113,8 +111,6 @@ def _usable(stream: TextIO | None) -> TextIO:
 def in_plain_letters(error: UnicodeError) -> tuple[str, int]:
     """Text in the letters of an encoding: a minus stays one, others become "?".
 
-    Examples
-    --------
     >>> codecs.register_error("plain", in_plain_letters)
     >>> "−0.26 ± 0.04 × 10⁻⁴ kg m², 5 µ".encode("ascii", "plain")
     b'-0.26 +- 0.04 x 10^-4 kg m^2, 5 ?'
@@ -135,8 +131,6 @@ def plain_console(*, stderr: bool = False) -> Console:
 def quietly(quiet: bool) -> Iterator[None]:
     """Print no tables, sentences and progress while the context lasts.
 
-    Examples
-    --------
     >>> with quietly(True):
     ...     plain_console().print("a table")
     """
@@ -150,8 +144,6 @@ def quietly(quiet: bool) -> Iterator[None]:
 def print_json(content: Mapping[str, Any]) -> None:
     """Print one JSON document on stdout, quiet or not.
 
-    Examples
-    --------
     >>> print_json({"format": "bayes-inertia-note/1"})
     {
      "format": "bayes-inertia-note/1"
@@ -174,8 +166,6 @@ def show_result(
 def safe_message(text: str) -> str:
     """A message of bearable length without control characters, whatever a file wrote into it.
 
-    Examples
-    --------
     >>> safe_message("no column '\\x1b[31m'")
     "no column '\\\\x1b[31m'"
     """
@@ -187,8 +177,6 @@ def safe_message(text: str) -> str:
 def headed(head: str, rest: str = "", *, style: str = "bold") -> Text:
     """A line whose first words stand out.
 
-    Examples
-    --------
     >>> str(headed("MOST [/run 3]", ": 5 slews"))
     'MOST [/run 3]: 5 slews'
     """

@@ -81,8 +81,6 @@ def plan_promise(
 ) -> PlanPromise:
     """Put promised sds beside those of a run.
 
-    Examples
-    --------
     >>> row = {"unit": "kg m^2", "prior_sd": 0.1, "sd": 0.02, "quoted_sd": 0.02}
     >>> summary = {"parameters": {"Jxx": row}, "effects": []}
     >>> plan_promise("p", "p.toml", "", {"Jxx": 0.01}, summary).sentence

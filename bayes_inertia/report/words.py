@@ -25,8 +25,6 @@ from bayes_inertia.report.layout import LAYOUT
 def meaning(name: str) -> str:
     """Meaning of a parameter.
 
-    Examples
-    --------
     >>> meaning("Jxy"), meaning("K2"), meaning("wheel_friction.coulomb1")
     ('inertia tensor element xy', 'rate-sensor scale factor, axis 2', 'wheel friction: coulomb1')
     """
@@ -40,8 +38,6 @@ def meaning(name: str) -> str:
 def correlation_sentences(names: Sequence[str], matrix: Sequence[Sequence[float]]) -> list[str]:
     """Sentences on pairs of parameters that the data determine only together.
 
-    Examples
-    --------
     >>> correlation_sentences(["Jxx", "K1"], [[1.0, -0.95], [-0.95, 1.0]])[0][:59]
     'Jxx and K1 are hard to tell apart (correlation −0.95): rais'
     """
@@ -57,8 +53,6 @@ def correlation_sentences(names: Sequence[str], matrix: Sequence[Sequence[float]
 def averaged_over(summary: Mapping[str, Any]) -> str:
     """The effects that J and K are averaged over, with their probabilities.
 
-    Examples
-    --------
     >>> averaged_over({"averaged_over": [
     ...     {"effects": ["rate_bias", "a_b"], "probability": 0.7},
     ...     {"effects": ["rate_bias", "c"], "probability": 0.3}]})
@@ -109,8 +103,6 @@ _TREATED = {"masked": "left out", "modelled": "taken into account", "ignored": "
 def dirt_rows(dirt: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Records of dirt, one row a kind, channel and treatment.
 
-    Examples
-    --------
     >>> record = {"kind": "outliers", "channel": "rate", "slew": "a", "rows": [3, 9]}
     >>> dirt_rows([record | {"treated": "masked", "note": "far off"}])[0]["rows"]
     2
@@ -135,8 +127,6 @@ def dirt_rows(dirt: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 def dirt_sentences(dirt: Sequence[Mapping[str, Any]]) -> list[str]:
     """Records of dirt as sentences.
 
-    Examples
-    --------
     >>> record = {"kind": "outliers", "channel": "rate", "slew": "a", "rows": [3, 9]}
     >>> dirt_sentences([record | {"treated": "masked"}])
     ['Outliers of the rate sensor: 2 rows (a), left out.']
@@ -155,8 +145,6 @@ _RULES_OF_0_1 = {
 def phrase(template: str, macro: str, *values: Any) -> str:
     """A phrase of a template, on one line.
 
-    Examples
-    --------
     >>> phrase("diagnosis", "per_cent", 0.123), phrase("diagnosis", "per_cent", 1e-9)
     ('12 %', 'under 1 %')
     """
@@ -166,8 +154,6 @@ def phrase(template: str, macro: str, *values: Any) -> str:
 def sentences(template: str, macro: str, *values: Any) -> list[str]:
     """Sentences of a template, one an item.
 
-    Examples
-    --------
     >>> sentences("diagnosis", "block_means", {"readings_a_mean": 1})
     []
     """
@@ -205,8 +191,6 @@ _words = cache(partial(templates_in, "words"))
 def rules_of(content: Mapping[str, Any]) -> Mapping[str, float]:
     """The rules that the search went by.
 
-    Examples
-    --------
     >>> rules_of({"rules": {"log_evidence_margin": 4.0}})["log_evidence_margin"]
     4.0
     """
@@ -216,8 +200,6 @@ def rules_of(content: Mapping[str, Any]) -> Mapping[str, float]:
 def probabilities(content: Mapping[str, Any]) -> list[tuple[str, float]]:
     """What of the ambiguous sets may be true, and how probable it is.
 
-    Examples
-    --------
     >>> probabilities({"alternatives": [
     ...     {"effect": "wheel_friction", "instead_of": "viscous_torque", "probability": 0.25}]})
     [('viscous torque', 0.75), ('wheel friction', 0.25)]
