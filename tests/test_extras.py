@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from test_package import PROJECT
 
-from bayes_inertia.app.fit_many_folder import fit_many
+from bayes_inertia.app.many_folder import fit_many
 from bayes_inertia.campaign.environment import with_orbit
 from bayes_inertia.errors import BayesInertiaError, OutputError
 from bayes_inertia.physics.small_campaign import small_campaign

@@ -58,8 +58,7 @@ from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import BASE_NAMES
 from bayes_inertia.report.pictures.design import draw_comparison
-from bayes_inertia.studies.plan_comparison import compare_plans
-from bayes_inertia.studies.simulated_fits import achieved_errors
+from bayes_inertia.studies.plan_comparison import achieved_errors, compare_plans
 from bayes_inertia.studies.work import Work
 
 PARTS = ("gains", "flown", "achieved", "separate", "times")

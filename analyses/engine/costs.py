@@ -15,7 +15,7 @@ import psutil
 
 import bayes_inertia
 from analyses.engine.tasks import RowLikeAFit, nothing
-from bayes_inertia.app.fit_many_folder import fit_many
+from bayes_inertia.app.many_folder import fit_many
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.studies.engine import NAME, run_work

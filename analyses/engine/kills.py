@@ -21,7 +21,7 @@ import psutil
 
 from bayes_inertia.studies.calibration import cases_named
 from bayes_inertia.studies.engine import NAME, Execution, RowFile
-from bayes_inertia.studies.simulated_fits import simulated_fits
+from bayes_inertia.studies.plan_comparison import simulated_fits
 from bayes_inertia.studies.work import Work, WorkResult
 
 KILLS = 3

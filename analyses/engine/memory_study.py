@@ -33,8 +33,8 @@ import psutil
 
 from analyses import results_of
 from bayes_inertia.app.compiled_code import VARIABLE
+from bayes_inertia.app.diagnosed_fit import investigate
 from bayes_inertia.app.fit_campaign import fit
-from bayes_inertia.app.investigation import investigate
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.files import write_atomically

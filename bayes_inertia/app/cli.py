@@ -17,28 +17,27 @@ from typing import Annotated
 
 import typer
 
-from bayes_inertia.app.commands.check import check_command
-from bayes_inertia.app.commands.compare import compare_command
-from bayes_inertia.app.commands.demo import demo_command
-from bayes_inertia.app.commands.design import design_command
-from bayes_inertia.app.commands.doctor import doctor_command
+from bayes_inertia.app.commands.campaigns import new_command, simulate_command
+from bayes_inertia.app.commands.check import check_command, doctor_command
 from bayes_inertia.app.commands.effects import effects_command
 from bayes_inertia.app.commands.examples import example_of
-from bayes_inertia.app.commands.export import export_command
+from bayes_inertia.app.commands.finished import export_command, report_command
 from bayes_inertia.app.commands.fit import (
+    demo_command,
     diagnose_command,
     fit_command,
     resume_command,
     update_command,
 )
-from bayes_inertia.app.commands.fit_many import fit_many_command
 from bayes_inertia.app.commands.import_raw import import_command
-from bayes_inertia.app.commands.new import new_command
+from bayes_inertia.app.commands.many import (
+    fit_many_command,
+    fleet_command,
+    history_command,
+    study_command,
+)
 from bayes_inertia.app.commands.observe import observe_command
-from bayes_inertia.app.commands.report import report_command
-from bayes_inertia.app.commands.series import fleet_command, history_command
-from bayes_inertia.app.commands.simulate import simulate_command
-from bayes_inertia.app.commands.study import study_command
+from bayes_inertia.app.commands.plans import compare_command, design_command
 from bayes_inertia.app.compiled_code import compiled_code_kept
 from bayes_inertia.app.interruption import ending_soon_on_signals, how_to_go_on
 from bayes_inertia.app.terminal import quietly, safe_message, usable_streams
@@ -172,8 +171,6 @@ _ALLOCATION_FAILED = ("RESOURCE_EXHAUSTED", "Out of memory", "Unable to allocate
 def failure_message(error: Exception) -> str | None:
     """Message on an exception that the machine caused and not the program.
 
-    Examples
-    --------
     >>> failure_message(MemoryError())
     'out of memory; close other programs, or use a machine with more'
     >>> failure_message(OSError(28, "No space left on device", "/run/a.nc"))
@@ -199,8 +196,6 @@ def failure_message(error: Exception) -> str | None:
 def disk_failure(error: Exception) -> str:
     """The reason that the HDF5 library gives in the middle of its words.
 
-    Examples
-    --------
     >>> disk_failure(RuntimeError("write failed: errno = 28, error message = 'No space', buf = 0"))
     'No space'
     """

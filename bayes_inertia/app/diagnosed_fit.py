@@ -1,24 +1,39 @@
 """From a campaign to a posterior in which what was missing is fitted: the one pipeline of a
 diagnosis.
 
-It writes nothing. A run folder (`run_folder`) stores the diagnosis between its two halves, so
-that a killed run goes on from `diagnosis.json`: `NextFit` is all that the second half needs of
-the first.
+`investigate` is the search itself (`diagnosis.search.diagnose`) with all that is asked of its
+answer: where the model disagrees with the data, which effect explains it, how much that changes,
+what to fly next, and what stays unknown. Nothing here writes. A run folder (`run_folder`) stores
+the diagnosis between its two halves, so that a killed run goes on from `diagnosis.json`: `NextFit`
+is all that the second half needs of the first.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from bayes_inertia.app.fit_campaign import fit
-from bayes_inertia.app.investigation import Investigation, investigate
-from bayes_inertia.campaign.block_means import without_surplus_rows
+from bayes_inertia.campaign.block_means import readings_a_mean, without_surplus_rows
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.design.correction_slew import CorrectionForecast, correction_forecast
+from bayes_inertia.design.separating_slew import Separation, separating_slew
 from bayes_inertia.diagnosis.limits import Rules
-from bayes_inertia.diagnosis.quoted_parameters import tried_effects
-from bayes_inertia.diagnosis.result import AlternativeParameters, Diagnosis
+from bayes_inertia.diagnosis.quoted_parameters import (
+    AlternativeParameters,
+    Undetected,
+    alternatives_of,
+    tried_effects,
+    undetected_effects,
+)
+from bayes_inertia.diagnosis.residuals import Disagreement, scan_residuals
+from bayes_inertia.diagnosis.result import Diagnosis
+from bayes_inertia.diagnosis.search import diagnose
+from bayes_inertia.diagnosis.unexplained import UnexplainedSignal, unexplained_signal
+from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.settings import (
     OPEN_VERDICTS,
@@ -27,11 +42,157 @@ from bayes_inertia.inference.settings import (
     Settings,
 )
 from bayes_inertia.inference.treatment import DirtTreatment, treated
+from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
-from bayes_inertia.progress import Progress, with_bar
+from bayes_inertia.progress import Progress, as_callback, with_bar
+
+
+@dataclass(frozen=True)
+class Investigation:
+    """A diagnosis and what follows from it.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        Verdict, effects named, and the fits before and after.
+    disagreement_before : Disagreement
+        Where residuals of the base model are not noise.
+    disagreement_after : Disagreement or None
+        The same after what was named; None where nothing changed.
+    unexplained : UnexplainedSignal or None
+        The equivalent disturbance torque; None unless the verdict is "partial" or "unknown".
+    correction : CorrectionForecast or None
+        The next correction slew, before and after; None unless effects were named.
+    separating_slews : tuple of Separation
+        For each ambiguous set the slew that best tells its first two apart, where there is one.
+    alternatives : tuple of AlternativeParameters
+        J and K with another effect of an ambiguous set, or with shapes that are free, where no
+        candidate explains the data.
+    blind_spots : tuple of Undetected
+        How far what is too weak to be found could have moved J and K.
+    readings_a_mean : int
+        Readings of the rate sensor that were averaged to one; 1 where none were.
+    """
+
+    diagnosis: Diagnosis
+    disagreement_before: Disagreement
+    disagreement_after: Disagreement | None = None
+    unexplained: UnexplainedSignal | None = None
+    correction: CorrectionForecast | None = None
+    separating_slews: tuple[Separation, ...] = ()
+    alternatives: tuple[AlternativeParameters, ...] = ()
+    blind_spots: tuple[Undetected, ...] = ()
+    readings_a_mean: int = 1
+
+
+@with_bar
+@on_one_blas_thread
+def investigate(
+    campaign: Campaign,
+    *,
+    drive: Drive | None = None,
+    seed: int = 0,
+    library: Sequence[Effect] = LIBRARY,
+    rules: Rules | None = None,
+    as_stated: bool = False,
+    progress: Progress | bool | None = None,
+) -> Investigation:
+    """Diagnose a campaign and ask everything of the answer.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What was flown.
+    drive : {"commanded", "measured"} or None
+        What drives the model; None for the campaign's best.
+    seed : int
+        Fixes everything.
+    library : sequence of Effect
+        Candidates.
+    rules : Rules or None
+        Thresholds of the search; None for the usual ones.
+    as_stated : bool
+        Take the telemetry as it is: leave no outlier out, and take the noise for white.
+    progress : bool or callable, optional
+        True for a bar; or called with (stage, done, of), `of` 0 where a stage is not counted.
+
+    Returns
+    -------
+    Investigation
+        The diagnosis and what follows from it.
+
+    Raises
+    ------
+    CampaignError, EffectError, EstimateError
+        As `diagnose`.
+
+    Examples
+    --------
+    It takes a minute, so this is no doctest::
+
+        investigation = investigate(read_campaign("my_campaign"))
+        investigation.diagnosis.verdict, [u.effect for u in investigation.blind_spots]
+    """
+    diagnosis = diagnose(
+        campaign,
+        library=library,
+        drive=drive,
+        rules=rules,
+        seed=seed,
+        as_stated=as_stated,
+        progress=progress,
+    )
+    base, final = diagnosis.base, diagnosis.final
+    unknown = diagnosis.verdict in OPEN_VERDICTS
+    changed = diagnosis.steps or any(factor > 1.0 for factor in diagnosis.noise.values())
+    # A stochastic signal cannot be foretold for another slew.
+    corrected = diagnosis.steps and not unknown and not diagnosis.steps[-1].stochastic
+    as_callback(progress)("bounding what could hide, forecasting the next slews", 0, 0)
+    with ThreadPoolExecutor(1) as pool:
+        # Mostly compiling, which leaves the interpreter to what follows.
+        alternatives = pool.submit(alternatives_of, diagnosis)
+        return Investigation(
+            diagnosis=diagnosis,
+            disagreement_before=scan_residuals(base, seed=seed),
+            disagreement_after=scan_residuals(final, seed=seed, stated=False) if changed else None,
+            unexplained=_unexplained(diagnosis) if unknown else None,
+            correction=correction_forecast(base, final, seed=seed) if corrected else None,
+            separating_slews=separating_slews(diagnosis, library=library, seed=seed),
+            blind_spots=undetected_effects(diagnosis),
+            readings_a_mean=1 if as_stated else readings_a_mean(campaign),
+            alternatives=alternatives.result(),
+        )
+
+
+def _unexplained(diagnosis: Diagnosis) -> UnexplainedSignal:
+    """What has no name: all that the base fit leaves, or what the names leave of it."""
+    named = diagnosis.verdict == "partial"
+    return unexplained_signal(diagnosis.final if named else diagnosis.base)
+
+
+def separating_slews(
+    diagnosis: Diagnosis, *, library: Sequence[Effect] = LIBRARY, seed: int = 0
+) -> tuple[Separation, ...]:
+    """For every ambiguous set the slew that best tells its first two apart, where there is one.
+
+    `library`: where effects are looked up that the final model does not hold. Returns: none for a
+    set without a feasible slew, or of effects that have states of their own or are stochastic.
+    """
+    instances = {e.name: e for e in (*library, *diagnosis.final.model.effects)}
+    slews = []
+    for first, second, *_ in diagnosis.ambiguous_with:
+        if any(
+            isinstance(instances.get(name), StochasticEffect | None) for name in (first, second)
+        ):
+            continue
+        with suppress(CampaignError, EffectError):
+            slews.append(
+                separating_slew(diagnosis.final, instances[first], instances[second], seed=seed)
+            )
+    return tuple(slews)
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.app.diagnosed_fit import NextFit, fitted_effects
-from bayes_inertia.app.investigation import Investigation
+from bayes_inertia.app.diagnosed_fit import Investigation, NextFit, fitted_effects
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.design.correction_slew import CorrectionForecast
 from bayes_inertia.design.numerics import NUMERICS as DESIGN_NUMERICS
@@ -25,7 +24,7 @@ from bayes_inertia.diagnosis.unexplained import UnexplainedSignal, describe
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.treatment import DirtTreatment, treatment_from
-from bayes_inertia.maths.values import json_ready
+from bayes_inertia.maths.values import json_ready, picked
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, STOCHASTIC
 from bayes_inertia.physics.effects.formula import Formula
@@ -42,52 +41,35 @@ def to_json(investigation: Investigation) -> dict[str, Any]:
     after, unknown = investigation.disagreement_after, investigation.unexplained
     content = {
         "format": FORMAT,
-        "verdict": diagnosis.verdict,
-        "named": list(diagnosis.named),
-        "ambiguous_with": [list(names) for names in diagnosis.ambiguous_with],
+        **picked(diagnosis, "verdict", "named", "ambiguous_with"),
         "readings_a_mean": investigation.readings_a_mean,
         "dirt": [dirt.json() for dirt in diagnosis.dirt],
-        "disagreement": _windows(before),
-        "disagreement_after": None if after is None else _windows(after),
+        "disagreement": before.windows,
+        "disagreement_after": None if after is None else after.windows,
         "slew_start": _slew_starts(before),
         "candidates": candidate_rows(diagnosis),
         "steps": [step_row(step) for step in diagnosis.steps],
-        "beyond_prior": [asdict(row) for row in diagnosis.beyond_prior],
+        "beyond_prior": diagnosis.beyond_prior,
         "unknown": None if unknown is None else _unknown(unknown),
         "correction_slew": _correction(investigation.correction),
         "separating": [_separating(s) for s in investigation.separating_slews],
-        "alternatives": [asdict(a) for a in investigation.alternatives],
-        "could_hide": [asdict(u) for u in investigation.blind_spots],
-        **_search(diagnosis),
+        "alternatives": investigation.alternatives,
+        "could_hide": investigation.blind_spots,
+        **picked(diagnosis, "why_unknown", "nameless_lead", "nameless_source"),
+        "formulas": _formulas(diagnosis),
+        **picked(diagnosis, "hypotheses", "threshold", "rules", "noise"),
+        "treatment": diagnosis.treatment.json(),
+        "skipped": [{"effect": name, "reason": reason} for name, reason in diagnosis.skipped],
+        "alike": alike_pairs(diagnosis),
+        "fit": {
+            key: picked(test, "reduced_chi2", "p_chi2", "p_white")
+            for key, test in diagnosis.tests.items()
+        },
+        "drive": diagnosis.base.model.structure.drive,
         "fitted": fitted_rows(diagnosis),
         "pictures": pictures_json(investigation),
     }
     return json_ready(content)
-
-
-def _search(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Record of the search."""
-    return {
-        "why_unknown": diagnosis.why_unknown,
-        "nameless_lead": diagnosis.nameless_lead,
-        "nameless_source": diagnosis.nameless_source,
-        "formulas": _formulas(diagnosis),
-        "hypotheses": [asdict(row) for row in diagnosis.hypotheses],
-        "threshold": diagnosis.threshold,
-        "rules": asdict(diagnosis.rules),
-        "noise": dict(diagnosis.noise),
-        "treatment": diagnosis.treatment.json(),
-        "skipped": [{"effect": name, "reason": reason} for name, reason in diagnosis.skipped],
-        "alike": [
-            {"effects": list(pair), "correlation": r}
-            for pair, r in alike_pairs(diagnosis, diagnosis.rules.imitation_correlation)
-        ],
-        "fit": {
-            key: {"reduced_chi2": t.reduced_chi2, "p_chi2": t.p_chi2, "p_white": t.p_white}
-            for key, t in diagnosis.tests.items()
-        },
-        "drive": diagnosis.base.model.structure.drive,
-    }
 
 
 def _formulas(diagnosis: Diagnosis) -> dict[str, Any] | None:
@@ -95,19 +77,19 @@ def _formulas(diagnosis: Diagnosis) -> dict[str, Any] | None:
     search = diagnosis.formulas
     if search is None:
         return None
-    best = search.terms[0]
+    terms = [
+        {
+            "effect": term.formula.name,
+            "formula": term.formula.text,
+            "behind_best": search.terms[0].log_weight - term.log_weight,
+        }
+        for term in search.equals(diagnosis.rules.log_evidence_margin)
+    ]
     return {
         "tried": len(search.terms),
         "log_evidence": search.log_evidence,
         "false_alarm_at_most": min(1.0, math.exp(-search.log_evidence)),
-        "terms": [
-            {
-                "effect": term.formula.name,
-                "formula": term.formula.text,
-                "behind_best": best.log_weight - term.log_weight,
-            }
-            for term in search.equals(diagnosis.rules.log_evidence_margin)
-        ],
+        "terms": terms,
     }
 
 
@@ -132,8 +114,6 @@ def next_fit_from(content: Mapping[str, Any], library: Sequence[Effect] = LIBRAR
     `library`: where the names of effects are looked up, beside stochastic ones.
     Returns: bit for bit the one of the diagnosis that was written.
 
-    Examples
-    --------
     >>> content = {"verdict": "named", "noise": {"rate": 1.0}, "drive": "commanded"}
     >>> content["fitted"] = [{"effect": "flexible_mode", "settings": {"frequency": 0.3}}]
     >>> next_fit_from(content).effects[0].frequency
@@ -192,23 +172,13 @@ def _slew_starts(disagreement: Disagreement) -> dict[str, float]:
     return {name: float(t[0]) for name, t in zip(disagreement.slews, edges, strict=True)}
 
 
-def _windows(disagreement: Disagreement) -> list[dict[str, Any]]:
-    return [asdict(window) for window in disagreement.windows]
-
-
 def _unknown(unknown: UnexplainedSignal) -> dict[str, Any]:
     return {
         "description": describe(unknown),
-        "axis": unknown.axis_B.tolist(),
-        "frequency_hz": unknown.frequency_hz,
-        "torque_rms": unknown.torque_rms,
-        "source": unknown.source,
-        "axis_share": unknown.axis_share,
+        "axis": unknown.axis_B,
+        **picked(unknown, "frequency_hz", "torque_rms", "source", "axis_share"),
         "explained": unknown.torque.explained,
-        "matches": [
-            {"with": m.name, "share": m.share, "log_evidence": m.log_evidence}
-            for m in unknown.matches
-        ],
+        "matches": [{"with": m.name} | picked(m, "share", "log_evidence") for m in unknown.matches],
     }
 
 
@@ -281,10 +251,7 @@ def step_row(step: Step) -> dict[str, Any]:
     return {
         "added": step.added,
         "log_bayes_factor": step.log_bayes_factor,
-        "alternatives": [
-            {"effect": other.effect, "correlation": other.correlation}
-            for other in step.alternatives
-        ],
+        "alternatives": [picked(other, "effect", "correlation") for other in step.alternatives],
         "reduced_chi2_before": {key: t.reduced_chi2 for key, t in step.before.tests.items()},
         "reduced_chi2_after": {key: t.reduced_chi2 for key, t in step.after.tests.items()},
         "held_out_before": held_out_chi2(step.before),
@@ -318,12 +285,12 @@ def shift_rows(before: Estimate, after: Estimate) -> dict[str, dict[str, Any]]:
     }
 
 
-def alike_pairs(diagnosis: Diagnosis, limit: float) -> list[tuple[tuple[str, str], float]]:
+def alike_pairs(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """Pairs of candidates that this campaign hardly tells apart, most alike first."""
-    return sorted(
-        ((pair, r) for pair, r in diagnosis.correlations.items() if r > limit),
-        key=lambda item: -item[1],
-    )
+    limit = diagnosis.rules.imitation_correlation
+    pairs = [(pair, r) for pair, r in diagnosis.correlations.items() if r > limit]
+    pairs.sort(key=lambda item: -item[1])
+    return [{"effects": pair, "correlation": r} for pair, r in pairs]
 
 
 def pictures_json(investigation: Investigation) -> dict[str, Any]:
@@ -358,8 +325,7 @@ def _signal(
 ) -> dict[str, Any]:
     count = history.mean.shape[-1]
     return {
-        "source": history.source,
-        "unit": history.unit,
+        **picked(history, "source", "unit"),
         "slews": slews,
         "components": components or [f"{history.source} {i + 1}" for i in range(count)],
         "length": history.length,

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from bayes_inertia.app.layout import LAYOUT
-from bayes_inertia.app.plan_json import slew_rows
-from bayes_inertia.app.run_folder import read_run
-from bayes_inertia.app.run_report import run_summary
+from bayes_inertia.app.plan_folder import slew_rows
+from bayes_inertia.app.run_folder import read_run, run_summary
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError

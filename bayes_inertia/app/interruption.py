@@ -29,8 +29,6 @@ _SHOW_CURSOR = "\x1b[?25h"
 def how_to_go_on(arguments: Sequence[str]) -> str:
     """Advice after a command was interrupted.
 
-    Examples
-    --------
     >>> how_to_go_on(["study", "my_campaign", "-o", "no/such/folder"])
     'nothing was written; the same command begins again'
     """

@@ -12,7 +12,7 @@ class Layout:
     # `commands/check.py`
     slews_shown: int = 20  # so that the rest of the answer stays on the screen
 
-    # `commands/design.py`
+    # `commands/plans.py`
     margins_of_design: int = 3  # the tightest; broken ones are shown besides
 
     # `commands/import_raw.py`
@@ -35,7 +35,7 @@ class Layout:
     least_compile_seconds: float = 0.05  # What compiles faster is not kept.
     unused_after_s: float = 30 * 86_400.0  # [s] after which the code of another version is deleted.
 
-    # `design_folder.py`
+    # `plan_folder.py`
     margins_of_folder: int = 6
 
     # `diagnosis_json.py`
@@ -44,7 +44,7 @@ class Layout:
     # `export_run.py`
     forecast_draws: int = 48  # of the posterior, in the forecast of the correction slew
 
-    # `commands/doctor.py`
+    # `commands/check.py`, the installation
     # Relative change of the energy of a free tumble over 100 s that the integrator may make.
     energy_drift_allowed: float = 1e-9
 

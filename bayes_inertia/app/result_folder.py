@@ -58,8 +58,6 @@ def write_page(
 class ResultFolder:
     """A folder, and the work that wants to write in it.
 
-    Examples
-    --------
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as path:
     ...     folder = ResultFolder(Path(path), "design", "design.json", "format/1", "ab")

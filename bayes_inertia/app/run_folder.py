@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from bayes_inertia.app.diagnosed_fit import fit_after_diagnosis
+from bayes_inertia.app.diagnosed_fit import fit_after_diagnosis, investigate
 from bayes_inertia.app.diagnosis_json import (
     DIAGNOSIS_FILE,
     blaming_diagnosis,
@@ -22,12 +22,11 @@ from bayes_inertia.app.diagnosis_json import (
     to_json,
 )
 from bayes_inertia.app.fit_campaign import fit, import_in_background
-from bayes_inertia.app.investigation import investigate
 from bayes_inertia.app.result_folder import ResultFolder, origin, write_json
-from bayes_inertia.app.run_report import run_summary, write_run_report
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.prior import GaussianPrior, prior_from_json
 from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_campaign
+from bayes_inertia.design.numerics import NUMERICS as DESIGN_NUMERICS
 from bayes_inertia.errors import CampaignError, EffectError, SettingsError
 from bayes_inertia.files import write_atomically
 from bayes_inertia.folder_lock import working_in
@@ -40,7 +39,9 @@ from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.progress import Progress, silent
-from bayes_inertia.sealing import read_sealed_json, sealed
+from bayes_inertia.report.plan_promise import PlanPromise
+from bayes_inertia.report.verdict import with_verdict_sentence
+from bayes_inertia.sealing import SEAL_KEY, blaming, read_sealed_json, sealed
 from bayes_inertia.version import __version__
 
 FORMAT = "bayes-inertia-run/1"
@@ -255,3 +256,63 @@ def _candidates(folder: Path, run: Run) -> tuple[Effect, ...]:
     further = tuple(e for e in effects_of_run(folder, run) if e not in LIBRARY)
     named = {effect.name for effect in further}
     return (*(effect for effect in LIBRARY if effect.name not in named), *further)
+
+
+def run_summary(posterior: Posterior, folder: Path) -> dict[str, Any]:
+    """The content of a run's summary.json."""
+    content = read_diagnosis(folder)
+    if content is None:
+        return with_verdict_sentence(posterior.summary())
+    with blaming_diagnosis(folder, content):
+        return with_verdict_sentence(posterior.summary(), content)
+
+
+def run_page(
+    posterior: Posterior, folder: Path, *, intact: bool, promise: PlanPromise | None = None
+) -> str:
+    """The report of a run: of its fit, and of its diagnosis if it has one."""
+    # Plots take half a second to load: not before sampling.
+    from bayes_inertia.report.fit_sections import standard_sections
+    from bayes_inertia.report.page import render
+    from bayes_inertia.report.plan_promise import plan_promise_section
+
+    content = read_diagnosis(folder)
+    sealed_diagnosis = content is None or SEAL_KEY in content
+    with blaming(folder, intact=intact and sealed_diagnosis, advice=_NEW_RUN):
+        sections = standard_sections(posterior, content, _forecast(posterior, folder))
+        if promise is not None:
+            # Behind result, reasons and parameters.
+            sections.insert(3, plan_promise_section(promise))
+        return render(posterior, sections, _origin(folder))
+
+
+def _origin(folder: Path) -> dict[str, str]:
+    """Date and data of the run, as far as it states them."""
+    path = folder / "run.json"
+    claim = read_sealed_json(path, _NEW_RUN) if path.is_file() else {}
+    return {key: str(claim[key]) for key in ("date", "data") if key in claim}
+
+
+def _forecast(posterior: Posterior, folder: Path) -> dict[str, Any] | None:
+    """The error of the next slew, of a result that may be used and whose campaign is at hand."""
+    from bayes_inertia.app.export_run import forecast_of
+
+    copy = folder / "campaign"
+    if not posterior.trusted or not copy.is_dir():
+        return None
+    if campaign_sha256(copy) != posterior.attributes.get("campaign_sha256"):
+        return None
+    forecast = forecast_of(posterior, read_campaign(copy))
+    return (
+        None
+        if forecast is None
+        else asdict(forecast) | {"angle_deg": DESIGN_NUMERICS.corrected_turn_deg}
+    )
+
+
+def write_run_report(
+    posterior: Posterior, folder: Path, *, intact: bool, promise: PlanPromise | None = None
+) -> Path:
+    """Write report.html in a run folder."""
+    page = run_page(posterior, folder, intact=intact, promise=promise)
+    return write_atomically(folder / "report.html", page)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_inertia.app.plan_json import PAPER, plans_named
+from bayes_inertia.app.plan_folder import PAPER, plans_named
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError

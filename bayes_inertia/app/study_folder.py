@@ -18,7 +18,7 @@ import numpy as np
 from scipy import stats
 
 from bayes_inertia.app.layout import LAYOUT
-from bayes_inertia.app.plan_json import PAPER, plan_sha256, plans_named
+from bayes_inertia.app.plan_folder import PAPER, plan_sha256, plans_named
 from bayes_inertia.app.result_folder import ResultFolder, write_json
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.design.simulated_fits import AchievedErrors
@@ -40,8 +40,8 @@ from bayes_inertia.studies.calibration import (
 )
 from bayes_inertia.studies.engine import Execution
 from bayes_inertia.studies.limits import LIMITS as STUDIES_LIMITS
+from bayes_inertia.studies.plan_comparison import achieved_errors, simulated_fits
 from bayes_inertia.studies.rank_statistics import coverage_from, ecdf_band
-from bayes_inertia.studies.simulated_fits import achieved_errors, simulated_fits
 from bayes_inertia.studies.work import TaskFailure
 
 FORMAT = "bayes-inertia-study/1"

@@ -10,14 +10,12 @@ import codecs
 import errno
 import io
 import json
-import math
 import os
 import re
-import statistics
 import sys
 import textwrap
 import webbrowser
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
@@ -73,8 +71,6 @@ def usable_streams() -> Iterator[None]:
     Letters that their encoding lacks are replaced. Where they are closed, or their reader goes
     away, what is printed is dropped, and the work goes on.
 
-    Examples
-    --------
     >>> with usable_streams():
     ...     print("5 slews")
     5 slews
@@ -115,8 +111,6 @@ def _usable(stream: TextIO | None) -> TextIO:
 def in_plain_letters(error: UnicodeError) -> tuple[str, int]:
     """Text in the letters of an encoding: a minus stays one, others become "?".
 
-    Examples
-    --------
     >>> codecs.register_error("plain", in_plain_letters)
     >>> "−0.26 ± 0.04 × 10⁻⁴ kg m², 5 µ".encode("ascii", "plain")
     b'-0.26 +- 0.04 x 10^-4 kg m^2, 5 ?'
@@ -137,8 +131,6 @@ def plain_console(*, stderr: bool = False) -> Console:
 def quietly(quiet: bool) -> Iterator[None]:
     """Print no tables, sentences and progress while the context lasts.
 
-    Examples
-    --------
     >>> with quietly(True):
     ...     plain_console().print("a table")
     """
@@ -152,8 +144,6 @@ def quietly(quiet: bool) -> Iterator[None]:
 def print_json(content: Mapping[str, Any]) -> None:
     """Print one JSON document on stdout, quiet or not.
 
-    Examples
-    --------
     >>> print_json({"format": "bayes-inertia-note/1"})
     {
      "format": "bayes-inertia-note/1"
@@ -162,16 +152,20 @@ def print_json(content: Mapping[str, Any]) -> None:
     typer.echo(json.dumps(content, indent=1, allow_nan=False))
 
 
-def print_json_file(path: Path) -> None:
-    """Print a JSON document that a command wrote, as it stands in its file."""
-    print_json(json.loads(path.read_text(encoding="utf-8")))
+def show_result(
+    document: Path, as_json: bool, open_page: bool, show: Callable[..., None], *told: Any
+) -> None:
+    """Print the JSON document that a command wrote, or `show(*told)`; open its page if wanted."""
+    if as_json:
+        print_json(json.loads(document.read_text(encoding="utf-8")))
+    else:
+        show(*told)
+    open_in_browser(document.with_suffix(".html"), open_page)
 
 
 def safe_message(text: str) -> str:
     """A message of bearable length without control characters, whatever a file wrote into it.
 
-    Examples
-    --------
     >>> safe_message("no column '\\x1b[31m'")
     "no column '\\\\x1b[31m'"
     """
@@ -183,8 +177,6 @@ def safe_message(text: str) -> str:
 def headed(head: str, rest: str = "", *, style: str = "bold") -> Text:
     """A line whose first words stand out.
 
-    Examples
-    --------
     >>> str(headed("MOST [/run 3]", ": 5 slews"))
     'MOST [/run 3]: 5 slews'
     """
@@ -215,20 +207,6 @@ def print_table(
     for row in rows:
         table.add_row(*row)
     console.print(table)
-
-
-def unit_powers(sds: Iterable[tuple[str, float]]) -> dict[str, int]:
-    """Power of ten, a multiple of three, in which all (unit, sd) of a unit read best.
-
-    Examples
-    --------
-    >>> unit_powers([("kg m^2", 2e-4), ("kg m^2", 9e-5), ("rad", 0.1)])
-    {'kg m^2': -3, 'rad': 0}
-    """
-    sizes: dict[str, list[float]] = {}
-    for unit, sd in sds:
-        sizes.setdefault(unit, []).append(math.log10(sd))
-    return {unit: 3 * round(statistics.median(logs) / 3.0) for unit, logs in sizes.items()}
 
 
 def indented(line: str) -> Padding:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, dataclass_transform
 
 import numpy as np
@@ -201,10 +201,21 @@ def _hashable(value: Any) -> Any:
     return hash(value)
 
 
+def picked(value: Any, *names: str) -> dict[str, Any]:
+    """Attributes of an object by their names, as a JSON file holds them.
+
+    Examples
+    --------
+    >>> picked(3 + 4j, "real", "imag")
+    {'real': 3.0, 'imag': 4.0}
+    """
+    return {name: json_ready(getattr(value, name)) for name in names}
+
+
 def json_ready(value: Any) -> Any:
     """A value with Python's own types, and None for what is not finite.
 
-    `value`: numbers, texts, or dicts, lists, tuples and arrays of such.
+    `value`: numbers, texts, or dicts, dataclasses, lists, tuples and arrays of such.
 
     Examples
     --------
@@ -213,6 +224,8 @@ def json_ready(value: Any) -> Any:
     """
     if isinstance(value, dict):
         return {str(key): json_ready(item) for key, item in value.items()}
+    if is_dataclass(value):
+        return {field.name: json_ready(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, list | tuple | np.ndarray):
         return [json_ready(item) for item in value]
     if isinstance(value, bool | np.bool_):

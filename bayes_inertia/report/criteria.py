@@ -38,8 +38,6 @@ def criteria_of(summary: Mapping[str, Any]) -> Criteria:
     `summary`: the content of summary.json, or the attributes of a posterior. Returns: files of
     version 0.1 do not state their limits: they were the defaults here.
 
-    Examples
-    --------
     >>> criteria_of({"criteria": {"rejected_below": 1e-4}}).rejected_below
     0.0001
     """
@@ -55,8 +53,6 @@ def channel_verdict(fit: Mapping[str, Any], channel: str, criteria: Criteria) ->
     predicted", "borderline", "smaller than the stated noise", "structured in time", "too large" or
     "too large and structured in time".
 
-    Examples
-    --------
     >>> fit = {"reduced_chi2": {"rate": 1.0}, "interval_99": {"rate": (0.9, 1.1)}}
     >>> channel_verdict(fit | {"p_white": {"rate": 0.5}}, "rate", Criteria())
     'as predicted'
@@ -79,8 +75,6 @@ def channel_verdict(fit: Mapping[str, Any], channel: str, criteria: Criteria) ->
 def whiteness_text(p_white: float | None, criteria: Criteria) -> str:
     """The test for white residuals in words.
 
-    Examples
-    --------
     >>> [whiteness_text(p, Criteria()) for p in (None, 0.0, 0.39)]
     ['not tested', 'no (p < 10⁻¹⁰⁰)', 'yes (p = 0.4)']
     """
@@ -92,8 +86,6 @@ def whiteness_text(p_white: float | None, criteria: Criteria) -> str:
 def discount_text(discount: float) -> str:
     """Weight of one channel of one slew in the estimate.
 
-    Examples
-    --------
     >>> discount_text(1.0), discount_text(0.0026), discount_text(0.5)
     ('full', '1/385', '1/2.0')
     """
@@ -105,8 +97,6 @@ def discount_text(discount: float) -> str:
 def sd_in_print(row: Mapping[str, Any]) -> float:
     """The sd that decides digits and widths: the quoted one, or the draws' where none is quoted.
 
-    Examples
-    --------
     >>> sd_in_print({"sd": 1.0, "quoted_sd": 1.1}), sd_in_print({"sd": 1.0, "quoted_sd": None})
     (1.1, 1.0)
     """
@@ -135,8 +125,6 @@ def exponents_of(*tables: Mapping[str, Mapping[str, Any]]) -> dict[str, int]:
 def contraction(sd: float, prior_sd: float) -> float:
     """Share of the prior variance that the data removed.
 
-    Examples
-    --------
     >>> contraction(0.5, 1.0), contraction(1.2, 1.0)
     (0.75, 0.0)
     """
@@ -146,8 +134,6 @@ def contraction(sd: float, prior_sd: float) -> float:
 def contraction_text(share: float, criteria: Criteria) -> str:
     """Contraction in print, rounded down: it never seems to reach a threshold that it misses.
 
-    Examples
-    --------
     >>> [contraction_text(share, Criteria()) for share in (0.9999977, 0.541, 0.98765)]
     ['> 0.9999', '0.54', '0.987']
     """
@@ -160,8 +146,6 @@ def contraction_text(share: float, criteria: Criteria) -> str:
 def determination(share: float, criteria: Criteria) -> str:
     """Degree to which the campaign determines a parameter.
 
-    Examples
-    --------
     >>> [determination(share, Criteria()) for share in (0.99, 0.6, 0.2)]
     ['determined', 'partly determined', 'not determined']
     """
@@ -193,8 +177,6 @@ def names_by_determination(rows: Mapping[str, Any], criteria: Criteria) -> dict[
 def interval_90(row: Mapping[str, Any]) -> tuple[float, float] | None:
     """The 90 % interval that belongs to the quoted sd: the draws', widened about their median.
 
-    Examples
-    --------
     >>> interval_90({"q05": -1.6, "q50": 0.0, "q95": 1.7, "sd": 1.0, "quoted_sd": 2.0})
     (-3.2, 3.4)
     """

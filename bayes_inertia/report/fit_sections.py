@@ -12,28 +12,17 @@ import numpy as np
 
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.criteria import (
-    Criteria,
-    contraction,
-    contraction_text,
     criteria_of,
-    determination_of,
     exponents_of,
-    interval_90,
     names_by_determination,
     ratios_told,
-    sd_in_print,
 )
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 from bayes_inertia.report.formatting import (
-    NOT_GIVEN,
-    exponent,
     kind_of,
     listed,
     number,
     plain,
-    power_text,
-    typeset,
-    unit_text,
 )
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.chains import draw_chains
@@ -43,7 +32,7 @@ from bayes_inertia.report.pictures.pairs import draw_pairs
 from bayes_inertia.report.pictures.posterior_data import n_ensembles, n_slews, values_of
 from bayes_inertia.report.pictures.priors import draw_priors
 from bayes_inertia.report.residual_sections import residuals_section, telemetry_section
-from bayes_inertia.report.section import Picture, Section, Table, captioned, packaged
+from bayes_inertia.report.section import Picture, Section, captioned, packaged
 from bayes_inertia.report.verdict import (
     Level,
     Verdict,
@@ -56,7 +45,6 @@ from bayes_inertia.report.words import (
     averaged_over,
     correlation_sentences,
     dirt_rows,
-    meaning,
     phrase,
 )
 
@@ -105,39 +93,14 @@ def standard_sections(
 
 def dirt_section(posterior: Posterior) -> Section | None:
     """Telemetry faults, and their treatment."""
-    rows = [
-        (
-            row["kind"],
-            row["channel"],
-            str(row["rows"] or "all"),
-            ", ".join(dict.fromkeys(row["slews"])) or "all",
-            row["treated"],
-            next(iter(row["notes"]), ""),
-        )
-        for row in dirt_rows(posterior.attributes.get("dirt", []))
-    ]
-    columns = {"fault": "", "channel": "", "rows": "n", "slews": "", "treated": "", "note": "long"}
-    table = Table(columns, rows)
-    return (
-        Section("Dirt in the telemetry", packaged("dirt.html"), {"table": table}) if rows else None
-    )
+    rows = dirt_rows(posterior.attributes.get("dirt", []))
+    return Section("Dirt in the telemetry", packaged("dirt.html"), {"rows": rows}) if rows else None
 
 
 def gates_section(posterior: Posterior) -> Section:
     """The gates and the state of the sampler."""
-    attributes = posterior.attributes
-    diagnostics = attributes["diagnostics"]
-    numbers = [
-        ("acceptance", f"{diagnostics['acceptance']:.2f}"),
-        ("posterior evaluations", f"{diagnostics['evaluations']:,}"),
-        ("effective samples per evaluation", f"{diagnostics['ess_per_evaluation']:.2f}"),
-        ("autocorrelation time, steps", f"{diagnostics['tau_max']:.1f}"),
-    ]
-    gates = [gate | {"says": typeset(gate["says"])} for gate in attributes["gates"]]
-    sampler = Table({"sampler": "", "value": "n"}, numbers, "narrow short")
-    context = {"gates": gates, "sampler": sampler}
     pictures = captioned("chains", draw_chains(posterior), folded=True)
-    return Section("Gates", packaged("gates.html"), context, pictures)
+    return Section("Gates", packaged("gates.html"), {"a": posterior.attributes}, pictures)
 
 
 def limits_section(posterior: Posterior) -> Section:
@@ -153,7 +116,6 @@ def limits_section(posterior: Posterior) -> Section:
         "ties": tie_sentences(posterior),
         "free_momenta": attributes.get("free_momenta", 0),
         "n_slews": n_slews(posterior),
-        "listed": listed,
     }
     return Section("Limits", packaged("limits.html"), context)
 
@@ -173,11 +135,9 @@ def tie_sentences(posterior: Posterior) -> list[str]:
     return said
 
 
-_TEMPLATE = (
-    "<p>These are stochastic: in each slew they are free to be what the data ask for. "
-    "What they may have done is taken from the information on J and K. "
-    "Where a band holds zero, nothing is missing there.</p>"
-)
+_TEMPLATE = """<p>These are stochastic: in each slew they are free to be what the data ask for.
+What they may have done is taken from the information on J and K.
+Where a band holds zero, nothing is missing there.</p>"""
 
 
 def signals_section(posterior: Posterior) -> Section | None:
@@ -218,68 +178,19 @@ def _picture(posterior: Posterior, name: str) -> Picture:
 
 def parameters_section(posterior: Posterior) -> Section:
     """The table of parameters and principal moments, prior against posterior."""
-    summary, criteria = posterior.summary(), criteria_of(posterior.attributes)
-    prior_mean = values_of(posterior, "estimate", "prior_mean")
-    ratios = ratios_told(summary)
-    powers = exponents_of(ratios | summary["parameters"] | summary["derived"])
-    rows = [_row_of_ratio(name, row, powers[name], criteria) for name, row in ratios.items()]
-    rows += [
-        _parameter_row(name, row, powers[name], float(center), criteria)
-        for (name, row), center in zip(summary["parameters"].items(), prior_mean, strict=True)
-    ]
-    for row in rows:  # An sd of the size of J would be the prior's.
-        if f"{row['name']}/trace" in ratios:
-            row |= {"sd": NOT_GIVEN, "contraction": "", "determined": "only its ratio"}
-    pictures = captioned("priors", draw_priors(posterior), folded=True)
+    summary = posterior.summary()
+    ratios = ratios_told(summary)  # An sd of the size of J would be the prior's.
     context = {
-        "rows": rows,
-        "moments": [
-            _value_cells(name, row, powers[name]) | ({"sd": NOT_GIVEN} if ratios else {})
-            for name, row in summary["derived"].items()
-        ],
-        "trusted": posterior.trusted,
-        "quoted": posterior.quoted_factor is not None,
-        "factor": posterior.quoted_factor or 1.0,
+        "s": summary,
+        "ratios": ratios,
+        "powers": exponents_of(ratios | summary["parameters"] | summary["derived"]),
+        "prior_means": values_of(posterior, "estimate", "prior_mean").tolist(),
+        "quoted": posterior.quoted_factor,
         "averaged": averaged_over(summary),
-        "criteria": criteria,
+        "criteria": criteria_of(posterior.attributes),
     }
+    pictures = captioned("priors", draw_priors(posterior), folded=True)
     return Section("Parameters", packaged("parameters.html"), context, pictures)
-
-
-def _value_cells(name: str, row: Mapping[str, Any], power: int) -> dict[str, str]:
-    """Mean, quoted sd and the model's sd of one row, in one power of ten."""
-    quoted, sd = row["quoted_sd"], sd_in_print(row)
-    interval = interval_90(row) if "q05" in row else None
-    ends = [number(end, sd, power) for end in interval or ()]
-    return {
-        "name": name,
-        "mean": number(row["mean"], sd, power),
-        "interval": " … ".join(ends) or (NOT_GIVEN if "q05" in row else ""),
-        "quoted_sd": NOT_GIVEN if quoted is None else number(quoted, quoted, power),
-        "sd": number(row["sd"], row["sd"], power),
-        "unit": unit_text(row["unit"], power),
-    }
-
-
-def _row_of_ratio(
-    name: str, row: Mapping[str, Any], power: int, criteria: Criteria
-) -> dict[str, str]:
-    told = _parameter_row(name, row, power, 0.0, criteria)
-    prior = number(row["prior_sd"], row["prior_sd"], power)
-    return told | {"meaning": "ratio", "prior": f"± {prior}"}
-
-
-def _parameter_row(
-    name: str, row: Mapping[str, Any], power: int, prior_mean: float, criteria: Criteria
-) -> dict[str, str]:
-    prior, prior_sd = (number(x, row["prior_sd"], power) for x in (prior_mean, row["prior_sd"]))
-    share = contraction(sd_in_print(row), row["prior_sd"])
-    return _value_cells(name, row, power) | {
-        "meaning": meaning(name),
-        "prior": f"{prior} ± {prior_sd}",
-        "contraction": contraction_text(share, criteria),
-        "determined": determination_of(row, criteria),
-    }
 
 
 def determination_section(posterior: Posterior) -> Section:
@@ -295,7 +206,6 @@ def determination_section(posterior: Posterior) -> Section:
     context = {
         "groups": names_by_determination(rows, criteria_of(posterior.attributes)),
         "correlations": correlation_sentences(names, matrix),
-        "listed": listed,
     }
     title = "What this campaign determines"
     return Section(title, packaged("determination.html"), context, pictures)
@@ -366,17 +276,17 @@ def result_sections(
             else ""
         )
     level, rows = level_of(summary, list(verdicts.values())), summary["parameters"]
-    scale_factors = [[row] for name, row in rows.items() if kind_of(name) == "K"]
+    matrices = {
+        "J / trace J": _tensor(ratios_told(summary), "/trace"),
+        "J": _tensor(rows),
+        "K": [[row] for name, row in rows.items() if kind_of(name) == "K"],
+    }
     context = {
         "level": level,
         "status": _STATUS[level],
         "sentence": verdict_sentence(summary, diagnosis),
         "bound": bound,
-        "matrices": [
-            *_ratio_matrix(summary),
-            _matrix("J", [[rows[name] for name in line] for line in _TENSOR]),
-            *([_matrix("K", scale_factors)] if scale_factors else []),
-        ],
+        "matrices": matrices,
         "quoted": posterior.quoted_factor is not None,
     }
     pictures: tuple[Picture, ...] = ()
@@ -399,29 +309,6 @@ def level_of(summary: Mapping[str, Any], verdicts: list[Verdict]) -> Level:
     return worst_level([verdict.level for verdict in verdicts])
 
 
-def _ratio_matrix(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """J over its trace, first where nothing ties its size."""
-    ratios = ratios_told(summary)
-    if not ratios:
-        return []
-    return [_matrix("J / trace J", [[ratios[f"{n}/trace"] for n in line] for line in _TENSOR])]
-
-
-def _matrix(symbol: str, rows: list[list[Mapping[str, Any]]]) -> dict[str, Any]:
-    """A matrix of estimates, all in one power of ten, each with its quoted sd."""
-    cells = [row for line in rows for row in line]
-    power = exponent(max(abs(row["mean"]) for row in cells), 0.0)
-    unit = unit_text(cells[0]["unit"]) if cells[0]["unit"] else ""
-    return {
-        "symbol": symbol,
-        "unit": " ".join(part for part in (power_text(power) if power else "", unit) if part),
-        "rows": [[_estimate(row, power) for row in line] for line in rows],
-    }
-
-
-def _estimate(row: Mapping[str, Any], power: int) -> dict[str, str]:
-    quoted = row["quoted_sd"]
-    return {
-        "mean": number(row["mean"], sd_in_print(row), power),
-        "sd": "" if quoted is None else number(quoted, quoted, power),
-    }
+def _tensor(rows: Mapping[str, Any], of: str = "") -> list[list[Any]]:
+    """Rows of a summary in the places of the tensor's elements (3, 3); none without rows."""
+    return [[rows[f"{name}{of}"] for name in line] for line in _TENSOR] if rows else []

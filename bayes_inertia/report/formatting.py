@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from bayes_inertia.campaign.sensors import STREAMS
@@ -28,8 +28,6 @@ _FRAMES = {"N": "inertial axes", "B": "body axes"}
 def channel_name(channel: str) -> str:
     """A channel in print; a further sensor has its own name.
 
-    Examples
-    --------
     >>> channel_name("attitude"), channel_name("rate_2")
     ('star tracker', 'rate_2')
     """
@@ -42,8 +40,6 @@ def common_exponents(values: Mapping[str, tuple[str, float, float]]) -> dict[str
     Moments of inertia, products of inertia, scale factors and the parameters of one effect in one
     unit are a kind each. The largest of a kind decides.
 
-    Examples
-    --------
     >>> unit = "kg m^2"
     >>> common_exponents({"Jxx": (unit, 3.3, 0.1), "Jxy": (unit, 0.01, 1e-4),
     ...                   "Jxz": (unit, 0.002, 1e-4)})
@@ -59,8 +55,6 @@ def common_exponents(values: Mapping[str, tuple[str, float, float]]) -> dict[str
 def kind_of(name: str) -> str:
     """Kind of a parameter: moment or product of inertia, K, or the effect that it belongs to.
 
-    Examples
-    --------
     >>> [kind_of(name) for name in ("Jxx", "Jxy", "K4", "mems.K1", "Jxy/trace")]
     ['moment of inertia', 'product of inertia', 'K', 'mems', 'product of inertia']
     """
@@ -102,6 +96,18 @@ def sd_column(sds: Sequence[float]) -> tuple[int, list[str]]:
 def sd_head(name: str, power: int) -> str:
     """Heading of a column of `sd_column`: its name and power of ten."""
     return f"{name} {power_text(power)}" if power else name
+
+
+def unit_powers(sds: Iterable[tuple[str, float]]) -> dict[str, int]:
+    """Power of ten, a multiple of three, in which all (unit, sd) of a unit read best.
+
+    >>> unit_powers([("kg m^2", 2e-4), ("kg m^2", 9e-5), ("rad", 0.1)])
+    {'kg m^2': -3, 'rad': 0}
+    """
+    sizes: dict[str, list[float]] = {}
+    for unit, sd in sds:
+        sizes.setdefault(unit, []).append(math.log10(sd))
+    return {unit: 3 * round(statistics.median(logs) / 3.0) for unit, logs in sizes.items()}
 
 
 def tenths(value: float) -> str:
@@ -169,8 +175,6 @@ def plain(name: str) -> str:
 
     Returns: words with spaces; the frame that a name ends its quantity with is spelt out.
 
-    Examples
-    --------
     >>> plain("wheel_command_lag"), plain("solar_pressure.torque_N_x")
     ('wheel command lag', 'solar pressure: torque x (inertial axes)')
     >>> plain("formula_body_torque_speed_squared_full")

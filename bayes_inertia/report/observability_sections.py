@@ -4,44 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from bayes_inertia.observability.against_posterior import PosteriorComparison
 from bayes_inertia.observability.result import (
     Observability,
-    ParameterObservability,
     commands_worth,
 )
 from bayes_inertia.observability.sentences import answer, sentence, verdict_of
 from bayes_inertia.report.formatting import (
-    NOT_GIVEN,
     listed,
     plain,
-    sd_column,
-    sd_head,
     typeset,
-    unit_text,
 )
 from bayes_inertia.report.pictures.observability import draw_observability
-from bayes_inertia.report.section import Section, Table, captioned, packaged
-
-_HEADS = (
-    "parameter",
-    "unit",
-    "prior sd",
-    "sd",
-    "times sharper",
-    "most from",
-    "others cost",
-    "commands worth",
-    "this campaign",
-)
-_CLASSES = ("", "extra", "n extra", "n", "n extra", "", "n extra", "n extra", "")
-_NOTE = (
-    "Most from: the slew that tells most of the parameter, and its share. Others cost: sd over its "
-    "value were everything else known. Commands worth: sd with the recorded torque commands "
-    "ignored over sd with them."
-)
+from bayes_inertia.report.section import Section, captioned, packaged
 
 
 def observability_sections(
@@ -62,49 +37,14 @@ def observability_sections(
     }
     reasons = {title: ("", lines) for title, lines in sentences.items() if lines}
     context = {"reasons": reasons, "folded": ("The parameters that are determined",)}
+    told_by = {"answer": answer, "verdict_of": verdict_of, "commands_worth": commands_worth}
+    pictures = captioned("observability", draw_observability(observability))
+    result = {"o": observability} | told_by
     return [
-        _result_section(observability),
+        Section("Result", packaged("observability.html"), result, pictures),
         Section("Why not better", packaged("reasons.html"), context),
         Section("Settings", packaged("settings.html"), {"rows": _settings(observability)}),
     ]
-
-
-def _result_section(observability: Observability) -> Section:
-    (prior_power, priors), (power, sds) = (
-        sd_column([getattr(p, key) for p in observability.parameters]) for key in ("prior_sd", "sd")
-    )
-    heads = list(_HEADS)
-    heads[2:4] = sd_head("prior sd", prior_power), sd_head("sd", power)
-    all_determined = all(p.verdict == "determined" for p in observability.parameters)
-    parts = zip(observability.parameters, priors, sds, strict=True)
-    rows = [_row(observability, *part) for part in parts]
-    columns = dict(zip(heads, _CLASSES, strict=True))
-    return Table(columns, rows, "many short").section(
-        "Result",
-        captioned("observability", draw_observability(observability)),
-        sentence=answer(observability),
-        level="good" if all_determined else "caution",
-        notes=(_NOTE,),
-    )
-
-
-def _row(
-    observability: Observability, p: ParameterObservability, prior: str, sd: str
-) -> tuple[str, ...]:
-    """The cells of one parameter, its sds as they are printed."""
-    worth, by_slew = commands_worth(p, observability.drive), p.share.sum(1)
-    best = int(np.argmax(by_slew))
-    return (
-        plain(p.name),
-        unit_text(p.unit),
-        prior,
-        sd,
-        f"{p.prior_sd / p.sd:,.3g}",
-        f"{observability.slews[best]}, {100.0 * by_slew[best]:.0f} %",
-        f"× {np.sqrt(p.variance_inflation):.1f}",
-        NOT_GIVEN if worth is None else f"× {worth:.1f}",
-        verdict_of(observability, p),
-    )
 
 
 def _undetermined(observability: Observability) -> list[str]:

@@ -55,8 +55,6 @@ def page_facts(
 
     `mission` [mission]. `origin`: date of the result, and folder of the data.
 
-    Examples
-    --------
     >>> page_facts({"operator": "UTIAS", "name": "MOST"}, sha256="ab" * 32, version="0.5.0")
     {'mission': 'MOST', 'operator': 'UTIAS', 'SHA-256': 'abababababab', 'bayes-inertia': ...}
     """
@@ -159,8 +157,6 @@ def with_column_labels(html: str) -> str:
     Returns: the same with `data-label` at each cell; tables without such headings are left as they
     are.
 
-    Examples
-    --------
     >>> head = '<tr><th scope="col">name</th><th scope="col">sd</th></tr>'
     >>> row = '<tr><th scope="row">Jxx</th><td>1</td></tr>'
     >>> with_column_labels(f"<table>{head}{row}</table>")[-39:]

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import math
-import statistics
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from bayes_inertia.report.formatting import (
     NOT_GIVEN,
-    listed,
     number,
-    plain,
+    unit_powers,
     unit_text,
 )
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.section import Section, Table, packaged
+from bayes_inertia.report.words import phrase
 
 
 @dataclass(frozen=True)
@@ -60,17 +58,7 @@ class PlanPromise:
     @property
     def sentence(self) -> str:
         """The outcome in one sentence."""
-        ratios = [p.ratio for p in self.parameters]
-        if not self.worse:
-            return (
-                f"The promise of the plan “{self.plan}” is kept: the sds of J and K are "
-                f"{min(ratios):.2f} to {max(ratios):.2f} times those promised."
-            )
-        times = listed([f"{p.name} {p.ratio:.2g} times" for p in self.worse])
-        return (
-            f"{len(self.worse)} of {len(ratios)} elements of J and K are known worse than the plan "
-            f"“{self.plan}” promised: sd of {times} the promised one."
-        )
+        return phrase("fit", "promise", self)
 
     def json(self) -> dict[str, Any]:
         """As it stands in a JSON document."""
@@ -93,8 +81,6 @@ def plan_promise(
 ) -> PlanPromise:
     """Put promised sds beside those of a run.
 
-    Examples
-    --------
     >>> row = {"unit": "kg m^2", "prior_sd": 0.1, "sd": 0.02, "quoted_sd": 0.02}
     >>> summary = {"parameters": {"Jxx": row}, "effects": []}
     >>> plan_promise("p", "p.toml", "", {"Jxx": 0.01}, summary).sentence
@@ -122,27 +108,17 @@ _COLUMNS = {"parameter": "", "unit": "unit"} | dict.fromkeys(
 
 def plan_promise_section(promise: PlanPromise) -> Section:
     """One table: promised and achieved sd of each parameter, and their ratio."""
-    context = {
-        "sentence": promise.sentence,
-        "table": promise_table(promise),
-        "promised_by": promise.promised_by,
-        "effects": listed([plain(name) for name in promise.effects]),
-    }
+    context = {"promise": promise, "table": promise_table(promise)}
     return Section("Promised and achieved", packaged("plan_promise.html"), context)
 
 
 def promise_table(promise: PlanPromise) -> Table:
     """The table, for page and terminal; a ratio that is noticeable is marked."""
-    rows = []
+    rows, powers = [], unit_powers((p.unit, p.promised_sd) for p in promise.parameters)
     for p in promise.parameters:
-        power = _power([q.promised_sd for q in promise.parameters if q.unit == p.unit])
+        power = powers[p.unit]
         prior, promised = (number(x, x, power) for x in (p.prior_sd, p.promised_sd))
         quoted = NOT_GIVEN if p.quoted_sd is None else number(p.quoted_sd, p.quoted_sd, power)
         rows.append((p.name, unit_text(p.unit, power), prior, promised, quoted, f"{p.ratio:.2f}"))
-    worse = [k for k, p in enumerate(promise.parameters) if p.ratio > LAYOUT.worse_than_promised]
+    worse = [k for k, p in enumerate(promise.parameters) if p in promise.worse]
     return Table(_COLUMNS, rows, "many", worse)
-
-
-def _power(sds: list[float]) -> int:
-    """Power of ten, a multiple of three, in which sds of one unit read best."""
-    return 3 * round(math.log10(statistics.median(sds)) / 3.0)

@@ -11,7 +11,6 @@ import numpy as np
 from bayes_inertia.design.comparison import Contender
 from bayes_inertia.physics.parameters import BASE_NAMES, BASE_UNITS
 from bayes_inertia.report.formatting import (
-    arcsec_text,
     listed,
     number,
     plain,
@@ -24,8 +23,8 @@ from bayes_inertia.report.formatting import (
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.design import draw_comparison
 from bayes_inertia.report.section import Section, Table, captioned
+from bayes_inertia.report.words import phrase
 
-_PAPER = "slews like the paper's"
 _OF_SLEW = {"slew": "", "about body axis": ""} | dict.fromkeys(
     ("angle [deg]", "rate [deg/s]", "ramps [deg/s²]", "starts [s]", "lasts [s]"), "n"
 )
@@ -69,10 +68,7 @@ def _gain_section(
 
 def gain_answer(goal: str, unit: str, value: float, reference: float, kept: bool) -> str:
     """What the plan reaches of its goal, and slews like the paper's; whether it can be flown."""
-    reached, by_paper = (_quantity(x, unit) for x in (value, reference))
-    gain = f"{reference / value:.3g} times smaller than with {_PAPER} ({by_paper})"
-    broken = "" if kept else " A limit is broken: do not fly it."
-    return f"{goal[0].upper()}{goal[1:]}: {reached}, {gain}.{broken}"
+    return phrase("plans", "gain", goal, unit, value, reference, kept)
 
 
 def gain_table(
@@ -94,30 +90,13 @@ def gain_table(
     return Table(dict(zip(heads, classes, strict=True)), rows, "many short")
 
 
-def _quantity(value: float, unit: str) -> str:
-    """A size with its unit; angles in arc seconds."""
-    if unit == "rad":
-        return f"{arcsec_text(value)} arcsec"
-    return f"{two_digits(value)} {unit_text(unit) if unit else ''}".rstrip()
-
-
 def _times(ratio: float) -> str:
     return f"{ratio:.2f}" if ratio < 10.0 else f"{ratio:,.0f}"
 
 
 def worse_than_paper(sd: Mapping[str, float], paper: Mapping[str, float]) -> str:
     """Parameters that a plan leaves worse than slews like the paper's."""
-    return _worse_text({name: sd[name] / paper[name] for name in sd}, _PAPER)
-
-
-def _worse_text(ratios: dict[str, float], than: str) -> str:
-    """Parameters that a plan leaves worse than another."""
-    worse = [
-        f"{plain(name)} ({r:.1f} times)" for name, r in ratios.items() if r > LAYOUT.worse_sd_ratio
-    ]
-    if not worse:
-        return f"No parameter is known worse than with {than}."
-    return f"Known worse than with {than}: {listed(worse)}."
+    return phrase("plans", "worse", {name: sd[name] / paper[name] for name in sd})
 
 
 def slews_table(plans: Mapping[str, Any]) -> Table:
@@ -176,14 +155,12 @@ def comparison_sections(contenders: Sequence[Contender]) -> list[Section]:
 def comparison_answer(contenders: Sequence[Contender]) -> tuple[str, str]:
     """Which plan knows the products of inertia best; and what it knows worse than another."""
     best, *others = sorted(contenders, key=lambda c: c.worst_cross_term)
-    sizes = [_quantity(c.worst_cross_term, BASE_UNITS[0]) for c in (best, *others)]
-    told = [f"; {size} with {plain(c.name)}" for c, size in zip(others, sizes[1:], strict=True)]
-    answer = f"{plain(best.name)}: products of inertia to {sizes[0]} (1 sd){''.join(told)}."
+    answer = phrase("plans", "best", (best, *others), BASE_UNITS[0])
     if not others:
         return answer, ""
     least = np.min([c.expected for c in others], axis=0)
     ratios = dict(zip(BASE_NAMES, (best.expected / least).tolist(), strict=True))
-    return answer, _worse_text(ratios, "another plan")
+    return answer, phrase("plans", "worse", ratios, "another plan")
 
 
 def sds_table(contenders: Sequence[Contender]) -> Table:

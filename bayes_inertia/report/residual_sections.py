@@ -10,7 +10,6 @@ many are shown is said.
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -18,13 +17,9 @@ import numpy as np
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.report.criteria import (
-    Criteria,
-    channel_verdict,
     criteria_of,
-    discount_text,
-    whiteness_text,
 )
-from bayes_inertia.report.formatting import NOT_GIVEN, channel_name
+from bayes_inertia.report.formatting import channel_name
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.attitude import draw_attitude
 from bayes_inertia.report.pictures.posterior_data import (
@@ -41,61 +36,19 @@ from bayes_inertia.report.words import phrase
 
 def residuals_section(posterior: Posterior) -> Section:
     """Reduced chi^2 by channel, and by slew with the weight that each slew was given."""
-    fit, criteria = posterior.attributes["fit"], criteria_of(posterior.attributes)
-    n_data = values_of(posterior, "estimate", "slew_n_data")
-    names = values_of(posterior, "estimate", "slew")
-    labels = values_of(posterior, "estimate", "channel")
-    measured = [c for c in range(n_data.shape[1]) if n_data[:, c].sum() > 0]
-    noise = posterior.attributes.get("noise", {})
+    n_data, chi2, discount, names, labels = (
+        values_of(posterior, "estimate", name)
+        for name in ("slew_n_data", "slew_chi2", "discount", "slew", "channel")
+    )
     context = {
-        "channels": [
-            _channel_row(name, fit, criteria)
-            for name, reduced in fit["reduced_chi2"].items()
-            if reduced is not None
-        ],
-        "labels": [str(labels[c]) for c in measured],
-        "slews": [
-            {
-                "name": str(names[s]),
-                "cells": [_slew_cell(posterior, s, c) for c in measured],
-            }
-            for s in worst_slews(posterior, LAYOUT.most_slews_listed)
-        ],
-        "discounted": fit["discounted"],
-        "n_slews": len(n_data),
-        "noise": ", ".join(
-            f"{channel_name(channel)} {factor:.2f}"
-            for channel, factor in noise.items()
-            if factor > 1.0
-        ),
+        "fit": posterior.attributes["fit"],
+        "criteria": criteria_of(posterior.attributes),
+        "noise": posterior.attributes.get("noise", {}),
+        **{"n_data": n_data, "chi2": chi2, "discount": discount, "names": names, "labels": labels},
+        "measured": np.flatnonzero(n_data.sum(0) > 0),
+        "worst": worst_slews(posterior, LAYOUT.most_slews_listed),
     }
     return Section("Does the model explain the data?", packaged("residuals.html"), context)
-
-
-def _slew_cell(posterior: Posterior, slew: int, channel: int) -> dict[str, str]:
-    """Mean square of one slew's residuals in one channel, and the weight they were given."""
-    n_data, chi2, discount = (
-        values_of(posterior, "estimate", name)[slew, channel]
-        for name in ("slew_n_data", "slew_chi2", "discount")
-    )
-    if not n_data:
-        return {"ratio": NOT_GIVEN, "weight": NOT_GIVEN}
-    ratio = chi2 / n_data
-    return {
-        "ratio": f"{ratio:.2f}" if ratio < 100.0 else f"{ratio:.4g}",
-        "weight": discount_text(float(discount)),
-    }
-
-
-def _channel_row(channel: str, fit: Mapping[str, Any], criteria: Criteria) -> dict[str, str]:
-    reduced, interval = fit["reduced_chi2"][channel], fit["interval_99"][channel]
-    return {
-        "name": channel_name(channel),
-        "reduced": NOT_GIVEN if reduced is None else f"{reduced:.3f}",
-        "interval": NOT_GIVEN if interval is None else f"{interval[0]:.3f} … {interval[1]:.3f}",
-        "white": whiteness_text(fit["p_white"][channel], criteria),
-        "verdict": channel_verdict(fit, channel, criteria),
-    }
 
 
 def telemetry_section(posterior: Posterior) -> Section | None:

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bayes_inertia.report.formatting import with_minus_sign
 from bayes_inertia.report.layout import LAYOUT
+from bayes_inertia.report.words import phrase
 
 _ROW_KEYS = ("mean", "sd", "quoted_sd")
 
@@ -68,6 +68,11 @@ class ParameterDifference:
             return None
         return self.difference / self.combined_sd
 
+    @property
+    def noticeable(self) -> bool:
+        """Whether it differs by more than noise makes of it."""
+        return abs(self.in_sd or 0.0) > LAYOUT.noticeable_sd
+
     def json(self) -> dict[str, Any]:
         """As it stands in a JSON document."""
         first, second = (
@@ -112,34 +117,24 @@ class RunComparison:
         return tuple(p for p in self.parameters if p.name[0] in "JK" and p.in_sd is not None)
 
     @property
+    def lettered(self) -> dict[str, ComparedRun]:
+        """The runs as the page calls them, A and B."""
+        return {"A": self.first, "B": self.second}
+
+    @property
     def refused(self) -> tuple[str, ...]:
         """A and B, if they quote no sd: nothing can be said to agree with them."""
-        runs = (("A", self.first), ("B", self.second))
-        return tuple(letter for letter, run in runs if not run.trusted)
+        return tuple(letter for letter, run in self.lettered.items() if not run.trusted)
+
+    @property
+    def worst(self) -> ParameterDifference | None:
+        """The element of J and K that differs most, in combined sd."""
+        return max(self.J_and_K, key=lambda p: abs(p.in_sd or 0.0), default=None)
 
     @property
     def sentence(self) -> str:
         """The largest difference of J and K in one sentence."""
-        if self.refused:
-            which, verb = ("A and B", "are") if len(self.refused) > 1 else (self.refused[0], "is")
-            return (
-                f"{which} {verb} not to be used: whether J and K of the runs agree cannot be said."
-            )
-        known = self.J_and_K
-        if not known:
-            return "The runs have no parameter in common."
-        worst = max(known, key=lambda p: abs(p.in_sd or 0.0))
-        far = [p for p in known if abs(p.in_sd or 0.0) > LAYOUT.noticeable_sd]
-        size = with_minus_sign(f"{worst.in_sd:+.1f}")
-        if not far:
-            return (
-                f"J and K of both runs agree: the largest difference is that of {worst.name}, "
-                f"{size} combined sd."
-            )
-        return (
-            f"{len(far)} of {len(known)} elements of J and K differ by more than "
-            f"{LAYOUT.noticeable_sd:g} combined sd, most of all {worst.name}: {size}."
-        )
+        return phrase("fit", "comparison", self)
 
 
 def compare_runs(first: ComparedRun, second: ComparedRun) -> RunComparison:

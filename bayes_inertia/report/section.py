@@ -111,8 +111,6 @@ class Table:
 def packaged(name: str) -> str:
     """Source of a template, style sheet or script of this package.
 
-    Examples
-    --------
     >>> "<table" in packaged("settings.html")
     True
     """

@@ -11,8 +11,9 @@ from bayes_inertia.report.formatting import listed, number, unit_text
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.series import draw_fleet, draw_history
 from bayes_inertia.report.section import Section, Table, captioned
+from bayes_inertia.report.words import phrase
 from bayes_inertia.series.fleet import Fleet
-from bayes_inertia.series.history import OF_PART, History, SeenJump
+from bayes_inertia.series.history import History
 
 _PARAMETER = {"parameter": "", "unit": "extra"}
 _OF_HISTORY = _PARAMETER | dict.fromkeys(("now", "sd", "change since the first"), "n")
@@ -29,34 +30,7 @@ _SPREAD = "Spread: sd from craft to craft. The sds of a craft are medians over t
 
 def history_answer(history: History) -> str:
     """One sentence: did J or K change?"""
-    certain = [jump for jump in history.jumps if jump.probability > LAYOUT.certain_change]
-    wandering = [part for part, p in history.wanders.items() if p > LAYOUT.certain_change]
-    said = [jump_in_words(history, jump) for jump in certain]
-    if wandering:
-        said.append(
-            f"{listed(wandering)} wander{'s' if len(wandering) == 1 else ''} from campaign "
-            "to campaign"
-        )
-    if said:
-        return "; ".join(said)
-    most = max((jump.probability for jump in history.jumps), default=0.0)
-    doubt = "" if most < LAYOUT.possible_change else ", but a jump is possible"
-    return f"no change of J or K is seen over {len(history.campaigns)} campaigns{doubt}"
-
-
-def jump_in_words(history: History, jump: SeenJump) -> str:
-    """When, what and by how much."""
-    names = BASE_NAMES[OF_PART[jump.part]]
-    seen = [k for k in range(len(names)) if abs(jump.size[k]) > LAYOUT.change_told_sd * jump.sd[k]]
-    shown = seen or [int(np.argmax(np.abs(jump.size / jump.sd)))]
-    unit = f" {unit_text('kg m^2')}" if jump.part == "J" else ""
-    sizes = [
-        f"{names[k]} by {number(jump.size[k], jump.sd[k])} ± {number(jump.sd[k], jump.sd[k])}{unit}"
-        for k in shown
-    ]
-    between = " and ".join(history.campaigns[jump.after : jump.after + 2])
-    sure = "above 99.9" if jump.probability > 0.999 else f"{100.0 * jump.probability:.0f}"
-    return f"{jump.part} changed between {between} (probability {sure} %): {listed(sizes)}"
+    return phrase("plans", "history", history)
 
 
 def history_table(history: History) -> Table:
@@ -95,7 +69,7 @@ def history_sections(history: History, left_out: Sequence[str] = ()) -> list[Sec
         level="caution" if possible else "good",
         more=f"Probability that it wanders from campaign to campaign: {chances}.",
         notes=(
-            *(jump_in_words(history, jump) for jump in possible),
+            *(phrase("plans", "jump", history, jump) for jump in possible),
             *left_out_in_words(left_out),
         ),
     )
@@ -105,18 +79,8 @@ def history_sections(history: History, left_out: Sequence[str] = ()) -> list[Sec
 def fleet_answer(fleet: Fleet, alone_sd: np.ndarray) -> str:
     """One sentence: how alike the spacecraft are, and what sisters are worth."""
     gain = np.median(alone_sd / fleet.craft_sd, axis=0)
-    best = int(np.argmax(gain))
-    share = 100.0 * float(np.median(fleet.spread[:3] / fleet.mean[:3]))
-    worth = (
-        f"what is known of the sisters makes {BASE_NAMES[best]} of each {gain[best]:.2g} times "
-        "sharper"
-        if gain[best] > LAYOUT.sharper_by_sisters
-        else "each is known as well without its sisters"
-    )
-    return (
-        f"the moments of inertia of {len(fleet.names)} spacecraft differ by {share:.2g} % (one "
-        f"sd); {worth}"
-    )
+    best, share = int(np.argmax(gain)), 100.0 * float(np.median(fleet.spread[:3] / fleet.mean[:3]))
+    return phrase("plans", "fleet", len(fleet.names), share, BASE_NAMES[best], gain[best])
 
 
 def fleet_table(fleet: Fleet, alone_sd: np.ndarray) -> Table:

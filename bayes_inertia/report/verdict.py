@@ -40,8 +40,6 @@ class Verdict:
 def worst_level(levels: Sequence[Level]) -> Level:
     """The level of several verdicts together.
 
-    Examples
-    --------
     >>> worst_level(["good", "bad", "caution"])
     'bad'
     """
@@ -128,8 +126,6 @@ def rests_on_one_slew(row: Mapping[str, Any]) -> bool:
 
     Returns: false for runs of versions that do not tell.
 
-    Examples
-    --------
     >>> rests_on_one_slew({"sd": 1e-4, "sd_without_it": 2e-3}), rests_on_one_slew({"sd": 1e-4})
     (True, False)
     """
@@ -163,8 +159,6 @@ def in_brief(content: Mapping[str, Any]) -> list[str]:
 def headline(content: Mapping[str, Any]) -> str:
     """The verdict of a diagnosis in one line.
 
-    Examples
-    --------
     >>> headline({"verdict": "consistent", "named": [], "ambiguous_with": []})
     'Nothing is missing that these slews show: the model explains the data.'
     """
@@ -174,8 +168,6 @@ def headline(content: Mapping[str, Any]) -> str:
 def verdict_sentence(summary: Mapping[str, Any], diagnosis: Mapping[str, Any] | None = None) -> str:
     """The answer of a run in one sentence.
 
-    Examples
-    --------
     >>> row = {"mean": 3.3, "sd": 4e-4, "quoted_sd": 4e-4, "prior_sd": 0.1}
     >>> verdict_sentence({
     ...     "parameters": {"Jxx": row}, "gates": [], "fit": {"starts_agreeing": [3, 3]},

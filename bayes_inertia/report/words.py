@@ -6,17 +6,18 @@ a dash and a blank.
 
 from __future__ import annotations
 
+import math
 import operator
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from functools import cache
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache, partial
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from bayes_inertia.campaign.sensors import CHANNELS, STREAMS
 from bayes_inertia.inference.settings import NOTHING, OPEN_VERDICTS
-from bayes_inertia.report import formatting
+from bayes_inertia.report import criteria, formatting
 from bayes_inertia.report.formatting import either_or, kind_of, listed, plain
 from bayes_inertia.report.layout import LAYOUT
 
@@ -24,8 +25,6 @@ from bayes_inertia.report.layout import LAYOUT
 def meaning(name: str) -> str:
     """Meaning of a parameter.
 
-    Examples
-    --------
     >>> meaning("Jxy"), meaning("K2"), meaning("wheel_friction.coulomb1")
     ('inertia tensor element xy', 'rate-sensor scale factor, axis 2', 'wheel friction: coulomb1')
     """
@@ -39,8 +38,6 @@ def meaning(name: str) -> str:
 def correlation_sentences(names: Sequence[str], matrix: Sequence[Sequence[float]]) -> list[str]:
     """Sentences on pairs of parameters that the data determine only together.
 
-    Examples
-    --------
     >>> correlation_sentences(["Jxx", "K1"], [[1.0, -0.95], [-0.95, 1.0]])[0][:59]
     'Jxx and K1 are hard to tell apart (correlation −0.95): rais'
     """
@@ -56,8 +53,6 @@ def correlation_sentences(names: Sequence[str], matrix: Sequence[Sequence[float]
 def averaged_over(summary: Mapping[str, Any]) -> str:
     """The effects that J and K are averaged over, with their probabilities.
 
-    Examples
-    --------
     >>> averaged_over({"averaged_over": [
     ...     {"effects": ["rate_bias", "a_b"], "probability": 0.7},
     ...     {"effects": ["rate_bias", "c"], "probability": 0.3}]})
@@ -108,8 +103,6 @@ _TREATED = {"masked": "left out", "modelled": "taken into account", "ignored": "
 def dirt_rows(dirt: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Records of dirt, one row a kind, channel and treatment.
 
-    Examples
-    --------
     >>> record = {"kind": "outliers", "channel": "rate", "slew": "a", "rows": [3, 9]}
     >>> dirt_rows([record | {"treated": "masked", "note": "far off"}])[0]["rows"]
     2
@@ -134,8 +127,6 @@ def dirt_rows(dirt: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 def dirt_sentences(dirt: Sequence[Mapping[str, Any]]) -> list[str]:
     """Records of dirt as sentences.
 
-    Examples
-    --------
     >>> record = {"kind": "outliers", "channel": "rate", "slew": "a", "rows": [3, 9]}
     >>> dirt_sentences([record | {"treated": "masked"}])
     ['Outliers of the rate sensor: 2 rows (a), left out.']
@@ -154,8 +145,6 @@ _RULES_OF_0_1 = {
 def phrase(template: str, macro: str, *values: Any) -> str:
     """A phrase of a template, on one line.
 
-    Examples
-    --------
     >>> phrase("diagnosis", "per_cent", 0.123), phrase("diagnosis", "per_cent", 1e-9)
     ('12 %', 'under 1 %')
     """
@@ -165,8 +154,6 @@ def phrase(template: str, macro: str, *values: Any) -> str:
 def sentences(template: str, macro: str, *values: Any) -> list[str]:
     """Sentences of a template, one an item.
 
-    Examples
-    --------
     >>> sentences("diagnosis", "block_means", {"readings_a_mean": 1})
     []
     """
@@ -175,7 +162,7 @@ def sentences(template: str, macro: str, *values: Any) -> list[str]:
 
 
 def _said(template: str, macro: str, values: Sequence[Any]) -> str:
-    module: Any = _templates().get_template(f"{template}.txt").module
+    module: Any = _words().get_template(f"{template}.txt").module
     return getattr(module, macro)(*values)
 
 
@@ -185,56 +172,25 @@ def _on_one_line(text: str) -> str:
 
 def templates_in(folder: str, **options: Any) -> Environment:
     """Templates of a folder of the report: what they lack is an error, control leaves no line."""
-    return Environment(
+    environment = Environment(
         loader=PackageLoader("bayes_inertia.report", folder),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         **options,
     )
-
-
-@cache
-def _templates() -> Environment:
-    environment = templates_in("words")
-    environment.globals |= {
-        "layout": LAYOUT,
-        "NOTHING": NOTHING,
-        "OPEN": OPEN_VERDICTS,
-        "averaged_over": averaged_over,
-        "rules": rules_of,
-        "shares": probabilities,
-    }
+    environment.globals |= _GLOBALS
+    environment.filters |= _FILTERS
     environment.tests |= {"contains": operator.contains, "endswith": str.endswith}
-    environment.filters |= {
-        "arcsec": formatting.arcsec_text,
-        "channel": formatting.channel_name,
-        "either": lambda names: either_or([plain(name) for name in names]),
-        "farthest_alternative": _farthest_alternative,
-        "in_order": _in_order,
-        "least_gain": _least_gain,
-        "listed": listed,
-        "most_moved": _most_moved,
-        "p": formatting.probability,
-        "plain": plain,
-        "tenths": formatting.tenths,
-        "two_digits": formatting.two_digits,
-        "typeset": formatting.typeset,
-        "unit": formatting.unit_text,
-        "value": formatting.value_text,
-        "vector": formatting.vector_text,
-        "names": lambda names: listed([plain(name) for name in names]),
-        "digits": format,
-        "sentence": lambda text: text[:1].upper() + text[1:],
-    }
     return environment
+
+
+_words = cache(partial(templates_in, "words"))
 
 
 def rules_of(content: Mapping[str, Any]) -> Mapping[str, float]:
     """The rules that the search went by.
 
-    Examples
-    --------
     >>> rules_of({"rules": {"log_evidence_margin": 4.0}})["log_evidence_margin"]
     4.0
     """
@@ -244,8 +200,6 @@ def rules_of(content: Mapping[str, Any]) -> Mapping[str, float]:
 def probabilities(content: Mapping[str, Any]) -> list[tuple[str, float]]:
     """What of the ambiguous sets may be true, and how probable it is.
 
-    Examples
-    --------
     >>> probabilities({"alternatives": [
     ...     {"effect": "wheel_friction", "instead_of": "viscous_torque", "probability": 0.25}]})
     [('viscous torque', 0.75), ('wheel friction', 0.25)]
@@ -278,12 +232,70 @@ def _least_gain(slew: Mapping[str, Any]) -> float:
     return min(power["after"] / max(power["before"], 1e-12) for power in powers)
 
 
-def _most_moved(rows: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
-    """The parameter that what may hide moves most, in sds."""
-    return max(rows, key=lambda row: row["shift"] / row["sd"])
+def _most_moved_first(rows: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Parameters that what may hide moves, first the one that moves by most sds."""
+    return sorted(rows, key=lambda row: -row["shift"] / row["sd"])
+
+
+def _elements(jump: Any) -> list[tuple[str, float, float]]:
+    """Name, size and sd of the elements that a jump changed for sure; at least of one."""
+    # They bring JAX along, which other words do without.
+    from bayes_inertia.physics.parameters import BASE_NAMES
+    from bayes_inertia.series.history import OF_PART
+
+    rows = list(zip(BASE_NAMES[OF_PART[jump.part]], jump.size, jump.sd, strict=True))
+    sure = [row for row in rows if abs(row[1]) > LAYOUT.change_told_sd * row[2]]
+    return sure or [max(rows, key=lambda row: abs(row[1] / row[2]))]
 
 
 def _in_order(channels: Iterable[str]) -> list[str]:
     """Channels in the order of the usual ones, others behind them."""
     hit = set(channels)
     return [name for name in dict.fromkeys((*CHANNELS, *sorted(hit))) if name in hit]
+
+
+# What templates know beside their values; of criteria and formatting, functions of the same name.
+_OF_CRITERIA = (
+    *("channel_verdict", "contraction", "contraction_text", "determination_of", "discount_text"),
+    *("interval_90", "sd_in_print", "whiteness_text"),
+)
+_OF_FORMATTING = (
+    "listed",
+    "number",
+    "p_value_text",
+    "plain",
+    "tenths",
+    "two_digits",
+    "typeset",
+    "with_minus_sign",
+)
+_GLOBALS: Mapping[str, Any] = {
+    "layout": LAYOUT,
+    "NOTHING": NOTHING,
+    "OPEN": OPEN_VERDICTS,
+    "averaged_over": averaged_over,
+    "exp": math.exp,
+    "rules": rules_of,
+    "sentences": sentences,
+    "shares": probabilities,
+} | {name: getattr(formatting, name) for name in ("exponent", "power_text", "sd_column", "sd_head")}
+_FILTERS: Mapping[str, Callable[..., Any]] = {
+    "arcsec": formatting.arcsec_text,
+    "channel": formatting.channel_name,
+    "digits": format,
+    "either": lambda names: either_or([plain(name) for name in names]),
+    "elements": _elements,
+    "farthest_alternative": _farthest_alternative,
+    "in_order": _in_order,
+    "least_gain": _least_gain,
+    "meaning": meaning,
+    "most_moved_first": _most_moved_first,
+    "names": lambda names: listed([plain(name) for name in names]),
+    "p": formatting.probability,
+    "sentence": lambda text: text[:1].upper() + text[1:],
+    "unit": formatting.unit_text,
+    "value": formatting.value_text,
+    "vector": formatting.vector_text,
+    **{name: getattr(criteria, name) for name in _OF_CRITERIA},
+    **{name: getattr(formatting, name) for name in _OF_FORMATTING},
+}

@@ -1,24 +1,91 @@
-"""Plans side by side: what to expect of each, what simulated campaigns achieve, what they cost."""
+"""Plans side by side: what to expect of each, what simulated campaigns of it achieve, each fitted
+in full, and what they cost.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import joblib
+import numpy as np
 
 from bayes_inertia.design.comparison import Contender, assess_plan
 from bayes_inertia.design.limits import Limits
-from bayes_inertia.design.simulated_fits import AchievedErrors
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.design.simulated_fits import AchievedErrors, fit_simulated_campaign
+from bayes_inertia.errors import CampaignError, StudyError
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.progress import Progress, as_callback, with_bar
-from bayes_inertia.studies.engine import Notice
-from bayes_inertia.studies.simulated_fits import fit_simulated_campaigns, simulated_fits
-from bayes_inertia.studies.workers import Engine, Workers, open_workers
+from bayes_inertia.studies.engine import Notice, run_work
+from bayes_inertia.studies.work import Row, Work, WorkResult
+from bayes_inertia.studies.workers import IN_PROCESS, Engine, Workers, open_workers
+
+
+@dataclass(frozen=True)
+class SimulatedFit:
+    """The task: fly a plan with a truth from the prior, and fit it."""
+
+    plan: Plan
+    mission: Mission
+
+    def __call__(self, task_id: str, seed: np.random.SeedSequence) -> Row:
+        """Errors and stated sds of one campaign."""
+        return fit_simulated_campaign(self.plan, self.mission, seed)
+
+
+def simulated_fits(
+    plan: Plan,
+    mission: Mission,
+    campaigns: int | range,
+    seed: int = 0,
+    *,
+    options: Mapping[str, Any] | None = None,
+) -> Work:
+    """Campaigns of one plan (how many, or which numbers) as the tasks of a study.
+
+    Campaign i of two plans has the same truth for the same seed. `options` tell plan and mission
+    from others where rows are kept in a folder.
+    """
+    numbers = range(campaigns) if isinstance(campaigns, int) else campaigns
+    ids = tuple(str(number) for number in numbers)
+    return Work("campaigns", SimulatedFit(plan, mission), ids, seed, options or {})
+
+
+def achieved_errors(result: WorkResult, least: int = 1) -> AchievedErrors:
+    """The rows of `simulated_fits` as arrays; StudyError if fewer than `least` could be fitted."""
+    if len(result.rows) < least:
+        raise StudyError(
+            f"{len(result.rows)} campaigns could be fitted; the first that could not: "
+            f"{result.failures[0].reason}",
+            where="simulated campaigns",
+            advice="look at the plan and at the campaign's prior",
+        )
+    return AchievedErrors(*(result.column(field.name) for field in fields(AchievedErrors)))
+
+
+def fit_simulated_campaigns(
+    work: Work,
+    workers: Workers = IN_PROCESS,
+    folder: Path | None = None,
+    *,
+    progress: Progress | None = None,
+    notice: Notice | None = None,
+) -> AchievedErrors:
+    """Do the work of `simulated_fits`; StudyError if a campaign could not be fitted."""
+    result = run_work(work, workers, folder, progress=progress, notice=notice)
+    if result.failures:
+        first, task = result.failures[0], work.task
+        plan = f"{task.plan.name}, " if isinstance(task, SimulatedFit) else ""
+        raise StudyError(
+            f"{len(result.failures)} of {len(work.ids)} campaigns could not be fitted, the first "
+            f"because of: {first.reason}",
+            where=f"{plan}campaign {first.task}",
+            advice="look at the plan and at the campaign's prior",
+        )
+    return achieved_errors(result)
 
 
 @with_bar

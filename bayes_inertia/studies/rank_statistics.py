@@ -31,8 +31,6 @@ class Coverage(NamedTuple):
 class Ranks:
     """Ranks of truths, each among the draws of its posterior.
 
-    Examples
-    --------
     >>> Ranks(np.arange(200), 199).coverage(0.9).share
     0.9
     """

@@ -12,7 +12,7 @@ import pytest
 from support.commands import run
 
 import bayes_inertia
-from bayes_inertia.app.fit_many_folder import fit_many
+from bayes_inertia.app.many_folder import fit_many
 from bayes_inertia.conventions.check import refuse_impossible
 from bayes_inertia.errors import CampaignError, EffectError, OutputError
 from bayes_inertia.physics.parameters import BASE_NAMES
@@ -57,8 +57,8 @@ def fitted(monkeypatch) -> list[int]:
         }
         return SimpleNamespace(summary=lambda: summary)
 
-    monkeypatch.setattr("bayes_inertia.app.fit_many_folder.fit", fit)
-    monkeypatch.setattr("bayes_inertia.app.fit_many_folder.refuse_impossible", lambda *_: None)
+    monkeypatch.setattr("bayes_inertia.app.many_folder.fit", fit)
+    monkeypatch.setattr("bayes_inertia.app.many_folder.refuse_impossible", lambda *_: None)
     return seeds
 
 
@@ -132,7 +132,7 @@ def test_bad_campaigns_are_reported_and_the_others_fitted(fleet, fitted, tmp_pat
 
 
 def test_impossible_conventions_are_refused_unless_anyway(fleet, fitted, tmp_path, monkeypatch):
-    monkeypatch.setattr("bayes_inertia.app.fit_many_folder.refuse_impossible", refuse_impossible)
+    monkeypatch.setattr("bayes_inertia.app.many_folder.refuse_impossible", refuse_impossible)
     for name in ("alpha", "older"):
         shutil.rmtree(fleet / name)
     toml = fleet / "beta" / "campaign.toml"

@@ -87,8 +87,8 @@ def test_a_run(document, capsys):
     ("command", "where", "file", "further"),
     [
         ("observe", "observe_folder.run_observe", "observability.json", ()),
-        ("design", "design_folder.run_design", "design.json", ()),
-        ("compare", "compare_folder.run_compare", "compare.json", ("paper",)),
+        ("design", "plan_folder.run_design", "design.json", ()),
+        ("compare", "plan_folder.run_compare", "compare.json", ("paper",)),
         ("study", "study_folder.run_study", "study.json", ()),
     ],
 )

@@ -11,12 +11,10 @@ import pytest
 
 import bayes_inertia
 from bayes_inertia.app.commands.check import show_campaign
-from bayes_inertia.app.commands.compare import show_comparison
-from bayes_inertia.app.commands.design import show_design
-from bayes_inertia.app.commands.fit_many import show_fits
+from bayes_inertia.app.commands.finished import show_promise
+from bayes_inertia.app.commands.many import show_calibration, show_fits, show_study
 from bayes_inertia.app.commands.observe import show_observability
-from bayes_inertia.app.commands.report import show_promise
-from bayes_inertia.app.commands.study import show_calibration, show_study
+from bayes_inertia.app.commands.plans import show_comparison, show_design
 from bayes_inertia.app.study_folder import Study
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.design.comparison import Contender

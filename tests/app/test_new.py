@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.commands import run
 
-from bayes_inertia.app.commands.new import templates
+from bayes_inertia.app.commands.campaigns import templates
 from bayes_inertia.app.told_torques import check_conventions
 from bayes_inertia.campaign.parsed_description import parse_description
 from bayes_inertia.campaign.reader import read_campaign

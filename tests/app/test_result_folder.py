@@ -14,12 +14,11 @@ from matplotlib.figure import Figure
 
 import bayes_inertia
 from bayes_inertia.app import (
-    compare_folder,
-    design_folder,
     observe_folder,
+    plan_folder,
     run_folder,
 )
-from bayes_inertia.app.design_folder import DesignRequest
+from bayes_inertia.app.plan_folder import DesignRequest
 from bayes_inertia.app.result_folder import ResultFolder
 from bayes_inertia.design.comparison import Contender
 from bayes_inertia.design.designer import Design
@@ -175,8 +174,8 @@ def designed(*_, **__) -> Design:
 @pytest.fixture
 def quick(monkeypatch):
     """Designs, comparisons and observations that take no time."""
-    monkeypatch.setattr(design_folder, "design_plan", designed)
-    for module in (design_folder, compare_folder):
+    monkeypatch.setattr(plan_folder, "design_plan", designed)
+    for module in (plan_folder, plan_folder):
         monkeypatch.setattr(
             module, "compare_plans", lambda *_, **__: (contender("a"), contender("b"))
         )
@@ -188,25 +187,25 @@ def quick(monkeypatch):
     monkeypatch.setattr(observe_folder, "observability_json", lambda _: {"drive": "commanded"})
     figure = Figure()
     for module, name in (
-        (design_folder, "draw_comparison"),
-        (compare_folder, "draw_comparison"),
+        (plan_folder, "draw_comparison"),
+        (plan_folder, "draw_comparison"),
         (observe_folder, "draw_observability"),
     ):
         monkeypatch.setattr(module, name, lambda _: figure)
     for module, name in (
-        (design_folder, "design_sections"),
-        (compare_folder, "comparison_sections"),
+        (plan_folder, "design_sections"),
+        (plan_folder, "comparison_sections"),
         (observe_folder, "observability_sections"),
     ):
         monkeypatch.setattr(module, name, lambda *_: [])
 
 
 def run_design(folder: Path, seed: int = 0) -> None:
-    design_folder.run_design(EXAMPLE, folder, DesignRequest(seed=seed))
+    plan_folder.run_design(EXAMPLE, folder, DesignRequest(seed=seed))
 
 
 def run_compare(folder: Path, seed: int = 0) -> None:
-    compare_folder.run_compare(EXAMPLE, ["paper"], folder, seed=seed)
+    plan_folder.run_compare(EXAMPLE, ["paper"], folder, seed=seed)
 
 
 def run_observe(folder: Path, seed: int = 0) -> None:

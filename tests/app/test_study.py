@@ -73,7 +73,7 @@ def test_study_of_the_example_goes_on_where_it_was(tmp_path, capsys, monkeypatch
         raise AssertionError("a shard that is there was made again")
 
     (out / "study.json").unlink()
-    monkeypatch.setattr("bayes_inertia.studies.simulated_fits.fit_simulated_campaign", never)
+    monkeypatch.setattr("bayes_inertia.studies.plan_comparison.fit_simulated_campaign", never)
     run_study(EXAMPLE, out, campaigns=6)
     assert (out / "study.json").read_bytes() == first
     with pytest.raises(OutputError, match="other seed"):
@@ -86,7 +86,7 @@ def test_sds_that_are_too_small_end_with_3(tmp_path, capsys, monkeypatch):
     rows = zip(*(getattr(shrunk, f.name) for f in fields(shrunk)), strict=True)
     names = [f.name for f in fields(shrunk)]
     monkeypatch.setattr(
-        "bayes_inertia.studies.simulated_fits.fit_simulated_campaign",
+        "bayes_inertia.studies.plan_comparison.fit_simulated_campaign",
         lambda *_: dict(zip(names, next(rows), strict=True)),
     )
     assert run("study", EXAMPLE, "-o", tmp_path / "run", "--campaigns", 25) == 3
@@ -104,7 +104,7 @@ def test_campaigns_that_cannot_be_fitted_are_reported_and_left_out(tmp_path, cap
             raise EstimateError("no finite residuals", advice="check units")
         return {f.name: getattr(good, f.name)[i] for f in fields(good)}
 
-    monkeypatch.setattr("bayes_inertia.studies.simulated_fits.fit_simulated_campaign", fit)
+    monkeypatch.setattr("bayes_inertia.studies.plan_comparison.fit_simulated_campaign", fit)
     out = tmp_path / "run"
     assert run("study", EXAMPLE, "-o", out, "--campaigns", 25) == 3
     printed = capsys.readouterr()

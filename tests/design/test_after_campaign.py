@@ -10,9 +10,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayes_inertia.app import design_folder
-from bayes_inertia.app.commands.design import show_design
-from bayes_inertia.app.design_folder import DesignRequest, run_design
+from bayes_inertia.app import plan_folder
+from bayes_inertia.app.commands.plans import show_design
+from bayes_inertia.app.plan_folder import DesignRequest, run_design
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.design import correction_slew, designer
 from bayes_inertia.design.after_campaign import final_wheel_momentum, plan_after
@@ -55,7 +55,7 @@ def captured(monkeypatch):
         raise Captured
 
     monkeypatch.setattr(designer, "design_plan", design_plan)
-    monkeypatch.setattr(design_folder, "design_plan", design_plan)
+    monkeypatch.setattr(plan_folder, "design_plan", design_plan)
     return arguments
 
 
@@ -156,7 +156,7 @@ def test_a_design_says_where_it_takes_the_wheels_to_be_at_rest(
     flight, monkeypatch, tmp_path, capsys
 ):
     small = partial(designer.design_plan, candidates=30, starts=1, draws=1)
-    monkeypatch.setattr(design_folder, "design_plan", small)
+    monkeypatch.setattr(plan_folder, "design_plan", small)
     write_campaign(flight.campaign, tmp_path / "campaign")
     folder = tmp_path / "run"
     show_design(run_design(tmp_path / "campaign", folder, DesignRequest(slews=1)), folder)

@@ -9,8 +9,11 @@ import pytest
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.plan import paper_like_plan
-from bayes_inertia.studies.plan_comparison import compare_plans
-from bayes_inertia.studies.simulated_fits import fit_simulated_campaigns, simulated_fits
+from bayes_inertia.studies.plan_comparison import (
+    compare_plans,
+    fit_simulated_campaigns,
+    simulated_fits,
+)
 
 
 @pytest.mark.long

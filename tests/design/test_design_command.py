@@ -11,8 +11,8 @@ import pytest
 from support.commands import run
 
 import bayes_inertia
-from bayes_inertia.app import design_folder
-from bayes_inertia.app.design_folder import keep_outs
+from bayes_inertia.app import plan_folder
+from bayes_inertia.app.plan_folder import keep_outs
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.design.designer import design_plan
 from bayes_inertia.design.limits import (
@@ -31,7 +31,7 @@ DEGREE = math.pi / 180.0
 @pytest.mark.slow
 def test_design_command_writes_a_plan_that_simulate_flies(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(
-        design_folder, "design_plan", partial(design_plan, candidates=100, starts=2, draws=1)
+        plan_folder, "design_plan", partial(design_plan, candidates=100, starts=2, draws=1)
     )
     out = tmp_path / "run"
     assert run("design", EXAMPLE, "-o", out) == 0

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from bayes_inertia.app.diagnosed_fit import Investigation
 from bayes_inertia.app.diagnosis_json import to_json
-from bayes_inertia.app.investigation import Investigation
 from bayes_inertia.diagnosis.random_signals import STOCHASTIC_CANDIDATES
 from bayes_inertia.diagnosis.residuals import scan_residuals
 from bayes_inertia.diagnosis.search import diagnose

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_inertia.app.diagnosed_fit import fitted_effects, next_fit
+from bayes_inertia.app.diagnosed_fit import Investigation, fitted_effects, next_fit
 from bayes_inertia.app.diagnosis_json import next_fit_from
-from bayes_inertia.app.investigation import Investigation
 from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.diagnosis.quoted_parameters import (
     FREE_SHAPES,

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bayes_inertia.app.diagnosed_fit import Investigation
 from bayes_inertia.app.diagnosis_json import to_json
-from bayes_inertia.app.investigation import Investigation
 from bayes_inertia.diagnosis.residuals import Window, scan_residuals
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
 from bayes_inertia.faults.fault import Dirt

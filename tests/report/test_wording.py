@@ -7,8 +7,8 @@ import pytest
 
 from bayes_inertia.inference.limits import criteria
 from bayes_inertia.report.criteria import Criteria, channel_verdict, criteria_of, determination
-from bayes_inertia.report.formatting import listed, number
-from bayes_inertia.report.section import Table, packaged
+from bayes_inertia.report.formatting import number
+from bayes_inertia.report.section import packaged
 from bayes_inertia.report.words import (
     correlation_sentences,
     phrase,
@@ -27,7 +27,7 @@ def test_what_is_said_of_stated_probabilities_is_what_was_measured():
     measured = (
         Path(__file__).parents[2] / "analyses/results/calibration/reliability.md"
     ).read_text()
-    said = page_of("answers.html", table=Table({}, []), shown=0)
+    said = page_of("answers.html", d={"hypotheses": []})
     campaigns = re.findall(r"\(([\d,]+) campaigns\)", said)
     assert [f"{int(n.replace(',', ''))} campaigns" in measured for n in campaigns] == [True, True]
     claims = re.findall(r"(\d+) % of (\d+)(?: answers)? stated at (\d+) %", said)
@@ -142,7 +142,6 @@ def test_limits(drive, effects, channels, wheels, slews, says, does_not_say):
         free_momenta=3 * (drive == "measured"),
         angle_sensors=[],
         scale_factors=["K1", "K2", "K3"],
-        listed=listed,
     )
     assert [s for s in says if s not in said] == []
     assert [s for s in does_not_say if s in said] == []
@@ -166,7 +165,6 @@ def test_scale_factors_are_doubted_where_nothing_measures_angles(
         free_momenta=0,
         angle_sensors=angle_sensors,
         scale_factors=scale_factors,
-        listed=listed,
     )
     assert ("K rests mostly on its prior" in said) is doubted
 
@@ -175,7 +173,7 @@ def test_limits_say_which_device_ties_the_size_of_the_tensor():
     ties = ["thrust times arm of jets, known to 2 % before the fit (gain after it 0.99 ± 0.015)"]
     rest = {"drive": "commanded", "effects": [], "channels": ["attitude"], "n_slews": 8}
     rest["free_momenta"] = 0
-    said = page_of("limits.html", wheels=0, ties=ties, listed=listed, **rest)
+    said = page_of("limits.html", wheels=0, ties=ties, **rest)
     assert "tied by the thrust times arm of jets, known to 2 %" in said
     assert "only the ratios" not in said
     assert "disagree" not in said

@@ -53,8 +53,6 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
 def example_of(command: str) -> str:
     """The end of a command's help.
 
-    Examples
-    --------
     >>> "bayes-inertia check campaign" in example_of("check")
     True
     """

@@ -1,4 +1,4 @@
-"""`fit`, `update`, `diagnose` and `resume`: runs of one campaign, and what is printed of them."""
+"""`fit`, `update`, `diagnose`, `resume` and `demo`: runs of one campaign."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import typer
 from rich.text import Text
 
 from bayes_inertia.app.commands.options import (
+    DEMO_FOLDER,
     Anyway,
     AsJson,
     AsStated,
@@ -64,7 +65,7 @@ def fit_command(
 
     Writes posterior.nc, summary.json and report.html.
     """
-    from bayes_inertia.app.commands.doctor import refuse_or_warn
+    from bayes_inertia.app.commands.check import refuse_or_warn
 
     with progress_bar() as progress:
         # Before anything heavy is loaded: seconds against minutes.
@@ -148,7 +149,7 @@ def diagnose_command(
     """
     from dataclasses import replace
 
-    from bayes_inertia.app.commands.doctor import refuse_or_warn
+    from bayes_inertia.app.commands.check import refuse_or_warn
 
     with progress_bar() as progress:
         # Before anything heavy is loaded: seconds against minutes.
@@ -189,6 +190,27 @@ def resume_command(
     show_run(posterior, run, report, as_json=as_json, open_page=open_page)
 
 
+def demo_command(
+    out: OutputFolder = DEMO_FOLDER,
+    seed: Seed = 1,
+    open_page: OpenPage = False,
+    as_json: AsJson = False,
+) -> None:
+    """Simulate a campaign of five slews, fit it, write the report."""
+    with progress_bar() as progress:
+        from bayes_inertia.app import run_folder
+        from bayes_inertia.flight.mission import most_like_mission
+        from bayes_inertia.flight.plan import paper_like_plan
+        from bayes_inertia.flight.simulated_campaigns import simulate
+        from bayes_inertia.inference.settings import Settings
+
+        progress("flying five slews", 0, 0)
+        simulate(paper_like_plan(), most_like_mission(), out / "campaign", seed)
+        run_folder.start(out / "campaign", out / "fit", settings=Settings(seed=seed))
+        posterior = run_folder.finish(out / "fit", progress=progress)
+    show_run(posterior, out / "fit", report=True, as_json=as_json, open_page=open_page)
+
+
 FORMAT = "bayes-inertia-run-result/1"
 _COLUMNS = ("name", "estimate", "± sd", "unit", "prior sd", "determined")
 _DETERMINED = {"determined": "yes", "partly determined": "partly", "not determined": "no"}
@@ -205,7 +227,7 @@ def show_run(
 ) -> None:
     """Print the result of a finished run, and exit with 3 where it must not be trusted."""
     from bayes_inertia.app.diagnosis_json import blaming_diagnosis, read_diagnosis
-    from bayes_inertia.app.run_report import run_summary
+    from bayes_inertia.app.run_folder import run_summary
 
     content, summary = read_diagnosis(folder), run_summary(posterior, folder)
     if as_json:

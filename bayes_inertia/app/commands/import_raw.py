@@ -16,9 +16,9 @@ from bayes_inertia.app.terminal import (
     headed,
     plain_console,
     print_json,
-    print_json_file,
     print_table,
     progress_bar,
+    show_result,
 )
 from bayes_inertia.errors import CampaignError, SettingsError
 
@@ -70,10 +70,7 @@ def import_command(
             from bayes_inertia.importing.mapped_lines import RECORD_FILE
 
             imported = import_logs(raw, using, out, progress=progress)
-        if as_json:
-            print_json_file(imported.folder / RECORD_FILE)
-        else:
-            show_import(imported)
+        show_result(imported.folder / RECORD_FILE, as_json, False, show_import, imported)
 
 
 def _start(raw: list[Path], start: Path, as_json: bool) -> None:

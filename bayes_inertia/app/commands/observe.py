@@ -23,12 +23,10 @@ from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
     headed,
     indented,
-    open_in_browser,
     plain_console,
-    print_json_file,
     print_table,
     progress_bar,
-    unit_powers,
+    show_result,
 )
 
 if TYPE_CHECKING:
@@ -75,11 +73,7 @@ def observe_command(
             both_drives=both_drives,
             progress=progress,
         )
-    if as_json:
-        print_json_file(out / FILE)
-    else:
-        show_observability(observed, out)
-    open_in_browser(out / "observability.html", open_page)
+    show_result(out / FILE, as_json, open_page, show_observability, observed, out)
 
 
 def show_observability(observed: ObservedCampaign, folder: Path) -> None:
@@ -114,7 +108,7 @@ def show_observability(observed: ObservedCampaign, folder: Path) -> None:
 
 def _parameter_rows(observability: Observability) -> Iterator[tuple[str, ...]]:
     from bayes_inertia.observability.sentences import verdict_of
-    from bayes_inertia.report.formatting import number, plain, tenths, unit_text
+    from bayes_inertia.report.formatting import number, plain, tenths, unit_powers, unit_text
 
     powers = unit_powers((p.unit, p.sd) for p in observability.parameters)
     for p in observability.parameters:

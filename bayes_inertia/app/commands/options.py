@@ -112,8 +112,6 @@ PAPER_HELP = "or the word paper for five slews like the paper's"
 def names_in(text: str) -> list[str]:
     """Names in a list separated by commas.
 
-    Examples
-    --------
     >>> names_in("wheel_friction, rate_bias_drift,")
     ['wheel_friction', 'rate_bias_drift']
     >>> names_in("delay[gyro, spare]")

@@ -236,8 +236,6 @@ def comment_lines(result: ExportedResult, *more: str) -> list[str]:
 def one_line(text: str) -> str:
     """A text as one line of at most 200 printable ASCII letters: no name can end a comment.
 
-    Examples
-    --------
     >>> one_line("a\\nb µ")
     'a b ?'
     """
@@ -250,8 +248,6 @@ def one_line(text: str) -> str:
 def rounded(value: float, sd: float) -> str:
     """A value with as many decimals as its uncertainty supports, in ASCII.
 
-    Examples
-    --------
     >>> rounded(-0.0123456, 0.000196), rounded(3.3311733, 0.0)
     ('-0.01235', '3.331')
     """
@@ -263,8 +259,6 @@ def guarded_digits(value: float, sd: float) -> str:
 
     Returns: rounding moves it by less than a thousandth of its sd.
 
-    Examples
-    --------
     >>> guarded_digits(-0.01234567891, 0.000196)
     '-0.0123457'
     """

@@ -63,8 +63,6 @@ def most_disagreeing_slews(
 ) -> list[int]:
     """At most nine slews: those with the most significant windows.
 
-    Examples
-    --------
     >>> most_disagreeing_slews({"slews": ["a", "b"]}, [])
     [0, 1]
     """

@@ -34,8 +34,6 @@ def figure_bytes(
 ) -> bytes:
     """A figure as a file in memory; a PNG above `most_bytes` is made coarser, within what is read.
 
-    Examples
-    --------
     >>> figure_bytes(Figure(figsize=(1.0, 1.0)), "png")[:4]
     b'\\x89PNG'
     """

@@ -64,8 +64,6 @@ RC: dict[Any, Any] = {
 def styled[**P, F: Figure | None](picture: Callable[P, F]) -> Callable[P, F]:
     """Make a picture in the package's style, leaving matplotlib's settings as they were.
 
-    Examples
-    --------
     >>> styled(lambda: Figure())().get_facecolor()
     (1.0, 1.0, 1.0, 1.0)
     """
@@ -81,8 +79,6 @@ def styled[**P, F: Figure | None](picture: Callable[P, F]) -> Callable[P, F]:
 def color(i: int) -> str:
     """Colour of a component (components repeat after six).
 
-    Examples
-    --------
     >>> color(0) == color(6) == BLUE
     True
     """
@@ -107,8 +103,6 @@ def scale(name: str, unit: str, center: float, half_range: float) -> Scale:
 
     Values near `center` are shown as differences, tiny ones in powers of ten.
 
-    Examples
-    --------
     >>> scale("Jxx", "kg m^2", 3.33117, 1e-3).label
     'Jxx − 3.3312 [× 10⁻³ kg m²]'
     >>> scale("K1", "", 1.0, 0.2).label
@@ -130,8 +124,6 @@ def scale(name: str, unit: str, center: float, half_range: float) -> Scale:
 def grid_shape(n: int) -> tuple[int, int]:
     """Rows and columns of panels, one a slew.
 
-    Examples
-    --------
     >>> grid_shape(1), grid_shape(4), grid_shape(5)
     ((1, 1), (2, 2), (2, 3))
     """
@@ -146,8 +138,6 @@ def envelope(
 
     `x` and `y` (n,). Returns `x, y` (m,).
 
-    Examples
-    --------
     >>> x, y = envelope(np.arange(10_000.0), np.zeros(10_000), 100)
     >>> len(x)
     100
@@ -174,8 +164,6 @@ def density(
     `draws` (n,). Returns `x, density` (bins,): middles of the bins, and the density in inverse
     units of the draws.
 
-    Examples
-    --------
     >>> x, p = density(np.random.default_rng(0).normal(size=20_000), -4.0, 4.0)
     >>> bool(abs(p.max() - 0.399) < 0.02)
     True
@@ -204,8 +192,6 @@ def symmetric_limit(values: np.ndarray, smallest: float = 4.2) -> float:
 
     `values`: of any shape, in sigmas; NaN are left out.
 
-    Examples
-    --------
     >>> symmetric_limit(np.array([1.0, -10.0, np.nan]))
     10.8
     """
@@ -231,8 +217,6 @@ def grid(
     `figure_height` and `width` [in]; `left` and `right` and `top` and `bottom` [in]; `gap_x` and
     `gap_y` [in]. Returns `cells`: in figure fractions, row by row from the top.
 
-    Examples
-    --------
     >>> figure, cells = grid(4.0, 2, 3)
     >>> len(cells)
     6

@@ -27,8 +27,6 @@ def thinned_rows(values: np.ndarray, most: int) -> np.ndarray:
     (kept,): indices in their order, of rows in which something was measured; all of them where
     there are not more.
 
-    Examples
-    --------
     >>> values = np.zeros((1000, 1))
     >>> values[[7, 901], 0] = 5.0, -4.0
     >>> rows = thinned_rows(values, 100)

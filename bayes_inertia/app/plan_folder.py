@@ -1,5 +1,4 @@
-"""`design` on a folder: read a campaign's hardware and prior, design a plan, write what was
-found."""
+"""`design` and `compare` on a folder: plans as they are named, designed, compared, and written."""
 
 from __future__ import annotations
 
@@ -11,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from bayes_inertia.app.layout import LAYOUT
-from bayes_inertia.app.plan_json import design_json, slew_rows
 from bayes_inertia.app.result_folder import ResultFolder, write_page
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.design.after_campaign import plan_after
+from bayes_inertia.design.comparison import Contender
 from bayes_inertia.design.designer import Design, design_plan
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.limits import KeepOut, Limits
@@ -23,18 +22,112 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.follow_on import devices_at_rest, following_plan
 from bayes_inertia.flight.mission import Mission
-from bayes_inertia.flight.plan import Plan
-from bayes_inertia.flight.plan_file import write_plan
+from bayes_inertia.flight.plan import Plan, paper_like_plan
+from bayes_inertia.flight.plan_file import read_plan, write_plan
 from bayes_inertia.inference.cleaning import clean_fit
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.maths.values import json_ready, picked
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.named_effects import pinned_names
+from bayes_inertia.physics.parameters import BASE_NAMES
 from bayes_inertia.progress import Progress, silent
+from bayes_inertia.report.formatting import plain
 from bayes_inertia.report.pictures.design import draw_comparison
 from bayes_inertia.report.pictures.figure_file import write_png
-from bayes_inertia.report.plan_sections import design_sections
+from bayes_inertia.report.plan_sections import comparison_sections, design_sections
+from bayes_inertia.sealing import sha256_of
+from bayes_inertia.studies.engine import Execution
 from bayes_inertia.studies.plan_comparison import compare_plans
+
+PAPER = "paper"
+
+
+def plans_named(texts: Sequence[str], campaign: Campaign) -> dict[str, Plan]:
+    """Plans from files, or `paper`: five slews like the paper's, from where the campaign ended.
+
+    Those that would be printed alike bear the name of their file too.
+    """
+    base = following_plan(campaign)
+    # The paper's slews from where the campaign ended, so that all plans start alike.
+    paper = replace(base, name="five slews like the paper's", slews=paper_like_plan().slews)
+    read = [(text, paper if text == PAPER else read_plan(text)) for text in texts]
+    printed = [plain(plan.name) for _, plan in read]
+    named = {
+        plan.name if printed.count(name) == 1 else f"{plan.name} ({Path(text).stem})": plan
+        for name, (text, plan) in zip(printed, read, strict=True)
+    }
+    if len({plain(name) for name in named}) < len(read):
+        raise CampaignError("the same plan twice", where="plans", advice="give each once")
+    return named
+
+
+def plan_sha256(plan: Plan) -> str:
+    """Digest of a plan: two plans of one digest are flown alike."""
+    return sha256_of(repr(plan))
+
+
+_ACHIEVED_KEYS = ("achieved_sd", "achieved_sd_standard_error", "stated_sd")
+_MARGIN_KEYS = ("limit", "where", "used", "allowed", "unit", "left", "kept", "says")
+
+
+def slew_rows(plan: Plan) -> list[dict[str, Any]]:
+    """The slews of a plan in degrees and seconds."""
+    return [
+        {
+            "axis_B": list(slew.axis_B),
+            "angle_deg": math.degrees(slew.angle),
+            "rate_deg_s": math.degrees(slew.rate),
+            "acceleration_deg_s2": math.degrees(slew.acceleration),
+            "start_s": start,
+            "duration_s": duration,
+        }
+        for slew, start, duration in zip(plan.slews, plan.starts, plan.durations, strict=True)
+    ]
+
+
+def contender_json(contender: Contender) -> dict[str, Any]:
+    """A plan in a comparison: expected and achieved sds, costs, margins, slews."""
+    content = {
+        "expected_sd": dict(zip(BASE_NAMES, contender.expected, strict=True)),
+        "total_time_s": contender.total_time,
+        "motion_time_s": contender.motion_time,
+        "peak_momentum_Nms": contender.peak_momentum,
+        "peak_torque_Nm": contender.peak_torque,
+        "margins": [picked(margin, *_MARGIN_KEYS) for margin in contender.margins],
+        "slews": slew_rows(contender.plan),
+    }
+    if (achieved := contender.achieved) is not None:
+        sds = (achieved.sd, achieved.sd_error, achieved.stated.mean(0))
+        for key, sd in zip(_ACHIEVED_KEYS, sds, strict=True):
+            content[key] = dict(zip(BASE_NAMES, sd, strict=True))
+        content |= {"reduced_chi2": achieved.chi2.mean(), "campaigns": len(achieved.errors)}
+    return json_ready(content)
+
+
+def design_json(
+    design: Design, contenders: Sequence[Contender], campaign: Campaign
+) -> dict[str, Any]:
+    """A design: what it is expected to give, beside slews like the paper's."""
+    designed, reference = contenders
+    return {
+        "campaign": campaign.name,
+        "goal": {"name": str(design.goal), "says": design.goal.says, "unit": design.goal.unit},
+        **picked(design, "value", "reference_value", "gain"),
+        "best_of_random_plans": json_ready(design.best_random),
+        "random_plans": design.random_plans,
+        "expected_sd": design.sd,
+        **picked(design, "reference_sd", "sd_before"),
+        "plan": contender_json(designed),
+        "reference": contender_json(reference),
+        "margins": [picked(margin, *_MARGIN_KEYS) for margin in design.margins],
+        "flown_margins": [picked(margin, *_MARGIN_KEYS) for margin in design.flown],
+        "kept": design.kept,
+        "active_limits": list(design.active),
+        "limits": design.limits.to_json(),
+        "history": [list(path) for path in design.history],
+        **picked(design, "seed", "seconds"),
+    }
 
 
 @dataclass(frozen=True)
@@ -93,8 +186,6 @@ def keep_outs(texts: Sequence[str]) -> tuple[KeepOut, ...]:
     `texts`: each `name,x,y,z,half_angle_deg` (inertial direction), or a TOML file with [[keep_out]]
     tables of the keys name, direction_N, half_angle_deg.
 
-    Examples
-    --------
     >>> keep_outs(["Sun,1,0,0,30"])[0].name
     'Sun'
     """
@@ -134,7 +225,7 @@ def _cones_in(path: Path) -> list[KeepOut]:
         ) from error
 
 
-FORMAT = "bayes-inertia-design/1"
+FORMAT, COMPARISON_FORMAT = "bayes-inertia-design/1", "bayes-inertia-compare/1"
 WHEELS_AT_REST = (
     "The wheels are taken to be at rest at the start: no tachometer of the last slew tells more. "
     "With --after the fit tells their momentum."
@@ -238,3 +329,42 @@ def _comments(design: Design) -> str:
     if not design.plan.wheel_momentum:
         lines += ["#", f"# {WHEELS_AT_REST}"]
     return "\n".join([*lines, "", ""])
+
+
+def run_compare(
+    campaign: Path,
+    plans: Sequence[str],
+    folder: Path,
+    *,
+    simulated: int = 0,
+    seed: int = 0,
+    execution: Execution | None = None,
+) -> tuple[Contender, ...]:
+    """Compare plans and write compare.json, compare.png and compare.html."""
+    flown, digest = read_campaign(campaign), campaign_sha256(campaign)
+    named = plans_named(plans, flown)
+    options = {
+        "plans": {name: plan_sha256(plan) for name, plan in named.items()},
+        "simulated": simulated,
+        "seed": seed,
+    }
+    results = ("compare.png", "compare.html")
+    owner = ResultFolder(
+        folder, "comparison", "compare.json", COMPARISON_FORMAT, digest, options, results
+    )
+    owner.holds_this_work()
+    contenders = compare_plans(
+        named,
+        Mission.of(flown),
+        simulated=simulated,
+        seed=seed,
+        folder=folder / "fits",
+        **vars(execution or Execution()),
+    )
+    rows = {c.name: contender_json(c) for c in contenders}
+    stated = {"campaign": flown.name, "simulated": simulated, "seed": seed}
+    owner.claim(stated | {"plans": rows})
+    write_png(draw_comparison(contenders), folder / "compare.png")
+    title, sections = f"Plans after {flown.name}", comparison_sections(contenders)
+    write_page(folder / "compare.html", title, flown.mission, campaign, sections, digest)
+    return contenders

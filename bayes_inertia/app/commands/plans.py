@@ -1,4 +1,4 @@
-"""`design`: the slews to fly next."""
+"""`design`: the slews to fly next. `compare`: plans side by side."""
 
 from __future__ import annotations
 
@@ -12,25 +12,30 @@ from rich.console import Console
 from rich.text import Text
 
 from bayes_inertia.app.commands.options import (
+    PAPER_HELP,
     AsJson,
     CampaignFolder,
     EffectNames,
+    EngineName,
+    Jobs,
     OpenPage,
     OutputFolder,
+    SchedulerAddress,
     Seed,
     names_in,
 )
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
     headed,
-    open_in_browser,
     plain_console,
-    print_json_file,
     print_table,
     progress_bar,
+    say,
+    show_result,
 )
 
 if TYPE_CHECKING:
+    from bayes_inertia.design.comparison import Contender
     from bayes_inertia.design.designer import Design
 
 GoalOption = Annotated[
@@ -94,16 +99,12 @@ def design_command(
     asked = (total_time, max_rate, max_angle, max_acceleration, end_attitude)
     names = tuple(names_in(effects))
     with progress_bar() as progress:
-        from bayes_inertia.app.design_folder import DesignRequest, run_design
+        from bayes_inertia.app.plan_folder import DesignRequest, run_design
 
         request = DesignRequest(goal, slews, *asked, tuple(keep_out or ()), after, seed, names)
         design = run_design(campaign, out, request, progress)
-    if as_json:
-        print_json_file(out / "design.json")
-    else:
-        notes = json.loads((out / "design.json").read_text()).get("left_out", ())
-        show_design(design, out, after, notes)
-    open_in_browser(out / "design.html", open_page)
+    notes = json.loads((out / "design.json").read_text()).get("left_out", ())
+    show_result(out / "design.json", as_json, open_page, show_design, design, out, after, notes)
     raise typer.Exit(0 if design.kept else 3)
 
 
@@ -111,7 +112,7 @@ def show_design(
     design: Design, folder: Path, after: bool = False, notes: Sequence[str] = ()
 ) -> None:
     """Print a designed plan: what each parameter gains or loses, its slews, its margins."""
-    from bayes_inertia.app.design_folder import WHEELS_AT_REST
+    from bayes_inertia.app.plan_folder import WHEELS_AT_REST
     from bayes_inertia.report.plan_sections import (
         gain_answer,
         gain_table,
@@ -149,3 +150,49 @@ def _show_margins(console: Console, design: Design) -> None:
     for margin in shown:
         console.print(Text.assemble("  ", ("" if margin.kept else "BROKEN ", "red"), margin.says))
     console.print(f"limits that hold the design back: {', '.join(design.active) or 'none'}")
+
+
+def compare_command(
+    campaign: CampaignFolder,
+    plans: Annotated[list[str], typer.Argument(help=f"Plan files, {PAPER_HELP}.")],
+    out: OutputFolder,
+    simulated: Annotated[
+        int, typer.Option(help="Campaigns to simulate and fit for each plan.", min=0)
+    ] = 0,
+    engine: EngineName = None,
+    scheduler: SchedulerAddress = None,
+    jobs: Jobs = 1,
+    seed: Seed = 0,
+    open_page: OpenPage = False,
+    as_json: AsJson = False,
+) -> None:
+    """Compare plans by uncertainty, time, momentum and torque.
+
+    Writes compare.json, compare.png and compare.html. A comparison that was killed goes on with the
+    same command.
+    """
+    with progress_bar() as progress:
+        from bayes_inertia.app.plan_folder import run_compare
+        from bayes_inertia.studies.engine import Execution
+
+        contenders = run_compare(
+            campaign,
+            plans,
+            out,
+            simulated=simulated,
+            seed=seed,
+            execution=Execution(engine, jobs, scheduler, progress, say),
+        )
+    show_result(out / "compare.json", as_json, open_page, show_comparison, contenders, out)
+
+
+def show_comparison(contenders: Sequence[Contender], folder: Path) -> None:
+    """Print plans side by side: expected and achieved sds, and what they cost."""
+    from bayes_inertia.report.plan_sections import comparison_answer, costs_table, sds_table
+
+    console = plain_console()
+    answer, worse = comparison_answer(contenders)
+    console.print(headed(answer, f" {worse}"))
+    for table in (sds_table(contenders), costs_table(contenders)):
+        print_table(table.columns, table.rows, list(table.columns)[2:])
+    console.print(f"wrote compare.json, compare.png and compare.html in {folder}")

@@ -1,0 +1,313 @@
+"""Many fits: `fit-many`, whether uncertainties hold (`study`), and what a series tells of J and K:
+over campaigns (`history`), over sister spacecraft (`fleet`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from operator import attrgetter
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from bayes_inertia.app.commands.options import (
+    PAPER_HELP,
+    Anyway,
+    AsJson,
+    AsStated,
+    DriveName,
+    EffectNames,
+    EngineName,
+    Jobs,
+    OpenPage,
+    OutputFolder,
+    SchedulerAddress,
+    Seed,
+    names_in,
+)
+from bayes_inertia.app.terminal import (
+    headed,
+    plain_console,
+    print_json,
+    print_table,
+    progress_bar,
+    say,
+    show_result,
+)
+
+if TYPE_CHECKING:
+    from bayes_inertia.app.study_folder import Study
+    from bayes_inertia.report.section import Table
+    from bayes_inertia.studies.calibration import Calibration
+    from bayes_inertia.studies.work import WorkResult
+
+_SHOWN = ("Jxx", "Jyy", "Jzz", "K1", "K2", "K3")
+
+
+def fit_many_command(
+    folder: Annotated[Path, typer.Argument(help="Folder of campaign folders, at any depth.")],
+    out: OutputFolder,
+    engine: EngineName = None,
+    scheduler: SchedulerAddress = None,
+    jobs: Jobs = 1,
+    effects: EffectNames = "",
+    drive: DriveName = None,
+    seed: Seed = 0,
+    anyway: Anyway = False,
+    as_stated: AsStated = False,
+    as_json: AsJson = False,
+) -> None:
+    """Fit every campaign in a folder: a fleet, or a mission's years.
+
+    Writes fits.parquet (a row a campaign) and fit_many.json. Goes on where it was killed, and fits
+    what was added or changed, with the same command. Exit code 3 if a campaign failed or its result
+    must not be used.
+    """
+    with progress_bar() as progress:
+        progress("checking the campaigns and fitting the first", 0, 0)
+        from bayes_inertia.app.many_folder import fit_many, fits_json
+
+        result = fit_many(
+            folder,
+            out,
+            effects=names_in(effects),
+            drive=drive,
+            seed=seed,
+            as_stated=as_stated,
+            anyway=anyway,
+            engine=engine,
+            jobs=jobs,
+            scheduler=scheduler,
+            progress=progress,
+            notice=say,
+        )
+    if as_json:
+        print_json(fits_json(result))
+    else:
+        show_fits(result, out)
+    if result.failures or not all(row["trusted"] for row in result.rows):
+        raise typer.Exit(3)
+
+
+def show_fits(result: WorkResult, folder: Path) -> None:
+    """Print a row a campaign."""
+    from bayes_inertia.app.many_folder import campaign_of
+
+    console = plain_console()
+    cells = (
+        (
+            row["campaign"],
+            "yes" if row["trusted"] else "NO",
+            *(_cell(row, name) for name in _SHOWN),
+            f"{row['reduced_chi2_total']:.3f}",
+        )
+        for row in result.rows
+    )
+    print_table(("campaign", "use", *_SHOWN, "χ²"), cells)
+    for row in result.rows:
+        if not row["trusted"]:
+            console.print(f"{row['campaign']}: {row['reasons']}")
+    for failure in result.failures:
+        console.print(f"{campaign_of(failure)} could not be fitted: {failure.reason}")
+    trusted = sum(row["trusted"] for row in result.rows)
+    console.print(
+        f"{trusted} of {len(result.rows) + len(result.failures)} campaigns give a result that can "
+        "be used; J in kg m², ±: the quoted sd"
+    )
+    files = "fits.parquet and fit_many.json" if result.rows else "fit_many.json"
+    console.print(f"wrote {files} in {folder}")
+
+
+def _cell(row: dict[str, Any], name: str) -> str:
+    from bayes_inertia.report.formatting import NOT_GIVEN, exponent, number, unit_text
+
+    sd = row.get(f"{name}_quoted_sd")  # None of K that the gyro does not have
+    if sd is None:
+        return NOT_GIVEN
+    power = exponent(row[name], sd)
+    scale = f" {unit_text('', power)}" if power else ""
+    return f"{number(row[name], sd, power)}\n± {number(sd, sd, power)}{scale}"
+
+
+_CALIBRATION = "calibration"
+
+
+def study_command(
+    what: Annotated[
+        Path, typer.Argument(metavar="CAMPAIGN|calibration", help="Campaign folder, or a word.")
+    ],
+    out: OutputFolder,
+    plan: Annotated[str, typer.Option(help=f"Plan file, {PAPER_HELP}.")] = "paper",
+    campaigns: Annotated[int, typer.Option(help="Campaigns to simulate and fit.", min=2)] = 200,
+    fits: Annotated[int, typer.Option(help="Fits of a calibration, of all cases.", min=1)] = 1000,
+    cases: Annotated[
+        str, typer.Option(help="Cases of a calibration, separated by commas; all without it.")
+    ] = "",
+    engine: EngineName = None,
+    scheduler: SchedulerAddress = None,
+    jobs: Jobs = 1,
+    seed: Seed = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Do stated uncertainties hold in simulated campaigns?
+
+    `study CAMPAIGN` flies a plan many times, each time with another J, K and bias, and fits each
+    flight. Writes study.json and study.png.
+
+    `study calibration` draws the truth from the prior, flies and fits it, with and without weak
+    data, sensors and effects, and looks where the truth lies among the draws of each posterior.
+    Writes calibration.json and calibration.png.
+
+    A study that was killed goes on with the same command. Exit code 3 if uncertainties do not hold.
+    """
+    from bayes_inertia.app.study_folder import run_calibration, run_study
+    from bayes_inertia.studies.engine import Execution
+
+    run: Callable[..., Any]
+    show: Callable[[Any, Path], None]
+    if what == Path(_CALIBRATION) and not (what / "campaign.toml").is_file():
+        name, show, wrong = "calibration", show_calibration, attrgetter("rejected")
+        run = partial(run_calibration, out, fits=fits, cases=names_in(cases), seed=seed)
+    else:
+        name, show, wrong = "study", show_study, attrgetter("too_small")
+        run = partial(run_study, what, out, plan, campaigns=campaigns, seed=seed)
+    with progress_bar() as progress:
+        progress("flying and fitting the first campaigns", 0, 0)
+        found: Any = run(execution=Execution(engine, jobs, scheduler, progress, say))
+    show_result(out / f"{name}.json", as_json, False, show, found, out)
+    if wrong(found) or found.failures:
+        raise typer.Exit(3)
+
+
+def show_study(study: Study, folder: Path) -> None:
+    """Print achieved beside stated sds, and how often intervals held the truth."""
+    from bayes_inertia.physics.parameters import BASE_NAMES, BASE_UNITS
+    from bayes_inertia.report.formatting import number, unit_powers, unit_text
+
+    console, achieved = plain_console(), study.achieved
+    verdict = ("Stated sds hold.", "bold green")
+    if study.too_small:
+        verdict = (f"Stated sds are TOO SMALL for {', '.join(study.too_small)}.", "bold red")
+    flown = f" {len(achieved.errors)} campaigns of {study.plan.name}."
+    console.print(headed(verdict[0], flown, style=verdict[1]))
+    rows = []
+    stated_sd = (achieved.stated**2).mean(0) ** 0.5
+    powers = unit_powers(zip(BASE_UNITS, achieved.sd, strict=True))
+    coverages = zip(study.coverage(0.68), study.coverage(0.95), strict=True)
+    for i, (name, coverage) in enumerate(zip(BASE_NAMES, coverages, strict=True)):
+        shares = [
+            f"{100 * share:.1f} % ({100 * low:.0f} to {100 * high:.0f})"
+            for share, low, high in coverage
+        ]
+        sd, error, unit = achieved.sd[i], achieved.sd_error[i], BASE_UNITS[i]
+        power = powers[unit]
+        sds = f"{number(sd, error, power)} ± {number(error, error, power)}"
+        stated = number(stated_sd[i], error, power)
+        rows.append((name, sds, stated, unit_text(unit, power), *shares))
+    print_table(("", "achieved sd", "stated sd", "unit", "in 68 %", "in 95 %"), rows)
+    if study.failures:
+        first = study.failures[0]
+        console.print(
+            f"{len(study.failures)} more could not be fitted and count in nothing above; "
+            f"campaign {first.task}: {first.reason}"
+        )
+    console.print(f"wrote study.json and study.png in {folder}")
+
+
+def show_calibration(calibration: Calibration, folder: Path) -> None:
+    """Print coverage and p-values of every case and quantity."""
+    from bayes_inertia.studies.calibration import QUANTITIES
+
+    console = plain_console()
+    names = ", ".join(f"{name} ({case})" for case, name in calibration.rejected)
+    verdict = f"Posteriors are WRONG in {names}." if names else "No quantity is rejected."
+    rule = f" {calibration.fits} fits, p below {calibration.limit:.1g} would reject."
+    console.print(headed(verdict, rule, style="bold red" if names else "bold green"))
+    for case in calibration.cases:
+        console.print(f"{case.name} ({case.says}): {len(case.ranks)} fits")
+        rows = []
+        for k, name in enumerate(QUANTITIES):
+            shares = [f"{100.0 * coverage.share:.1f} %" for coverage in case.coverage(k)]
+            z, p = case.z[:, k], case.p_values[k]
+            mark = " !" if p < calibration.limit else ""
+            cells = [f"{z.mean():+.3f}", f"{(z**2).mean():.3f}", f"{p:.2g}{mark}"]
+            rows.append((name, *shares, *cells))
+        print_table(("", "in 50 %", "in 90 %", "in 95 %", "mean z", "mean z²", "p of ranks"), rows)
+    if calibration.failures:
+        first = calibration.failures[0]
+        console.print(f"{len(calibration.failures)} more failed; {first.task}: {first.reason}")
+    console.print(f"wrote calibration.json and calibration.png in {folder}")
+
+
+def history_command(
+    sources: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Runs, campaigns or a folder of `fit-many`, in the order flown. Campaigns are "
+            "fitted first."
+        ),
+    ],
+    out: OutputFolder,
+    seed: Seed = 0,
+    open_page: OpenPage = False,
+    as_json: AsJson = False,
+) -> None:
+    """Say whether J and K changed from campaign to campaign: when, by how much, how probable.
+
+    Writes history.json and history.html.
+    """
+    with progress_bar() as progress:
+        from bayes_inertia.app.many_folder import HISTORY, run_history
+
+        history, left_out = run_history(sources, out, seed=seed, progress=progress)
+    from bayes_inertia.report.series_sections import history_answer, history_table
+
+    told = history_answer(history), history_table(history), left_out, HISTORY, out
+    show_result(out / HISTORY[0], as_json, open_page, _show, *told)
+
+
+def fleet_command(
+    fits: Annotated[
+        Path,
+        typer.Argument(
+            help="Folder that `fit-many` wrote; the first folder of a campaign's path is its "
+            "spacecraft."
+        ),
+    ],
+    out: OutputFolder,
+    seed: Seed = 0,
+    open_page: OpenPage = False,
+    as_json: AsJson = False,
+) -> None:
+    """Say what sister spacecraft have in common, and know each better by it.
+
+    Writes fleet.json and fleet.html.
+    """
+    with progress_bar() as progress:
+        from bayes_inertia.app.many_folder import FLEET, run_fleet
+
+        fleet, alone_sd, left_out = run_fleet(fits, out, seed=seed, progress=progress)
+    from bayes_inertia.report.series_sections import fleet_answer, fleet_table
+
+    told = fleet_answer(fleet, alone_sd), fleet_table(fleet, alone_sd), left_out, FLEET, out
+    show_result(out / FLEET[0], as_json, open_page, _show, *told)
+
+
+def _show(
+    answer: str, table: Table, left_out: tuple[str, ...], files: tuple[str, str], folder: Path
+) -> None:
+    """Print the answer, a row a parameter, what was left out, and what was written.
+
+    What gives way in a narrow terminal is the interval of the spread.
+    """
+    from bayes_inertia.report.formatting import typeset
+    from bayes_inertia.report.series_sections import left_out_in_words
+
+    console = plain_console()
+    console.print(headed(typeset(answer)))
+    print_table(table.columns, table.rows, list(table.columns)[5:6])
+    for sentence in left_out_in_words(left_out):
+        console.print(sentence)
+    console.print(f"wrote {' and '.join(files)} in {folder}")
