@@ -21,23 +21,12 @@ from bayes_inertia.errors import CampaignError
 
 
 def parse_toml[Form: BaseModel](text: str, label: str, form: type[Form]) -> Form:
-    """The content of a TOML file, every key checked; tables of several forms differ in one key.
-
-    >>> class Form(BaseModel):
-    ...     size: float
-    >>> parse_toml("size = 'x'", "a.toml", Form)
-    Traceback (most recent call last):
-    bayes_inertia.errors.CampaignError: a.toml, key size: 'x' is not accepted; ...
-    """
+    """The content of a TOML file, every key checked; tables of several forms differ in one key."""
     return checked_document(toml_document(text, label), label, form)
 
 
 def toml_document(text: str, label: str) -> dict[str, Any]:
-    """The content of a TOML file, its keys not yet checked.
-
-    >>> toml_document("a = 1", "a.toml")
-    {'a': 1}
-    """
+    """The content of a TOML file, its keys not yet checked."""
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
@@ -47,13 +36,7 @@ def toml_document(text: str, label: str) -> dict[str, Any]:
 def checked_document[Form: BaseModel](
     document: dict[str, Any], label: str, form: type[Form]
 ) -> Form:
-    """The content of a TOML file in its form.
-
-    >>> class Form(BaseModel):
-    ...     size: float
-    >>> checked_document({"size": 2.0}, "a.toml", Form).size
-    2.0
-    """
+    """The content of a TOML file in its form."""
     try:
         return form.model_validate(document)
     except ValidationError as error:
@@ -222,11 +205,7 @@ class _Wording:
 
 
 def table_label(table: Any) -> str:
-    """Label of a table that is one of several: its name, or its content.
-
-    >>> table_label({"name": "wheel_x", "axis": []})
-    'wheel_x'
-    """
+    """Label of a table that is one of several: its name, or its content."""
     if not isinstance(table, dict):
         return ""
     label = table.get("name", table.get("holds"))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from types import MappingProxyType
+from dataclasses import dataclass, field
 from typing import Any
 
 from bayes_inertia.campaign.actuators import Actuator, Change, Magnetorquer
@@ -25,13 +24,11 @@ from bayes_inertia.campaign.schema import (
 from bayes_inertia.errors import CampaignError
 
 # Where a slew has what is called otherwise.
-FIELDS: Mapping[str, str] = MappingProxyType(
-    {
-        "magnetic_field": "magnetic_field_N",
-        "position": "position_N",
-        "wheel_speed": "wheel_momentum",
-    }
-)
+FIELDS: Mapping[str, str] = {
+    "magnetic_field": "magnetic_field_N",
+    "position": "position_N",
+    "wheel_speed": "wheel_momentum",
+}
 
 
 @dataclass(frozen=True)
@@ -95,7 +92,7 @@ class Description:
     # A file of two-line elements, and UTC at time zero of the campaign
     orbit: tuple[str, str] | None = None
     # What this file calls a table of format 1, such as "wheels"; empty in format 1
-    devices: Mapping[str, str] = MappingProxyType({})
+    devices: Mapping[str, str] = field(default_factory=dict)
 
     def clock(self, entry: Entry) -> TimeColumn:
         """The time of an entry."""

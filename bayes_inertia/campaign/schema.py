@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NoReturn
 
 import numpy as np
@@ -17,40 +16,34 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from bayes_inertia.errors import CampaignError
 
-UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
-    {
-        "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
-        "wheel_torque": {"N m": 1.0, "mN m": 1e-3, "uN m": 1e-6},
-        "wheel_momentum": {"N m s": 1.0, "mN m s": 1e-3, "uN m s": 1e-6},
-        "wheel_speed": {
-            "rad/s": 1.0,
-            "deg/s": math.pi / 180.0,
-            "rpm": 2.0 * math.pi / 60.0,
-            "Hz": 2.0 * math.pi,  # turns
-        },
-        "rate": {
-            "rad/s": 1.0,
-            "mrad/s": 1e-3,
-            "deg/s": math.pi / 180.0,
-            "deg/h": math.pi / 180.0 / 3600.0,
-        },
-        "magnetic_field": {"T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "G": 1e-4},
-        "position": {"m": 1.0, "km": 1e3},
-        "dipole": {"A m^2": 1.0, "mA m^2": 1e-3},
-        "angle": {"rad": 1.0, "deg": math.pi / 180.0},
-        "level": {"1": 1.0, "%": 0.01},
-    }
-)
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
+    "wheel_torque": {"N m": 1.0, "mN m": 1e-3, "uN m": 1e-6},
+    "wheel_momentum": {"N m s": 1.0, "mN m s": 1e-3, "uN m s": 1e-6},
+    "wheel_speed": {
+        "rad/s": 1.0,
+        "deg/s": math.pi / 180.0,
+        "rpm": 2.0 * math.pi / 60.0,
+        "Hz": 2.0 * math.pi,  # turns
+    },
+    "rate": {
+        "rad/s": 1.0,
+        "mrad/s": 1e-3,
+        "deg/s": math.pi / 180.0,
+        "deg/h": math.pi / 180.0 / 3600.0,
+    },
+    "magnetic_field": {"T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "G": 1e-4},
+    "position": {"m": 1.0, "km": 1e3},
+    "dipole": {"A m^2": 1.0, "mA m^2": 1e-3},
+    "angle": {"rad": 1.0, "deg": math.pi / 180.0},
+    "level": {"1": 1.0, "%": 0.01},
+}
 """For each quantity of a table, the factor from each accepted unit to SI; that of SI is first."""
 DEGREE = UNITS["rate"]["deg/s"]  # [rad]
 
 
 def to_si(values: np.ndarray, quantity: str, unit: str) -> np.ndarray:
-    """Values of a quantity in SI units and radians; infinite where that overflows.
-
-    >>> to_si(np.array([1.5]), "time", "min").tolist()
-    [90.0]
-    """
+    """Values of a quantity in SI units and radians; infinite where that overflows."""
     # An overflow becomes infinite, which the campaign refuses by name.
     with np.errstate(over="ignore"):
         return np.asarray(values, dtype=float) * UNITS[quantity][unit]

@@ -22,13 +22,7 @@ from bayes_inertia.faults.gaps import gap_note, missing_rows
 
 
 def parts_of(slew: Slew, pieces: Sequence[dict[str, np.ndarray]]) -> list[Slew]:
-    """A slew for each piece of its channels, with the inputs of its time; a single one keeps all.
-
-    >>> whole = Slew("a", 100.0, np.arange(4.0))
-    >>> later = parts_of(whole, [{"time": whole.time[:2]}, {"time": whole.time[2:]}])[1]
-    >>> later.name, later.start
-    ('a (part 2 of 2)', 102.0)
-    """
+    """A slew for each piece of its channels, with the inputs of its time; a single one is whole."""
     if not pieces:
         raise CampaignError(
             "hardly any row has a known torque",
@@ -53,12 +47,7 @@ def parts_of(slew: Slew, pieces: Sequence[dict[str, np.ndarray]]) -> list[Slew]:
 
 
 def located(records: Sequence[tuple[Dirt, np.ndarray]], slews: Sequence[Slew]) -> list[Dirt]:
-    """Records with names and rows of the parts of a slew that hold, or are nearest to, their times.
-
-    >>> slew = Slew("a", 0.0, np.arange(4.0))
-    >>> located([(Dirt("gap", "rate", "", (), "ignored"), np.array([1.2]))], [slew])[0].rows
-    (1,)
-    """
+    """Records with names and rows of the parts of a slew that are nearest to their times."""
     dirt = []
     for record, times in records:
         if not len(times):
@@ -85,12 +74,7 @@ MORE, INPUTS = "more.", "inputs."
 
 
 def with_rows_at(channels: Channels, times: np.ndarray, step: float) -> Channels:
-    """Copies of channels that have a row at each of some times (m,) [s], or within `same_row`.
-
-    >>> given = {"time": np.array([0.0, 1.0, 3.0]), "rate": np.ones((3, 1))}
-    >>> with_rows_at(given, np.array([1.0, 2.0]), 1.0)["rate"][:, 0].tolist()
-    [1.0, 1.0, nan, 1.0]
-    """
+    """Copies of channels that have a row at each of some times (m,) [s], or within `same_row`."""
     time = channels["time"]
     first = np.searchsorted(time, times - LIMITS.same_row * step)
     near = time[np.minimum(first, len(time) - 1)] <= times + LIMITS.same_row * step
@@ -110,10 +94,6 @@ def without_intervals(
     """Channels cut where nothing may lead across, without parts that have hardly any rate.
 
     `intervals`: from the last time before to the first time after each cut [s].
-
-    >>> parts = without_intervals({"time": np.arange(30.0)}, [(11.0, 14.0)])
-    >>> [(part["time"][0].item(), len(part["time"])) for part in parts]
-    [(0.0, 12), (14.0, 16)]
     """
     if not intervals:
         return [channels]

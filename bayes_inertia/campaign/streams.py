@@ -78,11 +78,6 @@ def union(streams: Sequence[dict[str, np.ndarray]], label: str) -> dict[str, np.
     """Channels (n, width) of streams on the list of all their times [s], NaN between readings.
 
     Times closer than a nanosecond, or than the rounding of large times, are one time.
-
-    >>> rate = {"time": np.array([0.0, 1.0]), "rate": np.zeros((2, 3))}
-    >>> fix = {"time": np.array([0.5]), "attitude": np.array([[0.0, 0.0, 0.0, 1.0]])}
-    >>> union([rate, fix], "slew 1")["attitude"][:, 3].tolist()
-    [nan, 1.0, nan]
     """
     if len(streams) == 1:
         return dict(streams[0])

@@ -1,11 +1,10 @@
-"""Devices of a campaign as format 2 writes them, and their streams."""
+"""Channels of a campaign as tables and descriptions hold them, and devices as format 2 does."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from types import MappingProxyType
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magne
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import keys_of
 from bayes_inertia.campaign.hardware import DirectionSensor
-from bayes_inertia.campaign.sensors import SensorStream, streams_of
+from bayes_inertia.campaign.sensors import FIRST, SensorStream, streams_of
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import MORE
 from bayes_inertia.errors import OutputError
@@ -38,25 +37,88 @@ def needs_format_2(campaign: Campaign) -> bool:
     )
 
 
-def more_streams(campaign: Campaign) -> dict[str, SensorStream]:
-    """Streams of further sensors, by their channel."""
-    return {MORE + s.name: s for s in streams_of(campaign) if not s.field}
-
-
-def values_of(slew: Slew, channel: str) -> np.ndarray | None:
-    """Readings of a channel of a slew."""
-    if channel.startswith(MORE):
-        return (slew.more or {}).get(channel.removeprefix(MORE))
-    return getattr(slew, channel)
-
-
 def word(name: str) -> str:
-    """A device's name as part of the names of files and columns.
-
-    >>> word("star tracker 2")
-    'star_tracker_2'
-    """
+    """A device's name as part of the names of files and columns."""
     return re.sub(r"\W+", "_", name)
+
+
+@dataclass(frozen=True)
+class Written:
+    """A channel, as tables and descriptions hold it."""
+
+    channel: str  # Field of `Slew`; "more.NAME" of a further sensor
+    key: str  # Entry of `[columns]`, and what a device of format 2 calls it
+    sense: Mapping[str, str]  # Its unit and sense
+    names: str | Sequence[str]  # Its columns; a text: one a wheel
+    sensor: SensorStream | None = None
+
+    @property
+    def is_series(self) -> bool:
+        """Whether every row should hold a number, not fixes or the environment alone."""
+        return self.sensor.is_series if self.sensor else self.key == "wheel_torque"
+
+    def values(self, slew: Slew) -> np.ndarray | None:
+        """Numbers (n, columns) of a slew; fixes and environment without any count as absent."""
+        values = self.sensor.of(slew) if self.sensor else getattr(slew, self.channel)
+        absent = values is None or (not self.is_series and np.isnan(values).all())
+        return None if absent else np.asarray(values)
+
+    def in_table(self, slew: Slew) -> bool:
+        """Whether the slew's table has the columns; of wheels and further sensors it may lack."""
+        may_lack = self.key.startswith("wheel") or bool(self.sensor and not self.sensor.field)
+        return not may_lack or self.values(slew) is not None
+
+
+_TORQUE = Written("wheel_torque", "wheel_torque", {"unit": "N m", "acts_on": "wheel"}, "u{}_Nm")
+_FIELD_NAMES, _POSITION_NAMES = ("Bx_N_T", "By_N_T", "Bz_N_T"), ("rx_N_m", "ry_N_m", "rz_N_m")
+_ENVIRONMENT = (
+    Written("magnetic_field_N", "magnetic_field", {"unit": "T", "frame": "inertial"}, _FIELD_NAMES),
+    Written("position_N", "position", {"unit": "m", "frame": "inertial"}, _POSITION_NAMES),
+)
+
+
+def written_channels(campaign: Campaign) -> list[Written]:
+    """The channels that a campaign has, in the order of their columns; refused where one has gaps
+    that cannot be read back.
+    """
+    first: list[Written] = []
+    more: list[Written] = []
+    for sensor in streams_of(campaign):
+        if sensor.sigma(campaign):
+            channel = Written(sensor.field or MORE + sensor.name, *sensor.written, sensor)
+            (first if sensor.field else more).append(channel)
+    # What wheels have first.
+    first.sort(key=lambda channel: not isinstance(channel.names, str))
+    found = []
+    for channel in (_TORQUE, *first, *_ENVIRONMENT, *more):
+        having = [slew for slew in campaign.slews if channel.values(slew) is not None]
+        wheels = len(campaign.wheels)
+        if not having or (isinstance(channel.names, str) and not wheels):
+            continue
+        for slew in having:
+            _refuse_what_reading_refuses(slew, channel)
+        width = np.asarray(channel.values(having[0])).shape[1]
+        names = channel.names
+        if isinstance(names, str):
+            names = [names.format(i + 1) for i in range(wheels)]
+        elif len(names) != width or channel in more:
+            names = [f"{word(channel.channel.removeprefix(MORE))}_{i + 1}" for i in range(width)]
+        found.append(replace(channel, names=list(names)))
+    return found
+
+
+def _refuse_what_reading_refuses(slew: Slew, channel: Written) -> None:
+    """Raise `OutputError` for gaps in a channel that cannot be read back."""
+    empty, where = np.isnan(np.asarray(channel.values(slew))), f"slew {slew.name}"
+    if channel.sensor is not None and channel.is_series and empty.all(axis=0).any():
+        column = int(np.argmax(empty.all(axis=0))) + 1
+        what = f"{channel.channel} has no number in column {column}"
+        raise OutputError(what, where=where, advice="leave the channel or the slew out")
+    some = empty.any(axis=1) != empty.all(axis=1)
+    if not channel.sensor and not channel.is_series and some.any():
+        what = f"{channel.channel} has a gap in row {int(np.argmax(some)) + 1}"
+        advice = "fill it, or leave the row of the channel empty"
+        raise OutputError(what, where=where, advice=advice)
 
 
 @dataclass(frozen=True)
@@ -67,30 +129,35 @@ class Streams:
     channels: Mapping[str, str]
     inputs: Mapping[str, str]  # By device
 
-    def files(self, number: str, own: Sequence[str]) -> dict[str, Any]:
+    @property
+    def one_table(self) -> bool:
+        """Whether every slew has all channels, in one table."""
+        return set(self.channels.values()) <= {TELEMETRY}
+
+    def files(self, number: str, own: Sequence[Written]) -> dict[str, Any]:
         """`file` or `files` of a slew: `own`, the channels that it has."""
-        one = set(self.channels.values()) <= {TELEMETRY}
-        if one and not self.inputs:
+        if self.one_table and not self.inputs:
             return {"file": f"slew_{number}.csv"}
-        if one:
+        if self.one_table:
             return {"files": f"slew_{number}_{{stream}}.csv"}
-        streams = dict.fromkeys(self.channels[channel] for channel in own)
+        streams = dict.fromkeys(self.channels[channel.channel] for channel in own)
         table = dict.fromkeys(streams, self.telemetry_file(number))
         inputs = {stream: f"slew_{number}_{stream}.csv" for stream in self.inputs.values()}
         return {"files": table | inputs}
 
     def telemetry_file(self, number: str) -> str:
         """The table of all channels of a slew."""
-        alone = set(self.channels.values()) <= {TELEMETRY} and not self.inputs
+        alone = self.one_table and not self.inputs
         return f"slew_{number}.csv" if alone else f"slew_{number}_{TELEMETRY}.csv"
 
 
-def streams_for(
-    campaign: Campaign, columns: Mapping[str, Sequence[str]], partial: set[str]
-) -> Streams:
-    """The streams of a campaign: `columns` by channel, and the channels that some slews lack."""
-    channels = {c: word(c.removeprefix(MORE)) if c in partial else TELEMETRY for c in columns}
-    taken = {TELEMETRY, *channels.values()}
+def streams_for(campaign: Campaign, channels: Sequence[Written]) -> Streams:
+    """The streams of a campaign: those of all channels, and one for what some slews lack."""
+    whole = [c for c in channels if all(c.in_table(slew) for slew in campaign.slews)]
+    streams = {
+        c.channel: TELEMETRY if c in whole else word(c.channel.removeprefix(MORE)) for c in channels
+    }
+    taken = {TELEMETRY, *streams.values()}
     inputs: dict[str, str] = {}
     seen = {name for slew in campaign.slews for name in slew.inputs or ()}
     names = [device.name for device in campaign.actuators]
@@ -98,7 +165,7 @@ def streams_for(
     for k, name in enumerate(names):
         inputs[name] = f"{word(name)}_{k + 1}" if word(name) in taken else word(name)
         taken.add(inputs[name])
-    return Streams(channels, inputs)
+    return Streams(streams, inputs)
 
 
 def input_tables(slew: Slew, streams: Streams, number: str) -> dict[str, Table]:
@@ -121,70 +188,62 @@ def input_tables(slew: Slew, streams: Streams, number: str) -> dict[str, Table]:
 
 
 def devices(
-    campaign: Campaign,
-    columns: Mapping[str, Sequence[str]],
-    senses: Mapping[str, tuple[str, Mapping[str, str]]],
-    streams: Streams,
-) -> dict[str, Any]:
-    """Devices, sensors, environment and changes of format 2; `senses`: key, unit and sense."""
-
-    def entry(channel: str, **more: Any) -> tuple[str, dict[str, Any]]:
-        key, sense = senses[channel]
-        said = {"stream": streams.channels[channel], "names": list(columns[channel])}
-        return key, {**said, **sense, **more}
-
+    campaign: Campaign, channels: Sequence[Written], streams: Streams
+) -> dict[str, list[dict[str, Any]]]:
+    """Devices, sensors, environment and changes of format 2."""
+    entries = {
+        c.channel: {"stream": streams.channels[c.channel], "names": list(c.names), **c.sense}
+        for c in channels
+    }
     return {
         "actuators": [
-            *_wheels(campaign, columns, entry),
+            *(_wheel(campaign, k, entries) for k in range(len(campaign.wheels))),
             *(_actuator(campaign, device, streams) for device in campaign.actuators),
         ],
-        "sensors": _sensors(campaign, columns, entry, streams),
+        "sensors": [
+            _sensor(campaign, c.sensor, entries[c.channel], streams)
+            for c in channels
+            if c.sensor and c.sensor.hardware(campaign)
+        ],
         "environment": [
-            {"name": key.replace("_", " "), "type": key, "vector": said}
-            for key, said in (entry(c) for c in columns if c.endswith("_N"))
+            {"name": c.key.replace("_", " "), "type": c.key, "vector": entries[c.channel]}
+            for c in channels
+            if not c.sensor and not c.is_series
         ],
         "changes": [dict(vars(change)) for change in campaign.changes],
     }
 
 
-def _wheels(campaign: Campaign, columns: Mapping[str, Sequence[str]], entry: Any) -> list[dict]:
-    parts = []
-    for k, wheel in enumerate(campaign.wheels):
-        part = {"name": wheel.name, "type": "wheel", **keys_of(wheel)}
-        part["state"] = None if wheel.state == "running" else wheel.state
-        for channel, key in (("wheel_torque", "torque"), ("wheel_momentum", "momentum")):
-            if channel in columns:
-                part[key] = entry(channel)[1] | {"names": [columns[channel][k]]}
-        if "momentum" in part and wheel.momentum_sigma is not None:
-            part["momentum"]["sigma"] = part.pop("momentum_sigma")
-        parts.append(part)
-    return parts
+def _wheel(campaign: Campaign, k: int, entries: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    wheel = campaign.wheels[k]
+    part = {"name": wheel.name, "type": "wheel", **keys_of(wheel)}
+    part["state"] = None if wheel.state == "running" else wheel.state
+    for channel, key in (("wheel_torque", "torque"), ("wheel_momentum", "momentum")):
+        if channel in entries:
+            part[key] = {**entries[channel], "names": [entries[channel]["names"][k]]}
+    if "momentum" in part and wheel.momentum_sigma is not None:
+        part["momentum"]["sigma"] = part.pop("momentum_sigma")
+    return part
 
 
-def _sensors(
-    campaign: Campaign, columns: Mapping[str, Sequence[str]], entry: Any, streams: Streams
-) -> list[dict]:
-    first = [
-        ("rate", campaign.names[0], campaign.rate_sensor),
-        ("attitude", campaign.names[1], campaign.star_tracker),
-    ]
-    further = [(MORE + name, name, hardware) for name, hardware in campaign.more_sensors]
-    parts = []
-    for channel, name, hardware in (*first, *further):
-        if channel in columns:
-            key, said = entry(channel)
-            stated = keys_of(hardware)
-            if isinstance(hardware, DirectionSensor):
-                unit = {"unit": "T"} if stated.pop("unit") else {}
-                said |= {"frame": "body", **unit}
-                if name in streams.inputs:
-                    stream = streams.inputs[name]
-                    names = [f"{stream}_{k + 1}" for k in range(3)]
-                    seen = {"stream": stream, "names": names, "frame": "inertial", **unit}
-                    stated["reference"] = seen
-            stated |= {"reference": True} if name == campaign.reference else {}
-            parts.append({"name": name, "type": key, **stated, key: said})
-    return parts
+def _sensor(
+    campaign: Campaign, sensor: SensorStream, entry: Mapping[str, Any], streams: Streams
+) -> dict[str, Any]:
+    hardware, key = sensor.hardware(campaign), sensor.written[0]
+    name = (
+        dict(zip(FIRST, campaign.names, strict=True))[sensor.first] if sensor.field else sensor.name
+    )
+    stated, said = keys_of(hardware), dict(entry)
+    if isinstance(hardware, DirectionSensor):
+        unit = {"unit": "T"} if stated.pop("unit") else {}
+        said |= {"frame": "body", **unit}
+        if name in streams.inputs:
+            stream = streams.inputs[name]
+            names = [f"{stream}_{k + 1}" for k in range(3)]
+            seen = {"stream": stream, "names": names, "frame": "inertial", **unit}
+            stated["reference"] = seen
+    stated |= {"reference": True} if name == campaign.reference else {}
+    return {"name": name, "type": key, **stated, key: said}
 
 
 def _actuator(campaign: Campaign, device: Any, streams: Streams) -> dict[str, Any]:
@@ -205,11 +264,9 @@ def _actuator(campaign: Campaign, device: Any, streams: Streams) -> dict[str, An
 
 
 # Of each device: its type, and the key and unit of its input.
-_INPUTS: Mapping[type, tuple[str, str, str]] = MappingProxyType(
-    {
-        KnownTorque: ("torque", "torque", "N m"),
-        Magnetorquer: ("magnetorquer", "dipole", "A m^2"),
-        Thruster: ("thruster", "level", "1"),
-        GimballedRotors: ("gimballed_rotors", "gimbal_angle", "rad"),
-    }
-)
+_INPUTS: Mapping[type, tuple[str, str, str]] = {
+    KnownTorque: ("torque", "torque", "N m"),
+    Magnetorquer: ("magnetorquer", "dipole", "A m^2"),
+    Thruster: ("thruster", "level", "1"),
+    GimballedRotors: ("gimballed_rotors", "gimbal_angle", "rad"),
+}

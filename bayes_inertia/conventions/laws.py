@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -417,9 +416,11 @@ def _each_wheel(values: np.ndarray) -> np.ndarray:
     return np.swapaxes(values, 1, 2).reshape(slews * wheels, moments, 1)
 
 
-LAWS: Mapping[str, Callable[[Told], LawData | None]] = MappingProxyType(
-    {CLOSURE: closure, CONSERVATION: conservation, DRIVE: drive}
-)
+LAWS: Mapping[str, Callable[[Told], LawData | None]] = {
+    CLOSURE: closure,
+    CONSERVATION: conservation,
+    DRIVE: drive,
+}
 """The laws by name."""
 
 

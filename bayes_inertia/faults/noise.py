@@ -29,12 +29,7 @@ def second_difference_noise(second: np.ndarray) -> float:
 
 
 def smooth_noise(values: np.ndarray) -> float:
-    """Noise of readings (n,) of a smooth motion; NaN for too few.
-
-    >>> values = np.random.default_rng(1).normal(size=400)
-    >>> bool(abs(smooth_noise(values) - 1.0) < 0.1)
-    True
-    """
+    """Noise of readings (n,) of a smooth motion; NaN for too few."""
     values = values[np.isfinite(values)]
     if len(values) < LIMITS.rows_for_noise:
         return float("nan")
@@ -126,11 +121,6 @@ def fit_noise(series: Sequence[np.ndarray], rounding: float = 0.0) -> NoiseFit |
     `rounding`: standard deviation of the rounding of a reading, if the series do not show
     it: the white noise is never less than that of the rounding. Returns: the noise, in the
     readings' unit; None where there are too few of them, or where they show none at all.
-
-    >>> white = np.random.default_rng(1).normal(0.0, 2.0, 4000)
-    >>> fit = fit_noise([white])
-    >>> round(fit.white, 1), fit.random_walk, fit.quantisation
-    (2.0, 0.0, 0.0)
     """
     series = [values for values in series if len(values) >= LIMITS.smallest_series]
     lengths, variances, freedom = _hadamard(series)

@@ -87,12 +87,7 @@ def _explained(
 
 
 def ordered_rows(table: Table, time: str, names: Sequence[str]) -> tuple[Table, list[Dirt]]:
-    """The rows of a table in the order of their strictly increasing times, and what was done.
-
-    >>> late = Table.of("a", {"t": np.array([0., 2., 1., 3.]), "w": np.array([5., 7., 6., 8.])})
-    >>> ordered_rows(late, "t", ["w"])[0].numbers("w").tolist()
-    [5.0, 6.0, 7.0, 8.0]
-    """
+    """The rows of a table in the order of their strictly increasing times, and what was done."""
     stamps = table.numbers(time)
     _refuse_empty_times(table, time)
     with np.errstate(over="ignore"):

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -45,12 +44,7 @@ _FORM_OF_KEY = {"scalar": "quaternion", "sequence": "euler", "turns": "euler", "
 
 
 def parse_mapping(text: str, label: str) -> MappingPart:
-    """The content of a `mapping.toml`, every key checked; messages name the file `label`.
-
-    >>> parse_mapping('format = "bayes-inertia-mapping/1"\\nname = "?"', "mapping.toml")
-    Traceback (most recent call last):
-    bayes_inertia.errors.CampaignError: mapping.toml, key name: the question is open; ...
-    """
+    """The content of a `mapping.toml`, every key checked; messages name the file `label`."""
     document = toml_document(text, label)
     refuse_open_questions(document, label)
     _refuse_few_axes(document, label)
@@ -269,12 +263,7 @@ _OF_TYPE = ("spin_inertia", "max_torque", "max_momentum", "momentum_sigma")
 
 
 def with_alike_wheels(document: dict[str, Any], label: str) -> dict[str, Any]:
-    """A mapping whose wheels all say themselves what `same_as` took from another.
-
-    >>> wheels = [{"name": "x", "spin_inertia": 1e-3}, {"name": "y", "same_as": "x"}]
-    >>> with_alike_wheels({"wheels": wheels}, "m.toml")["wheels"][1]["spin_inertia"]
-    0.001
-    """
+    """A mapping whose wheels all say themselves what `same_as` took from another."""
     wheels = document.get("wheels")
     if not isinstance(wheels, list) or not all(isinstance(wheel, dict) for wheel in wheels):
         return document
@@ -298,30 +287,21 @@ def with_alike_wheels(document: dict[str, Any], label: str) -> dict[str, Any]:
 
 _RATE_KEYS = ("sigma", "range", "bias", "bias_sigma", "bias_instability")
 # Table, key and quantity of what may carry a unit.
-_QUANTITIES: Mapping[str, Mapping[str, str]] = MappingProxyType(
-    {
-        "rate_sensor": dict.fromkeys(_RATE_KEYS, "rate"),
-        "star_tracker": dict.fromkeys(
-            ("sigma_cross", "sigma_roll", "low_frequency_sigma"), "angle"
-        ),
-        "wheels": {
-            "spin_inertia": "spin_inertia",
-            "max_torque": "wheel_torque",
-            "max_momentum": "wheel_momentum",
-            "momentum_sigma": "wheel_momentum",
-        },
-    }
-)
+_QUANTITIES: Mapping[str, Mapping[str, str]] = {
+    "rate_sensor": dict.fromkeys(_RATE_KEYS, "rate"),
+    "star_tracker": dict.fromkeys(("sigma_cross", "sigma_roll", "low_frequency_sigma"), "angle"),
+    "wheels": {
+        "spin_inertia": "spin_inertia",
+        "max_torque": "wheel_torque",
+        "max_momentum": "wheel_momentum",
+        "momentum_sigma": "wheel_momentum",
+    },
+}
 _NUMBER_WITH_UNIT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
 
 
 def with_si_hardware(document: dict[str, Any], label: str) -> dict[str, Any]:
-    """A mapping whose hardware is in SI units, with numbers in place of texts such as "5 arcsec".
-
-    >>> tracker = {"star_tracker": {"sigma_cross": "3600 arcsec"}}
-    >>> round(with_si_hardware(tracker, "m.toml")["star_tracker"]["sigma_cross"], 6)
-    0.017453
-    """
+    """A mapping whose hardware is in SI units: numbers in place of texts such as "5 arcsec"."""
     converted = dict(document)
     for part, quantities in _QUANTITIES.items():
         where = f"{label}, key {part}"

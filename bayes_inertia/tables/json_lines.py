@@ -31,12 +31,7 @@ def read_json_lines(path: Path) -> Table:
 
 
 def parse_json_lines(text: str, label: str) -> Table:
-    """The columns of text of JSON objects.
-
-    >>> table = parse_json_lines('{"t": 1, "gyro": {"w": [0.1, null]}}', "a.jsonl")
-    >>> {name: column.values.tolist() for name, column in table.columns.items()}
-    {'t': [1], 'gyro.w[0]': [0.1], 'gyro.w[1]': [nan]}
-    """
+    """The columns of text of JSON objects."""
     records, lines, notes = _records(text, label)
     return Table(label, _columns(records, lines, label), np.array(lines, dtype=int), notes=notes)
 

@@ -8,8 +8,8 @@ long, rename doubled columns, and not say which line of the file a bad cell is o
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from operator import itemgetter
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
@@ -22,9 +22,7 @@ from bayes_inertia.tables.table import Column, Table, no_column
 from bayes_inertia.tables.text_cells import content_lines, split_rows
 from bayes_inertia.tables.text_table import text_column
 
-_WITH_GROUPS: Mapping[str, ArrayKind] = MappingProxyType(
-    {".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
-)
+_WITH_GROUPS: Mapping[str, ArrayKind] = {".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
 
 
 def read_table(path: Path, names: Sequence[str], group: str = "") -> Table:
@@ -48,12 +46,7 @@ def read_table(path: Path, names: Sequence[str], group: str = "") -> Table:
 
 
 def parse_csv(text: str, names: Sequence[str], label: str) -> Table:
-    """The columns of CSV text: a header, commas between cells, decimal points; no comments.
-
-    >>> text = "t,mode,w\\n0,idle,1\\n1,slew,\\n"
-    >>> parse_csv(text, ["t", "w"], "a.csv").stack(["t", "w"]).tolist()
-    [[0.0, 1.0], [1.0, nan]]
-    """
+    """The columns of CSV text: a header, commas between cells, decimal points; no comments."""
     written = split_rows(content_lines(text, ())[0], ",", label)
     head = next(written, None)
     if head is None:
@@ -64,7 +57,8 @@ def parse_csv(text: str, names: Sequence[str], label: str) -> Table:
         )
     header = head.cells
     _check_header(header, names, f"{label}, line {head.line}")
-    wanted, lines, rows = [header.index(name) for name in names], list[int](), list[list[str]]()
+    wanted = itemgetter(*(header.index(name) for name in names), 0)  # Always a tuple.
+    lines, rows = list[int](), list[tuple[str, ...]]()
     for line, cells in written:
         if len(cells) != len(header):
             raise CampaignError(
@@ -74,7 +68,7 @@ def parse_csv(text: str, names: Sequence[str], label: str) -> Table:
                 "write decimal points, not commas",
             )
         lines.append(line)
-        rows.append([cells[k] for k in wanted])
+        rows.append(wanted(cells))
     columns = {name: text_column([row[k] for row in rows], ".") for k, name in enumerate(names)}
     return Table(label, columns, np.array(lines, dtype=int)).only(names)
 

@@ -7,7 +7,6 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
@@ -44,15 +43,7 @@ _NO_LABEL = re.compile(r".*(valid|flag|status|quality|state|alarm|limit|severity
 
 
 def one_row_a_time(table: Table) -> Table:
-    """A table whose rows each hold one parameter, with a column a parameter; others as they are.
-
-    >>> names = np.array(["wx", "wy", "wx"], dtype=np.dtypes.StringDType())
-    >>> columns = {"t": [0.0, 0.0, 0.5], "parameter": names, "value": [1.0, 2.0, 3.0]}
-    >>> made = {name: Column(np.array(v)) for name, v in columns.items()}
-    >>> wide = one_row_a_time(Table("a.csv", made))
-    >>> wide.stack(["t", "wx", "wy"]).tolist()
-    [[0.0, 1.0, 2.0], [0.5, 3.0, nan]]
-    """
+    """A table whose rows each hold one parameter, with a column a parameter; others as they are."""
     bare = {name: name.lower().strip("_ ") for name in table.columns}
     parameters = [name for name in bare if _PARAMETER.fullmatch(bare[name])]
     values = [name for name in bare if _VALUE.fullmatch(bare[name])]
@@ -149,7 +140,7 @@ def _only_unit(units: Sequence[str] | None, own: np.ndarray) -> str:
 _WORKBOOKS = (".xlsx", ".xlsm", ".xlsb")
 _OF_ARDUPILOT = "`pip install pymavlink`, `mavlogdump.py --format csv --types IMU FILE.bin`"
 
-_BY_SUFFIX = MappingProxyType(by_word(vocabulary("tables")["suffixes"]))
+_BY_SUFFIX = by_word(vocabulary("tables")["suffixes"])
 
 
 def file_format(path: Path) -> str:

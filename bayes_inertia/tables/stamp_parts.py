@@ -14,7 +14,6 @@ from datetime import date
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from functools import cache
-from types import MappingProxyType
 
 import numpy as np
 
@@ -84,13 +83,13 @@ def has_leap_second(day_end_ns: int) -> bool:
     return bool(np.isin(day_end_ns, start[1:]))
 
 
-UNIT_WORDS = MappingProxyType(by_word(vocabulary("tables")["units_of_time"]))
+UNIT_WORDS = by_word(vocabulary("tables")["units_of_time"])
 """Words in the names of columns, and the unit of time that each says."""
 
-_SIZES: Mapping[str, int] = MappingProxyType(
-    {"ns": 1, "us": 1000, "ms": 10**6, "s": SECOND, "min": 60 * SECOND, "h": 3600 * SECOND}
-    | {"day": 86400 * SECOND, "week": 7 * 86400 * SECOND}
-)
+_SIZES: Mapping[str, int] = {
+    "ns": 1, "us": 1000, "ms": 10**6, "s": SECOND, "min": 60 * SECOND, "h": 3600 * SECOND,
+    "day": 86400 * SECOND, "week": 7 * 86400 * SECOND,
+}  # fmt: skip
 _UNIT = re.compile(
     r"(?P<count>\d+(?:\.\d+)?)?\s*(?P<unit>week|day|h|min|s|ms|us|ns)?"
     r"(?:\s*/\s*(?P<divisor>2\^\d+|\d+)\s*(?P<later>s|ms|us)?)?"

@@ -14,7 +14,6 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
@@ -54,12 +53,7 @@ def read_text_table(path: Path, options: TextOptions) -> Table:
 
 
 def parse_text(text: str, label: str, options: TextOptions) -> Table:
-    """The columns of a text table; what the options leave open is told from the text.
-
-    >>> table = parse_text("t;w\\ns;deg/s\\n0,25;1,5\\n0,5;\\n", "a.csv", TextOptions())
-    >>> table.numbers("w").tolist(), table.columns["w"].unit
-    ([1.5, nan], 'deg/s')
-    """
+    """The columns of a text table; what the options leave open is told from the text."""
     lines, comments = content_lines(text, (options.comment,) if options.comment else COMMENTS)
     if lines and lines[0][1].strip().lower().startswith("sep="):
         lines = lines[1:]  # A hint that Excel writes and reads.
@@ -316,15 +310,11 @@ def _is_text(cell: str, decimal: str) -> bool:
 
 
 def text_column(cells: Sequence[str], decimal: str, unit: str = "") -> Column:
-    """A column of text cells: numbers where every cell is one or empty, else texts.
-
-    >>> text_column(["1.5", "", "n/a"], ".").values.tolist()
-    [1.5, nan, nan]
-    """
+    """A column of text cells: numbers where every cell is one or empty, else texts."""
     points = [cell.replace(",", ".") for cell in cells] if decimal == "," else cells
     try:
         values = np.array([float(cell or "nan") for cell in points])
-        if any("_" in cell for cell in cells):
+        if "_" in "".join(cells):
             raise ValueError
     except ValueError:
         # Lazily: of a column of dates the first cell tells.
@@ -340,7 +330,7 @@ def text_column(cells: Sequence[str], decimal: str, unit: str = "") -> Column:
 
 
 # Number of columns (0: any), and unit, of each output of 42.
-_UNITS_OF_42 = MappingProxyType(vocabulary("tables")["nasa_42"])
+_UNITS_OF_42 = vocabulary("tables")["nasa_42"]
 _UTC_OF_42 = re.compile(r"\s*(\d{4}):(\d{1,2}):(\d{1,2}):(\d{1,2}):(\d{2}):(\d{2}\.\d+)\s*")
 _FORM_OF_42 = TextOptions(delimiter="whitespace", decimal=".", header_line=-1, units_line=-1)
 

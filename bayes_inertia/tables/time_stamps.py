@@ -14,7 +14,6 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from functools import partial
-from types import MappingProxyType
 
 import numpy as np
 
@@ -46,7 +45,7 @@ from bayes_inertia.tables.time_texts import (
 )
 
 # What ends a name, without signs and in small letters -> unit.
-_UNITS = MappingProxyType(by_word(vocabulary("tables")["endings"]))
+_UNITS = by_word(vocabulary("tables")["endings"])
 _TIME = re.compile(
     r"(t|time|times|utc|tai|gps|epoch|timestamps?|tow|week|met|sclk|unix|posix|mjd|jd|date|datetime|"
     r"(unix|gps|posix|time)(time|stamp)[a-z]*|sec|s)"
@@ -98,12 +97,7 @@ def _holds_dates(column: Column) -> bool:
 
 
 def stamp_columns(table: Table, named: Sequence[str]) -> list[str]:
-    """Columns that make one stamp together, whole units first; the first of `named` if it is alone.
-
-    >>> ros = {"sec": Column(np.array([7.0, 7.0])), "nanosec": Column(np.array([0.0, 5e8]))}
-    >>> stamp_columns(Table("a.csv", ros), ["sec"])
-    ['sec', 'nanosec']
-    """
+    """Columns that make one stamp together, whole units first; else the first of `named`."""
     weeks = [name for name in named if "week" in name.lower()]
     seconds = [name for name in named if name not in weeks]
     if weeks and seconds:
@@ -184,56 +178,44 @@ def stamp_units(table: Table, names: Sequence[str]) -> list[str]:
     return units
 
 
-FREE_CLOCKS: Mapping[str, int] = MappingProxyType(
-    {"ns": 1, "us": 1000, "ms": 10**6, "s": SECOND, "min": 60 * SECOND, "h": 3600 * SECOND}
-    | {"day": SCALES.day}
-)
+FREE_CLOCKS: Mapping[str, int] = {
+    unit: int(unit_size(unit) or 0) for unit in ("ns", "us", "ms", "s", "min", "h", "day")
+}
 """Kinds of stamps from a clock's own zero, and their nanoseconds."""
 
 # Nanoseconds a unit, zero of the clock, whether leap seconds are to be added.
-_NUMBERS: Mapping[str, tuple[int, int, bool]] = MappingProxyType(
-    {
-        f"{clock}_{unit}": (FREE_CLOCKS[unit], zero, leaps)
-        for clock, zero, leaps in (
-            ("gps", SCALES.gps_1980, False),
-            ("tai", 0, False),
-            ("unix", SCALES.tai_1970, True),
-        )
-        for unit in ("s", "ms", "us", "ns")
-    }
-)
+_NUMBERS: Mapping[str, tuple[int, int, bool]] = {
+    f"{clock}_{unit}": (FREE_CLOCKS[unit], zero, leaps)
+    for clock, zero, leaps in (
+        ("gps", SCALES.gps_1980, False),
+        ("tai", 0, False),
+        ("unix", SCALES.tai_1970, True),
+    )
+    for unit in ("s", "ms", "us", "ns")
+}
 COUNTED_CLOCKS = tuple(_NUMBERS)
 """Kinds of stamps that count from a date that everybody knows."""
 
 # Day of 1958-01-01, what TAI is ahead by [ns], whether leap seconds are to be added.
-_DAYS: Mapping[str, tuple[float, int, bool]] = MappingProxyType(
-    {
-        f"{count}_{scale}": (day, -SCALES.tt_minus_tai if scale == "tt" else 0, scale == "utc")
-        for count, day in (("mjd", SCALES.mjd_1958), ("jd", SCALES.jd_1958))
-        for scale in ("utc", "tai", "tt")
-    }
-    | {"cds": (0, 0, True)}
-)
-_TEXTS: Mapping[str, int | None] = MappingProxyType(
-    {  # What is to be added to the text's clock [ns]; None: leap seconds.
-        "utc": None,
-        "tai": 0,
-        "gps": 19 * SECOND,
-        "tt": -SCALES.tt_minus_tai,
-    }
-)
+_DAYS: Mapping[str, tuple[float, int, bool]] = {
+    f"{count}_{scale}": (day, -SCALES.tt_minus_tai if scale == "tt" else 0, scale == "utc")
+    for count, day in (("mjd", SCALES.mjd_1958), ("jd", SCALES.jd_1958))
+    for scale in ("utc", "tai", "tt")
+} | {"cds": (0, 0, True)}
+# What is to be added to the text's clock [ns]; None: leap seconds.
+_TEXTS: Mapping[str, int | None] = {
+    "utc": None,
+    "tai": 0,
+    "gps": 19 * SECOND,
+    "tt": -SCALES.tt_minus_tai,
+}
 TIME_KINDS = (*FREE_CLOCKS, *_TEXTS, *_NUMBERS, "gps_week", *_DAYS)
 """Kinds of time stamps that `times_to_seconds` reads."""
 
 
 @array_dataclass
 class TimeStamps:
-    """The times of one stream.
-
-    >>> stamps = TimeStamps(np.array([10, 250_000_010]), np.array([False, False]), False, 1e-9)
-    >>> stamps.seconds_since(stamps.first_ns).tolist()
-    [0.0, 0.25]
-    """
+    """The times of one stream."""
 
     # (rows,) of int: nanoseconds since 1958-01-01T00:00:00 TAI where `absolute`, else since the
     # clock's own zero; 0 where a stamp is missing
