@@ -17,6 +17,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.limits import LIMITS
+from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 from bayes_inertia.faults.quantisation import quantisation_step
@@ -142,7 +143,8 @@ def _reduced_slew(slew: Slew, length: int) -> Slew:
     time = np.concatenate([middle, slew.time[others]])
     order = np.argsort(time, kind="stable")
     channels: dict[str, Any] = {}
-    for name in ("rate", "wheel_momentum", "magnetic_field_N", "position_N"):
+    series = [stream.field for stream in STREAMS if stream.is_series]
+    for name in (*series, "magnetic_field_N", "position_N"):
         values = getattr(slew, name)
         if values is not None:
             if name == "wheel_momentum":
@@ -153,9 +155,9 @@ def _reduced_slew(slew: Slew, length: int) -> Slew:
     last = np.searchsorted(slew.time, time[order], side="right") - 1
     if slew.wheel_torque is not None:
         channels["wheel_torque"] = slew.wheel_torque[last]
-    if slew.attitude is not None:
+    for stream in (s for s in STREAMS if not s.is_series and s.of(slew) is not None):
         exact = slew.time[last] == time[order]
-        channels["attitude"] = np.where(exact[:, None], slew.attitude[last], np.nan)
+        channels[stream.field] = np.where(exact[:, None], stream.values(slew)[last], np.nan)
     return replace(slew, time=time[order], **channels)
 
 

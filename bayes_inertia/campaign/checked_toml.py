@@ -52,11 +52,9 @@ def _syntax_error(error: Exception, text: str, label: str) -> CampaignError:
     what = re.sub(r"\s*\(at .*\)$", "", str(error))
     if not isinstance(error, tomllib.TOMLDecodeError):
         what = "a number has too many digits, or lists are nested too deeply"
-    return CampaignError(
-        f"not valid TOML: {what[:1].lower()}{what[1:]}",
-        where=where,
-        advice="text needs quotes, keys no repetition, lists commas",
-    )
+    what = f"not valid TOML: {what[:1].lower()}{what[1:]}"
+    advice = "text needs quotes, keys no repetition, lists commas"
+    return CampaignError(what, where=where, advice=advice)
 
 
 def _urgency(problem: dict) -> tuple:

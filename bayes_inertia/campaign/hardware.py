@@ -30,12 +30,9 @@ def unit_vector(value: Any, key: str) -> Vector:
     is_vector = array.shape == (3,) and bool(np.all(np.isfinite(array)))
     require(is_vector, key, f"{value!r} is not a vector", "give three finite numbers")
     norm = math.hypot(*array.tolist())
-    require(
-        abs(norm - 1.0) < 0.01,
-        key,
-        f"the vector has length {norm:.6g}, not 1",
-        "give a unit vector in body axes",
-    )
+    what = f"the vector has length {norm:.6g}, not 1"
+    advice = "give a unit vector in body axes"
+    require(abs(norm - 1.0) < 0.01, key, what, advice)
     x, y, z = unit_length(array).tolist()
     return (x, y, z)
 
@@ -352,12 +349,9 @@ def _require_independent_axes(axes: np.ndarray) -> None:
     is_list = axes.ndim == 2 and axes.shape[1] == 3 and len(axes) > 0
     require(is_list, key, shape, "give one row of three numbers a sensor axis")
     lengths = np.hypot.reduce(axes, axis=1)
-    require(
-        bool(np.all(np.abs(lengths - 1.0) < 0.01)),
-        key,
-        f"rows have lengths {np.round(lengths, 4).tolist()}",
-        "give unit vectors",
-    )
+    what = f"rows have lengths {np.round(lengths, 4).tolist()}"
+    advice = "give unit vectors"
+    require(bool(np.all(np.abs(lengths - 1.0) < 0.01)), key, what, advice)
     # The volume that the axes span: of three, |det|.
     volume = float(np.sqrt(np.abs(np.linalg.det(axes.T @ axes)))) if len(axes) > 3 else 1.0
     volume = float(abs(np.linalg.det(axes))) if len(axes) == 3 else volume

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bayes_inertia.campaign.actuators import (
@@ -45,6 +45,7 @@ from bayes_inertia.campaign.schema import (
     check_consistency,
     refuse,
 )
+from bayes_inertia.campaign.sensors import FIRST
 from bayes_inertia.errors import CampaignError
 
 
@@ -97,19 +98,14 @@ def _check_names(slew: SlewTables, description: Description, label: str) -> None
         file = slew.file_of(entry)
         own = entry.columns.time is not None
         times[file, description.clock(entry).names[0]] = f"{entry.path}.time" if own else "time"
-        for path, name in _named_columns(entry):
+        for k, name in enumerate(entry.columns.names):
+            path = entry.paths[min(k, len(entry.paths) - 1)]
             if (file, name) in used:
                 _refuse_twice(label, path, name, used[file, name])
             used[file, name] = path
     for place, path in times.items():
         if place in used:
             _refuse_twice(label, used[place], place[1], path)
-
-
-def _named_columns(entry: Entry) -> Iterator[tuple[str, str]]:
-    """The path of each column of an entry, and its name."""
-    for k, name in enumerate(entry.columns.names):
-        yield entry.paths[min(k, len(entry.paths) - 1)], name
 
 
 def _refuse_twice(label: str, path: str, name: str, other: str) -> None:
@@ -120,20 +116,28 @@ def _refuse_twice(label: str, path: str, name: str, other: str) -> None:
 def described(parsed: Campaign2Part, label: str) -> Description:
     """The description that a file of format 2 is."""
     for key in ("actuators", "sensors", "environment", "changes", "slews"):
-        _require_different(label, key, [part.name for part in getattr(parsed, key)])
+        names = [part.name for part in getattr(parsed, key)]
+        for name in (name for name in names if names.count(name) > 1):
+            refuse(label, f"{key}.{name}", "the name is used twice", "give each its own name")
     wheels = [part for part in parsed.actuators if isinstance(part, WheelDevice)]
     others = [part for part in parsed.actuators if not isinstance(part, WheelDevice)]
     first: dict[str, Any] = {}
     for part in parsed.sensors:
-        if not isinstance(part, DirectionDevice):
+        if part.type in FIRST:
             first.setdefault(part.type, part)
     sensors = [(part, _sensor(part, label)) for part in parsed.sensors]
-    hardware = {part.type: sensor for part, sensor in sensors if part is first.get(part.type)}
+    hardware = {FIRST[p.type]: sensor for p, sensor in sensors if p is first.get(p.type)}
+    called: Any = dict(zip(FIRST, Description.names, strict=True))
+    called |= {kind: part.name for kind, part in first.items()}
     entries = (
         *_sensor_entries(parsed, first),
         *_wheel_entries(wheels, label),
         *(_input_entry(part, label) for part in others),
-        *_environment_entries(parsed),
+        *(
+            Entry(part.type, FIELDS[part.type], part.vector, (f"environment.{part.name}.vector",))
+            for part in parsed.environment
+            if not isinstance(part, OrbitDevice)
+        ),
     )
     return Description(
         name=parsed.name,
@@ -142,29 +146,15 @@ def described(parsed: Campaign2Part, label: str) -> Description:
         slews=tuple(_tables_of_2(part, entries, label) for part in parsed.slews),
         **common(parsed.inertia, parsed.mission, parsed.prior, label),
         wheels=tuple(_wheel(part, label) for part in wheels),
-        rate_sensor=hardware.get("rate"),
-        star_tracker=hardware.get("attitude"),
+        **dict.fromkeys(FIRST.values()) | hardware,
         more_sensors=tuple((p.name, sensor) for p, sensor in sensors if p is not first.get(p.type)),
-        names=_names(first),
+        names=tuple(called.values()),
         reference=_reference(parsed, label),
         actuators=tuple(_actuator(part, label) for part in others),
         changes=tuple(_change(part, parsed.slews, label) for part in parsed.changes),
         orbit=_orbit(parsed, label),
         devices={"wheels": "actuators"}
-        | {
-            key: f"sensors.{first[kind].name}"
-            for key, kind in (("rate_sensor", "rate"), ("star_tracker", "attitude"))
-            if kind in first
-        },
-    )
-
-
-def _names(first: Mapping[str, Any]) -> tuple[str, str]:
-    """What the first rate sensor and the first star tracker are called."""
-    gyro, tracker = Description.names
-    return (
-        first["rate"].name if "rate" in first else gyro,
-        first["attitude"].name if "attitude" in first else tracker,
+        | {FIRST[kind]: f"sensors.{part.name}" for kind, part in first.items()},
     )
 
 
@@ -192,12 +182,6 @@ def _orbit(parsed: Campaign2Part, label: str) -> tuple[str, str] | None:
         advice = "keep the orbit alone, or the columns"
         refuse(label, f"environment.{orbits[0].name}", what, advice)
     return orbits[0].tle, orbits[0].epoch
-
-
-def _require_different(label: str, key: str, names: Sequence[str]) -> None:
-    for name in names:
-        if names.count(name) > 1:
-            refuse(label, f"{key}.{name}", "the name is used twice", "give each its own name")
 
 
 def _sensor(part: RateDevice | AttitudeDevice | DirectionDevice, label: str) -> Any:
@@ -251,14 +235,6 @@ def _sensor_entries(parsed: Campaign2Part, first: Mapping[str, Any]) -> list[Ent
             )
             entries.append(seen)
     return entries
-
-
-def _environment_entries(parsed: Campaign2Part) -> list[Entry]:
-    return [
-        Entry(part.type, FIELDS[part.type], part.vector, (f"environment.{part.name}.vector",))
-        for part in parsed.environment
-        if not isinstance(part, OrbitDevice)
-    ]
 
 
 def _actuator(part: OtherActuator, label: str) -> Actuator:

@@ -175,11 +175,9 @@ def copy_campaign(path: str | Path, folder: str | Path) -> Path:
     wanted = {folder / name: data for name, data in _files(path)}
     for target, data in wanted.items():
         if target.exists() and read_bytes(target) != data:
-            raise OutputError(
-                "would overwrite another file",
-                where=str(target),
-                advice="choose another folder; nothing was overwritten",
-            )
+            what = "would overwrite another file"
+            advice = "choose another folder; nothing was overwritten"
+            raise OutputError(what, where=str(target), advice=advice)
     for target, data in wanted.items():
         make_folder(target.parent)
         write_atomically(target, data)
@@ -221,11 +219,9 @@ def _table_paths(parsed: Description, description: Path) -> dict[str, Path]:
             # Only formats with groups can hold several slews in one file.
             single = path.suffix.lower() in (".csv", ".parquet")
             if single and owners.setdefault(path, part.name) != part.name:
-                raise CampaignError(
-                    f"{reprlib.repr(file)} is the table of two slews",
-                    where=where,
-                    advice="give each slew its own table",
-                )
+                what = f"{reprlib.repr(file)} is the table of two slews"
+                advice = "give each slew its own table"
+                raise CampaignError(what, where=where, advice=advice)
     return paths
 
 
@@ -239,11 +235,9 @@ def _tables(part: SlewTables, table: _TableReader, parsed: Description) -> dict[
     first = min(read, key=lambda entry: entry.field != "rate")
     rated = tables[part.file_of(first) or ""]
     if rated.rows < 2:
-        raise CampaignError(
-            f"{rated.rows} row(s) of telemetry",
-            where=rated.label,
-            advice="a slew needs at least two",
-        )
+        what = f"{rated.rows} row(s) of telemetry"
+        advice = "a slew needs at least two"
+        raise CampaignError(what, where=rated.label, advice=advice)
     return tables
 
 

@@ -359,12 +359,9 @@ def check_consistency(campaign: CampaignPart, label: str) -> None:
     _check_wheels(campaign, label)
     given = campaign.columns.given()
     if "attitude" in given and campaign.star_tracker is None:
-        refuse(
-            label,
-            "columns.attitude",
-            "attitude columns without a star tracker",
-            "add [star_tracker] with its sigmas, or leave the columns out",
-        )
+        what = "attitude columns without a star tracker"
+        advice = "add [star_tracker] with its sigmas, or leave the columns out"
+        refuse(label, "columns.attitude", what, advice)
     for slew in campaign.slews:
         _check_files(slew, campaign, label)
 
@@ -378,20 +375,14 @@ def _check_wheels(campaign: CampaignPart, label: str) -> None:
     """One measurement of the wheels, one column a wheel."""
     given = campaign.columns.given()
     if "wheel_momentum" in given and "wheel_speed" in given:
-        refuse(
-            label,
-            "columns.wheel_speed",
-            "wheel_momentum is given too",
-            "keep one of the two, they are the same measurement",
-        )
+        what = "wheel_momentum is given too"
+        advice = "keep one of the two, they are the same measurement"
+        refuse(label, "columns.wheel_speed", what, advice)
     for key in _WHEEL_KEYS:
         if key in given and len(given[key].names) != len(campaign.wheels):
-            refuse(
-                label,
-                f"columns.{key}.names",
-                f"{len(given[key].names)} column(s) for {len(campaign.wheels)} [[wheels]]",
-                "name one column a wheel, in the same order",
-            )
+            what = f"{len(given[key].names)} column(s) for {len(campaign.wheels)} [[wheels]]"
+            advice = "name one column a wheel, in the same order"
+            refuse(label, f"columns.{key}.names", what, advice)
 
 
 def _check_files(slew: SlewPart, campaign: CampaignPart, label: str) -> None:
@@ -401,17 +392,11 @@ def _check_files(slew: SlewPart, campaign: CampaignPart, label: str) -> None:
         advice = 'add file = the table of the slew, such as "slew_01.csv"'
         refuse(label, f"{place}.file", "missing key", f"{advice}, or files = {{ rate = ... }}")
     if slew.file is not None and slew.files is not None:
-        refuse(
-            label,
-            f"{place}.files",
-            "file is given too",
-            "keep file (one table) or files (one table for each entry of [columns])",
-        )
+        what = "file is given too"
+        advice = "keep file (one table) or files (one table for each entry of [columns])"
+        refuse(label, f"{place}.files", what, advice)
     for key in () if slew.files is None else type(slew.files).model_fields:
         if slew.file_of(key) is not None and key not in campaign.columns.given():
-            refuse(
-                label,
-                f"{place}.files.{key}",
-                f"[columns] has no {key}",
-                f"say under columns.{key} which columns hold it",
-            )
+            what = f"[columns] has no {key}"
+            advice = f"say under columns.{key} which columns hold it"
+            refuse(label, f"{place}.files.{key}", what, advice)

@@ -297,11 +297,9 @@ def _normalised(attitude: np.ndarray, key: str) -> np.ndarray:
     problem = bad_quaternion(attitude)
     if problem is not None:
         row, what = problem
-        raise CampaignError(
-            f"{what} (row {row + 1}: {attitude[row].tolist()})",
-            where=f"key {key}",
-            advice="repair the row or leave all four cells empty",
-        )
+        what = f"{what} (row {row + 1}: {attitude[row].tolist()})"
+        advice = "repair the row or leave all four cells empty"
+        raise CampaignError(what, where=f"key {key}", advice=advice)
     return unit_length(attitude)
 
 

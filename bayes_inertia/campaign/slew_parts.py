@@ -24,11 +24,9 @@ from bayes_inertia.faults.gaps import gap_note, missing_rows
 def parts_of(slew: Slew, pieces: Sequence[dict[str, np.ndarray]]) -> list[Slew]:
     """A slew for each piece of its channels, with the inputs of its time; a single one is whole."""
     if not pieces:
-        raise CampaignError(
-            "hardly any row has a known torque",
-            where=f"slews.{slew.name}",
-            advice="record commands or wheel momentum without gaps, or leave the slew out",
-        )
+        what = "hardly any row has a known torque"
+        advice = "record commands or wheel momentum without gaps, or leave the slew out"
+        raise CampaignError(what, where=f"slews.{slew.name}", advice=advice)
     slews = []
     for i, piece in enumerate(pieces):
         later = float(piece["time"][0] - slew.time[0])
@@ -53,18 +51,13 @@ def located(records: Sequence[tuple[Dirt, np.ndarray]], slews: Sequence[Slew]) -
         if not len(times):
             dirt += [replace(record, slew=slew.name) for slew in slews]
             continue
-        distances = np.array([_distances(slew, times) for slew in slews])
-        nearest = np.argmin(distances, axis=0)
+        sides = [np.stack([slew.time[0] - times, times - slew.time[-1]]) for slew in slews]
+        nearest = np.argmin([np.maximum(side.max(axis=0), 0.0) for side in sides], axis=0)
         for i in np.unique(nearest).tolist():
             time = slews[i].time
             rows = np.unique(np.searchsorted(0.5 * (time[1:] + time[:-1]), times[nearest == i]))
             dirt.append(replace(record, slew=slews[i].name, rows=tuple(rows.tolist())))
     return dirt
-
-
-def _distances(slew: Slew, times: np.ndarray) -> np.ndarray:
-    """From times to the telemetry of a slew [s]."""
-    return np.maximum(np.maximum(slew.time[0] - times, times - slew.time[-1]), 0.0)
 
 
 Channels = dict[str, np.ndarray]
@@ -164,7 +157,8 @@ def _unknown_momentum(
     momentum, time = channels["wheel_momentum"], channels["time"]
     rows = np.flatnonzero(np.isfinite(momentum).all(axis=1))
     at = time[rows]
-    fixes = _fix_times(channels)
+    given = [channels[s.field] for s in STREAMS if not s.is_series and s.field in channels]
+    fixes = np.concatenate([time[:0], *(time[np.isfinite(x).all(axis=1)] for x in given)])
     rated = time[np.isfinite(channels.get("rate", time[:, None] * np.nan)).any(axis=1)]
     found = []
     for k in missing_rows(at)[0]:
@@ -175,13 +169,6 @@ def _unknown_momentum(
         if (spanned and bend > limits.angular_impulse) or (rates_inside and sag > limits.momentum):
             found.append((begin, end))
     return found
-
-
-def _fix_times(channels: dict[str, np.ndarray]) -> np.ndarray:
-    attitude = channels.get("attitude")
-    if attitude is None:
-        return np.zeros(0)
-    return channels["time"][np.isfinite(attitude).all(axis=1)]
 
 
 def _bend(at: np.ndarray, momentum: np.ndarray, k: int) -> tuple[float, float]:

@@ -95,11 +95,9 @@ def union(streams: Sequence[dict[str, np.ndarray]], label: str) -> dict[str, np.
         begin += len(rows)
         if np.any(np.diff(rows) == 0):
             at = float(stream["time"][int(np.argmin(np.diff(rows)))])
-            raise CampaignError(
-                f"two rows near the time {at!r} s are closer than {resolution:.1g} s",
-                where=label,
-                advice="count time from the start of the slew, so that its digits suffice",
-            )
+            what = f"two rows near the time {at!r} s are closer than {resolution:.1g} s"
+            advice = "count time from the start of the slew, so that its digits suffice"
+            raise CampaignError(what, where=label, advice=advice)
         for name, values in stream.items():
             if name != "time":
                 empty = np.full((len(joined["time"]), values.shape[1]), np.nan)

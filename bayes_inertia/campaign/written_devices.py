@@ -230,9 +230,8 @@ def _sensor(
     campaign: Campaign, sensor: SensorStream, entry: Mapping[str, Any], streams: Streams
 ) -> dict[str, Any]:
     hardware, key = sensor.hardware(campaign), sensor.written[0]
-    name = (
-        dict(zip(FIRST, campaign.names, strict=True))[sensor.first] if sensor.field else sensor.name
-    )
+    first = dict(zip(FIRST, campaign.names, strict=True))
+    name = first[key] if sensor.field else sensor.name
     stated, said = keys_of(hardware), dict(entry)
     if isinstance(hardware, DirectionSensor):
         unit = {"unit": "T"} if stated.pop("unit") else {}

@@ -73,7 +73,11 @@ def what_mends(
     mending, clock = judgement.remedies, Clocks()
     if not mending:
         clock = clocks(misfits, judgement.reading, columns)
-        mending = _of_clocks(misfits, judgement.reading, clock)
+        mending = tuple(
+            remedy
+            for remedy in clock.remedies
+            if shifted_misfit(misfits, judgement.reading, remedy) < LIMITS.ordinary
+        )
     # Two mistakes at once are less likely than one in a stream.
     first = mending[0].mistake if mending else None
     if first is None or (len(first.changes) > 1 and first not in singles):
@@ -106,15 +110,6 @@ def _of_factor(
     before, after = (worst(misfits.of(r)) for r in (reading, mistake.mend(reading)))
     mends = after < min(LIMITS.pair_ordinary, before / LIMITS.improvement)
     return (Remedy(mistake, before, after),) if mends else ()
-
-
-def _of_clocks(misfits: Misfits, reading: Reading, clock: Clocks) -> tuple[Remedy, ...]:
-    """Wrong clocks whose mending makes all laws hold."""
-    return tuple(
-        remedy
-        for remedy in clock.remedies
-        if shifted_misfit(misfits, reading, remedy) < LIMITS.ordinary
-    )
 
 
 FORMAT = "bayes-inertia-doctor/1"
@@ -291,11 +286,9 @@ def refuse_impossible(campaign: Campaign | str | Path, told: Teller = _untold) -
     check = check_conventions(campaign, told, quick=True)
     if check.verdict == "wrong":
         where = "" if isinstance(campaign, Campaign) else str(description_path(campaign))
-        raise CampaignError(
-            f"{check.sentence}\nMend the description",
-            where=where,
-            advice="`bayes-inertia doctor CAMPAIGN` says more, --anyway goes on nevertheless",
-        )
+        what = f"{check.sentence}\nMend the description"
+        advice = "`bayes-inertia doctor CAMPAIGN` says more, --anyway goes on nevertheless"
+        raise CampaignError(what, where=where, advice=advice)
     return check
 
 

@@ -228,7 +228,8 @@ def closure(told: Told) -> LawData | None:
     size = np.maximum(_deviation(seen, fixes), _deviation(integrated, fixes))
     tracker = told.campaign.star_tracker
     noise = 0.0 if tracker is None else np.hypot(tracker.sigma_cross, tracker.sigma_roll)
-    sds = np.where(np.eye(3, dtype=bool), _scale_sd(told), LIMITS.misalignment_sd).ravel()
+    scale_sd = np.maximum(LIMITS.scale_sd, told.campaign.gyro.scale_factor_sigma)
+    sds = np.where(np.eye(3, dtype=bool), scale_sd, LIMITS.misalignment_sd).ravel()
     bias = _bias_sd(told)
     regressors = np.concatenate([moving.by_scale * sds, moving.by_bias * bias], axis=-1)[some]
     free = np.broadcast_to(np.eye(3), (*error.shape, 3))
@@ -249,10 +250,6 @@ def _integrated_noise(told: Told) -> np.ndarray:
 
 def _at(quaternions: np.ndarray, first: np.ndarray) -> np.ndarray:
     return quaternions[np.arange(len(quaternions)), first][:, None]
-
-
-def _scale_sd(told: Told) -> np.ndarray:
-    return np.maximum(LIMITS.scale_sd, told.campaign.gyro.scale_factor_sigma)
 
 
 def _bias_sd(told: Told) -> np.ndarray:

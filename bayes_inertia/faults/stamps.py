@@ -120,9 +120,9 @@ def _short_term(
     rate = np.convolve(readings, _weights(LIMITS.line_rows, 1)[::-1], "valid") / step
     trim = LIMITS.line_rows // 2
     moved = rate * (stamps - clock)[trim:-trim]
-    x, y = (
-        np.convolve(v, _residual_weights()[::-1], "valid") for v in (moved, readings[trim:-trim])
-    )
+    residual = -_weights(LIMITS.curve_rows, 0)
+    residual[LIMITS.curve_rows // 2] += 1.0
+    x, y = (np.convolve(v, residual[::-1], "valid") for v in (moved, readings[trim:-trim]))
     width = LIMITS.line_rows + LIMITS.curve_rows - 2
     whole = np.convolve(even, np.ones(width), "valid") > width - 0.5
     x, y = x[whole], y[whole]
@@ -137,12 +137,6 @@ def _weights(width: int, order: int) -> np.ndarray:
     at = np.arange(width) - width // 2
     powers = np.stack([at**p for p in range(3 - order)], axis=1).astype(float)
     return np.asarray(np.linalg.pinv(powers)[order])
-
-
-def _residual_weights() -> np.ndarray:
-    own = np.zeros(LIMITS.curve_rows)
-    own[LIMITS.curve_rows // 2] = 1.0
-    return own - _weights(LIMITS.curve_rows, 0)
 
 
 def regular_stamps(time: np.ndarray, unit: str = "s") -> tuple[np.ndarray, Dirt | None]:

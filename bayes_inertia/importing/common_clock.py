@@ -274,11 +274,9 @@ def _starts_of_files(
         by_stream.setdefault(id(share.stream), []).append(share)
     if len({len(of_stream) for of_stream in by_stream.values()}) > 1:
         counts = ", ".join(f"{v[0].stream.holds}: {len(v)}" for v in by_stream.values())
-        raise CampaignError(
-            f"streams have different numbers of files ({counts})",
-            where=f"{label}, key streams",
-            advice="with a clock in each file, every stream needs one file a slew",
-        )
+        what = f"streams have different numbers of files ({counts})"
+        advice = "with a clock in each file, every stream needs one file a slew"
+        raise CampaignError(what, where=f"{label}, key streams", advice=advice)
     starts, cursor = {}, 0
     for together in zip(*by_stream.values(), strict=True):
         first = min(share.stamps.first_ns for share in together)

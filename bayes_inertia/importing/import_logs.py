@@ -163,11 +163,9 @@ def _blaming_logs(raw: Callable[[str], str]) -> Iterator[None]:
 def _refuse_occupied(folder: Path, mapping: bytes) -> None:
     """Refuse a folder that holds an import by another mapping before the logs are read."""
     if other_mapping(folder, mapping):
-        raise OutputError(
-            "would overwrite another campaign",
-            where=str(folder / RECORD_FILE),
-            advice="write to a new folder, or remove this one first",
-        )
+        what = "would overwrite another campaign"
+        advice = "write to a new folder, or remove this one first"
+        raise OutputError(what, where=str(folder / RECORD_FILE), advice=advice)
 
 
 def _once(stream: LoggedStream) -> LoggedStream:
@@ -229,11 +227,9 @@ def _refuse_outside(stream: LoggedStream, cut: SlewCut, mapping: MappingPart, la
             f"write offset_s = {stated + seconds:.9g} ({why}): {inside} then lie in a slew; or "
             "leave the stream out"
         )
-    raise CampaignError(
-        f"all {len(stream.time)} readings of {files} lie outside every slew, by {size:.6g} s",
-        where=f"{label}, key streams.{stream.holds}.offset_s",
-        advice=advice,
-    )
+    what = f"all {len(stream.time)} readings of {files} lie outside every slew, by {size:.6g} s"
+    advice = advice
+    raise CampaignError(what, where=f"{label}, key streams.{stream.holds}.offset_s", advice=advice)
 
 
 def _saying_beside(logs: Logs, cut: SlewCut) -> dict[str, LoggedStream]:

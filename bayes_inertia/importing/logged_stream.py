@@ -97,11 +97,9 @@ def left_out(count: int, rows: int, why: str, *, where: str, advice: str) -> str
     """The note that rows are left out, or an error if they are more than damage would explain."""
     what = f"{count} of {rows} rows {why}"
     if count > max(1.0, LIMITS.most_left_out * rows):
-        raise CampaignError(
-            f"{what}; more than {LIMITS.most_left_out:.0%} are not left out",
-            where=where,
-            advice=advice,
-        )
+        what = f"{what}; more than {LIMITS.most_left_out:.0%} are not left out"
+        advice = advice
+        raise CampaignError(what, where=where, advice=advice)
     return f"{what} and are left out"
 
 

@@ -120,12 +120,9 @@ def _check_streams(mapping: MappingPart, label: str) -> None:
         streams = [stream for stream in mapping.streams if stream.holds == holds]
         read = {name for stream in streams for name in getattr(stream, "wheels", None) or names}
         lacking = ", ".join(name for name in names if name not in read)
-        _require(
-            not streams or not lacking,
-            f"{label}, key streams.{holds}.wheels",
-            f"no column holds the wheel {lacking}",
-            f"name its column, or take a wheel that is off out of [[wheels]]{_OR_ALL[holds]}",
-        )
+        what = f"no column holds the wheel {lacking}"
+        advice = f"name its column, or take a wheel that is off out of [[wheels]]{_OR_ALL[holds]}"
+        _require(not streams or not lacking, f"{label}, key streams.{holds}.wheels", what, advice)
 
 
 def _check_wheels(stream: WheelStream, mapping: MappingPart, where: str) -> None:
@@ -334,11 +331,9 @@ def _value(value: Any, quantity: str, where: str) -> Any:
     parts = _NUMBER_WITH_UNIT.fullmatch(value)
     example = f'write such as 1e-5 ({QUANTITIES[quantity][0]}) or "1e-5 UNIT", UNIT one of '
     if parts is None:
-        raise CampaignError(
-            f"{value!r} is no number with a unit",
-            where=where,
-            advice=example + QUANTITIES[quantity][1],
-        )
+        what = f"{value!r} is no number with a unit"
+        advice = example + QUANTITIES[quantity][1]
+        raise CampaignError(what, where=where, advice=advice)
     try:
         factor = unit_factor(quantity, parts[2])
     except CampaignError as error:

@@ -43,11 +43,9 @@ def refuse_open_questions(document: dict[str, Any], label: str) -> None:
     if not paths:
         return
     more = f" ({len(paths) - 1} more keys have a question)" if len(paths) > 1 else ""
-    raise CampaignError(
-        "the question is open",
-        where=f"{label}, key {'.'.join(paths[0])}",
-        advice=f"write the answer in the place of {UNKNOWN!r}{more}. {question_at(paths[0])}",
-    )
+    what = "the question is open"
+    advice = f"write the answer in the place of {UNKNOWN!r}{more}. {question_at(paths[0])}"
+    raise CampaignError(what, where=f"{label}, key {'.'.join(paths[0])}", advice=advice)
 
 
 def open_questions(value: Any, path: tuple[str, ...] = ()) -> list[tuple[str, ...]]:

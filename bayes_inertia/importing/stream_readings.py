@@ -197,11 +197,9 @@ def agreed(stated: Any, mapped: Any, where: str, file: str) -> Any:
     if not stated:
         return mapped
     if mapped and mapped != stated:
-        raise CampaignError(
-            f"{mapped!r} contradicts the file {file}, which states {stated!r}",
-            where=where,
-            advice="leave the key out to take what the file states, or correct the file",
-        )
+        what = f"{mapped!r} contradicts the file {file}, which states {stated!r}"
+        advice = "leave the key out to take what the file states, or correct the file"
+        raise CampaignError(what, where=where, advice=advice)
     return stated
 
 
@@ -210,11 +208,9 @@ def agreed_unit(table: Table, name: str, quantity: str, mapped: str, where: str)
     stated = table.column(name).unit
     if not mapped and not stated:
         path = tuple(where.rpartition(", key ")[2].split("."))
-        raise CampaignError(
-            "missing key",
-            where=f"{where}.unit",
-            advice=f'add unit = "...": units are never guessed. {question_at((*path, "unit"))}',
-        )
+        what = "missing key"
+        advice = f'add unit = "...": units are never guessed. {question_at((*path, "unit"))}'
+        raise CampaignError(what, where=f"{where}.unit", advice=advice)
     if not mapped:
         _factor(quantity, stated, f"{table.label}, column {name}")
         return stated
@@ -253,11 +249,9 @@ def agreed_attitude(
     form = value("form")
     names = list(value("names"))
     if len(names) != COLUMNS_OF_FORM[form]:
-        raise CampaignError(
-            f"{len(names)} columns for the form {form!r}",
-            where=f"{where}.names",
-            advice=f"name {COLUMNS_OF_FORM[form]} columns in their order",
-        )
+        what = f"{len(names)} columns for the form {form!r}"
+        advice = f"name {COLUMNS_OF_FORM[form]} columns in their order"
+        raise CampaignError(what, where=f"{where}.names", advice=advice)
     euler = form == "euler"
     convention = AttitudeConvention(
         form,
@@ -432,9 +426,7 @@ def _valid_rows(valid: ValidRows, table: Table, where: str) -> np.ndarray:
         rows = np.isin(column.values.astype(float), numbers)
     if not rows.any():
         present = ", ".join(repr(v) for v in np.unique(column.values)[:8].tolist())
-        raise CampaignError(
-            f"no row has {valid.name} = {valid.equals!r}",
-            where=f"{where}.valid.equals",
-            advice=f"the column has {present}",
-        )
+        what = f"no row has {valid.name} = {valid.equals!r}"
+        advice = f"the column has {present}"
+        raise CampaignError(what, where=f"{where}.valid.equals", advice=advice)
     return rows

@@ -243,11 +243,9 @@ def _xml_segment(node: ElementTree.Element, version: str, label: str) -> AemSegm
         own = tuple(name for name in cells if name != "EPOCH")
         names = names or own
         if own != names or "EPOCH" not in cells:
-            raise CampaignError(
-                "an attitude has other components than the first, or no EPOCH",
-                where=f"{label}, attitude {index + 1}",
-                advice=_ADVICE,
-            )
+            what = "an attitude has other components than the first, or no EPOCH"
+            advice = _ADVICE
+            raise CampaignError(what, where=f"{label}, attitude {index + 1}", advice=advice)
         rows.append((cells["EPOCH"], *(cells[name] for name in names)))
     return AemSegment(version, meta, tuple(rows), (), names)
 

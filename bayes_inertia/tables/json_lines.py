@@ -47,11 +47,9 @@ def _columns(records: Sequence[Any], lines: Sequence[int], label: str) -> dict[s
             column.extend([None] * (index - len(column)))
             column.append(value)
         if len(cells) > LIMITS.most_columns_of_json:
-            raise CampaignError(
-                f"more than {LIMITS.most_columns_of_json} different keys",
-                where=f"{label}, line {line}",
-                advice="give every line the same keys",
-            )
+            what = f"more than {LIMITS.most_columns_of_json} different keys"
+            advice = "give every line the same keys"
+            raise CampaignError(what, where=f"{label}, line {line}", advice=advice)
     if not cells:
         raise CampaignError("the file is empty", where=label, advice="give rows of telemetry")
     return {
@@ -150,11 +148,9 @@ def _array(values: list[Any], where: str) -> np.ndarray:
     try:
         return np.array(rows, dtype=float)
     except (ValueError, TypeError) as error:
-        raise CampaignError(
-            "its rows differ in length, or hold other things than numbers",
-            where=where,
-            advice=f"give each row {len(row)} numbers",
-        ) from error
+        what = "its rows differ in length, or hold other things than numbers"
+        advice = f"give each row {len(row)} numbers"
+        raise CampaignError(what, where=where, advice=advice) from error
 
 
 def _records(text: str, label: str) -> tuple[list[dict[str, Any]], list[int], tuple[str, ...]]:

@@ -38,11 +38,9 @@ def read_table(path: Path, names: Sequence[str], group: str = "") -> Table:
     if suffix in _WITH_GROUPS:
         held = read_arrays(path, _WITH_GROUPS[suffix])
         return _columns(held, names, label, _group(held, names, group, label))
-    raise CampaignError(
-        f"the suffix {path.suffix!r} is not that of a table",
-        where=label,
-        advice=f"export it as one of .csv, .parquet, {', '.join(_WITH_GROUPS)}",
-    )
+    what = f"the suffix {path.suffix!r} is not that of a table"
+    advice = f"export it as one of .csv, .parquet, {', '.join(_WITH_GROUPS)}"
+    raise CampaignError(what, where=label, advice=advice)
 
 
 def parse_csv(text: str, names: Sequence[str], label: str) -> Table:
@@ -50,11 +48,9 @@ def parse_csv(text: str, names: Sequence[str], label: str) -> Table:
     written = split_rows(content_lines(text, ())[0], ",", label)
     head = next(written, None)
     if head is None:
-        raise CampaignError(
-            "the file is empty",
-            where=f"{label}, line 1",
-            advice="give a header line and the telemetry below it",
-        )
+        what = "the file is empty"
+        advice = "give a header line and the telemetry below it"
+        raise CampaignError(what, where=f"{label}, line 1", advice=advice)
     header = head.cells
     _check_header(header, names, f"{label}, line {head.line}")
     wanted = itemgetter(*(header.index(name) for name in names), 0)  # Always a tuple.
@@ -76,18 +72,14 @@ def parse_csv(text: str, names: Sequence[str], label: str) -> Table:
 def _check_header(header: Sequence[str], names: Sequence[str], place: str) -> None:
     for separator, word in ((";", "semicolons"), ("\t", "tabs")):
         if len(header) == 1 and separator in header[0]:
-            raise CampaignError(
-                f"the cells are separated by {word}",
-                where=place,
-                advice="export with commas between cells and decimal points",
-            )
+            what = f"the cells are separated by {word}"
+            advice = "export with commas between cells and decimal points"
+            raise CampaignError(what, where=place, advice=advice)
     doubled = sorted({name for name in header if name and header.count(name) > 1})
     if doubled:
-        raise CampaignError(
-            f"two columns are named {doubled[0]!r}",
-            where=place,
-            advice="give each column its own name",
-        )
+        what = f"two columns are named {doubled[0]!r}"
+        advice = "give each column its own name"
+        raise CampaignError(what, where=place, advice=advice)
     _check_present(names, header, place)
 
 
@@ -110,11 +102,9 @@ def _group(held: FileArrays, names: Sequence[str], group: str, label: str) -> st
         _check_present(names, groups.get(best, []), where)
     named = [path for path in full if path.rpartition("/")[2] == group]
     if len(full) > 1 and len(named) != 1:
-        raise CampaignError(
-            f"several groups hold the columns: {', '.join(f'/{path}' for path in full)}",
-            where=label,
-            advice="name one group as the slew, or give each slew its own file",
-        )
+        what = f"several groups hold the columns: {', '.join(f'/{path}' for path in full)}"
+        advice = "name one group as the slew, or give each slew its own file"
+        raise CampaignError(what, where=label, advice=advice)
     return (full if len(full) == 1 else named)[0]
 
 
@@ -139,9 +129,7 @@ def _columns(held: FileArrays, names: Sequence[str], label: str, group: str = ""
         columns[name] = array_column(values.ravel())
         rows = columns[names[0]].values.size
         if values.size != rows:
-            raise CampaignError(
-                f"has {values.size} rows, but {names[0]} has {rows}",
-                where=where,
-                advice="give all columns one length",
-            )
+            what = f"has {values.size} rows, but {names[0]} has {rows}"
+            advice = "give all columns one length"
+            raise CampaignError(what, where=where, advice=advice)
     return Table(label, columns).only(names)

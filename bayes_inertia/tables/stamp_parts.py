@@ -198,11 +198,9 @@ def exact_ns(
     size = float(np.max(np.abs(np.where(missing, 0.0, values)), initial=0.0))
     if size * float(unit) >= 2.0**62 + zero * float(unit):
         row = int(np.argmax(np.abs(np.where(missing, 0.0, values))))
-        raise CampaignError(
-            f"{values[row]:g} is no time of this kind",
-            where=table.place(row, name),
-            advice="state the kind and unit that the column has",
-        )
+        what = f"{values[row]:g} is no time of this kind"
+        advice = "state the kind and unit that the column has"
+        raise CampaignError(what, where=table.place(row, name), advice=advice)
     if unit.denominator != 1:
         return _rounded(np.where(missing, 0.0, values), unit), missing, 1e-9
     one = int(unit)
@@ -246,11 +244,9 @@ def _rounded(values: np.ndarray, size: Fraction) -> np.ndarray:
 
 
 def _wrong_part(table: Table, names: Sequence[str], k: int, row: int, what: str) -> CampaignError:
-    return CampaignError(
-        f"{table.numbers(names[k])[row]:.12g} {what}",
-        where=table.place(row, names[k]),
-        advice=f"name whole units first and check `units`; named are {', '.join(names)}",
-    )
+    what = f"{table.numbers(names[k])[row]:.12g} {what}"
+    advice = f"name whole units first and check `units`; named are {', '.join(names)}"
+    return CampaignError(what, where=table.place(row, names[k]), advice=advice)
 
 
 def weeks_ns(table: Table, name: str, rollovers: int | None) -> tuple[np.ndarray, np.ndarray]:

@@ -198,11 +198,9 @@ def no_column(name: str, available: Sequence[str], where: str, why: str = "") ->
     """The refusal of a column that a table has not, with the nearest that it has."""
     near = difflib.get_close_matches(name, available, 1)
     hint = f"did you mean {near[0]!r}? " if near else ""
-    return CampaignError(
-        f"no column {name!r}{why}",
-        where=where,
-        advice=f"{hint}The table has: {_listed(available)}",
-    )
+    what = f"no column {name!r}{why}"
+    advice = f"{hint}The table has: {_listed(available)}"
+    return CampaignError(what, where=where, advice=advice)
 
 
 def _listed(names: Sequence[str]) -> str:

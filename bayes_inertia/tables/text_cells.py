@@ -74,11 +74,9 @@ def _zero_bytes(lines: Sequence[str], label: str) -> CampaignError:
     """The refusal of a file with NUL bytes."""
     first = next(number for number, line in enumerate(lines, start=1) if "\0" in line)
     if not "".join(lines).strip("\0 \t"):
-        return CampaignError(
-            "holds nothing but NUL bytes",
-            where=label,
-            advice="the logger lost power before it wrote: take another copy, or leave it out",
-        )
+        what = "holds nothing but NUL bytes"
+        advice = "the logger lost power before it wrote: take another copy, or leave it out"
+        return CampaignError(what, where=label, advice=advice)
     return CampaignError(
         "NUL bytes: no text, or a logger that lost power",
         where=f"{label}, line {first}",
@@ -93,11 +91,9 @@ def _text_of(data: bytes, label: str, encoding: str) -> str:
     try:
         return data.decode(chosen).removeprefix("\ufeff")
     except (UnicodeError, LookupError) as error:
-        raise CampaignError(
-            f"cannot be read as {chosen} text",
-            where=label,
-            advice="export it again as UTF-8, or state another encoding",
-        ) from error
+        what = f"cannot be read as {chosen} text"
+        advice = "export it again as UTF-8, or state another encoding"
+        raise CampaignError(what, where=label, advice=advice) from error
 
 
 def _encoding(data: bytes) -> str:

@@ -120,11 +120,9 @@ def _check_no_row_is_lost(
     for row in above:
         readings = any(is_reading(cell, form.decimal) for cell in row.cells)
         if row.line > last and (readings if last else _holds_readings(row.cells, form.decimal)):
-            raise CampaignError(
-                f"{len(row.cells)} cells that do not fit the columns",
-                where=f"{label}, line {row.line}",
-                advice="mend or remove the line; a line of metadata can begin with #",
-            )
+            what = f"{len(row.cells)} cells that do not fit the columns"
+            advice = "mend or remove the line; a line of metadata can begin with #"
+            raise CampaignError(what, where=f"{label}, line {row.line}", advice=advice)
 
 
 def _common_length(rows: Sequence[CellRow]) -> int:
@@ -291,11 +289,9 @@ def _table(
     for row in rows:
         extra = row.cells[count:]
         if len(row.cells) < count or any(extra):
-            raise CampaignError(
-                f"{len(row.cells)} cells, but the table has {count} columns",
-                where=f"{label}, line {row.line}",
-                advice="give every line as many cells as the others, or remove the line",
-            )
+            what = f"{len(row.cells)} cells, but the table has {count} columns"
+            advice = "give every line as many cells as the others, or remove the line"
+            raise CampaignError(what, where=f"{label}, line {row.line}", advice=advice)
     # Only the wanted cells: a last delimiter makes one more.
     cells = list(zip(*(row.cells[:count] for row in rows), strict=True))
     columns = {
@@ -378,11 +374,9 @@ def _stamps(path: Path, rows: int) -> dict[str, Column]:
         return {}
     time = next(iter(read_text_table(beside, _FORM_OF_42).columns.values()))
     if time.values.size != rows:
-        raise CampaignError(
-            f"{rows} rows, but {beside.name} beside it has {time.values.size}",
-            where=str(path),
-            advice="take both from one run",
-        )
+        what = f"{rows} rows, but {beside.name} beside it has {time.values.size}"
+        advice = "take both from one run"
+        raise CampaignError(what, where=str(path), advice=advice)
     return {"time": Column(time.values, "s")}
 
 
@@ -410,11 +404,9 @@ def _utc(path: Path) -> Table:
             continue
         match = _UTC_OF_42.fullmatch(line)
         if match is None:
-            raise CampaignError(
-                f"{line.strip()[:40]!r} is no time as 42 writes it",
-                where=f"{path}, line {number}",
-                advice="write it again",
-            )
+            what = f"{line.strip()[:40]!r} is no time as 42 writes it"
+            advice = "write it again"
+            raise CampaignError(what, where=f"{path}, line {number}", advice=advice)
         year, month, day, hour, minute = (int(part) for part in match.groups()[:5])
         texts.append(f"{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{match[6]}Z")
         numbers.append(number)

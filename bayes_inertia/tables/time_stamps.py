@@ -110,9 +110,8 @@ def stamp_columns(table: Table, named: Sequence[str]) -> list[str]:
 
 def _starts_a_stamp(table: Table, name: str) -> bool:
     """Whether a column may hold the whole units of a stamp."""
-    column = table.column(name)
-    if column.is_text:
-        return len(column.values) > 0 and is_date(str(column.values[0]))
+    if table.column(name).is_text:
+        return _holds_dates(table.column(name))
     return unit_in_name(name) in ("week", "year", "day", "s") or bool(
         {"coarse"} & {*words_of(name)}
     )
@@ -294,25 +293,19 @@ def dates_of(number: float, kind: str) -> np.datetime64 | None:
 
 def _check_kind(table: Table, names: Sequence[str], kind: str, units: Sequence[str]) -> None:
     if kind not in TIME_KINDS:
-        raise CampaignError(
-            f"{kind!r} is no kind of time stamp",
-            where=table.label,
-            advice=f"write one of {', '.join(TIME_KINDS)}",
-        )
+        what = f"{kind!r} is no kind of time stamp"
+        advice = f"write one of {', '.join(TIME_KINDS)}"
+        raise CampaignError(what, where=table.label, advice=advice)
     wanted = 2 if kind == "gps_week" else 1
     if len(names) < wanted:
         two = "the week and the seconds of the week"
-        raise CampaignError(
-            f"{len(names)} columns are named for stamps of the kind {kind!r}",
-            where=table.label,
-            advice=f"name {f'two columns, {two}' if wanted == 2 else 'one column'}",
-        )
+        what = f"{len(names)} columns are named for stamps of the kind {kind!r}"
+        advice = f"name {f'two columns, {two}' if wanted == 2 else 'one column'}"
+        raise CampaignError(what, where=table.label, advice=advice)
     if units and len(units) != len(names):
-        raise CampaignError(
-            f"{len(units)} units for {len(names)} columns of the time",
-            where=table.label,
-            advice='give one a column, such as names = ["sec", "nanosec"], units = ["s", "ns"]',
-        )
+        what = f"{len(units)} units for {len(names)} columns of the time"
+        advice = 'give one a column, such as names = ["sec", "nanosec"], units = ["s", "ns"]'
+        raise CampaignError(what, where=table.label, advice=advice)
 
 
 def _from_texts(
@@ -407,11 +400,9 @@ def _check_years(table: Table, names: Sequence[str], kind: str, stamps: TimeStam
     if wrong.any():
         row = int(np.argmax(wrong))
         year = 1958 + stamps.ns[row] / (365.25 * SCALES.day)
-        raise CampaignError(
-            f"as {kind!r} the stamp lies in the year {year:.0f}",
-            where=table.place(row, names[0]),
-            advice="state the kind and unit that the column has; stamps from 1972 to 2099 are read",
-        )
+        what = f"as {kind!r} the stamp lies in the year {year:.0f}"
+        advice = "state the kind and unit that the column has; stamps from 1972 to 2099 are read"
+        raise CampaignError(what, where=table.place(row, names[0]), advice=advice)
 
 
 def _check_steps(table: Table, names: Sequence[str], stamps: TimeStamps) -> None:

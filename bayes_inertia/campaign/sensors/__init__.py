@@ -21,8 +21,8 @@ KINDS: Mapping[type, type[SensorStream]] = {
     StarTracker: AttitudeStream,
     DirectionSensor: DirectionStream,
 }
-# The fields of `Campaign` that hold the first sensor of a kind, in the order of `Campaign.names`.
-FIRST = tuple(kind.first for kind in KINDS.values() if kind.first)
+# The field of `Campaign` that holds the first sensor of a kind, in the order of `Campaign.names`.
+FIRST: Mapping[str, str] = {kind.written[0]: kind.first for kind in KINDS.values() if kind.first}
 # The class of a further sensor by what its columns hold.
 KINDS_BY_KEY: Mapping[str, type[SensorStream]] = {kind.written[0]: kind for kind in KINDS.values()}
 
