@@ -9,7 +9,7 @@ import difflib
 import re
 import reprlib
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, get_args
 
@@ -17,6 +17,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from bayes_inertia.campaign.limits import LIMITS
+from bayes_inertia.campaign.schema import UNITS, UnitOf
 from bayes_inertia.errors import CampaignError
 
 
@@ -157,13 +158,12 @@ class _Wording:
 
     def _choices(self, loc: tuple) -> tuple[str, ...]:
         key = str(loc[-1])
-        annotations = [
-            form.model_fields[key].annotation
-            for form in self._forms_at(loc[:-1])
-            if key in form.model_fields
+        forms = self._forms_at(loc[:-1])
+        fields = [form.model_fields[key] for form in forms if key in form.model_fields]
+        parts = [
+            part for field in fields for part in (*get_args(field.annotation), *field.metadata)
         ]
-        listed = (choice for annotation in annotations for choice in _literals(annotation))
-        return tuple(dict.fromkeys(listed))
+        return tuple(dict.fromkeys(_literals(parts)))
 
     def _nearest_key(self, key: str, loc: tuple) -> str:
         known = list(self._fields(loc))
@@ -215,12 +215,15 @@ def _is_tag(part: str, form: type[BaseModel]) -> bool:
     return any(part in get_args(field.annotation) for field in form.model_fields.values())
 
 
-def _literals(annotation: Any) -> list[str]:
-    """The words that a key accepts."""
-    words: list[str] = []
-    for inner in get_args(annotation):
-        words += [inner] if isinstance(inner, str) else _literals(inner)
-    return words
+def _literals(parts: Iterable[Any]) -> Iterator[str]:
+    """The words that parts of an annotation accept."""
+    for part in parts:
+        if isinstance(part, str):
+            yield part
+        else:
+            yield from (
+                UNITS[part.quantity] if isinstance(part, UnitOf) else _literals(get_args(part))
+            )
 
 
 def _inner_forms(annotation: Any) -> list[type[BaseModel]]:

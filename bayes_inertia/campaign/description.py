@@ -14,13 +14,7 @@ from bayes_inertia.campaign.hardware import (
     StarTracker,
     Wheel,
 )
-from bayes_inertia.campaign.schema import (
-    InertiaPart,
-    MissionPart,
-    PriorPart,
-    StreamColumns,
-    TimeColumn,
-)
+from bayes_inertia.campaign.schema import PriorPart, StreamColumns, TimeColumn
 from bayes_inertia.errors import CampaignError
 
 # Where a slew has what is called otherwise.
@@ -141,15 +135,3 @@ def built(kind: Any, part: Any, label: str, was: str = "", now: str = "", **more
     except CampaignError as error:
         where = f"{label}, {error.where.replace(was, now) if was else error.where}"
         raise CampaignError(error.what, where=where, advice=error.advice) from None
-
-
-def common(
-    inertia: InertiaPart, mission: MissionPart | None, prior: PriorPart | None, label: str
-) -> dict[str, Any]:
-    """What both formats say alike."""
-    stated = {} if mission is None else stated_keys(mission)
-    return {
-        "inertia": built(InertiaPrior, inertia, label),
-        "mission": tuple(stated.items()),
-        "prior": prior,
-    }

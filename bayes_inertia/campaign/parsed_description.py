@@ -5,14 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bayes_inertia.campaign.actuators import (
-    Actuator,
-    Change,
-    GimballedRotors,
-    KnownTorque,
-    Magnetorquer,
-    Thruster,
-)
+from bayes_inertia.campaign import actuators, format_2
 from bayes_inertia.campaign.checked_toml import checked_document, toml_document
 from bayes_inertia.campaign.description import (
     FIELDS,
@@ -20,24 +13,15 @@ from bayes_inertia.campaign.description import (
     Entry,
     SlewTables,
     built,
-    common,
+    stated_keys,
 )
-from bayes_inertia.campaign.format_2 import (
-    AttitudeDevice,
-    Campaign2Part,
-    ChangePart,
-    DirectionDevice,
-    MagnetorquerDevice,
-    OrbitDevice,
-    OtherActuator,
-    RateDevice,
-    RotorsDevice,
-    Slew2Part,
-    ThrusterDevice,
-    TorqueDevice,
-    WheelDevice,
+from bayes_inertia.campaign.hardware import (
+    DirectionSensor,
+    InertiaPrior,
+    RateSensor,
+    StarTracker,
+    Wheel,
 )
-from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.schema import (
     FORMAT_2,
     CampaignPart,
@@ -52,35 +36,42 @@ from bayes_inertia.errors import CampaignError
 def parse_description(text: str, label: str) -> Description:
     """The content of a `campaign.toml` of either format, every key checked."""
     document = toml_document(text, label)
+    parsed: CampaignPart | format_2.Campaign2Part
     if document.get("format") == FORMAT_2:
-        description = described(checked_document(document, label, Campaign2Part), label)
+        parsed = checked_document(document, label, format_2.Campaign2Part)
+        devices = described(parsed, label)
     else:
         parsed = checked_document(document, label, CampaignPart)
         check_consistency(parsed, label)
-        description = upgrade(parsed, label)
+        devices = upgraded(parsed, label)
+    description = Description(
+        name=parsed.name,
+        inertia=built(InertiaPrior, parsed.inertia, label),
+        mission=() if parsed.mission is None else tuple(stated_keys(parsed.mission).items()),
+        prior=parsed.prior,
+        **devices,
+    )
     for slew in description.slews:
         _check_names(slew, description, label)
     return description
 
 
-def upgrade(parsed: CampaignPart, label: str) -> Description:
-    """The description that a file of format 1 is."""
+def upgraded(parsed: CampaignPart, label: str) -> dict[str, Any]:
+    """Devices, columns and tables of a file of format 1, as fields of a description."""
     entries = tuple(
         Entry(key, FIELDS.get(key, key), columns, (f"columns.{key}",))
         for key, columns in parsed.columns.given().items()
         if key != "time"
     )
     tracker = parsed.star_tracker
-    return Description(
-        name=parsed.name,
-        time=parsed.columns.time,
-        entries=entries,
-        slews=tuple(_tables_of(part, entries) for part in parsed.slews),
-        **common(parsed.inertia, parsed.mission, parsed.prior, label),
-        wheels=tuple(built(Wheel, part, label) for part in parsed.wheels),
-        rate_sensor=built(RateSensor, parsed.rate_sensor, label),
-        star_tracker=None if tracker is None else built(StarTracker, tracker, label),
-    )
+    return {
+        "time": parsed.columns.time,
+        "entries": entries,
+        "slews": tuple(_tables_of(part, entries) for part in parsed.slews),
+        "wheels": tuple(built(Wheel, part, label) for part in parsed.wheels),
+        "rate_sensor": built(RateSensor, parsed.rate_sensor, label),
+        "star_tracker": None if tracker is None else built(StarTracker, tracker, label),
+    }
 
 
 def _tables_of(part: SlewPart, entries: Sequence[Entry]) -> SlewTables:
@@ -113,21 +104,15 @@ def _refuse_twice(label: str, path: str, name: str, other: str) -> None:
     refuse(label, f"{path}.names", what, "name each column once")
 
 
-def described(parsed: Campaign2Part, label: str) -> Description:
-    """The description that a file of format 2 is."""
-    for key in ("actuators", "sensors", "environment", "changes", "slews"):
-        names = [part.name for part in getattr(parsed, key)]
-        for name in (name for name in names if names.count(name) > 1):
-            refuse(label, f"{key}.{name}", "the name is used twice", "give each its own name")
-    wheels = [part for part in parsed.actuators if isinstance(part, WheelDevice)]
-    others = [part for part in parsed.actuators if not isinstance(part, WheelDevice)]
-    first: dict[str, Any] = {}
-    for part in parsed.sensors:
-        if part.type in FIRST:
-            first.setdefault(part.type, part)
+def described(parsed: format_2.Campaign2Part, label: str) -> dict[str, Any]:
+    """Devices, columns and tables of a file of format 2, as fields of a description."""
+    _require_different(parsed, label)
+    wheels = [part for part in parsed.actuators if isinstance(part, format_2.WheelDevice)]
+    others = [part for part in parsed.actuators if not isinstance(part, format_2.WheelDevice)]
+    first = {part.type: part for part in reversed(parsed.sensors) if part.type in FIRST}
     sensors = [(part, _sensor(part, label)) for part in parsed.sensors]
     hardware = {FIRST[p.type]: sensor for p, sensor in sensors if p is first.get(p.type)}
-    called: Any = dict(zip(FIRST, Description.names, strict=True))
+    called = dict(zip(FIRST, Description.names, strict=True))
     called |= {kind: part.name for kind, part in first.items()}
     entries = (
         *_sensor_entries(parsed, first),
@@ -136,31 +121,41 @@ def described(parsed: Campaign2Part, label: str) -> Description:
         *(
             Entry(part.type, FIELDS[part.type], part.vector, (f"environment.{part.name}.vector",))
             for part in parsed.environment
-            if not isinstance(part, OrbitDevice)
+            if not isinstance(part, format_2.OrbitDevice)
         ),
     )
-    return Description(
-        name=parsed.name,
-        time=parsed.time,
-        entries=entries,
-        slews=tuple(_tables_of_2(part, entries, label) for part in parsed.slews),
-        **common(parsed.inertia, parsed.mission, parsed.prior, label),
-        wheels=tuple(_wheel(part, label) for part in wheels),
-        **dict.fromkeys(FIRST.values()) | hardware,
-        more_sensors=tuple((p.name, sensor) for p, sensor in sensors if p is not first.get(p.type)),
-        names=tuple(called.values()),
-        reference=_reference(parsed, label),
-        actuators=tuple(_actuator(part, label) for part in others),
-        changes=tuple(_change(part, parsed.slews, label) for part in parsed.changes),
-        orbit=_orbit(parsed, label),
-        devices={"wheels": "actuators"}
+    return {
+        "time": parsed.time,
+        "entries": entries,
+        "slews": tuple(_tables_of_2(part, entries, label) for part in parsed.slews),
+        "wheels": tuple(_wheel(part, label) for part in wheels),
+        **dict.fromkeys(FIRST.values()),
+        **hardware,
+        "more_sensors": tuple(
+            (p.name, sensor) for p, sensor in sensors if p is not first.get(p.type)
+        ),
+        "names": tuple(called.values()),
+        "reference": _reference(parsed, label),
+        "actuators": tuple(_actuator(part, label) for part in others),
+        "changes": tuple(_change(part, parsed.slews, label) for part in parsed.changes),
+        "orbit": _orbit(parsed, label),
+        "devices": {"wheels": "actuators"}
         | {FIRST[kind]: f"sensors.{part.name}" for kind, part in first.items()},
-    )
+    }
 
 
-def _reference(parsed: Campaign2Part, label: str) -> str | None:
+def _require_different(parsed: format_2.Campaign2Part, label: str) -> None:
+    for key in ("actuators", "sensors", "environment", "changes", "slews"):
+        names = [part.name for part in getattr(parsed, key)]
+        for name in (name for name in names if names.count(name) > 1):
+            refuse(label, f"{key}.{name}", "the name is used twice", "give each its own name")
+
+
+def _reference(parsed: format_2.Campaign2Part, label: str) -> str | None:
     """The sensor that says it is the reference of frames."""
-    stated = [s for s in parsed.sensors if not isinstance(s, DirectionDevice) and s.reference]
+    stated = [
+        s for s in parsed.sensors if not isinstance(s, format_2.DirectionDevice) and s.reference
+    ]
     for part in stated[1:]:
         what = f"{stated[0].name} is the reference of frames too"
         refuse(label, f"sensors.{part.name}.reference", what, "keep one: its axes are the body's")
@@ -172,9 +167,9 @@ def _reference(parsed: Campaign2Part, label: str) -> str | None:
     return stated[0].name if stated else None
 
 
-def _orbit(parsed: Campaign2Part, label: str) -> tuple[str, str] | None:
+def _orbit(parsed: format_2.Campaign2Part, label: str) -> tuple[str, str] | None:
     """The file of two-line elements and the epoch, if position and field come from them."""
-    orbits = [part for part in parsed.environment if isinstance(part, OrbitDevice)]
+    orbits = [part for part in parsed.environment if isinstance(part, format_2.OrbitDevice)]
     if not orbits:
         return None
     if len(parsed.environment) > 1:
@@ -184,12 +179,14 @@ def _orbit(parsed: Campaign2Part, label: str) -> tuple[str, str] | None:
     return orbits[0].tle, orbits[0].epoch
 
 
-def _sensor(part: RateDevice | AttitudeDevice | DirectionDevice, label: str) -> Any:
+def _sensor(
+    part: format_2.RateDevice | format_2.AttitudeDevice | format_2.DirectionDevice, label: str
+) -> Any:
     """The hardware of a sensor."""
     place = f"sensors.{part.name}"
-    if isinstance(part, DirectionDevice):
+    if isinstance(part, format_2.DirectionDevice):
         return _direction_sensor(part, label, place)
-    if isinstance(part, AttitudeDevice):
+    if isinstance(part, format_2.AttitudeDevice):
         return built(StarTracker, part, label, "star_tracker", place)
     axes = 3 if part.axes is None else len(part.axes)
     if len(part.rate.names) != axes:
@@ -203,7 +200,7 @@ def _sensor(part: RateDevice | AttitudeDevice | DirectionDevice, label: str) -> 
     return built(RateSensor, part, label, "rate_sensor", place)
 
 
-def _direction_sensor(part: DirectionDevice, label: str, place: str) -> DirectionSensor:
+def _direction_sensor(part: format_2.DirectionDevice, label: str, place: str) -> DirectionSensor:
     """A sensor of directions, or of a field where its columns have a unit."""
     if len(part.sigma) not in (1, 3):
         what = f"{len(part.sigma)} numbers for 3 axes"
@@ -222,14 +219,14 @@ def _direction_sensor(part: DirectionDevice, label: str, place: str) -> Directio
     return built(DirectionSensor, part, label, "sensors.direction", place, unit=is_field)
 
 
-def _sensor_entries(parsed: Campaign2Part, first: Mapping[str, Any]) -> list[Entry]:
+def _sensor_entries(parsed: format_2.Campaign2Part, first: Mapping[str, Any]) -> list[Entry]:
     entries = []
     for part in parsed.sensors:
         key = part.type
         field = key if part is first.get(key) else f"more.{part.name}"
         path = f"sensors.{part.name}"
         entries.append(Entry(key, field, getattr(part, key), (f"{path}.{key}",)))
-        if isinstance(part, DirectionDevice) and part.reference is not None:
+        if isinstance(part, format_2.DirectionDevice) and part.reference is not None:
             seen = Entry(
                 "magnetic_field", f"inputs.{part.name}", part.reference, (f"{path}.reference",)
             )
@@ -237,12 +234,12 @@ def _sensor_entries(parsed: Campaign2Part, first: Mapping[str, Any]) -> list[Ent
     return entries
 
 
-def _actuator(part: OtherActuator, label: str) -> Actuator:
+def _actuator(part: format_2.OtherActuator, label: str) -> actuators.Actuator:
     """A device beside wheels."""
     more: dict[str, Any] = {}
-    if isinstance(part, TorqueDevice):
+    if isinstance(part, format_2.TorqueDevice):
         more = {"frame": part.torque.frame}
-    if isinstance(part, RotorsDevice):
+    if isinstance(part, format_2.RotorsDevice):
         more = {"angle_sigma": part.gimbal_angle.sigma}
     device = built(_ACTUATORS[type(part)], part, label, **more)
     entry = _input_entry(part, label)
@@ -253,7 +250,9 @@ def _actuator(part: OtherActuator, label: str) -> Actuator:
     return device
 
 
-def _change(part: ChangePart, slews: Sequence[Slew2Part], label: str) -> Change:
+def _change(
+    part: format_2.ChangePart, slews: Sequence[format_2.Slew2Part], label: str
+) -> actuators.Change:
     """A change, dated by the first slew after it or by a time."""
     place = f"changes.{part.name}"
     if (part.slew is None) == (part.time is None):
@@ -269,17 +268,17 @@ def _change(part: ChangePart, slews: Sequence[Slew2Part], label: str) -> Change:
         key = "time" if part.slew is None else "slew"
         refuse(label, f"{place}.{key}", "all slews are on one side of the change", advice)
     try:
-        return Change(part.name, time, part.sigma_fraction, part.part)
+        return actuators.Change(part.name, time, part.sigma_fraction, part.part)
     except CampaignError as error:
         raise error.inside(label) from None
 
 
 # Record of each kind of device, and what its input is measured in.
 _ACTUATORS: Mapping[type, Any] = {
-    TorqueDevice: KnownTorque,
-    MagnetorquerDevice: Magnetorquer,
-    ThrusterDevice: Thruster,
-    RotorsDevice: GimballedRotors,
+    format_2.TorqueDevice: actuators.KnownTorque,
+    format_2.MagnetorquerDevice: actuators.Magnetorquer,
+    format_2.ThrusterDevice: actuators.Thruster,
+    format_2.RotorsDevice: actuators.GimballedRotors,
 }
 _QUANTITIES: Mapping[str, str] = {
     "torque": "wheel_torque",
@@ -290,7 +289,7 @@ _QUANTITIES: Mapping[str, str] = {
 }
 
 
-def _input_entry(part: OtherActuator, label: str) -> Entry:
+def _input_entry(part: format_2.OtherActuator, label: str) -> Entry:
     """The one stream of a device beside wheels."""
     place = f"actuators.{part.name}"
     keys = [key for key in _QUANTITIES if getattr(part, key, None) is not None]
@@ -303,7 +302,7 @@ def _input_entry(part: OtherActuator, label: str) -> Entry:
     return Entry(_QUANTITIES[key], f"inputs.{part.name}", getattr(part, key), (f"{place}.{key}",))
 
 
-def _wheel(part: WheelDevice, label: str) -> Wheel:
+def _wheel(part: format_2.WheelDevice, label: str) -> Wheel:
     place, more = f"actuators.{part.name}", {}
     if part.momentum is not None and part.momentum.sigma is not None:
         more = {"momentum_sigma": part.momentum.sigma}
@@ -315,11 +314,11 @@ def _wheel(part: WheelDevice, label: str) -> Wheel:
     return built(Wheel, part, label, f"wheels.{part.name}", place, **more)
 
 
-def _wheel_entries(wheels: Sequence[WheelDevice], label: str) -> list[Entry]:
+def _wheel_entries(wheels: Sequence[format_2.WheelDevice], label: str) -> list[Entry]:
     """Commands and tachometers; wheels that say the same of their columns share an entry."""
     entries = []
     for kind in ("torque", "momentum", "speed"):
-        alike: dict[Any, list[tuple[int, WheelDevice]]] = {}
+        alike: dict[Any, list[tuple[int, format_2.WheelDevice]]] = {}
         for i, part in enumerate(wheels):
             columns = getattr(part, kind)
             if columns is not None:
@@ -336,7 +335,7 @@ def _wheel_entries(wheels: Sequence[WheelDevice], label: str) -> list[Entry]:
     return entries
 
 
-def _check_wheels(wheels: Sequence[WheelDevice], label: str) -> None:
+def _check_wheels(wheels: Sequence[format_2.WheelDevice], label: str) -> None:
     """One measurement of each wheel; commands of all wheels or none, in one table."""
     commanded = [(part.name, part.torque.stream) for part in wheels if part.torque is not None]
     for part in wheels:
@@ -357,7 +356,7 @@ def _check_wheels(wheels: Sequence[WheelDevice], label: str) -> None:
 _TEMPLATE = 'write files = "slew_01_{stream}.csv", or files = { gyro = "gyro_01.csv", ... }'
 
 
-def _tables_of_2(part: Slew2Part, entries: Sequence[Entry], label: str) -> SlewTables:
+def _tables_of_2(part: format_2.Slew2Part, entries: Sequence[Entry], label: str) -> SlewTables:
     """The table of each entry: one for all, or that of its stream."""
     place = f"slews.{part.name}"
     if part.file is None and part.files is None:
@@ -387,7 +386,7 @@ def _tables_of_2(part: Slew2Part, entries: Sequence[Entry], label: str) -> SlewT
 
 
 def _check_streams(
-    part: Slew2Part, entries: Sequence[Entry], files: Mapping[str, str], label: str
+    part: format_2.Slew2Part, entries: Sequence[Entry], files: Mapping[str, str], label: str
 ) -> None:
     """Only streams that a device has, and those of what every slew needs."""
     known = list(dict.fromkeys(entry.columns.stream for entry in entries))

@@ -136,9 +136,10 @@ def _assembled(
 ) -> Campaign:
     """The campaign of a description, whose tables are asked for by file, columns and slew."""
     slews, dirt = [], []
-    unplaced = [_streams(part, table, parsed) for part in parsed.slews]
+    unplaced = [rows for k in range(len(parsed.slews)) for rows in _streams(k, table, parsed)]
     streams = on_their_clocks(counted_once(unplaced))
-    for part, of_slew in zip(parsed.slews, streams, strict=True):
+    for k, part in enumerate(parsed.slews):
+        of_slew = [rows for rows in streams if rows.slew == k]
         channels, records = _channels(part, of_slew, parsed)
         try:
             parts, unknown = _slews(part, channels, inputs_of(of_slew), parsed, keep_commands)
@@ -241,14 +242,15 @@ def _tables(part: SlewTables, table: _TableReader, parsed: Description) -> dict[
     return tables
 
 
-def _streams(part: SlewTables, table: _TableReader, parsed: Description) -> list[StreamRows]:
+def _streams(slew: int, table: _TableReader, parsed: Description) -> list[StreamRows]:
     """The streams of a slew, their rows in the order of time."""
+    part = parsed.slews[slew]
     tables = _tables(part, table, parsed)
     streams = []
     for stream in streams_of(part, parsed):
         time, *names = stream.columns
         rows, dirt = ordered_rows(tables[stream.file], time, names)
-        streams.append(StreamRows(stream, rows, tuple(dirt)))
+        streams.append(StreamRows(slew, stream, rows, tuple(dirt)))
     return streams
 
 

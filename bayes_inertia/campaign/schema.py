@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NoReturn
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal, NoReturn
 
 import numpy as np
 from annotated_types import Len
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic_core import core_schema
 
 from bayes_inertia.errors import CampaignError
 
@@ -66,29 +68,16 @@ Names = Annotated[list[str], Len(1)]
 Names1 = Annotated[list[str], Len(1, 1)]
 Names3 = Annotated[list[str], Len(3, 3)]
 Names4 = Annotated[list[str], Len(4, 4)]
-# The accepted units are those of the table, so that adding one there is enough.
-if TYPE_CHECKING:  # A type checker cannot evaluate a table.
-    type TimeUnit = str
-    type TorqueUnit = str
-    type MomentumUnit = str
-    type SpeedUnit = str
-    type RateUnit = str
-    type FieldUnit = str
-    type PositionUnit = str
-    type DipoleUnit = str
-    type AngleUnit = str
-    type LevelUnit = str
-else:
-    TimeUnit = Literal[tuple(UNITS["time"])]
-    TorqueUnit = Literal[tuple(UNITS["wheel_torque"])]
-    MomentumUnit = Literal[tuple(UNITS["wheel_momentum"])]
-    SpeedUnit = Literal[tuple(UNITS["wheel_speed"])]
-    RateUnit = Literal[tuple(UNITS["rate"])]
-    FieldUnit = Literal[tuple(UNITS["magnetic_field"])]
-    PositionUnit = Literal[tuple(UNITS["position"])]
-    DipoleUnit = Literal[tuple(UNITS["dipole"])]
-    AngleUnit = Literal[tuple(UNITS["angle"])]
-    LevelUnit = Literal[tuple(UNITS["level"])]
+
+
+@dataclass(frozen=True)
+class UnitOf:
+    """A unit of a quantity, one of those of the table, so that adding one there is enough."""
+
+    quantity: str
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        return core_schema.literal_schema(list(UNITS[self.quantity]))
 
 
 class Part(BaseModel):
@@ -168,7 +157,7 @@ class TimeColumn(Part):
     """`time` of `[columns]`, and of an entry that has its own."""
 
     names: Names1 = Field(description='names = ["..."], one column')
-    unit: TimeUnit
+    unit: Annotated[str, UnitOf("time")]
     offset_s: float = 0.0
     # Whether the sensor samples at regular times although the stamps jitter about them.
     regular: bool = False
@@ -188,7 +177,7 @@ class TorqueColumns(StreamColumns):
     """`wheel_torque` of `[columns]`: one column a wheel."""
 
     names: Names = Field(description='names = ["...", ...], one column a wheel')
-    unit: TorqueUnit
+    unit: Annotated[str, UnitOf("wheel_torque")]
     acts_on: Literal["wheel", "body"]
 
 
@@ -196,7 +185,7 @@ class MomentumColumns(StreamColumns):
     """`wheel_momentum` of `[columns]`: one column a wheel."""
 
     names: Names = Field(description='names = ["...", ...], one column a wheel')
-    unit: MomentumUnit
+    unit: Annotated[str, UnitOf("wheel_momentum")]
     relative_to: Literal["body"]
 
 
@@ -204,7 +193,7 @@ class SpeedColumns(StreamColumns):
     """`wheel_speed` of `[columns]`: one column a wheel."""
 
     names: Names = Field(description='names = ["...", ...], one column a wheel')
-    unit: SpeedUnit
+    unit: Annotated[str, UnitOf("wheel_speed")]
     relative_to: Literal["body"]
 
 
@@ -212,7 +201,7 @@ class RateColumns(StreamColumns):
     """`rate` of `[columns]`: one column a sensor axis."""
 
     names: Names3 = Field(description='names = ["...", "...", "..."], one column a sensor axis')
-    unit: RateUnit
+    unit: Annotated[str, UnitOf("rate")]
 
 
 class AttitudeColumns(StreamColumns):
@@ -229,7 +218,7 @@ class MagneticFieldColumns(StreamColumns):
     """`magnetic_field` of `[columns]`."""
 
     names: Names3 = Field(description='names = ["...", "...", "..."], along the inertial axes')
-    unit: FieldUnit
+    unit: Annotated[str, UnitOf("magnetic_field")]
     frame: Literal["inertial"]
 
 
@@ -237,7 +226,7 @@ class PositionColumns(StreamColumns):
     """`position` of `[columns]`."""
 
     names: Names3 = Field(description='names = ["...", "...", "..."], along the inertial axes')
-    unit: PositionUnit
+    unit: Annotated[str, UnitOf("position")]
     frame: Literal["inertial"]
 
 

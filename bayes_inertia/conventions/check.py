@@ -52,6 +52,7 @@ from bayes_inertia.conventions.reading import (
     Reading,
     as_written,
     in_words,
+    readings_of,
     stated_columns,
     stated_reading,
 )
@@ -268,17 +269,15 @@ def check_conventions(
 def _suspect(written: Campaign, masked: Campaign) -> bool:
     """Whether so many readings are unbelievable that their unit may be to blame."""
     for channel in ("rate", "wheel_momentum"):
-        before, after = (_all_readings(c, channel) for c in (written, masked))
+        before, after = (
+            np.concatenate([np.zeros(0), *map(np.ravel, readings_of(c, channel))])
+            for c in (written, masked)
+        )
         count = np.isfinite(before).sum()
         few = np.isfinite(after).sum() < LIMITS.believable_share * count
         if few and np.nanmax(np.abs(before)) < LIMITS.largest_number:
             return True
     return False
-
-
-def _all_readings(campaign: Campaign, channel: str) -> np.ndarray:
-    readings = [getattr(slew, channel) for slew in campaign.slews]
-    return np.concatenate([np.zeros(0), *(np.ravel(r) for r in readings if r is not None)])
 
 
 def refuse_impossible(campaign: Campaign | str | Path, told: Teller = _untold) -> ConventionsCheck:

@@ -300,7 +300,7 @@ def _rest_rates(misfits: Misfits, reading: Reading) -> np.ndarray:
         rows = np.flatnonzero(slews.fixes[k])
         for first, last in _rests(rows, speed[k] < limit):
             seconds = slews.time[k, last] - slews.time[k, first]
-            q = slews.attitude[k, [first, last]] @ reading.attitude.T
+            q = slews.seen(reading)[k, [first, last]]
             path = moving.path[k, [first, last]]
             turned = angle_of(composed(turned_back(path[0]), path[1]))
             true = angle_of(composed(turned_back(q[0]), q[1]))

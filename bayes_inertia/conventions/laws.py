@@ -215,8 +215,8 @@ def closure(told: Told) -> LawData | None:
     if not some.any():
         return None
     moving, fixes = told.motion, fixes[some]
-    attitude = np.where(fixes[..., None], told.slews.attitude[some], [0.0, 0.0, 0.0, 1.0])
-    attitude = attitude @ told.reading.attitude.T
+    attitude = told.slews.seen(told.reading)[some]
+    attitude = np.where(fixes[..., None], attitude, [0.0, 0.0, 0.0, 1.0])
     path = moving.path[some]
     # The attitude of the first moment that each fix implies: one and the same if all is right.
     start = composed(attitude, turned_back(path))

@@ -103,6 +103,10 @@ class SampledSlews:
         """Which moments (S, N) hold a star-tracker fix."""
         return np.isfinite(self.attitude[..., 0]) & self.valid
 
+    def seen(self, reading: Reading) -> np.ndarray:
+        """Quaternions (S, N, 4) of the star tracker under a reading, NaN where there is no fix."""
+        return self.attitude @ reading.attitude.T
+
 
 def sampled(campaign: Campaign, shifts: Mapping[str, float] | None = None) -> SampledSlews | None:
     """The slews of a campaign at some sixty moments each; None if no slew has enough rates.

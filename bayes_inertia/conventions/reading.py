@@ -41,6 +41,12 @@ STREAMS: Mapping[str, Stream] = {
 """Streams that the laws are held against, by their entry of `[columns]`."""
 
 
+def readings_of(campaign: Campaign, channel: str) -> list[np.ndarray]:
+    """Readings (n, columns) of a channel of `Slew`, of each slew that has them."""
+    given = [getattr(slew, channel) for slew in campaign.slews]
+    return [np.asarray(values) for values in given if values is not None]
+
+
 @dataclass(frozen=True, eq=False)
 class Reading:
     """Conversion of telemetry, as the campaign states it, into physics."""

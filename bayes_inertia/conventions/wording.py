@@ -72,10 +72,7 @@ def _by_nature(misfits: Misfits) -> list[str]:
     if misfits.slews.fixes.any():
         said += _NATURE["tracker"]
         if not fixes_in_motion(misfits):
-            said.append(
-                "columns.attitude.offset_s: all fixes are at rest, where a star tracker that is "
-                "late by seconds shows the same attitude"
-            )
+            said.append(vocabulary("conventions")["fixes_at_rest"])
     return said
 
 

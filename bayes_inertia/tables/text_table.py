@@ -61,7 +61,8 @@ def parse_text(text: str, label: str, options: TextOptions) -> Table:
         raise CampaignError("the file is empty", where=label, advice="give rows of telemetry")
     form = told_form(lines, options, label)
     rows = list(split_rows(lines, form.delimiter, label))
-    count = _common_length(rows)
+    lengths = [len(row.cells) for row in rows[-_judged(rows) :]]
+    count = max(set(lengths), key=lengths.count)
     rows, notes = _without_cut_end([_trimmed(row, count) for row in rows], count, text)
     stated = max(options.header_line, options.units_line) if options.header_line >= 0 else -1
     first = _first_data_row(rows, count, form.decimal, stated, label)
@@ -123,11 +124,6 @@ def _check_no_row_is_lost(
             what = f"{len(row.cells)} cells that do not fit the columns"
             advice = "mend or remove the line; a line of metadata can begin with #"
             raise CampaignError(what, where=f"{label}, line {row.line}", advice=advice)
-
-
-def _common_length(rows: Sequence[CellRow]) -> int:
-    lengths = [len(row.cells) for row in rows[-_judged(rows) :]]
-    return max(set(lengths), key=lengths.count)
 
 
 def _judged(rows: Sequence[CellRow]) -> int:
@@ -301,10 +297,6 @@ def _table(
     return Table(label, columns, np.array([row.line for row in rows], dtype=int), notes=notes)
 
 
-def _is_text(cell: str, decimal: str) -> bool:
-    return math.isnan(number_of(cell, decimal)) and cell.lower() not in EMPTY_CELLS
-
-
 def text_column(cells: Sequence[str], decimal: str, unit: str = "") -> Column:
     """A column of text cells: numbers where every cell is one or empty, else texts."""
     points = [cell.replace(",", ".") for cell in cells] if decimal == "," else cells
@@ -314,7 +306,8 @@ def text_column(cells: Sequence[str], decimal: str, unit: str = "") -> Column:
             raise ValueError
     except ValueError:
         # Lazily: of a column of dates the first cell tells.
-        if any(_is_text(cell, decimal) for cell in cells):
+        texts = (cell for cell in cells if math.isnan(number_of(cell, decimal)))
+        if any(cell.lower() not in EMPTY_CELLS for cell in texts):
             return Column(np.array(cells, dtype=np.dtypes.StringDType()), unit)
         values = np.array([number_of(cell, decimal) for cell in cells])
     finite = np.abs(values[np.isfinite(values)])

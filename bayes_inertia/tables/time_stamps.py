@@ -20,6 +20,7 @@ import numpy as np
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import by_word, vocabulary
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.tables import time_texts
 from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.stamp_parts import (
     SCALES,
@@ -36,13 +37,6 @@ from bayes_inertia.tables.stamp_parts import (
     words_of,
 )
 from bayes_inertia.tables.table import Column, Table
-from bayes_inertia.tables.time_texts import (
-    form_of_format,
-    is_date,
-    plain_dates,
-    text_to_ns,
-    written_dates,
-)
 
 # What ends a name, without signs and in small letters -> unit.
 _UNITS = by_word(vocabulary("tables")["endings"])
@@ -93,7 +87,7 @@ def time_names(table: Table) -> list[str]:
 
 
 def _holds_dates(column: Column) -> bool:
-    return column.is_text and len(column.values) > 0 and is_date(str(column.values[0]))
+    return column.is_text and len(column.values) > 0 and time_texts.is_date(str(column.values[0]))
 
 
 def stamp_columns(table: Table, named: Sequence[str]) -> list[str]:
@@ -134,7 +128,7 @@ def _is_part(table: Table, chain: Sequence[str], name: str) -> bool:
     before, column = table.column(chain[-1]), table.column(name)
     if column.is_text or before.is_text:
         texts = [str(c.values[0]).strip() if len(c.values) else "" for c in (before, column)]
-        dated = before.is_text and is_date(texts[0]) and ":" not in texts[0]
+        dated = before.is_text and time_texts.is_date(texts[0]) and ":" not in texts[0]
         units = [unit_in_name(name) for name in (chain[0], chain[-1])]
         dated = dated or (units[0] == "year" and units[1] in ("day", "doy"))
         return dated and (bool(_OF_DAY.match(texts[1])) or unit_in_name(name) in ("s", "ms"))
@@ -315,7 +309,7 @@ def _from_texts(
     name, column = names[0], table.column(names[0])
     counted: list[str] = []
     if len(names) > 1 or form:
-        cells, counted = written_dates(table, names, units, form)
+        cells, counted = time_texts.written_dates(table, names, units, form)
     elif column.is_text:
         cells = column.values.tolist()
     elif column.values.dtype.kind == "f" and np.isnan(column.values).all():
@@ -341,19 +335,19 @@ def _dates_in_tai(
     table: Table, name: str, kind: str, cells: list[str], form: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Dates (rows,) on the TAI scale, and the rows without one."""
-    pattern = form_of_format(form, f"{table.label}, format") if form else None
+    pattern = time_texts.form_of_format(form, f"{table.label}, format") if form else None
     ns = np.zeros(table.rows, dtype=np.int64)
     leap = np.zeros(table.rows, dtype=bool)
     missing = np.zeros(table.rows, dtype=bool)
     # A clock that is not UTC has no zone: text_to_ns refuses it by its row.
     zoned = cells[0].endswith("Z") if cells else False
-    alike = plain_dates(cells) if not form and (kind == "utc" or not zoned) else None
+    alike = time_texts.plain_dates(cells) if not form and (kind == "utc" or not zoned) else None
     if alike is not None:
         ns, cells = alike, []
     for row, cell in enumerate(cells):
         place = partial(table.place, row, name)
         text = cell.strip().removesuffix(kind.upper()) if kind != "utc" else cell
-        read = text_to_ns(text, utc=kind == "utc", place=place, form=pattern)
+        read = time_texts.text_to_ns(text, utc=kind == "utc", place=place, form=pattern)
         if read is None:
             missing[row] = True
         else:
