@@ -109,7 +109,8 @@ def described(parsed: format_2.Campaign2Part, label: str) -> dict[str, Any]:
     _require_different(parsed, label)
     wheels = [part for part in parsed.actuators if isinstance(part, format_2.WheelDevice)]
     others = [part for part in parsed.actuators if not isinstance(part, format_2.WheelDevice)]
-    first = {part.type: part for part in reversed(parsed.sensors) if part.type in FIRST}
+    of_kinds = reversed([part for part in parsed.sensors if part.type in FIRST])
+    first: dict[str, Any] = {part.type: part for part in of_kinds}
     sensors = [(part, _sensor(part, label)) for part in parsed.sensors]
     hardware = {FIRST[p.type]: sensor for p, sensor in sensors if p is first.get(p.type)}
     called = dict(zip(FIRST, Description.names, strict=True))
