@@ -17,6 +17,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.limits import LIMITS
+from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 from bayes_inertia.faults.quantisation import quantisation_step
@@ -32,14 +33,6 @@ def reduced(campaign: Campaign, block: int | None = None) -> Campaign:
     block; by default as many as the bandwidth of the motion allows. Returns: the means at the mean
     times of their blocks, with sigma / sqrt(block) of rate sensor and tachometers; the campaign
     itself if blocks of two are too long.
-
-    >>> from bayes_inertia.campaign.hardware import RateSensor
-    >>> from bayes_inertia.campaign.hardware import InertiaPrior
-    >>> slew = Slew("a", 0.0, np.arange(60.0), rate=np.full((60, 3), 1e-6))
-    >>> prior, sensor = InertiaPrior(np.eye(3), 0.1, 0.1), RateSensor(sigma=1e-5)
-    >>> means = reduced(Campaign("c", prior, (), sensor, None, (slew,)), block=4)
-    >>> len(means.slews[0].time), means.rate_sensor.sigma[0]
-    (17, 5e-06)
     """
     length = longest_block(campaign) if block is None else block
     while length > 1 and block is None and _kept(campaign, length) < LIMITS.least_kept_by_blocks:
@@ -69,11 +62,6 @@ def without_surplus_rows(campaign: Campaign) -> Campaign:
     Returns: the very object where slews have few rows or torque commands (whose changes a late
     reading shows within a block), its noise is stated to be correlated, or its rates are rounded
     coarsely.
-
-    >>> from bayes_inertia.physics.small_campaign import small_campaign
-    >>> campaign = small_campaign()
-    >>> without_surplus_rows(campaign) is campaign
-    True
     """
     return reduced(campaign, readings_a_mean(campaign))
 
@@ -108,13 +96,6 @@ def longest_block(campaign: Campaign) -> int:
 
     Rates of a free body change at frequencies up to |w| + |h| / J, in rad/s: its own rate, and that
     of its nutation about the momentum of its wheels.
-
-    >>> from bayes_inertia.campaign.hardware import RateSensor
-    >>> from bayes_inertia.campaign.hardware import InertiaPrior
-    >>> slew = Slew("a", 0.0, np.arange(60.0) / 4e3, rate=np.full((60, 3), 10.0))
-    >>> prior, sensor = InertiaPrior(np.eye(3), 0.1, 0.1), RateSensor(sigma=0.01)
-    >>> longest_block(Campaign("c", prior, (), sensor, None, (slew,)))
-    12
     """
     rate = campaign.largest_rate()
     inertia = float(np.linalg.eigvalsh(campaign.inertia.tensor)[0])
@@ -162,7 +143,8 @@ def _reduced_slew(slew: Slew, length: int) -> Slew:
     time = np.concatenate([middle, slew.time[others]])
     order = np.argsort(time, kind="stable")
     channels: dict[str, Any] = {}
-    for name in ("rate", "wheel_momentum", "magnetic_field_N", "position_N"):
+    series = [stream.field for stream in STREAMS if stream.is_series]
+    for name in (*series, "magnetic_field_N", "position_N"):
         values = getattr(slew, name)
         if values is not None:
             if name == "wheel_momentum":
@@ -173,9 +155,9 @@ def _reduced_slew(slew: Slew, length: int) -> Slew:
     last = np.searchsorted(slew.time, time[order], side="right") - 1
     if slew.wheel_torque is not None:
         channels["wheel_torque"] = slew.wheel_torque[last]
-    if slew.attitude is not None:
+    for stream in (s for s in STREAMS if not s.is_series and s.of(slew) is not None):
         exact = slew.time[last] == time[order]
-        channels["attitude"] = np.where(exact[:, None], slew.attitude[last], np.nan)
+        channels[stream.field] = np.where(exact[:, None], stream.values(slew)[last], np.nan)
     return replace(slew, time=time[order], **channels)
 
 

@@ -169,7 +169,8 @@ def _spline(slew: Slew, seen: list[_Seen], pieces: int, sd: float) -> tuple[_Smo
     log_volume = 0.5 * np.sum(np.log(prior)) - np.sum(np.log(np.abs(np.diag(root))))
     log_evidence = log_volume + 0.5 * pull @ pull
     at_rows = np.concatenate([basis(slew.time), np.ones((len(slew.time), 1))], axis=1)
-    places = _of_axes(n)
+    # The coefficients of each axis: n of its spline, and its constant.
+    places = [np.append(np.arange(n * axis, n * (axis + 1)), 3 * n + axis) for axis in range(3)]
     rate_B = np.stack([at_rows @ found[place] for place in places], axis=-1)
     variance = [
         np.einsum("rn,nm,rm->", at_rows, covariance[np.ix_(place, place)], at_rows) / len(at_rows)
@@ -177,11 +178,6 @@ def _spline(slew: Slew, seen: list[_Seen], pieces: int, sd: float) -> tuple[_Smo
     ]
     sds = np.sqrt(np.maximum(variance, 1e-300))
     return _Smoothed(rate_B, sds, max(1.0, len(at_rows) / n)), float(log_evidence)
-
-
-def _of_axes(n: int) -> list[np.ndarray]:
-    """Where the coefficients of each axis stand: n of its spline, and its constant."""
-    return [np.append(np.arange(n * axis, n * (axis + 1)), 3 * n + axis) for axis in range(3)]
 
 
 def _of_gyros(campaign: Campaign, slew: Slew) -> Iterator[_Seen]:
@@ -329,11 +325,9 @@ def reference_of(name: str, sensor: DirectionSensor, slew: Slew) -> tuple[np.nda
         time, values = given.time, given.values
     known = np.zeros(0, bool) if values is None else np.isfinite(values).all(axis=1)
     if values is None or not known.any():
-        raise CampaignError(
-            "nothing says in which inertial direction its vector points",
-            where=f"sensor {name}, slew {slew.name}",
-            advice="give reference_N, a reference stream, or the magnetic field",
-        )
+        what = "nothing says in which inertial direction its vector points"
+        advice = "give reference_N, a reference stream, or the magnetic field"
+        raise CampaignError(what, where=f"sensor {name}, slew {slew.name}", advice=advice)
     values = values[known]
     if not sensor.is_field:
         values = values / np.linalg.norm(values, axis=1, keepdims=True)

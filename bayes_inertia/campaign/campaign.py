@@ -171,12 +171,9 @@ class Campaign:
         what = f"readings of {unknown[:1]}, which no sensor has"
         require(not unknown, f"{where}.more", what, "add the sensor to more_sensors")
         has_fix = slew.attitude is not None and bool(np.isfinite(slew.attitude).any())
-        require(
-            self.star_tracker is not None or not has_fix,
-            f"{where}.attitude",
-            "an attitude without a star tracker",
-            "add [star_tracker] with its sigmas",
-        )
+        what = "an attitude without a star tracker"
+        advice = "add [star_tracker] with its sigmas"
+        require(self.star_tracker is not None or not has_fix, f"{where}.attitude", what, advice)
 
     def _check_inputs(self, slew: Slew) -> None:
         for device in self.actuators:

@@ -9,7 +9,7 @@ import difflib
 import re
 import reprlib
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, get_args
 
@@ -17,27 +17,17 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from bayes_inertia.campaign.limits import LIMITS
+from bayes_inertia.campaign.schema import UNITS, UnitOf
 from bayes_inertia.errors import CampaignError
 
 
 def parse_toml[Form: BaseModel](text: str, label: str, form: type[Form]) -> Form:
-    """The content of a TOML file, every key checked; tables of several forms differ in one key.
-
-    >>> class Form(BaseModel):
-    ...     size: float
-    >>> parse_toml("size = 'x'", "a.toml", Form)
-    Traceback (most recent call last):
-    bayes_inertia.errors.CampaignError: a.toml, key size: 'x' is not accepted; ...
-    """
+    """The content of a TOML file, every key checked; tables of several forms differ in one key."""
     return checked_document(toml_document(text, label), label, form)
 
 
 def toml_document(text: str, label: str) -> dict[str, Any]:
-    """The content of a TOML file, its keys not yet checked.
-
-    >>> toml_document("a = 1", "a.toml")
-    {'a': 1}
-    """
+    """The content of a TOML file, its keys not yet checked."""
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
@@ -47,13 +37,7 @@ def toml_document(text: str, label: str) -> dict[str, Any]:
 def checked_document[Form: BaseModel](
     document: dict[str, Any], label: str, form: type[Form]
 ) -> Form:
-    """The content of a TOML file in its form.
-
-    >>> class Form(BaseModel):
-    ...     size: float
-    >>> checked_document({"size": 2.0}, "a.toml", Form).size
-    2.0
-    """
+    """The content of a TOML file in its form."""
     try:
         return form.model_validate(document)
     except ValidationError as error:
@@ -69,11 +53,9 @@ def _syntax_error(error: Exception, text: str, label: str) -> CampaignError:
     what = re.sub(r"\s*\(at .*\)$", "", str(error))
     if not isinstance(error, tomllib.TOMLDecodeError):
         what = "a number has too many digits, or lists are nested too deeply"
-    return CampaignError(
-        f"not valid TOML: {what[:1].lower()}{what[1:]}",
-        where=where,
-        advice="text needs quotes, keys no repetition, lists commas",
-    )
+    what = f"not valid TOML: {what[:1].lower()}{what[1:]}"
+    advice = "text needs quotes, keys no repetition, lists commas"
+    return CampaignError(what, where=where, advice=advice)
 
 
 def _urgency(problem: dict) -> tuple:
@@ -176,13 +158,12 @@ class _Wording:
 
     def _choices(self, loc: tuple) -> tuple[str, ...]:
         key = str(loc[-1])
-        annotations = [
-            form.model_fields[key].annotation
-            for form in self._forms_at(loc[:-1])
-            if key in form.model_fields
+        forms = self._forms_at(loc[:-1])
+        fields = [form.model_fields[key] for form in forms if key in form.model_fields]
+        parts = [
+            part for field in fields for part in (*get_args(field.annotation), *field.metadata)
         ]
-        listed = (choice for annotation in annotations for choice in _literals(annotation))
-        return tuple(dict.fromkeys(listed))
+        return tuple(dict.fromkeys(_literals(parts)))
 
     def _nearest_key(self, key: str, loc: tuple) -> str:
         known = list(self._fields(loc))
@@ -222,11 +203,7 @@ class _Wording:
 
 
 def table_label(table: Any) -> str:
-    """Label of a table that is one of several: its name, or its content.
-
-    >>> table_label({"name": "wheel_x", "axis": []})
-    'wheel_x'
-    """
+    """Label of a table that is one of several: its name, or its content."""
     if not isinstance(table, dict):
         return ""
     label = table.get("name", table.get("holds"))
@@ -238,12 +215,15 @@ def _is_tag(part: str, form: type[BaseModel]) -> bool:
     return any(part in get_args(field.annotation) for field in form.model_fields.values())
 
 
-def _literals(annotation: Any) -> list[str]:
-    """The words that a key accepts."""
-    words: list[str] = []
-    for inner in get_args(annotation):
-        words += [inner] if isinstance(inner, str) else _literals(inner)
-    return words
+def _literals(parts: Iterable[Any]) -> Iterator[str]:
+    """The words that parts of an annotation accept."""
+    for part in parts:
+        if isinstance(part, str):
+            yield part
+        else:
+            yield from (
+                UNITS[part.quantity] if isinstance(part, UnitOf) else _literals(get_args(part))
+            )
 
 
 def _inner_forms(annotation: Any) -> list[type[BaseModel]]:

@@ -60,12 +60,6 @@ def with_short_gaps_filled(
     """Channels with rows for lost commands, where a smooth curve is as good, and the records.
 
     `negligible`: error of the wheels' momentum that does not matter [N m s].
-
-    >>> time = np.delete(np.arange(60.0), 30)
-    >>> given = {"time": time, "wheel_torque": time[:, None] * 1e-4}
-    >>> filled, dirt = with_short_gaps_filled(given, 1e-6)
-    >>> len(filled["time"]), filled["wheel_torque"][30].round(6).tolist(), dirt[0][0].treated
-    (60, [0.003], 'modelled')
     """
     torque = channels["wheel_torque"]
     rows = np.flatnonzero(np.isfinite(torque).all(axis=1))
@@ -278,11 +272,6 @@ def with_lost_commands(
     The pieces of gaps stand under "lost_command" (n,), 0 where the command is known, sds [N m]
     under "lost_command_sd" (n, wheels). None where there are too many gaps. `intervals`: times of
     the known commands before and after each gap [s]. `largest`: torque of a wheel [N m].
-
-    >>> given = {"time": np.array([0.0, 1.0, 4.0]), "wheel_torque": np.array([[0.1], [0.1], [0.4]])}
-    >>> marked = with_lost_commands(given, [(1.0, 4.0)], 1.0, 0.5)
-    >>> marked["lost_command"].tolist(), marked["wheel_torque"][:, 0].round(3).tolist()
-    ([0, 0, 1, 2, 0], [0.1, 0.1, 0.2, 0.3, 0.4])
     """
     lost = [_lost_times(after, before, step) for after, before in intervals]
     size = _piece_count([len(times) for times in lost])
@@ -352,15 +341,7 @@ def _usual_errors(
 def without_impossible_torques(
     channels: dict[str, np.ndarray], wheels: Sequence[Wheel]
 ) -> tuple[dict[str, np.ndarray], list[tuple[Dirt, np.ndarray]]]:
-    """Channels with NaN for commands that no wheel can follow, and a record with its times [s].
-
-    >>> wheel = Wheel("x", (1.0, 0.0, 0.0), 1e-3, max_torque=0.02)
-    >>> torque = np.full((60, 1), 0.01)
-    >>> torque[7] = 1e31
-    >>> given = {"time": np.arange(60.0), "wheel_torque": torque}
-    >>> np.flatnonzero(np.isnan(without_impossible_torques(given, [wheel])[0]["wheel_torque"]))
-    array([7])
-    """
+    """Channels with NaN for commands that no wheel can follow, and a record with its times [s]."""
     torque = channels.get("wheel_torque")
     if torque is None:
         return channels, []

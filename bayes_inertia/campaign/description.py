@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from types import MappingProxyType
+from dataclasses import dataclass, field
 from typing import Any
 
 from bayes_inertia.campaign.actuators import Actuator, Change, Magnetorquer
@@ -15,23 +14,15 @@ from bayes_inertia.campaign.hardware import (
     StarTracker,
     Wheel,
 )
-from bayes_inertia.campaign.schema import (
-    InertiaPart,
-    MissionPart,
-    PriorPart,
-    StreamColumns,
-    TimeColumn,
-)
+from bayes_inertia.campaign.schema import PriorPart, StreamColumns, TimeColumn
 from bayes_inertia.errors import CampaignError
 
 # Where a slew has what is called otherwise.
-FIELDS: Mapping[str, str] = MappingProxyType(
-    {
-        "magnetic_field": "magnetic_field_N",
-        "position": "position_N",
-        "wheel_speed": "wheel_momentum",
-    }
-)
+FIELDS: Mapping[str, str] = {
+    "magnetic_field": "magnetic_field_N",
+    "position": "position_N",
+    "wheel_speed": "wheel_momentum",
+}
 
 
 @dataclass(frozen=True)
@@ -95,7 +86,7 @@ class Description:
     # A file of two-line elements, and UTC at time zero of the campaign
     orbit: tuple[str, str] | None = None
     # What this file calls a table of format 1, such as "wheels"; empty in format 1
-    devices: Mapping[str, str] = MappingProxyType({})
+    devices: Mapping[str, str] = field(default_factory=dict)
 
     def clock(self, entry: Entry) -> TimeColumn:
         """The time of an entry."""
@@ -144,15 +135,3 @@ def built(kind: Any, part: Any, label: str, was: str = "", now: str = "", **more
     except CampaignError as error:
         where = f"{label}, {error.where.replace(was, now) if was else error.where}"
         raise CampaignError(error.what, where=where, advice=error.advice) from None
-
-
-def common(
-    inertia: InertiaPart, mission: MissionPart | None, prior: PriorPart | None, label: str
-) -> dict[str, Any]:
-    """What both formats say alike."""
-    stated = {} if mission is None else stated_keys(mission)
-    return {
-        "inertia": built(InertiaPrior, inertia, label),
-        "mission": tuple(stated.items()),
-        "prior": prior,
-    }

@@ -82,11 +82,9 @@ def _unix_time(epoch: datetime | str) -> float:
     try:
         moment = datetime.fromisoformat(epoch) if isinstance(epoch, str) else epoch
     except ValueError:
-        raise CampaignError(
-            f"{epoch!r} is no date",
-            where="key epoch",
-            advice="give UTC as year-month-dayThour:minute:second",
-        ) from None
+        what = f"{epoch!r} is no date"
+        advice = "give UTC as year-month-dayThour:minute:second"
+        raise CampaignError(what, where="key epoch", advice=advice) from None
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
@@ -97,11 +95,9 @@ def _satellites(text: str, label: str) -> Sequence[Any]:
         (one, two) for one, two in pairwise(lines) if one.startswith("1 ") and two.startswith("2 ")
     ]
     if not pairs:
-        raise CampaignError(
-            "holds no two-line elements",
-            where=label,
-            advice="each set is a line that begins with 1 and a line that begins with 2",
-        )
+        what = "holds no two-line elements"
+        advice = "each set is a line that begins with 1 and a line that begins with 2"
+        raise CampaignError(what, where=label, advice=advice)
     api = library_of_extra("sgp4.api", "orbit", where=label)
     return [api.Satrec.twoline2rv(one, two) for one, two in pairs]
 
@@ -115,11 +111,9 @@ def _nearest(satellites: Sequence[Any], utc: float, label: str) -> Any:
     nearest = min(satellites, key=lambda satellite: abs(age(satellite)))
     days = abs(age(nearest)) / _DAY
     if days > LIMITS.oldest_elements:
-        raise CampaignError(
-            f"the nearest elements are {days:.0f} days away from the slews",
-            where=label,
-            advice="add elements of these days, or mend the epoch",
-        )
+        what = f"the nearest elements are {days:.0f} days away from the slews"
+        advice = "add elements of these days, or mend the epoch"
+        raise CampaignError(what, where=label, advice=advice)
     return nearest
 
 
@@ -128,11 +122,9 @@ def _position_N(satellite: Any, utc: np.ndarray, label: str) -> np.ndarray:
     day = np.floor(utc / _DAY)
     error, position_km, _ = satellite.sgp4_array(day + _UNIX_DAY, utc / _DAY - day)
     if np.any(error):
-        raise CampaignError(
-            "these elements give no orbit at the time of the slews",
-            where=label,
-            advice="add elements of these days",
-        )
+        what = "these elements give no orbit at the time of the slews"
+        advice = "add elements of these days"
+        raise CampaignError(what, where=label, advice=advice)
     return 1e3 * np.asarray(position_km)
 
 

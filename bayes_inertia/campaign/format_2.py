@@ -8,34 +8,8 @@ from typing import Annotated, Any, ClassVar, Literal
 from annotated_types import Len
 from pydantic import BeforeValidator, Field
 
+from bayes_inertia.campaign import schema
 from bayes_inertia.campaign.hardware import WheelState
-from bayes_inertia.campaign.schema import (
-    AngleUnit,
-    AttitudeColumns,
-    DipoleUnit,
-    FieldUnit,
-    InertiaPart,
-    LevelUnit,
-    MagneticFieldColumns,
-    MissionPart,
-    MomentumColumns,
-    Names,
-    Names1,
-    Names3,
-    Part,
-    PositionColumns,
-    PriorPart,
-    RateColumns,
-    SpeedColumns,
-    StarTrackerPart,
-    StreamColumns,
-    TimeColumn,
-    TimeUnit,
-    TorqueColumns,
-    TorqueUnit,
-    Vector3,
-    WheelPart,
-)
 
 
 def _listed(value: Any) -> Any:
@@ -45,7 +19,7 @@ def _listed(value: Any) -> Any:
 OneOrMore = Annotated[list[float], Len(1), BeforeValidator(_listed)]
 
 
-class OfStream(StreamColumns):
+class OfStream(schema.StreamColumns):
     """Columns of a stream; of the one table of a slew where no stream is named."""
 
     stream: str | None = None
@@ -54,26 +28,26 @@ class OfStream(StreamColumns):
 class OfWheel(OfStream):
     """The column of one wheel."""
 
-    names: Names1 = Field(description='names = ["..."], the column of this wheel')
+    names: schema.Names1 = Field(description='names = ["..."], the column of this wheel')
 
 
-class WheelTorque(OfWheel, TorqueColumns):
+class WheelTorque(OfWheel, schema.TorqueColumns):
     """`torque` of a wheel."""
 
 
-class WheelMomentum(OfWheel, MomentumColumns):
+class WheelMomentum(OfWheel, schema.MomentumColumns):
     """`momentum` of a wheel by its tachometer."""
 
     sigma: float | None = None  # noise of a reading [N m s]
 
 
-class WheelSpeed(OfWheel, SpeedColumns):
+class WheelSpeed(OfWheel, schema.SpeedColumns):
     """`speed` of a wheel by its tachometer."""
 
     sigma: float | None = None  # noise of a reading [rad/s]
 
 
-class WheelDevice(WheelPart):
+class WheelDevice(schema.WheelPart):
     """One of `[[actuators]]`: a reaction or momentum wheel."""
 
     type: Literal["wheel"]
@@ -96,12 +70,12 @@ class InputColumns(OfStream):
 class TorqueInput(InputColumns):
     """`torque` of a known torque."""
 
-    names: Names3 = Field(description=_NAMES + "the three components")
-    unit: TorqueUnit
+    names: schema.Names3 = Field(description=_NAMES + "the three components")
+    unit: Annotated[str, schema.UnitOf("wheel_torque")]
     frame: Literal["body", "inertial"]
 
 
-class TorqueDevice(Part):
+class TorqueDevice(schema.Part):
     """One of `[[actuators]]`: a torque that telemetry tells, whatever makes it."""
 
     type: Literal["torque"]
@@ -115,11 +89,11 @@ class TorqueDevice(Part):
 class DipoleInput(InputColumns):
     """`dipole` of magnetorquers."""
 
-    names: Names = Field(description=_NAMES + "one column a torquer")
-    unit: DipoleUnit
+    names: schema.Names = Field(description=_NAMES + "one column a torquer")
+    unit: Annotated[str, schema.UnitOf("dipole")]
 
 
-class MagnetorquerDevice(Part):
+class MagnetorquerDevice(schema.Part):
     """One of `[[actuators]]`: magnetorquers of one gain."""
 
     type: Literal["magnetorquer"]
@@ -127,31 +101,31 @@ class MagnetorquerDevice(Part):
     dipole: DipoleInput = Field(
         description='dipole = { stream = "...", names = [...], unit = "A m^2" }'
     )
-    axes: Annotated[list[Vector3], Len(1)] | None = None
+    axes: Annotated[list[schema.Vector3], Len(1)] | None = None
     gain_sigma: float = 0.0
 
 
 class LevelInput(InputColumns):
     """`level` of thrusters: shares of full thrust."""
 
-    names: Names = Field(description=_NAMES + "one column a thruster")
-    unit: LevelUnit
+    names: schema.Names = Field(description=_NAMES + "one column a thruster")
+    unit: Annotated[str, schema.UnitOf("level")]
 
 
 class OnTimeInput(OfStream):
     """`on_time` of thrusters: how long each is on from the time of its row."""
 
-    names: Names = Field(description=_NAMES + "one column a thruster")
-    unit: TimeUnit
+    names: schema.Names = Field(description=_NAMES + "one column a thruster")
+    unit: Annotated[str, schema.UnitOf("time")]
     between: Literal["on_time"] = "on_time"
 
 
-class ThrusterDevice(Part):
+class ThrusterDevice(schema.Part):
     """One of `[[actuators]]`: thrusters, by their torques at full thrust."""
 
     type: Literal["thruster"]
     name: str = Field(description='name = "..."')
-    torques: Annotated[list[Vector3], Len(1)] = Field(
+    torques: Annotated[list[schema.Vector3], Len(1)] = Field(
         description="torques = the torque of each thruster at full thrust about the centre of "
         "mass, body axes [N m], such as [[0.05, 0.0, 0.0], ...]"
     )
@@ -165,13 +139,13 @@ class ThrusterDevice(Part):
 class GimbalInput(InputColumns):
     """`gimbal_angle` of gimballed rotors, with the noise of a reading."""
 
-    names: Names = Field(description=_NAMES + "one column a gimbal")
-    unit: AngleUnit
+    names: schema.Names = Field(description=_NAMES + "one column a gimbal")
+    unit: Annotated[str, schema.UnitOf("angle")]
     between: Held = "line"
     sigma: float = 0.0  # [rad]
 
 
-class RotorsDevice(Part):
+class RotorsDevice(schema.Part):
     """One of `[[actuators]]`: rotors of constant speed on gimbals (control-moment gyros)."""
 
     type: Literal["gimballed_rotors"]
@@ -179,10 +153,10 @@ class RotorsDevice(Part):
     momentum: OneOrMore = Field(
         description="momentum = the momentum of each rotor [N m s], one number or one a rotor"
     )
-    gimbal_axes: Annotated[list[Vector3], Len(1)] = Field(
+    gimbal_axes: Annotated[list[schema.Vector3], Len(1)] = Field(
         description="gimbal_axes = the unit vector of each gimbal's axis, body axes"
     )
-    spin_axes_at_zero: Annotated[list[Vector3], Len(1)] = Field(
+    spin_axes_at_zero: Annotated[list[schema.Vector3], Len(1)] = Field(
         description="spin_axes_at_zero = the unit vector of each spin axis at gimbal angle zero"
     )
     gimbal_angle: GimbalInput = Field(
@@ -191,13 +165,13 @@ class RotorsDevice(Part):
     gain_sigma: float = 0.0
 
 
-class DeviceRate(OfStream, RateColumns):
+class DeviceRate(OfStream, schema.RateColumns):
     """`rate` of a rate sensor."""
 
-    names: Names = Field(description='names = ["...", ...], one column a sensor axis')
+    names: schema.Names = Field(description='names = ["...", ...], one column a sensor axis')
 
 
-class RateDevice(Part):
+class RateDevice(schema.Part):
     """One of `[[sensors]]`: a rate sensor of one axis or more."""
 
     type: Literal["rate"]
@@ -208,7 +182,7 @@ class RateDevice(Part):
     sigma: OneOrMore = Field(
         description="sigma = the white noise per sample [rad/s], one number or one an axis"
     )
-    axes: Annotated[list[Vector3], Len(1)] | None = None
+    axes: Annotated[list[schema.Vector3], Len(1)] | None = None
     range: float | None = None
     scale_factor: OneOrMore | None = None
     scale_factor_sigma: OneOrMore | None = None
@@ -221,11 +195,11 @@ class RateDevice(Part):
     reference: bool = False  # of frames
 
 
-class DeviceAttitude(OfStream, AttitudeColumns):
+class DeviceAttitude(OfStream, schema.AttitudeColumns):
     """`attitude` of a star tracker."""
 
 
-class AttitudeDevice(StarTrackerPart):
+class AttitudeDevice(schema.StarTrackerPart):
     """One of `[[sensors]]`: a star tracker."""
 
     type: Literal["attitude"]
@@ -241,21 +215,21 @@ class AttitudeDevice(StarTrackerPart):
 class DirectionColumns(OfStream):
     """`direction` of a sensor: three components in body axes; a field has a unit."""
 
-    names: Names3 = Field(description=_NAMES + "three components in body axes")
+    names: schema.Names3 = Field(description=_NAMES + "three components in body axes")
     frame: Literal["body"]
-    unit: FieldUnit | None = None
+    unit: Annotated[str, schema.UnitOf("magnetic_field")] | None = None
 
 
 class ReferenceColumns(OfStream):
     """`reference` of a direction that changes: three components in inertial axes."""
 
-    names: Names3 = Field(description=_NAMES + "three components in inertial axes")
+    names: schema.Names3 = Field(description=_NAMES + "three components in inertial axes")
     frame: Literal["inertial"]
-    unit: FieldUnit | None = None
+    unit: Annotated[str, schema.UnitOf("magnetic_field")] | None = None
     between: Literal["line"] = "line"
 
 
-class DirectionDevice(Part):
+class DirectionDevice(schema.Part):
     """One of `[[sensors]]`: a Sun sensor, magnetometer or horizon sensor."""
 
     type: Literal["direction"]
@@ -267,7 +241,7 @@ class DirectionDevice(Part):
         description='direction = { stream = "...", names = ["...", "...", "..."], '
         'frame = "body" }, of a field with unit = "T"'
     )
-    reference_N: Vector3 | None = None
+    reference_N: schema.Vector3 | None = None
     reference: ReferenceColumns | None = None
     offset_sigma: float | None = None
     scale_sigma: float | None = None
@@ -275,15 +249,15 @@ class DirectionDevice(Part):
     mounting_sigma: float | None = None
 
 
-class FieldVector(OfStream, MagneticFieldColumns):
+class FieldVector(OfStream, schema.MagneticFieldColumns):
     """`vector` of a magnetic field."""
 
 
-class PositionVector(OfStream, PositionColumns):
+class PositionVector(OfStream, schema.PositionColumns):
     """`vector` of a position."""
 
 
-class FieldDevice(Part):
+class FieldDevice(schema.Part):
     """One of `[[environment]]`: the magnetic field along the inertial axes."""
 
     type: Literal["magnetic_field"]
@@ -294,7 +268,7 @@ class FieldDevice(Part):
     )
 
 
-class PositionDevice(Part):
+class PositionDevice(schema.Part):
     """One of `[[environment]]`: the position of the spacecraft."""
 
     type: Literal["position"]
@@ -305,7 +279,7 @@ class PositionDevice(Part):
     )
 
 
-class OrbitDevice(Part):
+class OrbitDevice(schema.Part):
     """One of `[[environment]]`: position and magnetic field of two-line elements."""
 
     type: Literal["orbit"]
@@ -322,7 +296,7 @@ Sensor = Annotated[RateDevice | AttitudeDevice | DirectionDevice, Field(discrimi
 Environment = Annotated[FieldDevice | PositionDevice | OrbitDevice, Field(discriminator="type")]
 
 
-class ChangePart(Part):
+class ChangePart(schema.Part):
     """One of `[[changes]]`: what changed, and when; either `slew` or `time` is given."""
 
     name: str = Field(description='name = "..."')
@@ -332,18 +306,18 @@ class ChangePart(Part):
     sigma_fraction: float = 0.03
 
 
-class Slew2Part(Part):
+class Slew2Part(schema.Part):
     """One `[[slews]]`; either `file` or `files` is given."""
 
     name: str = Field(description='name = "..."')
     start: float = Field(description="start = the time of the first row in the campaign [s]")
     file: str | None = None
     files: str | dict[str, str] | None = None
-    axis: Vector3 | None = None
+    axis: schema.Vector3 | None = None
     angle_deg: float | None = None
 
 
-class Campaign2Part(Part):
+class Campaign2Part(schema.Part):
     """The whole of `campaign.toml` of format 2."""
 
     # What to do with a key of the other format.
@@ -357,10 +331,10 @@ class Campaign2Part(Part):
 
     format: Literal["bayes-inertia-campaign/2"]
     name: str = Field(description='name = "..."')
-    inertia: InertiaPart = Field(
+    inertia: schema.InertiaPart = Field(
         description="[inertia] with tensor, relative_sigma, product_sigma, includes_wheel_spin"
     )
-    time: TimeColumn = Field(description='[time] with names = ["..."] and unit = "s"')
+    time: schema.TimeColumn = Field(description='[time] with names = ["..."] and unit = "s"')
     sensors: Annotated[list[Sensor], Len(1)] = Field(
         description="one [[sensors]] a sensor, with name, type and its stream"
     )
@@ -370,5 +344,5 @@ class Campaign2Part(Part):
     actuators: list[Actuator] = Field(default=[])
     environment: list[Environment] = Field(default=[])
     changes: list[ChangePart] = Field(default=[])
-    mission: MissionPart | None = None
-    prior: PriorPart | None = None
+    mission: schema.MissionPart | None = None
+    prior: schema.PriorPart | None = None

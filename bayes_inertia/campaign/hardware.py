@@ -19,50 +19,32 @@ Numbers = tuple[float, ...]
 
 
 def require(condition: bool, key: str, what: str, advice: str) -> None:
-    """Raise an error that names a key of the campaign, unless a condition holds.
-
-    >>> require(1.0 > 0.0, "rate_sensor.sigma", "is not positive", "give a positive number")
-    """
+    """Raise an error that names a key of the campaign, unless a condition holds."""
     if not condition:
         raise CampaignError(what, where=f"key {key}", advice=advice)
 
 
 def unit_vector(value: Any, key: str) -> Vector:
-    """Three numbers whose length is 1 to within a percent, as plain floats of length 1.
-
-    >>> unit_vector([0, 0, 1.001], "wheels.z.axis")
-    (0.0, 0.0, 1.0)
-    """
+    """Three numbers whose length is 1 to within a percent, as plain floats of length 1."""
     array = np.asarray(value, dtype=float)
     is_vector = array.shape == (3,) and bool(np.all(np.isfinite(array)))
     require(is_vector, key, f"{value!r} is not a vector", "give three finite numbers")
     norm = math.hypot(*array.tolist())
-    require(
-        abs(norm - 1.0) < 0.01,
-        key,
-        f"the vector has length {norm:.6g}, not 1",
-        "give a unit vector in body axes",
-    )
+    what = f"the vector has length {norm:.6g}, not 1"
+    advice = "give a unit vector in body axes"
+    require(abs(norm - 1.0) < 0.01, key, what, advice)
     x, y, z = unit_length(array).tolist()
     return (x, y, z)
 
 
 def unit_length(vectors: np.ndarray) -> np.ndarray:
-    """Vectors (..., n) over their length; one of length 1 to rounding stays, to the last digit.
-
-    >>> unit_length(np.array([0.0, 3.0, 4.0])).tolist()
-    [0.0, 0.6, 0.8]
-    """
+    """Vectors (..., n) over their length; one of length 1 to rounding stays, to the last digit."""
     norm = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.where(np.abs(norm - 1.0) < 1e-15, vectors, vectors / norm)
 
 
 def one_an_axis(value: Any, axes: int, key: str) -> Numbers:
-    """One number for each axis of a sensor, as plain floats, from one number or one an axis.
-
-    >>> one_an_axis(2e-5, 3, "rate_sensor.sigma")
-    (2e-05, 2e-05, 2e-05)
-    """
+    """One number for each axis of a sensor, as plain floats, from one number or one an axis."""
     array = np.atleast_1d(np.asarray(value, dtype=float))
     fits = array.shape in ((1,), (axes,))
     what = f"{value!r} is not one number, nor one for each of {axes} axes"
@@ -73,10 +55,7 @@ def one_an_axis(value: Any, axes: int, key: str) -> Numbers:
 
 
 def require_positive(value: Any, key: str, *, optional: bool = False) -> None:
-    """Raise an error unless numbers are finite and positive.
-
-    >>> require_positive(None, "wheels.x.max_torque", optional=True)
-    """
+    """Raise an error unless numbers are finite and positive."""
     if value is None and optional:
         return
     positive = (
@@ -345,11 +324,7 @@ class RateSensor:
 
 
 def axis_names(sensor: RateSensor | None) -> tuple[str, ...]:
-    """Names of a rate sensor's axes: x, y and z of three, else 1 to n; none without a sensor.
-
-    >>> axis_names(RateSensor(1e-5)), axis_names(RateSensor(1e-5, np.eye(3)[:2]))
-    (('x', 'y', 'z'), ('1', '2'))
-    """
+    """Names of a rate sensor's axes: x, y and z of three, else 1 to n; none without a sensor."""
     axes = len(sensor.axes) if sensor else 0
     return tuple("xyz") if axes == 3 else tuple(str(i + 1) for i in range(axes))
 
@@ -374,12 +349,9 @@ def _require_independent_axes(axes: np.ndarray) -> None:
     is_list = axes.ndim == 2 and axes.shape[1] == 3 and len(axes) > 0
     require(is_list, key, shape, "give one row of three numbers a sensor axis")
     lengths = np.hypot.reduce(axes, axis=1)
-    require(
-        bool(np.all(np.abs(lengths - 1.0) < 0.01)),
-        key,
-        f"rows have lengths {np.round(lengths, 4).tolist()}",
-        "give unit vectors",
-    )
+    what = f"rows have lengths {np.round(lengths, 4).tolist()}"
+    advice = "give unit vectors"
+    require(bool(np.all(np.abs(lengths - 1.0) < 0.01)), key, what, advice)
     # The volume that the axes span: of three, |det|.
     volume = float(np.sqrt(np.abs(np.linalg.det(axes.T @ axes)))) if len(axes) > 3 else 1.0
     volume = float(abs(np.linalg.det(axes))) if len(axes) == 3 else volume

@@ -21,16 +21,6 @@ def with_dirt_masked(campaign: Campaign) -> Campaign:
     Only readings are judged, not whether a model explains them. Impossible and stuck readings
     become NaN; gaps, saturated readings and quantisation are recorded. A campaign without such
     faults stays as it is, to the last digit.
-
-    >>> from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor
-    >>> from bayes_inertia.campaign.slew import Slew
-    >>> rate = np.random.default_rng(1).normal(scale=1e-5, size=(90, 3))
-    >>> rate[40:60] = rate[40]
-    >>> slew = Slew("a", 0.0, np.arange(90.0), rate=rate)
-    >>> prior, sensor = InertiaPrior(np.eye(3), 0.1, 0.1), RateSensor(sigma=1e-5)
-    >>> dirty = Campaign("c", prior, (), sensor, None, (slew,))
-    >>> [(d.kind, len(d.rows)) for d in with_dirt_masked(dirty).dirt]
-    [('stuck', 20)]
     """
     slews, dirt = [], list(campaign.dirt)
     streams = sorted(streams_of(campaign), key=lambda stream: not stream.is_series)

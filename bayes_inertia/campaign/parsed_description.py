@@ -2,18 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bayes_inertia.campaign.actuators import (
-    Actuator,
-    Change,
-    GimballedRotors,
-    KnownTorque,
-    Magnetorquer,
-    Thruster,
-)
+from bayes_inertia.campaign import actuators, format_2
 from bayes_inertia.campaign.checked_toml import checked_document, toml_document
 from bayes_inertia.campaign.description import (
     FIELDS,
@@ -21,24 +13,15 @@ from bayes_inertia.campaign.description import (
     Entry,
     SlewTables,
     built,
-    common,
+    stated_keys,
 )
-from bayes_inertia.campaign.format_2 import (
-    AttitudeDevice,
-    Campaign2Part,
-    ChangePart,
-    DirectionDevice,
-    MagnetorquerDevice,
-    OrbitDevice,
-    OtherActuator,
-    RateDevice,
-    RotorsDevice,
-    Slew2Part,
-    ThrusterDevice,
-    TorqueDevice,
-    WheelDevice,
+from bayes_inertia.campaign.hardware import (
+    DirectionSensor,
+    InertiaPrior,
+    RateSensor,
+    StarTracker,
+    Wheel,
 )
-from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.schema import (
     FORMAT_2,
     CampaignPart,
@@ -46,46 +29,49 @@ from bayes_inertia.campaign.schema import (
     check_consistency,
     refuse,
 )
+from bayes_inertia.campaign.sensors import FIRST
 from bayes_inertia.errors import CampaignError
 
 
 def parse_description(text: str, label: str) -> Description:
-    """The content of a `campaign.toml` of either format, every key checked.
-
-    >>> parse_description('format = "bayes-inertia-campaign/1"\\nnmae = "x"', "campaign.toml")
-    Traceback (most recent call last):
-    bayes_inertia.errors.CampaignError: campaign.toml, key nmae: unknown key; did you mean "name"?
-    """
+    """The content of a `campaign.toml` of either format, every key checked."""
     document = toml_document(text, label)
+    parsed: CampaignPart | format_2.Campaign2Part
     if document.get("format") == FORMAT_2:
-        description = described(checked_document(document, label, Campaign2Part), label)
+        parsed = checked_document(document, label, format_2.Campaign2Part)
+        devices = described(parsed, label)
     else:
         parsed = checked_document(document, label, CampaignPart)
         check_consistency(parsed, label)
-        description = upgrade(parsed, label)
+        devices = upgraded(parsed, label)
+    description = Description(
+        name=parsed.name,
+        inertia=built(InertiaPrior, parsed.inertia, label),
+        mission=() if parsed.mission is None else tuple(stated_keys(parsed.mission).items()),
+        prior=parsed.prior,
+        **devices,
+    )
     for slew in description.slews:
         _check_names(slew, description, label)
     return description
 
 
-def upgrade(parsed: CampaignPart, label: str) -> Description:
-    """The description that a file of format 1 is."""
+def upgraded(parsed: CampaignPart, label: str) -> dict[str, Any]:
+    """Devices, columns and tables of a file of format 1, as fields of a description."""
     entries = tuple(
         Entry(key, FIELDS.get(key, key), columns, (f"columns.{key}",))
         for key, columns in parsed.columns.given().items()
         if key != "time"
     )
     tracker = parsed.star_tracker
-    return Description(
-        name=parsed.name,
-        time=parsed.columns.time,
-        entries=entries,
-        slews=tuple(_tables_of(part, entries) for part in parsed.slews),
-        **common(parsed.inertia, parsed.mission, parsed.prior, label),
-        wheels=tuple(built(Wheel, part, label) for part in parsed.wheels),
-        rate_sensor=built(RateSensor, parsed.rate_sensor, label),
-        star_tracker=None if tracker is None else built(StarTracker, tracker, label),
-    )
+    return {
+        "time": parsed.columns.time,
+        "entries": entries,
+        "slews": tuple(_tables_of(part, entries) for part in parsed.slews),
+        "wheels": tuple(built(Wheel, part, label) for part in parsed.wheels),
+        "rate_sensor": built(RateSensor, parsed.rate_sensor, label),
+        "star_tracker": None if tracker is None else built(StarTracker, tracker, label),
+    }
 
 
 def _tables_of(part: SlewPart, entries: Sequence[Entry]) -> SlewTables:
@@ -103,7 +89,8 @@ def _check_names(slew: SlewTables, description: Description, label: str) -> None
         file = slew.file_of(entry)
         own = entry.columns.time is not None
         times[file, description.clock(entry).names[0]] = f"{entry.path}.time" if own else "time"
-        for path, name in _named_columns(entry):
+        for k, name in enumerate(entry.columns.names):
+            path = entry.paths[min(k, len(entry.paths) - 1)]
             if (file, name) in used:
                 _refuse_twice(label, path, name, used[file, name])
             used[file, name] = path
@@ -112,71 +99,64 @@ def _check_names(slew: SlewTables, description: Description, label: str) -> None
             _refuse_twice(label, used[place], place[1], path)
 
 
-def _named_columns(entry: Entry) -> Iterator[tuple[str, str]]:
-    """The path of each column of an entry, and its name."""
-    for k, name in enumerate(entry.columns.names):
-        yield entry.paths[min(k, len(entry.paths) - 1)], name
-
-
 def _refuse_twice(label: str, path: str, name: str, other: str) -> None:
     what = f"the column {name!r} is already used by {other.removeprefix('columns.')}"
     refuse(label, f"{path}.names", what, "name each column once")
 
 
-def described(parsed: Campaign2Part, label: str) -> Description:
-    """The description that a file of format 2 is."""
-    for key in ("actuators", "sensors", "environment", "changes", "slews"):
-        _require_different(label, key, [part.name for part in getattr(parsed, key)])
-    wheels = [part for part in parsed.actuators if isinstance(part, WheelDevice)]
-    others = [part for part in parsed.actuators if not isinstance(part, WheelDevice)]
-    first: dict[str, Any] = {}
-    for part in parsed.sensors:
-        if not isinstance(part, DirectionDevice):
-            first.setdefault(part.type, part)
+def described(parsed: format_2.Campaign2Part, label: str) -> dict[str, Any]:
+    """Devices, columns and tables of a file of format 2, as fields of a description."""
+    _require_different(parsed, label)
+    wheels = [part for part in parsed.actuators if isinstance(part, format_2.WheelDevice)]
+    others = [part for part in parsed.actuators if not isinstance(part, format_2.WheelDevice)]
+    of_kinds = reversed([part for part in parsed.sensors if part.type in FIRST])
+    first: dict[str, Any] = {part.type: part for part in of_kinds}
     sensors = [(part, _sensor(part, label)) for part in parsed.sensors]
-    hardware = {part.type: sensor for part, sensor in sensors if part is first.get(part.type)}
+    hardware = {FIRST[p.type]: sensor for p, sensor in sensors if p is first.get(p.type)}
+    called = dict(zip(FIRST, Description.names, strict=True))
+    called |= {kind: part.name for kind, part in first.items()}
     entries = (
         *_sensor_entries(parsed, first),
         *_wheel_entries(wheels, label),
         *(_input_entry(part, label) for part in others),
-        *_environment_entries(parsed),
+        *(
+            Entry(part.type, FIELDS[part.type], part.vector, (f"environment.{part.name}.vector",))
+            for part in parsed.environment
+            if not isinstance(part, format_2.OrbitDevice)
+        ),
     )
-    return Description(
-        name=parsed.name,
-        time=parsed.time,
-        entries=entries,
-        slews=tuple(_tables_of_2(part, entries, label) for part in parsed.slews),
-        **common(parsed.inertia, parsed.mission, parsed.prior, label),
-        wheels=tuple(_wheel(part, label) for part in wheels),
-        rate_sensor=hardware.get("rate"),
-        star_tracker=hardware.get("attitude"),
-        more_sensors=tuple((p.name, sensor) for p, sensor in sensors if p is not first.get(p.type)),
-        names=_names(first),
-        reference=_reference(parsed, label),
-        actuators=tuple(_actuator(part, label) for part in others),
-        changes=tuple(_change(part, parsed.slews, label) for part in parsed.changes),
-        orbit=_orbit(parsed, label),
-        devices={"wheels": "actuators"}
-        | {
-            key: f"sensors.{first[kind].name}"
-            for key, kind in (("rate_sensor", "rate"), ("star_tracker", "attitude"))
-            if kind in first
-        },
-    )
+    return {
+        "time": parsed.time,
+        "entries": entries,
+        "slews": tuple(_tables_of_2(part, entries, label) for part in parsed.slews),
+        "wheels": tuple(_wheel(part, label) for part in wheels),
+        **dict.fromkeys(FIRST.values()),
+        **hardware,
+        "more_sensors": tuple(
+            (p.name, sensor) for p, sensor in sensors if p is not first.get(p.type)
+        ),
+        "names": tuple(called.values()),
+        "reference": _reference(parsed, label),
+        "actuators": tuple(_actuator(part, label) for part in others),
+        "changes": tuple(_change(part, parsed.slews, label) for part in parsed.changes),
+        "orbit": _orbit(parsed, label),
+        "devices": {"wheels": "actuators"}
+        | {FIRST[kind]: f"sensors.{part.name}" for kind, part in first.items()},
+    }
 
 
-def _names(first: Mapping[str, Any]) -> tuple[str, str]:
-    """What the first rate sensor and the first star tracker are called."""
-    gyro, tracker = Description.names
-    return (
-        first["rate"].name if "rate" in first else gyro,
-        first["attitude"].name if "attitude" in first else tracker,
-    )
+def _require_different(parsed: format_2.Campaign2Part, label: str) -> None:
+    for key in ("actuators", "sensors", "environment", "changes", "slews"):
+        names = [part.name for part in getattr(parsed, key)]
+        for name in (name for name in names if names.count(name) > 1):
+            refuse(label, f"{key}.{name}", "the name is used twice", "give each its own name")
 
 
-def _reference(parsed: Campaign2Part, label: str) -> str | None:
+def _reference(parsed: format_2.Campaign2Part, label: str) -> str | None:
     """The sensor that says it is the reference of frames."""
-    stated = [s for s in parsed.sensors if not isinstance(s, DirectionDevice) and s.reference]
+    stated = [
+        s for s in parsed.sensors if not isinstance(s, format_2.DirectionDevice) and s.reference
+    ]
     for part in stated[1:]:
         what = f"{stated[0].name} is the reference of frames too"
         refuse(label, f"sensors.{part.name}.reference", what, "keep one: its axes are the body's")
@@ -188,9 +168,9 @@ def _reference(parsed: Campaign2Part, label: str) -> str | None:
     return stated[0].name if stated else None
 
 
-def _orbit(parsed: Campaign2Part, label: str) -> tuple[str, str] | None:
+def _orbit(parsed: format_2.Campaign2Part, label: str) -> tuple[str, str] | None:
     """The file of two-line elements and the epoch, if position and field come from them."""
-    orbits = [part for part in parsed.environment if isinstance(part, OrbitDevice)]
+    orbits = [part for part in parsed.environment if isinstance(part, format_2.OrbitDevice)]
     if not orbits:
         return None
     if len(parsed.environment) > 1:
@@ -200,18 +180,14 @@ def _orbit(parsed: Campaign2Part, label: str) -> tuple[str, str] | None:
     return orbits[0].tle, orbits[0].epoch
 
 
-def _require_different(label: str, key: str, names: Sequence[str]) -> None:
-    for name in names:
-        if names.count(name) > 1:
-            refuse(label, f"{key}.{name}", "the name is used twice", "give each its own name")
-
-
-def _sensor(part: RateDevice | AttitudeDevice | DirectionDevice, label: str) -> Any:
+def _sensor(
+    part: format_2.RateDevice | format_2.AttitudeDevice | format_2.DirectionDevice, label: str
+) -> Any:
     """The hardware of a sensor."""
     place = f"sensors.{part.name}"
-    if isinstance(part, DirectionDevice):
+    if isinstance(part, format_2.DirectionDevice):
         return _direction_sensor(part, label, place)
-    if isinstance(part, AttitudeDevice):
+    if isinstance(part, format_2.AttitudeDevice):
         return built(StarTracker, part, label, "star_tracker", place)
     axes = 3 if part.axes is None else len(part.axes)
     if len(part.rate.names) != axes:
@@ -225,7 +201,7 @@ def _sensor(part: RateDevice | AttitudeDevice | DirectionDevice, label: str) -> 
     return built(RateSensor, part, label, "rate_sensor", place)
 
 
-def _direction_sensor(part: DirectionDevice, label: str, place: str) -> DirectionSensor:
+def _direction_sensor(part: format_2.DirectionDevice, label: str, place: str) -> DirectionSensor:
     """A sensor of directions, or of a field where its columns have a unit."""
     if len(part.sigma) not in (1, 3):
         what = f"{len(part.sigma)} numbers for 3 axes"
@@ -244,14 +220,14 @@ def _direction_sensor(part: DirectionDevice, label: str, place: str) -> Directio
     return built(DirectionSensor, part, label, "sensors.direction", place, unit=is_field)
 
 
-def _sensor_entries(parsed: Campaign2Part, first: Mapping[str, Any]) -> list[Entry]:
+def _sensor_entries(parsed: format_2.Campaign2Part, first: Mapping[str, Any]) -> list[Entry]:
     entries = []
     for part in parsed.sensors:
         key = part.type
         field = key if part is first.get(key) else f"more.{part.name}"
         path = f"sensors.{part.name}"
         entries.append(Entry(key, field, getattr(part, key), (f"{path}.{key}",)))
-        if isinstance(part, DirectionDevice) and part.reference is not None:
+        if isinstance(part, format_2.DirectionDevice) and part.reference is not None:
             seen = Entry(
                 "magnetic_field", f"inputs.{part.name}", part.reference, (f"{path}.reference",)
             )
@@ -259,20 +235,12 @@ def _sensor_entries(parsed: Campaign2Part, first: Mapping[str, Any]) -> list[Ent
     return entries
 
 
-def _environment_entries(parsed: Campaign2Part) -> list[Entry]:
-    return [
-        Entry(part.type, FIELDS[part.type], part.vector, (f"environment.{part.name}.vector",))
-        for part in parsed.environment
-        if not isinstance(part, OrbitDevice)
-    ]
-
-
-def _actuator(part: OtherActuator, label: str) -> Actuator:
+def _actuator(part: format_2.OtherActuator, label: str) -> actuators.Actuator:
     """A device beside wheels."""
     more: dict[str, Any] = {}
-    if isinstance(part, TorqueDevice):
+    if isinstance(part, format_2.TorqueDevice):
         more = {"frame": part.torque.frame}
-    if isinstance(part, RotorsDevice):
+    if isinstance(part, format_2.RotorsDevice):
         more = {"angle_sigma": part.gimbal_angle.sigma}
     device = built(_ACTUATORS[type(part)], part, label, **more)
     entry = _input_entry(part, label)
@@ -283,7 +251,9 @@ def _actuator(part: OtherActuator, label: str) -> Actuator:
     return device
 
 
-def _change(part: ChangePart, slews: Sequence[Slew2Part], label: str) -> Change:
+def _change(
+    part: format_2.ChangePart, slews: Sequence[format_2.Slew2Part], label: str
+) -> actuators.Change:
     """A change, dated by the first slew after it or by a time."""
     place = f"changes.{part.name}"
     if (part.slew is None) == (part.time is None):
@@ -299,32 +269,28 @@ def _change(part: ChangePart, slews: Sequence[Slew2Part], label: str) -> Change:
         key = "time" if part.slew is None else "slew"
         refuse(label, f"{place}.{key}", "all slews are on one side of the change", advice)
     try:
-        return Change(part.name, time, part.sigma_fraction, part.part)
+        return actuators.Change(part.name, time, part.sigma_fraction, part.part)
     except CampaignError as error:
         raise error.inside(label) from None
 
 
 # Record of each kind of device, and what its input is measured in.
-_ACTUATORS: Mapping[type, Any] = MappingProxyType(
-    {
-        TorqueDevice: KnownTorque,
-        MagnetorquerDevice: Magnetorquer,
-        ThrusterDevice: Thruster,
-        RotorsDevice: GimballedRotors,
-    }
-)
-_QUANTITIES: Mapping[str, str] = MappingProxyType(
-    {
-        "torque": "wheel_torque",
-        "dipole": "dipole",
-        "on_time": "time",
-        "level": "level",
-        "gimbal_angle": "angle",
-    }
-)
+_ACTUATORS: Mapping[type, Any] = {
+    format_2.TorqueDevice: actuators.KnownTorque,
+    format_2.MagnetorquerDevice: actuators.Magnetorquer,
+    format_2.ThrusterDevice: actuators.Thruster,
+    format_2.RotorsDevice: actuators.GimballedRotors,
+}
+_QUANTITIES: Mapping[str, str] = {
+    "torque": "wheel_torque",
+    "dipole": "dipole",
+    "on_time": "time",
+    "level": "level",
+    "gimbal_angle": "angle",
+}
 
 
-def _input_entry(part: OtherActuator, label: str) -> Entry:
+def _input_entry(part: format_2.OtherActuator, label: str) -> Entry:
     """The one stream of a device beside wheels."""
     place = f"actuators.{part.name}"
     keys = [key for key in _QUANTITIES if getattr(part, key, None) is not None]
@@ -337,7 +303,7 @@ def _input_entry(part: OtherActuator, label: str) -> Entry:
     return Entry(_QUANTITIES[key], f"inputs.{part.name}", getattr(part, key), (f"{place}.{key}",))
 
 
-def _wheel(part: WheelDevice, label: str) -> Wheel:
+def _wheel(part: format_2.WheelDevice, label: str) -> Wheel:
     place, more = f"actuators.{part.name}", {}
     if part.momentum is not None and part.momentum.sigma is not None:
         more = {"momentum_sigma": part.momentum.sigma}
@@ -349,11 +315,11 @@ def _wheel(part: WheelDevice, label: str) -> Wheel:
     return built(Wheel, part, label, f"wheels.{part.name}", place, **more)
 
 
-def _wheel_entries(wheels: Sequence[WheelDevice], label: str) -> list[Entry]:
+def _wheel_entries(wheels: Sequence[format_2.WheelDevice], label: str) -> list[Entry]:
     """Commands and tachometers; wheels that say the same of their columns share an entry."""
     entries = []
     for kind in ("torque", "momentum", "speed"):
-        alike: dict[Any, list[tuple[int, WheelDevice]]] = {}
+        alike: dict[Any, list[tuple[int, format_2.WheelDevice]]] = {}
         for i, part in enumerate(wheels):
             columns = getattr(part, kind)
             if columns is not None:
@@ -370,7 +336,7 @@ def _wheel_entries(wheels: Sequence[WheelDevice], label: str) -> list[Entry]:
     return entries
 
 
-def _check_wheels(wheels: Sequence[WheelDevice], label: str) -> None:
+def _check_wheels(wheels: Sequence[format_2.WheelDevice], label: str) -> None:
     """One measurement of each wheel; commands of all wheels or none, in one table."""
     commanded = [(part.name, part.torque.stream) for part in wheels if part.torque is not None]
     for part in wheels:
@@ -391,7 +357,7 @@ def _check_wheels(wheels: Sequence[WheelDevice], label: str) -> None:
 _TEMPLATE = 'write files = "slew_01_{stream}.csv", or files = { gyro = "gyro_01.csv", ... }'
 
 
-def _tables_of_2(part: Slew2Part, entries: Sequence[Entry], label: str) -> SlewTables:
+def _tables_of_2(part: format_2.Slew2Part, entries: Sequence[Entry], label: str) -> SlewTables:
     """The table of each entry: one for all, or that of its stream."""
     place = f"slews.{part.name}"
     if part.file is None and part.files is None:
@@ -421,7 +387,7 @@ def _tables_of_2(part: Slew2Part, entries: Sequence[Entry], label: str) -> SlewT
 
 
 def _check_streams(
-    part: Slew2Part, entries: Sequence[Entry], files: Mapping[str, str], label: str
+    part: format_2.Slew2Part, entries: Sequence[Entry], files: Mapping[str, str], label: str
 ) -> None:
     """Only streams that a device has, and those of what every slew needs."""
     known = list(dict.fromkeys(entry.columns.stream for entry in entries))

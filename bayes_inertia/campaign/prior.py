@@ -189,12 +189,9 @@ class GaussianPrior:
         GaussianPrior
             With the same mean.
         """
-        require(
-            np.isfinite(relative) and relative >= 0.0,
-            "prior.inflate",
-            f"{relative} is no fraction",
-            "give 0 or more, such as 1e-3",
-        )
+        what = f"{relative} is no fraction"
+        advice = "give 0 or more, such as 1e-3"
+        require(np.isfinite(relative) and relative >= 0.0, "prior.inflate", what, advice)
         moments = [
             m for n, m in zip(self.names, self.mean, strict=True) if n in _MOMENTS and m > 0.0
         ]
@@ -222,7 +219,11 @@ class GaussianPrior:
             "covariance": self.covariance.tolist(),
         }
         ends = {"lower": self.lower, "upper": self.upper}
-        content |= {key: _ends_json(x) for key, x in ends.items() if x is not None}
+        content |= {
+            key: [float(x) if np.isfinite(x) else None for x in values]
+            for key, values in ends.items()
+            if values is not None
+        }
         if self.beyond_sd is not None:
             content["beyond_sd"] = self.beyond_sd.tolist()
         return content | ({"logarithmic": list(self.logarithmic)} if self.logarithmic else {})
@@ -259,11 +260,6 @@ def _elements_of(
     tensors = np.einsum("nki,nk,nkj->nij", turned, moments, turned)
     values = tensors[:, ROWS_OF_ELEMENTS, COLUMNS_OF_ELEMENTS]
     return np.concatenate([np.log(values[:, :3]), values[:, 3:]], 1)
-
-
-def _ends_json(ends: np.ndarray) -> list[float | None]:
-    """Ends, None where there is none."""
-    return [float(x) if np.isfinite(x) else None for x in ends]
 
 
 def prior_from_json(content: Mapping[str, Any], where: str) -> GaussianPrior:
@@ -329,9 +325,7 @@ def _of_summary(content: Mapping[str, Any], where: str) -> Mapping[str, Any]:
         what, advice = f"it holds no {SUMMARY_KEY!r}", "fit that campaign again with this version"
         raise CampaignError(what, where=where, advice=advice)
     if content[SUMMARY_KEY] is None:
-        raise CampaignError(
-            "the result is not trusted: it is no prior",
-            where=where,
-            advice="read its report, and use a result that is trusted",
-        )
+        what = "the result is not trusted: it is no prior"
+        advice = "read its report, and use a result that is trusted"
+        raise CampaignError(what, where=where, advice=advice)
     return content[SUMMARY_KEY]

@@ -136,9 +136,10 @@ def _assembled(
 ) -> Campaign:
     """The campaign of a description, whose tables are asked for by file, columns and slew."""
     slews, dirt = [], []
-    unplaced = [_streams(part, table, parsed) for part in parsed.slews]
+    unplaced = [rows for k in range(len(parsed.slews)) for rows in _streams(k, table, parsed)]
     streams = on_their_clocks(counted_once(unplaced))
-    for part, of_slew in zip(parsed.slews, streams, strict=True):
+    for k, part in enumerate(parsed.slews):
+        of_slew = [rows for rows in streams if rows.slew == k]
         channels, records = _channels(part, of_slew, parsed)
         try:
             parts, unknown = _slews(part, channels, inputs_of(of_slew), parsed, keep_commands)
@@ -175,11 +176,9 @@ def copy_campaign(path: str | Path, folder: str | Path) -> Path:
     wanted = {folder / name: data for name, data in _files(path)}
     for target, data in wanted.items():
         if target.exists() and read_bytes(target) != data:
-            raise OutputError(
-                "would overwrite another file",
-                where=str(target),
-                advice="choose another folder; nothing was overwritten",
-            )
+            what = "would overwrite another file"
+            advice = "choose another folder; nothing was overwritten"
+            raise OutputError(what, where=str(target), advice=advice)
     for target, data in wanted.items():
         make_folder(target.parent)
         write_atomically(target, data)
@@ -221,11 +220,9 @@ def _table_paths(parsed: Description, description: Path) -> dict[str, Path]:
             # Only formats with groups can hold several slews in one file.
             single = path.suffix.lower() in (".csv", ".parquet")
             if single and owners.setdefault(path, part.name) != part.name:
-                raise CampaignError(
-                    f"{reprlib.repr(file)} is the table of two slews",
-                    where=where,
-                    advice="give each slew its own table",
-                )
+                what = f"{reprlib.repr(file)} is the table of two slews"
+                advice = "give each slew its own table"
+                raise CampaignError(what, where=where, advice=advice)
     return paths
 
 
@@ -239,22 +236,21 @@ def _tables(part: SlewTables, table: _TableReader, parsed: Description) -> dict[
     first = min(read, key=lambda entry: entry.field != "rate")
     rated = tables[part.file_of(first) or ""]
     if rated.rows < 2:
-        raise CampaignError(
-            f"{rated.rows} row(s) of telemetry",
-            where=rated.label,
-            advice="a slew needs at least two",
-        )
+        what = f"{rated.rows} row(s) of telemetry"
+        advice = "a slew needs at least two"
+        raise CampaignError(what, where=rated.label, advice=advice)
     return tables
 
 
-def _streams(part: SlewTables, table: _TableReader, parsed: Description) -> list[StreamRows]:
+def _streams(slew: int, table: _TableReader, parsed: Description) -> list[StreamRows]:
     """The streams of a slew, their rows in the order of time."""
+    part = parsed.slews[slew]
     tables = _tables(part, table, parsed)
     streams = []
     for stream in streams_of(part, parsed):
         time, *names = stream.columns
         rows, dirt = ordered_rows(tables[stream.file], time, names)
-        streams.append(StreamRows(stream, rows, tuple(dirt)))
+        streams.append(StreamRows(slew, stream, rows, tuple(dirt)))
     return streams
 
 

@@ -8,49 +8,44 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NoReturn
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal, NoReturn
 
 import numpy as np
 from annotated_types import Len
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic_core import core_schema
 
 from bayes_inertia.errors import CampaignError
 
-UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
-    {
-        "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
-        "wheel_torque": {"N m": 1.0, "mN m": 1e-3, "uN m": 1e-6},
-        "wheel_momentum": {"N m s": 1.0, "mN m s": 1e-3, "uN m s": 1e-6},
-        "wheel_speed": {
-            "rad/s": 1.0,
-            "deg/s": math.pi / 180.0,
-            "rpm": 2.0 * math.pi / 60.0,
-            "Hz": 2.0 * math.pi,  # turns
-        },
-        "rate": {
-            "rad/s": 1.0,
-            "mrad/s": 1e-3,
-            "deg/s": math.pi / 180.0,
-            "deg/h": math.pi / 180.0 / 3600.0,
-        },
-        "magnetic_field": {"T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "G": 1e-4},
-        "position": {"m": 1.0, "km": 1e3},
-        "dipole": {"A m^2": 1.0, "mA m^2": 1e-3},
-        "angle": {"rad": 1.0, "deg": math.pi / 180.0},
-        "level": {"1": 1.0, "%": 0.01},
-    }
-)
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
+    "wheel_torque": {"N m": 1.0, "mN m": 1e-3, "uN m": 1e-6},
+    "wheel_momentum": {"N m s": 1.0, "mN m s": 1e-3, "uN m s": 1e-6},
+    "wheel_speed": {
+        "rad/s": 1.0,
+        "deg/s": math.pi / 180.0,
+        "rpm": 2.0 * math.pi / 60.0,
+        "Hz": 2.0 * math.pi,  # turns
+    },
+    "rate": {
+        "rad/s": 1.0,
+        "mrad/s": 1e-3,
+        "deg/s": math.pi / 180.0,
+        "deg/h": math.pi / 180.0 / 3600.0,
+    },
+    "magnetic_field": {"T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "G": 1e-4},
+    "position": {"m": 1.0, "km": 1e3},
+    "dipole": {"A m^2": 1.0, "mA m^2": 1e-3},
+    "angle": {"rad": 1.0, "deg": math.pi / 180.0},
+    "level": {"1": 1.0, "%": 0.01},
+}
 """For each quantity of a table, the factor from each accepted unit to SI; that of SI is first."""
 DEGREE = UNITS["rate"]["deg/s"]  # [rad]
 
 
 def to_si(values: np.ndarray, quantity: str, unit: str) -> np.ndarray:
-    """Values of a quantity in SI units and radians; infinite where that overflows.
-
-    >>> to_si(np.array([1.5]), "time", "min").tolist()
-    [90.0]
-    """
+    """Values of a quantity in SI units and radians; infinite where that overflows."""
     # An overflow becomes infinite, which the campaign refuses by name.
     with np.errstate(over="ignore"):
         return np.asarray(values, dtype=float) * UNITS[quantity][unit]
@@ -73,29 +68,16 @@ Names = Annotated[list[str], Len(1)]
 Names1 = Annotated[list[str], Len(1, 1)]
 Names3 = Annotated[list[str], Len(3, 3)]
 Names4 = Annotated[list[str], Len(4, 4)]
-# The accepted units are those of the table, so that adding one there is enough.
-if TYPE_CHECKING:  # A type checker cannot evaluate a table.
-    type TimeUnit = str
-    type TorqueUnit = str
-    type MomentumUnit = str
-    type SpeedUnit = str
-    type RateUnit = str
-    type FieldUnit = str
-    type PositionUnit = str
-    type DipoleUnit = str
-    type AngleUnit = str
-    type LevelUnit = str
-else:
-    TimeUnit = Literal[tuple(UNITS["time"])]
-    TorqueUnit = Literal[tuple(UNITS["wheel_torque"])]
-    MomentumUnit = Literal[tuple(UNITS["wheel_momentum"])]
-    SpeedUnit = Literal[tuple(UNITS["wheel_speed"])]
-    RateUnit = Literal[tuple(UNITS["rate"])]
-    FieldUnit = Literal[tuple(UNITS["magnetic_field"])]
-    PositionUnit = Literal[tuple(UNITS["position"])]
-    DipoleUnit = Literal[tuple(UNITS["dipole"])]
-    AngleUnit = Literal[tuple(UNITS["angle"])]
-    LevelUnit = Literal[tuple(UNITS["level"])]
+
+
+@dataclass(frozen=True)
+class UnitOf:
+    """A unit of a quantity, one of those of the table, so that adding one there is enough."""
+
+    quantity: str
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        return core_schema.literal_schema(list(UNITS[self.quantity]))
 
 
 class Part(BaseModel):
@@ -175,7 +157,7 @@ class TimeColumn(Part):
     """`time` of `[columns]`, and of an entry that has its own."""
 
     names: Names1 = Field(description='names = ["..."], one column')
-    unit: TimeUnit
+    unit: Annotated[str, UnitOf("time")]
     offset_s: float = 0.0
     # Whether the sensor samples at regular times although the stamps jitter about them.
     regular: bool = False
@@ -195,7 +177,7 @@ class TorqueColumns(StreamColumns):
     """`wheel_torque` of `[columns]`: one column a wheel."""
 
     names: Names = Field(description='names = ["...", ...], one column a wheel')
-    unit: TorqueUnit
+    unit: Annotated[str, UnitOf("wheel_torque")]
     acts_on: Literal["wheel", "body"]
 
 
@@ -203,7 +185,7 @@ class MomentumColumns(StreamColumns):
     """`wheel_momentum` of `[columns]`: one column a wheel."""
 
     names: Names = Field(description='names = ["...", ...], one column a wheel')
-    unit: MomentumUnit
+    unit: Annotated[str, UnitOf("wheel_momentum")]
     relative_to: Literal["body"]
 
 
@@ -211,7 +193,7 @@ class SpeedColumns(StreamColumns):
     """`wheel_speed` of `[columns]`: one column a wheel."""
 
     names: Names = Field(description='names = ["...", ...], one column a wheel')
-    unit: SpeedUnit
+    unit: Annotated[str, UnitOf("wheel_speed")]
     relative_to: Literal["body"]
 
 
@@ -219,7 +201,7 @@ class RateColumns(StreamColumns):
     """`rate` of `[columns]`: one column a sensor axis."""
 
     names: Names3 = Field(description='names = ["...", "...", "..."], one column a sensor axis')
-    unit: RateUnit
+    unit: Annotated[str, UnitOf("rate")]
 
 
 class AttitudeColumns(StreamColumns):
@@ -236,7 +218,7 @@ class MagneticFieldColumns(StreamColumns):
     """`magnetic_field` of `[columns]`."""
 
     names: Names3 = Field(description='names = ["...", "...", "..."], along the inertial axes')
-    unit: FieldUnit
+    unit: Annotated[str, UnitOf("magnetic_field")]
     frame: Literal["inertial"]
 
 
@@ -244,7 +226,7 @@ class PositionColumns(StreamColumns):
     """`position` of `[columns]`."""
 
     names: Names3 = Field(description='names = ["...", "...", "..."], along the inertial axes')
-    unit: PositionUnit
+    unit: Annotated[str, UnitOf("position")]
     frame: Literal["inertial"]
 
 
@@ -366,12 +348,9 @@ def check_consistency(campaign: CampaignPart, label: str) -> None:
     _check_wheels(campaign, label)
     given = campaign.columns.given()
     if "attitude" in given and campaign.star_tracker is None:
-        refuse(
-            label,
-            "columns.attitude",
-            "attitude columns without a star tracker",
-            "add [star_tracker] with its sigmas, or leave the columns out",
-        )
+        what = "attitude columns without a star tracker"
+        advice = "add [star_tracker] with its sigmas, or leave the columns out"
+        refuse(label, "columns.attitude", what, advice)
     for slew in campaign.slews:
         _check_files(slew, campaign, label)
 
@@ -385,20 +364,14 @@ def _check_wheels(campaign: CampaignPart, label: str) -> None:
     """One measurement of the wheels, one column a wheel."""
     given = campaign.columns.given()
     if "wheel_momentum" in given and "wheel_speed" in given:
-        refuse(
-            label,
-            "columns.wheel_speed",
-            "wheel_momentum is given too",
-            "keep one of the two, they are the same measurement",
-        )
+        what = "wheel_momentum is given too"
+        advice = "keep one of the two, they are the same measurement"
+        refuse(label, "columns.wheel_speed", what, advice)
     for key in _WHEEL_KEYS:
         if key in given and len(given[key].names) != len(campaign.wheels):
-            refuse(
-                label,
-                f"columns.{key}.names",
-                f"{len(given[key].names)} column(s) for {len(campaign.wheels)} [[wheels]]",
-                "name one column a wheel, in the same order",
-            )
+            what = f"{len(given[key].names)} column(s) for {len(campaign.wheels)} [[wheels]]"
+            advice = "name one column a wheel, in the same order"
+            refuse(label, f"columns.{key}.names", what, advice)
 
 
 def _check_files(slew: SlewPart, campaign: CampaignPart, label: str) -> None:
@@ -408,17 +381,11 @@ def _check_files(slew: SlewPart, campaign: CampaignPart, label: str) -> None:
         advice = 'add file = the table of the slew, such as "slew_01.csv"'
         refuse(label, f"{place}.file", "missing key", f"{advice}, or files = {{ rate = ... }}")
     if slew.file is not None and slew.files is not None:
-        refuse(
-            label,
-            f"{place}.files",
-            "file is given too",
-            "keep file (one table) or files (one table for each entry of [columns])",
-        )
+        what = "file is given too"
+        advice = "keep file (one table) or files (one table for each entry of [columns])"
+        refuse(label, f"{place}.files", what, advice)
     for key in () if slew.files is None else type(slew.files).model_fields:
         if slew.file_of(key) is not None and key not in campaign.columns.given():
-            refuse(
-                label,
-                f"{place}.files.{key}",
-                f"[columns] has no {key}",
-                f"say under columns.{key} which columns hold it",
-            )
+            what = f"[columns] has no {key}"
+            advice = f"say under columns.{key} which columns hold it"
+            refuse(label, f"{place}.files.{key}", what, advice)

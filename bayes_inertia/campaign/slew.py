@@ -231,11 +231,7 @@ class Slew:
 
 
 def bad_quaternion(attitude: np.ndarray) -> tuple[int, str] | None:
-    """The first row (n, 4) that is neither empty nor a unit quaternion, and what is wrong; or None.
-
-    >>> bad_quaternion(np.array([[0., 0., 0., 1.], [0., 0., 0., 2.]]))
-    (1, 'the quaternion has length 2, not 1')
-    """
+    """The first row (n, 4) that is neither empty nor a unit quaternion, and what is wrong."""
     with np.errstate(over="ignore"):
         norm = np.linalg.norm(attitude, axis=1)
     given = np.isfinite(attitude).sum(axis=1)
@@ -301,11 +297,9 @@ def _normalised(attitude: np.ndarray, key: str) -> np.ndarray:
     problem = bad_quaternion(attitude)
     if problem is not None:
         row, what = problem
-        raise CampaignError(
-            f"{what} (row {row + 1}: {attitude[row].tolist()})",
-            where=f"key {key}",
-            advice="repair the row or leave all four cells empty",
-        )
+        what = f"{what} (row {row + 1}: {attitude[row].tolist()})"
+        advice = "repair the row or leave all four cells empty"
+        raise CampaignError(what, where=f"key {key}", advice=advice)
     return unit_length(attitude)
 
 

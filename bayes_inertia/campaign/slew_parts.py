@@ -22,19 +22,11 @@ from bayes_inertia.faults.gaps import gap_note, missing_rows
 
 
 def parts_of(slew: Slew, pieces: Sequence[dict[str, np.ndarray]]) -> list[Slew]:
-    """A slew for each piece of its channels, with the inputs of its time; a single one keeps all.
-
-    >>> whole = Slew("a", 100.0, np.arange(4.0))
-    >>> later = parts_of(whole, [{"time": whole.time[:2]}, {"time": whole.time[2:]}])[1]
-    >>> later.name, later.start
-    ('a (part 2 of 2)', 102.0)
-    """
+    """A slew for each piece of its channels, with the inputs of its time; a single one is whole."""
     if not pieces:
-        raise CampaignError(
-            "hardly any row has a known torque",
-            where=f"slews.{slew.name}",
-            advice="record commands or wheel momentum without gaps, or leave the slew out",
-        )
+        what = "hardly any row has a known torque"
+        advice = "record commands or wheel momentum without gaps, or leave the slew out"
+        raise CampaignError(what, where=f"slews.{slew.name}", advice=advice)
     slews = []
     for i, piece in enumerate(pieces):
         later = float(piece["time"][0] - slew.time[0])
@@ -53,29 +45,19 @@ def parts_of(slew: Slew, pieces: Sequence[dict[str, np.ndarray]]) -> list[Slew]:
 
 
 def located(records: Sequence[tuple[Dirt, np.ndarray]], slews: Sequence[Slew]) -> list[Dirt]:
-    """Records with names and rows of the parts of a slew that hold, or are nearest to, their times.
-
-    >>> slew = Slew("a", 0.0, np.arange(4.0))
-    >>> located([(Dirt("gap", "rate", "", (), "ignored"), np.array([1.2]))], [slew])[0].rows
-    (1,)
-    """
+    """Records with names and rows of the parts of a slew that are nearest to their times."""
     dirt = []
     for record, times in records:
         if not len(times):
             dirt += [replace(record, slew=slew.name) for slew in slews]
             continue
-        distances = np.array([_distances(slew, times) for slew in slews])
-        nearest = np.argmin(distances, axis=0)
+        sides = [np.stack([slew.time[0] - times, times - slew.time[-1]]) for slew in slews]
+        nearest = np.argmin([np.maximum(side.max(axis=0), 0.0) for side in sides], axis=0)
         for i in np.unique(nearest).tolist():
             time = slews[i].time
             rows = np.unique(np.searchsorted(0.5 * (time[1:] + time[:-1]), times[nearest == i]))
             dirt.append(replace(record, slew=slews[i].name, rows=tuple(rows.tolist())))
     return dirt
-
-
-def _distances(slew: Slew, times: np.ndarray) -> np.ndarray:
-    """From times to the telemetry of a slew [s]."""
-    return np.maximum(np.maximum(slew.time[0] - times, times - slew.time[-1]), 0.0)
 
 
 Channels = dict[str, np.ndarray]
@@ -85,12 +67,7 @@ MORE, INPUTS = "more.", "inputs."
 
 
 def with_rows_at(channels: Channels, times: np.ndarray, step: float) -> Channels:
-    """Copies of channels that have a row at each of some times (m,) [s], or within `same_row`.
-
-    >>> given = {"time": np.array([0.0, 1.0, 3.0]), "rate": np.ones((3, 1))}
-    >>> with_rows_at(given, np.array([1.0, 2.0]), 1.0)["rate"][:, 0].tolist()
-    [1.0, 1.0, nan, 1.0]
-    """
+    """Copies of channels that have a row at each of some times (m,) [s], or within `same_row`."""
     time = channels["time"]
     first = np.searchsorted(time, times - LIMITS.same_row * step)
     near = time[np.minimum(first, len(time) - 1)] <= times + LIMITS.same_row * step
@@ -110,10 +87,6 @@ def without_intervals(
     """Channels cut where nothing may lead across, without parts that have hardly any rate.
 
     `intervals`: from the last time before to the first time after each cut [s].
-
-    >>> parts = without_intervals({"time": np.arange(30.0)}, [(11.0, 14.0)])
-    >>> [(part["time"][0].item(), len(part["time"])) for part in parts]
-    [(0.0, 12), (14.0, 16)]
     """
     if not intervals:
         return [channels]
@@ -184,7 +157,8 @@ def _unknown_momentum(
     momentum, time = channels["wheel_momentum"], channels["time"]
     rows = np.flatnonzero(np.isfinite(momentum).all(axis=1))
     at = time[rows]
-    fixes = _fix_times(channels)
+    given = [channels[s.field] for s in STREAMS if not s.is_series and s.field in channels]
+    fixes = np.concatenate([time[:0], *(time[np.isfinite(x).all(axis=1)] for x in given)])
     rated = time[np.isfinite(channels.get("rate", time[:, None] * np.nan)).any(axis=1)]
     found = []
     for k in missing_rows(at)[0]:
@@ -195,13 +169,6 @@ def _unknown_momentum(
         if (spanned and bend > limits.angular_impulse) or (rates_inside and sag > limits.momentum):
             found.append((begin, end))
     return found
-
-
-def _fix_times(channels: dict[str, np.ndarray]) -> np.ndarray:
-    attitude = channels.get("attitude")
-    if attitude is None:
-        return np.zeros(0)
-    return channels["time"][np.isfinite(attitude).all(axis=1)]
 
 
 def _bend(at: np.ndarray, momentum: np.ndarray, k: int) -> tuple[float, float]:

@@ -11,16 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bayes_inertia.campaign import schema
 from bayes_inertia.campaign.description import Description, Entry, SlewTables
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.limits import LIMITS
-from bayes_inertia.campaign.schema import (
-    MagneticFieldColumns,
-    PositionColumns,
-    TimeColumn,
-    TorqueColumns,
-    to_si,
-)
 from bayes_inertia.campaign.sensors import BY_KEY, KINDS_BY_KEY
 from bayes_inertia.campaign.sensors.sensor_stream import (
     SensorStream,
@@ -42,7 +36,7 @@ class Stream:
     """Entries of the description that share a table and a clock."""
 
     file: str  # The table, as the description names it
-    time: TimeColumn  # The column of stamps
+    time: schema.TimeColumn  # The column of stamps
     offset_s: float  # True time minus stamp [s]
     entries: tuple[Entry, ...]  # What the columns hold
 
@@ -59,7 +53,7 @@ class Stream:
 
 def streams_of(slew: SlewTables, description: Description) -> list[Stream]:
     """The streams of a slew, in the order of the description."""
-    found: dict[tuple[str, str, str, bool, float], tuple[TimeColumn, list[Entry]]] = {}
+    found: dict[tuple[str, str, str, bool, float], tuple[schema.TimeColumn, list[Entry]]] = {}
     for entry in description.entries:
         file = slew.file_of(entry)
         if file is None:
@@ -78,11 +72,6 @@ def union(streams: Sequence[dict[str, np.ndarray]], label: str) -> dict[str, np.
     """Channels (n, width) of streams on the list of all their times [s], NaN between readings.
 
     Times closer than a nanosecond, or than the rounding of large times, are one time.
-
-    >>> rate = {"time": np.array([0.0, 1.0]), "rate": np.zeros((2, 3))}
-    >>> fix = {"time": np.array([0.5]), "attitude": np.array([[0.0, 0.0, 0.0, 1.0]])}
-    >>> union([rate, fix], "slew 1")["attitude"][:, 3].tolist()
-    [nan, 1.0, nan]
     """
     if len(streams) == 1:
         return dict(streams[0])
@@ -100,11 +89,9 @@ def union(streams: Sequence[dict[str, np.ndarray]], label: str) -> dict[str, np.
         begin += len(rows)
         if np.any(np.diff(rows) == 0):
             at = float(stream["time"][int(np.argmin(np.diff(rows)))])
-            raise CampaignError(
-                f"two rows near the time {at!r} s are closer than {resolution:.1g} s",
-                where=label,
-                advice="count time from the start of the slew, so that its digits suffice",
-            )
+            what = f"two rows near the time {at!r} s are closer than {resolution:.1g} s"
+            advice = "count time from the start of the slew, so that its digits suffice"
+            raise CampaignError(what, where=label, advice=advice)
         for name, values in stream.items():
             if name != "time":
                 empty = np.full((len(joined["time"]), values.shape[1]), np.nan)
@@ -130,6 +117,7 @@ _READINGS = tuple(key for key, stream in BY_KEY.items() if stream.is_series)
 class StreamRows:
     """The rows of one stream of one slew, in the order of time."""
 
+    slew: int  # Which, counted from 0
     stream: Stream  # What the stream holds, and its clock
     table: Table  # Its columns, in the file's own units
     dirt: tuple[Dirt, ...]  # What is wrong with its rows and stamps, without slew
@@ -147,8 +135,8 @@ class StreamRows:
         )
 
 
-def on_their_clocks(slews: Sequence[Sequence[StreamRows]]) -> list[list[StreamRows]]:
-    """All streams at the times of their clocks.
+def on_their_clocks(streams: Sequence[StreamRows]) -> list[StreamRows]:
+    """All streams of all slews at the times of their clocks.
 
     Rounded stamps become those of the regular clock that they were rounded from. Stamps that
     jitter become those of a regular clock where `regular = true` says so, or where the readings of
@@ -156,22 +144,20 @@ def on_their_clocks(slews: Sequence[Sequence[StreamRows]]) -> list[list[StreamRo
 
     Returns: the same with their times, and with a record of what was done.
     """
-    placed = [[_rounded(rows) for rows in streams] for streams in slews]
-    uneven: dict[tuple, list[tuple[int, int]]] = {}
-    for i, streams in enumerate(placed):
-        for k, (rows, record) in enumerate(streams):
-            if record is not None and record.treated == "ignored":
-                stream = rows.stream
-                paths = tuple(entry.path for entry in stream.entries)
-                key = (stream.time.names[0], paths, stream.offset_s)
-                uneven.setdefault(key, []).append((i, k))
-    result = [[rows.at(rows.stamps, record) for rows, record in streams] for streams in placed]
-    for places in uneven.values():
-        slope = _slope([placed[i][k][0] for i, k in places])
-        for i, k in places:
-            rows, record = placed[i][k]
+    placed = [_rounded(rows) for rows in streams]
+    result = [rows.at(rows.stamps, record) for rows, record in placed]
+    uneven: dict[tuple, list[int]] = {}
+    for k, (rows, record) in enumerate(placed):
+        if record is not None and record.treated == "ignored":
+            stream = rows.stream
+            paths = tuple(entry.path for entry in stream.entries)
+            uneven.setdefault((stream.time.names[0], paths, stream.offset_s), []).append(k)
+    for alike in uneven.values():
+        slope = _slope([placed[k][0] for k in alike])
+        for k in alike:
+            rows, record = placed[k]
             assert record is not None
-            result[i][k] = _of_jitter(rows, record, slope)
+            result[k] = _of_jitter(rows, record, slope)
     return result
 
 
@@ -242,29 +228,21 @@ def sensor_of(entry: Entry) -> SensorStream | None:
     return None if entry.field.startswith(INPUTS) else BY_KEY.get(entry.key)
 
 
-def counted_once(slews: Sequence[Sequence[StreamRows]]) -> list[list[StreamRows]]:
+def counted_once(streams: Sequence[StreamRows]) -> list[StreamRows]:
     """All streams with empty cells, and a record, where a reading only repeats the one before."""
-    result = [list(streams) for streams in slews]
-    entries = {
-        entry.path: entry for streams in slews for rows in streams for entry in rows.stream.entries
-    }
+    result = list(streams)
+    entries = {entry.path: entry for rows in streams for entry in rows.stream.entries}
     kinds = list({**BY_KEY, **KINDS_BY_KEY})
     read = [(sensor, entry) for entry in entries.values() if (sensor := sensor_of(entry))]
     for sensor, entry in sorted(read, key=lambda pair: kinds.index(pair[1].key)):
-        places = [
-            (i, k)
-            for i, streams in enumerate(result)
-            for k, rows in enumerate(streams)
-            if entry.path in (e.path for e in rows.stream.entries)
-        ]
-        names = entry.columns.names
-        series = [(result[i][k].stamps, result[i][k].table.stack(names)) for i, k in places]
+        names, path = entry.columns.names, entry.path
+        places = [k for k, r in enumerate(result) if path in [e.path for e in r.stream.entries]]
+        series = [(result[k].stamps, result[k].table.stack(names)) for k in places]
         # A vector is whole or missing.
         by_axis = sensor.is_series and entry.key != "direction"
-        found = held_readings(series, by_axis=by_axis)
-        for (i, k), held in zip(places, found, strict=True):
+        for k, held in zip(places, held_readings(series, by_axis=by_axis), strict=True):
             if held is not None:
-                result[i][k] = _without_repeats(result[i][k], names, held, sensor.name)
+                result[k] = _without_repeats(result[k], names, held, sensor.name)
     return result
 
 
@@ -274,7 +252,7 @@ def _without_repeats(
     """Rows of a stream without the repeats in some of its columns, and with a record of them."""
     repeated = np.flatnonzero(held.repeats.any(axis=1))
     values = np.where(held.repeats, np.nan, rows.table.stack(names))
-    poll = float(to_si(np.median(np.diff(rows.stamps)), "time", rows.stream.time.unit))
+    poll = float(schema.to_si(np.median(np.diff(rows.stamps)), "time", rows.stream.time.unit))
     note = (
         f"{held}: {len(repeated)} of {len(values)} rows repeat the one before and do not count; "
         f"a reading may be up to {poll:.3g} s older than its stamp"
@@ -292,7 +270,7 @@ def stream_from_table(
     A star tracker or an environment whose columns are all empty is left out. `spin_inertias`
     (wheels,) [kg m^2] are for tachometers that tell speeds.
     """
-    time = to_si(table.numbers(stream.time.names[0]), "time", stream.time.unit)
+    time = schema.to_si(table.numbers(stream.time.names[0]), "time", stream.time.unit)
     # Adding nothing would make a zero of -0.0.
     channels = {"time": time + stream.offset_s if stream.offset_s else time}
     for entry in stream.entries:
@@ -328,12 +306,12 @@ def inputs_of(streams: Sequence[StreamRows]) -> dict[str, InputStream]:
 
 
 def _input(table: Table, stream: Stream, entry: Entry) -> InputStream:
-    time = to_si(table.numbers(stream.time.names[0]), "time", stream.time.unit)
+    time = schema.to_si(table.numbers(stream.time.names[0]), "time", stream.time.unit)
     names = entry.columns.names
     refuse_half_empty_rows(table, names, "fill the row, or leave all its cells empty")
     values = table.stack(names)
     # A direction has no unit.
-    values = to_si(values, entry.key, entry.columns.unit) if entry.columns.unit else values
+    values = schema.to_si(values, entry.key, entry.columns.unit) if entry.columns.unit else values
     given = np.isfinite(values).all(axis=1)
     try:
         return InputStream(time[given] + stream.offset_s, values[given], entry.columns.between)
@@ -342,9 +320,9 @@ def _input(table: Table, stream: Stream, entry: Entry) -> InputStream:
         raise CampaignError(error.what, where=where, advice=error.advice) from None
 
 
-def _torque(table: Table, entry: TorqueColumns, time: np.ndarray) -> np.ndarray:
+def _torque(table: Table, entry: schema.TorqueColumns, time: np.ndarray) -> np.ndarray:
     refuse_empty_columns(table, entry.names)
-    values = to_si(table.stack(entry.names), "wheel_torque", entry.unit)
+    values = schema.to_si(table.stack(entry.names), "wheel_torque", entry.unit)
     missing = np.isnan(values).any(axis=1)
     if not is_regular(time[~missing]):
         # A log of changes does not show that a command is missing.
@@ -357,9 +335,9 @@ def _torque(table: Table, entry: TorqueColumns, time: np.ndarray) -> np.ndarray:
 
 
 def _environment(
-    table: Table, entry: MagneticFieldColumns | PositionColumns, key: str
+    table: Table, entry: schema.MagneticFieldColumns | schema.PositionColumns, key: str
 ) -> np.ndarray | None:
     if all_empty(table, entry.names):
         return None
     refuse_half_empty_rows(table, entry.names, "fill all three cells, or leave all three empty")
-    return to_si(table.stack(entry.names), key, entry.unit)
+    return schema.to_si(table.stack(entry.names), key, entry.unit)

@@ -4,49 +4,28 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magnetorquer, Thruster
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import keys_of
+from bayes_inertia.campaign.hardware import DirectionSensor
 from bayes_inertia.campaign.prior import COPY_FILE
 from bayes_inertia.campaign.schema import FORMAT, FORMAT_2
-from bayes_inertia.campaign.sensors import STREAMS, SensorStream
+from bayes_inertia.campaign.sensors import FIRST, SensorStream, streams_of
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import MORE
-from bayes_inertia.campaign.written_devices import (
-    devices,
-    input_tables,
-    more_streams,
-    needs_format_2,
-    streams_for,
-    values_of,
-    word,
-)
 from bayes_inertia.errors import OutputError
 from bayes_inertia.files import write_new_files
 from bayes_inertia.tables.table import Table
 
-# Slew field -> key of [columns], its unit and sense, and its columns (a text: one a wheel).
-_CHANNELS: dict[str, tuple[str, Mapping[str, str], str | Sequence[str]]] = {
-    "wheel_torque": ("wheel_torque", {"unit": "N m", "acts_on": "wheel"}, "u{}_Nm"),
-    # What wheels have first.
-    **{sensor.field: sensor.written for sensor in sorted(STREAMS, key=lambda s: not s.per_wheel)},
-    "magnetic_field_N": (
-        "magnetic_field",
-        {"unit": "T", "frame": "inertial"},
-        ["Bx_N_T", "By_N_T", "Bz_N_T"],
-    ),
-    "position_N": ("position", {"unit": "m", "frame": "inertial"}, ["rx_N_m", "ry_N_m", "rz_N_m"]),
-}
-
-
-_SENSORS = {sensor.field: sensor for sensor in STREAMS}
-_TIME: Mapping[str, Any] = MappingProxyType({"names": ["t_s"], "unit": "s"})
+_TIME: Mapping[str, Any] = {"names": ["t_s"], "unit": "s"}
 
 
 def write_campaign(campaign: Campaign, folder: str | Path) -> Path:
@@ -107,30 +86,37 @@ def _csv(table: Table) -> str:
 
 def content_of(campaign: Campaign) -> tuple[str, dict[str, Table]]:
     """The text of a campaign's description, and its tables by file."""
-    columns = _columns(campaign)
+    channels = written_channels(campaign)
     if needs_format_2(campaign):
-        return _content_2(campaign, columns)
+        return _content_2(campaign, channels)
     files = numbered(len(campaign.slews), "slew_{}.csv")
-    tables = {f: _table_of(slew, columns) for f, slew in zip(files, campaign.slews, strict=True)}
-    return _toml(campaign, columns, files), tables
+    slews = list(zip(campaign.slews, files, strict=True))
+    parts = {
+        **_head(campaign, FORMAT),
+        # A wheel that is not running is said in format 2.
+        "wheels": [keys_of(wheel) | {"state": None} for wheel in campaign.wheels],
+        "rate_sensor": keys_of(campaign.rate_sensor),
+        "star_tracker": keys_of(campaign.star_tracker),
+        "columns": {"time": _TIME}
+        | {channel.key: {"names": channel.names, **channel.sense} for channel in channels},
+        "slews": [_slew(slew, file, channels) for slew, file in slews],
+    }
+    return toml_text(parts), {file: _table_of(slew, channels) for slew, file in slews}
 
 
-def _content_2(campaign: Campaign, columns: dict[str, list[str]]) -> tuple[str, dict[str, Table]]:
+def _content_2(campaign: Campaign, channels: Sequence[Written]) -> tuple[str, dict[str, Table]]:
     """The same in format 2."""
-    partial = {c for c in columns if any(c not in _columns_of(s, columns) for s in campaign.slews)}
-    streams = streams_for(campaign, columns, partial)
-    more = {c: (s.written[0], s.written[1]) for c, s in more_streams(campaign).items()}
-    senses = {channel: said[:2] for channel, said in _CHANNELS.items()} | more
+    streams = streams_for(campaign, channels)
     slews, tables = [], {}
     for slew, number in zip(campaign.slews, numbered(len(campaign.slews), "{}"), strict=True):
-        own = _columns_of(slew, columns)
-        slews.append({**_slew_part(slew), **streams.files(number, list(own))})
-        tables[streams.telemetry_file(number)] = _table_of(slew, columns)
+        own = [channel for channel in channels if channel.in_table(slew)]
+        slews.append({**_slew_part(slew), **streams.files(number, own)})
+        tables[streams.telemetry_file(number)] = _table_of(slew, channels)
         tables |= input_tables(slew, streams, number)
     parts = {
         **_head(campaign, FORMAT_2),
         "time": _TIME,
-        **devices(campaign, columns, senses, streams),
+        **devices(campaign, channels, streams),
         "slews": slews,
     }
     return toml_text(parts), tables
@@ -153,107 +139,30 @@ def numbered(count: int, name: str) -> list[str]:
     return [name.format(f"{i:0{digits}d}") for i in range(1, count + 1)]
 
 
-def _columns(campaign: Campaign) -> dict[str, list[str]]:
-    """The channels that the campaign has, with the names of their columns."""
-    more = more_streams(campaign)
-    columns: dict[str, list[str]] = {}
-    for channel in (*_CHANNELS, *more):
-        sensor = more.get(channel) or _SENSORS.get(channel)
-        names = [] if channel in more else _CHANNELS[channel][2]
-        having = [slew for slew in campaign.slews if _has(slew, channel, sensor)]
-        per_wheel = isinstance(names, str)
-        if (
-            not having
-            or (per_wheel and not campaign.wheels)
-            or (sensor is not None and not sensor.sigma(campaign))
-        ):
-            continue
-        for slew in having:
-            _refuse_what_reading_refuses(slew, channel, sensor)
-        width = np.asarray(values_of(having[0], channel)).shape[1]
-        if isinstance(names, str):
-            columns[channel] = [names.format(i + 1) for i in range(len(campaign.wheels))]
-        elif len(names) == width:
-            columns[channel] = list(names)
-        else:
-            begin = word(channel.removeprefix(MORE))
-            columns[channel] = [f"{begin}_{i + 1}" for i in range(width)]
-    return columns
-
-
-def _has(slew: Slew, channel: str, sensor: SensorStream | None) -> bool:
-    """Whether a slew has a channel; fixes and environment without a number count as absent."""
-    values = values_of(slew, channel)
-    may_be_empty = channel.endswith("_N") or not (sensor is None or sensor.is_series)
-    return values is not None and not (may_be_empty and np.isnan(values).all())
-
-
-def _refuse_what_reading_refuses(slew: Slew, channel: str, sensor: SensorStream | None) -> None:
-    """Raise `OutputError` for gaps in a channel that cannot be read back."""
-    empty = np.isnan(np.asarray(values_of(slew, channel)))
-    if sensor is not None and sensor.is_series and empty.all(axis=0).any():
-        raise OutputError(
-            f"{channel} has no number in column {int(np.argmax(empty.all(axis=0))) + 1}",
-            where=f"slew {slew.name}",
-            advice="leave the channel or the slew out",
-        )
-    if channel.endswith("_N") and (empty.any(axis=1) != empty.all(axis=1)).any():
-        row = int(np.argmax(empty.any(axis=1) != empty.all(axis=1)))
-        raise OutputError(
-            f"{channel} has a gap in row {row + 1}",
-            where=f"slew {slew.name}",
-            advice="fill it, or leave the row of the channel empty",
-        )
-
-
-def _columns_of(slew: Slew, columns: dict[str, list[str]]) -> dict[str, list[str]]:
-    """The columns of a slew's table; of wheels and further sensors only where the slew has it."""
-    return {
-        channel: names
-        for channel, names in columns.items()
-        if not channel.startswith(("wheel", MORE)) or _has(slew, channel, _SENSORS.get(channel))
-    }
-
-
-def _table_of(slew: Slew, columns: dict[str, list[str]]) -> Table:
+def _table_of(slew: Slew, channels: Sequence[Written]) -> Table:
     made = {"t_s": slew.time}
-    for channel, names in _columns_of(slew, columns).items():
-        values = values_of(slew, channel)
-        if channel == "wheel_torque" and values is not None and slew.lost_command is not None:
+    for channel in (channel for channel in channels if channel.in_table(slew)):
+        values = channel.values(slew)
+        if (
+            channel.channel == "wheel_torque"
+            and values is not None
+            and slew.lost_command is not None
+        ):
             values = np.where((slew.lost_command > 0)[:, None], np.nan, values)
         if values is None:
-            values = np.full((len(slew.time), len(names)), np.nan)
-        made |= dict(zip(names, values.T, strict=True))
+            values = np.full((len(slew.time), len(channel.names)), np.nan)
+        made |= dict(zip(channel.names, values.T, strict=True))
     return Table.of(slew.name, made)
 
 
-def _toml(campaign: Campaign, columns: dict[str, list[str]], files: list[str]) -> str:
-    """The text of campaign.toml."""
-    entries = {"time": _TIME}
-    for channel, names in columns.items():
-        key, sense, _ = _CHANNELS[channel]
-        entries[key] = {"names": names, **sense}
-    return toml_text(
-        {
-            **_head(campaign, FORMAT),
-            # A wheel that is not running is said in format 2.
-            "wheels": [keys_of(wheel) | {"state": None} for wheel in campaign.wheels],
-            "rate_sensor": keys_of(campaign.rate_sensor),
-            "star_tracker": keys_of(campaign.star_tracker),
-            "columns": entries,
-            "slews": [_slew(s, f, columns) for s, f in zip(campaign.slews, files, strict=True)],
-        }
-    )
-
-
-def _slew(slew: Slew, file: str, columns: dict[str, list[str]]) -> dict[str, Any]:
-    own = _columns_of(slew, columns)
-    whole = len(own) == len(columns)
+def _slew(slew: Slew, file: str, channels: Sequence[Written]) -> dict[str, Any]:
+    own = [channel for channel in channels if channel.in_table(slew)]
+    whole = len(own) == len(channels)
     return {
         "name": slew.name,
         "file": file if whole else None,
         **_slew_part(slew),
-        "files": None if whole else {_CHANNELS[channel][0]: file for channel in own},
+        "files": None if whole else {channel.key: file for channel in own},
     }
 
 
@@ -315,3 +224,255 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list):
         return [_plain(inner) for inner in value]
     return np.asarray(value, dtype=float).tolist()
+
+
+# The stream of all that every slew has on its own list of times.
+TELEMETRY = "telemetry"
+
+
+def needs_format_2(campaign: Campaign) -> bool:
+    """Whether a campaign holds what format 1 has no keys for."""
+    sensor = campaign.rate_sensor
+    return bool(
+        campaign.more_sensors
+        or campaign.actuators
+        or campaign.changes
+        or campaign.reference
+        or any(wheel.state != "running" for wheel in campaign.wheels)
+        or sensor is None
+        or len(sensor.axes) != 3
+    )
+
+
+def word(name: str) -> str:
+    """A device's name as part of the names of files and columns."""
+    return re.sub(r"\W+", "_", name)
+
+
+@dataclass(frozen=True)
+class Written:
+    """A channel, as tables and descriptions hold it."""
+
+    channel: str  # Field of `Slew`; "more.NAME" of a further sensor
+    key: str  # Entry of `[columns]`, and what a device of format 2 calls it
+    sense: Mapping[str, str]  # Its unit and sense
+    names: str | Sequence[str]  # Its columns; a text: one a wheel
+    sensor: SensorStream | None = None
+
+    @property
+    def is_series(self) -> bool:
+        """Whether every row should hold a number, not fixes or the environment alone."""
+        return self.sensor.is_series if self.sensor else self.key == "wheel_torque"
+
+    def values(self, slew: Slew) -> np.ndarray | None:
+        """Numbers (n, columns) of a slew; fixes and environment without any count as absent."""
+        values = self.sensor.of(slew) if self.sensor else getattr(slew, self.channel)
+        absent = values is None or (not self.is_series and np.isnan(values).all())
+        return None if absent else np.asarray(values)
+
+    def in_table(self, slew: Slew) -> bool:
+        """Whether the slew's table has the columns; of wheels and further sensors it may lack."""
+        may_lack = self.key.startswith("wheel") or bool(self.sensor and not self.sensor.field)
+        return not may_lack or self.values(slew) is not None
+
+
+_TORQUE = Written("wheel_torque", "wheel_torque", {"unit": "N m", "acts_on": "wheel"}, "u{}_Nm")
+_FIELD_NAMES, _POSITION_NAMES = ("Bx_N_T", "By_N_T", "Bz_N_T"), ("rx_N_m", "ry_N_m", "rz_N_m")
+_ENVIRONMENT = (
+    Written("magnetic_field_N", "magnetic_field", {"unit": "T", "frame": "inertial"}, _FIELD_NAMES),
+    Written("position_N", "position", {"unit": "m", "frame": "inertial"}, _POSITION_NAMES),
+)
+
+
+def written_channels(campaign: Campaign) -> list[Written]:
+    """The channels that a campaign has, in the order of their columns; refused where one has gaps
+    that cannot be read back.
+    """
+    first: list[Written] = []
+    more: list[Written] = []
+    for sensor in streams_of(campaign):
+        if sensor.sigma(campaign):
+            channel = Written(sensor.field or MORE + sensor.name, *sensor.written, sensor)
+            (first if sensor.field else more).append(channel)
+    # What wheels have first.
+    first.sort(key=lambda channel: not isinstance(channel.names, str))
+    found = []
+    for channel in (_TORQUE, *first, *_ENVIRONMENT, *more):
+        having = [slew for slew in campaign.slews if channel.values(slew) is not None]
+        wheels = len(campaign.wheels)
+        if not having or (isinstance(channel.names, str) and not wheels):
+            continue
+        for slew in having:
+            _refuse_what_reading_refuses(slew, channel)
+        width = np.asarray(channel.values(having[0])).shape[1]
+        names = channel.names
+        if isinstance(names, str):
+            names = [names.format(i + 1) for i in range(wheels)]
+        elif len(names) != width or channel in more:
+            names = [f"{word(channel.channel.removeprefix(MORE))}_{i + 1}" for i in range(width)]
+        found.append(replace(channel, names=list(names)))
+    return found
+
+
+def _refuse_what_reading_refuses(slew: Slew, channel: Written) -> None:
+    """Raise `OutputError` for gaps in a channel that cannot be read back."""
+    empty, where = np.isnan(np.asarray(channel.values(slew))), f"slew {slew.name}"
+    if channel.sensor is not None and channel.is_series and empty.all(axis=0).any():
+        column = int(np.argmax(empty.all(axis=0))) + 1
+        what = f"{channel.channel} has no number in column {column}"
+        raise OutputError(what, where=where, advice="leave the channel or the slew out")
+    some = empty.any(axis=1) != empty.all(axis=1)
+    if not channel.sensor and not channel.is_series and some.any():
+        what = f"{channel.channel} has a gap in row {int(np.argmax(some)) + 1}"
+        advice = "fill it, or leave the row of the channel empty"
+        raise OutputError(what, where=where, advice=advice)
+
+
+@dataclass(frozen=True)
+class Streams:
+    """Which stream each channel and each device's input is of."""
+
+    # By channel: `TELEMETRY`, or a stream of its own where some slews lack it
+    channels: Mapping[str, str]
+    inputs: Mapping[str, str]  # By device
+
+    @property
+    def one_table(self) -> bool:
+        """Whether every slew has all channels, in one table."""
+        return set(self.channels.values()) <= {TELEMETRY}
+
+    def files(self, number: str, own: Sequence[Written]) -> dict[str, Any]:
+        """`file` or `files` of a slew: `own`, the channels that it has."""
+        if self.one_table and not self.inputs:
+            return {"file": f"slew_{number}.csv"}
+        if self.one_table:
+            return {"files": f"slew_{number}_{{stream}}.csv"}
+        streams = dict.fromkeys(self.channels[channel.channel] for channel in own)
+        table = dict.fromkeys(streams, self.telemetry_file(number))
+        inputs = {stream: f"slew_{number}_{stream}.csv" for stream in self.inputs.values()}
+        return {"files": table | inputs}
+
+    def telemetry_file(self, number: str) -> str:
+        """The table of all channels of a slew."""
+        alone = self.one_table and not self.inputs
+        return f"slew_{number}.csv" if alone else f"slew_{number}_{TELEMETRY}.csv"
+
+
+def streams_for(campaign: Campaign, channels: Sequence[Written]) -> Streams:
+    """The streams of a campaign: those of all channels, and one for what some slews lack."""
+    whole = [c for c in channels if all(c.in_table(slew) for slew in campaign.slews)]
+    streams = {
+        c.channel: TELEMETRY if c in whole else word(c.channel.removeprefix(MORE)) for c in channels
+    }
+    taken = {TELEMETRY, *streams.values()}
+    inputs: dict[str, str] = {}
+    seen = {name for slew in campaign.slews for name in slew.inputs or ()}
+    names = [device.name for device in campaign.actuators]
+    names += [name for name, _ in campaign.more_sensors if name in seen]
+    for k, name in enumerate(names):
+        inputs[name] = f"{word(name)}_{k + 1}" if word(name) in taken else word(name)
+        taken.add(inputs[name])
+    return Streams(streams, inputs)
+
+
+def input_tables(slew: Slew, streams: Streams, number: str) -> dict[str, Table]:
+    """The tables of a slew's inputs, by file."""
+    unknown = sorted(set(slew.inputs or ()) - set(streams.inputs))
+    if unknown:
+        what = f"the input {unknown[0]!r} belongs to no device"
+        advice = "leave it out: a campaign folder holds inputs of [[actuators]] only"
+        raise OutputError(what, where=f"slew {slew.name}", advice=advice)
+    tables = {}
+    for device, stream in streams.inputs.items():
+        if device not in (slew.inputs or {}):
+            what, advice = f"{device} has no input here", "give it in every slew"
+            raise OutputError(what, where=f"slew {slew.name}", advice=advice)
+        given = (slew.inputs or {})[device]
+        columns = {f"{stream}_{k + 1}": column for k, column in enumerate(given.values.T)}
+        columns = {"t_s": given.time, **columns}
+        tables[f"slew_{number}_{stream}.csv"] = Table.of(slew.name, columns)
+    return tables
+
+
+def devices(
+    campaign: Campaign, channels: Sequence[Written], streams: Streams
+) -> dict[str, list[dict[str, Any]]]:
+    """Devices, sensors, environment and changes of format 2."""
+    entries = {
+        c.channel: {"stream": streams.channels[c.channel], "names": list(c.names), **c.sense}
+        for c in channels
+    }
+    return {
+        "actuators": [
+            *(_wheel(campaign, k, entries) for k in range(len(campaign.wheels))),
+            *(_actuator(campaign, device, streams) for device in campaign.actuators),
+        ],
+        "sensors": [
+            _sensor(campaign, c.sensor, entries[c.channel], streams)
+            for c in channels
+            if c.sensor and c.sensor.hardware(campaign)
+        ],
+        "environment": [
+            {"name": c.key.replace("_", " "), "type": c.key, "vector": entries[c.channel]}
+            for c in channels
+            if not c.sensor and not c.is_series
+        ],
+        "changes": [dict(vars(change)) for change in campaign.changes],
+    }
+
+
+def _wheel(campaign: Campaign, k: int, entries: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    wheel = campaign.wheels[k]
+    part = {"name": wheel.name, "type": "wheel", **keys_of(wheel)}
+    part["state"] = None if wheel.state == "running" else wheel.state
+    for channel, key in (("wheel_torque", "torque"), ("wheel_momentum", "momentum")):
+        if channel in entries:
+            part[key] = {**entries[channel], "names": [entries[channel]["names"][k]]}
+    if "momentum" in part and wheel.momentum_sigma is not None:
+        part["momentum"]["sigma"] = part.pop("momentum_sigma")
+    return part
+
+
+def _sensor(
+    campaign: Campaign, sensor: SensorStream, entry: Mapping[str, Any], streams: Streams
+) -> dict[str, Any]:
+    hardware, key = sensor.hardware(campaign), sensor.written[0]
+    first = dict(zip(FIRST, campaign.names, strict=True))
+    name = first[key] if sensor.field else sensor.name
+    stated, said = keys_of(hardware), dict(entry)
+    if isinstance(hardware, DirectionSensor):
+        unit = {"unit": "T"} if stated.pop("unit") else {}
+        said |= {"frame": "body", **unit}
+        if name in streams.inputs:
+            stream = streams.inputs[name]
+            names = [f"{stream}_{k + 1}" for k in range(3)]
+            seen = {"stream": stream, "names": names, "frame": "inertial", **unit}
+            stated["reference"] = seen
+    stated |= {"reference": True} if name == campaign.reference else {}
+    return {"name": name, "type": key, **stated, key: said}
+
+
+def _actuator(campaign: Campaign, device: Any, streams: Streams) -> dict[str, Any]:
+    kinds = {(slew.inputs or {})[device.name].between for slew in campaign.slews}
+    if len(kinds) > 1:
+        what = f"the input of {device.name!r} is {' in one slew, '.join(sorted(kinds))} in another"
+        advice = "give it one form in all slews: a campaign folder says it once"
+        raise OutputError(what, where=f"campaign {campaign.name}", advice=advice)
+    between, stream, stated = kinds.pop(), streams.inputs[device.name], keys_of(device)
+    kind, key, unit = _INPUTS[type(device)]
+    names = [f"{stream}_{k + 1}" for k in range(device.columns)]
+    frame = {"frame": stated.pop("frame")} if "frame" in stated else {}
+    sigma = {"sigma": stated.pop("angle_sigma")} if "angle_sigma" in stated else {}
+    said = {"stream": stream, "names": names, "unit": unit, **frame, "between": between, **sigma}
+    if between == "on_time":
+        key, said = between, {"stream": stream, "names": names, "unit": "s"}
+    return {"name": stated.pop("name"), "type": kind, **stated, key: said}
+
+
+# Of each device: its type, and the key and unit of its input.
+_INPUTS: Mapping[type, tuple[str, str, str]] = {
+    KnownTorque: ("torque", "torque", "N m"),
+    Magnetorquer: ("magnetorquer", "dipole", "A m^2"),
+    Thruster: ("thruster", "level", "1"),
+    GimballedRotors: ("gimballed_rotors", "gimbal_angle", "rad"),
+}

@@ -55,11 +55,7 @@ def mistakes(campaign: Campaign, columns: Columns) -> list[Mistake]:
 
 
 def listed(values: np.ndarray) -> list:
-    """An array as campaign.toml writes it.
-
-    >>> listed(-np.eye(2))
-    [[-1.0, 0.0], [0.0, -1.0]]
-    """
+    """An array as campaign.toml writes it."""
     if values.ndim > 1:
         return [listed(row) for row in values]
     # Twelve digits undo the rounding of a factor such as 1e-4.

@@ -52,6 +52,7 @@ from bayes_inertia.conventions.reading import (
     Reading,
     as_written,
     in_words,
+    readings_of,
     stated_columns,
     stated_reading,
 )
@@ -73,7 +74,11 @@ def what_mends(
     mending, clock = judgement.remedies, Clocks()
     if not mending:
         clock = clocks(misfits, judgement.reading, columns)
-        mending = _of_clocks(misfits, judgement.reading, clock)
+        mending = tuple(
+            remedy
+            for remedy in clock.remedies
+            if shifted_misfit(misfits, judgement.reading, remedy) < LIMITS.ordinary
+        )
     # Two mistakes at once are less likely than one in a stream.
     first = mending[0].mistake if mending else None
     if first is None or (len(first.changes) > 1 and first not in singles):
@@ -106,15 +111,6 @@ def _of_factor(
     before, after = (worst(misfits.of(r)) for r in (reading, mistake.mend(reading)))
     mends = after < min(LIMITS.pair_ordinary, before / LIMITS.improvement)
     return (Remedy(mistake, before, after),) if mends else ()
-
-
-def _of_clocks(misfits: Misfits, reading: Reading, clock: Clocks) -> tuple[Remedy, ...]:
-    """Wrong clocks whose mending makes all laws hold."""
-    return tuple(
-        remedy
-        for remedy in clock.remedies
-        if shifted_misfit(misfits, reading, remedy) < LIMITS.ordinary
-    )
 
 
 FORMAT = "bayes-inertia-doctor/1"
@@ -273,7 +269,10 @@ def check_conventions(
 def _suspect(written: Campaign, masked: Campaign) -> bool:
     """Whether so many readings are unbelievable that their unit may be to blame."""
     for channel in ("rate", "wheel_momentum"):
-        before, after = (_all_readings(c, channel) for c in (written, masked))
+        before, after = (
+            np.concatenate([np.zeros(0), *map(np.ravel, readings_of(c, channel))])
+            for c in (written, masked)
+        )
         count = np.isfinite(before).sum()
         few = np.isfinite(after).sum() < LIMITS.believable_share * count
         if few and np.nanmax(np.abs(before)) < LIMITS.largest_number:
@@ -281,21 +280,14 @@ def _suspect(written: Campaign, masked: Campaign) -> bool:
     return False
 
 
-def _all_readings(campaign: Campaign, channel: str) -> np.ndarray:
-    readings = [getattr(slew, channel) for slew in campaign.slews]
-    return np.concatenate([np.zeros(0), *(np.ravel(r) for r in readings if r is not None)])
-
-
 def refuse_impossible(campaign: Campaign | str | Path, told: Teller = _untold) -> ConventionsCheck:
     """Raise an error if data are impossible as stated; quick where they are not."""
     check = check_conventions(campaign, told, quick=True)
     if check.verdict == "wrong":
         where = "" if isinstance(campaign, Campaign) else str(description_path(campaign))
-        raise CampaignError(
-            f"{check.sentence}\nMend the description",
-            where=where,
-            advice="`bayes-inertia doctor CAMPAIGN` says more, --anyway goes on nevertheless",
-        )
+        what = f"{check.sentence}\nMend the description"
+        advice = "`bayes-inertia doctor CAMPAIGN` says more, --anyway goes on nevertheless"
+        raise CampaignError(what, where=where, advice=advice)
     return check
 
 

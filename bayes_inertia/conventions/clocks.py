@@ -358,12 +358,7 @@ def _shift(data: LawData) -> tuple[float, float]:
 
 
 def gross_lateness(campaign: Campaign, lag: bool) -> float:
-    """The lateness beyond which a clock is wrong [s]; `lag`: of wheels, which follow commands late.
-
-    >>> from bayes_inertia.physics.small_campaign import small_campaign
-    >>> gross_lateness(small_campaign(), True) > gross_lateness(small_campaign(), False)
-    True
-    """
+    """Lateness beyond which a clock is wrong [s]; `lag`: of wheels, which follow commands late."""
     sd = (LIMITS.lag_share if lag else LIMITS.late_share) * campaign.scale_of_motion()[1]
     if lag:
         return LIMITS.late_sds * sd

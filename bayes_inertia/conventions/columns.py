@@ -7,7 +7,8 @@ noise is dead, and two columns that agree in their noise are one.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations, product
 from typing import Any
 
@@ -17,7 +18,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import axis_names
 from bayes_inertia.conventions.laws import Misfits, worst
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.reading import Columns, Mistake, Reading
+from bayes_inertia.conventions.reading import Columns, Mistake, Reading, readings_of
 from bayes_inertia.conventions.search import Remedy
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 from bayes_inertia.faults.noise import smooth_noise
@@ -48,37 +49,29 @@ def _streams(campaign: Campaign, columns: Columns) -> list[_Stream]:
     speed = "wheel_speed" if "wheel_speed" in columns else "wheel_momentum"
     sensor = campaign.rate_sensor
     noise_of_axes = sensor.sigma if sensor else ()
-    return [
-        _Stream(campaign, channel, columns, key, called, of, noise)
-        for channel, key, called, of, noise in (
-            ("rate", "rate", "the rate about", axis_names(sensor), noise_of_axes),
-            ("wheel_momentum", speed, "the tachometer of", wheels, sigma),
-            ("wheel_torque", "wheel_torque", "the command of", wheels, sigma),
-        )
-    ]
-
-
-class _Stream:
-    """The readings of all slews of one stream, column by column, and what they are called."""
-
-    def __init__(
-        self,
-        campaign: Campaign,
-        channel: str,
-        columns: Columns,
-        key: str,
-        called: str,
-        of: Sequence[str],
-        sigma: Sequence[float | None],
+    streams = []
+    for channel, key, called, of, noise in (
+        ("rate", "rate", "the rate about", axis_names(sensor), noise_of_axes),
+        ("wheel_momentum", speed, "the tachometer of", wheels, sigma),
+        ("wheel_torque", "wheel_torque", "the command of", wheels, sigma),
     ):
-        given = [getattr(slew, channel) for slew in campaign.slews]
-        self.slews = [np.asarray(values) for values in given if values is not None]
-        self.values = np.concatenate([np.zeros((0, len(of))), *self.slews])
-        names = columns.get(key, {}).get("names", of)
-        self.names = [
-            f"{called} {o} (columns.{key}.names, {n})" for o, n in zip(of, names, strict=True)
-        ]
-        self.sigma = sigma
+        stated = zip(of, columns.get(key, {}).get("names", of), strict=True)
+        names = [f"{called} {axis} (columns.{key}.names, {name})" for axis, name in stated]
+        streams.append(_Stream(readings_of(campaign, channel), names, noise))
+    return streams
+
+
+@dataclass(frozen=True, eq=False)
+class _Stream:
+    """The readings of all slews of one stream, what its columns are called, and their noise."""
+
+    slews: list[np.ndarray]
+    names: list[str]
+    sigma: Sequence[float | None]
+
+    @cached_property
+    def values(self) -> np.ndarray:
+        return np.concatenate([np.zeros((0, len(self.names))), *self.slews])
 
     def column(self, k: int) -> np.ndarray:
         return self.values[np.isfinite(self.values[:, k]), k]
@@ -198,8 +191,7 @@ def without_sign(misfits: Misfits, reading: Reading, before: float) -> Remedy | 
 def _unsigned(campaign: Campaign, field: str) -> np.ndarray:
     """Which wheels' columns hold no negative number, but positive ones."""
     channel = "wheel_momentum" if field == "momentum" else "wheel_torque"
-    given = [getattr(slew, channel) for slew in campaign.slews]
-    values = np.concatenate([np.asarray(v) for v in given if v is not None])
+    values = np.concatenate(readings_of(campaign, channel))
     return (np.nanmin(values, axis=0) >= 0.0) & (np.nanmax(values, axis=0) > 0.0)
 
 

@@ -117,7 +117,9 @@ class Factors:
             return None
         factors = np.array([_rounded(value) for value in self.values])
         changes = tuple(
-            KeyChange(f"wheels.{w.name}.spin_inertia", w.spin_inertia, _digits(w.spin_inertia / f))
+            KeyChange(
+                f"wheels.{w.name}.spin_inertia", w.spin_inertia, float(f"{w.spin_inertia / f:.3g}")
+            )
             for w, f in zip(campaign.wheels, factors, strict=True)
             if f != 1.0
         )
@@ -140,10 +142,6 @@ def _rounded(factor: float) -> float:
         if near != 0.0 and abs(whole / near - 1.0) < LIMITS.one_factor:
             return float(near if whole == factor else 1.0 / near)
     return factor
-
-
-def _digits(value: float) -> float:
-    return float(f"{value:.3g}")
 
 
 def factors(misfits: Misfits, reading: Reading) -> Factors | None:
@@ -302,7 +300,7 @@ def _rest_rates(misfits: Misfits, reading: Reading) -> np.ndarray:
         rows = np.flatnonzero(slews.fixes[k])
         for first, last in _rests(rows, speed[k] < limit):
             seconds = slews.time[k, last] - slews.time[k, first]
-            q = slews.attitude[k, [first, last]] @ reading.attitude.T
+            q = slews.seen(reading)[k, [first, last]]
             path = moving.path[k, [first, last]]
             turned = angle_of(composed(turned_back(path[0]), path[1]))
             true = angle_of(composed(turned_back(q[0]), q[1]))

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -216,8 +215,8 @@ def closure(told: Told) -> LawData | None:
     if not some.any():
         return None
     moving, fixes = told.motion, fixes[some]
-    attitude = np.where(fixes[..., None], told.slews.attitude[some], [0.0, 0.0, 0.0, 1.0])
-    attitude = attitude @ told.reading.attitude.T
+    attitude = told.slews.seen(told.reading)[some]
+    attitude = np.where(fixes[..., None], attitude, [0.0, 0.0, 0.0, 1.0])
     path = moving.path[some]
     # The attitude of the first moment that each fix implies: one and the same if all is right.
     start = composed(attitude, turned_back(path))
@@ -229,7 +228,8 @@ def closure(told: Told) -> LawData | None:
     size = np.maximum(_deviation(seen, fixes), _deviation(integrated, fixes))
     tracker = told.campaign.star_tracker
     noise = 0.0 if tracker is None else np.hypot(tracker.sigma_cross, tracker.sigma_roll)
-    sds = np.where(np.eye(3, dtype=bool), _scale_sd(told), LIMITS.misalignment_sd).ravel()
+    scale_sd = np.maximum(LIMITS.scale_sd, told.campaign.gyro.scale_factor_sigma)
+    sds = np.where(np.eye(3, dtype=bool), scale_sd, LIMITS.misalignment_sd).ravel()
     bias = _bias_sd(told)
     regressors = np.concatenate([moving.by_scale * sds, moving.by_bias * bias], axis=-1)[some]
     free = np.broadcast_to(np.eye(3), (*error.shape, 3))
@@ -250,10 +250,6 @@ def _integrated_noise(told: Told) -> np.ndarray:
 
 def _at(quaternions: np.ndarray, first: np.ndarray) -> np.ndarray:
     return quaternions[np.arange(len(quaternions)), first][:, None]
-
-
-def _scale_sd(told: Told) -> np.ndarray:
-    return np.maximum(LIMITS.scale_sd, told.campaign.gyro.scale_factor_sigma)
 
 
 def _bias_sd(told: Told) -> np.ndarray:
@@ -417,9 +413,11 @@ def _each_wheel(values: np.ndarray) -> np.ndarray:
     return np.swapaxes(values, 1, 2).reshape(slews * wheels, moments, 1)
 
 
-LAWS: Mapping[str, Callable[[Told], LawData | None]] = MappingProxyType(
-    {CLOSURE: closure, CONSERVATION: conservation, DRIVE: drive}
-)
+LAWS: Mapping[str, Callable[[Told], LawData | None]] = {
+    CLOSURE: closure,
+    CONSERVATION: conservation,
+    DRIVE: drive,
+}
 """The laws by name."""
 
 

@@ -26,20 +26,12 @@ from bayes_inertia.maths.quaternion_product import product_components
 
 
 def composed(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Hamilton product p * q of quaternions (..., 4).
-
-    >>> composed(np.array([0., 0., 0., 1.]), np.array([1., 0., 0., 0.])).tolist()
-    [1.0, 0.0, 0.0, 0.0]
-    """
+    """Hamilton product p * q of quaternions (..., 4)."""
     return np.stack(product_components(np.moveaxis(p, -1, 0), np.moveaxis(q, -1, 0)), axis=-1)
 
 
 def turned_back(q: np.ndarray) -> np.ndarray:
-    """The inverse of unit quaternions (..., 4).
-
-    >>> turned_back(np.array([0., 0., 1., 0.])).tolist()
-    [-0.0, -0.0, -1.0, 0.0]
-    """
+    """The inverse of unit quaternions (..., 4)."""
     return q * np.array([-1.0, -1.0, -1.0, 1.0])
 
 
@@ -82,12 +74,7 @@ def matrix_to_start(q: np.ndarray) -> np.ndarray:
 
 
 def accumulated(steps: np.ndarray) -> np.ndarray:
-    """Products steps[0] * ... * steps[k] of quaternions (..., n, 4), in log2(n) rounds.
-
-    >>> quarter = of_angle(np.array([0., 0., np.pi / 2]))
-    >>> angle_of(accumulated(np.stack([quarter, quarter]))).round(3)[1].tolist()
-    [0.0, 0.0, 3.142]
-    """
+    """Products steps[0] * ... * steps[k] of quaternions (..., n, 4), in log2(n) rounds."""
     product, reach = np.array(steps), 1
     while reach < product.shape[-2]:
         longer = composed(product[..., :-reach, :], product[..., reach:, :])
@@ -116,18 +103,15 @@ class SampledSlews:
         """Which moments (S, N) hold a star-tracker fix."""
         return np.isfinite(self.attitude[..., 0]) & self.valid
 
+    def seen(self, reading: Reading) -> np.ndarray:
+        """Quaternions (S, N, 4) of the star tracker under a reading, NaN where there is no fix."""
+        return self.attitude @ reading.attitude.T
+
 
 def sampled(campaign: Campaign, shifts: Mapping[str, float] | None = None) -> SampledSlews | None:
     """The slews of a campaign at some sixty moments each; None if no slew has enough rates.
 
     `shifts`: what to add to the time stamps of a channel of `Slew` [s], such as "attitude".
-
-    >>> from bayes_inertia.campaign.hardware import RateSensor
-    >>> from bayes_inertia.campaign.hardware import InertiaPrior
-    >>> slew = Slew("a", 0.0, np.arange(50.0), rate=np.ones((50, 3)))
-    >>> prior, sensor = InertiaPrior(np.eye(3), 0.1, 0.1), RateSensor(sigma=1e-5)
-    >>> float(sampled(Campaign("c", prior, (), sensor, None, (slew,))).turn[0, -1, 0])
-    49.0
     """
     shifts = shifts or {}
     pieces = [piece for slew in campaign.slews for piece in _pieces(campaign, slew, shifts)]

@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,20 +29,22 @@ class Stream(NamedTuple):
     readings: str
 
 
-STREAMS: Mapping[str, Stream] = MappingProxyType(
-    {
-        "attitude": Stream("attitude", "attitude", "the star tracker", "star-tracker fixes"),
-        "rate": Stream("rate", "rate", "the rate", "rates"),
-        "wheel_torque": Stream("wheel_torque", "torque", "the wheel torque", "torque commands"),
-        "wheel_momentum": Stream(
-            "wheel_momentum", "momentum", "the wheel momentum", "tachometer readings"
-        ),
-        "wheel_speed": Stream(
-            "wheel_momentum", "momentum", "the wheel speed", "tachometer readings"
-        ),
-    }
-)
+STREAMS: Mapping[str, Stream] = {
+    "attitude": Stream("attitude", "attitude", "the star tracker", "star-tracker fixes"),
+    "rate": Stream("rate", "rate", "the rate", "rates"),
+    "wheel_torque": Stream("wheel_torque", "torque", "the wheel torque", "torque commands"),
+    "wheel_momentum": Stream(
+        "wheel_momentum", "momentum", "the wheel momentum", "tachometer readings"
+    ),
+    "wheel_speed": Stream("wheel_momentum", "momentum", "the wheel speed", "tachometer readings"),
+}
 """Streams that the laws are held against, by their entry of `[columns]`."""
+
+
+def readings_of(campaign: Campaign, channel: str) -> list[np.ndarray]:
+    """Readings (n, columns) of a channel of `Slew`, of each slew that has them."""
+    given = [getattr(slew, channel) for slew in campaign.slews]
+    return [np.asarray(values) for values in given if values is not None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,10 +153,6 @@ def stated_columns(
 
     A campaign in memory is in SI units. Wheels whose columns are in several units or tables are
     left out.
-
-    >>> from bayes_inertia.physics.small_campaign import small_campaign
-    >>> stated_columns(small_campaign())["rate"]["unit"]
-    'rad/s'
     """
     if description is not None:
         stated: dict[str, Any] = {"rate": _rates_in_memory(0)}

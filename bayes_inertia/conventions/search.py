@@ -21,16 +21,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bayes_inertia.conventions import laws
 from bayes_inertia.conventions.candidates import axes_mistake
-from bayes_inertia.conventions.laws import (
-    CLOSURE,
-    CONSERVATION,
-    DRIVE,
-    LinearFit,
-    Misfits,
-    wheel_momentum_B,
-    worst,
-)
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import angle_of, composed, turned_back, without_mean
 from bayes_inertia.conventions.reading import Mistake, Reading, both
@@ -56,26 +48,26 @@ class Judgement:
     reading: Reading
 
 
-def judged(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> Judgement:
+def judged(misfits: laws.Misfits, stated: Reading, singles: Sequence[Mistake]) -> Judgement:
     """Causes that make inconsistent data consistent: nothing, a stale bias, mistakes, or both."""
-    before = worst(misfits.of(stated))
+    before = laws.worst(misfits.of(stated))
     if before <= LIMITS.suspicious:
         return Judgement((), stated)
     own = with_own_bias(misfits, stated)
     reading = own if _is_stale(misfits, stated, own) else stated
-    biased = worst(misfits.of(reading))
+    biased = laws.worst(misfits.of(reading))
     search = _Search(misfits, stated, before)
     if before <= LIMITS.impossible:
         return Judgement(_surely(search, singles, reading, biased), reading)
     return Judgement(_impossible(search, singles, biased), reading)
 
 
-def _is_stale(misfits: Misfits, stated: Reading, own: Reading) -> bool:
+def _is_stale(misfits: laws.Misfits, stated: Reading, own: Reading) -> bool:
     """Whether another bias explains the data much better, closure among them where fixes are."""
     before, after = misfits.of(stated), misfits.of(own)
-    pairs = [(worst(before), worst(after))]
-    if CLOSURE in before:
-        pairs.append((before[CLOSURE].worst, after[CLOSURE].worst))
+    pairs = [(laws.worst(before), laws.worst(after))]
+    if laws.CLOSURE in before:
+        pairs.append((before[laws.CLOSURE].worst, after[laws.CLOSURE].worst))
     return all(then < now / LIMITS.stale_improvement for now, then in pairs)
 
 
@@ -83,7 +75,7 @@ def _is_stale(misfits: Misfits, stated: Reading, own: Reading) -> bool:
 class _Search:
     """Laws, stated conventions and their misfit, by which mistakes are judged."""
 
-    misfits: Misfits
+    misfits: laws.Misfits
     stated: Reading
     before: float
 
@@ -101,7 +93,7 @@ class _Search:
         for mistake in tried:
             mended = mistake.mend(self.stated)
             if self.misfits.mends(mended, limit):
-                mending.append(Remedy(mistake, self.before, worst(self.misfits.of(mended))))
+                mending.append(Remedy(mistake, self.before, laws.worst(self.misfits.of(mended))))
         best = min((remedy.after for remedy in mending), default=0.0)
         equals = [remedy for remedy in mending if remedy.after <= _alike(best)]
         equals.sort(key=lambda remedy: (remedy.mistake.rarity, remedy.after))
@@ -150,7 +142,7 @@ def _alike(misfit: float) -> float:
     return LIMITS.equal_factor * misfit + LIMITS.equal_misfit
 
 
-def _pairs(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> list[Mistake]:
+def _pairs(misfits: laws.Misfits, stated: Reading, singles: Sequence[Mistake]) -> list[Mistake]:
     """Pairs of mistakes in different keys: of each that mends a law alone, and of common ones."""
     broken = _broken(misfits.of(stated))
     helpful = [m for m in singles if _broken(misfits.of(m.mend(stated))) < broken]
@@ -165,7 +157,7 @@ def _pairs(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> lis
     return list(pairs.values())
 
 
-def _broken(fits: dict[str, LinearFit]) -> frozenset[str]:
+def _broken(fits: dict[str, laws.LinearFit]) -> frozenset[str]:
     return frozenset(law for law, fit in fits.items() if fit.worst > LIMITS.ordinary)
 
 
@@ -188,12 +180,12 @@ def _scales(mistake: Mistake) -> bool:
     ) or any(c.key.endswith((".spin_inertia", "inertia.tensor")) for c in mistake.changes)
 
 
-def misfit_of(fits: dict[str, LinearFit]) -> dict[str, float]:
+def misfit_of(fits: dict[str, laws.LinearFit]) -> dict[str, float]:
     """The misfit of each law [sd]."""
     return {law: float(np.round(fit.worst, 3)) for law, fit in fits.items()}
 
 
-def turned_sensor(misfits: Misfits, reading: Reading) -> list[Mistake]:
+def turned_sensor(misfits: laws.Misfits, reading: Reading) -> list[Mistake]:
     """Rotations of the rate sensor's frame that fixes, and wheel momentum, propose."""
     axes = misfits.campaign.gyro.axes
     words = "the rates are along other axes"
@@ -207,7 +199,7 @@ def turned_sensor(misfits: Misfits, reading: Reading) -> list[Mistake]:
     ]
 
 
-def turned_beside_bias(misfits: Misfits, reading: Reading) -> list[Mistake]:
+def turned_beside_bias(misfits: laws.Misfits, reading: Reading) -> list[Mistake]:
     """The rotation that the data propose where the rate bias is stale as well, by turns."""
     best: list[Mistake] = []
     for _ in range(LIMITS.sensor_rounds):
@@ -215,7 +207,7 @@ def turned_beside_bias(misfits: Misfits, reading: Reading) -> list[Mistake]:
         if not proposed:
             break
         mended = [with_own_bias(misfits, mistake.mend(reading)) for mistake in proposed]
-        k = int(np.argmin([worst(misfits.of(m)) for m in mended]))
+        k = int(np.argmin([laws.worst(misfits.of(m)) for m in mended]))
         best = [proposed[k]]
         back = reading.rate @ np.linalg.inv(mended[k].rate)
         reading = replace(reading, bias_B=back @ mended[k].bias_B)
@@ -228,24 +220,20 @@ def _whole(rotation: np.ndarray) -> bool:
 
 
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
-    """The rotation nearest to a matrix (3, 3).
-
-    >>> nearest_rotation(np.diag([2.0, 3.0, 0.5])).round(6).tolist()
-    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
-    """
+    """The rotation nearest to a matrix (3, 3)."""
     left, _, right = np.linalg.svd(matrix)
     return left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
 
 
-def _from_fixes(misfits: Misfits, reading: Reading) -> np.ndarray | None:
+def _from_fixes(misfits: laws.Misfits, reading: Reading) -> np.ndarray | None:
     fixes = misfits.slews.fixes
     some = np.flatnonzero(fixes.sum(axis=1) >= 2)
     path = misfits.motion(reading).path
     seen, told = [], []
     for slew in some:
         rows = np.flatnonzero(fixes[slew])
-        attitude = misfits.slews.attitude[slew, rows] @ reading.attitude.T
-        seen.append(angle_of(composed(turned_back(attitude[:1]), attitude[1:])) / len(rows) ** 0.5)
+        fixed = misfits.slews.seen(reading)[slew, rows]
+        seen.append(angle_of(composed(turned_back(fixed[:1]), fixed[1:])) / len(rows) ** 0.5)
         part = path[slew, rows]
         told.append(angle_of(composed(turned_back(part[:1]), part[1:])) / len(rows) ** 0.5)
     if not len(some):
@@ -257,10 +245,10 @@ def _from_fixes(misfits: Misfits, reading: Reading) -> np.ndarray | None:
     return nearest_rotation(products)
 
 
-def _from_momentum(misfits: Misfits, reading: Reading) -> np.ndarray | None:
+def _from_momentum(misfits: laws.Misfits, reading: Reading) -> np.ndarray | None:
     """R by turns: estimate F = J R with the path of the last R, and take the rotation in F."""
     slews = misfits.slews
-    stored = wheel_momentum_B(misfits.told(reading))
+    stored = laws.wheel_momentum_B(misfits.told(reading))
     if stored is None or not reading.axes_B.shape[1]:
         return None
     rotation = np.eye(3)
@@ -287,15 +275,15 @@ def _from_momentum(misfits: Misfits, reading: Reading) -> np.ndarray | None:
 _Told = tuple[np.ndarray, np.ndarray]
 
 
-def with_own_bias(misfits: Misfits, reading: Reading) -> Reading:
+def with_own_bias(misfits: laws.Misfits, reading: Reading) -> Reading:
     """A reading with the constant rate bias that the telemetry tells under it, if one agrees."""
-    drive = misfits.fit(DRIVE, reading)
+    drive = misfits.fit(laws.DRIVE, reading)
     if drive is not None and drive.worst > LIMITS.ordinary:
         return reading
     rate_B = misfits.motion(reading).rate_B[misfits.slews.valid]
     rms = float(np.sqrt(np.mean(np.sum(rate_B**2, axis=-1))))
     told: _Told = (reading.bias_B, np.full(3, LIMITS.stale_share * rms))
-    for law in (CLOSURE, CONSERVATION):
+    for law in (laws.CLOSURE, laws.CONSERVATION):
         more = _kept(misfits, law, reading, told)
         if more is None:
             return reading
@@ -304,7 +292,7 @@ def with_own_bias(misfits: Misfits, reading: Reading) -> Reading:
     return replace(reading, bias_B=told[0]) if off < LIMITS.stalest_share * rms else reading
 
 
-def _kept(misfits: Misfits, law: str, reading: Reading, before: _Told) -> _Told | None:
+def _kept(misfits: laws.Misfits, law: str, reading: Reading, before: _Told) -> _Told | None:
     """Residuals of a law, kept by all that it depends on."""
     used = (getattr(reading, name) for name in misfits.parts_of(law))
     key = ("bias", law, reading.time, *(x.tobytes() for x in (*used, *before)))
@@ -313,7 +301,7 @@ def _kept(misfits: Misfits, law: str, reading: Reading, before: _Told) -> _Told 
     return misfits.kept[key]
 
 
-def _told_by(misfits: Misfits, law: str, reading: Reading, before: _Told) -> _Told | None:
+def _told_by(misfits: laws.Misfits, law: str, reading: Reading, before: _Told) -> _Told | None:
     """Bias and sd as a law tells them; None if it is broken whatever the bias is."""
     bias_B, sd = before
     last = 2.0 * LIMITS.hopeless
@@ -333,7 +321,7 @@ def _told_by(misfits: Misfits, law: str, reading: Reading, before: _Told) -> _To
     return bias_B, sd * fit.sds[which]
 
 
-def beside_stale_bias(misfits: Misfits, mistake: Mistake) -> Mistake:
+def beside_stale_bias(misfits: laws.Misfits, mistake: Mistake) -> Mistake:
     """A mistake in a campaign whose stated rate bias is stale as well."""
     return replace(
         mistake,

@@ -72,10 +72,7 @@ def _by_nature(misfits: Misfits) -> list[str]:
     if misfits.slews.fixes.any():
         said += _NATURE["tracker"]
         if not fixes_in_motion(misfits):
-            said.append(
-                "columns.attitude.offset_s: all fixes are at rest, where a star tracker that is "
-                "late by seconds shows the same attitude"
-            )
+            said.append(vocabulary("conventions")["fixes_at_rest"])
     return said
 
 
@@ -120,9 +117,10 @@ def verdict_in_words(
         cause = f"{best.mistake.words} ({best.before:.3g} -> {best.after:.2g} sd)"
         return f"{_impossible(misfits)}\nNo key of campaign.toml mends it: {cause}."
     what = "One change mends it" if keys == 1 else f"These {keys} changes together mend it"
-    lines = edits or _change_in_words(best.mistake)
+    lines = edits or [f"{c.key} from {c.stated!r} to {c.mended!r}" for c in best.mistake.changes]
+    late = all(change.key.endswith("offset_s") for change in best.mistake.changes)
     said = [
-        _clocks(best) if _late(best) else _impossible(misfits),
+        _CLOCKS.format(best.before) if late else _impossible(misfits),
         f"{what} ({best.before:.3g} -> {best.after:.2g} sd); it looks as if {best.mistake.words}:",
         *(f"  {line}" for line in lines),
         *places,
@@ -139,6 +137,10 @@ _NOTHING_MENDS = (
     "look for a torque that the telemetry does not tell, or for an inertia tensor that is wrong "
     "by more than a factor of two."
 )
+_CLOCKS = (
+    "The clocks of the streams do not agree, by more than any sensor is late "
+    "({:.3g} sd of the sensors' noise)."
+)
 _LOOK = "Look there before you fit."
 _CAUSE = "No change of a convention mends it: mend what is said above, and ask again."
 _SD = "in sds of what noise, a wrong J of 30 % and physical effects can make"
@@ -146,30 +148,10 @@ _SD = "in sds of what noise, a wrong J of 30 % and physical effects can make"
 
 def _impossible(misfits: Mapping[str, float]) -> str:
     broken = max(misfits, key=lambda law: misfits[law])
+    law, size = LAWS_IN_WORDS[broken], f"{misfits[broken]:.3g} sd ({_SD})."
     if misfits[broken] <= LIMITS.impossible:
-        return (
-            f"The data hardly agree with the stated conventions: {LAWS_IN_WORDS[broken]} is off by "
-            f"{misfits[broken]:.3g} sd ({_SD})."
-        )
-    return (
-        f"The data are impossible under the stated conventions: {LAWS_IN_WORDS[broken]} fails by "
-        f"{misfits[broken]:.3g} sd ({_SD})."
-    )
-
-
-def _late(remedy: Remedy) -> bool:
-    return all(change.key.endswith("offset_s") for change in remedy.mistake.changes)
-
-
-def _clocks(remedy: Remedy) -> str:
-    return (
-        "The clocks of the streams do not agree, by more than any sensor is late "
-        f"({remedy.before:.3g} sd of the sensors' noise)."
-    )
-
-
-def _change_in_words(mistake: Mistake) -> list[str]:
-    return [f"{c.key} from {c.stated!r} to {c.mended!r}" for c in mistake.changes]
+        return f"The data hardly agree with the stated conventions: {law} is off by {size}"
+    return f"The data are impossible under the stated conventions: {law} fails by {size}"
 
 
 def edited_lines(text: str, mistake: Mistake) -> list[str]:

@@ -37,11 +37,7 @@ def is_regular(time: np.ndarray) -> bool:
 
 
 def unbroken_rows(time: np.ndarray, steps: int, step: float) -> np.ndarray:
-    """Rows (m,) that so many steps of a regular length [s] follow.
-
-    >>> unbroken_rows(np.array([0.0, 1.0, 2.0, 4.0, 5.0]), 2, 1.0).tolist()
-    [0]
-    """
+    """Rows (m,) that so many steps of a regular length [s] follow."""
     even = np.abs(np.diff(time) - step) <= LIMITS.step_jitter * step
     if len(even) < steps:
         return np.zeros(0, dtype=int)
@@ -52,11 +48,6 @@ def detect(series: Series) -> list[Fault]:
     """Gaps in readings, at most one fault: the rows before them.
 
     They cost information and nothing else: the motion is integrated across them.
-
-    >>> values = np.zeros((7, 1))
-    >>> time = np.array([0., 1., 2., 3., 4., 7., 8.])
-    >>> detect(Series(time, values, values == 0.0, [1.0]))[0].note
-    '1 gap, the longest of 3 s'
     """
     rows = series.rows
     before, _ = missing_rows(series.time[rows])
@@ -69,9 +60,5 @@ def detect(series: Series) -> list[Fault]:
 
 
 def gap_note(count: int, longest: float) -> str:
-    """Number and longest length [s] of gaps, in words.
-
-    >>> gap_note(3, 2.5)
-    '3 gaps, the longest of 2.5 s'
-    """
+    """Number and longest length [s] of gaps, in words."""
     return f"{count} gap{'' if count == 1 else 's'}, the longest of {longest:.3g} s"

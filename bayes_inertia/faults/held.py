@@ -44,11 +44,6 @@ def held_readings(
 
     The first of equal readings counts as read; in runs that are much longer than usual there is one
     in each usual length. `by_axis`: whether axes may be held each by itself.
-
-    >>> rate = np.random.default_rng(1).normal(size=(50, 3)).repeat(4, axis=0)
-    >>> (held,) = held_readings([(0.25 * np.arange(200.0), rate)])
-    >>> str(held), int(held.repeats.any(axis=1).sum())
-    ('each reading stands four times', 150)
     """
     found = _found(series)
     if by_axis and not any(found):

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from types import MappingProxyType
 
 import numpy as np
 
 from bayes_inertia.faults.limits import LIMITS
 
-KNOWN_OFFSETS: Mapping[float, str] = MappingProxyType(
-    {
-        18.0: "GPS time is ahead of UTC",
-        37.0: "TAI is ahead of UTC",
-        19.0: "TAI is ahead of GPS time",
-        32.184: "TT is ahead of TAI",
-        51.184: "TT is ahead of GPS time",
-        69.184: "TT is ahead of UTC",
-        64.184: "TT was ahead of UTC until 2005",
-    }
-)
+KNOWN_OFFSETS: Mapping[float, str] = {
+    18.0: "GPS time is ahead of UTC",
+    37.0: "TAI is ahead of UTC",
+    19.0: "TAI is ahead of GPS time",
+    32.184: "TT is ahead of TAI",
+    51.184: "TT is ahead of GPS time",
+    69.184: "TT is ahead of UTC",
+    64.184: "TT was ahead of UTC until 2005",
+}
 """What clocks of different scales differ by [s], the most common first, and why."""
 
 
@@ -45,11 +42,7 @@ def known_offset(
 
 
 def likely_offsets() -> Iterator[tuple[float, str]]:
-    """Known offsets of clocks [s], the most common first: scales, time zones, and both.
-
-    >>> next(iter(likely_offsets()))
-    (18.0, 'GPS time is ahead of UTC')
-    """
+    """Known offsets of clocks [s], the most common first: scales, time zones, and both."""
     yield from KNOWN_OFFSETS.items()
     zones = [
         part + k

@@ -41,13 +41,7 @@ class MotionScan:
 def scan_motion(
     time: np.ndarray, values: np.ndarray, where: str, *, threshold: float | None, pause: float
 ) -> MotionScan:
-    """The motions in a log of rates (n, 3) [rad/s]; `threshold` None: from noise and largest rate.
-
-    >>> time = np.arange(0.0, 60.0, 0.5)
-    >>> rates = np.outer(np.where((time > 20) & (time < 40), 0.1, 0.0), [1.0, 0.0, 0.0])
-    >>> scan_motion(time, rates, "a.csv", threshold=None, pause=30.0).motions.tolist()
-    [[19.5, 40.5]]
-    """
+    """The motions in rates (n, 3) [rad/s]; `threshold` None: from noise and largest rate."""
     segment = np.concatenate([[0], np.cumsum(np.diff(time) > pause)])
     rates, width = _smoothed(time, values, segment)
     norm = np.linalg.norm(rates, axis=1)

@@ -29,12 +29,7 @@ def second_difference_noise(second: np.ndarray) -> float:
 
 
 def smooth_noise(values: np.ndarray) -> float:
-    """Noise of readings (n,) of a smooth motion; NaN for too few.
-
-    >>> values = np.random.default_rng(1).normal(size=400)
-    >>> bool(abs(smooth_noise(values) - 1.0) < 0.1)
-    True
-    """
+    """Noise of readings (n,) of a smooth motion; NaN for too few."""
     values = values[np.isfinite(values)]
     if len(values) < LIMITS.rows_for_noise:
         return float("nan")
@@ -126,11 +121,6 @@ def fit_noise(series: Sequence[np.ndarray], rounding: float = 0.0) -> NoiseFit |
     `rounding`: standard deviation of the rounding of a reading, if the series do not show
     it: the white noise is never less than that of the rounding. Returns: the noise, in the
     readings' unit; None where there are too few of them, or where they show none at all.
-
-    >>> white = np.random.default_rng(1).normal(0.0, 2.0, 4000)
-    >>> fit = fit_noise([white])
-    >>> round(fit.white, 1), fit.random_walk, fit.quantisation
-    (2.0, 0.0, 0.0)
     """
     series = [values for values in series if len(values) >= LIMITS.smallest_series]
     lengths, variances, freedom = _hadamard(series)
@@ -147,7 +137,7 @@ def fit_noise(series: Sequence[np.ndarray], rounding: float = 0.0) -> NoiseFit |
             return None
         error = float(1.0 / np.sqrt(2.0 * samples))
         return NoiseFit(rounding, error, 0.0, _steps_of(rounding), 0.0, samples)
-    kinds = np.stack([_white(lengths), _walk(lengths), np.ones(len(lengths))], axis=1)
+    kinds = np.stack([1.0 / lengths, _walk(lengths), np.ones(len(lengths))], axis=1)
     shares = _shares(kinds, variances, freedom)
     white, walk, flicker = np.sqrt(shares)
     # A walk alone does not show how much less the white noise is; rounding that hides all does.
@@ -195,18 +185,11 @@ def _second_differences(values: np.ndarray, m: int) -> np.ndarray:
     return means[2 * m :] - 2.0 * means[m:-m] + means[: -2 * m]
 
 
-def _contrast(m: int) -> np.ndarray:
-    """The weights of 3 m samples in a second difference, so scaled that white noise gives 1/m."""
-    return np.repeat([1.0, -2.0, 1.0], m) / (m * np.sqrt(6.0))
-
-
-def _white(lengths: np.ndarray) -> np.ndarray:
-    return 1.0 / lengths
-
-
 def _walk(lengths: np.ndarray) -> np.ndarray:
     """Variance that unit steps of a random walk give: each step enters all later samples."""
-    return np.array([np.sum(np.cumsum(_contrast(m)[::-1]) ** 2) for m in lengths])
+    # Weights of 3 m samples in a second difference, so scaled that white noise gives 1/m.
+    weights = [np.repeat([1.0, -2.0, 1.0], m) / (m * np.sqrt(6.0)) for m in lengths]
+    return np.array([np.sum(np.cumsum(w[::-1]) ** 2) for w in weights])
 
 
 def _shares(kinds: np.ndarray, variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:

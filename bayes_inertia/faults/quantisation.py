@@ -11,11 +11,7 @@ from bayes_inertia.faults.limits import LIMITS
 
 
 def resolution(values: np.ndarray) -> float:
-    """The smallest step between different values (n,); 0 if there are no two but for rounding.
-
-    >>> resolution(np.array([0.75, 0.25, 0.25, 0.5]))
-    0.25
-    """
+    """The smallest step between different values (n,); 0 if there are no two but for rounding."""
     steps = np.diff(np.unique(values))
     steps = steps[steps > 1e-12 * np.abs(values).max(initial=0.0)]
     return float(steps.min()) if len(steps) else 0.0
@@ -39,11 +35,7 @@ def quantisation_step(values: np.ndarray) -> float | None:
 
 
 def quantisation_sigma(step: float) -> float:
-    """Standard deviation of the error of rounding to a step.
-
-    >>> round(quantisation_sigma(12.0), 6)
-    3.464102
-    """
+    """Standard deviation of the error of rounding to a step."""
     return step / math.sqrt(12.0)
 
 

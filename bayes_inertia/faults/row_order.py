@@ -87,12 +87,7 @@ def _explained(
 
 
 def ordered_rows(table: Table, time: str, names: Sequence[str]) -> tuple[Table, list[Dirt]]:
-    """The rows of a table in the order of their strictly increasing times, and what was done.
-
-    >>> late = Table.of("a", {"t": np.array([0., 2., 1., 3.]), "w": np.array([5., 7., 6., 8.])})
-    >>> ordered_rows(late, "t", ["w"])[0].numbers("w").tolist()
-    [5.0, 6.0, 7.0, 8.0]
-    """
+    """The rows of a table in the order of their strictly increasing times, and what was done."""
     stamps = table.numbers(time)
     _refuse_empty_times(table, time)
     with np.errstate(over="ignore"):
@@ -138,24 +133,18 @@ def _in_order(table: Table, time: str, names: Sequence[str]) -> tuple[Table, lis
 
 def _dirt(kind: DirtKind, rows: np.ndarray, length: int, treated: Treatment, note: str) -> Dirt:
     clipped = np.unique(np.clip(rows, 0, length - 1))
-    text = f"{_rows_text(len(rows))} {note}"
+    text = f"{len(rows)} row{'s' * (len(rows) != 1)} {note}"
     return Dirt(kind, "time", "", tuple(clipped.tolist()), treated, text)
-
-
-def _rows_text(count: int) -> str:
-    return "1 row" if count == 1 else f"{count} rows"
 
 
 def _refuse_empty_times(table: Table, time: str) -> None:
     empty = np.isnan(table.numbers(time))
     if empty.any():
-        raise CampaignError(
-            "every cell is empty" if empty.all() else "the cell is empty",
-            where=f"{table.label}, column {time}"
-            if empty.all()
-            else table.place(int(np.argmax(empty)), time),
-            advice="every row needs its time: remove or repair the row",
-        )
+        what, where = "the cell is empty", table.place(int(np.argmax(empty)), time)
+        if empty.all():
+            what, where = "every cell is empty", f"{table.label}, column {time}"
+        advice = "every row needs its time: remove or repair the row"
+        raise CampaignError(what, where=where, advice=advice)
 
 
 def _refuse_coarse_times(table: Table, time: str, steps: np.ndarray) -> None:
@@ -167,11 +156,9 @@ def _refuse_coarse_times(table: Table, time: str, steps: np.ndarray) -> None:
     # A regular clock may be known better than its stamps.
     _, record = regular_stamps(table.numbers(time)) if np.all(steps > 0.0) else (None, None)
     if record is None or record.treated != "modelled":
-        raise CampaignError(
-            "times stored with 32 bits are too coarse for their spacing",
-            where=f"{table.label}, column {time}",
-            advice="store time with 64 bits, or count it from the start of the slew",
-        )
+        what = "times stored with 32 bits are too coarse for their spacing"
+        advice = "store time with 64 bits, or count it from the start of the slew"
+        raise CampaignError(what, where=f"{table.label}, column {time}", advice=advice)
 
 
 def _far_off_rows(table: Table, time: str) -> np.ndarray:

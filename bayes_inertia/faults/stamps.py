@@ -41,11 +41,7 @@ class StampSlope:
 
 
 def row_numbers(time: np.ndarray) -> np.ndarray:
-    """Numbers (n,) of rows on a regular clock, as far as single steps tell.
-
-    >>> row_numbers(np.array([0.0, 1.02, 1.99, 4.0])).tolist()
-    [0.0, 1.0, 2.0, 4.0]
-    """
+    """Numbers (n,) of rows on a regular clock, as far as single steps tell."""
     steps = np.diff(time)
     step = float(np.median(steps))
     near = steps[np.abs(steps - step) < 0.5 * step]
@@ -53,12 +49,7 @@ def row_numbers(time: np.ndarray) -> np.ndarray:
 
 
 def clock_through(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Times (n,) of the regular clock nearest to stamps, from the first, and its rows (n,).
-
-    >>> fitted, rows, step = clock_through(np.array([5.0, 6.0, 7.0, 9.0]))
-    >>> fitted.round(9).tolist(), [round(row) for row in rows], round(float(step), 9)
-    ([0.0, 1.0, 2.0, 4.0], [0, 1, 2, 4], 1.0)
-    """
+    """Times (n,) of the regular clock nearest to stamps, from the first, and its rows (n,)."""
     rows = row_numbers(time)
     for _ in range(2):
         slope, start = np.polyfit(rows, time - time[0], 1)
@@ -68,13 +59,7 @@ def clock_through(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def regular_clock(time: np.ndarray) -> tuple[np.ndarray | None, str]:
-    """Times (n,) of the regular clock about which stamps jitter; or None, and why there is none.
-
-    >>> stamps = 0.5 * np.arange(99.0) + 0.02 * np.sin(np.arange(99.0) ** 2)
-    >>> clock, _ = regular_clock(stamps)
-    >>> bool(np.ptp(np.diff(clock)) < 1e-9)
-    True
-    """
+    """Times (n,) of the regular clock about which stamps jitter; or None, and why there is none."""
     if len(time) < LIMITS.fewest_stamps:
         return None, f"there are only {len(time)} rows"
     fitted, rows, slope = clock_through(time)
@@ -98,15 +83,7 @@ def regular_clock(time: np.ndarray) -> tuple[np.ndarray | None, str]:
 def slope_of_readings(
     slews: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
 ) -> StampSlope:
-    """Whether readings (n, width) of slews move with the jitter of stamps about a clock's times.
-
-    >>> rng = np.random.default_rng(1)
-    >>> clock = 0.25 * np.arange(400.0)
-    >>> stamps = clock + 0.02 * rng.uniform(-1.0, 1.0, 400)
-    >>> readings = np.sin(clock)[:, None] + 1e-4 * rng.normal(size=(400, 1))
-    >>> slope_of_readings([(stamps, clock, readings)]).sampling_is_regular
-    True
-    """
+    """Whether readings (n, width) of slews move with the jitter of stamps about a clock's times."""
     products, squares = [], []
     for stamps, clock, readings in slews:
         for column in readings.T:
@@ -143,9 +120,9 @@ def _short_term(
     rate = np.convolve(readings, _weights(LIMITS.line_rows, 1)[::-1], "valid") / step
     trim = LIMITS.line_rows // 2
     moved = rate * (stamps - clock)[trim:-trim]
-    x, y = (
-        np.convolve(v, _residual_weights()[::-1], "valid") for v in (moved, readings[trim:-trim])
-    )
+    residual = -_weights(LIMITS.curve_rows, 0)
+    residual[LIMITS.curve_rows // 2] += 1.0
+    x, y = (np.convolve(v, residual[::-1], "valid") for v in (moved, readings[trim:-trim]))
     width = LIMITS.line_rows + LIMITS.curve_rows - 2
     whole = np.convolve(even, np.ones(width), "valid") > width - 0.5
     x, y = x[whole], y[whole]
@@ -160,12 +137,6 @@ def _weights(width: int, order: int) -> np.ndarray:
     at = np.arange(width) - width // 2
     powers = np.stack([at**p for p in range(3 - order)], axis=1).astype(float)
     return np.asarray(np.linalg.pinv(powers)[order])
-
-
-def _residual_weights() -> np.ndarray:
-    own = np.zeros(LIMITS.curve_rows)
-    own[LIMITS.curve_rows // 2] = 1.0
-    return own - _weights(LIMITS.curve_rows, 0)
 
 
 def regular_stamps(time: np.ndarray, unit: str = "s") -> tuple[np.ndarray, Dirt | None]:

@@ -18,17 +18,9 @@ from bayes_inertia.faults.quantisation import resolution
 
 
 def stuck_readings(readings: np.ndarray, sigma: Sequence[float | None]) -> np.ndarray:
-    """Which readings (n, k) repeat those before them for too long, in one axis or in all.
-
-    >>> rate = np.random.default_rng(1).normal(size=(100, 1))
-    >>> rate[40:52] = rate[40]
-    >>> np.flatnonzero(stuck_readings(rate, [1.0])[:, 0]).tolist() == list(range(40, 52))
-    True
-    """
+    """Which readings (n, k) repeat those before them for too long, in one axis or in all."""
     stuck = np.zeros(readings.shape, dtype=bool)
-    chance = [
-        None if s is None else _repetition(_given(readings[:, k]), s) for k, s in enumerate(sigma)
-    ]
+    chance = [None if s is None else _repetition(readings[:, k], s) for k, s in enumerate(sigma)]
     judged = [k for k, p in enumerate(chance) if p is not None]
     for k in judged:
         rows = np.flatnonzero(np.isfinite(readings[:, k]))
@@ -67,10 +59,6 @@ def always_zero(momentum: Sequence[np.ndarray], torque: Sequence[np.ndarray]) ->
     return len(read) > 0 and not read.any() and not np.nan_to_num(told).any()
 
 
-def _given(values: np.ndarray) -> np.ndarray:
-    return values[np.isfinite(values)]
-
-
 def _run_lengths(values: np.ndarray) -> np.ndarray:
     """For each row (n, k) the number of equal rows in the run that it belongs to."""
     if not len(values):
@@ -82,6 +70,7 @@ def _run_lengths(values: np.ndarray) -> np.ndarray:
 
 def _repetition(values: np.ndarray, sigma: float) -> float | None:
     """The chance that the next reading of one axis is the same; None if it cannot be told."""
+    values = values[np.isfinite(values)]
     others = _run_lengths(values[:, None]) < LIMITS.shortest_stuck_run
     if others.sum() < LIMITS.fewest_readings_beside_runs:
         return None

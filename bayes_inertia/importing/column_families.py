@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -44,13 +43,7 @@ class ColumnFamily:
 
 
 def families(table: Table, file: str) -> list[ColumnFamily]:
-    """The quantities that the columns of a table, or the name of its file, seem to hold.
-
-    >>> import numpy as np
-    >>> columns = dict.fromkeys(("t", "gx_dps", "gy_dps", "gz_dps"), Column(np.zeros(1)))
-    >>> families(Table("imu.csv", columns), "imu.csv")[0].unit
-    'deg/s'
-    """
+    """The quantities that the columns of a table, or the name of its file, seem to hold."""
     numbers = {
         n: c for n, c in table.columns.items() if not c.is_text and n not in time_names(table)
     }
@@ -200,9 +193,13 @@ def _kind(text: str, unit: str, file: str, members: Sequence[str]) -> str | None
     return None
 
 
-_CLOCKS: Mapping[str, str] = MappingProxyType(
-    {"gps": "gps", "tai": "tai", "unix": "unix", "posix": "unix", "epoch": "unix"}
-)
+_CLOCKS: Mapping[str, str] = {
+    "gps": "gps",
+    "tai": "tai",
+    "unix": "unix",
+    "posix": "unix",
+    "epoch": "unix",
+}
 # Logs of spacecraft are from these years.
 _FIRST, _LAST = np.datetime64("1995-01-01"), np.datetime64("2060-01-01")
 

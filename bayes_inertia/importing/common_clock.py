@@ -48,7 +48,7 @@ class _Period:
 
 def counted_on(shares: Sequence[FileShare]) -> list[FileShare]:
     """Shares whose counters do not begin anew, with a note where one wrapped."""
-    result = list(shares)
+    placed: dict[int, FileShare] = {}
     for group in _groups(shares):
         found = next((w for w in (_wrap(of_stream) for of_stream in _streams(group)) if w), None)
         if found is None:
@@ -56,12 +56,8 @@ def counted_on(shares: Sequence[FileShare]) -> list[FileShare]:
         period, centre, span = found
         for share in group:
             place = _placed if 1.25 * span < period.ns else _unwrapped
-            result[_index(shares, share)] = place(share, period, centre)
-    return result
-
-
-def _index(shares: Sequence[FileShare], share: FileShare) -> int:
-    return next(k for k, other in enumerate(shares) if other is share)
+            placed[id(share)] = place(share, period, centre)
+    return [placed.get(id(share), share) for share in shares]
 
 
 def _groups(shares: Sequence[FileShare]) -> list[list[FileShare]]:
@@ -202,7 +198,9 @@ def on_one_clock(
     if len(set(absolute)) > 1 or len(set(own)) > 1:
         raise _different_clocks(shares, label)
     starts = _starts_of_files(shares, mapping, label) if own[0] else {}
-    epoch_ns = 0 if own[0] else min(_first_ns(share) for share in shares)
+    # The true time of the first reading of each.
+    firsts = [s.stamps.first_ns + round(s.stream.offset_s * SECOND) for s in shares]
+    epoch_ns = 0 if own[0] else min(firsts)
     streams: dict[str, LoggedStream] = {}
     for holds in dict.fromkeys(share.stream.holds for share in shares):
         logged = [
@@ -234,11 +232,6 @@ def _refuse_second_session(files: Sequence[LoggedStream]) -> None:
                 advice='write epoch = "file" for every stream if each file starts its own clock; '
                 "else name the files of one gyro only, or correct the kind of their clocks",
             )
-
-
-def _first_ns(share: FileShare) -> int:
-    """The true time of the first reading [ns]."""
-    return share.stamps.first_ns + round(share.stream.offset_s * SECOND)
 
 
 def _different_clocks(shares: Sequence[FileShare], label: str) -> CampaignError:
@@ -274,11 +267,9 @@ def _starts_of_files(
         by_stream.setdefault(id(share.stream), []).append(share)
     if len({len(of_stream) for of_stream in by_stream.values()}) > 1:
         counts = ", ".join(f"{v[0].stream.holds}: {len(v)}" for v in by_stream.values())
-        raise CampaignError(
-            f"streams have different numbers of files ({counts})",
-            where=f"{label}, key streams",
-            advice="with a clock in each file, every stream needs one file a slew",
-        )
+        what = f"streams have different numbers of files ({counts})"
+        advice = "with a clock in each file, every stream needs one file a slew"
+        raise CampaignError(what, where=f"{label}, key streams", advice=advice)
     starts, cursor = {}, 0
     for together in zip(*by_stream.values(), strict=True):
         first = min(share.stamps.first_ns for share in together)
@@ -333,7 +324,9 @@ def relative_to_body(
         if holds not in streams or not taken.any():
             continue
         stream, rate = streams[holds], streams["rate"]
-        readings = np.stack([_between(stream.time, rate, k) for k in range(3)], axis=1)
+        axes_read = [(axis, np.isfinite(axis)) for axis in rate.values.T]
+        between = [np.interp(stream.time, rate.time[given], x[given]) for x, given in axes_read]
+        readings = np.stack(between, axis=1)
         rate_B = readings @ np.linalg.inv(np.array(rate_sensor_axes(mapping))).T
         axes = np.array([wheel.axis for wheel in mapping.wheels])
         inertias = np.array([wheel.spin_inertia for wheel in mapping.wheels])
@@ -357,8 +350,3 @@ def _inertial(mapping: MappingPart, holds: str) -> set[str]:
         if isinstance(stream, MomentumStream | SpeedStream) and stream.relative_to == "inertial":
             wheels |= set(stream.wheels or _names(mapping))
     return wheels
-
-
-def _between(time: np.ndarray, rate: LoggedStream, axis: int) -> np.ndarray:
-    given = np.isfinite(rate.values[:, axis])
-    return np.interp(time, rate.time[given], rate.values[given, axis])

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 
@@ -18,26 +17,12 @@ from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.faults.held import held_readings
 from bayes_inertia.faults.known_offsets import known_offset
 from bayes_inertia.files import read_bytes, text_of, write_new_files
+from bayes_inertia.importing import imported_folder, mapped_lines
 from bayes_inertia.importing.common_clock import Logs
 from bayes_inertia.importing.cut_picture import cut_picture
-from bayes_inertia.importing.imported_folder import (
-    PICTURE_FILE,
-    description_text,
-    raw_place,
-    record_text,
-    slew_tables,
-    tables_of,
-    zero_of_clock,
-)
 from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.log_reader import read_logs
 from bayes_inertia.importing.logged_stream import LoggedStream
-from bayes_inertia.importing.mapped_lines import (
-    BESIDE_RATES,
-    OFFSET_OF,
-    RECORD_FILE,
-    other_mapping,
-)
 from bayes_inertia.importing.mapping import parse_mapping, streams_that_hold
 from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.importing.rest_noise import RestNoise, rest_noise
@@ -131,16 +116,16 @@ def import_logs(
     _require_noises(parsed, noises, label)
     say("writing the campaign", 0, 0)
     # Tables keep the rows of the logs: the campaign counts each reading once, and says so.
-    slews = [slew_tables(window, written.streams) for window in cut.windows]
+    slews = [imported_folder.slew_tables(window, written.streams) for window in cut.windows]
     paths = sorted({Path(file) for file in files})
-    tables = tables_of(parsed, slews)
-    description = description_text(parsed, slews, noises)
-    content = {}
-    if cut.scan is not None:
-        content[PICTURE_FILE] = cut_picture(cut, _zero_in_words(logs))
-    content[RECORD_FILE] = record_text(paths, (Path(mapping).name, data), logs, cut, noises)
-    with _blaming_logs(lambda where: raw_place(where, parsed, slews)):
-        campaign = campaign_of(description, label, tables)
+    tables = imported_folder.tables_of(parsed, slews)
+    description = imported_folder.description_text(parsed, slews, noises)
+    zero = imported_folder.zero_of_clock(logs) if logs.absolute else "the zero of the logs"
+    content = {} if cut.scan is None else {imported_folder.PICTURE_FILE: cut_picture(cut, zero)}
+    content[mapped_lines.RECORD_FILE] = imported_folder.record_text(
+        paths, (Path(mapping).name, data), logs, cut, noises
+    )
+    campaign = _read_back(description, label, tables, parsed, slews)
     if parsed.reduce == "block_means":
         description, tables, campaign = reduced_content(description, tables, campaign)
     *tables_first, last = files_of(description, tables).items()
@@ -150,24 +135,27 @@ def import_logs(
     return ImportedCampaign(target, logs, cut, tuple(noises), campaign)
 
 
-@contextmanager
-def _blaming_logs(raw: Callable[[str], str]) -> Iterator[None]:
-    """Say of what is wrong with a table where it stands in the raw logs."""
+def _read_back(
+    description: str,
+    label: str,
+    tables: dict[str, Table],
+    mapping: MappingPart,
+    slews: Sequence[imported_folder.SlewTables],
+) -> Campaign:
+    """The campaign that is written; what is wrong with it is said of its place in the raw logs."""
     try:
-        yield
+        return campaign_of(description, label, tables)
     except CampaignError as error:
-        where = raw(error.where)
+        where = imported_folder.raw_place(error.where, mapping, slews)
         raise CampaignError(error.what, where=where, advice=error.advice) from None
 
 
 def _refuse_occupied(folder: Path, mapping: bytes) -> None:
     """Refuse a folder that holds an import by another mapping before the logs are read."""
-    if other_mapping(folder, mapping):
-        raise OutputError(
-            "would overwrite another campaign",
-            where=str(folder / RECORD_FILE),
-            advice="write to a new folder, or remove this one first",
-        )
+    if mapped_lines.other_mapping(folder, mapping):
+        what = "would overwrite another campaign"
+        advice = "write to a new folder, or remove this one first"
+        raise OutputError(what, where=str(folder / mapped_lines.RECORD_FILE), advice=advice)
 
 
 def _once(stream: LoggedStream) -> LoggedStream:
@@ -229,30 +217,20 @@ def _refuse_outside(stream: LoggedStream, cut: SlewCut, mapping: MappingPart, la
             f"write offset_s = {stated + seconds:.9g} ({why}): {inside} then lie in a slew; or "
             "leave the stream out"
         )
-    raise CampaignError(
-        f"all {len(stream.time)} readings of {files} lie outside every slew, by {size:.6g} s",
-        where=f"{label}, key streams.{stream.holds}.offset_s",
-        advice=advice,
-    )
+    what = f"all {len(stream.time)} readings of {files} lie outside every slew, by {size:.6g} s"
+    advice = advice
+    raise CampaignError(what, where=f"{label}, key streams.{stream.holds}.offset_s", advice=advice)
 
 
 def _saying_beside(logs: Logs, cut: SlewCut) -> dict[str, LoggedStream]:
     """Streams with notes on slews in which they have no reading, and on readings beside rates."""
-    rate = logs.streams["rate"]
-    notes = {
-        key: [*_not_in(stream, cut), *_beside(stream, rate, cut)]
-        for key, stream in logs.streams.items()
-    }
-    return {
-        key: replace(stream, notes=(*stream.notes, *notes[key]))
-        for key, stream in logs.streams.items()
-    }
-
-
-def _not_in(stream: LoggedStream, cut: SlewCut) -> list[str]:
-    """A note on the slews in which a stream has no reading."""
-    lacking = [w.name for w in cut.windows if not len(stream.between(w.start, w.end).time)]
-    return [f"no reading in {', '.join(lacking)}"] if lacking else []
+    said = {}
+    for key, stream in logs.streams.items():
+        lacking = [w.name for w in cut.windows if not len(stream.between(w.start, w.end).time)]
+        notes = [f"no reading in {', '.join(lacking)}"] if lacking else []
+        notes += _beside(stream, logs.streams["rate"], cut)
+        said[key] = replace(stream, notes=(*stream.notes, *notes))
+    return said
 
 
 def _beside(stream: LoggedStream, rate: LoggedStream, cut: SlewCut) -> list[str]:
@@ -268,15 +246,11 @@ def _beside(stream: LoggedStream, rate: LoggedStream, cut: SlewCut) -> list[str]
         return []
     known = known_offset(stream.time, spans)
     if known is None or known[2] < LIMITS.meant_offset_share * count:
-        return [f"{beside} of {count} readings {BESIDE_RATES} and are left out"]
+        return [f"{beside} of {count} readings {mapped_lines.BESIDE_RATES} and are left out"]
     seconds, why, there = known
-    key = OFFSET_OF.format(stream.holds)
+    key = mapped_lines.OFFSET_OF.format(stream.holds)
     said = f"{there} lie in a slew with {seconds:+.9g} s in {key} ({why})"
-    return [f"{beside} of {count} readings {BESIDE_RATES} and are left out; {said}"]
-
-
-def _zero_in_words(logs: Logs) -> str:
-    return zero_of_clock(logs) if logs.absolute else "the zero of the logs"
+    return [f"{beside} of {count} readings {mapped_lines.BESIDE_RATES} and are left out; {said}"]
 
 
 def _require_noises(mapping: MappingPart, noises: Sequence[RestNoise], label: str) -> None:

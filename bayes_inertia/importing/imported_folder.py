@@ -13,7 +13,6 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -35,17 +34,15 @@ from bayes_inertia.tables.table import Table
 from bayes_inertia.version import __version__
 
 # Suffix of the tables, and columns; "{}" stands for the number of the wheel.
-_NAMES: Mapping[str, tuple[str, tuple[str, ...]]] = MappingProxyType(
-    {
-        "rate": ("rate", ("w1", "w2", "w3")),
-        "wheel_torque": ("torque", ("u{}",)),
-        "wheel_momentum": ("momentum", ("h{}",)),
-        "wheel_speed": ("speed", ("speed{}",)),
-        "attitude": ("tracker", ("q1", "q2", "q3", "q4")),
-        "magnetic_field": ("field", ("Bx_N", "By_N", "Bz_N")),
-        "position": ("position", ("rx_N", "ry_N", "rz_N")),
-    }
-)
+_NAMES: Mapping[str, tuple[str, tuple[str, ...]]] = {
+    "rate": ("rate", ("w1", "w2", "w3")),
+    "wheel_torque": ("torque", ("u{}",)),
+    "wheel_momentum": ("momentum", ("h{}",)),
+    "wheel_speed": ("speed", ("speed{}",)),
+    "attitude": ("tracker", ("q1", "q2", "q3", "q4")),
+    "magnetic_field": ("field", ("Bx_N", "By_N", "Bz_N")),
+    "position": ("position", ("rx_N", "ry_N", "rz_N")),
+}
 
 
 @dataclass(frozen=True)
@@ -130,15 +127,7 @@ class SlewTables:
 
 
 def slew_tables(window: SlewWindow, streams: dict[str, LoggedStream]) -> SlewTables:
-    """The readings of one slew from its start on, with the command that is in force when it begins.
-
-    >>> command = LoggedStream("wheel_torque", np.array([0.0, 2.0]), np.array([[1.0], [3.0]]),
-    ...                        np.zeros(2, dtype=int), ("a",))
-    >>> rate = LoggedStream("rate", np.arange(1.0, 4.0), np.zeros((3, 3)), np.zeros(3, int), ("b",))
-    >>> parts = slew_tables(SlewWindow("s", 1.0, 3.0), {"rate": rate, "wheel_torque": command})
-    >>> parts.streams["wheel_torque"].time.tolist(), parts.streams["wheel_torque"].values.tolist()
-    ([0.0, 1.0], [[1.0], [3.0]])
-    """
+    """The readings of one slew from its start on, with the command in force when it begins."""
     inside = {key: stream.between(window.start, window.end) for key, stream in streams.items()}
     inside = {key: stream for key, stream in inside.items() if len(stream.time)}
     start = min(float(stream.time[0]) for stream in inside.values())

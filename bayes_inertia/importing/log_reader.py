@@ -108,11 +108,9 @@ def files_of(stream: MappedStream, paths: Sequence[Path], label: str) -> list[Pa
     ]
     if not matched:
         given = ", ".join(path.name for path in paths[:20])
-        raise CampaignError(
-            f"no file is called {' or '.join(stream.files)}",
-            where=f"{label}, key streams.{stream.holds}.files",
-            advice=f"given: {given}",
-        )
+        what = f"no file is called {' or '.join(stream.files)}"
+        advice = f"given: {given}"
+        raise CampaignError(what, where=f"{label}, key streams.{stream.holds}.files", advice=advice)
     return matched
 
 
@@ -125,11 +123,9 @@ def _refuse_second_use(
     for other in others:
         shared = [name for name in stream.names if name in other.names]
         if shared and stream.model_dump(include=rows) == other.model_dump(include=rows):
-            raise CampaignError(
-                f"the column {shared[0]!r} of {path.name} is that of {other.holds} already",
-                where=f"{where}.names",
-                advice="name for each quantity the column that holds it",
-            )
+            what = f"the column {shared[0]!r} of {path.name} is that of {other.holds} already"
+            advice = "name for each quantity the column that holds it"
+            raise CampaignError(what, where=f"{where}.names", advice=advice)
 
 
 def _read_part(part: MappedStream, table: Table, where: str) -> FileShare:
@@ -208,22 +204,18 @@ def _stamps(table: Table, time: TimeStampPart, where: str) -> TimeStamps:
     if kind in FREE_CLOCKS:
         return _with_epoch(stamps, time, where)
     if time.epoch and kind != "cds":
-        raise CampaignError(
-            f"the clock {kind!r} has a zero of its own that everybody knows",
-            where=f"{where}.epoch",
-            advice="leave the key out",
-        )
+        what = f"the clock {kind!r} has a zero of its own that everybody knows"
+        advice = "leave the key out"
+        raise CampaignError(what, where=f"{where}.epoch", advice=advice)
     return stamps
 
 
 def _of_row_numbers(table: Table, time: TimeStampPart, where: str) -> TimeStamps:
     """Stamps of a log without any: its rows follow each other at the stated rate."""
     if time.names or time.kind:
-        raise CampaignError(
-            "a rate and columns of the time are both given",
-            where=f"{where}.rate_hz",
-            advice="leave names and kind out if the rows have no stamps, else rate_hz",
-        )
+        what = "a rate and columns of the time are both given"
+        advice = "leave names and kind out if the rows have no stamps, else rate_hz"
+        raise CampaignError(what, where=f"{where}.rate_hz", advice=advice)
     assert time.rate_hz is not None
     ns = np.rint(np.arange(table.rows) * (1e9 / time.rate_hz)).astype(np.int64)
     return TimeStamps(ns, np.zeros(table.rows, dtype=bool), absolute=False, resolution_s=1e-9)
@@ -270,11 +262,7 @@ def _first_day(epoch: str, where: str) -> int:
 
 
 def utc_ns(text: str, where: str) -> int:
-    """A date in UTC on the common scale.
-
-    >>> utc_ns("1972-01-01T00:00:01Z", "epoch") - utc_ns("1972-01-01T00:00:00Z", "epoch")
-    1000000000
-    """
+    """A date in UTC on the common scale."""
     table = Table(where, {"date": Column(np.array([text]))})
     stamps = times_to_seconds(table, ["date"], "utc")
     if stamps.missing.any():

@@ -55,12 +55,7 @@ misread.
 
 @array_dataclass
 class LoggedStream:
-    """Readings of one quantity at their own times, from all the files that hold it.
-
-    >>> stream = LoggedStream("rate", np.arange(3.0), np.zeros((3, 3)), np.zeros(3, int), ("a",))
-    >>> stream.between(0.5, 2.0).time.tolist()
-    [1.0, 2.0]
-    """
+    """Readings of one quantity at their own times, from all the files that hold it."""
 
     # "rate", "wheel_torque", "wheel_momentum", "wheel_speed", "attitude", "magnetic_field" or
     # "position"
@@ -99,18 +94,12 @@ class LoggedStream:
 
 
 def left_out(count: int, rows: int, why: str, *, where: str, advice: str) -> str:
-    """The note that rows are left out, or an error if they are more than damage would explain.
-
-    >>> left_out(2, 900, "have no time", where="a.csv", advice="")
-    '2 of 900 rows have no time and are left out'
-    """
+    """The note that rows are left out, or an error if they are more than damage would explain."""
     what = f"{count} of {rows} rows {why}"
     if count > max(1.0, LIMITS.most_left_out * rows):
-        raise CampaignError(
-            f"{what}; more than {LIMITS.most_left_out:.0%} are not left out",
-            where=where,
-            advice=advice,
-        )
+        what = f"{what}; more than {LIMITS.most_left_out:.0%} are not left out"
+        advice = advice
+        raise CampaignError(what, where=where, advice=advice)
     return f"{what} and are left out"
 
 
@@ -119,11 +108,6 @@ def in_order(stream: LoggedStream, place: Callable[[int], str] | None = None) ->
 
     Of rows with one time the first stays, filled up with the readings that only the others have, as
     of wheels that come in files of their own.
-
-    >>> raw = LoggedStream("rate", np.array([1.0, 0.0, 1.0]), np.ones((3, 3)), np.zeros(3, int), ())
-    >>> ordered = in_order(raw)
-    >>> ordered.time.tolist(), ordered.notes
-    ([0.0, 1.0], ('1 row out of order was sorted', '1 row repeated a time and was left out'))
     """
     if place is not None:
         _refuse_set_back(stream, place)

@@ -6,7 +6,6 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from bayes_inertia.sealing import sha256_of
@@ -21,7 +20,7 @@ OFFSET_OF = "streams.{}.offset_s"
 _TABLE = re.compile(r"\s*\[\[?\s*([\w-]+)\s*\]\]?\s*(#.*)?$")
 _ENTRY = re.compile(r"""\s*([\w-]+)\s*=\s*(?:["']([^"']*)["'])?""")
 # What else a mapping may call a key.
-_OTHER_KEYS = MappingProxyType({"axes": ("mounting", "body_from_sensor")})
+_OTHER_KEYS = {"axes": ("mounting", "body_from_sensor")}
 
 
 def mapped_lines(folder: Path, key: str) -> list[str]:
@@ -75,11 +74,7 @@ def _of_record[T](folder: Path, read: Callable[[Any], T], otherwise: T) -> T:
 
 
 def lines_of(text: str, key: str) -> list[tuple[int, str]]:
-    """Number and text of the lines of a mapping that state a key of campaign.toml; [] if none.
-
-    >>> lines_of('[[streams]]\\nholds = "rate"\\nunit = "deg/s"', "columns.rate.unit")
-    [(3, 'unit = "deg/s"')]
-    """
+    """Number and text of the lines of a mapping that state a key of campaign.toml; [] if none."""
     first, *middle, last = key.split(".")
     wanted = "streams" if first == "columns" else first
     label = "holds" if first == "columns" else "name"

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -45,12 +44,7 @@ _FORM_OF_KEY = {"scalar": "quaternion", "sequence": "euler", "turns": "euler", "
 
 
 def parse_mapping(text: str, label: str) -> MappingPart:
-    """The content of a `mapping.toml`, every key checked; messages name the file `label`.
-
-    >>> parse_mapping('format = "bayes-inertia-mapping/1"\\nname = "?"', "mapping.toml")
-    Traceback (most recent call last):
-    bayes_inertia.errors.CampaignError: mapping.toml, key name: the question is open; ...
-    """
+    """The content of a `mapping.toml`, every key checked; messages name the file `label`."""
     document = toml_document(text, label)
     refuse_open_questions(document, label)
     _refuse_few_axes(document, label)
@@ -126,12 +120,9 @@ def _check_streams(mapping: MappingPart, label: str) -> None:
         streams = [stream for stream in mapping.streams if stream.holds == holds]
         read = {name for stream in streams for name in getattr(stream, "wheels", None) or names}
         lacking = ", ".join(name for name in names if name not in read)
-        _require(
-            not streams or not lacking,
-            f"{label}, key streams.{holds}.wheels",
-            f"no column holds the wheel {lacking}",
-            f"name its column, or take a wheel that is off out of [[wheels]]{_OR_ALL[holds]}",
-        )
+        what = f"no column holds the wheel {lacking}"
+        advice = f"name its column, or take a wheel that is off out of [[wheels]]{_OR_ALL[holds]}"
+        _require(not streams or not lacking, f"{label}, key streams.{holds}.wheels", what, advice)
 
 
 def _check_wheels(stream: WheelStream, mapping: MappingPart, where: str) -> None:
@@ -269,12 +260,7 @@ _OF_TYPE = ("spin_inertia", "max_torque", "max_momentum", "momentum_sigma")
 
 
 def with_alike_wheels(document: dict[str, Any], label: str) -> dict[str, Any]:
-    """A mapping whose wheels all say themselves what `same_as` took from another.
-
-    >>> wheels = [{"name": "x", "spin_inertia": 1e-3}, {"name": "y", "same_as": "x"}]
-    >>> with_alike_wheels({"wheels": wheels}, "m.toml")["wheels"][1]["spin_inertia"]
-    0.001
-    """
+    """A mapping whose wheels all say themselves what `same_as` took from another."""
     wheels = document.get("wheels")
     if not isinstance(wheels, list) or not all(isinstance(wheel, dict) for wheel in wheels):
         return document
@@ -298,30 +284,21 @@ def with_alike_wheels(document: dict[str, Any], label: str) -> dict[str, Any]:
 
 _RATE_KEYS = ("sigma", "range", "bias", "bias_sigma", "bias_instability")
 # Table, key and quantity of what may carry a unit.
-_QUANTITIES: Mapping[str, Mapping[str, str]] = MappingProxyType(
-    {
-        "rate_sensor": dict.fromkeys(_RATE_KEYS, "rate"),
-        "star_tracker": dict.fromkeys(
-            ("sigma_cross", "sigma_roll", "low_frequency_sigma"), "angle"
-        ),
-        "wheels": {
-            "spin_inertia": "spin_inertia",
-            "max_torque": "wheel_torque",
-            "max_momentum": "wheel_momentum",
-            "momentum_sigma": "wheel_momentum",
-        },
-    }
-)
+_QUANTITIES: Mapping[str, Mapping[str, str]] = {
+    "rate_sensor": dict.fromkeys(_RATE_KEYS, "rate"),
+    "star_tracker": dict.fromkeys(("sigma_cross", "sigma_roll", "low_frequency_sigma"), "angle"),
+    "wheels": {
+        "spin_inertia": "spin_inertia",
+        "max_torque": "wheel_torque",
+        "max_momentum": "wheel_momentum",
+        "momentum_sigma": "wheel_momentum",
+    },
+}
 _NUMBER_WITH_UNIT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
 
 
 def with_si_hardware(document: dict[str, Any], label: str) -> dict[str, Any]:
-    """A mapping whose hardware is in SI units, with numbers in place of texts such as "5 arcsec".
-
-    >>> tracker = {"star_tracker": {"sigma_cross": "3600 arcsec"}}
-    >>> round(with_si_hardware(tracker, "m.toml")["star_tracker"]["sigma_cross"], 6)
-    0.017453
-    """
+    """A mapping whose hardware is in SI units: numbers in place of texts such as "5 arcsec"."""
     converted = dict(document)
     for part, quantities in _QUANTITIES.items():
         where = f"{label}, key {part}"
@@ -354,11 +331,9 @@ def _value(value: Any, quantity: str, where: str) -> Any:
     parts = _NUMBER_WITH_UNIT.fullmatch(value)
     example = f'write such as 1e-5 ({QUANTITIES[quantity][0]}) or "1e-5 UNIT", UNIT one of '
     if parts is None:
-        raise CampaignError(
-            f"{value!r} is no number with a unit",
-            where=where,
-            advice=example + QUANTITIES[quantity][1],
-        )
+        what = f"{value!r} is no number with a unit"
+        advice = example + QUANTITIES[quantity][1]
+        raise CampaignError(what, where=where, advice=advice)
     try:
         factor = unit_factor(quantity, parts[2])
     except CampaignError as error:

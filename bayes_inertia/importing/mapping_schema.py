@@ -11,38 +11,27 @@ from typing import Annotated, Literal, get_args
 from annotated_types import Len
 from pydantic import Field
 
-from bayes_inertia.campaign.schema import (
-    InertiaPart,
-    Matrix33,
-    Names,
-    Names3,
-    OneOrThree,
-    Part,
-    RateSensorPart,
-    StarTrackerPart,
-    Vector3,
-    WheelPart,
-)
+from bayes_inertia.campaign import schema
 
 MAPPING_FORMAT = "bayes-inertia-mapping/1"
 
 Numbers = float | Annotated[list[float], Len(1)]
 
 
-class MappedRateSensor(RateSensorPart):
+class MappedRateSensor(schema.RateSensorPart):
     """`[rate_sensor]`: `sigma` may be left out, to be told what the rests show."""
 
-    sigma: OneOrThree | None = None  # type: ignore[assignment]
+    sigma: schema.OneOrThree | None = None  # type: ignore[assignment]
 
 
-class MappedStarTracker(StarTrackerPart):
+class MappedStarTracker(schema.StarTrackerPart):
     """`[star_tracker]`: the sigmas may be left out, to be told what the rests show."""
 
     sigma_cross: float | None = None  # type: ignore[assignment]
     sigma_roll: float | None = None  # type: ignore[assignment]
 
 
-class TimeStampPart(Part):
+class TimeStampPart(schema.Part):
     """`time` of a stream: the columns of its stamps and the clock that they are read from."""
 
     names: list[str] = Field(default=[], description='names = ["..."], the columns of the time')
@@ -60,7 +49,7 @@ class TimeStampPart(Part):
     regular: bool = False
 
 
-class ValidRows(Part):
+class ValidRows(schema.Part):
     """`valid` of a stream: rows whose flag has another value hold no reading."""
 
     name: str = Field(description='name = "...", the column of the flag')
@@ -69,7 +58,7 @@ class ValidRows(Part):
     )
 
 
-class TextFilePart(Part):
+class TextFilePart(schema.Part):
     """`text` of a stream: how a text file is written, where it cannot be told from its content."""
 
     delimiter: str = ""
@@ -80,7 +69,7 @@ class TextFilePart(Part):
     units_line: int = 0
 
 
-class _StreamPart(Part):
+class _StreamPart(schema.Part):
     files: Annotated[list[str], Len(1)] = Field(
         description='files = ["...", ...], names or patterns of the files, such as "gyro_*.csv"'
     )
@@ -102,7 +91,7 @@ class _ReadingsPart(_StreamPart):
 
 
 class _WheelsPart(_ReadingsPart):
-    names: Names = Field(description='names = ["...", ...], one column a wheel')
+    names: schema.Names = Field(description='names = ["...", ...], one column a wheel')
     wheels: Annotated[list[str], Len(1)] | None = None
 
 
@@ -110,10 +99,10 @@ class RateStream(_ReadingsPart):
     """Rates of the body, along its axes or along those of the sensor."""
 
     holds: Literal["rate"]
-    names: Names3 = Field(description='names = ["...", "...", "..."], one column an axis')
+    names: schema.Names3 = Field(description='names = ["...", "...", "..."], one column an axis')
     frame: Literal["body", "sensor"]
-    mounting: Matrix33 | None = None
-    body_from_sensor: Matrix33 | None = None
+    mounting: schema.Matrix33 | None = None
+    body_from_sensor: schema.Matrix33 | None = None
 
 
 class TorqueStream(_WheelsPart):
@@ -150,11 +139,13 @@ class AttitudeStream(_StreamPart):
     turns: Literal["intrinsic", "extrinsic"] | None = None
     unit: str = ""
     frame: Literal["body", "tracker"] | None = None
-    body_from_tracker: Matrix33 | None = None
+    body_from_tracker: schema.Matrix33 | None = None
 
 
 class _InertialPart(_ReadingsPart):
-    names: Names3 = Field(description='names = ["...", "...", "..."], along the inertial axes')
+    names: schema.Names3 = Field(
+        description='names = ["...", "...", "..."], along the inertial axes'
+    )
     frame: Literal["inertial"]
 
 
@@ -188,7 +179,7 @@ ReadingsStream = RateStream | WheelStream | MagneticFieldStream | PositionStream
 MappedStream = Annotated[ReadingsStream | AttitudeStream, Field(discriminator="holds")]
 
 
-class CutPart(Part):
+class CutPart(schema.Part):
     """`[cut]`: how logs become slews. Every key has a default that the log gives."""
 
     by: Literal["rest", "files", "gaps"] | None = None
@@ -201,7 +192,7 @@ class CutPart(Part):
     between_files_s: float | None = Field(default=None, gt=0.0)
 
 
-class MappedSlew(Part):
+class MappedSlew(schema.Part):
     """One `[[slews]]` of a mapping: a part of the log that the user names."""
 
     name: str = Field(description='name = "..."')
@@ -210,18 +201,18 @@ class MappedSlew(Part):
         "clock of streams that count seconds"
     )
     end: str | float = Field(description="end = as start")
-    axis: Vector3 | None = None
+    axis: schema.Vector3 | None = None
     angle_deg: float | None = None
 
 
-class MappingPart(Part):
+class MappingPart(schema.Part):
     """The whole of `mapping.toml`."""
 
     format: Literal["bayes-inertia-mapping/1"]
     name: str = Field(description='name = "..."')
     # Of streams that count from a zero of their own and state no `time.epoch`.
     epoch: str = ""
-    inertia: InertiaPart = Field(
+    inertia: schema.InertiaPart = Field(
         description="[inertia] with tensor, relative_sigma, product_sigma, includes_wheel_spin"
     )
     rate_sensor: MappedRateSensor = Field(
@@ -230,7 +221,7 @@ class MappingPart(Part):
     streams: Annotated[list[MappedStream], Len(1)] = Field(
         description='one [[streams]] a quantity, at least one that holds = "rate"'
     )
-    wheels: list[WheelPart] = Field(default=[])
+    wheels: list[schema.WheelPart] = Field(default=[])
     star_tracker: MappedStarTracker | None = None
     cut: CutPart = CutPart()
     reduce: Literal["block_means"] | None = Field(

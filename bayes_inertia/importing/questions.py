@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 import tomlkit
@@ -21,7 +20,7 @@ from bayes_inertia.importing.limits import LIMITS
 UNKNOWN = "?"
 """What stands in a mapping where the user must answer."""
 
-QUESTIONS: Mapping[str, str] = MappingProxyType(vocabulary("importing")["questions"])
+QUESTIONS: Mapping[str, str] = vocabulary("importing")["questions"]
 """The question at each key; a key of one stream goes before that of all."""
 
 
@@ -39,21 +38,14 @@ def question_at(path: tuple[str, ...]) -> str:
 
 
 def refuse_open_questions(document: dict[str, Any], label: str) -> None:
-    """Raise an error if a mapping has a question left open.
-
-    >>> refuse_open_questions({"streams": [{"holds": "rate", "unit": "?"}]}, "m.toml")
-    Traceback (most recent call last):
-    bayes_inertia.errors.CampaignError: m.toml, key streams.rate.unit: the question is open; ...
-    """
+    """Raise an error if a mapping has a question left open."""
     paths = open_questions(document)
     if not paths:
         return
     more = f" ({len(paths) - 1} more keys have a question)" if len(paths) > 1 else ""
-    raise CampaignError(
-        "the question is open",
-        where=f"{label}, key {'.'.join(paths[0])}",
-        advice=f"write the answer in the place of {UNKNOWN!r}{more}. {question_at(paths[0])}",
-    )
+    what = "the question is open"
+    advice = f"write the answer in the place of {UNKNOWN!r}{more}. {question_at(paths[0])}"
+    raise CampaignError(what, where=f"{label}, key {'.'.join(paths[0])}", advice=advice)
 
 
 def open_questions(value: Any, path: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
@@ -91,11 +83,7 @@ def mapping_value(value: Any) -> str:
 
 
 def mapping_comment(text: str) -> str:
-    """A comment in lines of the usual width.
-
-    >>> mapping_comment("as drawn")
-    '# as drawn'
-    """
+    """A comment in lines of the usual width."""
     return "\n".join(f"# {line}" for line in textwrap.wrap(text, LIMITS.comment_width))
 
 

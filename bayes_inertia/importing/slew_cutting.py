@@ -156,11 +156,9 @@ def _moment(value: str | float, logs: Logs, where: str) -> float:
     """A stated time on the clock of the logs [s]."""
     if isinstance(value, str) != logs.absolute:
         kind = "UTC dates, such as" if logs.absolute else "seconds on the clock of the streams, not"
-        raise CampaignError(
-            f"{value!r} does not fit the clock of the streams",
-            where=where,
-            advice=f'write {kind} "2026-03-01T12:00:00Z"',
-        )
+        what = f"{value!r} does not fit the clock of the streams"
+        advice = f'write {kind} "2026-03-01T12:00:00Z"'
+        raise CampaignError(what, where=where, advice=advice)
     if isinstance(value, str):
         return (utc_ns(value, where) - logs.epoch_ns) / SECOND
     return value - logs.epoch_ns / SECOND

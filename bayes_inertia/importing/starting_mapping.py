@@ -300,12 +300,11 @@ def _packets(table: Table) -> dict[tuple[str, str | int] | None, Table]:
         ):
             of_row = column.values == values[:, None]
             parts = zip(values.tolist(), of_row, strict=True)
-            return {(name, _plain(value)): _filled(table, name, rows) for value, rows in parts}
+            return {
+                (name, value if isinstance(value, str) else int(value)): _filled(table, name, rows)
+                for value, rows in parts
+            }
     return {None: table}
-
-
-def _plain(value: str | float) -> str | int:
-    return value if isinstance(value, str) else int(value)
 
 
 def _filled(table: Table, packet: str, rows: np.ndarray) -> Table:

@@ -96,11 +96,6 @@ def without_solution(
     """Rows (n,) that hold a mark of "no solution", such as 0 0 0 0 or -9999, not an attitude.
 
     That is one number in all columns which no attitude has there, or a mark that the mapping names.
-
-    >>> rows = np.array([[0.0, 0.0, 0.0, 0.0], [0.5, 0.5, 0.5, 0.5], [-1.0, -1.0, -1.0, -1.0]])
-    >>> quaternion = AttitudeConvention("quaternion", "inertial_to_body")
-    >>> without_solution(rows, quaternion, np.zeros((3, 4), dtype=bool)).tolist()
-    [True, False, True]
     """
     size = np.abs(values[:, 0])
     impossible = {
@@ -114,13 +109,7 @@ def without_solution(
 
 
 def standing_mark(quaternions: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Rows (n,) whose attitude, to which others jump and back, is a mark of "no solution".
-
-    >>> rows = np.array([[0.6, 0.0, 0.0, 0.8], [0.0, 0.0, 0.0, 1.0]] * 3)
-    >>> rows[::2, 0] += 1e-6 * np.arange(3)
-    >>> standing_mark(rows, np.arange(6.0)).tolist()
-    [False, True, False, True, False, True]
-    """
+    """Rows (n,) whose attitude, to which others jump and back, is a mark of "no solution"."""
     marks = np.zeros(len(time), dtype=bool)
     rows = np.flatnonzero(np.isfinite(quaternions).all(axis=1) & np.isfinite(time))
     q, steps = quaternions[rows], np.diff(time[rows])
@@ -145,13 +134,7 @@ def standing_mark(quaternions: np.ndarray, time: np.ndarray) -> np.ndarray:
 def rounding_of_attitudes(
     values: np.ndarray, convention: AttitudeConvention, sigmas: np.ndarray
 ) -> float:
-    """Sd of an attitude about any axis [rad] from the rounding `sigmas` of its columns.
-
-    >>> fix, sigmas = np.array([[0.0, 0.0, 0.6, 0.8]]), np.full(4, 1e-4)
-    >>> quaternion = AttitudeConvention("quaternion", "inertial_to_body")
-    >>> round(rounding_of_attitudes(fix, quaternion, sigmas), 7)
-    0.0002
-    """
+    """Sd of an attitude about any axis [rad] from the rounding `sigmas` of its columns."""
     given = values[np.isfinite(values).all(axis=1)]
     given = given[:: max(1, len(given) // LIMITS.attitudes_of_rounding)]
     if not len(given):
@@ -166,11 +149,7 @@ def rounding_of_attitudes(
 
 
 def bad_attitude(values: np.ndarray, convention: AttitudeConvention) -> tuple[int, str] | None:
-    """The first row that is neither empty nor an attitude, and what is wrong with it; None if none.
-
-    >>> bad_attitude(np.eye(3).reshape(1, 9) * 2.0, AttitudeConvention("dcm", "inertial_to_body"))
-    (0, 'the matrix is no rotation: its rows are not of length 1 and square to each other')
-    """
+    """The first row that is neither empty nor an attitude, and what is wrong; None if none."""
     if convention.form == "quaternion":
         return bad_quaternion(values)
     given = np.isfinite(values).sum(axis=1)
@@ -214,19 +193,13 @@ _TRACKER = re.compile(r"(STAR_?TRACKER|STR|ST|AST|INSTRUMENT|STARTRACKER).*")
 
 
 def agreed(stated: Any, mapped: Any, where: str, file: str) -> Any:
-    """The value that file or mapping states ("" or None: nothing); an error if they differ.
-
-    >>> agreed("last", None, "m.toml, key scalar", "a.aem")
-    'last'
-    """
+    """The value that file or mapping states ("" or None: nothing); an error if they differ."""
     if not stated:
         return mapped
     if mapped and mapped != stated:
-        raise CampaignError(
-            f"{mapped!r} contradicts the file {file}, which states {stated!r}",
-            where=where,
-            advice="leave the key out to take what the file states, or correct the file",
-        )
+        what = f"{mapped!r} contradicts the file {file}, which states {stated!r}"
+        advice = "leave the key out to take what the file states, or correct the file"
+        raise CampaignError(what, where=where, advice=advice)
     return stated
 
 
@@ -235,11 +208,9 @@ def agreed_unit(table: Table, name: str, quantity: str, mapped: str, where: str)
     stated = table.column(name).unit
     if not mapped and not stated:
         path = tuple(where.rpartition(", key ")[2].split("."))
-        raise CampaignError(
-            "missing key",
-            where=f"{where}.unit",
-            advice=f'add unit = "...": units are never guessed. {question_at((*path, "unit"))}',
-        )
+        what = "missing key"
+        advice = f'add unit = "...": units are never guessed. {question_at((*path, "unit"))}'
+        raise CampaignError(what, where=f"{where}.unit", advice=advice)
     if not mapped:
         _factor(quantity, stated, f"{table.label}, column {name}")
         return stated
@@ -278,11 +249,9 @@ def agreed_attitude(
     form = value("form")
     names = list(value("names"))
     if len(names) != COLUMNS_OF_FORM[form]:
-        raise CampaignError(
-            f"{len(names)} columns for the form {form!r}",
-            where=f"{where}.names",
-            advice=f"name {COLUMNS_OF_FORM[form]} columns in their order",
-        )
+        what = f"{len(names)} columns for the form {form!r}"
+        advice = f"name {COLUMNS_OF_FORM[form]} columns in their order"
+        raise CampaignError(what, where=f"{where}.names", advice=advice)
     euler = form == "euler"
     convention = AttitudeConvention(
         form,
@@ -457,9 +426,7 @@ def _valid_rows(valid: ValidRows, table: Table, where: str) -> np.ndarray:
         rows = np.isin(column.values.astype(float), numbers)
     if not rows.any():
         present = ", ".join(repr(v) for v in np.unique(column.values)[:8].tolist())
-        raise CampaignError(
-            f"no row has {valid.name} = {valid.equals!r}",
-            where=f"{where}.valid.equals",
-            advice=f"the column has {present}",
-        )
+        what = f"no row has {valid.name} = {valid.equals!r}"
+        advice = f"the column has {present}"
+        raise CampaignError(what, where=f"{where}.valid.equals", advice=advice)
     return rows

@@ -12,7 +12,6 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from functools import cache
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -22,13 +21,13 @@ from bayes_inertia.files import by_word, vocabulary
 from bayes_inertia.importing.limits import LIMITS
 
 _SPELLED = vocabulary("importing")["units"]
-QUANTITIES: Mapping[str, Sequence[str]] = MappingProxyType(_SPELLED["quantities"])
+QUANTITIES: Mapping[str, Sequence[str]] = _SPELLED["quantities"]
 """For each quantity its SI unit (with radians) and the units that an error suggests."""
 
 _ONE = frozenset({"1", "-", "", "none", "unitless", "dimensionless"})
 
 # Whole words that pint reads otherwise or not at all, in small letters.
-_WORDS = MappingProxyType(by_word(_SPELLED["words"]))
+_WORDS = by_word(_SPELLED["words"])
 _NEWTON_METRE = re.compile(r"([munkcµμ]?)N([cm]?m)(s?)")
 _JOULE_SECOND = re.compile(r"([munkµμ]?)J(s)")
 # Of a wheel these count turns; 1/s is left open.

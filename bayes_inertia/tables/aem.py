@@ -11,7 +11,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -23,11 +22,15 @@ _QUATERNION = ("Q1", "Q2", "Q3", "QC")
 _RATES = ("ANGVEL_X", "ANGVEL_Y", "ANGVEL_Z")
 _SPIN = ("SPIN_ALPHA", "SPIN_DELTA", "SPIN_ANGLE", "SPIN_ANGLE_VEL")
 _ANGLES = ("ANGLE_1", "ANGLE_2", "ANGLE_3")
-_AXES = MappingProxyType({"1": "X", "2": "Y", "3": "Z", "X": "X", "Y": "Y", "Z": "Z"})
+_AXES = {"1": "X", "2": "Y", "3": "Z", "X": "X", "Y": "Y", "Z": "Z"}
 _ROTATING = re.compile(r"(ITRF|GTOD|EFG|WGS|GRC|TIRF|LVLH|VVLH|RTN|RSW|QSW|TNW|NTW|PQW|NSW|SEZ).*")
-_TIME_SYSTEMS: Mapping[str, str] = MappingProxyType(
-    {"UTC": "utc", "TAI": "tai", "GPS": "gps", "TT": "tt", "TDT": "tt"}
-)
+_TIME_SYSTEMS: Mapping[str, str] = {
+    "UTC": "utc",
+    "TAI": "tai",
+    "GPS": "gps",
+    "TT": "tt",
+    "TDT": "tt",
+}
 EPOCH = "EPOCH"
 """Name of the column of time stamps."""
 
@@ -68,11 +71,9 @@ def segment_table(segment: AemSegment) -> Table:
     for index, row in enumerate(segment.rows):
         if len(row) != len(names) + 1:
             where = f"line {segment.lines[index]}" if segment.lines else f"attitude {index + 1}"
-            raise CampaignError(
-                f"{len(row) - 1} numbers, but {_type(segment)} has {len(names)}",
-                where=f"{segment.label}, {where}",
-                advice="mend or remove the line",
-            )
+            what = f"{len(row) - 1} numbers, but {_type(segment)} has {len(names)}"
+            advice = "mend or remove the line"
+            raise CampaignError(what, where=f"{segment.label}, {where}", advice=advice)
     cells = list(zip(*segment.rows, strict=True))
     columns = {EPOCH: Column(np.array(cells[0], dtype=np.dtypes.StringDType()))}
     for name, values in zip(names, cells[1:], strict=True):
@@ -95,12 +96,11 @@ def joined_segments(tables: Sequence[Table]) -> Table:
     """Segments with the same conventions as one table."""
     first = tables[0]
     for number, table in enumerate(tables[1:], start=2):
-        if _conventions(table) != _conventions(first):
-            raise CampaignError(
-                f"segments 1 and {number} have different frames, time systems or types",
-                where=first.label,
-                advice='name one segment as the table, such as "segment 1"',
-            )
+        kinds = [(t.attitude, t.time_kind, list(t.columns)) for t in (table, first)]
+        if kinds[0] != kinds[1]:
+            what = f"segments 1 and {number} have different frames, time systems or types"
+            advice = 'name one segment as the table, such as "segment 1"'
+            raise CampaignError(what, where=first.label, advice=advice)
     columns = {
         name: Column(
             np.concatenate([table.columns[name].values for table in tables]),
@@ -112,10 +112,6 @@ def joined_segments(tables: Sequence[Table]) -> Table:
     lines = np.concatenate(known) if len(known) == len(tables) else None
     notes = tuple(dict.fromkeys(note for table in tables for note in table.notes))
     return replace(first, columns=columns, lines=lines, notes=notes)
-
-
-def _conventions(table: Table) -> tuple:
-    return table.attitude, table.time_kind, list(table.columns)
 
 
 def _check_keywords(segment: AemSegment) -> None:
@@ -130,10 +126,9 @@ def _check_keywords(segment: AemSegment) -> None:
             raise segment.error(f"the metadata lack {key}", f"add the line {key} = ...")
     for key in segment.metadata:
         if key not in _WITH_MEANING and key not in _WITHOUT_MEANING:
-            raise segment.error(
-                f"the keyword {key} is not one of an AEM, and could change what the numbers mean",
-                "remove the line if it does not",
-            )
+            what = f"the keyword {key} is not one of an AEM, and could change what the numbers mean"
+            advice = "remove the line if it does not"
+            raise segment.error(what, advice)
 
 
 def _type(segment: AemSegment) -> str:
@@ -227,21 +222,18 @@ def _check_quaternions(segment: AemSegment, names: Sequence[str]) -> None:
     if not _type(segment).startswith("QUATERNION"):
         raise _unread_type(segment, "export QUATERNION, EULER_ANGLE or SPIN")
     if not set(_QUATERNION) <= set(names):
-        raise segment.error(
-            "the attitudes are no quaternions although ATTITUDE_TYPE says so",
-            "export the message again",
-        )
+        what = "the attitudes are no quaternions although ATTITUDE_TYPE says so"
+        advice = "export the message again"
+        raise segment.error(what, advice)
     if meta.get("QUATERNION_TYPE", "last").lower() not in ("first", "last"):
-        raise segment.error(
-            f"QUATERNION_TYPE = {meta['QUATERNION_TYPE']} is neither FIRST nor LAST",
-            "write where the scalar QC stands",
-        )
+        what = f"QUATERNION_TYPE = {meta['QUATERNION_TYPE']} is neither FIRST nor LAST"
+        advice = "write where the scalar QC stands"
+        raise segment.error(what, advice)
     # XML names each component.
     if not segment.names and not _scalar(segment):
-        raise segment.error(
-            "the metadata lack QUATERNION_TYPE, so nothing says where the scalar stands",
-            "add QUATERNION_TYPE = FIRST or LAST to the metadata",
-        )
+        what = "the metadata lack QUATERNION_TYPE, so nothing says where the scalar stands"
+        advice = "add QUATERNION_TYPE = FIRST or LAST to the metadata"
+        raise segment.error(what, advice)
 
 
 def _spin_angles(segment: AemSegment, columns: Mapping[str, Column]) -> dict[str, Column]:
@@ -253,10 +245,9 @@ def _spin_angles(segment: AemSegment, columns: Mapping[str, Column]) -> dict[str
             "export ATTITUDE_DIR = A2B, or QUATERNION",
         )
     if not set(_SPIN[:3]) <= set(columns):
-        raise segment.error(
-            f"ATTITUDE_TYPE = SPIN without {', '.join(_SPIN[:3])}",
-            "export the message again, or as QUATERNION",
-        )
+        what = f"ATTITUDE_TYPE = SPIN without {', '.join(_SPIN[:3])}"
+        advice = "export the message again, or as QUATERNION"
+        raise segment.error(what, advice)
     alpha, delta, phase = Table(segment.label, dict(columns)).stack(_SPIN[:3]).T
     turns = (alpha + 90.0, 90.0 - delta, phase)
     rest = {name: column for name, column in columns.items() if name not in _SPIN[:3]}
@@ -269,16 +260,14 @@ def _frames(segment: AemSegment) -> tuple[str, str]:
     start, end = meta["REF_FRAME_A"], meta["REF_FRAME_B"]
     for frame in (start, end):
         if _ROTATING.fullmatch(frame.upper()):
-            raise segment.error(
-                f"the frame {frame} turns in inertial space",
-                "export the attitude from an inertial frame such as EME2000 or ICRF",
-            )
+            what = f"the frame {frame} turns in inertial space"
+            advice = "export the attitude from an inertial frame such as EME2000 or ICRF"
+            raise segment.error(what, advice)
     direction = meta.get("ATTITUDE_DIR", "A2B").upper()
     if direction not in ("A2B", "B2A"):
-        raise segment.error(
-            f"ATTITUDE_DIR = {meta['ATTITUDE_DIR']} is neither A2B nor B2A",
-            "write the direction of the rotation",
-        )
+        what = f"ATTITUDE_DIR = {meta['ATTITUDE_DIR']} is neither A2B nor B2A"
+        advice = "write the direction of the rotation"
+        raise segment.error(what, advice)
     return (start, end) if direction == "A2B" else (end, start)
 
 
@@ -287,10 +276,9 @@ def _angles(segment: AemSegment, names: Sequence[str]) -> tuple[tuple[str, ...],
     stated = segment.metadata.get("EULER_ROT_SEQ", "").upper().strip("'\"")
     letters = [_AXES.get(letter, "") for letter in stated]
     if len(letters) != 3 or not all(letters) or letters[1] in (letters[0], letters[2]):
-        raise segment.error(
-            f"EULER_ROT_SEQ = {stated or 'nothing'} names no three rotations",
-            "write three axes such as ZYX, the first rotation first",
-        )
+        what = f"EULER_ROT_SEQ = {stated or 'nothing'} names no three rotations"
+        advice = "write three axes such as ZYX, the first rotation first"
+        raise segment.error(what, advice)
     sequence = "".join(letters)
     if set(_ANGLES) <= set(names):
         return _ANGLES, sequence
@@ -306,8 +294,7 @@ def _angles(segment: AemSegment, names: Sequence[str]) -> tuple[tuple[str, ...],
 def _time_kind(segment: AemSegment) -> str:
     system = segment.metadata["TIME_SYSTEM"].upper()
     if system not in _TIME_SYSTEMS:
-        raise segment.error(
-            f"TIME_SYSTEM = {system} cannot be put beside other clocks",
-            f"export one of {', '.join(_TIME_SYSTEMS)}",
-        )
+        what = f"TIME_SYSTEM = {system} cannot be put beside other clocks"
+        advice = f"export one of {', '.join(_TIME_SYSTEMS)}"
+        raise segment.error(what, advice)
     return _TIME_SYSTEMS[system]

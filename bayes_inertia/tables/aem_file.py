@@ -10,7 +10,6 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import MappingProxyType
 from xml.etree import ElementTree
 
 import numpy as np
@@ -20,7 +19,7 @@ from bayes_inertia.files import read_bytes, vocabulary
 from bayes_inertia.tables.aem import AemSegment, joined_segments, segment_table
 from bayes_inertia.tables.stamp_parts import SECOND, tai_to_utc, utc_to_tai
 from bayes_inertia.tables.table import Table
-from bayes_inertia.tables.text_cells import decoded
+from bayes_inertia.tables.text_cells import decoded, lines_in
 from bayes_inertia.tables.time_texts import text_to_ns
 
 _PAIR = re.compile(r"\s*([A-Za-z][A-Za-z0-9_]*)\s*=\s*(.*?)\s*")
@@ -30,9 +29,7 @@ _BLOCK = re.compile(r"([A-Z]+)_(START|STOP)")
 _OF_BLOCK = frozenset(
     "ATT_ID ATT_PREV_ID ATT_BASIS ATT_BASIS_ID ATT_TYPE RATE_TYPE NUMBER_STATES".split()  # noqa: SIM905
 )
-_RATES = MappingProxyType(
-    {"NONE": "", "ANGVEL": "/ANGVEL", "Q_DOT": "/DERIVATIVE", "EULER_RATE": "/DERIVATIVE"}
-)
+_RATES = {"NONE": "", "ANGVEL": "/ANGVEL", "Q_DOT": "/DERIVATIVE", "EULER_RATE": "/DERIVATIVE"}
 _ZERO = np.datetime64("1958-01-01", "ns")
 _ADVICE = "export the message again"
 _MESSAGE = re.compile(rb"""(?:^|\n|id\s*=\s*["'])\s*CCSDS_([A-Z]{3})_VERS\s*["'=]""")
@@ -42,7 +39,7 @@ _FROM_STK = (
     "let STK export an attitude ephemeris message (AEM), or save the rows below "
     "AttitudeTimeQuaternions as CSV with the names t,q1,q2,q3,q4 (the scalar is q4)"
 )
-_MESSAGES = MappingProxyType(vocabulary("tables")["ccsds_messages"])
+_MESSAGES = vocabulary("tables")["ccsds_messages"]
 
 
 def is_aem(head: bytes) -> bool:
@@ -118,7 +115,7 @@ def _blocks(text: str, label: str, read: Mapping[str, bool]) -> list[_Block]:
     """Blocks of a message, what is outside first; `read`: names, and whether they hold rows."""
     block = outside = _Block("", label)
     blocks = [outside]
-    for number, raw in enumerate(re.split("\r\n|\n|\r", text), start=1):
+    for number, raw in enumerate(lines_in(text), start=1):
         line, where = raw.strip(), f"{label}, line {number}"
         mark = _BLOCK.fullmatch(line)
         if mark:
@@ -246,11 +243,9 @@ def _xml_segment(node: ElementTree.Element, version: str, label: str) -> AemSegm
         own = tuple(name for name in cells if name != "EPOCH")
         names = names or own
         if own != names or "EPOCH" not in cells:
-            raise CampaignError(
-                "an attitude has other components than the first, or no EPOCH",
-                where=f"{label}, attitude {index + 1}",
-                advice=_ADVICE,
-            )
+            what = "an attitude has other components than the first, or no EPOCH"
+            advice = _ADVICE
+            raise CampaignError(what, where=f"{label}, attitude {index + 1}", advice=advice)
         rows.append((cells["EPOCH"], *(cells[name] for name in names)))
     return AemSegment(version, meta, tuple(rows), (), names)
 

@@ -44,11 +44,9 @@ def parquet_arrays(path: Path) -> FileArrays:
         for field, column in zip(table.schema, table.columns, strict=True):
             for name, values in _parts(field.name, column).items():
                 if name in held.arrays or name in held.closed:
-                    raise CampaignError(
-                        f"two columns are named {name!r}",
-                        where=label,
-                        advice="give each column its own name",
-                    )
+                    what = f"two columns are named {name!r}"
+                    advice = "give each column its own name"
+                    raise CampaignError(what, where=label, advice=advice)
                 _add_column(held, name, values, _unit(field))
     except CampaignError:
         raise
@@ -272,7 +270,11 @@ def table_of(
     counts = _row_counts(below)
     _check_any(counts, held, table, label)
     named = {path: path.replace("/", ".")[len(prefix) + 1 if prefix else 0 :] for path in counts}
-    wanted = {path for path, name in named.items() if _is_wanted(name, columns)}
+    wanted = {
+        path
+        for path, name in named.items()
+        if not columns or name in columns or any(c.startswith(name + "[") for c in columns)
+    }
     chosen = [path for path in counts if path in wanted and rows in (0, counts[path])]
     _check_one_length(chosen, counts, named, table, tables_of(below), label)
     made: dict[str, Column] = {}
@@ -281,10 +283,6 @@ def table_of(
     notes = tuple(f"{path} is {what} and was not read" for path, what in held.closed.items())
     where = f"{label}, {table}" if table else label
     return Table(where, made, notes=notes)
-
-
-def _is_wanted(name: str, columns: Sequence[str]) -> bool:
-    return not columns or name in columns or any(c.startswith(name + "[") for c in columns)
 
 
 def _check_any(counts: Mapping[str, int], held: FileArrays, table: str, label: str) -> None:

@@ -68,10 +68,6 @@ def check_readable(path: Path, kind: CheckKind, advice: str) -> None:
     """Raise an error unless an HDF5 file can be read to its end, by a process of its own.
 
     To be called before a library of this process opens a file that may be damaged.
-
-    >>> check_readable(Path("no/such/file.h5"), "check", "")
-    Traceback (most recent call last):
-    bayes_inertia.errors.CampaignError: no/such/file.h5: cannot be opened (...
     """
     size, _ = _size_and_change(path)
     _run(kind, str(path), None, size, str(path), advice)

@@ -31,12 +31,7 @@ def read_json_lines(path: Path) -> Table:
 
 
 def parse_json_lines(text: str, label: str) -> Table:
-    """The columns of text of JSON objects.
-
-    >>> table = parse_json_lines('{"t": 1, "gyro": {"w": [0.1, null]}}', "a.jsonl")
-    >>> {name: column.values.tolist() for name, column in table.columns.items()}
-    {'t': [1], 'gyro.w[0]': [0.1], 'gyro.w[1]': [nan]}
-    """
+    """The columns of text of JSON objects."""
     records, lines, notes = _records(text, label)
     return Table(label, _columns(records, lines, label), np.array(lines, dtype=int), notes=notes)
 
@@ -52,11 +47,9 @@ def _columns(records: Sequence[Any], lines: Sequence[int], label: str) -> dict[s
             column.extend([None] * (index - len(column)))
             column.append(value)
         if len(cells) > LIMITS.most_columns_of_json:
-            raise CampaignError(
-                f"more than {LIMITS.most_columns_of_json} different keys",
-                where=f"{label}, line {line}",
-                advice="give every line the same keys",
-            )
+            what = f"more than {LIMITS.most_columns_of_json} different keys"
+            advice = "give every line the same keys"
+            raise CampaignError(what, where=f"{label}, line {line}", advice=advice)
     if not cells:
         raise CampaignError("the file is empty", where=label, advice="give rows of telemetry")
     return {
@@ -155,11 +148,9 @@ def _array(values: list[Any], where: str) -> np.ndarray:
     try:
         return np.array(rows, dtype=float)
     except (ValueError, TypeError) as error:
-        raise CampaignError(
-            "its rows differ in length, or hold other things than numbers",
-            where=where,
-            advice=f"give each row {len(row)} numbers",
-        ) from error
+        what = "its rows differ in length, or hold other things than numbers"
+        advice = f"give each row {len(row)} numbers"
+        raise CampaignError(what, where=where, advice=advice) from error
 
 
 def _records(text: str, label: str) -> tuple[list[dict[str, Any]], list[int], tuple[str, ...]]:

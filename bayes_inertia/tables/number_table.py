@@ -8,8 +8,8 @@ long, rename doubled columns, and not say which line of the file a bad cell is o
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from operator import itemgetter
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
@@ -22,9 +22,7 @@ from bayes_inertia.tables.table import Column, Table, no_column
 from bayes_inertia.tables.text_cells import content_lines, split_rows
 from bayes_inertia.tables.text_table import text_column
 
-_WITH_GROUPS: Mapping[str, ArrayKind] = MappingProxyType(
-    {".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
-)
+_WITH_GROUPS: Mapping[str, ArrayKind] = {".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
 
 
 def read_table(path: Path, names: Sequence[str], group: str = "") -> Table:
@@ -40,31 +38,23 @@ def read_table(path: Path, names: Sequence[str], group: str = "") -> Table:
     if suffix in _WITH_GROUPS:
         held = read_arrays(path, _WITH_GROUPS[suffix])
         return _columns(held, names, label, _group(held, names, group, label))
-    raise CampaignError(
-        f"the suffix {path.suffix!r} is not that of a table",
-        where=label,
-        advice=f"export it as one of .csv, .parquet, {', '.join(_WITH_GROUPS)}",
-    )
+    what = f"the suffix {path.suffix!r} is not that of a table"
+    advice = f"export it as one of .csv, .parquet, {', '.join(_WITH_GROUPS)}"
+    raise CampaignError(what, where=label, advice=advice)
 
 
 def parse_csv(text: str, names: Sequence[str], label: str) -> Table:
-    """The columns of CSV text: a header, commas between cells, decimal points; no comments.
-
-    >>> text = "t,mode,w\\n0,idle,1\\n1,slew,\\n"
-    >>> parse_csv(text, ["t", "w"], "a.csv").stack(["t", "w"]).tolist()
-    [[0.0, 1.0], [1.0, nan]]
-    """
+    """The columns of CSV text: a header, commas between cells, decimal points; no comments."""
     written = split_rows(content_lines(text, ())[0], ",", label)
     head = next(written, None)
     if head is None:
-        raise CampaignError(
-            "the file is empty",
-            where=f"{label}, line 1",
-            advice="give a header line and the telemetry below it",
-        )
+        what = "the file is empty"
+        advice = "give a header line and the telemetry below it"
+        raise CampaignError(what, where=f"{label}, line 1", advice=advice)
     header = head.cells
     _check_header(header, names, f"{label}, line {head.line}")
-    wanted, lines, rows = [header.index(name) for name in names], list[int](), list[list[str]]()
+    wanted = itemgetter(*(header.index(name) for name in names), 0)  # Always a tuple.
+    lines, rows = list[int](), list[tuple[str, ...]]()
     for line, cells in written:
         if len(cells) != len(header):
             raise CampaignError(
@@ -74,7 +64,7 @@ def parse_csv(text: str, names: Sequence[str], label: str) -> Table:
                 "write decimal points, not commas",
             )
         lines.append(line)
-        rows.append([cells[k] for k in wanted])
+        rows.append(wanted(cells))
     columns = {name: text_column([row[k] for row in rows], ".") for k, name in enumerate(names)}
     return Table(label, columns, np.array(lines, dtype=int)).only(names)
 
@@ -82,18 +72,14 @@ def parse_csv(text: str, names: Sequence[str], label: str) -> Table:
 def _check_header(header: Sequence[str], names: Sequence[str], place: str) -> None:
     for separator, word in ((";", "semicolons"), ("\t", "tabs")):
         if len(header) == 1 and separator in header[0]:
-            raise CampaignError(
-                f"the cells are separated by {word}",
-                where=place,
-                advice="export with commas between cells and decimal points",
-            )
+            what = f"the cells are separated by {word}"
+            advice = "export with commas between cells and decimal points"
+            raise CampaignError(what, where=place, advice=advice)
     doubled = sorted({name for name in header if name and header.count(name) > 1})
     if doubled:
-        raise CampaignError(
-            f"two columns are named {doubled[0]!r}",
-            where=place,
-            advice="give each column its own name",
-        )
+        what = f"two columns are named {doubled[0]!r}"
+        advice = "give each column its own name"
+        raise CampaignError(what, where=place, advice=advice)
     _check_present(names, header, place)
 
 
@@ -116,11 +102,9 @@ def _group(held: FileArrays, names: Sequence[str], group: str, label: str) -> st
         _check_present(names, groups.get(best, []), where)
     named = [path for path in full if path.rpartition("/")[2] == group]
     if len(full) > 1 and len(named) != 1:
-        raise CampaignError(
-            f"several groups hold the columns: {', '.join(f'/{path}' for path in full)}",
-            where=label,
-            advice="name one group as the slew, or give each slew its own file",
-        )
+        what = f"several groups hold the columns: {', '.join(f'/{path}' for path in full)}"
+        advice = "name one group as the slew, or give each slew its own file"
+        raise CampaignError(what, where=label, advice=advice)
     return (full if len(full) == 1 else named)[0]
 
 
@@ -145,9 +129,7 @@ def _columns(held: FileArrays, names: Sequence[str], label: str, group: str = ""
         columns[name] = array_column(values.ravel())
         rows = columns[names[0]].values.size
         if values.size != rows:
-            raise CampaignError(
-                f"has {values.size} rows, but {names[0]} has {rows}",
-                where=where,
-                advice="give all columns one length",
-            )
+            what = f"has {values.size} rows, but {names[0]} has {rows}"
+            advice = "give all columns one length"
+            raise CampaignError(what, where=where, advice=advice)
     return Table(label, columns).only(names)

@@ -7,23 +7,14 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import by_word, vocabulary
+from bayes_inertia.tables import array_tables
 from bayes_inertia.tables.aem_file import aem_segments, is_aem, read_aem, refuse_other_messages
 from bayes_inertia.tables.array_files import FileArrays
-from bayes_inertia.tables.array_tables import (
-    array_column,
-    bag_arrays,
-    numpy_arrays,
-    parquet_arrays,
-    table_of,
-    tables_of,
-    ulog_arrays,
-)
 from bayes_inertia.tables.isolated import ArrayKind, read_arrays
 from bayes_inertia.tables.json_lines import json_arrays, read_json_lines
 from bayes_inertia.tables.limits import LIMITS
@@ -44,15 +35,7 @@ _NO_LABEL = re.compile(r".*(valid|flag|status|quality|state|alarm|limit|severity
 
 
 def one_row_a_time(table: Table) -> Table:
-    """A table whose rows each hold one parameter, with a column a parameter; others as they are.
-
-    >>> names = np.array(["wx", "wy", "wx"], dtype=np.dtypes.StringDType())
-    >>> columns = {"t": [0.0, 0.0, 0.5], "parameter": names, "value": [1.0, 2.0, 3.0]}
-    >>> made = {name: Column(np.array(v)) for name, v in columns.items()}
-    >>> wide = one_row_a_time(Table("a.csv", made))
-    >>> wide.stack(["t", "wx", "wy"]).tolist()
-    [[0.0, 1.0, 2.0], [0.5, 3.0, nan]]
-    """
+    """A table whose rows each hold one parameter, with a column a parameter; others as they are."""
     bare = {name: name.lower().strip("_ ") for name in table.columns}
     parameters = [name for name in bare if _PARAMETER.fullmatch(bare[name])]
     values = [name for name in bare if _VALUE.fullmatch(bare[name])]
@@ -149,7 +132,7 @@ def _only_unit(units: Sequence[str] | None, own: np.ndarray) -> str:
 _WORKBOOKS = (".xlsx", ".xlsm", ".xlsb")
 _OF_ARDUPILOT = "`pip install pymavlink`, `mavlogdump.py --format csv --types IMU FILE.bin`"
 
-_BY_SUFFIX = MappingProxyType(by_word(vocabulary("tables")["suffixes"]))
+_BY_SUFFIX = by_word(vocabulary("tables")["suffixes"])
 
 
 def file_format(path: Path) -> str:
@@ -235,7 +218,7 @@ def read_raw(
         return read_aem(file, table)
     held = _arrays(file, form)
     if held is not None:
-        return one_row_a_time(table_of(held, str(file), table=table, columns=columns))
+        return one_row_a_time(array_tables.table_of(held, str(file), table=table, columns=columns))
     if table:
         raise CampaignError(
             f"no table {table!r}", where=str(file), advice="the file is one table: name none"
@@ -256,12 +239,14 @@ def tables_in(path: str | Path) -> list[str]:
     if form == "aem":
         return aem_segments(file)
     held = _arrays(file, form)
-    return [""] if held is None else tables_of(held.arrays)
+    return [""] if held is None else array_tables.tables_of(held.arrays)
 
 
 def _parquet_table(file: Path) -> Table:
-    held = parquet_arrays(file)
-    columns = {name: array_column(a, held.units[name]) for name, a in held.arrays.items()}
+    held = array_tables.parquet_arrays(file)
+    columns = {
+        name: array_tables.array_column(a, held.units[name]) for name, a in held.arrays.items()
+    }
     table = Table(str(file), columns)
     if not table.rows:
         raise CampaignError("holds no rows of numbers", where=table.label, advice="export it again")
@@ -274,10 +259,10 @@ def _arrays(file: Path, form: str) -> FileArrays | None:
         arrays = json_arrays(file)
         return None if arrays is None else FileArrays(arrays)
     if form == "numpy":
-        return numpy_arrays(file)
+        return array_tables.numpy_arrays(file)
     if form == "ulog":
-        return ulog_arrays(file)
+        return array_tables.ulog_arrays(file)
     if form == "bag":
-        return bag_arrays(file)
+        return array_tables.bag_arrays(file)
     kinds: dict[str, ArrayKind] = {"hdf5": "hdf5", "netcdf": "netcdf", "mat": "mat"}
     return read_arrays(file, kinds[form]) if form in kinds else None

@@ -14,7 +14,6 @@ from datetime import date
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from functools import cache
-from types import MappingProxyType
 
 import numpy as np
 
@@ -84,13 +83,13 @@ def has_leap_second(day_end_ns: int) -> bool:
     return bool(np.isin(day_end_ns, start[1:]))
 
 
-UNIT_WORDS = MappingProxyType(by_word(vocabulary("tables")["units_of_time"]))
+UNIT_WORDS = by_word(vocabulary("tables")["units_of_time"])
 """Words in the names of columns, and the unit of time that each says."""
 
-_SIZES: Mapping[str, int] = MappingProxyType(
-    {"ns": 1, "us": 1000, "ms": 10**6, "s": SECOND, "min": 60 * SECOND, "h": 3600 * SECOND}
-    | {"day": 86400 * SECOND, "week": 7 * 86400 * SECOND}
-)
+_SIZES: Mapping[str, int] = {
+    "ns": 1, "us": 1000, "ms": 10**6, "s": SECOND, "min": 60 * SECOND, "h": 3600 * SECOND,
+    "day": 86400 * SECOND, "week": 7 * 86400 * SECOND,
+}  # fmt: skip
 _UNIT = re.compile(
     r"(?P<count>\d+(?:\.\d+)?)?\s*(?P<unit>week|day|h|min|s|ms|us|ns)?"
     r"(?:\s*/\s*(?P<divisor>2\^\d+|\d+)\s*(?P<later>s|ms|us)?)?"
@@ -199,11 +198,9 @@ def exact_ns(
     size = float(np.max(np.abs(np.where(missing, 0.0, values)), initial=0.0))
     if size * float(unit) >= 2.0**62 + zero * float(unit):
         row = int(np.argmax(np.abs(np.where(missing, 0.0, values))))
-        raise CampaignError(
-            f"{values[row]:g} is no time of this kind",
-            where=table.place(row, name),
-            advice="state the kind and unit that the column has",
-        )
+        what = f"{values[row]:g} is no time of this kind"
+        advice = "state the kind and unit that the column has"
+        raise CampaignError(what, where=table.place(row, name), advice=advice)
     if unit.denominator != 1:
         return _rounded(np.where(missing, 0.0, values), unit), missing, 1e-9
     one = int(unit)
@@ -247,11 +244,9 @@ def _rounded(values: np.ndarray, size: Fraction) -> np.ndarray:
 
 
 def _wrong_part(table: Table, names: Sequence[str], k: int, row: int, what: str) -> CampaignError:
-    return CampaignError(
-        f"{table.numbers(names[k])[row]:.12g} {what}",
-        where=table.place(row, names[k]),
-        advice=f"name whole units first and check `units`; named are {', '.join(names)}",
-    )
+    what = f"{table.numbers(names[k])[row]:.12g} {what}"
+    advice = f"name whole units first and check `units`; named are {', '.join(names)}"
+    return CampaignError(what, where=table.place(row, names[k]), advice=advice)
 
 
 def weeks_ns(table: Table, name: str, rollovers: int | None) -> tuple[np.ndarray, np.ndarray]:

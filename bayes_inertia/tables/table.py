@@ -85,11 +85,7 @@ def is_inertial(frame: str) -> bool:
 
 @array_dataclass
 class Table:
-    """The columns of one table of one file.
-
-    >>> Table.of("a.csv", {"t": np.zeros(2)}).place(1, "t")
-    'a.csv, line 3, column t'
-    """
+    """The columns of one table of one file."""
 
     label: str  # The file (and its table), as messages name it
     columns: dict[str, Column]  # All of one length
@@ -199,18 +195,12 @@ def shortened(cell: str) -> str:
 
 
 def no_column(name: str, available: Sequence[str], where: str, why: str = "") -> CampaignError:
-    """The refusal of a column that a table has not, with the nearest that it has.
-
-    >>> str(no_column("wx", ["t", "w_x"], "a.csv, line 1"))
-    "a.csv, line 1: no column 'wx'; did you mean 'w_x'? The table has: t, w_x"
-    """
+    """The refusal of a column that a table has not, with the nearest that it has."""
     near = difflib.get_close_matches(name, available, 1)
     hint = f"did you mean {near[0]!r}? " if near else ""
-    return CampaignError(
-        f"no column {name!r}{why}",
-        where=where,
-        advice=f"{hint}The table has: {_listed(available)}",
-    )
+    what = f"no column {name!r}{why}"
+    advice = f"{hint}The table has: {_listed(available)}"
+    return CampaignError(what, where=where, advice=advice)
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -7,7 +7,6 @@ import csv
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import NamedTuple
 
 from bayes_inertia.errors import CampaignError
@@ -17,7 +16,6 @@ from bayes_inertia.tables.time_texts import is_date
 
 WHITESPACE = "whitespace"
 COMMENTS = ("#", "%", "//")
-_LINE_END = re.compile("\r\n|\n|\r")
 _CONTROL = re.compile("[\x01-\x08\x0e-\x19\x1b-\x1f]")  # Signs of a binary file.
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -36,14 +34,10 @@ class CellRow(NamedTuple):  # A log has a million of them: a dataclass takes twi
 
 
 def decoded(data: bytes, label: str, encoding: str = "") -> str:
-    """The text of a file without byte-order mark; an encoding "" is told from its bytes.
-
-    >>> decoded("t;°/s".encode("utf-16-le"), "a.csv"), decoded("t;°/s".encode("latin-1"), "a.csv")
-    ('t;°/s', 't;°/s')
-    """
+    """The text of a file without byte-order mark; an encoding "" is told from its bytes."""
     text = _text_of(data, label, encoding)
     if "\0" in text:
-        raise _zero_bytes(_LINE_END.split(text), label)
+        raise _zero_bytes(lines_in(text), label)
     return text
 
 
@@ -59,7 +53,7 @@ def whole_lines(data: bytes, label: str, encoding: str = "") -> tuple[str, tuple
     text = _text_of(data, label, encoding)
     if "\0" not in text:
         return text, ()
-    lines = _LINE_END.split(text)
+    lines = lines_in(text)
     zeros = [number for number, line in enumerate(lines, start=1) if "\0" in line]
     cut = [number for number in zeros if lines[number - 1].strip("\0 \t")]
     kept = ["" if "\0" in line else line for line in lines]
@@ -80,11 +74,9 @@ def _zero_bytes(lines: Sequence[str], label: str) -> CampaignError:
     """The refusal of a file with NUL bytes."""
     first = next(number for number, line in enumerate(lines, start=1) if "\0" in line)
     if not "".join(lines).strip("\0 \t"):
-        return CampaignError(
-            "holds nothing but NUL bytes",
-            where=label,
-            advice="the logger lost power before it wrote: take another copy, or leave it out",
-        )
+        what = "holds nothing but NUL bytes"
+        advice = "the logger lost power before it wrote: take another copy, or leave it out"
+        return CampaignError(what, where=label, advice=advice)
     return CampaignError(
         "NUL bytes: no text, or a logger that lost power",
         where=f"{label}, line {first}",
@@ -99,11 +91,9 @@ def _text_of(data: bytes, label: str, encoding: str) -> str:
     try:
         return data.decode(chosen).removeprefix("\ufeff")
     except (UnicodeError, LookupError) as error:
-        raise CampaignError(
-            f"cannot be read as {chosen} text",
-            where=label,
-            advice="export it again as UTF-8, or state another encoding",
-        ) from error
+        what = f"cannot be read as {chosen} text"
+        advice = "export it again as UTF-8, or state another encoding"
+        raise CampaignError(what, where=label, advice=advice) from error
 
 
 def _encoding(data: bytes) -> str:
@@ -123,12 +113,17 @@ def _encoding(data: bytes) -> str:
     return "utf-8"
 
 
+def lines_in(text: str) -> list[str]:
+    """The lines of a text, as editors count them: they end with CR LF, LF or CR."""
+    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
 def content_lines(
     text: str, signs: tuple[str, ...] = COMMENTS
 ) -> tuple[list[tuple[int, str]], dict[int, str]]:
     """Lines that hold cells, each with its number from 1, and comments by number without sign."""
     lines, comments = [], {}
-    for number, line in enumerate(_LINE_END.split(text), start=1):
+    for number, line in enumerate(lines_in(text), start=1):
         stripped = line.strip()
         if not stripped:
             continue
@@ -150,7 +145,10 @@ def split_rows(
         return
     if not any('"' in line for _, line in lines):
         for number, line in lines:
-            yield CellRow(number, tuple(map(str.strip, line.split(delimiter))))
+            cells = line.split(delimiter)
+            # All white space but the blank is not printable.
+            bare = " " not in line and line.isprintable()
+            yield CellRow(number, tuple(cells if bare else map(str.strip, cells)))
         return
     taken: list[int] = []
 
@@ -175,7 +173,7 @@ def split_rows(
 _DELIMITERS = ("\t", ";", ",", "|", WHITESPACE)
 # A table of one column is the last resort: every file is one by some delimiter. White space comes
 # after signs, for it takes the empty cells of a table with tabs away.
-_TRUST = MappingProxyType({WHITESPACE: 0.8})
+_TRUST = {WHITESPACE: 0.8}
 # Not a whole row that a time begins.
 _ZONE = r"(\s?[A-Za-z]{1,4})?([+-]\d\d:?\d\d)?"
 _TIME = re.compile(

@@ -14,7 +14,6 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
@@ -54,12 +53,7 @@ def read_text_table(path: Path, options: TextOptions) -> Table:
 
 
 def parse_text(text: str, label: str, options: TextOptions) -> Table:
-    """The columns of a text table; what the options leave open is told from the text.
-
-    >>> table = parse_text("t;w\\ns;deg/s\\n0,25;1,5\\n0,5;\\n", "a.csv", TextOptions())
-    >>> table.numbers("w").tolist(), table.columns["w"].unit
-    ([1.5, nan], 'deg/s')
-    """
+    """The columns of a text table; what the options leave open is told from the text."""
     lines, comments = content_lines(text, (options.comment,) if options.comment else COMMENTS)
     if lines and lines[0][1].strip().lower().startswith("sep="):
         lines = lines[1:]  # A hint that Excel writes and reads.
@@ -67,7 +61,8 @@ def parse_text(text: str, label: str, options: TextOptions) -> Table:
         raise CampaignError("the file is empty", where=label, advice="give rows of telemetry")
     form = told_form(lines, options, label)
     rows = list(split_rows(lines, form.delimiter, label))
-    count = _common_length(rows)
+    lengths = [len(row.cells) for row in rows[-_judged(rows) :]]
+    count = max(set(lengths), key=lengths.count)
     rows, notes = _without_cut_end([_trimmed(row, count) for row in rows], count, text)
     stated = max(options.header_line, options.units_line) if options.header_line >= 0 else -1
     first = _first_data_row(rows, count, form.decimal, stated, label)
@@ -126,16 +121,9 @@ def _check_no_row_is_lost(
     for row in above:
         readings = any(is_reading(cell, form.decimal) for cell in row.cells)
         if row.line > last and (readings if last else _holds_readings(row.cells, form.decimal)):
-            raise CampaignError(
-                f"{len(row.cells)} cells that do not fit the columns",
-                where=f"{label}, line {row.line}",
-                advice="mend or remove the line; a line of metadata can begin with #",
-            )
-
-
-def _common_length(rows: Sequence[CellRow]) -> int:
-    lengths = [len(row.cells) for row in rows[-_judged(rows) :]]
-    return max(set(lengths), key=lengths.count)
+            what = f"{len(row.cells)} cells that do not fit the columns"
+            advice = "mend or remove the line; a line of metadata can begin with #"
+            raise CampaignError(what, where=f"{label}, line {row.line}", advice=advice)
 
 
 def _judged(rows: Sequence[CellRow]) -> int:
@@ -297,11 +285,9 @@ def _table(
     for row in rows:
         extra = row.cells[count:]
         if len(row.cells) < count or any(extra):
-            raise CampaignError(
-                f"{len(row.cells)} cells, but the table has {count} columns",
-                where=f"{label}, line {row.line}",
-                advice="give every line as many cells as the others, or remove the line",
-            )
+            what = f"{len(row.cells)} cells, but the table has {count} columns"
+            advice = "give every line as many cells as the others, or remove the line"
+            raise CampaignError(what, where=f"{label}, line {row.line}", advice=advice)
     # Only the wanted cells: a last delimiter makes one more.
     cells = list(zip(*(row.cells[:count] for row in rows), strict=True))
     columns = {
@@ -311,24 +297,17 @@ def _table(
     return Table(label, columns, np.array([row.line for row in rows], dtype=int), notes=notes)
 
 
-def _is_text(cell: str, decimal: str) -> bool:
-    return math.isnan(number_of(cell, decimal)) and cell.lower() not in EMPTY_CELLS
-
-
 def text_column(cells: Sequence[str], decimal: str, unit: str = "") -> Column:
-    """A column of text cells: numbers where every cell is one or empty, else texts.
-
-    >>> text_column(["1.5", "", "n/a"], ".").values.tolist()
-    [1.5, nan, nan]
-    """
+    """A column of text cells: numbers where every cell is one or empty, else texts."""
     points = [cell.replace(",", ".") for cell in cells] if decimal == "," else cells
     try:
         values = np.array([float(cell or "nan") for cell in points])
-        if any("_" in cell for cell in cells):
+        if "_" in "".join(cells):
             raise ValueError
     except ValueError:
         # Lazily: of a column of dates the first cell tells.
-        if any(_is_text(cell, decimal) for cell in cells):
+        texts = (cell for cell in cells if math.isnan(number_of(cell, decimal)))
+        if any(cell.lower() not in EMPTY_CELLS for cell in texts):
             return Column(np.array(cells, dtype=np.dtypes.StringDType()), unit)
         values = np.array([number_of(cell, decimal) for cell in cells])
     finite = np.abs(values[np.isfinite(values)])
@@ -340,7 +319,7 @@ def text_column(cells: Sequence[str], decimal: str, unit: str = "") -> Column:
 
 
 # Number of columns (0: any), and unit, of each output of 42.
-_UNITS_OF_42 = MappingProxyType(vocabulary("tables")["nasa_42"])
+_UNITS_OF_42 = vocabulary("tables")["nasa_42"]
 _UTC_OF_42 = re.compile(r"\s*(\d{4}):(\d{1,2}):(\d{1,2}):(\d{1,2}):(\d{2}):(\d{2}\.\d+)\s*")
 _FORM_OF_42 = TextOptions(delimiter="whitespace", decimal=".", header_line=-1, units_line=-1)
 
@@ -388,11 +367,9 @@ def _stamps(path: Path, rows: int) -> dict[str, Column]:
         return {}
     time = next(iter(read_text_table(beside, _FORM_OF_42).columns.values()))
     if time.values.size != rows:
-        raise CampaignError(
-            f"{rows} rows, but {beside.name} beside it has {time.values.size}",
-            where=str(path),
-            advice="take both from one run",
-        )
+        what = f"{rows} rows, but {beside.name} beside it has {time.values.size}"
+        advice = "take both from one run"
+        raise CampaignError(what, where=str(path), advice=advice)
     return {"time": Column(time.values, "s")}
 
 
@@ -420,11 +397,9 @@ def _utc(path: Path) -> Table:
             continue
         match = _UTC_OF_42.fullmatch(line)
         if match is None:
-            raise CampaignError(
-                f"{line.strip()[:40]!r} is no time as 42 writes it",
-                where=f"{path}, line {number}",
-                advice="write it again",
-            )
+            what = f"{line.strip()[:40]!r} is no time as 42 writes it"
+            advice = "write it again"
+            raise CampaignError(what, where=f"{path}, line {number}", advice=advice)
         year, month, day, hour, minute = (int(part) for part in match.groups()[:5])
         texts.append(f"{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{match[6]}Z")
         numbers.append(number)

@@ -14,13 +14,13 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from functools import partial
-from types import MappingProxyType
 
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import by_word, vocabulary
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.tables import time_texts
 from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.stamp_parts import (
     SCALES,
@@ -37,16 +37,9 @@ from bayes_inertia.tables.stamp_parts import (
     words_of,
 )
 from bayes_inertia.tables.table import Column, Table
-from bayes_inertia.tables.time_texts import (
-    form_of_format,
-    is_date,
-    plain_dates,
-    text_to_ns,
-    written_dates,
-)
 
 # What ends a name, without signs and in small letters -> unit.
-_UNITS = MappingProxyType(by_word(vocabulary("tables")["endings"]))
+_UNITS = by_word(vocabulary("tables")["endings"])
 _TIME = re.compile(
     r"(t|time|times|utc|tai|gps|epoch|timestamps?|tow|week|met|sclk|unix|posix|mjd|jd|date|datetime|"
     r"(unix|gps|posix|time)(time|stamp)[a-z]*|sec|s)"
@@ -94,16 +87,11 @@ def time_names(table: Table) -> list[str]:
 
 
 def _holds_dates(column: Column) -> bool:
-    return column.is_text and len(column.values) > 0 and is_date(str(column.values[0]))
+    return column.is_text and len(column.values) > 0 and time_texts.is_date(str(column.values[0]))
 
 
 def stamp_columns(table: Table, named: Sequence[str]) -> list[str]:
-    """Columns that make one stamp together, whole units first; the first of `named` if it is alone.
-
-    >>> ros = {"sec": Column(np.array([7.0, 7.0])), "nanosec": Column(np.array([0.0, 5e8]))}
-    >>> stamp_columns(Table("a.csv", ros), ["sec"])
-    ['sec', 'nanosec']
-    """
+    """Columns that make one stamp together, whole units first; else the first of `named`."""
     weeks = [name for name in named if "week" in name.lower()]
     seconds = [name for name in named if name not in weeks]
     if weeks and seconds:
@@ -116,9 +104,8 @@ def stamp_columns(table: Table, named: Sequence[str]) -> list[str]:
 
 def _starts_a_stamp(table: Table, name: str) -> bool:
     """Whether a column may hold the whole units of a stamp."""
-    column = table.column(name)
-    if column.is_text:
-        return len(column.values) > 0 and is_date(str(column.values[0]))
+    if table.column(name).is_text:
+        return _holds_dates(table.column(name))
     return unit_in_name(name) in ("week", "year", "day", "s") or bool(
         {"coarse"} & {*words_of(name)}
     )
@@ -141,7 +128,7 @@ def _is_part(table: Table, chain: Sequence[str], name: str) -> bool:
     before, column = table.column(chain[-1]), table.column(name)
     if column.is_text or before.is_text:
         texts = [str(c.values[0]).strip() if len(c.values) else "" for c in (before, column)]
-        dated = before.is_text and is_date(texts[0]) and ":" not in texts[0]
+        dated = before.is_text and time_texts.is_date(texts[0]) and ":" not in texts[0]
         units = [unit_in_name(name) for name in (chain[0], chain[-1])]
         dated = dated or (units[0] == "year" and units[1] in ("day", "doy"))
         return dated and (bool(_OF_DAY.match(texts[1])) or unit_in_name(name) in ("s", "ms"))
@@ -184,56 +171,44 @@ def stamp_units(table: Table, names: Sequence[str]) -> list[str]:
     return units
 
 
-FREE_CLOCKS: Mapping[str, int] = MappingProxyType(
-    {"ns": 1, "us": 1000, "ms": 10**6, "s": SECOND, "min": 60 * SECOND, "h": 3600 * SECOND}
-    | {"day": SCALES.day}
-)
+FREE_CLOCKS: Mapping[str, int] = {
+    unit: int(unit_size(unit) or 0) for unit in ("ns", "us", "ms", "s", "min", "h", "day")
+}
 """Kinds of stamps from a clock's own zero, and their nanoseconds."""
 
 # Nanoseconds a unit, zero of the clock, whether leap seconds are to be added.
-_NUMBERS: Mapping[str, tuple[int, int, bool]] = MappingProxyType(
-    {
-        f"{clock}_{unit}": (FREE_CLOCKS[unit], zero, leaps)
-        for clock, zero, leaps in (
-            ("gps", SCALES.gps_1980, False),
-            ("tai", 0, False),
-            ("unix", SCALES.tai_1970, True),
-        )
-        for unit in ("s", "ms", "us", "ns")
-    }
-)
+_NUMBERS: Mapping[str, tuple[int, int, bool]] = {
+    f"{clock}_{unit}": (FREE_CLOCKS[unit], zero, leaps)
+    for clock, zero, leaps in (
+        ("gps", SCALES.gps_1980, False),
+        ("tai", 0, False),
+        ("unix", SCALES.tai_1970, True),
+    )
+    for unit in ("s", "ms", "us", "ns")
+}
 COUNTED_CLOCKS = tuple(_NUMBERS)
 """Kinds of stamps that count from a date that everybody knows."""
 
 # Day of 1958-01-01, what TAI is ahead by [ns], whether leap seconds are to be added.
-_DAYS: Mapping[str, tuple[float, int, bool]] = MappingProxyType(
-    {
-        f"{count}_{scale}": (day, -SCALES.tt_minus_tai if scale == "tt" else 0, scale == "utc")
-        for count, day in (("mjd", SCALES.mjd_1958), ("jd", SCALES.jd_1958))
-        for scale in ("utc", "tai", "tt")
-    }
-    | {"cds": (0, 0, True)}
-)
-_TEXTS: Mapping[str, int | None] = MappingProxyType(
-    {  # What is to be added to the text's clock [ns]; None: leap seconds.
-        "utc": None,
-        "tai": 0,
-        "gps": 19 * SECOND,
-        "tt": -SCALES.tt_minus_tai,
-    }
-)
+_DAYS: Mapping[str, tuple[float, int, bool]] = {
+    f"{count}_{scale}": (day, -SCALES.tt_minus_tai if scale == "tt" else 0, scale == "utc")
+    for count, day in (("mjd", SCALES.mjd_1958), ("jd", SCALES.jd_1958))
+    for scale in ("utc", "tai", "tt")
+} | {"cds": (0, 0, True)}
+# What is to be added to the text's clock [ns]; None: leap seconds.
+_TEXTS: Mapping[str, int | None] = {
+    "utc": None,
+    "tai": 0,
+    "gps": 19 * SECOND,
+    "tt": -SCALES.tt_minus_tai,
+}
 TIME_KINDS = (*FREE_CLOCKS, *_TEXTS, *_NUMBERS, "gps_week", *_DAYS)
 """Kinds of time stamps that `times_to_seconds` reads."""
 
 
 @array_dataclass
 class TimeStamps:
-    """The times of one stream.
-
-    >>> stamps = TimeStamps(np.array([10, 250_000_010]), np.array([False, False]), False, 1e-9)
-    >>> stamps.seconds_since(stamps.first_ns).tolist()
-    [0.0, 0.25]
-    """
+    """The times of one stream."""
 
     # (rows,) of int: nanoseconds since 1958-01-01T00:00:00 TAI where `absolute`, else since the
     # clock's own zero; 0 where a stamp is missing
@@ -312,25 +287,19 @@ def dates_of(number: float, kind: str) -> np.datetime64 | None:
 
 def _check_kind(table: Table, names: Sequence[str], kind: str, units: Sequence[str]) -> None:
     if kind not in TIME_KINDS:
-        raise CampaignError(
-            f"{kind!r} is no kind of time stamp",
-            where=table.label,
-            advice=f"write one of {', '.join(TIME_KINDS)}",
-        )
+        what = f"{kind!r} is no kind of time stamp"
+        advice = f"write one of {', '.join(TIME_KINDS)}"
+        raise CampaignError(what, where=table.label, advice=advice)
     wanted = 2 if kind == "gps_week" else 1
     if len(names) < wanted:
         two = "the week and the seconds of the week"
-        raise CampaignError(
-            f"{len(names)} columns are named for stamps of the kind {kind!r}",
-            where=table.label,
-            advice=f"name {f'two columns, {two}' if wanted == 2 else 'one column'}",
-        )
+        what = f"{len(names)} columns are named for stamps of the kind {kind!r}"
+        advice = f"name {f'two columns, {two}' if wanted == 2 else 'one column'}"
+        raise CampaignError(what, where=table.label, advice=advice)
     if units and len(units) != len(names):
-        raise CampaignError(
-            f"{len(units)} units for {len(names)} columns of the time",
-            where=table.label,
-            advice='give one a column, such as names = ["sec", "nanosec"], units = ["s", "ns"]',
-        )
+        what = f"{len(units)} units for {len(names)} columns of the time"
+        advice = 'give one a column, such as names = ["sec", "nanosec"], units = ["s", "ns"]'
+        raise CampaignError(what, where=table.label, advice=advice)
 
 
 def _from_texts(
@@ -340,7 +309,7 @@ def _from_texts(
     name, column = names[0], table.column(names[0])
     counted: list[str] = []
     if len(names) > 1 or form:
-        cells, counted = written_dates(table, names, units, form)
+        cells, counted = time_texts.written_dates(table, names, units, form)
     elif column.is_text:
         cells = column.values.tolist()
     elif column.values.dtype.kind == "f" and np.isnan(column.values).all():
@@ -366,19 +335,19 @@ def _dates_in_tai(
     table: Table, name: str, kind: str, cells: list[str], form: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Dates (rows,) on the TAI scale, and the rows without one."""
-    pattern = form_of_format(form, f"{table.label}, format") if form else None
+    pattern = time_texts.form_of_format(form, f"{table.label}, format") if form else None
     ns = np.zeros(table.rows, dtype=np.int64)
     leap = np.zeros(table.rows, dtype=bool)
     missing = np.zeros(table.rows, dtype=bool)
     # A clock that is not UTC has no zone: text_to_ns refuses it by its row.
     zoned = cells[0].endswith("Z") if cells else False
-    alike = plain_dates(cells) if not form and (kind == "utc" or not zoned) else None
+    alike = time_texts.plain_dates(cells) if not form and (kind == "utc" or not zoned) else None
     if alike is not None:
         ns, cells = alike, []
     for row, cell in enumerate(cells):
         place = partial(table.place, row, name)
         text = cell.strip().removesuffix(kind.upper()) if kind != "utc" else cell
-        read = text_to_ns(text, utc=kind == "utc", place=place, form=pattern)
+        read = time_texts.text_to_ns(text, utc=kind == "utc", place=place, form=pattern)
         if read is None:
             missing[row] = True
         else:
@@ -425,11 +394,9 @@ def _check_years(table: Table, names: Sequence[str], kind: str, stamps: TimeStam
     if wrong.any():
         row = int(np.argmax(wrong))
         year = 1958 + stamps.ns[row] / (365.25 * SCALES.day)
-        raise CampaignError(
-            f"as {kind!r} the stamp lies in the year {year:.0f}",
-            where=table.place(row, names[0]),
-            advice="state the kind and unit that the column has; stamps from 1972 to 2099 are read",
-        )
+        what = f"as {kind!r} the stamp lies in the year {year:.0f}"
+        advice = "state the kind and unit that the column has; stamps from 1972 to 2099 are read"
+        raise CampaignError(what, where=table.place(row, names[0]), advice=advice)
 
 
 def _check_steps(table: Table, names: Sequence[str], stamps: TimeStamps) -> None:

@@ -11,7 +11,6 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from datetime import date
 from functools import cache
-from types import MappingProxyType
 
 import numpy as np
 
@@ -40,7 +39,7 @@ _MONTHS = (
     "july", "august", "september", "october", "november", "december",
 )  # fmt: skip
 # What each directive of a `format` stands for.
-_DIRECTIVES: Mapping[str, str] = MappingProxyType(vocabulary("tables")["directives"])
+_DIRECTIVES: Mapping[str, str] = vocabulary("tables")["directives"]
 _CALENDAR = ("year", "month", "day", "doy")
 _PLAIN = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}:\d{2}(\.\d{1,9})?Z?")
 _ADVICE = (
@@ -61,11 +60,9 @@ def form_of_format(text: str, where: str) -> re.Pattern[str]:
     written = [re.sub(r"(\\ )+", r"\\s+", re.escape(literal)) for literal in parts[::2]]
     for directive in parts[1::2]:
         if directive not in _DIRECTIVES:
-            raise CampaignError(
-                f"the directive %{directive} is unknown",
-                where=where,
-                advice="write " + ", ".join(f"%{key}" for key in _DIRECTIVES),
-            )
+            what = f"the directive %{directive} is unknown"
+            advice = "write " + ", ".join(f"%{key}" for key in _DIRECTIVES)
+            raise CampaignError(what, where=where, advice=advice)
     # Digits that follow each other without a sign between are two for each.
     tight = [k for k in range(1, len(written) - 1) if not written[k]]
     tight += [k - 1 for k in tight]
@@ -79,11 +76,9 @@ def form_of_format(text: str, where: str) -> re.Pattern[str]:
     groups = re.findall(r"\(\?P<(\w+)>", pattern)
     day = {"year", "doy"} <= set(groups) or {"year", "month", "day"} <= set(groups)
     if len(set(groups)) < len(groups) or not day:
-        raise CampaignError(
-            f"{text!r} gives " + ("no day" if not day else "something twice"),
-            where=where,
-            advice='write year, month and day, or year and day of year (%j), such as "%Y-%j"',
-        )
+        what = f"{text!r} gives " + ("no day" if not day else "something twice")
+        advice = 'write year, month and day, or year and day of year (%j), such as "%Y-%j"'
+        raise CampaignError(what, where=where, advice=advice)
     return re.compile(pattern)
 
 
@@ -121,7 +116,9 @@ def text_to_ns(
     seconds = day * 86400 + hour * 3600 + minute * 60 + (59 if leap else second)
     seconds -= _zone_seconds(given.get("zone", ""), utc, text, place)
     within = hour < 24 and minute < 60 and second <= 60
-    if not within or (leap and not (utc and _is_leap(seconds))):
+    # The second before a leap second is the last of a UTC day that has one.
+    last = seconds % 86400 == 86399 and has_leap_second((seconds + 1) * SECOND)
+    if not within or (leap and not (utc and last)):
         raise CampaignError(
             f"{text!r} is no time of the day"
             + (": that day has no leap second" if leap and utc and within else ""),
@@ -142,11 +139,7 @@ def is_date(cell: str) -> bool:
 
 
 def plain_dates(cells: Sequence[str]) -> np.ndarray | None:
-    """Nanoseconds since 1958 (rows,) of dates that are all written alike, at once; None where not.
-
-    >>> plain_dates(["1958-01-01T00:00:01Z", "1958-01-01T00:00:02Z"]) // SECOND
-    array([1, 2])
-    """
+    """Nanoseconds since 1958 (rows,) of dates that are all written alike; None where not."""
     if not cells or not _PLAIN.fullmatch(cells[0]):
         return None
     size, zone = len(cells[0]), cells[0].endswith("Z")
@@ -203,27 +196,18 @@ def _zone_seconds(zone: str, utc: bool, text: str, place: Callable[[], str]) -> 
     if not zone:
         return 0
     if not utc:
-        raise CampaignError(
-            f"{text!r} has the zone {zone!r}, but its clock is not UTC",
-            where=place(),
-            advice='state the kind of time "utc"',
-        )
+        what = f"{text!r} has the zone {zone!r}, but its clock is not UTC"
+        advice = 'state the kind of time "utc"'
+        raise CampaignError(what, where=place(), advice=advice)
     if zone in ("Z", "z", "UTC", "UTCG", "GMT"):
         return 0
     if zone.isalpha():
-        raise CampaignError(
-            f"{text!r} has the zone {zone!r}, which is not read",
-            where=place(),
-            advice="write UTC, or an offset such as +01:00",
-        )
+        what = f"{text!r} has the zone {zone!r}, which is not read"
+        advice = "write UTC, or an offset such as +01:00"
+        raise CampaignError(what, where=place(), advice=advice)
     digits = zone[1:].replace(":", "")
     size = int(digits[:2]) * 3600 + int(digits[2:]) * 60
     return size if zone[0] == "+" else -size
-
-
-def _is_leap(seconds: int) -> bool:
-    """Whether the second before a leap second is that of a UTC day that has one."""
-    return seconds % 86400 == 86399 and has_leap_second((seconds + 1) * SECOND)
 
 
 def written_dates(
@@ -273,11 +257,9 @@ def _calendar_dates(table: Table, calendar: Mapping[str, str]) -> list[str]:
     keys = ("year", "month", "day") if "month" in calendar else ("year", "doy")
     columns = [calendar.get(key) or calendar.get("day" if key == "doy" else key) for key in keys]
     if None in columns:
-        raise CampaignError(
-            f"{', '.join(calendar.values())} give no date",
-            where=table.label,
-            advice="name the columns of year, month and day, or of year and day of year",
-        )
+        what = f"{', '.join(calendar.values())} give no date"
+        advice = "name the columns of year, month and day, or of year and day of year"
+        raise CampaignError(what, where=table.label, advice=advice)
     numbers = table.stack([name for name in columns if name])
     form = "{:.0f}-{:02.0f}-{:02.0f}" if len(keys) == 3 else "{:.0f}-{:03.0f}"
     return ["" if any(cell != cell for cell in row) else form.format(*row) for row in numbers]

@@ -1,7 +1,6 @@
 """Sensors whose readings are compared with the model, one file a kind, in the order of tables."""
 
 from collections.abc import Mapping
-from types import MappingProxyType
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker
@@ -13,19 +12,19 @@ from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
 
 STREAMS: tuple[SensorStream, ...] = (RATE, ATTITUDE, MOMENTUM)
 # The stream of each entry of [columns] that holds readings.
-BY_KEY: Mapping[str, SensorStream] = MappingProxyType(
-    {key: stream for stream in STREAMS for key in stream.keys}
-)
+BY_KEY: Mapping[str, SensorStream] = {key: stream for stream in STREAMS for key in stream.keys}
 # Names of the channels that every campaign has.
 CHANNELS = tuple(stream.name for stream in STREAMS)
 # Which class reads the sensors of `Campaign.more_sensors`; others name theirs as `stream`.
-KINDS: Mapping[type, type[SensorStream]] = MappingProxyType(
-    {RateSensor: RateStream, StarTracker: AttitudeStream, DirectionSensor: DirectionStream}
-)
+KINDS: Mapping[type, type[SensorStream]] = {
+    RateSensor: RateStream,
+    StarTracker: AttitudeStream,
+    DirectionSensor: DirectionStream,
+}
+# The field of `Campaign` that holds the first sensor of a kind, in the order of `Campaign.names`.
+FIRST: Mapping[str, str] = {kind.written[0]: kind.first for kind in KINDS.values() if kind.first}
 # The class of a further sensor by what its columns hold.
-KINDS_BY_KEY: Mapping[str, type[SensorStream]] = MappingProxyType(
-    {kind.written[0]: kind for kind in KINDS.values()}
-)
+KINDS_BY_KEY: Mapping[str, type[SensorStream]] = {kind.written[0]: kind for kind in KINDS.values()}
 
 
 def streams_of(campaign: Campaign) -> tuple[SensorStream, ...]:

@@ -142,11 +142,9 @@ def refuse_empty_columns(table: Table, names: Sequence[str]) -> None:
     """Refuse a column that holds no number."""
     for name in names:
         if np.isnan(table.numbers(name)).all():
-            raise CampaignError(
-                "every cell is empty",
-                where=f"{table.label}, column {name}",
-                advice="export it again, or leave the slew out",
-            )
+            what = "every cell is empty"
+            advice = "export it again, or leave the slew out"
+            raise CampaignError(what, where=f"{table.label}, column {name}", advice=advice)
 
 
 def refuse_half_empty_rows(table: Table, names: Sequence[str], advice: str) -> None:
