@@ -16,7 +16,7 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.follow_on import following_plan
 from bayes_inertia.flight.plan import Plan, paper_like_plan
 from bayes_inertia.flight.plan_file import read_plan
-from bayes_inertia.physics.parameters import BASE_NAMES
+from bayes_inertia.physics.parameters import base_names
 from bayes_inertia.report.formatting import plain
 from bayes_inertia.sealing import sha256_of
 
@@ -67,8 +67,9 @@ def slew_rows(plan: Plan) -> list[dict[str, Any]]:
 
 def contender_json(contender: Contender) -> dict[str, Any]:
     """A plan in a comparison: expected and achieved sds, costs, margins, slews."""
+    names = base_names(len(contender.expected))
     content = {
-        "expected_sd": dict(zip(BASE_NAMES, contender.expected.tolist(), strict=True)),
+        "expected_sd": dict(zip(names, contender.expected.tolist(), strict=True)),
         "total_time_s": contender.total_time,
         "motion_time_s": contender.motion_time,
         "peak_momentum_Nms": _finite(contender.peak_momentum),
@@ -80,11 +81,9 @@ def contender_json(contender: Contender) -> dict[str, Any]:
     if achieved is None:
         return content
     return content | {
-        "achieved_sd": dict(zip(BASE_NAMES, achieved.sd.tolist(), strict=True)),
-        "achieved_sd_standard_error": dict(
-            zip(BASE_NAMES, achieved.sd_error.tolist(), strict=True)
-        ),
-        "stated_sd": dict(zip(BASE_NAMES, achieved.stated.mean(0).tolist(), strict=True)),
+        "achieved_sd": dict(zip(names, achieved.sd.tolist(), strict=True)),
+        "achieved_sd_standard_error": dict(zip(names, achieved.sd_error.tolist(), strict=True)),
+        "stated_sd": dict(zip(names, achieved.stated.mean(0).tolist(), strict=True)),
         "reduced_chi2": float(achieved.chi2.mean()),
         "campaigns": len(achieved.errors),
     }

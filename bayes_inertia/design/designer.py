@@ -23,26 +23,23 @@ from bayes_inertia.design.after_campaign import forecast_after, missions_after, 
 from bayes_inertia.design.expected_accuracy import likely_missions
 from bayes_inertia.design.feasibility import require_feasible
 from bayes_inertia.design.feasible_region import FeasibleRegion, draw_variables, region_within
-from bayes_inertia.design.goals import GOALS, Goal, parse_goal
-from bayes_inertia.design.information_forecast import prepare_forecast
+from bayes_inertia.design.goals import GOALS, Goal, parse_goal, require_goal
+from bayes_inertia.design.information_forecast import planned_model, prepare_forecast
 from bayes_inertia.design.limits import Limits, hardware_limits
 from bayes_inertia.design.margins import Margin, broken_limits, flown_margins, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
-from bayes_inertia.design.plan_arrays import planned_slews, slew_arrays
 from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.errors import DesignError
 from bayes_inertia.flight.follow_on import following_plan, spacecraft_at
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
-from bayes_inertia.flight.planned_telemetry import planned_campaign
+from bayes_inertia.flight.planned_motion import planned_slews, slew_arrays
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.inference.laplace import Estimate, model_of
 from bayes_inertia.maths.printed import Card, exponent, number, shown_as, unit_text
-from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.named_effects import effects_named
-from bayes_inertia.physics.parameters import ParameterSpace
 from bayes_inertia.progress import Progress, as_callback, silent, with_bar
 
 
@@ -472,9 +469,13 @@ def set_up_design(
     before; what it tells counts.
     """
     spacecraft = mission.spacecraft
-    known = np.array(spacecraft.rate_sensor.scale_factor_sigma) if after is None else after.sd[6:9]
+    n_base = len(mission.theta)
+    require_goal(goal, n_base)
+    sensor = spacecraft.rate_sensor
+    known = np.array(sensor.scale_factor_sigma if sensor else ())
+    known = known if after is None else after.sd[6:n_base]
     region = region_within(
-        limits, hardware_limits(spacecraft), scale_factor_sigma=float(np.max(known))
+        limits, hardware_limits(spacecraft), scale_factor_sigma=float(np.max(known, initial=0.0))
     )
     if limits.total_time is None:
         like = paper_like_reference(base, region, n_slews, math.inf)
@@ -491,18 +492,14 @@ def set_up_design(
     else:
         missions = missions_after(after, draws, seed)
         forecast = forecast_after(forecast, after)
-    nulls = _nulls(fitted, planned_campaign(reference, mission.without_effects()))
-    thetas = np.array([np.concatenate([truth.theta, nulls]) for truth in missions])
+    # Errors of devices and further sensors are expected at the mean of their prior.
+    model = planned_model(reference, mission, fitted)
+    rest = np.concatenate([model.space.mean[: model.n_known], model.space.nulls[model.n_known :]])
+    thetas = np.array([np.concatenate([truth.theta, rest[n_base:]]) for truth in missions])
     end = None if limits.end_attitude is None else np.array(limits.end_attitude)
     return DesignSetup(
         PlanProblem(goal, forecast, thetas, region, end), limits, reference, missions
     )
-
-
-def _nulls(effects: tuple[Effect, ...], campaign: Campaign) -> np.ndarray:
-    """The values (d,) at which effects do nothing."""
-    named = tuple((e.name, p) for e in effects for p in e.parameters(campaign))
-    return ParameterSpace(named).nulls
 
 
 def paper_like_reference(base: Plan, region: FeasibleRegion, n: int, total_time: float) -> Plan:
@@ -599,4 +596,4 @@ def _kind_of(limit: str) -> str:
     """
     first = limit.partition(" of ")[0].partition(" ")[0]
     kinds = {"torque": "wheel torque", "momentum": "wheel momentum", "keep-out": "keep-out"}
-    return kinds.get(first, limit)
+    return kinds.get(first, "reach" if first == "reach" else limit)

@@ -9,8 +9,8 @@ import pytest
 from bayes_inertia.design.expected_accuracy import estimate_at_truth
 from bayes_inertia.design.information_forecast import prepare_forecast
 from bayes_inertia.design.information_matrix import expected_covariance
-from bayes_inertia.design.plan_arrays import slew_arrays
 from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.flight.planned_motion import slew_arrays
 from bayes_inertia.physics.effects import by_name
 
 # Compiled in half the time: each program runs once.

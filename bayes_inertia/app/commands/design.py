@@ -28,6 +28,7 @@ from bayes_inertia.app.terminal import (
     print_json_file,
     print_table,
     progress_bar,
+    say,
 )
 
 if TYPE_CHECKING:
@@ -89,14 +90,25 @@ def design_command(
 ) -> None:
     """Design the slews to fly next.
 
-    Writes design.json, design.png, design.html, and plan.toml, which `simulate` flies.
+    Writes design.json, design.png, design.html, and plan.toml, which `simulate` flies. Where
+    nothing on board turns the spacecraft, it does what `observe` does, and exits with 2.
     """
     asked = (total_time, max_rate, max_angle, max_acceleration, end_attitude)
     names = tuple(names_in(effects))
     with progress_bar() as progress:
         from bayes_inertia.app.design_folder import DesignRequest, run_design
+        from bayes_inertia.campaign.reader import read_campaign
+        from bayes_inertia.flight.follow_on import why_no_plans
 
         request = DesignRequest(goal, slews, *asked, tuple(keep_out or ()), after, seed, names)
+        nothing_to_fly = why_no_plans(read_campaign(campaign))
+    if nothing_to_fly:
+        from bayes_inertia.app.commands.observe import observe_command
+
+        say(f"{nothing_to_fly}; what its motion tells as it is, as `observe` says it:")
+        observe_command(campaign, out, effects, None, seed, True, open_page, as_json)
+        raise typer.Exit(2)
+    with progress_bar() as progress:
         design = run_design(campaign, out, request, progress)
     if as_json:
         print_json_file(out / "design.json")
