@@ -194,7 +194,7 @@ class Design:
     margins : tuple of Margin
         What the planned motion leaves of every limit.
     flown : tuple of Margin
-        The tightest of flights in the closed loop with noise, truths drawn from what is known.
+        The tightest of flights with noise, truths drawn from what is known.
     active : tuple of str
         Limits that hold the design back.
     history : tuple of tuple of float
@@ -323,7 +323,7 @@ def design_plan(
     improved, history = improved_plans(setup.problem, x, log_values, least_slacks, starts, say)
     base = replace(base, name=f"{n_slews} slew{'s' if n_slews > 1 else ''} for {parsed_goal}")
     plan = best_plan(setup.problem, improved, base, setup.missions[0].spacecraft, setup.limits)
-    say("flying the plan in closed loop", 0, 0)
+    say("flying the plan", 0, 0)
     design = _judged(plan, setup, seed, log_values[least_slacks >= 0.0], history)
     return replace(design, seconds=time.perf_counter() - began)
 

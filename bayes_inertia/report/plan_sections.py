@@ -146,7 +146,7 @@ def _margins_section(content: Mapping[str, Any]) -> Section:
     rows = [(m["says"], "kept" if m["kept"] else "BROKEN") for m in margins]
     active = listed(content["active_limits"]) or "none"
     notes = (
-        "Flown in closed loop with noise, J and K drawn from what is known. "
+        "Flown with noise, J and K drawn from what is known. "
         f"Limits that hold the design back: {active}.",
     )
     return Table({"limit, the tightest first": "", "": ""}, rows).section("Limits", notes=notes)

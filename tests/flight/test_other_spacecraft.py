@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -41,6 +42,7 @@ def plan_of(campaign):
     return replace(base, slews=SLEWS, telemetry_period=1.0, rest_before=10.0, settle=8.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [by_thrusters, by_rotors])
 def test_the_input_of_a_device_turns_the_model_as_planned(kind):
     campaign = kind()
@@ -69,8 +71,7 @@ def test_what_a_device_can_give_is_the_most_over_all_its_inputs():
         device = spacecraft_of(campaign).device
         if device.carries_momentum:
             angles = rng.uniform(-np.pi, np.pi, (4000, len(ROTORS)))
-            arrays = device.arrays["cmg"]
-            given = np.array([arrays.carried_B(a)[0] for a in angles[:400]])
+            given = np.asarray(jax.vmap(device.arrays["cmg"].carried_B)(angles)[0])
         else:
             given = rng.integers(0, 2, (4000, len(THRUSTERS))) @ THRUSTERS
         reached = (given @ directions_B().T).max(axis=0)
@@ -83,9 +84,7 @@ def spacecraft_of(campaign):
 
 
 def test_nothing_flies_a_free_body_and_one_sentence_says_so():
-    campaign = replace(small_campaign(), wheels=())
-    slews = (replace(s, wheel_torque=None, wheel_momentum=None) for s in campaign.slews)
-    campaign = replace(campaign, slews=tuple(slews))
+    campaign = replace(by_thrusters(), actuators=())
     assert why_no_plans(campaign).endswith("nothing on board turns it")
     with pytest.raises(CampaignError, match="no slew to design"):
         Mission.of(campaign)
@@ -98,9 +97,8 @@ def test_thrusters_in_one_plane_turn_two_axes():
 
 
 def test_parallel_gimbals_turn_two_axes():
-    rotors = GimballedRotors(
-        "cmg", 1.0, np.tile([0.0, 0.0, 1.0], (4, 1)), np.tile([1.0, 0, 0], (4, 1))
-    )
+    gimbals, spins = np.tile([0.0, 0.0, 1.0], (4, 1)), np.tile([1.0, 0.0, 0.0], (4, 1))
+    rotors = GimballedRotors("cmg", 1.0, gimbals, spins)
     campaign = replace(by_rotors(), actuators=(rotors,))
     assert spacecraft_of(campaign).axes_of_control == 2
 

@@ -113,14 +113,19 @@ def design_command(
     if as_json:
         print_json_file(out / "design.json")
     else:
-        notes = json.loads((out / "design.json").read_text()).get("left_out", ())
-        show_design(design, out, after, notes)
+        content = json.loads((out / "design.json").read_text())
+        wheels = bool(content["start_wheel_momentum_Nms"])
+        show_design(design, out, after, content.get("left_out", ()), wheels)
     open_in_browser(out / "design.html", open_page)
     raise typer.Exit(0 if design.kept else 3)
 
 
 def show_design(
-    design: Design, folder: Path, after: bool = False, notes: Sequence[str] = ()
+    design: Design,
+    folder: Path,
+    after: bool = False,
+    notes: Sequence[str] = (),
+    wheels: bool = True,
 ) -> None:
     """Print a designed plan: what each parameter gains or loses, its slews, its margins."""
     from bayes_inertia.app.design_folder import WHEELS_AT_REST
@@ -144,7 +149,7 @@ def show_design(
     _show_margins(console, design)
     for note in notes:
         console.print(headed("note", f": {note}", style="bold yellow"))
-    if not design.plan.wheel_momentum:
+    if wheels and not design.plan.wheel_momentum:
         console.print(WHEELS_AT_REST)
     console.print(
         "wrote design.json, design.png, design.html and plan.toml (for `simulate --plan`) in "
@@ -157,7 +162,7 @@ def _show_margins(console: Console, design: Design) -> None:
     margins = sorted(design.flown, key=lambda m: m.left)
     shown = [m for i, m in enumerate(margins) if i < LAYOUT.margins_of_design or not m.kept]
     more = f" ({len(margins) - len(shown)} more are kept)" if len(shown) < len(margins) else ""
-    console.print(headed(f"tightest margins when flown in closed loop{more}:"))
+    console.print(headed(f"tightest margins when flown{more}:"))
     for margin in shown:
         console.print(Text.assemble("  ", ("" if margin.kept else "BROKEN ", "red"), margin.says))
     console.print(f"limits that hold the design back: {', '.join(design.active) or 'none'}")
