@@ -469,14 +469,7 @@ def set_up_design(
     before; what it tells counts.
     """
     spacecraft = mission.spacecraft
-    n_base = len(mission.theta)
-    require_goal(goal, n_base)
-    sensor = spacecraft.rate_sensor
-    known = np.array(sensor.scale_factor_sigma if sensor else ())
-    known = known if after is None else after.sd[6:n_base]
-    region = region_within(
-        limits, hardware_limits(spacecraft), scale_factor_sigma=float(np.max(known, initial=0.0))
-    )
+    region = _region(mission, goal, limits, after)
     if limits.total_time is None:
         like = paper_like_reference(base, region, n_slews, math.inf)
         limits = replace(limits, total_time=like.starts[-1] + like.durations[-1])
@@ -492,14 +485,23 @@ def set_up_design(
     else:
         missions = missions_after(after, draws, seed)
         forecast = forecast_after(forecast, after)
-    # Errors of devices and further sensors are expected at the mean of their prior.
-    model = planned_model(reference, mission, fitted)
-    rest = np.concatenate([model.space.mean[: model.n_known], model.space.nulls[model.n_known :]])
+    rest = planned_model(reference, mission, fitted).expected
+    n_base = len(mission.theta)
     thetas = np.array([np.concatenate([truth.theta, rest[n_base:]]) for truth in missions])
     end = None if limits.end_attitude is None else np.array(limits.end_attitude)
     return DesignSetup(
         PlanProblem(goal, forecast, thetas, region, end), limits, reference, missions
     )
+
+
+def _region(mission: Mission, goal: Goal, limits: Limits, after: Estimate | None) -> FeasibleRegion:
+    """Where a goal's plans may lie, or `CampaignError` where the goal is not for the spacecraft."""
+    n_base, sensor = len(mission.theta), mission.spacecraft.rate_sensor
+    require_goal(goal, n_base)
+    known = np.array(sensor.scale_factor_sigma if sensor else ())
+    known = known if after is None else after.sd[6:n_base]
+    largest = float(np.max(known, initial=0.0))
+    return region_within(limits, hardware_limits(mission.spacecraft), scale_factor_sigma=largest)
 
 
 def paper_like_reference(base: Plan, region: FeasibleRegion, n: int, total_time: float) -> Plan:

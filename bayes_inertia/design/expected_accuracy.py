@@ -48,7 +48,7 @@ def estimate_at_truth(
     controller = controller or Controller(quiet.inertia_B, quiet.scale_factor)
     flight = fly(plan, mission, seed, controller=controller)
     model = Model(flight.campaign, tuple(effects))
-    theta = np.concatenate([model.space.mean[: model.n_known], model.space.nulls[model.n_known :]])
+    theta = model.expected
     theta[: model.n_base] = mission.theta
     for name, value in flight.parameters.items():
         theta[model.space.names.index(name)] = value

@@ -319,7 +319,23 @@ class Plan:
         return np.arange(first, motion_start, spacing), np.arange(first_after, last + 1, spacing)
 
     def fix_rows(self, i: int) -> np.ndarray:
-        """Rows (n,) of one slew's telemetry with a fix, `fixes` and those in motion."""
+        """Rows of one slew's telemetry with a fix: those of `fixes`, or throughout.
+
+        Parameters
+        ----------
+        i : int
+            Which slew, from 0.
+
+        Returns
+        -------
+        (n,) array of int
+            Ascending.
+
+        Examples
+        --------
+        >>> len(paper_like_plan().fix_rows(0))
+        25
+        """
         before, after = self.fixes(i)
         spacing = round(self.fix_spacing / self.telemetry_period)
         return (

@@ -228,8 +228,10 @@ def driven_path(
             wanted_B = wanted_B - momentum_B
         else:
             torque_N = jnp.diff(quaternion.to_inertial(attitude, momentum_B), axis=0) / step
-            before, after = (quaternion.to_body(q, torque_N) for q in (attitude[:-1], attitude[1:]))
-            held = 0.5 * (before + after)
+            # Held in body axes, it turns with the body: its mean in inertial axes is what counts.
+            to_inertial = jax.vmap(lambda q: quaternion.to_inertial(q, jnp.eye(3)).T)(attitude)
+            mean = 0.5 * (to_inertial[1:] + to_inertial[:-1])
+            held = jnp.linalg.solve(mean, torque_N[..., None])[..., 0]
             wanted_B = jnp.concatenate([held, jnp.zeros_like(held[:1])])
         inputs[name] = device_input(device, wanted_B)
     path = Trajectory(

@@ -79,14 +79,7 @@ def _planned_slew(
     """Slew i, from its padded angle [rad] and rate [rad/s] (rows,)."""
     slew, time, sensor = plan.slews[i], plan.times(i), craft.rate_sensor
     n, axis, wheels = len(time), np.array(slew.axis_B), craft.wheels
-    optional: dict[str, Any] = {}
-    for key, seen_N in craft.seen_N.items():
-        if key == "magnetic_field_N":
-            optional[key] = np.tile(seen_N, (n, 1))
-        else:
-            optional["inputs"] = {key: InputStream(np.zeros(1), np.array([seen_N]))}
-    if plan.orbit is not None:
-        optional |= plan.orbit.environment(plan.starts[i] + time)._asdict()
+    optional = _surroundings(plan, craft, i, time)
     turned = Rotation.from_rotvec(angle[:n, None] * axis)
     attitude = (Rotation.from_quat(start_attitude) * turned).as_quat()
     if craft.star_tracker is not None:
@@ -111,6 +104,20 @@ def _planned_slew(
         for name, _ in craft.more_sensors
     }
     return replace(planned, more=more) if more else planned
+
+
+def _surroundings(plan: Plan, craft: Spacecraft, i: int, time: np.ndarray) -> dict[str, Any]:
+    """Environment of slew i (rows,), and what its direction sensors look at."""
+    found: dict[str, Any] = {}
+    for key, seen_N in craft.seen_N.items():
+        if key == "magnetic_field_N":
+            found[key] = np.tile(seen_N, (len(time), 1))
+        else:
+            stream = InputStream(np.zeros(1), np.array([seen_N]))
+            found["inputs"] = {**found.get("inputs", {}), key: stream}
+    if plan.orbit is not None:
+        found |= plan.orbit.environment(plan.starts[i] + time)._asdict()
+    return found
 
 
 def _further_readings(

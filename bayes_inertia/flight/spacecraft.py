@@ -12,7 +12,6 @@ import numpy as np
 
 from bayes_inertia.campaign.hardware import InertiaPrior, Numbers, RateSensor, StarTracker, Wheel
 from bayes_inertia.errors import CampaignError, EffectError
-from bayes_inertia.flight.steering import FlyingDevice
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.active_effects import ActiveEffects
@@ -44,8 +43,8 @@ class Spacecraft:
         {effect: {parameter: value}}, how strongly.
     more_sensors, names, reference : optional
         Further sensors, and what they are called, as in `Campaign`.
-    device : FlyingDevice, optional
-        What turns it in place of wheels; None where wheels do.
+    device : optional
+        What turns it in place of wheels, as `Mission.of` finds it; None where wheels do.
     periods : dict
         {sensor: time from one reading to the next [s]}; of a sensor that is not named a reading
         stands in every row.
@@ -75,7 +74,7 @@ class Spacecraft:
     effects: tuple[Effect, ...] = ()
     values: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     more_sensors: tuple[tuple[str, Any], ...] = ()
-    device: FlyingDevice | None = None
+    device: Any = None
     names: tuple[str, str] = ("rate sensor", "star tracker")
     reference: str | None = None
     periods: Mapping[str, float] = field(default_factory=dict)
