@@ -43,13 +43,13 @@ from bayes_inertia.design.designer import design_plan, random_plans, set_up_desi
 from bayes_inertia.design.expected_accuracy import estimate_at_truth, expected_sd
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.margins import flown_margins
-from bayes_inertia.design.plan_arrays import slew_arrays
 from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.design.separating_slew import separating_slew
 from bayes_inertia.design.simulated_fits import AchievedErrors, fit_simulated_campaign
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.plan import Plan, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
+from bayes_inertia.flight.planned_motion import slew_arrays
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.flight.spacecraft import Controller

@@ -17,7 +17,7 @@ from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_file import read_plan
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.physics.parameters import BASE_NAMES
+from bayes_inertia.physics.parameters import base_names
 from bayes_inertia.report.fit_sections import settings_rows
 from bayes_inertia.report.plan_promise import PlanPromise, plan_promise
 from bayes_inertia.report.run_comparison import ComparedRun, RunComparison, compare_runs
@@ -98,7 +98,8 @@ def promise_of_plan(run: Path, plan: Path, summary: dict[str, Any]) -> PlanPromi
     if stored is None:
         source = "forecast now, with hardware and prior of the run's campaign"
         (contender,) = compare_plans([promised], Mission.of(campaign))
-        stored = dict(zip(BASE_NAMES, contender.expected.tolist(), strict=True))
+        names = base_names(len(contender.expected))
+        stored = dict(zip(names, contender.expected.tolist(), strict=True))
     return plan_promise(promised.name, str(plan), source, stored, summary)
 
 
@@ -120,7 +121,7 @@ def _designed_sd(plan: Plan, path: Path) -> dict[str, float] | None:
     content = read_sealed_json(path, "design the plan again, or move the plan elsewhere")
     try:
         designed = content["plan"]
-        sd = {name: float(designed["expected_sd"][name]) for name in BASE_NAMES}
+        sd = {name: float(x) for name, x in designed["expected_sd"].items()}
         same = _same_slews(designed["slews"], slew_rows(plan))
     except (KeyError, TypeError, ValueError):
         return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,7 @@ from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.maths.values import json_ready, picked
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.named_effects import pinned_names
-from bayes_inertia.physics.parameters import BASE_NAMES
+from bayes_inertia.physics.parameters import base_names
 from bayes_inertia.progress import Progress, silent
 from bayes_inertia.report.formatting import plain
 from bayes_inertia.report.pictures.design import draw_comparison
@@ -88,8 +88,9 @@ def slew_rows(plan: Plan) -> list[dict[str, Any]]:
 
 def contender_json(contender: Contender) -> dict[str, Any]:
     """A plan in a comparison: expected and achieved sds, costs, margins, slews."""
+    names = base_names(len(contender.expected))
     content = {
-        "expected_sd": dict(zip(BASE_NAMES, contender.expected, strict=True)),
+        "expected_sd": dict(zip(names, contender.expected, strict=True)),
         "total_time_s": contender.total_time,
         "motion_time_s": contender.motion_time,
         "peak_momentum_Nms": contender.peak_momentum,
@@ -100,7 +101,7 @@ def contender_json(contender: Contender) -> dict[str, Any]:
     if (achieved := contender.achieved) is not None:
         sds = (achieved.sd, achieved.sd_error, achieved.stated.mean(0))
         for key, sd in zip(_ACHIEVED_KEYS, sds, strict=True):
-            content[key] = dict(zip(BASE_NAMES, sd, strict=True))
+            content[key] = dict(zip(names, sd, strict=True))
         content |= {"reduced_chi2": achieved.chi2.mean(), "campaigns": len(achieved.errors)}
     return json_ready(content)
 
@@ -271,7 +272,7 @@ def run_design(
     if left_out := devices_at_rest(flown):
         content["left_out"] = left_out
     owner.claim(content)
-    _write_flyable_plan(design, folder / "plan.toml")
+    _write_flyable_plan(design, content, folder / "plan.toml")
     write_png(draw_comparison(contenders), folder / "design.png")
     sections = design_sections(content, contenders, design.units)
     title = f"Next slews after {flown.name}"
@@ -296,17 +297,19 @@ def _start(plan: Plan, flown: Campaign, request: DesignRequest) -> dict[str, Any
 
 def _momentum_source(campaign: Campaign, request: DesignRequest) -> str:
     """Source of the wheel momentum that the plan begins with."""
+    if not campaign.without_locked_wheels().wheels:
+        return "there are no wheels"
     if following_plan(campaign).wheel_momentum:
         return "tachometers"
     return "fit" if request.after else "unknown, taken to be zero"
 
 
-def _write_flyable_plan(design: Design, path: Path) -> None:
+def _write_flyable_plan(design: Design, content: Mapping[str, Any], path: Path) -> None:
     write_plan(design.plan, path, overwrite=True)
-    write_atomically(path, _comments(design) + path.read_text())
+    write_atomically(path, _comments(design, content) + path.read_text())
 
 
-def _comments(design: Design) -> str:
+def _comments(design: Design, content: Mapping[str, Any]) -> str:
     """For operators: the plan's slews and margins, as comments of its file."""
     goal = f"{design.goal.says}, {design.value:.3g} {design.goal.unit} expected".rstrip()
     lines = [
@@ -321,12 +324,11 @@ def _comments(design: Design) -> str:
         lines.append(f"# {i + 1:4d} {times} {motion}   {axis}")
     lines += [
         "#",
-        "# tightest margins when flown in closed loop, "
-        "with noise and J, K drawn from what is known:",
+        "# tightest margins when flown, with noise and J, K drawn from what is known:",
     ]
     tightest = sorted(design.flown, key=lambda m: m.left)[: LAYOUT.margins_of_folder]
     lines += [f"#   {m.says}" for m in tightest]
-    if not design.plan.wheel_momentum:
+    if content["start_wheel_momentum_Nms"] and not design.plan.wheel_momentum:
         lines += ["#", f"# {WHEELS_AT_REST}"]
     return "\n".join([*lines, "", ""])
 

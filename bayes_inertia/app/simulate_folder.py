@@ -12,16 +12,16 @@ from bayes_inertia.app.plan_folder import PAPER, plans_named
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.flight.follow_on import devices_at_rest, flies_plans
+from bayes_inertia.flight.follow_on import devices_at_rest, why_no_plans
 from bayes_inertia.flight.mission import Mission, most_like_mission
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.plan_file import read_plan
 from bayes_inertia.flight.simulated_campaigns import draw_spacecraft, simulate, simulate_again
 from bayes_inertia.physics.stated_noise import stated_terms
 
-_OPEN_LOOP = (
-    "plans fly wheels by a gyro of three axes: this campaign's own slews were flown "
-    "again, turned by what its devices did"
+_AS_THEY_WERE = "turned by what its devices did"
+_FOLLOWED = (
+    "no gyro of three axes and wheels close the attitude loop: the plan was followed exactly"
 )
 
 
@@ -64,13 +64,15 @@ def run_simulate(
     given = read_campaign(campaign)
     truth = "drawn from" if draw else "at the mean of"
     spacecraft = f"the spacecraft of {campaign}, J and K {truth} its prior"
-    if plan is None and not flies_plans(given):
+    if plan is None and (why := why_no_plans(given)):
         flown = simulate_again(given, folder, seed, draw=draw, hidden=hidden)
-        return SimulatedFlight(flown, spacecraft, (_OPEN_LOOP, *_undrawn(given)))
+        said = f"{why}: this campaign's own slews were flown again, {_AS_THEY_WERE}"
+        return SimulatedFlight(flown, spacecraft, (said, *_undrawn(given)))
     (chosen,) = plans_named([plan or PAPER], given).values()
     mission = _drawn_mission(given, seed) if draw else Mission.of(given)
     flight = simulate(chosen, mission, folder, seed, hidden=hidden)
-    notes = (*_undrawn(given), *devices_at_rest(given))
+    followed = () if mission.spacecraft.flies_by_gyro else (_FOLLOWED,)
+    notes = (*followed, *_undrawn(given), *devices_at_rest(given))
     return SimulatedFlight(flight.campaign, spacecraft, notes)
 
 

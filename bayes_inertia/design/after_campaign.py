@@ -18,7 +18,6 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.maths.physical_draws import draw_physical
-from bayes_inertia.physics.parameters import N_BIAS
 
 
 def plan_after(estimate: Estimate) -> Plan:
@@ -47,21 +46,30 @@ def final_wheel_momentum(estimate: Estimate) -> np.ndarray:
 
 def forecast_after(forecast: Forecast, estimate: Estimate) -> Forecast:
     """A forecast with what a campaign told in place of the prior of J, K and bias."""
-    known = np.concatenate([np.arange(9), len(estimate.free) + np.arange(N_BIAS)])
-    place = np.concatenate([np.arange(9), len(forecast.layout.names) + np.arange(N_BIAS)])
+    model, names = estimate.model, forecast.layout.names
+    # Errors of devices and sensors that do not fly are integrated out.
+    fitted = [
+        i for i in range(model.n_known) if i in estimate.free and model.space.names[i] in names
+    ]
+    columns = [list(estimate.free).index(i) for i in fitted]
+    bias = np.arange(model.n_bias)
+    known = np.concatenate([columns, len(estimate.free) + bias]).astype(int)
+    rows = [names.index(model.space.names[i]) for i in fitted]
+    place = np.concatenate([rows, len(names) + bias]).astype(int)
     prior = np.array(forecast.arrays.prior)
     prior[np.ix_(place, place)] = inverse(estimate.joint_covariance[np.ix_(known, known)])
     return replace(forecast, arrays=forecast.arrays._replace(prior=prior))
 
 
-def missions_after(estimate: Estimate, n: int, seed: int) -> list[Mission]:
+def missions_after(estimate: Estimate, draws: int, seed: int) -> list[Mission]:
     """Missions to expect after a campaign."""
     rng, campaign = np.random.default_rng([seed, 5]), estimate.model.campaign
-    mean, covariance = estimate.theta[:9], estimate.covariance[:9, :9]
+    n = estimate.model.n_base
+    mean, covariance = estimate.theta[:n], estimate.covariance[:n, :n]
     drawn = draw_bodies(
         campaign,
         lambda k: rng.multivariate_normal(mean, covariance, k, method="cholesky"),
-        n - 1,
+        draws - 1,
     )
     return [Mission(spacecraft_at(campaign, x), campaign.inertia) for x in [mean, *drawn]]
 

@@ -23,26 +23,23 @@ from bayes_inertia.design.after_campaign import forecast_after, missions_after, 
 from bayes_inertia.design.expected_accuracy import likely_missions
 from bayes_inertia.design.feasibility import require_feasible
 from bayes_inertia.design.feasible_region import FeasibleRegion, draw_variables, region_within
-from bayes_inertia.design.goals import GOALS, Goal, parse_goal
-from bayes_inertia.design.information_forecast import prepare_forecast
+from bayes_inertia.design.goals import GOALS, Goal, parse_goal, require_goal
+from bayes_inertia.design.information_forecast import planned_model, prepare_forecast
 from bayes_inertia.design.limits import Limits, hardware_limits
 from bayes_inertia.design.margins import Margin, broken_limits, flown_margins, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
-from bayes_inertia.design.plan_arrays import planned_slews, slew_arrays
 from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.errors import DesignError
 from bayes_inertia.flight.follow_on import following_plan, spacecraft_at
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
-from bayes_inertia.flight.planned_telemetry import planned_campaign
+from bayes_inertia.flight.planned_motion import planned_slews, slew_arrays
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.inference.laplace import Estimate, model_of
 from bayes_inertia.maths.printed import Card, exponent, number, shown_as, unit_text
-from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.named_effects import effects_named
-from bayes_inertia.physics.parameters import ParameterSpace
 from bayes_inertia.progress import Progress, as_callback, silent, with_bar
 
 
@@ -197,7 +194,7 @@ class Design:
     margins : tuple of Margin
         What the planned motion leaves of every limit.
     flown : tuple of Margin
-        The tightest of flights in the closed loop with noise, truths drawn from what is known.
+        The tightest of flights with noise, truths drawn from what is known.
     active : tuple of str
         Limits that hold the design back.
     history : tuple of tuple of float
@@ -326,7 +323,7 @@ def design_plan(
     improved, history = improved_plans(setup.problem, x, log_values, least_slacks, starts, say)
     base = replace(base, name=f"{n_slews} slew{'s' if n_slews > 1 else ''} for {parsed_goal}")
     plan = best_plan(setup.problem, improved, base, setup.missions[0].spacecraft, setup.limits)
-    say("flying the plan in closed loop", 0, 0)
+    say("flying the plan", 0, 0)
     design = _judged(plan, setup, seed, log_values[least_slacks >= 0.0], history)
     return replace(design, seconds=time.perf_counter() - began)
 
@@ -472,10 +469,7 @@ def set_up_design(
     before; what it tells counts.
     """
     spacecraft = mission.spacecraft
-    known = np.array(spacecraft.rate_sensor.scale_factor_sigma) if after is None else after.sd[6:9]
-    region = region_within(
-        limits, hardware_limits(spacecraft), scale_factor_sigma=float(np.max(known))
-    )
+    region = _region(mission, goal, limits, after)
     if limits.total_time is None:
         like = paper_like_reference(base, region, n_slews, math.inf)
         limits = replace(limits, total_time=like.starts[-1] + like.durations[-1])
@@ -491,18 +485,23 @@ def set_up_design(
     else:
         missions = missions_after(after, draws, seed)
         forecast = forecast_after(forecast, after)
-    nulls = _nulls(fitted, planned_campaign(reference, mission.without_effects()))
-    thetas = np.array([np.concatenate([truth.theta, nulls]) for truth in missions])
+    rest = planned_model(reference, mission, fitted).expected
+    n_base = len(mission.theta)
+    thetas = np.array([np.concatenate([truth.theta, rest[n_base:]]) for truth in missions])
     end = None if limits.end_attitude is None else np.array(limits.end_attitude)
     return DesignSetup(
         PlanProblem(goal, forecast, thetas, region, end), limits, reference, missions
     )
 
 
-def _nulls(effects: tuple[Effect, ...], campaign: Campaign) -> np.ndarray:
-    """The values (d,) at which effects do nothing."""
-    named = tuple((e.name, p) for e in effects for p in e.parameters(campaign))
-    return ParameterSpace(named).nulls
+def _region(mission: Mission, goal: Goal, limits: Limits, after: Estimate | None) -> FeasibleRegion:
+    """Where a goal's plans may lie, or `CampaignError` where the goal is not for the spacecraft."""
+    n_base, sensor = len(mission.theta), mission.spacecraft.rate_sensor
+    require_goal(goal, n_base)
+    known = np.array(sensor.scale_factor_sigma if sensor else ())
+    known = known if after is None else after.sd[6:n_base]
+    largest = float(np.max(known, initial=0.0))
+    return region_within(limits, hardware_limits(mission.spacecraft), scale_factor_sigma=largest)
 
 
 def paper_like_reference(base: Plan, region: FeasibleRegion, n: int, total_time: float) -> Plan:
@@ -599,4 +598,4 @@ def _kind_of(limit: str) -> str:
     """
     first = limit.partition(" of ")[0].partition(" ")[0]
     kinds = {"torque": "wheel torque", "momentum": "wheel momentum", "keep-out": "keep-out"}
-    return kinds.get(first, limit)
+    return kinds.get(first, "reach" if first == "reach" else limit)

@@ -25,7 +25,6 @@ from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.parameters import N_BIAS
 
 
 def estimate_at_truth(
@@ -43,22 +42,27 @@ def estimate_at_truth(
     noise in the flight; None for none.
     """
     craft = mission.spacecraft
-    quiet = replace(craft, bias=craft.rate_sensor.bias, effects=(), values={})
+    bias = craft.rate_sensor.bias if craft.rate_sensor else ()
+    quiet = replace(craft, bias=bias, effects=(), values={})
     mission = replace(mission, spacecraft=quiet)
     controller = controller or Controller(quiet.inertia_B, quiet.scale_factor)
     flight = fly(plan, mission, seed, controller=controller)
     model = Model(flight.campaign, tuple(effects))
-    return _at_truth(model, flight, np.concatenate([mission.theta, model.space.nulls[9:]]))
+    theta = model.expected
+    theta[: model.n_base] = mission.theta
+    for name, value in flight.parameters.items():
+        theta[model.space.names.index(name)] = value
+    return _at_truth(model, flight, theta)
 
 
 def expected_sd(plan: Plan, mission: Mission, *, truths: int = 8, seed: int = 0) -> np.ndarray:
-    """Sds of J and K to expect of a plan.
+    """Sds (6 + axes,) of J and K to expect of a plan.
 
     The root mean square over flights with noise, each with a truth drawn from the prior, by a
     controller that believes the prior. What such a controller gets wrong shakes the spacecraft,
     which tells more than the planned motion alone: a third in slews that tell little.
 
-    Returns (9,): of Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2] and K1 K2 K3.
+    Returns: of Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2] and K1 K2 K3, one an axis of the rate sensor.
 
     Examples
     --------
@@ -73,15 +77,17 @@ def expected_sd(plan: Plan, mission: Mission, *, truths: int = 8, seed: int = 0)
         estimate_at_truth(plan, truth, controller=controller, seed=seed + i)
         for i, truth in enumerate(likely_missions(plan, mission, truths + 1, seed)[1:])
     ]
-    return np.sqrt(np.mean([estimate.sd[:9] ** 2 for estimate in estimates], axis=0))
+    base = slice(len(mission.theta))
+    return np.sqrt(np.mean([estimate.sd[base] ** 2 for estimate in estimates], axis=0))
 
 
 def likely_missions(plan: Plan, mission: Mission, n: int, seed: int) -> list[Mission]:
     """Missions to expect before flight."""
     template = planned_campaign(plan, mission.without_effects())
     rng = np.random.default_rng([seed, 5])
-    drawn = [replace(mission, spacecraft=draw_spacecraft(template, rng)) for _ in range(n - 1)]
-    return [mission.at_prior_mean(), *drawn]
+    craft = mission.at_prior_mean().spacecraft
+    drawn = (draw_spacecraft(template, rng, craft=craft) for _ in range(n - 1))
+    return [mission.at_prior_mean(), *(replace(mission, spacecraft=x) for x in drawn)]
 
 
 def _at_truth(model: Model, flight: Flight, theta: np.ndarray) -> Estimate:
@@ -98,7 +104,9 @@ def _at_truth(model: Model, flight: Flight, theta: np.ndarray) -> Estimate:
         )
         / scale
     )
-    point = Point(theta, np.zeros(N_BIAS), local)
+    coefficients = np.zeros((len(local), model.structure.n_local - local.shape[1]))
+    local = np.concatenate([local, coefficients], axis=1)
+    point = Point(theta, np.zeros(model.n_bias), local)
     white = whitening(model, theta)
     info = information_blocks(model, point, white)
     hessian, _ = normal_equations(model, point, info)

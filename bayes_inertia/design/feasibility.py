@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
-from bayes_inertia.campaign.hardware import Wheel
 from bayes_inertia.design.feasible_region import FeasibleRegion
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.margins import broken_limits, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.errors import BayesInertiaError, DesignError
 from bayes_inertia.flight.plan import Plan, PlannedSlew
-from bayes_inertia.flight.spacecraft import Spacecraft, axes_of_control
+from bayes_inertia.flight.spacecraft import Spacecraft
 
 
 def require_feasible(
     spacecraft: Spacecraft, base: Plan, region: FeasibleRegion, limits: Limits, n_slews: int
 ) -> None:
     """Raise for what no plan can keep."""
-    require_three_axes(spacecraft.wheels, DesignError)
+    require_three_axes(spacecraft, DesignError)
     smallest = PlannedSlew((1.0, 0.0, 0.0), region.angles[0], region.rate, region.acceleration)
     _require_time(replace(base, slews=(smallest,) * n_slews), limits)
     still = replace(smallest, angle=NUMERICS.negligible_angle)
@@ -30,13 +28,14 @@ def require_feasible(
         _require_end(at_end, spacecraft, limits)
 
 
-def require_three_axes(wheels: Sequence[Wheel], error: type[BayesInertiaError]) -> None:
-    """Raise where the wheels cannot turn the spacecraft about all axes."""
-    axes = axes_of_control(wheels)
+def require_three_axes(spacecraft: Spacecraft, error: type[BayesInertiaError]) -> None:
+    """Raise where nothing turns the spacecraft about all axes."""
+    axes, device = spacecraft.axes_of_control, spacecraft.device
     if axes < 3:
+        turns = f"{device.record.name} turns" if device else "the wheels turn"
         raise error(
-            f"the wheels turn the spacecraft about {axes} of three axes",
-            where="wheels",
+            f"{turns} the spacecraft about {axes} of three axes",
+            where=device.record.name if device else "wheels",
             advice="slews are designed for three",
         )
 
@@ -61,7 +60,7 @@ def _require_start(at_start: Plan, spacecraft: Spacecraft, limits: Limits) -> No
     without_attitudes = replace(limits, end_attitude=None, start_attitude=None)
     margins = planned_margins(at_start, spacecraft, without_attitudes)
     for margin in broken_limits(
-        [m for m in margins if m.limit.startswith(("keep-out", "momentum"))]
+        [m for m in margins if m.limit.startswith(("keep-out", "momentum", "reach"))]
     ):
         raise DesignError(
             f"broken before the first slew: {margin.says}",

@@ -16,8 +16,8 @@ from jax import Array
 from bayes_inertia.design.limits import HardwareLimits, Limits
 from bayes_inertia.design.margins import demands
 from bayes_inertia.design.numerics import NUMERICS
-from bayes_inertia.design.plan_arrays import PlanTimes, SlewArrays
-from bayes_inertia.design.planned_motion import PlannedMotion, RigidBody
+from bayes_inertia.flight.planned_motion import PlannedMotion, PlanTimes, RigidBody, SlewArrays
+from bayes_inertia.flight.steering import Jets, share_of_reach
 from bayes_inertia.maths.values import AnyArray
 
 
@@ -34,6 +34,7 @@ class FeasibleRegion(NamedTuple):
     cones_N: np.ndarray
     half_angles: np.ndarray  # (cones,) half of each cone's opening angle [rad]
     boresight_B: np.ndarray  # (3,) the star tracker's boresight
+    reach: np.ndarray  # (m,) what it may ask of the device along `directions_B`; (0,) without one
     # How far a slew may miss its target before it is corrected, as a fraction of its angle.
     pointing_error: float
 
@@ -78,6 +79,7 @@ def region_within(
         cones_N=np.array([c.direction_N for c in limits.keep_out]).reshape(-1, 3),
         half_angles=np.array([c.half_angle for c in limits.keep_out]),
         boresight_B=hardware.boresight_B,
+        reach=keep * hardware.reach,
         pointing_error=NUMERICS.scale_factor_sigmas * scale_factor_sigma,
     )
 
@@ -131,8 +133,13 @@ def draw_variables(
     axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
     low, high = region.angles
     rate = rng.uniform(0.5, 1.0, (n, slews)) ** 0.25 * region.rate
-    needed = np.abs(axis @ np.asarray(body.inertia_B) @ np.asarray(body.allocation).T)
-    strongest = np.minimum(0.9 * np.min(region.torque / needed, axis=-1), region.acceleration)
+    turning_B = axis @ np.asarray(body.inertia_B)
+    needed = np.abs(turning_B @ np.asarray(body.allocation).T)
+    most = np.min(region.torque / needed, axis=-1, initial=np.inf)
+    if any(isinstance(device, Jets) for device in (body.devices or {}).values()):
+        up, down = (np.asarray(share_of_reach(s * turning_B, region.reach)) for s in (1.0, -1.0))
+        most = 1.0 / np.maximum(up, down)
+    strongest = np.minimum(0.9 * most, region.acceleration)
     acceleration = strongest * rng.uniform(0.1, 1.0, (n, slews))
     # Some plans of slews that are alike, some of a few long ones and others as short as may be.
     angle = low + (high - low) * rng.uniform(0.0, 1.0, (n, slews)) ** rng.choice(
@@ -154,9 +161,17 @@ def constraint_slacks(
     """Slack of every limit, as a fraction of it; negative where violated.
 
     `times` [s]. Returns `wheel torque` and `wheel momentum` (n, wheels), `rate`, `angle` and `least
-    angle` (n,), `total time` (), `keep-out` (n + 1, cones). JAX can differentiate all.
+    angle` (n,), `total time` (), `keep-out` (n + 1, cones), `reach` of a device (n,). JAX can
+    differentiate all.
     """
-    used = demands(motion, slews.rotation_B, slews.acceleration, region.boresight_B, region.cones_N)
+    used = demands(
+        motion,
+        slews.rotation_B,
+        slews.acceleration,
+        region.boresight_B,
+        region.cones_N,
+        region.reach,
+    )
     missed = jnp.concatenate([jnp.zeros(1), region.pointing_error * used["angle"]])[:, None]
     return {
         "wheel torque": 1.0 - used["torque"] / region.torque,
@@ -167,6 +182,7 @@ def constraint_slacks(
         # Durations are rounded up to whole samples.
         "total time": 1.0 - used["time"] / (region.time - len(slews.rate) * times.telemetry_period),
         "keep-out": (used["distance"] - missed) / region.half_angles - 1.0,
+        **({"reach": 1.0 - used["reach"]} if len(region.reach) else {}),
     }
 
 

@@ -104,20 +104,31 @@ def parse_goal(text: str | Goal) -> Goal:
     return Goal(kind.strip(), tuple(name.strip() for name in effects.split(",") if name.strip()))
 
 
+def require_goal(goal: Goal, n_base: int) -> None:
+    """`CampaignError` where a spacecraft with `n_base` elements of J and K has no such number."""
+    lacks = {"scale_factors": n_base == 6, "correction_slew": n_base != 9}
+    if lacks.get(goal.kind, False):
+        kind = "rate sensor" if goal.kind == "scale_factors" else "rate sensor of three axes"
+        what = f"it is about a {kind}, which this spacecraft does not fly by"
+        advice = "choose cross_terms, inertia or separate"
+        raise CampaignError(what, where=f"goal {goal.kind}", advice=advice)
+
+
 def criterion(
     goal: Goal,
     covariance: Array,
     theta: Array,
     prior_sd: Array,
     groups: Sequence[tuple[int, int]] = (),
+    n_base: int = 9,
     *,
     smooth: bool = False,
 ) -> Array:
     """The goal's number for a covariance of the parameters; JAX can differentiate it.
 
     `covariance` (d, d); `theta` (d,); `prior_sd` (d,). `groups`: where the parameters of the goal's
-    two effects stand: (first, behind the last) of each. `smooth`: whether the largest sd is
-    replaced by a norm close to it, which has derivatives everywhere.
+    two effects stand: (first, behind the last) of each; `n_base`: numbers of J and K. `smooth`:
+    whether the largest sd is replaced by a norm close to it, which has derivatives everywhere.
 
     Examples
     --------
@@ -126,8 +137,8 @@ def criterion(
     5.000...
     """
     if goal.kind in ("cross_terms", "scale_factors"):
-        first = 3 if goal.kind == "cross_terms" else 6
-        variances = jnp.diag(covariance)[first : first + 3]
+        part = slice(3, 6) if goal.kind == "cross_terms" else slice(6, n_base)
+        variances = jnp.diag(covariance)[part]
         return jnp.sqrt(_smooth_largest(variances) if smooth else jnp.max(variances))
     if goal.kind == "inertia":
         scale = prior_sd[:6]

@@ -11,7 +11,7 @@ flies the plan and gives the exact ones.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,32 +19,30 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.design.numerics import NUMERICS
-from bayes_inertia.design.plan_arrays import PlanStart, PlanTimes, plan_start, plan_times
-from bayes_inertia.design.planned_motion import RigidBody
-from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.flight.plan import Plan
+from bayes_inertia.flight.planned_motion import (
+    PlanStart,
+    PlanTimes,
+    RigidBody,
+    plan_start,
+    plan_times,
+    rigid_body,
+)
 from bayes_inertia.flight.planned_telemetry import planned_campaign
-from bayes_inertia.flight.spacecraft import allocation
+from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import AnyArray, array_dataclass
-from bayes_inertia.physics.channels.rate import RateConstants
+from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.nuisances import NuisanceScale
-from bayes_inertia.physics.parameters import N_BIAS
+from bayes_inertia.physics.parameters import base_count
 from bayes_inertia.physics.prediction import Structure
 from bayes_inertia.physics.slew_context import Environment, SlewContext
-
-
-class InverseNoise(NamedTuple):
-    """Inverse noise of one sample; zero for what is not measured."""
-
-    rate: AnyArray  # (3,) inverse sds of the rate sensor's readings [s/rad]
-    attitude: AnyArray  # (3, 3) inverse root of the covariance of one fix [1/rad]
-    momentum: AnyArray  # (wheels,) inverse sds of the tachometers' readings [1/(N m s)]
 
 
 class EnvironmentTable(NamedTuple):
@@ -63,11 +61,11 @@ class FlightConditions(NamedTuple):
     """Everything that a slew's information depends on, besides the slews and the parameters."""
 
     context: SlewContext  # of the first slew, without its grid
-    sensors: RateConstants  # axes and bias of the rate sensor
+    sensors: tuple[Any, ...]  # constants of each channel
     scale: NuisanceScale  # prior sds of bias and start states
-    noise: InverseNoise  # inverse noise of one sample
+    factors: tuple[Array, ...]  # what whitens one reading of each channel; zero where none is read
     environment: EnvironmentTable  # magnetic field and position on the campaign's clock
-    allocation: AnyArray  # (wheels, 3) shares of a torque among the wheels that motors drive
+    body: RigidBody  # wheels and device; its J is not used
 
 
 class ForecastArrays(NamedTuple):
@@ -76,7 +74,7 @@ class ForecastArrays(NamedTuple):
     conditions: FlightConditions  # under which the slews are flown
     start: PlanStart  # where the first one begins
     prior_sd: AnyArray  # (d,) prior sds of the parameters, in their units
-    # (d + 3, d + 3) precision of the parameters and the whitened bias before the slews.
+    # (d + b, d + b) precision of the parameters and the b whitened biases before the slews.
     prior: AnyArray
 
 
@@ -88,6 +86,12 @@ class ForecastLayout:
     names: tuple[str, ...]  # of its d parameters
     units: tuple[str, ...]
     times: PlanTimes  # the times that the slews share [s]
+    periods: tuple[float, ...]  # from one reading to the next of each channel [s]; 0: as fixes
+
+    @property
+    def n_base(self) -> int:
+        """How many of them, the first, are J and K."""
+        return base_count(self.names)
 
     def slice_of(self, effect: str) -> tuple[int, int]:
         """Place of an effect's parameters.
@@ -123,52 +127,64 @@ def prepare_forecast(plan: Plan, mission: Mission, effects: tuple[Effect, ...] =
     >>> len(prepare_forecast(paper_like_plan(), most_like_mission()).layout.names)
     9
     """
-    model = Model(planned_campaign(plan, mission.without_effects()), effects, "commanded")
+    model, craft = planned_model(plan, mission, effects), mission.spacecraft
     environment = orbit_environment(plan.orbit, 2.0 * model.campaign.span[1])
-    conditions = conditions_of(model, environment, first=0, start_time=0.0)
-    prior = np.diag(np.concatenate([model.space.sd**-2.0, np.ones(N_BIAS)]))
-    return forecast_of(model, plan, conditions, prior)
+    if plan.orbit is None:
+        environment = last_environment(model.campaign)
+    conditions = conditions_of(model, craft, environment, first=0, start_time=0.0)
+    prior = np.diag(np.concatenate([model.space.sd**-2.0, np.ones(model.n_bias)]))
+    return forecast_of(model, craft, plan, conditions, prior)
+
+
+def planned_model(plan: Plan, mission: Mission, effects: tuple[Effect, ...] = ()) -> Model:
+    """The model that will be fitted to the telemetry of a plan."""
+    campaign = planned_campaign(plan, mission.without_effects())
+    return Model(campaign, effects, "commanded")
 
 
 def forecast_of(
-    model: Model, plan: Plan, conditions: FlightConditions, prior: np.ndarray
+    model: Model, craft: Spacecraft, plan: Plan, conditions: FlightConditions, prior: np.ndarray
 ) -> Forecast:
     """The forecast of slews that a model will fit.
 
-    `plan`: its start and times; `prior` (d + 3, d + 3): precision of parameters and whitened bias.
+    `plan`: its start and times; `prior` (d + b, d + b): precision of parameters and whitened bias.
     """
     structure, space = replace(model.structure, refined=False), model.space
-    layout = ForecastLayout(structure, space.names, space.units, plan_times(plan))
+    periods = tuple(
+        craft.periods.get(_sensor_name(channel, craft), plan.telemetry_period)
+        if channel.stream.is_series
+        else 0.0
+        for channel in model.channels
+    )
+    layout = ForecastLayout(structure, space.names, space.units, plan_times(plan), periods)
     start = plan_start(plan, len(model.campaign.wheels))
     return Forecast(layout, ForecastArrays(conditions, start, space.sd, prior))
 
 
+def _sensor_name(channel: Channel, craft: Spacecraft) -> str:
+    return craft.names[0] if channel.stream == RATE else channel.name
+
+
 def conditions_of(
-    model: Model, environment: EnvironmentTable, *, first: int, start_time: float
+    model: Model, craft: Spacecraft, environment: EnvironmentTable, *, first: int, start_time: float
 ) -> FlightConditions:
-    """The conditions of slews flown with a model's hardware.
+    """The conditions of slews flown with a model's sensors and a spacecraft's wheels or device.
 
     `first`: index of the first of these slews in the campaign, `start_time`: when it begins on the
     campaign's clock [s].
     """
-    campaign, data = model.campaign, model.data
-    if not campaign.wheels:
-        raise CampaignError(
-            "no wheels to fly slews with",
-            where="key wheels",
-            advice="describe the wheels in campaign.toml",
-        )
+    data = model.data
     context = jax.tree.map(lambda x: np.asarray(x)[0], data.arrays.slews.context)
     none = dict.fromkeys(("lost_command", "lost_command_sd", "fix_group"))
     on_grid = dict.fromkeys(("time", "step", "torque"), np.zeros(0))
     context = context._replace(index=np.array(first), start=np.array(start_time), **none, **on_grid)
     return FlightConditions(
         context,
-        data.sensors[model.structure.place("rate")],
+        data.sensors,
         data.scale,
-        _inverse_noise(campaign),
+        _factors(model),
         environment,
-        allocation(campaign.wheels),
+        rigid_body(craft),
     )
 
 
@@ -202,14 +218,15 @@ def _last_complete(values: np.ndarray | None) -> np.ndarray:
     return values[complete][-1] if values is not None and complete.any() else np.zeros(3)
 
 
-def _inverse_noise(campaign: Campaign) -> InverseNoise:
-    """The inverse noise of a campaign's sensors."""
-    attitude, tracker = np.zeros((3, 3)), campaign.star_tracker
-    if tracker is not None:
-        along = np.outer(tracker.boresight_B, tracker.boresight_B)
-        attitude = (np.eye(3) - along) / tracker.sigma_cross + along / tracker.sigma_roll
-    momentum = np.array([1.0 / (wheel.momentum_sigma or np.inf) for wheel in campaign.wheels])
-    return InverseNoise(1.0 / np.array(campaign.three_axis_gyro.sigma), attitude, momentum)
+def _factors(model: Model) -> tuple[Array, ...]:
+    """What whitens one reading of each channel, as in a fit at the prior's mean."""
+    found = []
+    for channel, readings in zip(model.channels, model.data.arrays.telemetry.readings, strict=True):
+        components = np.asarray(readings.valid).shape[-1]
+        noise = channel.noise(model.campaign, model.space.mean, "commanded")
+        read = np.full((1, components), channel.is_read(model.campaign))
+        found.append(jnp.asarray(channel.factors(noise, read)[0]))
+    return tuple(found)
 
 
 def rigid_body_at(structure: Structure, theta: AnyArray, conditions: FlightConditions) -> RigidBody:
@@ -220,4 +237,4 @@ def rigid_body_at(structure: Structure, theta: AnyArray, conditions: FlightCondi
     J, context = inertia_tensor.tensor(theta[:6]), conditions.context
     if structure.includes_wheel_spin:
         J = inertia_tensor.without_wheel_spin(J, context.wheel_axes_B, context.spin_inertia)
-    return RigidBody(J, context.wheel_axes_B, conditions.allocation, context.spin_inertia)
+    return conditions.body._replace(inertia_B=J)

@@ -22,9 +22,9 @@ ms).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -37,29 +37,29 @@ from bayes_inertia.design.information_forecast import (
     ForecastLayout,
     rigid_body_at,
 )
-from bayes_inertia.design.plan_arrays import PlanTimes, SlewArrays
-from bayes_inertia.design.planned_motion import motion_of_slews
 from bayes_inertia.errors import EffectError
+from bayes_inertia.flight.planned_motion import SlewArrays, motion_of_slews
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.maths.values import AnyArray
+from bayes_inertia.physics.active_effects import ActiveEffects
+from bayes_inertia.physics.channels import Channel
+from bayes_inertia.physics.channels.direction import DirectionConstants
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.parameters import N_BIAS
-from bayes_inertia.physics.prediction import Structure
+from bayes_inertia.physics.prediction import Structure, acting_in
 from bayes_inertia.physics.slew_context import Environment, SlewContext, State, Trajectory
+from bayes_inertia.physics.slew_input import SlewInput
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
 class _Along(NamedTuple):
-    """Inertia, wheels, torques and sensor signals that parameters give along the planned motion."""
+    """Inertia, wheels, torques and momentum that parameters give along the planned motion."""
 
     inertia_B: Array
     axes_B: Array
-    delivered: Array
-    wheel_torque: Array
-    body_torque: Array
-    rate_S: Array
-    attitude: Array
-    momentum: Array
+    delivered: Array  # (n, wheels) motor torque [N m]
+    wheel_torque: Array  # (n - 1, wheels) what else acts on the wheels, from row to row [N m]
+    torque_N: Array  # (n - 1, 3) on the body, from row to row, inertial axes [N m]
+    carried_B: Array  # (n, 3) momentum that devices carry [N m s]
 
 
 def _require_plain(structure: Structure) -> None:
@@ -75,150 +75,237 @@ def _require_plain(structure: Structure) -> None:
         raise EffectError(what, where=stochastic[0], advice=advice)
 
 
-def _along(
-    structure: Structure,
-    conditions: FlightConditions,
-    context: SlewContext,
-    path: Trajectory,
-    environment: Environment,
-    theta: Array,
-) -> _Along:
-    """What theta (d,) gives along the planned motion."""
-    active, sensors = structure.active_effects(theta), conditions.sensors
-    J, axes, torque = inertia_tensor.tensor(theta[:6]), context.wheel_axes_B, context.torque
-    if structure.includes_wheel_spin:
-        J = inertia_tensor.without_wheel_spin(J, axes, context.spin_inertia)
-    for effect, p in active:
-        J, axes, torque = (
-            effect.inertia(p, context, J),
-            effect.wheel_axes(p, context, axes),
-            effect.delivered_torque(p, context, torque),
-        )
-    locked = inertia_tensor.with_wheel_spin(J, axes, context.spin_inertia)
-    friction, external = jnp.zeros_like(path.wheel_momentum), jnp.zeros_like(path.rate_B)
-    rate_S = path.rate_B @ sensors.axes.T + sensors.bias
-    attitude, momentum = path.attitude, path.wheel_momentum
-    for effect, p in active:
-        on_wheels, on_body = _torques_along(effect, p, context, path, environment, locked)
-        friction, external = friction + on_wheels, external + on_body
-        rate_S = effect.rate_output(p, context, path, rate_S)
-        attitude = effect.attitude_output(p, context, path, attitude)
-        momentum = effect.momentum_output(p, context, path, momentum)
-    return _Along(J, axes, torque, friction, external, rate_S, attitude, momentum)
+class _Slew(NamedTuple):
+    """One slew that is flown as planned."""
 
+    structure: Structure
+    conditions: FlightConditions
+    context: SlewContext
+    path: Trajectory
+    environment: Environment
 
-def _torques_along(
-    effect: Effect,
-    p: Mapping[str, Array],
-    context: SlewContext,
-    path: Trajectory,
-    environment: Environment,
-    locked_B: Array,
-) -> tuple[Array, Array]:
-    """Torques of an effect on the wheels (n, wheels) and on the body (n, 3) along the motion."""
+    def acting(self, theta: Array, local: Array) -> ActiveEffects:
+        """What acts beside J and K; `theta` (d,), `local` (n_local,) whitened."""
+        coefficients = self.structure.nuisances(local).coefficients
+        active = acting_in(self.structure, theta, coefficients, self.context)
+        told = set(self.path.inputs or {})  # other devices rest
+        flying = tuple(effect for effect in active.effects if set(effect.inputs) <= told)
+        return ActiveEffects(flying, active.values)
 
-    def instant(
-        t: Array, q: Array, w: Array, h: Array, environment: Environment
+    def along(self, theta: Array, local: Array) -> _Along:
+        """What parameters and the slew's own nuisances give along the planned motion."""
+        active, context, path = self.acting(theta, local), self.context, self.path
+        J, axes, torque = inertia_tensor.tensor(theta[:6]), context.wheel_axes_B, context.torque
+        if self.structure.includes_wheel_spin:
+            J = inertia_tensor.without_wheel_spin(J, axes, context.spin_inertia)
+        for effect, p in active:
+            J, axes, torque = (
+                effect.inertia(p, context, J),
+                effect.wheel_axes(p, context, axes),
+                effect.delivered_torque(p, context, torque),
+            )
+        locked = inertia_tensor.with_wheel_spin(J, axes, context.spin_inertia)
+        friction = jnp.zeros_like(path.wheel_momentum[1:])
+        torque_N = carried_B = jnp.zeros_like(path.rate_B)
+        torque_N = torque_N[1:]
+        for effect, p in active:
+            on_wheels, on_body = self._torques(effect, p, locked)
+            friction, torque_N = friction + on_wheels, torque_N + on_body
+            if effect.acts("carried_momentum"):
+                carried = partial(effect.carried_momentum, p, context)
+                carried_B = carried_B + jax.vmap(carried)(path.time, path.inputs or {})
+        return _Along(J, axes, torque, friction, torque_N, carried_B)
+
+    def _torques(
+        self, effect: Effect, p: Mapping[str, Array], locked_B: Array
     ) -> tuple[Array, Array]:
-        state = State(q, w, h, jnp.zeros(0), locked_B, *environment)
-        wheel_torque = effect.wheel_torque(p, context, t, state)
-        return wheel_torque, effect.body_torque(p, context, t, state)
+        """Mean torques of an effect on wheels and body (inertial axes) from row to row."""
+        path, context = self.path, self.context
 
-    return jax.vmap(instant)(
-        path.time, path.attitude, path.rate_B, path.wheel_momentum, environment
-    )
+        def instant(row: tuple[Any, ...]) -> tuple[Array, Array]:
+            t, q, w, h, environment, inputs = row
+            state = State(q, w, h, jnp.zeros(0), locked_B, *environment)._replace(inputs=inputs)
+            torque_B = effect.body_torque(p, context, t, state)
+            return effect.wheel_torque(p, context, t, state), quaternion.to_inertial(q, torque_B)
+
+        rows = (path.time, path.attitude, path.rate_B, path.wheel_momentum, self.environment)
+        held = None if path.inputs is None else jax.tree.map(lambda x: x[:-1], path.inputs)
+        if held is None or not effect.inputs:
+            both = jax.vmap(lambda *row: instant((*row, None)))(*rows)
+            begin, end = (jax.tree.map(lambda x, k=k: x[k], both) for k in (_FIRST, _LAST))
+        else:
+            begin, end = (
+                jax.vmap(lambda row: instant(row))((*jax.tree.map(lambda x, k=k: x[k], rows), held))
+                for k in (_FIRST, _LAST)
+            )
+        return tuple(0.5 * (a + b) for a, b in zip(begin, end, strict=True))
+
+    def reported(self, k: int, theta: Array, bias: Array, local: Array, path: Trajectory) -> Array:
+        """What the k-th sensor reports along a motion near the planned one, without noise."""
+        conditions, channel = self.conditions, self.structure.channels[k]
+        slew = SlewInput(self.context, path.wheel_momentum, self.environment)
+        here = _here(channel, conditions.sensors[k], self.context, self.environment)
+        values = channel.seen(theta, here, conditions.scale.bias * bias, slew, path)
+        for effect, p in self.acting(theta, local):
+            values = channel.with_effect(effect, p, here, self.context, path, values)
+        return channel.read(theta[slice(*channel.parameters)], values)
+
+
+_FIRST, _LAST = slice(None, -1), slice(1, None)
+
+
+def _here(channel: Channel, constants: Any, context: SlewContext, environment: Environment) -> Any:
+    """Constants of a sensor, with the field along this slew where it looks at the field."""
+    if not isinstance(constants, DirectionConstants) or constants.time.shape[1] < 2:
+        return constants
+    reference_N = environment.magnetic_field_N
+    if not getattr(channel, "is_field", False):
+        reference_N = reference_N / jnp.linalg.norm(reference_N, axis=1, keepdims=True)
+    # Whatever the slew's number, the only row is taken.
+    return DirectionConstants(context.time[None], reference_N[None])
 
 
 class _Known(NamedTuple):
     """What unknowns decide without integrating a deviation of the state.
 
     The `turn` (3,) of the first attitude in body axes [rad], the `source` C M_N - G H - J w (n, 3)
-    along the planned motion [N m s], and sensors there: `rate` of the readings (n, 3) [rad/s],
-    `attitude` (n, 3) as a small rotation [rad], `momentum` (n, wheels) of the tachometers [N m s].
+    along the planned motion [N m s], and the `momentum` (n, wheels) of the wheels [N m s].
     """
 
     turn: Array
     source: Array
-    rate: Array
-    attitude: Array
     momentum: Array
 
 
-def _whitened_columns(
-    layout: ForecastLayout,
-    conditions: FlightConditions,
-    theta: Array,
-    context: SlewContext,
-    path: Trajectory,
-) -> Array:
+def _whitened_columns(layout: ForecastLayout, slew: _Slew, theta: Array) -> Array:
     """Whitened derivatives (numbers, p) of all that one slew measures, at rest in the beginning.
 
-    The p unknowns are theta, the whitened bias and the whitened start state. A row counts as many
-    times as it stands for samples or fixes.
+    The p unknowns are theta, the whitened bias and the slew's whitened nuisances. A row counts as
+    many times as it stands for samples or fixes.
     """
     _require_plain(layout.structure)
-    environment = conditions.environment.at(context.start + context.time)
-    along = partial(_along, layout.structure, conditions, context, path, environment)
-    nominal, spin, d = along(theta), context.spin_inertia, len(theta)
+    structure, conditions, path = layout.structure, slew.conditions, slew.path
+    scale, spin, d = conditions.scale, slew.context.spin_inertia, len(theta)
+    n_bias, nothing = len(scale.bias), jnp.zeros(structure.n_local)
+    nominal = slew.along(theta, nothing)
     planned = path.wheel_momentum + spin * (path.rate_B @ nominal.axes_B)
-    momentum_B = nominal.axes_B @ path.wheel_momentum[0]  # total, before the slew
+    total_B = path.rate_B @ nominal.inertia_B + planned @ nominal.axes_B.T + nominal.carried_B
+
+    def split(unknown: Array) -> tuple[Array, Array, Array]:
+        theta, bias, local = jnp.split(unknown, [d, d + n_bias])
+        return theta, bias, local
 
     def known(unknown: Array) -> _Known:
-        theta, bias, start = jnp.split(unknown, [d, d + N_BIAS])
-        now, (rate, turn, added) = along(theta), jnp.split(conditions.scale.local * start, [3, 6])
+        theta, _, local = split(unknown)
+        now, start = slew.along(theta, local), scale.local * local[: structure.n_start]
+        rate, turn, added = jnp.split(start, [3, 6])
         locked = inertia_tensor.with_wheel_spin(now.inertia_B, now.axes_B, spin)
-        first_B = locked @ rate + now.axes_B @ (path.wheel_momentum[0] + added)
-        first_N = quaternion.to_inertial(path.attitude[0], first_B + jnp.cross(turn, momentum_B))
-        torque_N = quaternion.to_inertial(path.attitude, now.body_torque)
-        total_N = first_N + _integral(path.time, _midpoints(torque_N))
+        first_B = locked @ rate + now.axes_B @ (path.wheel_momentum[0] + added) + now.carried_B[0]
+        first_N = quaternion.to_inertial(path.attitude[0], first_B + jnp.cross(turn, total_B[0]))
+        total_N = first_N + _integral(path.time, now.torque_N)
         wheel = added + spin * (rate @ now.axes_B)
-        wheel += _integral(path.time, now.delivered[:-1] + _midpoints(now.wheel_torque))
+        wheel += _integral(path.time, now.delivered[:-1] + now.wheel_torque)
         source = quaternion.to_body(path.attitude, total_N) - wheel @ nominal.axes_B.T
-        source -= planned @ now.axes_B.T + path.rate_B @ now.inertia_B.T
-        # To first order, the vector part is half a small rotation.
-        seen = quaternion.multiply(quaternion.conjugate(nominal.attitude), now.attitude)
-        tachometers = now.momentum + wheel - spin * (path.rate_B @ now.axes_B)
-        rate_S = (now.rate_S + conditions.scale.bias * bias) / theta[6:9]
-        return _Known(turn, source, rate_S, 2.0 * seen[:, :3], tachometers)
+        source -= planned @ now.axes_B.T + path.rate_B @ now.inertia_B.T + now.carried_B
+        return _Known(turn, source, wheel - spin * (path.rate_B @ now.axes_B))
 
-    unknown = jnp.concatenate([theta, jnp.zeros(N_BIAS + layout.structure.n_local)])
+    unknown = jnp.concatenate([theta, jnp.zeros(n_bias), nothing])
     by = jax.jacfwd(known)(unknown)
-    turned, d_rate = _integrated(path, momentum_B, _inverse(nominal.inertia_B), by)
-    noise, axes_S = conditions.noise, conditions.sensors.axes / theta[6:9, None]
-    samples, fixes = (jnp.sqrt(n)[:, None, None] for n in _counts(layout.times, path.time))
-    whitened = (
-        samples * noise.rate[:, None] * (by.rate + axes_S @ d_rate),
-        fixes * (noise.attitude @ (by.attitude + turned)),
-        samples * noise.momentum[:, None] * (by.momentum - (spin * nominal.axes_B).T @ d_rate),
-    )
-    return jnp.concatenate([x.reshape(-1, len(unknown)) for x in whitened])
+    pushed = nominal.torque_N if path.inputs is not None else None
+    turned, d_rate = _integrated(path, total_B, pushed, _inverse(nominal.inertia_B), by)
+    d_wheel = by.momentum - (spin * nominal.axes_B).T @ d_rate
+
+    moved = turned, d_rate, d_wheel
+    whitened = []
+    for k, weight in enumerate(_counts(layout, path.time)):
+        columns = _channel_columns(slew, k, unknown, split, moved)
+        whitened.append((jnp.sqrt(weight)[:, None, None] * columns).reshape(-1, len(unknown)))
+    return jnp.concatenate(whitened)
+
+
+def _channel_columns(
+    slew: _Slew,
+    k: int,
+    unknown: Array,
+    split: Callable[[Array], tuple[Array, Array, Array]],
+    moved: tuple[Array, Array, Array],
+) -> Array:
+    """Whitened derivatives (n, components, p) of the k-th channel by p unknowns.
+
+    `moved`: deviations of attitude, rate and wheel momentum (n, 3 or wheels, p).
+    """
+    channel, factors, path = slew.structure.channels[k], slew.conditions.factors[k], slew.path
+    follows = {"rate_output": 1, "momentum_output": 2}.get(channel.hook, 0)
+
+    def reported(unknown: Array, change: Array) -> Array:
+        attitude, rate_B, wheel = path.attitude, path.rate_B, path.wheel_momentum
+        if follows == 0:
+            attitude = quaternion.multiply(attitude, quaternion.exp(change))
+        elif follows == 1:
+            rate_B = rate_B + change
+        else:
+            wheel = wheel + change
+        near = path._replace(attitude=attitude, rate_B=rate_B, wheel_momentum=wheel)
+        return slew.reported(k, *split(unknown), near)
+
+    nothing = jnp.zeros(moved[follows].shape[:2])
+    measured = reported(unknown, nothing)
+
+    def gap(unknown: Array, change: Array) -> Array:
+        return channel.whitened(factors, channel.gap(measured, reported(unknown, change)))
+
+    def slope(unit: Array) -> Array:
+        along = jnp.broadcast_to(unit, nothing.shape)
+        return jax.jvp(partial(gap, unknown), (nothing,), (along,))[1]
+
+    by_unknown = jax.jacfwd(lambda x: gap(x, nothing))(unknown)
+    by_change = jax.vmap(slope, out_axes=-1)(jnp.eye(nothing.shape[1]))
+    return by_unknown + by_change @ moved[follows]
 
 
 def _integrated(
-    path: Trajectory, momentum_B: Array, inverse: Array, by: _Known
+    path: Trajectory, total_B: Array, pushed_N: Array | None, inverse: Array, by: _Known
 ) -> tuple[Array, Array]:
     """Deviations of attitude and rate (n, 3, p) in body axes, by the trapezoidal rule.
 
-    `momentum_B` (3,): total momentum at the start [N m s]; `inverse` (3, 3) of J.
+    `total_B` (n, 3): total momentum [N m s]; `pushed_N` (n - 1, 3): torque of devices that turns
+    with the body [N m], None without any; `inverse` (3, 3) of J.
     """
-    momentum_N = quaternion.to_inertial(path.attitude[0], momentum_B)
-    momentum_B = quaternion.to_body(path.attitude, jnp.broadcast_to(momentum_N, path.rate_B.shape))
     to_body = jax.vmap(lambda q: quaternion.to_body(q, jnp.eye(3)).T)(path.attitude)  # C
     to_inertial = jnp.swapaxes(to_body, 1, 2)
-    gain = inverse @ jnp.cross(jnp.eye(3), momentum_B[:, None])  # [m]x
+    gain = inverse @ jnp.cross(jnp.eye(3), total_B[:, None])  # [m]x
     A, B = to_inertial @ gain @ to_body, to_inertial @ (inverse @ by.source)
     half = 0.5 * jnp.diff(path.time)[:, None, None]
-    left = _inverse(jnp.eye(3) - half * A[1:])
-    transition, driven = left @ (jnp.eye(3) + half * A[:-1]), left @ (half * (B[:-1] + B[1:]))
-
-    def step(psi: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
-        following = row[0] @ psi + row[1]
-        return following, following
-
     start = to_inertial[0] @ by.turn
-    _, psi = jax.lax.scan(step, start, (transition, driven))
+    if pushed_N is None:
+        left = _inverse(jnp.eye(3) - half * A[1:])
+        transition, driven = left @ (jnp.eye(3) + half * A[:-1]), left @ (half * (B[:-1] + B[1:]))
+
+        def step(psi: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
+            following = row[0] @ psi + row[1]
+            return following, following
+
+        _, psi = jax.lax.scan(step, start, (transition, driven))
+        turned = to_body @ jnp.concatenate([start[None], psi])
+        return turned, gain @ turned + inverse @ by.source
+    # The total momentum deviates too: mu' = psi x torque.
+    P, X = to_inertial @ inverse @ to_body, -jnp.cross(jnp.eye(3), pushed_N[:, None])
+    left = _inverse(jnp.eye(3) - half * A[1:] - half**2 * P[1:] @ X)
+    transition = left @ (jnp.eye(3) + half * A[:-1] + half**2 * P[1:] @ X)
+    driven, by_mu = left @ (half * (B[:-1] + B[1:])), left @ (half * (P[:-1] + P[1:]))
+
+    def pushed_step(state: tuple[Array, Array], row: tuple[Array, ...]) -> tuple[Any, Any]:
+        psi, mu = state
+        following = row[0] @ psi + row[1] + row[2] @ mu
+        mu = mu + row[3] @ (psi + following)
+        return (following, mu), (following, mu)
+
+    none = jnp.zeros_like(start)
+    rows = (transition, driven, by_mu, half * X)
+    _, (psi, mu) = jax.lax.scan(pushed_step, (start, none), rows)
     turned = to_body @ jnp.concatenate([start[None], psi])
-    return turned, gain @ turned + inverse @ by.source
+    source = by.source + to_body @ jnp.concatenate([none[None], mu])
+    return turned, gain @ turned + inverse @ source
 
 
 def _inverse(matrix: Array) -> Array:
@@ -226,11 +313,6 @@ def _inverse(matrix: Array) -> Array:
     a, b, c = matrix[..., 0, :], matrix[..., 1, :], matrix[..., 2, :]
     adjugate = jnp.stack([jnp.cross(b, c), jnp.cross(c, a), jnp.cross(a, b)], -1)
     return adjugate / jnp.sum(a * adjugate[..., 0], -1)[..., None, None]
-
-
-def _midpoints(rows: Array) -> Array:
-    """Means of neighbouring rows."""
-    return 0.5 * (rows[1:] + rows[:-1])
 
 
 def _integral(time: Array, slope: Array) -> Array:
@@ -247,9 +329,9 @@ def expected_covariance(
 
 
 def covariance_after(arrays: ForecastArrays, information: Array) -> Array:
-    """Covariance of the parameters from prior and information (n, d + 3, d + 3) of slews."""
+    """Covariance of the parameters from prior and information (n, d + b, d + b) of slews."""
     d = len(arrays.prior_sd)
-    unit = jnp.concatenate([jnp.asarray(arrays.prior_sd), jnp.ones(N_BIAS)])
+    unit = jnp.concatenate([jnp.asarray(arrays.prior_sd), jnp.ones(len(arrays.prior) - d)])
     precision = (arrays.prior + information.sum(0)) * unit * unit[:, None]
     # Unit diagonal first: what is sharply known and what is not stand side by side.
     scale = 1.0 / jnp.sqrt(jnp.diag(precision))
@@ -273,8 +355,10 @@ def information_matrices(
             step=jnp.append(jnp.diff(path.time), 0.0),
             torque=torque,
         )
-        columns = _whitened_columns(layout, arrays.conditions, theta, context, path)
-        return without_start_state(columns.T @ columns, len(theta) + N_BIAS)
+        environment = arrays.conditions.environment.at(context.start + context.time)
+        slew = _Slew(layout.structure, arrays.conditions, context, path, environment)
+        columns = _whitened_columns(layout, slew, theta)
+        return without_start_state(columns.T @ columns, len(arrays.prior))
 
     index = jnp.arange(len(slews.rate))
     return jax.vmap(of_slew)(index, motion.start, motion.path, motion.wheel_torque)
@@ -300,18 +384,22 @@ def without_start_state(matrix: Array, shared: int) -> Array:
     return matrix[:shared, :shared] - across.T @ across
 
 
-def _counts(times: PlanTimes, time: Array) -> tuple[Array, Array]:
-    """Numbers of samples and of fixes that each row stands for, (n,) both.
+def _counts(layout: ForecastLayout, time: Array) -> tuple[Array, ...]:
+    """Of each channel: numbers of readings that each row stands for, (n,).
 
     A row has half of each step beside it; two rows share a fix between them.
     """
-    half = 0.5 * jnp.diff(time)
+    times, half = layout.times, 0.5 * jnp.diff(time)
     beside = jnp.append(half, 0.0) + jnp.concatenate([jnp.zeros(1), half])
-    before = np.arange(times.first_fix, times.rest_before - 1e-9, times.fix_spacing)
-    after = np.arange(0.0, times.rest_after + 1e-9, times.fix_spacing)
-    moments = jnp.concatenate([jnp.asarray(before), time[-1] - jnp.asarray(after)])
-    right = jnp.clip(jnp.searchsorted(time, moments), 1, len(time) - 1)
-    share = jnp.clip((moments - time[right - 1]) / (time[right] - time[right - 1]), 0.0, 1.0)
-    # A floor, because a root has no derivative at zero.
-    fixes = jnp.full(len(time), 1e-12).at[right].add(share).at[right - 1].add(1.0 - share)
-    return beside / times.telemetry_period, fixes
+    if times.fixes_in_motion:
+        fixes = beside / times.fix_spacing
+    else:
+        before = np.arange(times.first_fix, times.rest_before - 1e-9, times.fix_spacing)
+        after = np.arange(0.0, times.rest_after + 1e-9, times.fix_spacing)
+        moments = jnp.concatenate([jnp.asarray(before), time[-1] - jnp.asarray(after)])
+        right = jnp.clip(jnp.searchsorted(time, moments), 1, len(time) - 1)
+        share = (moments - time[right - 1]) / (time[right] - time[right - 1])
+        share = jnp.clip(share, 0.0, 1.0)
+        # A floor, because a root has no derivative at zero.
+        fixes = jnp.full(len(time), 1e-12).at[right].add(share).at[right - 1].add(1.0 - share)
+    return tuple(beside / period if period else fixes for period in layout.periods)

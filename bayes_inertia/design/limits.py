@@ -177,6 +177,7 @@ class HardwareLimits(NamedTuple):
     sensor_range: float  # largest rate that the rate sensor reads [rad/s]
     # (3,) the star tracker's boresight; the body's z axis without a tracker.
     boresight_B: np.ndarray
+    reach: np.ndarray  # (m,) of the device along `directions_B` [N m or N m s]; (0,) without one
 
 
 def hardware_limits(spacecraft: Spacecraft) -> HardwareLimits:
@@ -194,4 +195,7 @@ def hardware_limits(spacecraft: Spacecraft) -> HardwareLimits:
     )
     tracker = spacecraft.star_tracker
     boresight_B = np.array(tracker.boresight_B if tracker else (0.0, 0.0, 1.0))
-    return HardwareLimits(torque, momentum, spacecraft.rate_sensor.range or np.inf, boresight_B)
+    sensor = spacecraft.rate_sensor
+    sensor_range = (sensor.range if sensor else None) or np.inf
+    reach = spacecraft.device.reach if spacecraft.device else np.zeros(0)
+    return HardwareLimits(torque, momentum, sensor_range, boresight_B, reach)

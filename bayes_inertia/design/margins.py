@@ -16,10 +16,11 @@ from jax import Array
 
 from bayes_inertia.design.limits import Limits, hardware_limits
 from bayes_inertia.design.numerics import NUMERICS
-from bayes_inertia.design.planned_motion import PlannedMotion, motion_of_plan, rigid_body
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_flight import Flight
+from bayes_inertia.flight.planned_motion import PlannedMotion, motion_of_plan, rigid_body
 from bayes_inertia.flight.spacecraft import Spacecraft
+from bayes_inertia.flight.steering import share_of_reach
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.values import AnyArray
 
@@ -90,19 +91,21 @@ def demands(
     acceleration: AnyArray,
     boresight_B: np.ndarray,
     cones_N: np.ndarray,
+    reach: np.ndarray | None = None,
 ) -> dict[str, Array]:
     """Demands of a motion on spacecraft and sky; JAX can differentiate them.
 
     `rotation_B` (n, 3) [rad]; `acceleration` (n,) [rad/s^2]; `boresight_B` (3,). `cones_N` (cones,
     3): unit vectors to the centres of keep-out cones, inertial axes. Returns `torque` [N m] and
     `momentum` [N m s] (n, wheels), `rate` [rad/s], `angle` [rad] and `acceleration` [rad/s^2] (n,),
-    `time` () [s], and `distance` (n + 1, cones) [rad] of the boresight at rest from each cone's
-    centre.
+    `time` () [s], `distance` (n + 1, cones) [rad] of the boresight at rest from each cone's
+    centre, and of a device `reach` (n,): what it must give, as a fraction of `reach` (m,), the most
+    along each of `directions_B`.
 
     Examples
     --------
     >>> from bayes_inertia.flight.plan import paper_like_plan
-    >>> from bayes_inertia.design.plan_arrays import slew_arrays
+    >>> from bayes_inertia.flight.planned_motion import slew_arrays
     >>> from bayes_inertia.flight.spacecraft import most_like_spacecraft
     >>> craft, slews = most_like_spacecraft(), slew_arrays(paper_like_plan())
     >>> motion = motion_of_plan(paper_like_plan(), rigid_body(craft))
@@ -118,7 +121,10 @@ def demands(
     sine = jnp.linalg.norm(
         jnp.cross(boresight_N[:, None], jnp.asarray(cones_N).reshape(1, -1, 3)) + 1e-15, axis=-1
     )
-    return {
+    asked = {}
+    if reach is not None and len(reach):
+        asked["reach"] = jnp.max(share_of_reach(motion.wanted_B, reach), axis=1)
+    return asked | {
         "torque": jnp.max(jnp.abs(motion.wheel_torque), axis=1),
         "momentum": jnp.max(jnp.abs(motion.path.wheel_momentum), axis=1),
         "rate": jnp.sqrt(jnp.max(jnp.sum(motion.path.rate_B**2, -1), axis=1)),
@@ -148,6 +154,7 @@ def planned_margins(plan: Plan, spacecraft: Spacecraft, limits: Limits) -> tuple
         np.array([slew.acceleration for slew in plan.slews]),
         hardware_limits(spacecraft).boresight_B,
         np.array([cone.direction_N for cone in limits.keep_out]).reshape(-1, 3),
+        hardware_limits(spacecraft).reach,
     )
     total = plan.starts[-1] + plan.durations[-1]
     values = {k: np.asarray(v) for k, v in used.items()} | {"time": np.array(total)}
@@ -170,7 +177,8 @@ def flown_margins(flight: Flight, limits: Limits) -> tuple[Margin, ...]:
             jnp.broadcast_to(hardware_limits(flight.spacecraft).boresight_B, (len(rests), 3)),
         )
     )
-    torques = [slew.wheel_torque for slew in campaign.slews if slew.wheel_torque is not None]
+    none = np.zeros((1, 0))
+    torques = [none if x is None else x for x in (slew.wheel_torque for slew in campaign.slews)]
     used = {
         "torque": np.stack([np.abs(torque).max(0) for torque in torques]),
         "momentum": np.stack([np.abs(path.wheel_momentum).max(0) for path in flight.truth]),
@@ -180,6 +188,10 @@ def flown_margins(flight: Flight, limits: Limits) -> tuple[Margin, ...]:
         "time": np.array(campaign.slews[-1].start + campaign.slews[-1].duration),
         "distance": np.arccos(np.clip(boresight_N @ cones.T, -1.0, 1.0)),
     }
+    if flight.spacecraft.device is not None:  # it follows the plan
+        motion = motion_of_plan(flight.plan, rigid_body(flight.spacecraft))
+        share = share_of_reach(motion.wanted_B, hardware_limits(flight.spacecraft).reach)
+        used["reach"] = np.asarray(jnp.max(share, axis=1))
     return _margins(used, flight.plan.attitudes, flight.spacecraft, limits)
 
 
@@ -206,6 +218,9 @@ def _margins(
     ):
         for i, wheel in enumerate(spacecraft.wheels):
             upper.append((f"{key} of {wheel.name}", used[key][:, i], float(limit[i]), unit))
+    if (device := spacecraft.device) is not None:
+        unit = f"of what it can give ({'N m s' if device.carries_momentum else 'N m'})"
+        upper.append((f"reach of {device.record.name}", used["reach"], 1.0, unit))
     upper += [
         ("rate", used["rate"], limits.rate, "rad/s"),
         ("rate sensor range", used["rate"], hardware.sensor_range, "rad/s"),

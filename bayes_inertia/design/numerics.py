@@ -74,12 +74,6 @@ class Numerics:
     # Most steps of each descent.
     descent_steps: int = 50
 
-    # `planned_motion.py`
-    # Rows in the rest before, each ramp, the coast, the settling and the rest after.
-    rows_of_phases: tuple[int, ...] = (8, 14, 24, 14, 8, 8)
-    # Shortest coast in the grid [s]: a slew without a coast keeps increasing times.
-    shortest_coast: float = 0.05
-
     # `separating_slew.py`
     # Slews of each round of the search, and how many such rounds draw from the whole region.
     slews_per_batch: int = 128
@@ -96,11 +90,6 @@ class Numerics:
     def corrected_turn(self) -> float:
         """`corrected_turn_deg` in radians."""
         return math.radians(self.corrected_turn_deg)
-
-    @property
-    def rows_of_slew(self) -> int:
-        """Rows of the grid of a slew."""
-        return sum(self.rows_of_phases) + 1
 
 
 NUMERICS = Numerics()

@@ -32,8 +32,7 @@ from bayes_inertia.design.information_matrix import (
     information_matrices,
 )
 from bayes_inertia.design.numerics import NUMERICS
-from bayes_inertia.design.plan_arrays import SlewArrays
-from bayes_inertia.design.planned_motion import motion_of_slews
+from bayes_inertia.flight.planned_motion import SlewArrays, motion_of_slews
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.maths.values import AnyArray, array_dataclass
@@ -100,7 +99,7 @@ class PlanProblem:
 
         `x` (n, slews, 5). Returns `log_value` (n,): logarithm of the goal's number; `slacks`:
         {limit: (n, ...)}, see `constraint_slacks`; `sd` (n, d): expected sds of all parameters;
-        `information` (n, slews, d + 3, d + 3): of each slew, see `information_matrices`.
+        `information` (n, slews, d + b, d + b): of each slew, see `information_matrices`.
         """
         static = (self.goal, self.forecast.layout, self.groups)
         given = (self.forecast.arrays, self.thetas[truth], self.region, self.end_attitude)
@@ -176,7 +175,7 @@ def _scores(goal, layout, groups, arrays, theta, region, end, x):
         slews = _slews(arrays, region, end, row)
         information = information_matrices(layout, arrays, theta, slews)
         expected = covariance_after(arrays, information)
-        value = jnp.log(criterion(goal, expected, theta, arrays.prior_sd, groups))
+        value = jnp.log(criterion(goal, expected, theta, arrays.prior_sd, groups, layout.n_base))
         slacks = _slacks(layout, arrays, theta, region, slews)
         return value, slacks, jnp.sqrt(jnp.diag(expected)), information
 
@@ -189,7 +188,9 @@ def _scores(goal, layout, groups, arrays, theta, region, end, x):
 def _log_value_and_gradient(goal, layout, groups, arrays, theta, region, end, x):
     def one(x: Array) -> Array:
         expected = expected_covariance(layout, arrays, theta, _slews(arrays, region, end, x))
-        return jnp.log(criterion(goal, expected, theta, arrays.prior_sd, groups, smooth=True))
+        return jnp.log(
+            criterion(goal, expected, theta, arrays.prior_sd, groups, layout.n_base, smooth=True)
+        )
 
     return jax.value_and_grad(one)(x)
 

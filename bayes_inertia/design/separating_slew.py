@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.after_campaign import plan_after
 from bayes_inertia.design.feasibility import require_three_axes
 from bayes_inertia.design.feasible_region import draw_variables, region_within
@@ -32,17 +31,17 @@ from bayes_inertia.design.information_forecast import (
 from bayes_inertia.design.limits import Limits, hardware_limits
 from bayes_inertia.design.margins import Margin, broken_limits, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
-from bayes_inertia.design.plan_arrays import planned_slews
 from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.flight.follow_on import spacecraft_at
 from bayes_inertia.flight.plan import PlannedSlew
+from bayes_inertia.flight.planned_motion import planned_slews
+from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.objective import as_matrix, marginal_information, prior_equations
 from bayes_inertia.maths.linear_algebra import canonical_correlation, inverse
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.parameters import N_BIAS
 
 
 @dataclass(frozen=True)
@@ -108,7 +107,8 @@ def separating_slew(
         separation = separating_slew(estimate, a, b)
     """
     campaign = estimate.model.campaign
-    require_three_axes(campaign.wheels, CampaignError)
+    spacecraft = spacecraft_at(campaign, estimate.theta)
+    require_three_axes(spacecraft, CampaignError)
     longest = max(slew.duration for slew in campaign.slews)
     limits = limits or Limits(rate=1.1 * campaign.largest_rate(), total_time=2.0 * longest)
     forecast, theta = forecast_separation(estimate, a, b)
@@ -117,7 +117,7 @@ def separating_slew(
         limits,
         hardware_limits(spacecraft),
         default_rate=campaign.largest_rate(),
-        scale_factor_sigma=float(estimate.sd[6:9].max()),
+        scale_factor_sigma=float(estimate.sd[6 : estimate.model.n_base].max(initial=0.0)),
     )
     problem = PlanProblem(Goal("separate", (a.name, b.name)), forecast, theta[None], region)
     best, information = _search(problem, seed)
@@ -217,8 +217,9 @@ def forecast_separation(estimate: Estimate, a: Effect, b: Effect) -> tuple[Forec
     along. Returns also (d,): the estimate, with both effects at their null.
     """
     campaign = estimate.model.campaign
+    craft = spacecraft_at(campaign, estimate.theta)
     for effect in (a, b):
-        _require_flying(effect, campaign)
+        _require_flying(effect, craft)
     fitted = _names_of_fitted_effects(estimate) - {a.name, b.name}
     kept = tuple(effect for effect in estimate.model.effects if effect.name in fitted)
     model = Model(campaign, (*kept, a, b), estimate.model.structure.drive)
@@ -232,26 +233,28 @@ def forecast_separation(estimate: Estimate, a: Effect, b: Effect) -> tuple[Forec
         prior[part, part] = np.diag(model.space.sd[part] ** -2.0)
     plan = plan_after(estimate)
     commanded = model
-    if model.structure.drive != "commanded":
+    if model.structure.drive != "commanded" and campaign.wheels:
         # Commands of zero, so that the commanded drive can be set up.
         wheels = len(campaign.wheels)
         still = (replace(s, wheel_torque=np.zeros((len(s.time), wheels))) for s in campaign.slews)
         commanded = Model(replace(campaign, slews=tuple(still)), (*kept, a, b), "commanded")
     conditions = conditions_of(
         commanded,
+        craft,
         last_environment(campaign),
         first=len(campaign.slews),
         start_time=campaign.span[1] + plan.pause,
     )
-    return forecast_of(commanded, plan, conditions, information + prior), theta
+    return forecast_of(commanded, craft, plan, conditions, information + prior), theta
 
 
-def _require_flying(effect: Effect, campaign: Campaign) -> None:
-    if effect.device not in ("", *campaign.names):
+def _require_flying(effect: Effect, craft: Spacecraft) -> None:
+    device = [craft.device.record.name] if craft.device else []
+    if effect.device not in ("", *craft.names, *dict(craft.more_sensors), *device):
         raise EffectError(
             "acts on a device that a planned slew does not fly",
             where=effect.name,
-            advice="plans fly wheels, the first rate sensor and the first star tracker",
+            advice="choose an effect of wheels, sensors, or the device that turns the spacecraft",
         )
 
 
@@ -303,4 +306,4 @@ def _known(estimate: Estimate, model: Model, theta: np.ndarray) -> tuple[np.ndar
         model, replace(estimate.point, theta=point), estimate.white, columns
     )
     precision, _ = prior_equations(model, point, columns)
-    return information, as_matrix(precision, N_BIAS)
+    return information, as_matrix(precision, model.n_bias)

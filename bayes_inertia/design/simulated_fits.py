@@ -56,12 +56,14 @@ def fit_simulated_campaign(
 
     `source`: of truth and noise. Campaigns of two plans from one source have the same truth.
     """
-    flight = draw_flight(planned_campaign(plan, mission), plan, source, vary=False)
+    template = planned_campaign(plan, mission)
+    flight = draw_flight(template, plan, source, vary=False, craft=mission.spacecraft)
     estimate = optimizer.estimate(Model(flight.campaign), starts=1, discount=False)
+    n = estimate.model.n_base
     return {
-        "errors": estimate.theta - flight.mission.theta,
-        "stated": estimate.sd,
-        "peak_torque": np.max(flight.peak_torque),
-        "peak_momentum": np.max(flight.peak_momentum),
+        "errors": estimate.theta[:n] - flight.mission.theta,
+        "stated": estimate.sd[:n],
+        "peak_torque": np.max(flight.peak_torque, initial=-np.inf),
+        "peak_momentum": np.max(flight.peak_momentum, initial=-np.inf),
         "chi2": np.asarray(estimate.tests["total"].reduced_chi2),
     }

@@ -66,7 +66,7 @@ def closed_loop_inputs(
             jnp.asarray(craft.inertia_B),
             jnp.asarray(craft.scale_factor),
             jnp.asarray(bias),
-            jnp.asarray(craft.rate_sensor.axes),
+            jnp.asarray(craft.gyro.axes),
             starts,
         ),
         law=control_law(craft, controller),
@@ -210,6 +210,8 @@ def rate_bias(spacecraft: Spacecraft, rng: np.random.Generator | None = None) ->
     (0.0, 0.0, 0.0)
     """
     sensor = spacecraft.rate_sensor
+    if sensor is None:
+        return ()
     if spacecraft.bias is not None:
         return spacecraft.bias
     if rng is None:
@@ -229,7 +231,7 @@ def sensor_noise(
 
     `controller`: says how long readings at rest are averaged for the bias.
     """
-    sensor, tracker, wheels = spacecraft.rate_sensor, spacecraft.star_tracker, spacecraft.wheels
+    sensor, tracker, wheels = spacecraft.gyro, spacecraft.star_tracker, spacecraft.wheels
 
     def white(*shape: int) -> np.ndarray:
         return np.zeros((*batch, *shape)) if rng is None else rng.normal(size=(*batch, *shape))
@@ -261,7 +263,7 @@ def control_law(spacecraft: Spacecraft, controller: Controller) -> ControlLaw:
     >>> control_law(most_like_spacecraft(), Controller(np.eye(3))).max_torque.tolist()
     [0.02, 0.02, 0.02]
     """
-    G, sensor = spacecraft.wheel_axes_B, spacecraft.rate_sensor
+    G, sensor = spacecraft.wheel_axes_B, spacecraft.gyro
     return ControlLaw(
         inertia_B=jnp.asarray(controller.inertia_B),
         scale_factor=jnp.asarray(controller.scale_factor),

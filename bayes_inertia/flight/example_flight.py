@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-import jax
 import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
@@ -26,10 +25,10 @@ from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import INPUTS, MORE
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.orbit import Orbit
+from bayes_inertia.flight.planned_telemetry import model_readings, with_readings
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.prediction import predict_all
 from bayes_inertia.physics.slew_input import Start
 from bayes_inertia.tables.table import Table
 
@@ -61,7 +60,7 @@ def example_flight(description: str, label: str, seed: int) -> ExampleFlight:
     model = Model(planned)
     theta = model.draw_prior(rng, 1)[0]
     bias = rng.standard_normal(model.n_bias)
-    readings = _readings(model, theta, bias, starts, rng)
+    readings = model_readings(model, theta, bias, starts, rng)
     tables: dict[str, Table] = {}
     for k, part in enumerate(parsed.slews):
         told = _told_beside(planned.slews[k]) | {name: given[k] for name, given in readings.items()}
@@ -92,24 +91,10 @@ def flown_again(
         parts = [np.ravel(values[effect.name][p.name]) for p in effect.parameters(campaign)]
         theta[model.space.slice_of(effect.name)] = np.concatenate(parts)
     bias = rng.standard_normal(model.n_bias)
-    readings = _readings(model, theta, bias, model.data.arrays.reference, rng)
-    slews = [_with_told(slew, k, readings) for k, slew in enumerate(campaign.slews)]
+    readings = model_readings(model, theta, bias, model.data.arrays.reference, rng)
+    slews = [with_readings(slew, k, readings) for k, slew in enumerate(campaign.slews)]
     scale = np.asarray(model.data.scale.bias)
     return replace(campaign, slews=tuple(slews)), _truth(model, theta, bias * scale, seed)
-
-
-def _with_told(slew: Slew, k: int, readings: Mapping[str, Any]) -> Slew:
-    """A slew with these readings in place of its own."""
-    fields: dict[str, Any] = {}
-    more = dict(slew.more or {})
-    for name, told in readings.items():
-        time, values = told[k]
-        if not len(time):
-            continue
-        column = np.full((len(slew.time), values.shape[1]), np.nan)
-        column[np.searchsorted(slew.time, time)] = values
-        (more if name.startswith(MORE) else fields)[name.removeprefix(MORE)] = column
-    return replace(slew, **fields, more=more or None)
 
 
 def _truth(model: Model, theta: np.ndarray, bias: np.ndarray, seed: int) -> dict[str, Any]:
@@ -239,28 +224,6 @@ def _with_readings(
 def _rounded(values: np.ndarray) -> np.ndarray:
     """Numbers as the tables will hold them."""
     return np.vectorize(lambda x: float(f"{x:.{NUMERICS.example_digits}g}"), otypes=[float])(values)
-
-
-def _readings(
-    model: Model, theta: np.ndarray, bias: np.ndarray, starts: Start, rng: np.random.Generator
-) -> dict[str, list[tuple[np.ndarray, np.ndarray]]]:
-    """Of each channel, by the field of `Slew`: times and readings of each slew, with noise."""
-    arrays = model.data.arrays._replace(reference=starts)
-    local = np.zeros((model.n_slews, model.structure.n_local))
-    data = replace(model.data, arrays=arrays)
-    seen = jax.jit(predict_all, static_argnums=0)(model.structure, theta, local, bias, data)
-    told = {}
-    for channel, given, values in zip(model.channels, arrays.telemetry.readings, seen, strict=True):
-        valid, row = np.asarray(given.valid), np.asarray(given.row)
-        noise = channel.noise(model.campaign, theta, "commanded")
-        unit = rng.standard_normal(valid.shape)
-        noisy = np.asarray(channel.moved(np.asarray(values), channel.drawn(noise, unit)))
-        there = valid.any(axis=-1)
-        told[channel.stream.field or MORE + channel.name] = [
-            (slew.time[row[k][there[k]]], noisy[k][there[k]])
-            for k, slew in enumerate(model.campaign.slews)
-        ]
-    return told
 
 
 def _told_beside(slew: Slew) -> dict[str, tuple[np.ndarray, np.ndarray]]:

@@ -121,7 +121,7 @@ def _plants(
         jnp.asarray(J),
         jnp.asarray(thetas[:, 6:9]),
         jnp.asarray(bias),
-        jnp.broadcast_to(craft.rate_sensor.axes, (n, 3, 3)),
+        jnp.broadcast_to(craft.gyro.axes, (n, 3, 3)),
         jax.tree.map(lambda x: jnp.broadcast_to(x, (n, *x.shape[1:])), starts),
     )
 

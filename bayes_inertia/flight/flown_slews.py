@@ -33,10 +33,11 @@ def other_slews(plan: Plan, campaign: Campaign) -> str:
     """
     if len(plan.slews) != len(campaign.slews):
         return f"it has {_counted(len(plan.slews))}, the campaign {_counted(len(campaign.slews))}"
-    for planned, flown in zip(plan.slews, campaign.slews, strict=True):
-        rate_B = _rate_B(flown, campaign.three_axis_gyro)
+    seen = campaign.with_body_rates
+    for planned, flown in zip(plan.slews, seen.slews, strict=True):
+        rate_B = _rate_B(flown, seen.gyro)
         difference = _other_rotation(planned, flown, rate_B) or _other_peak(
-            planned, rate_B, campaign.three_axis_gyro
+            planned, rate_B, seen.gyro
         )
         if difference:
             return f"{flown.name} {difference}"

@@ -6,24 +6,42 @@ from dataclasses import replace
 
 import numpy as np
 
+from bayes_inertia.campaign.body_rates import reference_of
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import require
+from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker, require
+from bayes_inertia.campaign.sensors import series_of
+from bayes_inertia.campaign.sensors.rate import RATE
+from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
+from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan, PlannedSlew
 from bayes_inertia.flight.spacecraft import Spacecraft, axes_of_control, without_spin
+from bayes_inertia.flight.steering import flying_device
+
+# Further sensors whose readings can be foreseen.
+_FLYING = (RateSensor, StarTracker, DirectionSensor)
+
+
+def prior_mean(campaign: Campaign) -> np.ndarray:
+    """J's six elements [kg m^2] and K of a campaign's rate sensor (6 + axes,) before flight."""
+    sensor = campaign.rate_sensor
+    return np.concatenate([campaign.inertia.elements, sensor.scale_factor if sensor else ()])
 
 
 def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
     """The spacecraft that a campaign's parameters describe, with the campaign's hardware.
 
-    `theta` (d,): J's six elements [kg m^2] as the campaign's prior names them, then K1, K2, K3; the
-    rest is not used. Returns: without effects; its bias is drawn from the sensor's prior in every
-    flight.
+    `theta` (d,): J's six elements [kg m^2] as the campaign's prior names them, then K of each axis;
+    the rest is not used. Returns: without effects; its bias is drawn from the sensor's prior in
+    every flight. Wheels fly it where they turn it about three axes, else a device that does.
     """
     campaign = campaign.without_locked_wheels()
-    turned_by = ", ".join(device.name for device in campaign.actuators) or "nothing"
-    what = f"plans fly wheels that motors drive; what turns this spacecraft: {turned_by}"
-    advice = "`fit`, `observe` and `simulate` without a plan take whatever turns it"
-    require(axes_of_control(campaign.wheels) > 0, "wheels", what, advice)
+    wheels, sensor = campaign.wheels, campaign.rate_sensor
+    device = None if axes_of_control(wheels) == 3 else flying_device(campaign)
+    if device is not None and device.axes <= axes_of_control(wheels):
+        device = None
+    why = why_no_plans(campaign)
+    advice = "`observe` says what its motion determines as it is, and `fit` determines it"
+    require(not why, "actuators", why, advice)
     J = np.array(
         [
             [theta[0], theta[3], theta[4]],
@@ -31,20 +49,61 @@ def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
             [theta[4], theta[5], theta[2]],
         ]
     )
-    J = without_spin(J, campaign.inertia.includes_wheel_spin, campaign.wheels)
     return Spacecraft(
-        J,
-        tuple(np.asarray(theta[6:9], float)),
-        campaign.wheels,
-        campaign.three_axis_gyro,
+        without_spin(J, campaign.inertia.includes_wheel_spin, wheels),
+        tuple(np.asarray(theta[6 : 6 + len(sensor.axes)], float)) if sensor else (),
+        wheels,
+        sensor,
         campaign.star_tracker,
+        more_sensors=tuple(x for x in campaign.more_sensors if isinstance(x[1], _FLYING)),
+        device=device,
+        names=campaign.names,
+        reference=campaign.reference,
+        periods=reading_periods(campaign),
+        seen_N=_seen_last(campaign),
     )
 
 
-def flies_plans(campaign: Campaign) -> bool:
-    """Whether wheels and a gyro of three axes can fly a plan."""
-    gyro = campaign.rate_sensor is not None and len(campaign.rate_sensor.axes) == 3
-    return gyro and axes_of_control(campaign.wheels) > 0
+def why_no_plans(campaign: Campaign) -> str:
+    """Why no slew can be designed for a spacecraft, in words; empty if one can.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> why_no_plans(small_campaign())
+    ''
+    """
+    wheels, device = campaign.without_locked_wheels().wheels, flying_device(campaign)
+    if axes_of_control(wheels) > 0 or (device is not None and device.axes > 0):
+        return ""
+    told = ", ".join(x.name for x in (*wheels, *campaign.actuators))
+    free = f"{told} cannot turn it as asked" if told else "nothing on board turns it"
+    return f"there is no slew to design for this spacecraft, {free}"
+
+
+def reading_periods(campaign: Campaign) -> dict[str, float]:
+    """Time from one reading to the next [s] of each sensor whose readings are a series."""
+    streams: dict[str, SensorStream] = {campaign.names[0]: RATE} if campaign.rate_sensor else {}
+    streams |= {s.name: s for s in series_of(campaign) if s.name in dict(campaign.more_sensors)}
+    steps = {name: _steps(campaign, stream) for name, stream in streams.items()}
+    return {name: float(f"{np.median(x):.9g}") for name, x in steps.items() if len(x)}
+
+
+def _steps(campaign: Campaign, stream: SensorStream) -> np.ndarray:
+    """Times between the readings of one stream [s], all slews together."""
+    of_slews = ((slew.time, stream.of(slew)) for slew in campaign.slews)
+    rated = [time[np.isfinite(x).any(axis=1)] for time, x in of_slews if x is not None]
+    return np.concatenate([np.zeros(0), *(np.diff(time) for time in rated)])
+
+
+def _seen_last(campaign: Campaign) -> dict[str, tuple[float, ...]]:
+    """Directions and fields that direction sensors saw last, in inertial axes."""
+    last, seen = campaign.slews[-1], {}
+    for name, sensor in campaign.more_sensors:
+        if isinstance(sensor, DirectionSensor) and sensor.reference_N is None:
+            key = name if name in (last.inputs or {}) else "magnetic_field_N"
+            seen[key] = tuple(reference_of(name, sensor, last)[1][-1].tolist())
+    return seen
 
 
 def devices_at_rest(campaign: Campaign) -> tuple[str, ...]:
@@ -56,12 +115,13 @@ def devices_at_rest(campaign: Campaign) -> tuple[str, ...]:
     >>> devices_at_rest(small_campaign())
     ()
     """
+    craft = spacecraft_at(campaign, prior_mean(campaign))
+    flying = "wheels" if craft.device is None else craft.device.record.name
     names = [wheel.name for wheel in campaign.wheels if wheel.state == "locked"]
-    names += [name for name, _ in campaign.more_sensors]
-    names += [device.name for device in (*campaign.actuators, *campaign.changes)]
-    sensors = ", the first rate sensor and the first star tracker"
-    flying = f"wheels{sensors if campaign.star_tracker else ' and the first rate sensor'} fly; "
-    return (f"{flying}left out: {', '.join(names)}",) if names else ()
+    names += [name for name, x in campaign.more_sensors if not isinstance(x, _FLYING)]
+    names += [x.name for x in (*campaign.actuators, *campaign.changes) if x.name != flying]
+    turns = f"{flying} turn{'s' if craft.device else ''} the spacecraft, all sensors fly; "
+    return (f"{turns}left out: {', '.join(names)}",) if names else ()
 
 
 def following_plan(campaign: Campaign, wheel_momentum: np.ndarray | None = None) -> Plan:
@@ -77,7 +137,8 @@ def following_plan(campaign: Campaign, wheel_momentum: np.ndarray | None = None)
     campaign = campaign.without_locked_wheels()
     last = campaign.slews[-1]
     # Without the rounding of times read from a file, so that alike campaigns share compiled code.
-    period = float(f"{np.median(np.concatenate([s.rate_steps for s in campaign.slews])):.9g}")
+    rows = float(f"{np.median(np.concatenate([s.rate_steps for s in campaign.slews])):.9g}")
+    period = min((*reading_periods(campaign).values(), rows))
     attitude = (0.0, 0.0, 0.0, 1.0)
     if last.attitude is not None and last.fixes.any():
         attitude = tuple(last.attitude[last.fixes][-1].tolist())
@@ -85,13 +146,27 @@ def following_plan(campaign: Campaign, wheel_momentum: np.ndarray | None = None)
         wheel_momentum = last.wheel_momentum[np.isfinite(last.wheel_momentum).all(1)][-1]
     momentum = () if wheel_momentum is None else tuple(np.asarray(wheel_momentum).tolist())
     base = Plan("next", (PlannedSlew((1.0, 0.0, 0.0), 1.0),), attitude, momentum)
+    in_motion = _fixes_in_motion(campaign)
     rest, spacing = (
-        max(1, round(x / period)) * period for x in (base.rest_before, base.fix_spacing)
+        max(1, round(x / period)) * period
+        for x in (base.rest_before, in_motion or base.fix_spacing)
     )
     return replace(
         base,
         telemetry_period=period,
         rest_before=rest,
         fix_spacing=spacing,
-        first_fix=min(base.first_fix, 0.5 * rest),
+        first_fix=0.0 if in_motion else min(base.first_fix, 0.5 * rest),
+        fixes_in_motion=in_motion is not None,
     )
+
+
+def _fixes_in_motion(campaign: Campaign) -> float | None:
+    """Time between fixes [s] where the last slew has them throughout; None where it rests."""
+    last = campaign.slews[-1]
+    times = last.time[last.fixes]
+    if len(times) < 3:
+        return None
+    spacing = float(np.median(np.diff(times)))
+    throughout = np.diff(times).max() <= NUMERICS.longest_gap_of_fixes * spacing
+    return spacing if throughout and np.ptp(times) > 0.5 * last.duration else None

@@ -9,7 +9,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import InertiaPrior
-from bayes_inertia.flight.follow_on import spacecraft_at
+from bayes_inertia.flight.follow_on import prior_mean, spacecraft_at
 from bayes_inertia.flight.spacecraft import (
     Controller,
     Spacecraft,
@@ -61,12 +61,11 @@ class Mission:
         >>> Mission.of(small_campaign()).spacecraft.scale_factor
         (1.0, 1.0, 1.0)
         """
-        theta = np.concatenate([campaign.inertia.elements, campaign.three_axis_gyro.scale_factor])
-        return cls(spacecraft_at(campaign, theta), campaign.inertia)
+        return cls(spacecraft_at(campaign, prior_mean(campaign)), campaign.inertia)
 
     @property
     def theta(self) -> np.ndarray:
-        """Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2] and K (9,) as a fit of the campaign names them.
+        """Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2] and K (6 + axes,) as a fit of the campaign names them.
 
         J is J_locked where the prior's tensor includes the wheels' spin.
         """
@@ -93,7 +92,7 @@ class Mission:
         mean = replace(
             craft,
             inertia_B=without_spin(prior.tensor, prior.includes_wheel_spin, craft.wheels),
-            scale_factor=craft.rate_sensor.scale_factor,
+            scale_factor=craft.rate_sensor.scale_factor if craft.rate_sensor else (),
             effects=(),
             values={},
         )

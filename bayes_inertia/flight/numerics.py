@@ -50,6 +50,14 @@ class Numerics:
     peak_rate_off_share: float = 0.25
     peak_rate_off_sigmas: float = 6.0
 
+    # `follow_on.py`
+    # Fixes follow each other throughout a slew where no gap is longer than so many of them.
+    longest_gap_of_fixes: float = 5.0
+
+    # `planned_telemetry.py`
+    # Of the largest torque or momentum that a plan asks of a device, what may be missing.
+    unreached: float = 1e-6
+
     # `orbit.py`
     earth_dipole: float = 7.75e15  # [T m^3], axial term of the geomagnetic field
     smallest_radius: float = 6.0e6  # [m]
@@ -57,6 +65,30 @@ class Numerics:
     # `plan.py`
     # Rows of telemetry of a slew; more is a plan with a slip of units.
     most_rows_of_slew: int = 5_000_000
+
+    # `planned_motion.py`
+    # Rows in the rest before, each ramp, the coast, the settling and the rest after.
+    rows_of_phases: tuple[int, ...] = (8, 14, 24, 14, 8, 8)
+    # Shortest coast in the grid [s]: a slew without a coast keeps increasing times.
+    shortest_coast: float = 0.05
+
+    # `steering.py`
+    # Directions in which what a device can give is worked out: 10 deg apart.
+    envelope_directions: int = 400
+    # How many of the strongest torques of a campaign stand for what a told torque can give.
+    torques_of_envelope: int = 200
+    # Projections that share a torque among thrusters: each halves what is missing.
+    projections: int = 40
+    # Newton steps from row to row, and to the first row from the angles before the first slew.
+    steps_of_row: int = 4
+    steps_to_start: int = 24
+    # Of the mean square slope: what keeps gimbals from running away where they are singular.
+    gimbal_damping: float = 1e-9
+
+    @property
+    def rows_of_slew(self) -> int:
+        """Rows of the grid of a slew."""
+        return sum(self.rows_of_phases) + 1
 
 
 NUMERICS = Numerics()

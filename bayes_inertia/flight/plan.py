@@ -153,6 +153,8 @@ class Plan:
         Time between the telemetry of two slews [s].
     orbit : Orbit, optional
         Where the environment comes from; None for a campaign without it.
+    fixes_in_motion : bool
+        Whether the star tracker gives fixes throughout each slew, not in its rests alone.
 
     Raises
     ------
@@ -177,6 +179,7 @@ class Plan:
     rest_after: float = 12.0
     pause: float = 300.0
     orbit: Orbit | None = None
+    fixes_in_motion: bool = False
     durations: tuple[float, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -314,6 +317,32 @@ class Plan:
         rest_rows = math.floor(self.rest_after / self.telemetry_period + 1e-6)
         first_after = last - rest_rows // spacing * spacing
         return np.arange(first, motion_start, spacing), np.arange(first_after, last + 1, spacing)
+
+    def fix_rows(self, i: int) -> np.ndarray:
+        """Rows of one slew's telemetry with a fix: those of `fixes`, or throughout.
+
+        Parameters
+        ----------
+        i : int
+            Which slew, from 0.
+
+        Returns
+        -------
+        (n,) array of int
+            Ascending.
+
+        Examples
+        --------
+        >>> len(paper_like_plan().fix_rows(0))
+        25
+        """
+        before, after = self.fixes(i)
+        spacing = round(self.fix_spacing / self.telemetry_period)
+        return (
+            np.arange(before[0], after[-1] + 1, spacing)
+            if self.fixes_in_motion
+            else np.concatenate([before, after])
+        )
 
 
 def paper_like_plan() -> Plan:

@@ -40,6 +40,7 @@ _PLAN: _Keys = {
     "name": ("name", None),
     "start_attitude": ("start_attitude", None),
     "wheel_momentum_Nms": ("wheel_momentum", None),
+    "fixes_in_motion": ("fixes_in_motion", None),
     **{
         f"{key}_s": (key, 1.0)
         for key in (
@@ -58,6 +59,7 @@ _TYPES: dict[str, Any] = {
     "axis_B": Vector3,
     "start_attitude": Annotated[list[float], Len(4, 4)],
     "wheel_momentum": list[float],
+    "fixes_in_motion": bool,
     "name": str,
     "profile": str,
 }
@@ -199,7 +201,8 @@ def _si(value: Any, factor: float | None) -> Any:
 def _table(part: Any, keys: _Keys) -> dict[str, Any]:
     """A plan, slew or orbit as keys and values of the file."""
     values = ((key, getattr(part, name), factor) for key, (name, factor) in keys.items())
-    return {key: _file_value(value, factor) for key, value, factor in values if value is not None}
+    said = (row for row in values if row[1] is not None and row[1] is not False)
+    return {key: _file_value(value, factor) for key, value, factor in said}
 
 
 def _file_value(value: Any, factor: float | None) -> Any:

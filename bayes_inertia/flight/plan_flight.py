@@ -2,25 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import field, replace
 from typing import Any
 
 import jax
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.campaign.slew_parts import MORE
 from bayes_inertia.errors import EffectError
 from bayes_inertia.flight.closed_loop import fly_slews
-from bayes_inertia.flight.closed_loop_inputs import closed_loop_inputs
+from bayes_inertia.flight.closed_loop_inputs import closed_loop_inputs, rate_bias
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan
+from bayes_inertia.flight.planned_telemetry import (
+    TORQUE,
+    Readings,
+    model_readings,
+    planned_campaign,
+    planned_paths,
+    with_readings,
+)
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
+from bayes_inertia.flight.steering import FlyingDevice
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_context import Trajectory
+from bayes_inertia.physics.slew_input import Start
 
 
 @array_dataclass
@@ -45,6 +58,8 @@ class Flight:
         Largest momentum as a fraction of the wheel's limit; NaN where it has none.
     truth : tuple of Trajectory
         True trajectory of each slew at the telemetry's times.
+    parameters : mapping of str to float
+        {name: value} of all parameters of a flight that followed its plan; else empty.
     """
 
     campaign: Campaign
@@ -55,6 +70,7 @@ class Flight:
     peak_torque: np.ndarray
     peak_momentum: np.ndarray
     truth: tuple[Trajectory, ...]
+    parameters: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def spacecraft(self) -> Spacecraft:
@@ -75,7 +91,10 @@ def fly(
     controller: Controller | None = None,
     name: str | None = None,
 ) -> Flight:
-    """Fly a plan in closed loop.
+    """Fly a plan: in closed loop where wheels and a gyro of three axes close it.
+
+    Any other spacecraft follows its plan, by what its wheels or its device would have to do for
+    that; readings are those of the forward model.
 
     Between slews the spacecraft is brought to the last target, at rest, with the total momentum
     that the campaign began with.
@@ -116,12 +135,88 @@ def fly(
     0.005
     """
     rng = None if seed is None else np.random.default_rng(seed)
+    if not mission.spacecraft.flies_by_gyro:
+        return _follow(plan, mission, rng, name)
     planned, loop = closed_loop_inputs(plan, mission, controller, rng, name)
     flown: Any = jax.tree.map(np.asarray, fly_slews(loop))  # a FlownSlew of numpy arrays
     _check_converged(flown, planned, mission.spacecraft.effects)
     bias = tuple(np.asarray(loop.plant.bias).tolist())
     craft = replace(mission.spacecraft, bias=bias)
-    return _flight(plan, replace(mission, spacecraft=craft), planned, flown)
+    flight = _flight(plan, replace(mission, spacecraft=craft), planned, flown)
+    if not craft.more_sensors:
+        return flight
+    slews = flight.campaign.slews
+    told, _ = _readings(flight.campaign, flight.mission, flight.truth, rng)
+    more = {name: values for name, values in told.items() if name.startswith(MORE)}
+    slews = tuple(with_readings(slew, k, more) for k, slew in enumerate(slews))
+    return replace(flight, campaign=replace(flight.campaign, slews=slews))
+
+
+def _follow(
+    plan: Plan, mission: Mission, rng: np.random.Generator | None, name: str | None
+) -> Flight:
+    """A flight that follows its plan, with readings of the forward model."""
+    planned, truth = planned_campaign(plan, mission, name), planned_paths(plan, mission.spacecraft)
+    bias = rate_bias(mission.spacecraft, rng)
+    craft = replace(mission.spacecraft, bias=bias)
+    mission = replace(mission, spacecraft=craft)
+    told, theta = _readings(planned, mission, truth, rng)
+    slews = [with_readings(slew, k, told) for k, slew in enumerate(planned.slews)]
+    if craft.device is not None:
+        slews = [_with_noisy_input(slew, craft.device, rng) for slew in slews]
+    torque = np.stack([np.abs((path.inputs or {})[TORQUE]).max(axis=0) for path in truth])
+    momentum = np.stack([np.abs(path.wheel_momentum).max(axis=0) for path in truth])
+    nothing = np.zeros((len(truth), 3))
+    return Flight(
+        campaign=replace(planned, slews=tuple(slews)),
+        plan=plan,
+        mission=mission,
+        final_error_B=nothing,
+        measured_error_B=nothing if craft.star_tracker else np.full_like(nothing, np.nan),
+        peak_torque=torque / [wheel.max_torque or np.nan for wheel in craft.wheels],
+        peak_momentum=momentum / [wheel.max_momentum or np.nan for wheel in craft.wheels],
+        truth=truth,
+        parameters=theta,
+    )
+
+
+def _readings(
+    campaign: Campaign,
+    mission: Mission,
+    truth: Sequence[Trajectory],
+    rng: np.random.Generator | None,
+) -> tuple[Readings, Mapping[str, float]]:
+    """Readings of a flight by the forward model, and its parameters.
+
+    Errors of further sensors and of the device are drawn from their prior; without `rng` they are
+    at its mean, and there is no noise.
+    """
+    craft = mission.spacecraft
+    model = Model(campaign, craft.effects, "commanded" if craft.wheels else None)
+    theta = np.array(model.space.mean if rng is None else model.draw_prior(rng, 1)[0])
+    theta[: model.n_base] = mission.theta
+    for effect in craft.effects:
+        parts = [np.ravel(craft.values[effect.name][p.name]) for p in effect.parameters(campaign)]
+        theta[model.space.slice_of(effect.name)] = np.concatenate(parts)
+    first = [
+        np.stack([np.asarray(getattr(path, key))[0] for path in truth]) for key in Start._fields
+    ]
+    bias = np.zeros(model.n_bias)
+    if craft.rate_sensor is not None and craft.bias is not None:
+        sensor = craft.gyro
+        bias = (np.array(craft.bias) - sensor.bias) / np.array(sensor.bias_sigma)
+    told = model_readings(model, theta, bias, Start(*first), rng)  # type: ignore[arg-type]
+    return told, dict(zip(model.space.names, theta.tolist(), strict=True))
+
+
+def _with_noisy_input(slew: Slew, device: FlyingDevice, rng: np.random.Generator | None) -> Slew:
+    """A slew whose input is told with the noise that is stated of it."""
+    name, sigma = device.record.name, getattr(device.record, "angle_sigma", 0.0)
+    if rng is None or not sigma:
+        return slew
+    stream = (slew.inputs or {})[name]
+    noisy = replace(stream, values=stream.values + sigma * rng.normal(size=stream.values.shape))
+    return replace(slew, inputs={**(slew.inputs or {}), name: noisy})
 
 
 def _check_converged(flown: Any, planned: Campaign, effects: Sequence[Effect]) -> None:
@@ -162,13 +257,13 @@ def _telemetry(plan: Plan, craft: Spacecraft, i: int, slew: Slew, flown: Any) ->
     n = len(slew.time)
     fixes = None
     if craft.star_tracker is not None:
-        rows = np.concatenate(plan.fixes(i))
+        rows = plan.fix_rows(i)
         fixes = np.full((n, 4), np.nan)
         fixes[rows] = flown.fixes[i, rows]
     tachometers = craft.wheels and all(w.momentum_sigma is not None for w in craft.wheels)
     return replace(
         slew,
-        rate=flown.rate[i, :n],
+        rate=np.where(np.isfinite(RATE.values(slew)), flown.rate[i, :n], np.nan),
         attitude=fixes,
         wheel_torque=flown.command[i, :n] if craft.wheels else None,
         wheel_momentum=flown.momentum[i, :n] if tachometers else None,

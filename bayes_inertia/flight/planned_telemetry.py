@@ -1,28 +1,42 @@
-"""A plan as the campaign that it will be, before anything has been flown."""
+"""A plan as the campaign that it will be before anything has been flown; readings of a model."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import RateSensor, StarTracker, require
+from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.campaign.slew_parts import MORE
 from bayes_inertia.flight.mission import Mission
+from bayes_inertia.flight.numerics import NUMERICS as FLIGHT
 from bayes_inertia.flight.plan import Plan
+from bayes_inertia.flight.planned_motion import driven_path, plan_start, rigid_body
 from bayes_inertia.flight.slew_profile import angle_and_rate
 from bayes_inertia.flight.spacecraft import Spacecraft
+from bayes_inertia.flight.steering import unreached
 from bayes_inertia.maths.jax_settings import require_usable_jax
+from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.numerics import NUMERICS
+from bayes_inertia.physics.prediction import predict_all
+from bayes_inertia.physics.slew_context import Trajectory
+from bayes_inertia.physics.slew_input import Start
 
 
 def planned_campaign(plan: Plan, mission: Mission, name: str | None = None) -> Campaign:
-    """The plan as a campaign that has not been flown: planned motion, no torques.
+    """The plan as a campaign that has not been flown: planned motion, and what devices do for it.
 
-    Returns: one slew for each slew of the plan, with environment columns where the plan has an
-    orbit.
+    Wheels that a controller drives by a gyro have no torques: it finds them. Returns: one slew for
+    each slew of the plan, with environment columns where the plan has an orbit.
 
     Examples
     --------
@@ -37,8 +51,20 @@ def planned_campaign(plan: Plan, mission: Mission, name: str | None = None) -> C
         _planned_slew(plan, craft, i, attitudes[i], angles[i], rates[i])
         for i in range(len(plan.slews))
     )
+    if not craft.flies_by_gyro:
+        paths = planned_paths(plan, craft)
+        slews = tuple(_driven(plan, craft, *pair) for pair in zip(slews, paths, strict=True))
     return Campaign(
-        name or plan.name, mission.prior, craft.wheels, craft.rate_sensor, craft.star_tracker, slews
+        name or plan.name,
+        mission.prior,
+        craft.wheels,
+        craft.rate_sensor,
+        craft.star_tracker,
+        slews,
+        more_sensors=craft.more_sensors,
+        actuators=(craft.device.record,) if craft.device else (),
+        names=craft.names,
+        reference=craft.reference,
     )
 
 
@@ -52,24 +78,149 @@ def _planned_slew(
 ) -> Slew:
     """Slew i, from its padded angle [rad] and rate [rad/s] (rows,)."""
     slew, time, sensor = plan.slews[i], plan.times(i), craft.rate_sensor
-    n, axis = len(time), np.array(slew.axis_B)
-    optional: dict[str, Any] = {}
-    if plan.orbit is not None:
-        optional |= plan.orbit.environment(plan.starts[i] + time)._asdict()
+    n, axis, wheels = len(time), np.array(slew.axis_B), craft.wheels
+    optional = _surroundings(plan, craft, i, time)
+    turned = Rotation.from_rotvec(angle[:n, None] * axis)
+    attitude = (Rotation.from_quat(start_attitude) * turned).as_quat()
     if craft.star_tracker is not None:
-        turned = Rotation.from_rotvec(angle[:n, None] * axis)
-        optional["attitude"] = (Rotation.from_quat(start_attitude) * turned).as_quat()
-    return Slew(
+        optional["attitude"] = attitude
+    if sensor is not None:
+        readings = rate[:n, None] * (sensor.axes @ axis) / np.array(sensor.scale_factor)
+        optional["rate"] = _now_and_then(plan, craft, craft.names[0], readings)
+    still = np.zeros((n, len(wheels))) if wheels else None
+    planned = Slew(
         name=f"slew {i + 1}",
         start=plan.starts[i],
         time=time,
-        rate=rate[:n, None] * (sensor.axes @ axis) / np.array(sensor.scale_factor),
-        wheel_torque=np.zeros((n, len(craft.wheels))),
-        wheel_momentum=np.zeros((n, len(craft.wheels))),
+        wheel_torque=still,
+        wheel_momentum=still,
         axis_B=slew.axis_B,
         angle=slew.angle,
         **optional,
     )
+    rate_B = rate[:n, None] * axis
+    more = {
+        name: _further_readings(plan, craft, i, planned, name, attitude, rate_B)
+        for name, _ in craft.more_sensors
+    }
+    return replace(planned, more=more) if more else planned
+
+
+def _surroundings(plan: Plan, craft: Spacecraft, i: int, time: np.ndarray) -> dict[str, Any]:
+    """Environment of slew i (rows,), and what its direction sensors look at."""
+    found: dict[str, Any] = {}
+    for key, seen_N in craft.seen_N.items():
+        if key == "magnetic_field_N":
+            found[key] = np.tile(seen_N, (len(time), 1))
+        else:
+            stream = InputStream(np.zeros(1), np.array([seen_N]))
+            found["inputs"] = {**found.get("inputs", {}), key: stream}
+    if plan.orbit is not None:
+        found |= plan.orbit.environment(plan.starts[i] + time)._asdict()
+    return found
+
+
+def _further_readings(
+    plan: Plan,
+    craft: Spacecraft,
+    i: int,
+    slew: Slew,
+    name: str,
+    attitude: np.ndarray,
+    rate_B: np.ndarray,
+) -> np.ndarray:
+    """About what a further sensor will read (n, columns), NaN in rows without a reading."""
+    sensor = dict(craft.more_sensors)[name]
+    if isinstance(sensor, StarTracker):
+        fixes = np.full((len(attitude), 4), np.nan)
+        rows = plan.fix_rows(i)
+        fixes[rows] = attitude[rows]
+        return fixes
+    if isinstance(sensor, RateSensor):
+        readings = rate_B @ sensor.axes.T / np.array(sensor.scale_factor)
+    else:
+        given = (slew.inputs or {}).get(name)
+        seen_N: Any = sensor.reference_N
+        if seen_N is None:
+            seen_N = slew.magnetic_field_N if given is None else given.values[0]
+        readings = Rotation.from_quat(attitude).inv().apply(seen_N)
+    return _now_and_then(plan, craft, name, readings)
+
+
+def _now_and_then(plan: Plan, craft: Spacecraft, name: str, readings: np.ndarray) -> np.ndarray:
+    """Readings (n, columns) in the rows that have one of this sensor, NaN elsewhere."""
+    period = craft.periods.get(name, plan.telemetry_period)
+    every = max(1, round(period / plan.telemetry_period))
+    rows = np.arange(len(readings)) % every == 0
+    return np.where(rows[:, None], readings, np.nan)
+
+
+def planned_paths(plan: Plan, craft: Spacecraft) -> tuple[Trajectory, ...]:
+    """The planned motion of each slew at the rows of its telemetry, and what drives it (numpy).
+
+    Inputs of the device are named `torque` for wheels, else as the device.
+    """
+    (angles, rates), body = _planned_motion(plan), rigid_body(craft)
+    counts = [len(plan.times(i)) for i in range(len(plan.slews))]
+    n = angles.shape[1]
+    last = [np.minimum(np.arange(n), count - 1) for count in counts]
+    axes = np.array([slew.axis_B for slew in plan.slews])
+    time = np.stack([plan.times(i)[rows] for i, rows in enumerate(last)])
+    turned = np.stack([angle[rows] for angle, rows in zip(angles, last, strict=True)])
+    rate = np.stack([rate[rows] for rate, rows in zip(rates, last, strict=True)])
+    attitude = np.stack(
+        [
+            (Rotation.from_quat(start) * Rotation.from_rotvec(angle[:, None] * axis)).as_quat()
+            for start, angle, axis in zip(plan.attitudes, turned, axes, strict=False)
+        ]
+    )
+    drive = jax.jit(jax.vmap(partial(driven_path, body, plan_start(plan, len(craft.wheels)))))
+    path, torque, wanted_B = drive(time, attitude, rate[..., None] * axes[:, None])
+    _require_reached(craft, path, wanted_B)
+    path = path._replace(inputs={**(path.inputs or {}), TORQUE: torque})
+    return tuple(
+        jax.tree.map(lambda x, k=k, n=count: np.asarray(x[k, :n]), path)
+        for k, count in enumerate(counts)
+    )
+
+
+# Name by which a planned path holds the torque on wheels.
+TORQUE = "torque on wheels"
+
+
+def _require_reached(craft: Spacecraft, path: Trajectory, wanted_B: Any) -> None:
+    """`CampaignError` where a device cannot follow the motion."""
+    for name, device in (craft.device.arrays if craft.device else {}).items():
+        given = jnp.reshape((path.inputs or {})[name], (-1, len(craft.device.start)))
+        wanted = np.reshape(np.asarray(wanted_B), (-1, 3))
+        missing = unreached(device, given, wanted)
+        largest = float(np.linalg.norm(wanted, axis=1).max())
+        require(
+            missing <= FLIGHT.unreached * largest,
+            f"actuators.{name}",
+            f"it cannot give what the planned slews ask for ({missing:.3g} of {largest:.3g} missing"
+            f"{'' if craft.device and not craft.device.carries_momentum else ' N m s'})",
+            "turn more slowly, or by smaller angles",
+        )
+
+
+def _driven(plan: Plan, craft: Spacecraft, slew: Slew, path: Trajectory) -> Slew:
+    """A planned slew with what drives it, and fixes only where there will be some."""
+    inputs, changed = dict(slew.inputs or {}), {}
+    told: Any = dict(path.inputs or {})
+    if slew.wheel_torque is not None:
+        changed = {"wheel_torque": told[TORQUE], "wheel_momentum": path.wheel_momentum}
+    if (device := craft.device) is not None:
+        values, form = told[device.record.name], "line" if device.carries_momentum else "hold"
+        if device.between == "on_time":
+            values, form = values * plan.telemetry_period, "on_time"
+        inputs[device.record.name] = InputStream(slew.time, values, form)  # type: ignore[arg-type]
+    if slew.attitude is not None:
+        fixes = np.full_like(slew.attitude, np.nan)
+        rows = plan.fix_rows(int(slew.name.rpartition(" ")[2]) - 1)
+        fixes[rows] = slew.attitude[rows]
+        changed["attitude"] = fixes
+    return replace(slew, inputs=inputs or None, **changed)
 
 
 def _planned_motion(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
@@ -84,3 +235,50 @@ def _planned_motion(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
     smooth = np.array([[slew.profile == "smooth"] for slew in plan.slews])
     angle, rate = jax.jit(angle_and_rate)(*settings, smooth, time)
     return np.asarray(angle), np.asarray(rate)
+
+
+Readings = Mapping[str, list[tuple[np.ndarray, np.ndarray]]]
+
+
+def model_readings(
+    model: Model,
+    theta: np.ndarray,
+    bias: np.ndarray,
+    starts: Start,
+    rng: np.random.Generator | None,
+) -> Readings:
+    """Of each channel, by the field of `Slew`: times and readings of each slew, with noise.
+
+    `theta` (d,); `bias` (axes,) whitened; `rng`: None for no noise. Readings stand where the
+    model's campaign has some.
+    """
+    arrays = model.data.arrays._replace(reference=starts)
+    local = np.zeros((model.n_slews, model.structure.n_local))
+    data = replace(model.data, arrays=arrays)
+    seen = jax.jit(predict_all, static_argnums=0)(model.structure, theta, local, bias, data)
+    told = {}
+    for channel, given, values in zip(model.channels, arrays.telemetry.readings, seen, strict=True):
+        valid, row = np.asarray(given.valid), np.asarray(given.row)
+        noise = channel.noise(model.campaign, theta, "commanded")
+        unit = np.zeros(valid.shape) if rng is None else rng.standard_normal(valid.shape)
+        noisy = np.asarray(channel.moved(np.asarray(values), channel.drawn(noise, unit)))
+        there = valid.any(axis=-1)
+        told[channel.stream.field or MORE + channel.name] = [
+            (slew.time[row[k][there[k]]], noisy[k][there[k]])
+            for k, slew in enumerate(model.campaign.slews)
+        ]
+    return told
+
+
+def with_readings(slew: Slew, k: int, readings: Readings) -> Slew:
+    """Slew k with these readings in place of its own."""
+    fields: dict[str, Any] = {}
+    more = dict(slew.more or {})
+    for name, told in readings.items():
+        time, values = told[k]
+        if not len(time):
+            continue
+        column = np.full((len(slew.time), values.shape[1]), np.nan)
+        column[np.searchsorted(slew.time, time)] = values
+        (more if name.startswith(MORE) else fields)[name.removeprefix(MORE)] = column
+    return replace(slew, **fields, more=more or None)

@@ -20,6 +20,7 @@ from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.errors import EffectError, OutputError
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.example_flight import flown_again
+from bayes_inertia.flight.follow_on import prior_mean, spacecraft_at
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_flight import Flight, fly
@@ -239,10 +240,11 @@ def truth_of(flight: Flight, seed: int | None = None) -> dict[str, Any]:
         "J_kgm2": craft.inertia_B.tolist(),
         "J_locked_kgm2": locked.tolist(),
         "K": list(craft.scale_factor),
-        "C_rate": craft.rate_sensor.axes.tolist(),
+        "C_rate": craft.rate_sensor.axes.tolist() if craft.rate_sensor else [],
         "b_radps": np.asarray(craft.bias).tolist(),
         "wheel_axes_B": craft.wheel_axes_B.tolist(),
         "effects": values or {"none": {}},
+        **({"parameters": dict(flight.parameters)} if flight.parameters else {}),
         "slews": slews,
         "seed": seed,
     }
@@ -253,13 +255,15 @@ def draw_spacecraft(
     rng: np.random.Generator,
     effects: Sequence[Effect] = (),
     values: Mapping[str, Mapping[str, Any]] | None = None,
+    craft: Spacecraft | None = None,
 ) -> Spacecraft:
     """A spacecraft whose J, K and bias are drawn from a campaign's prior; every J is physical.
 
+    `craft`: its hardware; None for what the template has.
     `template`: hardware and prior; its slews set the scale of default priors. `values`: {effect:
     {parameter: value}}. The values of effects that it does not name are drawn from their priors.
     """
-    sensor = template.three_axis_gyro
+    sensor = template.rate_sensor
     J = _drawn_inertia(template, rng)
     all_values = dict(values or {})
     for effect in effects:
@@ -267,17 +271,15 @@ def draw_spacecraft(
             space = parameter_space(effect, template)
             drawn = space.split(space.draw(rng, 1)[0])
             all_values[effect.name] = drawn.get(effect.name, {})
-    K = rng.normal(sensor.scale_factor, sensor.scale_factor_sigma)
-    bias = rng.normal(sensor.bias, sensor.bias_sigma)
-    return Spacecraft(
-        J,
-        tuple(K),
-        template.wheels,
-        sensor,
-        template.star_tracker,
-        tuple(bias.tolist()),
-        tuple(effects),
-        all_values,
+    K = rng.normal(sensor.scale_factor, sensor.scale_factor_sigma) if sensor else ()
+    bias = rng.normal(sensor.bias, sensor.bias_sigma) if sensor else np.zeros(0)
+    return replace(
+        craft or spacecraft_at(template, prior_mean(template)),
+        inertia_B=J,
+        scale_factor=tuple(K),
+        bias=tuple(bias.tolist()),
+        effects=tuple(effects),
+        values=all_values,
     )
 
 
@@ -333,6 +335,7 @@ def draw_flight(
     values: Mapping[str, Mapping[str, Any]] | None = None,
     vary: bool = True,
     controller: Controller | None = None,
+    craft: Spacecraft | None = None,
 ) -> Flight:
     """One campaign of a calibration study: truth drawn from the template's prior, flown with noise.
 
@@ -340,7 +343,8 @@ def draw_flight(
     {parameter: value}}. The values of effects that it does not name are drawn from their priors.
     """
     rng = np.random.default_rng(seed)
-    mission = Mission(draw_spacecraft(template, rng, effects, values), template.inertia)
+    drawn = draw_spacecraft(template, rng, effects, values, craft)
+    mission = Mission(drawn, template.inertia)
     flown_plan = vary_plan(plan, rng) if vary else plan
     return fly(
         flown_plan, mission, int(rng.integers(2**63)), controller=controller, name=template.name

@@ -27,12 +27,12 @@ class Spacecraft:
     ----------
     inertia_B : (3, 3) array
         Inertia tensor of everything except the wheels' spin [kg m^2].
-    scale_factor : tuple of 3 floats
-        True K of the rate sensor.
+    scale_factor : tuple of float
+        True K of the rate sensor, one an axis.
     wheels : tuple of Wheel
         Reaction wheels.
-    rate_sensor : RateSensor
-        Its axes and noise, and what was known of K and bias before flight.
+    rate_sensor : RateSensor or None
+        Its axes and noise, and what was known of K and bias before flight; None without one.
     star_tracker : StarTracker, optional
         None for a spacecraft without one.
     bias : tuple of 3 floats, optional
@@ -41,6 +41,15 @@ class Spacecraft:
         What else acts.
     values : dict
         {effect: {parameter: value}}, how strongly.
+    more_sensors, names, reference : optional
+        Further sensors, and what they are called, as in `Campaign`.
+    device : optional
+        What turns it in place of wheels, as `Mission.of` finds it; None where wheels do.
+    periods : dict
+        {sensor: time from one reading to the next [s]}; of a sensor that is not named a reading
+        stands in every row.
+    seen_N : dict
+        {direction sensor or field of `Slew`: what is seen, inertial axes}, where no orbit tells.
 
     Raises
     ------
@@ -59,11 +68,17 @@ class Spacecraft:
     inertia_B: np.ndarray
     scale_factor: Numbers
     wheels: tuple[Wheel, ...]
-    rate_sensor: RateSensor
+    rate_sensor: RateSensor | None
     star_tracker: StarTracker | None = None
     bias: Numbers | None = None
     effects: tuple[Effect, ...] = ()
     values: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    more_sensors: tuple[tuple[str, Any], ...] = ()
+    device: Any = None
+    names: tuple[str, str] = ("rate sensor", "star tracker")
+    reference: str | None = None
+    periods: Mapping[str, float] = field(default_factory=dict)
+    seen_N: Mapping[str, Numbers] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "inertia_B", InertiaPrior(self.inertia_B, 1.0, 1.0).tensor)
@@ -84,6 +99,26 @@ class Spacecraft:
                     where=effect.name,
                     advice="fly without it",
                 )
+
+    @property
+    def flies_by_gyro(self) -> bool:
+        """Whether wheels and a gyro of three axes close the attitude loop.
+
+        Otherwise a flight follows its plan, however the loop is closed on board.
+        """
+        gyro = self.rate_sensor is not None and len(self.rate_sensor.axes) == 3
+        return gyro and self.device is None
+
+    @property
+    def gyro(self) -> RateSensor:
+        """The rate sensor of a spacecraft that has one."""
+        assert self.rate_sensor is not None
+        return self.rate_sensor
+
+    @property
+    def axes_of_control(self) -> int:
+        """About how many axes it can be turned."""
+        return self.device.axes if self.device else axes_of_control(self.wheels)
 
     @property
     def active_effects(self) -> ActiveEffects:
@@ -157,7 +192,7 @@ class Controller:
     def from_prior(
         cls,
         prior: InertiaPrior,
-        sensor: RateSensor,
+        sensor: RateSensor | None,
         wheels: Sequence[Wheel] = (),
         **settings: float,
     ) -> Controller:
@@ -167,7 +202,7 @@ class Controller:
         ----------
         prior : InertiaPrior
             Its tensor is believed, less the wheels' spin if that is included.
-        sensor : RateSensor
+        sensor : RateSensor or None
             Its nominal K is believed.
         wheels : sequence of Wheel
             Reaction wheels.
@@ -186,7 +221,7 @@ class Controller:
         """
         return cls(
             without_spin(prior.tensor, prior.includes_wheel_spin, wheels),
-            sensor.scale_factor,
+            sensor.scale_factor if sensor else (),
             **settings,
         )
 

@@ -153,6 +153,12 @@ class Model:
         """Number of slews."""
         return len(self.campaign.slews)
 
+    @property
+    def expected(self) -> np.ndarray:
+        """What is known at the mean of its prior, effects at their null (d,)."""
+        known = self.n_known
+        return np.concatenate([self.space.mean[:known], self.space.nulls[known:]])
+
     def draw_prior(self, rng: np.random.Generator, n: int) -> np.ndarray:
         """Draws of the prior, every J among them physical.
 

@@ -167,6 +167,17 @@ N_BASE = len(BASE_NAMES)
 N_BIAS = 3  # components of that sensor's bias
 
 
+def base_names(n: int) -> tuple[str, ...]:
+    """Names of J and K where they are n numbers: six elements, then K of each sensor axis.
+
+    Examples
+    --------
+    >>> base_names(8)[5:]
+    ('Jyz', 'K1', 'K2')
+    """
+    return (*ELEMENTS, *(f"K{i + 1}" for i in range(n - len(ELEMENTS))))
+
+
 def base_count(names: Sequence[str]) -> int:
     """How many of a model's parameters, the first, are J and K: what has no owner.
 

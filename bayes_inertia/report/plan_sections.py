@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.design.comparison import Contender
-from bayes_inertia.physics.parameters import BASE_NAMES, BASE_UNITS
+from bayes_inertia.physics.parameters import BASE_UNITS, base_names
 from bayes_inertia.report.formatting import (
     listed,
     number,
@@ -125,7 +125,7 @@ def _margins_section(content: Mapping[str, Any]) -> Section:
     rows = [(m["says"], "kept" if m["kept"] else "BROKEN") for m in margins]
     active = listed(content["active_limits"]) or "none"
     notes = (
-        "Flown in closed loop with noise, J and K drawn from what is known. "
+        "Flown with noise, J and K drawn from what is known. "
         f"Limits that hold the design back: {active}.",
     )
     return Table({"limit, the tightest first": "", "": ""}, rows).section("Limits", notes=notes)
@@ -159,7 +159,8 @@ def comparison_answer(contenders: Sequence[Contender]) -> tuple[str, str]:
     if not others:
         return answer, ""
     least = np.min([c.expected for c in others], axis=0)
-    ratios = dict(zip(BASE_NAMES, (best.expected / least).tolist(), strict=True))
+    names = base_names(len(least))
+    ratios = dict(zip(names, (best.expected / least).tolist(), strict=True))
     return answer, phrase("plans", "worse", ratios, "another plan")
 
 
@@ -168,11 +169,16 @@ def sds_table(contenders: Sequence[Contender]) -> Table:
     power, _ = sd_column([sd for c in contenders for sd in c.expected.tolist()])
     rows = [
         (name, unit_text(unit), *(_sd_cell(c, i, power) for c in contenders))
-        for i, (name, unit) in enumerate(zip(BASE_NAMES, BASE_UNITS, strict=True))
+        for i, (name, unit) in enumerate(_names_and_units(contenders[0]))
     ]
     heads = [sd_head(f"{plain(c.name)}: sd", power) for c in contenders]
     kind = "many short" if len(contenders) < LAYOUT.many_plans else "many"
     return Table({"parameter": "", "unit": "extra"} | dict.fromkeys(heads, "n"), rows, kind)
+
+
+def _names_and_units(contender: Contender) -> list[tuple[str, str]]:
+    names = base_names(len(contender.expected))
+    return [(name, "" if name.startswith("K") else BASE_UNITS[0]) for name in names]
 
 
 def _sd_cell(contender: Contender, i: int, power: int) -> str:

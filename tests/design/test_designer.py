@@ -61,7 +61,7 @@ def test_same_seed_same_plan(designed, mission):
         ("preparing the forecast", 0, 0),
         ("scoring 150 random plans", 0, 0),
         *(("improving the best, plans", done, 4) for done in range(4)),
-        ("flying the plan in closed loop", 0, 0),
+        ("flying the plan", 0, 0),
     ]
     # The prior is known before; every slew tells more.
     assert all(sd < again.sd_before[name] for name, sd in again.sd.items())

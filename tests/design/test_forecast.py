@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
+from support.other_spacecraft import by_rotors, by_thrusters, gyroless, two_axes_and_vectors
 
 from bayes_inertia.design.expected_accuracy import estimate_at_truth
 from bayes_inertia.design.information_forecast import prepare_forecast
 from bayes_inertia.design.information_matrix import expected_covariance
-from bayes_inertia.design.plan_arrays import slew_arrays
-from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.flight.follow_on import following_plan
+from bayes_inertia.flight.mission import Mission
+from bayes_inertia.flight.plan import PlannedSlew, paper_like_plan
+from bayes_inertia.flight.planned_motion import slew_arrays
 from bayes_inertia.physics.effects import by_name
 
 # Compiled in half the time: each program runs once.
@@ -35,3 +41,17 @@ def test_forecast_agrees_with_the_full_model_flown_in_closed_loop(mission, names
     exact = estimate_at_truth(paper_like_plan(), mission, effects)
     assert exact.model.space.names == forecast.layout.names
     np.testing.assert_allclose(foreseen / exact.sd, 1.0, atol=0.03 if not names else 0.08)
+
+
+@pytest.mark.long
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [by_thrusters, by_rotors, gyroless, two_axes_and_vectors])
+def test_forecast_agrees_with_the_full_model_of_other_spacecraft(kind):
+    campaign = kind()
+    axes = ((1.0, 0.2, 0.3), (0.1, -1.0, 0.5), (0.3, 0.2, 1.0))
+    slews = tuple(PlannedSlew(axis, math.radians(150.0), 0.03, 0.005) for axis in axes)
+    mission, plan = Mission.of(campaign), replace(following_plan(campaign), slews=slews)
+    forecast, exact = prepare_forecast(plan, mission), estimate_at_truth(plan, mission)
+    assert exact.model.space.names == forecast.layout.names
+    foreseen = _expected(forecast.layout, forecast.arrays, exact.theta, slew_arrays(plan))
+    np.testing.assert_allclose(np.sqrt(np.diag(foreseen)) / exact.sd, 1.0, atol=0.05)

@@ -17,9 +17,9 @@ from bayes_inertia.design.limits import (
     Limits,
     hardware_limits,
 )
-from bayes_inertia.design.plan_arrays import slew_arrays
 from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.flight.planned_motion import slew_arrays
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.effects import by_name
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from bayes_inertia.design.margins import broken_limits
@@ -23,10 +24,11 @@ from bayes_inertia.physics.small_campaign import small_campaign
 
 def test_no_slew_is_proposed_that_the_wheels_cannot_fly():
     campaign = small_campaign()
-    one_wheel = SimpleNamespace(
-        wheels=campaign.wheels[:1], wheel_axes_B=campaign.wheel_axes_B[:, :1]
-    )
-    one = SimpleNamespace(model=SimpleNamespace(campaign=one_wheel))
+    states = ("running", "free", "free")
+    wheels = (replace(w, state=s) for w, s in zip(campaign.wheels, states, strict=True))
+    one_wheel = replace(campaign, wheels=tuple(wheels))
+    theta = np.array([*campaign.inertia.elements, 1.0, 1.0, 1.0])
+    one = SimpleNamespace(model=SimpleNamespace(campaign=one_wheel), theta=theta)
     with pytest.raises(CampaignError, match="about 1 of three axes"):
         separating_slew(one, ConstantTorque(), StarTrackerShift())
 

@@ -82,8 +82,8 @@ SpacecraftOf = Annotated[
     Path | None,
     typer.Option(
         help="Campaign whose spacecraft flies: its wheels, sensors and noise, J and K at the mean "
-        "of its prior. One that no plan flies (no wheels, no gyro of three axes) repeats its own "
-        "slews. Without it, a MOST-like spacecraft."
+        "of its prior. One that nothing turns as a plan asks (a spinner, torquers alone) repeats "
+        "its own slews. Without it, a MOST-like spacecraft."
     ),
 ]
 DrawTruth = Annotated[
@@ -114,7 +114,7 @@ def simulate_command(
     Writes a campaign folder, with its truth beside it.
     """
     with progress_bar() as progress:
-        progress("flying the plan in closed loop", 0, 0)
+        progress("flying the plan", 0, 0)
         from bayes_inertia.app.simulate_folder import run_simulate
 
         simulated = run_simulate(out, plan, campaign, hidden=hide or (), draw=draw, seed=seed)

@@ -94,22 +94,38 @@ def design_command(
 ) -> None:
     """Design the slews to fly next.
 
-    Writes design.json, design.png, design.html, and plan.toml, which `simulate` flies.
+    Writes design.json, design.png, design.html, and plan.toml, which `simulate` flies. Where
+    nothing on board turns the spacecraft, it does what `observe` does, and exits with 2.
     """
     asked = (total_time, max_rate, max_angle, max_acceleration, end_attitude)
     names = tuple(names_in(effects))
     with progress_bar() as progress:
         from bayes_inertia.app.plan_folder import DesignRequest, run_design
+        from bayes_inertia.campaign.reader import read_campaign
+        from bayes_inertia.flight.follow_on import why_no_plans
 
         request = DesignRequest(goal, slews, *asked, tuple(keep_out or ()), after, seed, names)
+        nothing_to_fly = why_no_plans(read_campaign(campaign))
+    if nothing_to_fly:
+        from bayes_inertia.app.commands.observe import observe_command
+
+        say(f"{nothing_to_fly}; what its motion tells as it is, as `observe` says it:")
+        observe_command(campaign, out, effects, None, seed, True, open_page, as_json)
+        raise typer.Exit(2)
+    with progress_bar() as progress:
         design = run_design(campaign, out, request, progress)
-    notes = json.loads((out / "design.json").read_text()).get("left_out", ())
-    show_result(out / "design.json", as_json, open_page, show_design, design, out, after, notes)
+    content = json.loads((out / "design.json").read_text())
+    told = (content.get("left_out", ()), bool(content["start_wheel_momentum_Nms"]))
+    show_result(out / "design.json", as_json, open_page, show_design, design, out, after, *told)
     raise typer.Exit(0 if design.kept else 3)
 
 
 def show_design(
-    design: Design, folder: Path, after: bool = False, notes: Sequence[str] = ()
+    design: Design,
+    folder: Path,
+    after: bool = False,
+    notes: Sequence[str] = (),
+    wheels: bool = True,
 ) -> None:
     """Print a designed plan: what each parameter gains or loses, its slews, its margins."""
     from bayes_inertia.app.plan_folder import WHEELS_AT_REST
@@ -133,7 +149,7 @@ def show_design(
     _show_margins(console, design)
     for note in notes:
         console.print(headed("note", f": {note}", style="bold yellow"))
-    if not design.plan.wheel_momentum:
+    if wheels and not design.plan.wheel_momentum:
         console.print(WHEELS_AT_REST)
     console.print(
         "wrote design.json, design.png, design.html and plan.toml (for `simulate --plan`) in "
@@ -146,7 +162,7 @@ def _show_margins(console: Console, design: Design) -> None:
     margins = sorted(design.flown, key=lambda m: m.left)
     shown = [m for i, m in enumerate(margins) if i < LAYOUT.margins_of_design or not m.kept]
     more = f" ({len(margins) - len(shown)} more are kept)" if len(shown) < len(margins) else ""
-    console.print(headed(f"tightest margins when flown in closed loop{more}:"))
+    console.print(headed(f"tightest margins when flown{more}:"))
     for margin in shown:
         console.print(Text.assemble("  ", ("" if margin.kept else "BROKEN ", "red"), margin.says))
     console.print(f"limits that hold the design back: {', '.join(design.active) or 'none'}")

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_inertia.design.comparison import Contender
-from bayes_inertia.physics.parameters import BASE_NAMES
+from bayes_inertia.physics.parameters import base_names
 from bayes_inertia.report.formatting import plain, sd_column, unit_text
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
@@ -28,7 +28,11 @@ def draw_comparison(contenders: Sequence[Contender]) -> Figure:
     top, bottom = figure.subfigures(2, 1, squeeze=False, height_ratios=(3.0, 1.5 + 0.28 * n))[:, 0]
     left, right = top.subplots(1, 2, width_ratios=(2.0, 1.0))
     _sds(left, contenders, range(6), "J, 1 sd", "kg m^2")
-    _sds(right, contenders, range(6, 9), "K, 1 sd", "")
+    numbers = len(contenders[0].expected)
+    if numbers > 6:
+        _sds(right, contenders, range(6, numbers), "K, 1 sd", "")
+    else:
+        right.set_axis_off()
     top.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=min(n, 3))
     slews, costs = bottom.subplots(1, 2, width_ratios=(2.0, 1.0), sharey=True)
     _slews(slews, contenders, colors)
@@ -74,7 +78,8 @@ def _sds(axes: Axes, contenders: Sequence[Contender], which: range, label: str, 
                 lw=1.0,
             )
     label = f"{label} [{unit_text(unit, power)}]"
-    axes.set(xticks=x, xticklabels=[BASE_NAMES[i] for i in which], ylabel=label, ylim=(0.0, None))
+    names = base_names(len(contenders[0].expected))
+    axes.set(xticks=x, xticklabels=[names[i] for i in which], ylabel=label, ylim=(0.0, None))
     if any(c.achieved for c in contenders) and which.start == 0:
         axes.set_title("bars: expected; marks: simulated campaigns (± 2 standard errors)")
 

@@ -13,6 +13,7 @@ settling, rest) and stretches with them. No row jumps from one phase into anothe
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from functools import partial
 from typing import NamedTuple
 
@@ -21,22 +22,89 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.design.numerics import NUMERICS
-from bayes_inertia.design.plan_arrays import (
-    PlanStart,
-    PlanTimes,
-    SlewArrays,
-    plan_start,
-    plan_times,
-    slew_arrays,
-)
-from bayes_inertia.flight.plan import Plan
+from bayes_inertia.flight.numerics import NUMERICS
+from bayes_inertia.flight.plan import Plan, PlannedSlew, Profile
 from bayes_inertia.flight.slew_profile import angle_and_rate
 from bayes_inertia.flight.spacecraft import Spacecraft, allocation
+from bayes_inertia.flight.steering import Gimbals, Jets, device_input
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.jax_settings import require_usable_jax
 from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.slew_context import Trajectory
+
+
+class SlewArrays(NamedTuple):
+    """Slews as arrays, leading axis slews."""
+
+    rotation_B: AnyArray  # (n, 3) rotation vectors: axis times angle [rad]
+    rate: AnyArray  # (n,) largest rates [rad/s]
+    acceleration: AnyArray  # (n,) angular accelerations of the ramps [rad/s^2]
+    smooth: AnyArray  # (n,) whether the ramps are versines
+    extra_rest: AnyArray  # (n,) rest after the slew beyond what the plan's times ask for [s]
+
+
+class PlanTimes(NamedTuple):
+    """The times that all slews of a plan share; fields as in `Plan`."""
+
+    rest_before: float  # rest before the motion [s]
+    settle: float  # time between the motion and the fixes after it [s]
+    rest_after: float  # rest with fixes after settling [s]
+    pause: float  # time between two slews [s]
+    first_fix: float  # time of the first fix from the slew's first row [s]
+    fix_spacing: float  # time between two fixes [s]
+    telemetry_period: float  # time between two rows of telemetry [s]
+    fixes_in_motion: bool = False  # whether fixes follow each other throughout
+
+
+class PlanStart(NamedTuple):
+    """Start of a plan, at rest."""
+
+    attitude: AnyArray  # (4,) body from inertial, scalar last
+    wheel_momentum: AnyArray  # (wheels,) relative to the body [N m s]
+
+
+def plan_times(plan: Plan) -> PlanTimes:
+    """The times that all slews of a plan share [s]."""
+    return PlanTimes(*(getattr(plan, key) for key in PlanTimes._fields))
+
+
+def slew_arrays(plan: Plan) -> SlewArrays:
+    """A plan's slews as arrays."""
+    rotation = np.array([slew.angle * np.array(slew.axis_B) for slew in plan.slews])
+    needed = np.array(
+        [plan.rest_before + slew.motion_time + plan.settle + plan.rest_after for slew in plan.slews]
+    )
+    rate, acceleration = (
+        np.array([getattr(slew, key) for slew in plan.slews]) for key in ("rate", "acceleration")
+    )
+    smooth = np.array([slew.profile == "smooth" for slew in plan.slews])
+    extra_rest = np.maximum(np.array(plan.durations) - needed, 0.0)
+    return SlewArrays(rotation, rate, acceleration, smooth, extra_rest)
+
+
+def planned_slews(slews: SlewArrays) -> tuple[PlannedSlew, ...]:
+    """Arrays as slews that can be flown, with durations no longer than needed.
+
+    Examples
+    --------
+    >>> from bayes_inertia.flight.plan import paper_like_plan
+    >>> planned_slews(slew_arrays(paper_like_plan()))[0].axis_B
+    (1.0, 0.0, 0.0)
+    """
+    out = []
+    rows = zip(*(np.asarray(column) for column in slews[:4]), strict=True)
+    for rotation, rate, acceleration, smooth in rows:
+        angle = float(np.linalg.norm(rotation))
+        axis = tuple((rotation / angle).tolist())
+        profile: Profile = "smooth" if smooth else "trapezoid"
+        out.append(PlannedSlew(axis, angle, float(rate), float(acceleration), profile))
+    return tuple(out)
+
+
+def plan_start(plan: Plan, wheels: int) -> PlanStart:
+    """Start of a plan."""
+    momentum = np.array(plan.wheel_momentum or np.zeros(wheels))
+    return PlanStart(np.array(plan.start_attitude), momentum)
 
 
 class RigidBody(NamedTuple):
@@ -47,6 +115,7 @@ class RigidBody(NamedTuple):
     # (wheels, 3) shares of a torque among the wheels that motors drive
     allocation: AnyArray
     spin_inertia: AnyArray  # (wheels,) spin inertia of each wheel [kg m^2]
+    devices: Mapping[str, Jets | Gimbals] | None = None  # what flies in the wheels' place
 
 
 class PlannedMotion(NamedTuple):
@@ -57,6 +126,7 @@ class PlannedMotion(NamedTuple):
     wheel_torque: Array  # (n, rows, wheels) on the wheels, held from each row to the next [N m]
     rest_attitudes: Array  # (n + 1, 4) attitudes before each slew and after the last
     total_time: Array  # () from the first row of the campaign to the last [s]
+    wanted_B: Array  # (n, rows, 3) of the device: torque from row to row [N m], or momentum [N m s]
 
 
 def rigid_body(spacecraft: Spacecraft) -> RigidBody:
@@ -68,9 +138,12 @@ def rigid_body(spacecraft: Spacecraft) -> RigidBody:
     >>> rigid_body(most_like_spacecraft()).allocation.shape
     (3, 3)
     """
-    wheels = spacecraft.wheels
-    spin = np.array([wheel.spin_inertia for wheel in wheels])
-    return RigidBody(spacecraft.inertia_B, spacecraft.wheel_axes_B, allocation(wheels), spin)
+    wheels, device = spacecraft.wheels, spacecraft.device
+    spin, shares = np.array([wheel.spin_inertia for wheel in wheels]), allocation(wheels)
+    if device is None:
+        return RigidBody(spacecraft.inertia_B, spacecraft.wheel_axes_B, shares, spin)
+    still = np.zeros_like(shares)
+    return RigidBody(spacecraft.inertia_B, spacecraft.wheel_axes_B, still, spin, device.arrays)
 
 
 def motion_of_plan(plan: Plan, body: RigidBody) -> PlannedMotion:
@@ -122,16 +195,49 @@ def motion_of_slews(
         rests[:-1, None], quaternion.exp(turned[..., None] * axis[:, None])
     )
     rate_B = rate[..., None] * axis[:, None]
-    wheel = _wheel_momentum(body, origin, attitude, rate_B)
-    total_wheel = wheel + body.spin_inertia * (rate_B @ body.wheel_axes_B)
-    step = jnp.diff(time, axis=1)[..., None]
-    torque = jnp.diff(total_wheel, axis=1) / step
-    torque = jnp.concatenate([torque, jnp.zeros_like(torque[:, :1])], 1)
     lasting = time[:, -1] + times.pause
     start: AnyArray = np.tri(len(lasting), k=-1) @ lasting
     total_time = start[-1] + time[-1, -1]
-    path = Trajectory(time, attitude, rate_B, wheel, jnp.zeros((*time.shape, 0)))
-    return PlannedMotion(path, start, torque, rests, total_time)
+    drive = partial(driven_path, body, origin)
+    path, torque, wanted_B = jax.vmap(drive)(time, attitude, rate_B)
+    return PlannedMotion(path, start, torque, rests, total_time, wanted_B)
+
+
+def driven_path(
+    body: RigidBody, origin: PlanStart, time: Array, attitude: Array, rate_B: Array
+) -> tuple[Trajectory, Array, Array]:
+    """What turns the body along the motion of one slew.
+
+    `time` (rows,) [s]; `attitude` (rows, 4); `rate_B` (rows, 3) [rad/s]. Returns the path with
+    wheel momentum and inputs of devices; torque on the wheels (rows, wheels), held from each row to
+    the next [N m]; what the device must give (rows, 3) in body axes, see `PlannedMotion`.
+    """
+    wheel = _wheel_momentum(body, origin, attitude, rate_B)
+    total_wheel = wheel + body.spin_inertia * (rate_B @ body.wheel_axes_B)
+    step = jnp.diff(time)[:, None]
+    step = jnp.where(step > 0.0, step, 1.0)  # time stands still in padding
+    torque = jnp.diff(total_wheel, axis=0) / step
+    torque = jnp.concatenate([torque, jnp.zeros_like(torque[:1])])
+    wanted_B, inputs = jnp.zeros_like(rate_B), {}
+    momentum_B = rate_B @ body.inertia_B + total_wheel @ body.wheel_axes_B.T
+    for name, device in (body.devices or {}).items():
+        if isinstance(device, Gimbals):
+            at_start = body.wheel_axes_B @ origin.wheel_momentum + device.carried_B(device.start)[0]
+            total_N = quaternion.to_inertial(origin.attitude, at_start)
+            wanted_B = quaternion.to_body(attitude, jnp.broadcast_to(total_N, rate_B.shape))
+            wanted_B = wanted_B - momentum_B
+        else:
+            torque_N = jnp.diff(quaternion.to_inertial(attitude, momentum_B), axis=0) / step
+            # Held in body axes, it turns with the body: its mean in inertial axes is what counts.
+            to_inertial = jax.vmap(lambda q: quaternion.to_inertial(q, jnp.eye(3)).T)(attitude)
+            mean = 0.5 * (to_inertial[1:] + to_inertial[:-1])
+            held = jnp.linalg.solve(mean, torque_N[..., None])[..., 0]
+            wanted_B = jnp.concatenate([held, jnp.zeros_like(held[:1])])
+        inputs[name] = device_input(device, wanted_B)
+    path = Trajectory(
+        time, attitude, rate_B, wheel, jnp.zeros((len(time), 0)), inputs if inputs else None
+    )
+    return path, torque, wanted_B
 
 
 def _peak_and_ramp(
