@@ -191,7 +191,7 @@ TORQUE = "torque on wheels"
 def _require_reached(craft: Spacecraft, path: Trajectory, wanted_B: Any) -> None:
     """`CampaignError` where a device cannot follow the motion."""
     for name, device in (craft.device.arrays if craft.device else {}).items():
-        given = jnp.reshape((path.inputs or {})[name], (-1, len(craft.device.start)))  # type: ignore[union-attr]
+        given = jnp.reshape((path.inputs or {})[name], (-1, len(craft.device.start)))
         wanted = np.reshape(np.asarray(wanted_B), (-1, 3))
         missing = unreached(device, given, wanted)
         largest = float(np.linalg.norm(wanted, axis=1).max())
