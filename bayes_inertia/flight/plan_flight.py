@@ -59,7 +59,7 @@ class Flight:
     truth : tuple of Trajectory
         True trajectory of each slew at the telemetry's times.
     parameters : mapping of str to float
-        {name: value} of all parameters of a flight that followed its plan; else empty.
+        {name: value} of all parameters where the forward model gave readings; else empty.
     """
 
     campaign: Campaign
@@ -146,10 +146,11 @@ def fly(
     if not craft.more_sensors:
         return flight
     slews = flight.campaign.slews
-    told, _ = _readings(flight.campaign, flight.mission, flight.truth, rng)
+    told, theta = _readings(flight.campaign, flight.mission, flight.truth, rng)
     more = {name: values for name, values in told.items() if name.startswith(MORE)}
     slews = tuple(with_readings(slew, k, more) for k, slew in enumerate(slews))
-    return replace(flight, campaign=replace(flight.campaign, slews=slews))
+    campaign = replace(flight.campaign, slews=slews)
+    return replace(flight, campaign=campaign, parameters=theta)
 
 
 def _follow(
