@@ -20,6 +20,7 @@ from bayes_inertia.diagnosis.quoted_parameters import (
 )
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import clean_fit, with_modelled_outliers
+from bayes_inertia.inference.input_noise import with_likely_inputs
 from bayes_inertia.inference.laplace import Estimate, model_of
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.posterior_groups import build_posterior
@@ -123,7 +124,7 @@ def settled_estimate(
 ) -> tuple[Estimate, FitContext | None]:
     """The estimate that is sampled, and the context with the noise that was measured."""
     # A flexible mode explains nothing near its null value: it begins at the ringing that is there.
-    estimate = restarted_with_mode(optimizer.estimate(model, seed=seed))
+    estimate = with_likely_inputs(restarted_with_mode(optimizer.estimate(model, seed=seed)))
     if not as_stated:
         say("looking for outliers, measuring the noise", 0, 0)
         estimate, context = _cleaned(estimate, context, seed)
