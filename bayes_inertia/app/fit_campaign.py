@@ -30,6 +30,7 @@ from bayes_inertia.errors import SettingsError
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import clean_fit, with_modelled_outliers
 from bayes_inertia.inference.density_marginal import density_marginal, log_posterior_with_densities
+from bayes_inertia.inference.input_noise import with_likely_inputs
 from bayes_inertia.inference.laplace import Estimate, marginal, model_of
 from bayes_inertia.inference.marginal_posterior import log_posterior_of
 from bayes_inertia.inference.noise_model import densities_of
@@ -138,7 +139,7 @@ def settled_estimate(
 ) -> tuple[Estimate, FitContext | None]:
     """The estimate that is sampled, and the context with the noise that was measured."""
     # A flexible mode explains nothing near its null value: it begins at the ringing that is there.
-    estimate = restarted_with_mode(optimizer.estimate(model, seed=seed))
+    estimate = with_likely_inputs(restarted_with_mode(optimizer.estimate(model, seed=seed)))
     if not as_stated:
         say("looking for outliers, measuring the noise", 0, 0)
         estimate, context = _cleaned(estimate, context, seed)

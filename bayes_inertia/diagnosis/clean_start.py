@@ -35,6 +35,7 @@ from bayes_inertia.inference.cleaning import (
     rounded_channels,
     without_outliers,
 )
+from bayes_inertia.inference.input_noise import with_likely_inputs
 from bayes_inertia.inference.laplace import Estimate, plain_series
 from bayes_inertia.inference.likelihood import padded_sensitivities, residuals
 from bayes_inertia.inference.noise_colour import Colour, ColourOfAxis, colour_of
@@ -90,12 +91,15 @@ def clean_start(
     with ThreadPoolExecutor(1) as pool:
         compiled = pool.submit(precompile, model)
         base = Model(model.campaign, (), model.structure.drive)
-        fit = CleanFit(optimizer.estimate(base, seed=seed, discount=False), DirtTreatment())
+        estimate = with_likely_inputs(optimizer.estimate(base, seed=seed, discount=False))
+        fit, base = CleanFit(estimate, DirtTreatment()), estimate.model
         if not as_stated:
             fit = _without_local_dirt(fit, base)
         noise = _noise(fit.estimate, fit.treatment)
         compiled.result()
     estimate = optimizer.with_noise(fit.estimate, noise)
+    if base.campaign is not model.campaign:
+        model = Model(base.campaign, model.effects, model.structure.drive)
     estimate = _among_candidates(estimate, model)
     start = CleanStart(model, estimate, noise, fit.treatment, as_stated, coloured)
     return _noise_or_physics(start, stochastic)

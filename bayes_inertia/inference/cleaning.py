@@ -347,6 +347,15 @@ def fix_outliers(
     return [k[flag] for k, flag in zip(rows, flags, strict=True)]
 
 
+def gap_of(estimate: Estimate, slew: int, residuals: np.ndarray, channel: str) -> np.ndarray:
+    """Readings less predicted ones (rows, n) from residuals in stated sigmas; 0 for a NaN."""
+    place = estimate.model.structure.place(channel)
+    white = np.asarray(estimate.stated[place].factors)[slew, : len(residuals)]
+    # Nothing was measured where a factor's row is zero.
+    filled = white + np.where(np.isfinite(residuals)[..., None], 0.0, np.eye(white.shape[-1]))
+    return np.linalg.solve(filled, np.nan_to_num(residuals)[..., None])[..., 0]
+
+
 def _turn_seen(
     estimate: Estimate, slew: int, residuals: np.ndarray, rows: np.ndarray
 ) -> np.ndarray:
@@ -356,11 +365,7 @@ def _turn_seen(
     given = np.isfinite(residuals)
     if not len(rows) or not given.any(axis=0).all():
         return np.zeros((len(rows), 3))
-    structure = estimate.model.structure
-    white = np.asarray(estimate.stated[structure.place("rate")].factors)[slew, : len(time)]
-    # Nothing was measured where a factor's row is zero.
-    filled = white + np.where(given[..., None], 0.0, np.eye(white.shape[-1]))
-    gap = np.linalg.solve(filled, np.nan_to_num(residuals)[..., None])[..., 0]
+    gap = gap_of(estimate, slew, residuals, "rate")
     smooth = [
         np.interp(
             time, time[k], ndimage.median_filter(axis[k], LIMITS.smoothed_over, mode="nearest")

@@ -41,6 +41,9 @@ class Limits:
     # Where a gentle descent may stop: its end is only a beginning.
     gentle_steps: int = 60
     gentle_tolerance: float = 1e-3
+    # Residuals of rates beyond this [sigma] tell nothing of an input's noise: they are outliers, or
+    # something is missing.
+    believed_residual: float = 5.0
     # What a free body's momentum may seem to gain by noise and bias of its rates, as a share of it.
     balance: float = 0.01
     # Reduced chi^2 above which a gentle descent has lost its way; starts that are tried at most

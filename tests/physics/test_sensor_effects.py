@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,6 +11,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from support.effects import effect_of
 
+from bayes_inertia.campaign.actuators import Magnetorquer
+from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.effects import (
     by_name,
@@ -16,6 +20,7 @@ from bayes_inertia.physics.effects import (
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_context import Trajectory
 from bayes_inertia.physics.slew_input import idle_slew
+from bayes_inertia.physics.small_campaign import small_campaign
 
 
 def path_of(rates, step=0.5, attitude=None) -> tuple:
@@ -94,6 +99,20 @@ def test_rate_sensor_delay_follows_the_bend_of_a_free_motion():
     driven = context._replace(torque=jnp.ones((200, 1)))
     for tau in (0.01, 0.025, 0.12):
         assert largest_error(context, tau) < 0.15 * largest_error(driven, tau)
+
+
+def test_rate_sensor_delay_keeps_the_corners_that_a_told_device_makes():
+    time = np.arange(11.0)
+    context, path = path_of(np.abs(time - 5.0)[:, None] * np.ones(3), step=1.0)
+    p, alone = {"tau": jnp.asarray(0.3)}, effect_of("rate_sensor_delay")
+    device = Magnetorquer("torquers")
+    inputs = {device.name: InputStream([0.0], [[0.0, 0.0, 0.0]])}
+    slews = tuple(replace(x, inputs=inputs) for x in small_campaign().slews)
+    told = alone.in_campaign(replace(small_campaign(), slews=slews, actuators=(device,)))
+    seen = [e.rate_output(p, context, path, path.rate_B)[1:, 0] for e in (told, alone)]
+    expected = np.abs(time[1:] - 0.3 - 5.0)
+    np.testing.assert_allclose(seen[0], expected, atol=1e-12)
+    assert np.abs(seen[1] - expected).max() > 0.1
 
 
 def test_rate_sensor_delay_is_differentiable_at_zero_and_nothing_there():

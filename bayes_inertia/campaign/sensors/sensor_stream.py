@@ -49,7 +49,10 @@ class SensorStream(ABC):
 
     def masked(self, slew: Slew, mask: np.ndarray) -> Slew:
         """The slew without some readings: `mask` (n, columns)."""
-        values = np.where(mask, np.nan, self.values(slew))
+        return self.with_values(slew, np.where(mask, np.nan, self.values(slew)))
+
+    def with_values(self, slew: Slew, values: np.ndarray) -> Slew:
+        """The slew with other readings (n, columns)."""
         changed: dict[str, Any] = {self.field: values}
         if not self.field:
             changed = {"more": {**(slew.more or {}), self.name: values}}

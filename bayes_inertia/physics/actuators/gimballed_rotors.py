@@ -64,8 +64,8 @@ class GimbalAngleNoise(StochasticEffect):
         size = p["coefficients"].reshape(self.record.columns, -1)
         mode = jnp.arange(size.shape[1])
         shape = jnp.cos(jnp.pi * mode * slew_fraction(slew, t)) * jnp.where(mode == 0, 1.0, 2**0.5)
-        _, turning = _directions(self.record, inputs[self.record.name], jnp)
-        return -(self.record.momentum * (size @ shape)) @ turning
+        _, turned = _directions(self.record, inputs[self.record.name], jnp)
+        return -(self.record.momentum * (size @ shape)) @ turned
 
 
 def _directions(device: GimballedRotors, angle: Any, xp: Any) -> tuple[Any, Any]:
@@ -76,13 +76,18 @@ def _directions(device: GimballedRotors, angle: Any, xp: Any) -> tuple[Any, Any]
     return c * along + s * across, c * across - s * along
 
 
+def turning(device: GimballedRotors, angle: np.ndarray) -> np.ndarray:
+    """Derivatives (..., k, 3) of the spin axes by the gimbal angles (..., k)."""
+    return _directions(device, angle, np)[1]
+
+
 def momentum_noise(campaign: Campaign) -> np.ndarray:
     """Covariance (3, 3) of the carried momentum that the noise of one reading makes [(N m s)^2]."""
     total = np.zeros((3, 3))
     for device in campaign.actuators:
         if isinstance(device, GimballedRotors) and device.angle_sigma:
             angles = [(slew.inputs or {})[device.name].values for slew in campaign.slews]
-            _, turning = _directions(device, np.concatenate(angles), np)
-            moved = device.angle_sigma * np.asarray(device.momentum)[:, None] * turning
+            turned = turning(device, np.concatenate(angles))
+            moved = device.angle_sigma * np.asarray(device.momentum)[:, None] * turned
             total += np.einsum("nki,nkj->ij", moved, moved) / len(moved)
     return total

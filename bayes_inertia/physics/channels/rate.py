@@ -131,15 +131,15 @@ class RateChannel(Channel):
             return np.eye(3)
         covariance = np.diag(np.square(sensor.sigma))
         if drive == "measured" and campaign.wheels:
-            shake = self._shake(campaign, theta, campaign.wheel_axes_B)
+            shake = self.shake(campaign, theta, campaign.wheel_axes_B)
             wheels = np.diag(np.square([w.momentum_sigma or 0.0 for w in campaign.wheels]))
             covariance = covariance + shake @ wheels @ shake.T
         if campaign.actuators:
-            shake = self._shake(campaign, theta, np.eye(3))
+            shake = self.shake(campaign, theta, np.eye(3))
             covariance = covariance + shake @ momentum_noise(campaign) @ shake.T
         return covariance
 
-    def _shake(self, campaign: Campaign, theta: np.ndarray, axes_B: np.ndarray) -> np.ndarray:
+    def shake(self, campaign: Campaign, theta: np.ndarray, axes_B: np.ndarray) -> np.ndarray:
         """Readings (n, k) by momentum along axes (3, k) in the body."""
         sensor = self.stream.hardware(campaign)
         return (

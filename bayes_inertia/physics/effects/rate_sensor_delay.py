@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import jax.numpy as jnp
@@ -17,12 +17,12 @@ from bayes_inertia.physics.slew_context import SlewContext
 class RateSensorDelay(Effect):
     """The rate sensor reports what was true tau >= 0 earlier: w(t - tau).
 
-    Held torques make the rate piecewise linear between samples, so that linear interpolation is
-    exact up to gyroscopic terms. Without torque commands the motion is smooth, and the
-    parabola through the row before too follows it. Only delays: a feedback controller
-    answers the noise of a reading with the torque that follows it, so that a reading "predicted"
-    from what came after it would agree with its own noise. Before the first row the rate is
-    continued linearly where no torque is commanded there (a body in free flight), and held
+    Held torques, and devices that are told what to do, make the rate piecewise linear between
+    samples, so that linear interpolation is exact up to gyroscopic terms. Without them the motion
+    is smooth, and the parabola through the row before too follows it. Only delays: a feedback
+    controller answers the noise of a reading with the torque that follows it, so that a reading
+    "predicted" from what came after it would agree with its own noise. Before the first row the
+    rate is continued linearly where no torque is commanded there (a body in free flight), and held
     otherwise: the torques before it are unknown.
 
     Parameters
@@ -31,6 +31,8 @@ class RateSensorDelay(Effect):
         Prior scale of tau [s]; None takes 1/1000 of a slew's duration (a tenth of a second for
         a microsatellite's slew, filters and buses are that slow; half a millisecond for a body
         thrown by hand).
+    told : bool, optional
+        Whether devices beside wheels act; the campaign says so.
 
     Examples
     --------
@@ -41,6 +43,10 @@ class RateSensorDelay(Effect):
     name: ClassVar[str] = "rate_sensor_delay"
     kind: ClassVar[str] = "delay"
     sigma: float | None = None
+    told: bool = False
+
+    def in_campaign(self, campaign):
+        return replace(self, told=bool(campaign.actuators))
 
     def parameters(self, campaign):
         sigma = self.sigma if self.sigma is not None else campaign.scale_of_motion()[1] / 1000.0
@@ -50,7 +56,7 @@ class RateSensorDelay(Effect):
         return any(s.wheel_torque is not None and s.wheel_torque.any() for s in campaign.slews)
 
     def rate_output(self, p, slew, trajectory, rate_S):
-        return _at(slew, rate_S, slew.time - p["tau"])
+        return _at(slew, rate_S, slew.time - p["tau"], self.told)
 
 
 @dataclass(frozen=True)
@@ -77,14 +83,14 @@ class DirectionDelay(RateSensorDelay):
         return hook == "direction_output"
 
     def direction_output(self, p, slew, trajectory, seen_B):
-        return _at(slew, seen_B, slew.time - p["tau"])
+        return _at(slew, seen_B, slew.time - p["tau"], False)
 
 
-def _at(slew: SlewContext, rows: Array, times: Array) -> Array:
+def _at(slew: SlewContext, rows: Array, times: Array, told: bool) -> Array:
     """Rows (n, 3) given on the slew's grid, at other times (m,).
 
-    In between linear where torques are commanded, else quadratic; linear beyond the ends. At a row,
-    the line before it.
+    In between linear where torques are commanded or devices `told`, else quadratic; linear beyond
+    the ends. At a row, the line before it.
     """
     steps = jnp.sum(slew.step > 0.0)  # what follows is padding
     left = jnp.clip(jnp.searchsorted(slew.time, times, side="left") - 1, 0, steps - 1)
@@ -93,7 +99,8 @@ def _at(slew: SlewContext, rows: Array, times: Array) -> Array:
     # From the right end, so that a row at its own time is itself to the last bit.
     back = times - slew.time[left + 1]
     line = rows[left + 1] + slope * back[:, None]
-    bend = jnp.where(jnp.any(slew.torque != 0.0), 0.0, _bend(slew, rows, left, back))
+    straight = told or jnp.any(slew.torque != 0.0)
+    bend = jnp.where(straight, 0.0, _bend(slew, rows, left, back))
     return jnp.where(held, rows[left], line + bend)
 
 
