@@ -230,7 +230,8 @@ def test_names_take_settings_and_survive_a_stored_diagnosis(equipped):
     content = {"verdict": "named", "noise": {}, "drive": "commanded"}
     content["fitted"] = [{"effect": "delay[mems]", "settings": {"device": "mems", "sigma": 0.3}}]
     (stored,) = next_fit_from(content).effects
-    assert stored.in_campaign(equipped) == RateSensorDelay(sigma=0.3, device="mems")
+    wanted = RateSensorDelay(sigma=0.3, device="mems").in_campaign(equipped)
+    assert stored.in_campaign(equipped) == wanted
 
 
 @pytest.mark.parametrize(
