@@ -401,9 +401,11 @@ def evidence_of_sets(
     fixed: Sequence[FixedMember],
     random: Sequence[RandomMember] = (),
     largest: int = 3,
+    fitted: Names = frozenset(),
 ) -> dict[Names, float]:
     """Weigh sets of up to `largest` effects, larger ones by extension of the best.
 
+    `fitted`: the set that the model was linearised at: it is weighed whatever its parts are worth.
     Returns: log evidence against nothing of nothing, every single member, every pair with at most
     one random member, and larger sets best first; random members beside the best sets.
 
@@ -422,7 +424,9 @@ def evidence_of_sets(
     level: list[Names] = [frozenset()]
     for size in range(1, largest + 1):
         if size > 2:
-            level = sorted(level, key=lambda names: -found[names])[: LIMITS.parents]
+            best_first = sorted(level, key=lambda names: -found[names])
+            level = best_first[: LIMITS.parents]
+            level += [names for names in best_first[LIMITS.parents :] if names <= fitted]
         values: dict[Names, list[float]] = {}
         for names in level:
             given = given_all(begin, [members[n] for n in sorted(names)])

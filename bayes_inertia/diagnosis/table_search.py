@@ -183,14 +183,14 @@ def _weighed(
         linear = linear_model(estimate, held, base.objective, log_costs=costs)
         members = [m for m in linear.members if m.name in names]
         own = log_evidence_of(nothing(linear.system), members) + linear.offset
-        if abs(own - near.log_evidence[names]) < LIMITS.linear:
+        if abs(own - near.log_evidence.get(names, np.inf)) < LIMITS.linear:
             return replace(near, names=names, estimate=estimate)
     response = torque_response(estimate)
     mode = flexible_mode_candidate(estimate, search.effects, response)
     linear = linear_model(estimate, held, base.objective, mode, costs)
     random = random_members(linear, response, search.stochastic, driven=not costs)
     largest = min(max(3, len(names) + 1), search.rules.max_effects)
-    values = evidence_of_sets(linear.system, linear.members, random, largest)
+    values = evidence_of_sets(linear.system, linear.members, random, largest, names)
     values = {row: value + linear.offset for row, value in values.items()}
     return RefittedRow(names, estimate, linear, response, mode, values, random)
 

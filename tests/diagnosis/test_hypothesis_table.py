@@ -119,3 +119,13 @@ def test_true_set_is_the_most_probable_row(system, members, signal):
     assert max(found, key=found.__getitem__) == {"two"}
     assert frozenset(["two", "one"]) in found
     assert frozenset(["two", "random"]) in found
+
+
+def test_the_fitted_set_is_weighed_however_little_its_parts_explain():
+    """Its parts are the worst of all pairs, of which only the best are extended."""
+    pull = np.array([9.0, 8.0, 7.0, 6.0, 5.0, 0.0, 0.0, 0.0])
+    none = np.array([], int)
+    singles = [FixedMember(str(k), np.array([k]), none, SIZES, WEIGHTS) for k in range(len(pull))]
+    system, weak = System(np.eye(len(pull)), pull), frozenset(["5", "6", "7"])
+    assert weak not in evidence_of_sets(system, singles)
+    assert weak in evidence_of_sets(system, singles, fitted=weak)
