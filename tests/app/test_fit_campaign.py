@@ -33,7 +33,8 @@ def test_the_seed_is_the_one_given_or_that_of_the_settings(flown, monkeypatch, g
         raise Sampling
 
     monkeypatch.setattr(fit_campaign.optimizer, "estimate", estimate)
-    monkeypatch.setattr(fit_campaign, "restarted_with_mode", lambda estimate: estimate)
+    for passed_on in ("restarted_with_mode", "with_likely_inputs"):
+        monkeypatch.setattr(fit_campaign, passed_on, lambda estimate: estimate)
     monkeypatch.setattr(fit_campaign, "sample", sample)
     with pytest.raises(Sampling):
         fit_campaign.fit(flown.campaign, as_stated=True, **given)

@@ -96,7 +96,7 @@ def test_a_design(printed):
         active=("rate",),
         kept=True,
     )
-    show_design(design, FOLDER)
+    show_design(design, FOLDER, {"start_wheel_momentum_Nms": [0.0]})
     assert "[deg/s²]" in printed()
 
 

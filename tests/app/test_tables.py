@@ -92,7 +92,7 @@ def test_a_design_with_its_units_and_hostile_margins(printed):
         active=("keep-out [Sun]",),
         kept=False,
     )
-    show_design(design, FOLDER)
+    show_design(design, FOLDER, {"start_wheel_momentum_Nms": [0.0]})
     out = printed()
     for text in ("angle [deg]", "rate [deg/s]", "ramps [deg/s²]", "starts [s]", "lasts [s]"):
         assert text in out

@@ -159,7 +159,8 @@ def test_a_design_says_where_it_takes_the_wheels_to_be_at_rest(
     monkeypatch.setattr(plan_folder, "design_plan", small)
     write_campaign(flight.campaign, tmp_path / "campaign")
     folder = tmp_path / "run"
-    show_design(run_design(tmp_path / "campaign", folder, DesignRequest(slews=1)), folder)
+    design = run_design(tmp_path / "campaign", folder, DesignRequest(slews=1))
+    show_design(design, folder, json.loads((folder / "design.json").read_text()))
     said = "The wheels are taken to be at rest at the start"
     assert said in " ".join(capsys.readouterr().out.split())
     assert said in (folder / "plan.toml").read_text()

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -115,19 +115,17 @@ def design_command(
     with progress_bar() as progress:
         design = run_design(campaign, out, request, progress)
     content = json.loads((out / "design.json").read_text())
-    told = (content.get("left_out", ()), bool(content["start_wheel_momentum_Nms"]))
-    show_result(out / "design.json", as_json, open_page, show_design, design, out, after, *told)
+    show_result(out / "design.json", as_json, open_page, show_design, design, out, content, after)
     raise typer.Exit(0 if design.kept else 3)
 
 
 def show_design(
-    design: Design,
-    folder: Path,
-    after: bool = False,
-    notes: Sequence[str] = (),
-    wheels: bool = True,
+    design: Design, folder: Path, content: Mapping[str, Any], after: bool = False
 ) -> None:
-    """Print a designed plan: what each parameter gains or loses, its slews, its margins."""
+    """Print a designed plan: what each parameter gains or loses, its slews, its margins.
+
+    `content`: of its design.json.
+    """
     from bayes_inertia.app.plan_folder import WHEELS_AT_REST
     from bayes_inertia.report.plan_sections import (
         gain_answer,
@@ -147,9 +145,9 @@ def show_design(
     slews = slews_table({"": design.plan})
     print_table(slews.columns, slews.rows)
     _show_margins(console, design)
-    for note in notes:
+    for note in content.get("left_out", ()):
         console.print(headed("note", f": {note}", style="bold yellow"))
-    if wheels and not design.plan.wheel_momentum:
+    if content["start_wheel_momentum_Nms"] and not design.plan.wheel_momentum:
         console.print(WHEELS_AT_REST)
     console.print(
         "wrote design.json, design.png, design.html and plan.toml (for `simulate --plan`) in "
