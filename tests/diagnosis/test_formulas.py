@@ -100,6 +100,7 @@ def test_terms_stand_in_the_order_of_their_odds():
     assert search.log_evidence == pytest.approx(logsumexp([5.0, 2.0, -1.0]))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_noise_alone_gives_false_alarms_as_rarely_as_stated(fit):
     """Markov: odds of 50 in at most one campaign of 50; a torque beside the noise gives them."""
@@ -120,6 +121,7 @@ def _searched(own, residual):
     return weighed(of_block).log_evidence
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_bias_that_follows_the_users_own_temperature_is_named(clean, rigid_library):
     """The column is counted from its mean: a bias is fitted anyway."""

@@ -22,7 +22,7 @@ CASES = [
     ((), "commanded"),
     pytest.param((), "measured", marks=pytest.mark.slow),
     pytest.param(("rate_random_walk",), "commanded", marks=pytest.mark.slow),
-    pytest.param(("wheel_friction", "rate_sensor_delay"), "commanded", marks=pytest.mark.slow),
+    pytest.param(("wheel_friction", "rate_sensor_delay"), "commanded", marks=pytest.mark.long),
 ]
 
 
