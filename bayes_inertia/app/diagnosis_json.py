@@ -29,7 +29,6 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, STOCHASTIC
 from bayes_inertia.physics.effects.formula import Formula
 from bayes_inertia.physics.effects.of_device import OfDevice
-from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.sealing import SEAL_KEY, blaming, read_sealed_json
 
 FORMAT = "bayes-inertia-diagnosis/1"
@@ -281,7 +280,7 @@ def shift_rows(before: Estimate, after: Estimate) -> dict[str, dict[str, Any]]:
             "shift": float(after.theta[i] - before.theta[i]),
             "unit": space.units[i],
         }
-        for i in range(N_BASE)
+        for i in range(before.model.n_base)
     }
 
 

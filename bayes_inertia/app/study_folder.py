@@ -26,7 +26,7 @@ from bayes_inertia.errors import CampaignError, SettingsError
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.maths.values import json_ready
-from bayes_inertia.physics.parameters import BASE_NAMES
+from bayes_inertia.physics.parameters import base_names
 from bayes_inertia.report.pictures.figure_file import write_png
 from bayes_inertia.report.pictures.study import RankCurves, draw_calibration, draw_coverage
 from bayes_inertia.studies.calibration import (
@@ -56,8 +56,13 @@ class Study:
     failures: tuple[TaskFailure, ...] = ()  # campaigns that could not be
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Of J and K."""
+        return base_names(self.achieved.errors.shape[1])
+
+    @property
     def z(self) -> np.ndarray:
-        """Errors in units of the stated sd (n, 9)."""
+        """Errors in units of the stated sd (n, 6 + axes)."""
         return self.achieved.errors / self.achieved.stated
 
     def coverage(self, level: float) -> list[tuple[float, float, float]]:
@@ -73,8 +78,8 @@ class Study:
         By chi^2 of all errors, Bonferroni over the parameters.
         """
         p = stats.chi2.sf(np.sum(self.z**2, axis=0), len(self.z))
-        limit = LAYOUT.study_false_alarm / len(BASE_NAMES)
-        return tuple(name for name, value in zip(BASE_NAMES, p, strict=True) if value < limit)
+        limit = LAYOUT.study_false_alarm / len(p)
+        return tuple(name for name, value in zip(self.names, p, strict=True) if value < limit)
 
 
 def run_study(
@@ -104,7 +109,7 @@ def run_study(
     )
     result = (execution or Execution()).run(work, folder)
     study = Study(chosen, achieved_errors(result, least=2), result.failures)
-    write_png(draw_coverage(BASE_NAMES, study.achieved, study.z), folder / "study.png")
+    write_png(draw_coverage(study.names, study.achieved, study.z), folder / "study.png")
     content = {"format": FORMAT, "campaign_sha256": digest, **options, **_content(study)}
     write_json(folder / "study.json", content)
     return study
@@ -113,7 +118,7 @@ def run_study(
 def _content(study: Study) -> dict[str, Any]:
     z, achieved = study.z, study.achieved
     rows = {}
-    for i, name in enumerate(BASE_NAMES):
+    for i, name in enumerate(study.names):
         rows[name] = {
             "achieved_sd": float(achieved.sd[i]),
             "achieved_sd_standard_error": float(achieved.sd_error[i]),

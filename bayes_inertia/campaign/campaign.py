@@ -88,6 +88,8 @@ class Campaign:
     reference : str, optional
         Name of the sensor whose axes are the body's: no misalignment of it is looked for. None:
         the first star tracker, else the first rate sensor.
+    has_likely_inputs : bool, optional
+        Whether a fit has moved the noise of inputs to the readings of the rates: once is enough.
 
     Raises
     ------
@@ -116,6 +118,7 @@ class Campaign:
     prior: GaussianPrior | None = None
     names: tuple[str, str] = ("rate sensor", "star tracker")
     reference: str | None = None
+    has_likely_inputs: bool = False
 
     def __post_init__(self) -> None:
         several = ("wheels", "dirt", "slews", "mission", "more_sensors", "actuators", "changes")

@@ -597,5 +597,5 @@ def _kind_of(limit: str) -> str:
     ('wheel torque', 'keep-out', 'rate')
     """
     first = limit.partition(" of ")[0].partition(" ")[0]
-    kinds = {"torque": "wheel torque", "momentum": "wheel momentum", "keep-out": "keep-out"}
-    return kinds.get(first, "reach" if first == "reach" else limit)
+    of_wheels = {"torque": "wheel torque", "momentum": "wheel momentum"}
+    return of_wheels.get(first, first if first in ("keep-out", "reach") else limit)

@@ -135,7 +135,7 @@ class _Slew(NamedTuple):
             begin, end = (jax.tree.map(lambda x, k=k: x[k], both) for k in (_FIRST, _LAST))
         else:
             begin, end = (
-                jax.vmap(lambda row: instant(row))((*jax.tree.map(lambda x, k=k: x[k], rows), held))
+                jax.vmap(instant)((*jax.tree.map(lambda x, k=k: x[k], rows), held))
                 for k in (_FIRST, _LAST)
             )
         return tuple(0.5 * (a + b) for a, b in zip(begin, end, strict=True))

@@ -85,6 +85,11 @@ class Margin:
         return f"{100 * abs(self.left):.3g} % {kept if self.kept else broken}"
 
 
+def used_reach(motion: PlannedMotion, reach: np.ndarray) -> Array:
+    """What each slew asks of the device (n,), as a fraction of the most that it gives (m,)."""
+    return jnp.max(share_of_reach(motion.wanted_B, reach), axis=1)
+
+
 def demands(
     motion: PlannedMotion,
     rotation_B: AnyArray,
@@ -121,9 +126,7 @@ def demands(
     sine = jnp.linalg.norm(
         jnp.cross(boresight_N[:, None], jnp.asarray(cones_N).reshape(1, -1, 3)) + 1e-15, axis=-1
     )
-    asked = {}
-    if reach is not None and len(reach):
-        asked["reach"] = jnp.max(share_of_reach(motion.wanted_B, reach), axis=1)
+    asked = {} if reach is None or not len(reach) else {"reach": used_reach(motion, reach)}
     return asked | {
         "torque": jnp.max(jnp.abs(motion.wheel_torque), axis=1),
         "momentum": jnp.max(jnp.abs(motion.path.wheel_momentum), axis=1),
@@ -190,8 +193,8 @@ def flown_margins(flight: Flight, limits: Limits) -> tuple[Margin, ...]:
     }
     if flight.spacecraft.device is not None:  # it follows the plan
         motion = motion_of_plan(flight.plan, rigid_body(flight.spacecraft))
-        share = share_of_reach(motion.wanted_B, hardware_limits(flight.spacecraft).reach)
-        used["reach"] = np.asarray(jnp.max(share, axis=1))
+        reach = hardware_limits(flight.spacecraft).reach
+        used["reach"] = np.asarray(used_reach(motion, reach))
     return _margins(used, flight.plan.attitudes, flight.spacecraft, limits)
 
 

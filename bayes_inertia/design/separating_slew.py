@@ -112,7 +112,6 @@ def separating_slew(
     longest = max(slew.duration for slew in campaign.slews)
     limits = limits or Limits(rate=1.1 * campaign.largest_rate(), total_time=2.0 * longest)
     forecast, theta = forecast_separation(estimate, a, b)
-    spacecraft = spacecraft_at(campaign, theta)
     region = region_within(
         limits,
         hardware_limits(spacecraft),
@@ -289,7 +288,7 @@ def _at_null_of_new(estimate: Estimate, model: Model, fitted: set[str]) -> np.nd
 
 
 def _known(estimate: Estimate, model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Estimate of (theta, bias) by the campaign, and prior precision, (d + 3, d + 3) both.
+    """Estimate of (theta, bias) by the campaign, and prior precision, (d + b, d + b) both.
 
     Start states are integrated out. Where the campaign's fit holds all parameters of the model, its
     own compiled code serves.

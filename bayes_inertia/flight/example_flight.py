@@ -25,7 +25,11 @@ from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import INPUTS, MORE
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.orbit import Orbit
-from bayes_inertia.flight.planned_telemetry import model_readings, with_readings
+from bayes_inertia.flight.planned_telemetry import (
+    model_readings,
+    with_effect_values,
+    with_readings,
+)
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
@@ -87,9 +91,7 @@ def flown_again(
     theta[model.n_base :] = model.space.nulls[model.n_base :]
     if draw:
         theta[: model.n_base] = model.draw_prior(rng, 1)[0][: model.n_base]
-    for effect in effects:
-        parts = [np.ravel(values[effect.name][p.name]) for p in effect.parameters(campaign)]
-        theta[model.space.slice_of(effect.name)] = np.concatenate(parts)
+    theta = with_effect_values(model, theta, effects, values)
     bias = rng.standard_normal(model.n_bias)
     readings = model_readings(model, theta, bias, model.data.arrays.reference, rng)
     slews = [with_readings(slew, k, readings) for k, slew in enumerate(campaign.slews)]

@@ -15,7 +15,7 @@ from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan, PlannedSlew
 from bayes_inertia.flight.spacecraft import Spacecraft, axes_of_control, without_spin
-from bayes_inertia.flight.steering import flying_device
+from bayes_inertia.flight.steering import FlyingDevice, flying_device
 
 # Further sensors whose readings can be foreseen.
 _FLYING = (RateSensor, StarTracker, DirectionSensor)
@@ -36,9 +36,6 @@ def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
     """
     campaign = campaign.without_locked_wheels()
     wheels, sensor = campaign.wheels, campaign.rate_sensor
-    device = None if axes_of_control(wheels) == 3 else flying_device(campaign)
-    if device is not None and device.axes <= axes_of_control(wheels):
-        device = None
     why = why_no_plans(campaign)
     advice = "`observe` says what its motion determines as it is, and `fit` determines it"
     require(not why, "actuators", why, advice)
@@ -56,7 +53,7 @@ def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
         sensor,
         campaign.star_tracker,
         more_sensors=tuple(x for x in campaign.more_sensors if isinstance(x[1], _FLYING)),
-        device=device,
+        device=_device_in_place_of_wheels(campaign),
         names=campaign.names,
         reference=campaign.reference,
         periods=reading_periods(campaign),
@@ -73,12 +70,20 @@ def why_no_plans(campaign: Campaign) -> str:
     >>> why_no_plans(small_campaign())
     ''
     """
-    wheels, device = campaign.without_locked_wheels().wheels, flying_device(campaign)
-    if axes_of_control(wheels) > 0 or (device is not None and device.axes > 0):
+    campaign = campaign.without_locked_wheels()
+    turned = axes_of_control(campaign.wheels) > 0
+    if turned or _device_in_place_of_wheels(campaign) is not None:
         return ""
-    told = ", ".join(x.name for x in (*wheels, *campaign.actuators))
+    told = ", ".join(x.name for x in (*campaign.wheels, *campaign.actuators))
     free = f"{told} cannot turn it as asked" if told else "nothing on board turns it"
     return f"there is no slew to design for this spacecraft, {free}"
+
+
+def _device_in_place_of_wheels(campaign: Campaign) -> FlyingDevice | None:
+    """The device that turns it about more axes than its wheels do; None where wheels turn all."""
+    axes = axes_of_control(campaign.wheels)
+    device = None if axes == 3 else flying_device(campaign)
+    return device if device is not None and device.axes > axes else None
 
 
 def reading_periods(campaign: Campaign) -> dict[str, float]:
@@ -86,7 +91,12 @@ def reading_periods(campaign: Campaign) -> dict[str, float]:
     streams: dict[str, SensorStream] = {campaign.names[0]: RATE} if campaign.rate_sensor else {}
     streams |= {s.name: s for s in series_of(campaign) if s.name in dict(campaign.more_sensors)}
     steps = {name: _steps(campaign, stream) for name, stream in streams.items()}
-    return {name: float(f"{np.median(x):.9g}") for name, x in steps.items() if len(x)}
+    return {name: _usual(x) for name, x in steps.items() if len(x)}
+
+
+def _usual(steps: np.ndarray) -> float:
+    """Their median without the rounding of times read from a file: alike campaigns share code."""
+    return float(f"{np.median(steps):.9g}")
 
 
 def _steps(campaign: Campaign, stream: SensorStream) -> np.ndarray:
@@ -136,8 +146,7 @@ def following_plan(campaign: Campaign, wheel_momentum: np.ndarray | None = None)
     """
     campaign = campaign.without_locked_wheels()
     last = campaign.slews[-1]
-    # Without the rounding of times read from a file, so that alike campaigns share compiled code.
-    rows = float(f"{np.median(np.concatenate([s.rate_steps for s in campaign.slews])):.9g}")
+    rows = _usual(np.concatenate([s.rate_steps for s in campaign.slews]))
     period = min((*reading_periods(campaign).values(), rows))
     attitude = (0.0, 0.0, 0.0, 1.0)
     if last.attitude is not None and last.fixes.any():

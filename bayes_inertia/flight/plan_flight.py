@@ -20,11 +20,11 @@ from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.planned_telemetry import (
-    TORQUE,
     Readings,
     model_readings,
     planned_campaign,
     planned_paths,
+    with_effect_values,
     with_readings,
 )
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
@@ -157,7 +157,8 @@ def _follow(
     plan: Plan, mission: Mission, rng: np.random.Generator | None, name: str | None
 ) -> Flight:
     """A flight that follows its plan, with readings of the forward model."""
-    planned, truth = planned_campaign(plan, mission, name), planned_paths(plan, mission.spacecraft)
+    paths = planned_paths(plan, mission.spacecraft)
+    planned, truth = planned_campaign(plan, mission, name, paths), tuple(p.motion for p in paths)
     bias = rate_bias(mission.spacecraft, rng)
     craft = replace(mission.spacecraft, bias=bias)
     mission = replace(mission, spacecraft=craft)
@@ -165,8 +166,8 @@ def _follow(
     slews = [with_readings(slew, k, told) for k, slew in enumerate(planned.slews)]
     if craft.device is not None:
         slews = [_with_noisy_input(slew, craft.device, rng) for slew in slews]
-    torque = np.stack([np.abs((path.inputs or {})[TORQUE]).max(axis=0) for path in truth])
-    momentum = np.stack([np.abs(path.wheel_momentum).max(axis=0) for path in truth])
+    torque = np.stack([np.abs(path.wheel_torque).max(axis=0) for path in paths])
+    momentum = np.stack([np.abs(motion.wheel_momentum).max(axis=0) for motion in truth])
     nothing = np.zeros((len(truth), 3))
     return Flight(
         campaign=replace(planned, slews=tuple(slews)),
@@ -196,9 +197,7 @@ def _readings(
     model = Model(campaign, craft.effects, "commanded" if craft.wheels else None)
     theta = np.array(model.space.mean if rng is None else model.draw_prior(rng, 1)[0])
     theta[: model.n_base] = mission.theta
-    for effect in craft.effects:
-        parts = [np.ravel(craft.values[effect.name][p.name]) for p in effect.parameters(campaign)]
-        theta[model.space.slice_of(effect.name)] = np.concatenate(parts)
+    theta = with_effect_values(model, theta, craft.effects, craft.values)
     first = [
         np.stack([np.asarray(getattr(path, key))[0] for path in truth]) for key in Start._fields
     ]

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -23,8 +22,9 @@ from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.planned_motion import driven_path, plan_start, rigid_body
 from bayes_inertia.flight.slew_profile import angle_and_rate
 from bayes_inertia.flight.spacecraft import Spacecraft
-from bayes_inertia.flight.steering import unreached
+from bayes_inertia.flight.steering import FlyingDevice, unreached
 from bayes_inertia.maths.jax_settings import require_usable_jax
+from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.prediction import predict_all
@@ -32,11 +32,24 @@ from bayes_inertia.physics.slew_context import Trajectory
 from bayes_inertia.physics.slew_input import Start
 
 
-def planned_campaign(plan: Plan, mission: Mission, name: str | None = None) -> Campaign:
+class PlannedPath(NamedTuple):
+    """The planned motion of one slew at the rows of its telemetry, and what drives it (numpy)."""
+
+    motion: Trajectory  # with the input of the device, by its name
+    wheel_torque: np.ndarray  # (rows, wheels) on the wheels, held from row to row [N m]
+
+
+def planned_campaign(
+    plan: Plan,
+    mission: Mission,
+    name: str | None = None,
+    paths: Sequence[PlannedPath] | None = None,
+) -> Campaign:
     """The plan as a campaign that has not been flown: planned motion, and what devices do for it.
 
-    Wheels that a controller drives by a gyro have no torques: it finds them. Returns: one slew for
-    each slew of the plan, with environment columns where the plan has an orbit.
+    Wheels that a controller drives by a gyro have no torques: it finds them. `paths`: those of
+    `planned_paths`, where they are known already. Returns: one slew for each slew of the plan, with
+    environment columns where the plan has an orbit.
 
     Examples
     --------
@@ -52,8 +65,9 @@ def planned_campaign(plan: Plan, mission: Mission, name: str | None = None) -> C
         for i in range(len(plan.slews))
     )
     if not craft.flies_by_gyro:
-        paths = planned_paths(plan, craft)
-        slews = tuple(_driven(plan, craft, *pair) for pair in zip(slews, paths, strict=True))
+        paths = planned_paths(plan, craft) if paths is None else paths
+        each = zip(slews, paths, strict=True)
+        slews = tuple(_driven(plan, craft, i, *pair) for i, pair in enumerate(each))
     return Campaign(
         name or plan.name,
         mission.prior,
@@ -155,11 +169,12 @@ def _now_and_then(plan: Plan, craft: Spacecraft, name: str, readings: np.ndarray
     return np.where(rows[:, None], readings, np.nan)
 
 
-def planned_paths(plan: Plan, craft: Spacecraft) -> tuple[Trajectory, ...]:
-    """The planned motion of each slew at the rows of its telemetry, and what drives it (numpy).
+# Compiled once for spacecraft of a kind: a design flies a plan with many truths.
+_driven_paths = jax.jit(jax.vmap(driven_path, in_axes=(None, None, 0, 0, 0)))
 
-    Inputs of the device are named `torque` for wheels, else as the device.
-    """
+
+def planned_paths(plan: Plan, craft: Spacecraft) -> tuple[PlannedPath, ...]:
+    """The planned motion of each slew, and what drives it."""
     (angles, rates), body = _planned_motion(plan), rigid_body(craft)
     counts = [len(plan.times(i)) for i in range(len(plan.slews))]
     n = angles.shape[1]
@@ -174,50 +189,45 @@ def planned_paths(plan: Plan, craft: Spacecraft) -> tuple[Trajectory, ...]:
             for start, angle, axis in zip(plan.attitudes, turned, axes, strict=False)
         ]
     )
-    drive = jax.jit(jax.vmap(partial(driven_path, body, plan_start(plan, len(craft.wheels)))))
-    path, torque, wanted_B = drive(time, attitude, rate[..., None] * axes[:, None])
-    _require_reached(craft, path, wanted_B)
-    path = path._replace(inputs={**(path.inputs or {}), TORQUE: torque})
+    start, rate_B = plan_start(plan, len(craft.wheels)), rate[..., None] * axes[:, None]
+    motion, torque, wanted_B = _driven_paths(body, start, time, attitude, rate_B)
+    if craft.device is not None:
+        _require_reached(craft.device, motion, wanted_B)
+    path = PlannedPath(motion, torque)
     return tuple(
         jax.tree.map(lambda x, k=k, n=count: np.asarray(x[k, :n]), path)
         for k, count in enumerate(counts)
     )
 
 
-# Name by which a planned path holds the torque on wheels.
-TORQUE = "torque on wheels"
-
-
-def _require_reached(craft: Spacecraft, path: Trajectory, wanted_B: Any) -> None:
+def _require_reached(device: FlyingDevice, motion: Trajectory, wanted_B: Any) -> None:
     """`CampaignError` where a device cannot follow the motion."""
-    for name, device in (craft.device.arrays if craft.device else {}).items():
-        given = jnp.reshape((path.inputs or {})[name], (-1, len(craft.device.start)))
-        wanted = np.reshape(np.asarray(wanted_B), (-1, 3))
-        missing = unreached(device, given, wanted)
-        largest = float(np.linalg.norm(wanted, axis=1).max())
-        require(
-            missing <= FLIGHT.unreached * largest,
-            f"actuators.{name}",
-            f"it cannot give what the planned slews ask for ({missing:.3g} of {largest:.3g} missing"
-            f"{'' if craft.device and not craft.device.carries_momentum else ' N m s'})",
-            "turn more slowly, or by smaller angles",
-        )
+    unit = "N m s" if device.carries_momentum else "N m"
+    wanted = np.reshape(np.asarray(wanted_B), (-1, 3))
+    largest = float(np.linalg.norm(wanted, axis=1).max())
+    for name, arrays in device.arrays.items():
+        given = jnp.reshape((motion.inputs or {})[name], (-1, len(device.start)))
+        missing = unreached(arrays, given, wanted)
+        what = f"it gives {missing:.3g} less than the {largest:.3g} {unit} that slews ask for"
+        advice = "turn more slowly, or by smaller angles"
+        require(missing <= FLIGHT.unreached * largest, f"actuators.{name}", what, advice)
 
 
-def _driven(plan: Plan, craft: Spacecraft, slew: Slew, path: Trajectory) -> Slew:
-    """A planned slew with what drives it, and fixes only where there will be some."""
+def _driven(plan: Plan, craft: Spacecraft, i: int, slew: Slew, path: PlannedPath) -> Slew:
+    """Planned slew i with what drives it, and fixes only where there will be some."""
     inputs, changed = dict(slew.inputs or {}), {}
-    told: Any = dict(path.inputs or {})
     if slew.wheel_torque is not None:
-        changed = {"wheel_torque": told[TORQUE], "wheel_momentum": path.wheel_momentum}
+        momentum: Any = path.motion.wheel_momentum
+        changed = {"wheel_torque": path.wheel_torque, "wheel_momentum": momentum}
     if (device := craft.device) is not None:
-        values, form = told[device.record.name], "line" if device.carries_momentum else "hold"
+        values: Any = (path.motion.inputs or {})[device.record.name]
+        form = "line" if device.carries_momentum else "hold"
         if device.between == "on_time":
             values, form = values * plan.telemetry_period, "on_time"
         inputs[device.record.name] = InputStream(slew.time, values, form)  # type: ignore[arg-type]
     if slew.attitude is not None:
         fixes = np.full_like(slew.attitude, np.nan)
-        rows = plan.fix_rows(int(slew.name.rpartition(" ")[2]) - 1)
+        rows = plan.fix_rows(i)
         fixes[rows] = slew.attitude[rows]
         changed["attitude"] = fixes
     return replace(slew, inputs=inputs or None, **changed)
@@ -268,6 +278,21 @@ def model_readings(
             for k, slew in enumerate(model.campaign.slews)
         ]
     return told
+
+
+def with_effect_values(
+    model: Model,
+    theta: np.ndarray,
+    effects: Sequence[Effect],
+    values: Mapping[str, Mapping[str, Any]],
+) -> np.ndarray:
+    """theta (d,) with effects as strong as {effect: {parameter: value}} says."""
+    theta = theta.copy()
+    for effect in effects:
+        told, parameters = values[effect.name], effect.parameters(model.campaign)
+        parts = [np.ravel(told[p.name]) for p in parameters]
+        theta[model.space.slice_of(effect.name)] = np.concatenate(parts)
+    return theta
 
 
 def with_readings(slew: Slew, k: int, readings: Readings) -> Slew:

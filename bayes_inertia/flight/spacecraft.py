@@ -74,7 +74,7 @@ class Spacecraft:
     effects: tuple[Effect, ...] = ()
     values: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     more_sensors: tuple[tuple[str, Any], ...] = ()
-    device: Any = None
+    device: Any = None  # a FlyingDevice
     names: tuple[str, str] = ("rate sensor", "star tracker")
     reference: str | None = None
     periods: Mapping[str, float] = field(default_factory=dict)

@@ -33,16 +33,19 @@ from bayes_inertia.physics.numerics import NUMERICS
 def with_likely_inputs(estimate: Estimate) -> Estimate:
     """The estimate with the noise of its inputs moved to the readings of the rates.
 
-    Returns: the very object where no input has a stated noise.
+    Returns: the very object where no input has a stated noise, or its campaign has been through
+    this: residuals stay, and would be taken for the same noise once more.
     """
     model = estimate.model
     inputs = noisy_inputs(model.campaign, model.structure.drive)
-    if not inputs or model.structure.free_momenta:
+    done = model.campaign.has_likely_inputs
+    if done or not inputs or model.structure.free_momenta:
         return estimate
     series, slews = plain_series(estimate), list(model.campaign.slews)
     for s in range(len(slews)):
         slews[s] = _moved(estimate, s, series, inputs)
-    again = refitted(estimate, replace(model.campaign, slews=tuple(slews)))
+    moved = replace(model.campaign, slews=tuple(slews), has_likely_inputs=True)
+    again = refitted(estimate, moved)
     return replace(again, starts=estimate.starts)
 
 

@@ -178,6 +178,18 @@ def base_names(n: int) -> tuple[str, ...]:
     return (*ELEMENTS, *(f"K{i + 1}" for i in range(n - len(ELEMENTS))))
 
 
+def base_units(n: int) -> tuple[str, ...]:
+    """Units of `base_names`; empty for K.
+
+    Examples
+    --------
+    >>> base_units(7)[4:]
+    ('kg m^2', 'kg m^2', '')
+    """
+    elements = len(ELEMENTS)
+    return (*BASE_UNITS[:elements], *("" for _ in range(n - elements)))
+
+
 def base_count(names: Sequence[str]) -> int:
     """How many of a model's parameters, the first, are J and K: what has no owner.
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.design.comparison import Contender
-from bayes_inertia.physics.parameters import BASE_UNITS, base_names
+from bayes_inertia.physics.parameters import BASE_UNITS, base_names, base_units
 from bayes_inertia.report.formatting import (
     listed,
     number,
@@ -166,19 +166,15 @@ def comparison_answer(contenders: Sequence[Contender]) -> tuple[str, str]:
 
 def sds_table(contenders: Sequence[Contender]) -> Table:
     """Expected sds of each plan, and achieved ones where campaigns were simulated."""
+    names = base_names(len(contenders[0].expected))
     power, _ = sd_column([sd for c in contenders for sd in c.expected.tolist()])
     rows = [
         (name, unit_text(unit), *(_sd_cell(c, i, power) for c in contenders))
-        for i, (name, unit) in enumerate(_names_and_units(contenders[0]))
+        for i, (name, unit) in enumerate(zip(names, base_units(len(names)), strict=True))
     ]
     heads = [sd_head(f"{plain(c.name)}: sd", power) for c in contenders]
     kind = "many short" if len(contenders) < LAYOUT.many_plans else "many"
     return Table({"parameter": "", "unit": "extra"} | dict.fromkeys(heads, "n"), rows, kind)
-
-
-def _names_and_units(contender: Contender) -> list[tuple[str, str]]:
-    names = base_names(len(contender.expected))
-    return [(name, "" if name.startswith("K") else BASE_UNITS[0]) for name in names]
 
 
 def _sd_cell(contender: Contender, i: int, power: int) -> str:

@@ -69,6 +69,11 @@ def test_no_delay_is_seen_in_a_right_campaign(fits):
     assert abs(scores[1]) < 3.0
 
 
+@pytest.mark.slow
+def test_noise_is_taken_out_once(fits):
+    assert with_likely_inputs(fits[1]) is fits[1]
+
+
 def test_exact_inputs_are_left_alone(fits):
     exact = Model(fits[0].model.campaign, (), "commanded")
     assert with_likely_inputs(replace(fits[0], model=exact)).model is exact

@@ -183,7 +183,7 @@ def study_command(
 
 def show_study(study: Study, folder: Path) -> None:
     """Print achieved beside stated sds, and how often intervals held the truth."""
-    from bayes_inertia.physics.parameters import BASE_NAMES, BASE_UNITS
+    from bayes_inertia.physics.parameters import base_units
     from bayes_inertia.report.formatting import number, unit_powers, unit_text
 
     console, achieved = plain_console(), study.achieved
@@ -194,14 +194,15 @@ def show_study(study: Study, folder: Path) -> None:
     console.print(headed(verdict[0], flown, style=verdict[1]))
     rows = []
     stated_sd = (achieved.stated**2).mean(0) ** 0.5
-    powers = unit_powers(zip(BASE_UNITS, achieved.sd, strict=True))
+    units = base_units(len(study.names))
+    powers = unit_powers(zip(units, achieved.sd, strict=True))
     coverages = zip(study.coverage(0.68), study.coverage(0.95), strict=True)
-    for i, (name, coverage) in enumerate(zip(BASE_NAMES, coverages, strict=True)):
+    for i, (name, coverage) in enumerate(zip(study.names, coverages, strict=True)):
         shares = [
             f"{100 * share:.1f} % ({100 * low:.0f} to {100 * high:.0f})"
             for share, low, high in coverage
         ]
-        sd, error, unit = achieved.sd[i], achieved.sd_error[i], BASE_UNITS[i]
+        sd, error, unit = achieved.sd[i], achieved.sd_error[i], units[i]
         power = powers[unit]
         sds = f"{number(sd, error, power)} ± {number(error, error, power)}"
         stated = number(stated_sd[i], error, power)
