@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.campaign import Campaign
@@ -19,7 +21,13 @@ from bayes_inertia.campaign.slew_parts import MORE
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.numerics import NUMERICS as FLIGHT
 from bayes_inertia.flight.plan import Plan
-from bayes_inertia.flight.planned_motion import driven_path, plan_start, rigid_body
+from bayes_inertia.flight.planned_motion import (
+    PlanStart,
+    RigidBody,
+    driven_path,
+    plan_start,
+    rigid_body,
+)
 from bayes_inertia.flight.slew_profile import angle_and_rate
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.flight.steering import FlyingDevice, unreached
@@ -169,8 +177,12 @@ def _now_and_then(plan: Plan, craft: Spacecraft, name: str, readings: np.ndarray
     return np.where(rows[:, None], readings, np.nan)
 
 
-# Compiled once for spacecraft of a kind: a design flies a plan with many truths.
-_driven_paths = jax.jit(jax.vmap(driven_path, in_axes=(None, None, 0, 0, 0)))
+@jax.jit
+def _driven_paths(
+    body: RigidBody, origin: PlanStart, time: Array, attitude: Array, rate_B: Array
+) -> tuple[Trajectory, Array, Array]:
+    """`driven_path` of all slews; compiled once, for a design flies a plan with many truths."""
+    return jax.vmap(partial(driven_path, body, origin))(time, attitude, rate_B)
 
 
 def planned_paths(plan: Plan, craft: Spacecraft) -> tuple[PlannedPath, ...]:
@@ -217,8 +229,8 @@ def _driven(plan: Plan, craft: Spacecraft, i: int, slew: Slew, path: PlannedPath
     """Planned slew i with what drives it, and fixes only where there will be some."""
     inputs, changed = dict(slew.inputs or {}), {}
     if slew.wheel_torque is not None:
-        momentum: Any = path.motion.wheel_momentum
-        changed = {"wheel_torque": path.wheel_torque, "wheel_momentum": momentum}
+        told: Any = path.motion.wheel_momentum
+        changed = {"wheel_torque": path.wheel_torque, "wheel_momentum": told}
     if (device := craft.device) is not None:
         values: Any = (path.motion.inputs or {})[device.record.name]
         form = "line" if device.carries_momentum else "hold"
