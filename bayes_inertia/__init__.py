@@ -102,10 +102,10 @@ _PUBLIC = {
     "FitContext": "inference.settings",
     "Posterior": "inference.posterior",
     "Settings": "inference.sampler",
-    "LogDensity": "app.fit_campaign",
+    "LogDensity": "app.log_density",
     "estimate": "inference.optimizer",
     "fit": "app.fit_campaign",
-    "log_density": "app.fit_campaign",
+    "log_density": "app.log_density",
     # Many fits.
     "Execution": "studies.engine",
     "Task": "studies.work",
