@@ -34,7 +34,7 @@ from bayes_inertia.inference.likelihood_summary import (
 from bayes_inertia.inference.settings import FitContext, Settings, usual_settings
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
-from bayes_inertia.physics.parameters import BASE_NAMES
+from bayes_inertia.physics.parameters import base_names
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.progress import Progress, silent
 from bayes_inertia.report.section import Section
@@ -314,7 +314,7 @@ def run_fleet(
     """J and K of a fleet; writes fleet.json and fleet.html.
 
     `fits`: what `fit-many` wrote. The first folder of a campaign's path is its spacecraft. Returns:
-    the fleet; sds (craft, 9) of each craft alone; the campaigns that were left out, because their
+    the fleet; sds (craft, n) of each craft alone; the campaigns that were left out, because their
     result must not be used.
     """
     crafts: dict[str, list[LikelihoodSummary]] = {}
@@ -412,6 +412,7 @@ def _likelihood_in(row: Mapping[str, Any]) -> dict[str, Any]:
 
 def history_json(history: History) -> dict[str, Any]:
     """What `history --json` prints."""
+    names = base_names(history.mean.shape[1])
     return {
         "answer": history_answer(history),
         "campaigns": [
@@ -426,7 +427,7 @@ def history_json(history: History) -> dict[str, Any]:
                 "size": {
                     name: {"mean": float(size), "sd": float(sd)}
                     for name, size, sd in zip(
-                        BASE_NAMES[OF_PART[jump.part]], jump.size, jump.sd, strict=True
+                        names[OF_PART[jump.part]], jump.size, jump.sd, strict=True
                     )
                 },
             }
@@ -438,7 +439,8 @@ def history_json(history: History) -> dict[str, Any]:
 
 def fleet_json(fleet: Fleet, alone_sd: np.ndarray) -> dict[str, Any]:
     """What `fleet --json` prints."""
-    spread = zip(BASE_NAMES, fleet.spread, fleet.spread_low, fleet.spread_high, strict=True)
+    names = base_names(fleet.mean.size)
+    spread = zip(names, fleet.spread, fleet.spread_low, fleet.spread_high, strict=True)
     return {
         "answer": fleet_answer(fleet, alone_sd),
         "fleet": _values(fleet.mean, fleet.sd),
@@ -454,5 +456,5 @@ def fleet_json(fleet: Fleet, alone_sd: np.ndarray) -> dict[str, Any]:
 
 
 def _values(mean: np.ndarray, sd: np.ndarray) -> dict[str, dict[str, float]]:
-    parts = zip(BASE_NAMES, mean, sd, strict=True)
+    parts = zip(base_names(mean.size), mean, sd, strict=True)
     return {name: {"mean": float(m), "quoted_sd": float(s)} for name, m, s in parts}

@@ -12,8 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.physics.parameters import base_names
 
 _ARRAYS = ("mean", "precision", "prior_mean", "prior_sd")
 
@@ -32,7 +34,7 @@ class LikelihoodSummary:
         Inverse covariance there, without the prior; positive semidefinite.
     prior_mean, prior_sd : (n,) arrays
         The prior that was taken off.
-    prior_correlation : (9, 9) array or None
+    prior_correlation : (n, n) array or None
         Of that prior; None where its parameters were independent.
     """
 
@@ -53,6 +55,11 @@ class LikelihoodSummary:
         powers, directions = np.linalg.eigh(0.5 * (scaled + scaled.T))
         root = np.sqrt(np.maximum(powers, 0.0))[:, None] * directions.T
         return root, root @ ((self.mean - first.prior_mean) / first.prior_sd)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Jxx to Jyz and the K's."""
+        return base_names(self.mean.size)
 
     def json(self) -> dict[str, Any]:
         """As it stands in a file: lists of numbers."""
@@ -112,11 +119,25 @@ def summary_from_json(content: Mapping[str, Any]) -> LikelihoodSummary:
     return LikelihoodSummary(str(content["campaign"]), **arrays)
 
 
+def require_same_parameters(summaries: Sequence[LikelihoodSummary]) -> None:
+    """Raise unless all tell of the same numbers: as many K's."""
+    first = summaries[0]
+    for other in summaries:
+        if other.names != first.names:
+            told = (f"{s.campaign}: {s.names[0]} to {s.names[-1]}" for s in (first, other))
+            raise CampaignError(
+                f"campaigns tell of other parameters ({'; '.join(told)})",
+                where=other.campaign,
+                advice="give campaigns whose rate sensors have as many axes",
+            )
+
+
 def product(summaries: Sequence[LikelihoodSummary]) -> LikelihoodSummary:
     """What several campaigns of one spacecraft tell together, J and K being the same in all.
 
     The prior and the name are those of the first.
     """
+    require_same_parameters(summaries)
     first = summaries[0]
     # In prior sds, so that the least squares are well scaled.
     precision = np.sum([s.precision for s in summaries], axis=0)

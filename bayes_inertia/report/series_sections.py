@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bayes_inertia.physics.parameters import BASE_NAMES, BASE_UNITS
+from bayes_inertia.physics.parameters import base_names, base_units
 from bayes_inertia.report.formatting import listed, number, unit_text
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.series import draw_fleet, draw_history
@@ -36,13 +36,14 @@ def history_answer(history: History) -> str:
 def history_table(history: History) -> Table:
     """Name, unit, value at the last campaign, change since the first, of each parameter."""
     rows: list[tuple[str, ...]] = []
-    for k, name in enumerate(BASE_NAMES):
+    n = history.mean.shape[1]
+    for k, (name, unit) in enumerate(zip(base_names(n), base_units(n), strict=True)):
         mean, sd = history.mean[:, k], history.sd[:, k]
         both = float(np.hypot(sd[0], sd[-1]))
         rows.append(
             (
                 name,
-                unit_text(BASE_UNITS[k]),
+                unit_text(unit),
                 number(mean[-1], sd[-1]),
                 number(sd[-1], sd[-1]),
                 number(mean[-1] - mean[0], both),
@@ -80,13 +81,15 @@ def fleet_answer(fleet: Fleet, alone_sd: np.ndarray) -> str:
     """One sentence: how alike the spacecraft are, and what sisters are worth."""
     gain = np.median(alone_sd / fleet.craft_sd, axis=0)
     best, share = int(np.argmax(gain)), 100.0 * float(np.median(fleet.spread[:3] / fleet.mean[:3]))
-    return phrase("plans", "fleet", len(fleet.names), share, BASE_NAMES[best], gain[best])
+    sharpest = base_names(gain.size)[best]
+    return phrase("plans", "fleet", len(fleet.names), share, sharpest, gain[best])
 
 
 def fleet_table(fleet: Fleet, alone_sd: np.ndarray) -> Table:
     """Name, unit, fleet's mean and sd, spread with its interval, sd of a craft alone and now."""
     rows: list[tuple[str, ...]] = []
-    for k, name in enumerate(BASE_NAMES):
+    n = fleet.mean.size
+    for k, (name, unit) in enumerate(zip(base_names(n), base_units(n), strict=True)):
         spread = fleet.spread[k]
         interval = " to ".join(
             number(x, spread) for x in (fleet.spread_low[k], fleet.spread_high[k])
@@ -95,7 +98,7 @@ def fleet_table(fleet: Fleet, alone_sd: np.ndarray) -> Table:
         rows.append(
             (
                 name,
-                unit_text(BASE_UNITS[k]),
+                unit_text(unit),
                 number(fleet.mean[k], fleet.sd[k]),
                 number(fleet.sd[k], fleet.sd[k]),
                 number(spread, spread),

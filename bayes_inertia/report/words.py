@@ -237,13 +237,14 @@ def _most_moved_first(rows: Iterable[Mapping[str, Any]]) -> list[Mapping[str, An
     return sorted(rows, key=lambda row: -row["shift"] / row["sd"])
 
 
-def _elements(jump: Any) -> list[tuple[str, float, float]]:
+def _elements(jump: Any, history: Any) -> list[tuple[str, float, float]]:
     """Name, size and sd of the elements that a jump changed for sure; at least of one."""
     # They bring JAX along, which other words do without.
-    from bayes_inertia.physics.parameters import BASE_NAMES
+    from bayes_inertia.physics.parameters import base_names
     from bayes_inertia.series.history import OF_PART
 
-    rows = list(zip(BASE_NAMES[OF_PART[jump.part]], jump.size, jump.sd, strict=True))
+    names = base_names(history.mean.shape[1])[OF_PART[jump.part]]
+    rows = list(zip(names, jump.size, jump.sd, strict=True))
     sure = [row for row in rows if abs(row[1]) > LAYOUT.change_told_sd * row[2]]
     return sure or [max(rows, key=lambda row: abs(row[1] / row[2]))]
 

@@ -2,7 +2,7 @@
 
 Each craft's J and K are drawn from the fleet's: a Gaussian with a mean and an own sd of every
 parameter (Gelman et al. 2013, chapter 5). Mean and crafts are integrated out exactly, so that only
-the logarithms of the nine sds are sampled.
+the logarithms of the sds are sampled.
 """
 
 from __future__ import annotations
@@ -13,9 +13,11 @@ from dataclasses import dataclass
 import emcee
 import numpy as np
 
-from bayes_inertia.inference.likelihood_summary import LikelihoodSummary
+from bayes_inertia.inference.likelihood_summary import (
+    LikelihoodSummary,
+    require_same_parameters,
+)
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.series.history import unit_of
 
 
@@ -28,7 +30,7 @@ class FleetSettings:
     spread: float = 5e-3
     # Prior sd of its logarithm: 95 % from a fiftieth to fifty times that.
     spread_of_spread: float = 2.0
-    walkers: int = 32  # of the ensemble; the density has nine dimensions and one mode
+    walkers: int = 32  # of the ensemble; the density has a dimension a parameter, and one mode
     steps: int = 400
     burn: int = 150
     seed: int = 0  # what reproduces the draws
@@ -43,33 +45,33 @@ class Fleet:
     """J and K of a fleet and of each spacecraft in it."""
 
     names: tuple[str, ...]  # of the spacecraft
-    mean: np.ndarray  # (9,) the fleet's mean of J [kg m^2] and K, and how well it is known
+    mean: np.ndarray  # (n,) the fleet's mean of J [kg m^2] and K, and how well it is known
     sd: np.ndarray
-    spread: np.ndarray  # (9,) sd from craft to craft: median and 90 % interval
+    spread: np.ndarray  # (n,) sd from craft to craft: median and 90 % interval
     spread_low: np.ndarray
     spread_high: np.ndarray
-    # (craft, 9) each spacecraft, from its own campaigns and from its sisters.
+    # (craft, n) each spacecraft, from its own campaigns and from its sisters.
     craft_mean: np.ndarray
     craft_sd: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class _Told:
-    """What the craft tell, in the prior sds of the first: roots (n, 9, 9), data (n, 9)."""
+    """What the craft tell, in the prior sds of the first: roots (craft, n, n), data (craft, n)."""
 
     roots: np.ndarray
     data: np.ndarray
     unit: np.ndarray
 
     def conditional(self, log_spread: np.ndarray) -> _Conditional:
-        """Mean and crafts given the spreads (b, 9), integrated one after the other."""
+        """Mean and crafts given the spreads (b, n), integrated one after the other."""
         variance = (np.exp(log_spread) * self.unit) ** 2
         # Of each craft given the mean: data = R (mean + own) + noise.
         across = variance[:, None, :, None] * np.swapaxes(self.roots, 1, 2)[None]
-        covariance = self.roots[None] @ across + np.eye(N_BASE)
+        covariance = self.roots[None] @ across + np.eye(self.unit.size)
         whole = np.linalg.solve(covariance, np.broadcast_to(self.roots, across.shape))
         solved = np.linalg.solve(covariance, self.data[None, ..., None])[..., 0]
-        precision = np.einsum("nki,bnkj->bij", self.roots, whole) + np.eye(N_BASE)
+        precision = np.einsum("nki,bnkj->bij", self.roots, whole) + np.eye(self.unit.size)
         pull = np.einsum("nki,bnk->bi", self.roots, solved)
         center = np.linalg.solve(precision, pull[..., None])[..., 0]
         log = 0.5 * np.einsum("bi,bi->b", pull, center)
@@ -81,7 +83,7 @@ class _Told:
 
 @dataclass(frozen=True, eq=False)
 class _Conditional:
-    """Of each spread (b): log density (b,); the fleet's mean (b, 9) and its covariance."""
+    """Of each spread (b): log density (b,); the fleet's mean (b, n) and its covariance."""
 
     log_density: np.ndarray
     center: np.ndarray
@@ -90,13 +92,13 @@ class _Conditional:
     covariance: np.ndarray
 
     def crafts(self, told: _Told, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean (b, n, 9) and variance (b, n, 9) of each craft."""
+        """Mean and variance (b, craft, n) of each craft."""
         gain = np.swapaxes(np.linalg.solve(self.covariance, np.swapaxes(self.across, 2, 3)), 2, 3)
         gap = told.data[None] - np.einsum("nki,bi->bnk", told.roots, self.center)
         mean = self.center[:, None] + np.einsum("bnik,bnk->bni", gain, gap)
         own = variance[:, None] - np.einsum("bnik,bnik->bni", gain, self.across)
         # What the mean leaves open moves a craft by what its own data do not tell.
-        follows = np.eye(N_BASE) - gain @ told.roots[None]
+        follows = np.eye(told.unit.size) - gain @ told.roots[None]
         shared = np.einsum("bnij,bjk,bnik->bni", follows, self.center_covariance, follows)
         return mean, own + shared
 
@@ -108,6 +110,7 @@ def fleet_of(
 
     The prior of the first craft is the prior of the fleet's mean.
     """
+    require_same_parameters(crafts)
     first = crafts[0]
     parts = [craft.whitened(first) for craft in crafts]
     told = _Told(np.array([r for r, _ in parts]), np.array([y for _, y in parts]), unit_of(first))
@@ -136,7 +139,7 @@ def _averaged(means: np.ndarray, variances: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def _sampled_spreads(told: _Told, settings: FleetSettings) -> np.ndarray:
-    """Draws (b, 9) of the logarithms of the fleet's sds."""
+    """Draws (b, n) of the logarithms of the fleet's sds."""
     middle, width = np.log(settings.spread), settings.spread_of_spread
     least, largest = np.log(settings.least), np.log(settings.largest)
 
@@ -147,10 +150,10 @@ def _sampled_spreads(told: _Told, settings: FleetSettings) -> np.ndarray:
         return np.where(allowed, prior + told.conditional(inside).log_density, -np.inf)
 
     rng = np.random.Generator(np.random.MT19937(settings.seed))
-    start = middle + 0.25 * width * rng.standard_normal((settings.walkers, N_BASE))
+    start = middle + 0.25 * width * rng.standard_normal((settings.walkers, told.unit.size))
     moves = [(emcee.moves.DEMove(), 0.8), (emcee.moves.DEMove(gamma0=1.0), 0.2)]
     sampler = emcee.EnsembleSampler(
-        settings.walkers, N_BASE, log_density, vectorize=True, moves=moves
+        settings.walkers, told.unit.size, log_density, vectorize=True, moves=moves
     )
     state = np.random.MT19937(settings.seed).state
     sampler.run_mcmc(emcee.State(start, random_state=state), settings.burn + settings.steps)

@@ -16,12 +16,23 @@ from typing import Literal
 import numpy as np
 from scipy.special import logsumexp
 
-from bayes_inertia.inference.likelihood_summary import LikelihoodSummary, means_and_sds
+from bayes_inertia.inference.likelihood_summary import (
+    LikelihoodSummary,
+    means_and_sds,
+    require_same_parameters,
+)
+from bayes_inertia.maths.inertia_tensor import ELEMENTS
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.parameters import N_BASE
 
 Part = Literal["J", "K"]
-OF_PART: Mapping[Part, slice] = MappingProxyType({"J": slice(0, 6), "K": slice(6, 9)})
+OF_PART: Mapping[Part, slice] = MappingProxyType(
+    {"J": slice(0, len(ELEMENTS)), "K": slice(len(ELEMENTS), None)}
+)
+
+
+def parts_of(n: int) -> tuple[Part, ...]:
+    """What may change where J and K are n numbers: J alone where no rate sensor flies."""
+    return tuple(part for part, numbers in OF_PART.items() if range(n)[numbers])
 
 
 @dataclass(frozen=True)
@@ -62,9 +73,10 @@ class ChangeHypothesis:
     walk_K: float = 0.0
     jumps: tuple[Jump, ...] = ()  # sudden changes, at most one of each part between two campaigns
 
-    def step_variance(self, after: int) -> np.ndarray:
-        """Variance (9,) of the change after a campaign, as shares of `unit`."""
-        variance = np.repeat([self.walk_J**2, self.walk_K**2], [6, 3])
+    def step_variance(self, after: int, n: int) -> np.ndarray:
+        """Variance (n,) of the change after a campaign, as shares of `unit`."""
+        variance = np.full(n, self.walk_J**2)
+        variance[OF_PART["K"]] = self.walk_K**2
         for jump in self.jumps:
             if jump.after == after:
                 variance[OF_PART[jump.part]] += jump.sd**2
@@ -99,9 +111,9 @@ class History:
     """J and K over a series of campaigns."""
 
     campaigns: tuple[str, ...]  # in the order flown
-    mean: np.ndarray  # (campaigns, 9) J [kg m^2] and K at each campaign, from all campaigns
+    mean: np.ndarray  # (campaigns, n) J [kg m^2] and K at each campaign, from all campaigns
     sd: np.ndarray
-    alone: np.ndarray  # (campaigns, 9) from each campaign alone, with the prior of the first
+    alone: np.ndarray  # (campaigns, n) from each campaign alone, with the prior of the first
     alone_sd: np.ndarray
     jumps: tuple[SeenJump, ...]  # the most probable first; improbable ones are among them
     # Probability that J, and that K, changes a little from each campaign to the next.
@@ -112,38 +124,41 @@ def weigh_changes(
     series: Sequence[LikelihoodSummary], changes: Changes = Changes()
 ) -> WeighedChanges:
     """The posterior probabilities of how J and K changed over a series of campaigns."""
+    require_same_parameters(series)
     told: dict[ChangeHypothesis, float] = {}
-    tried = _other_walks(ChangeHypothesis(), changes)
+    campaigns, parts = len(series), parts_of(series[0].mean.size)
+    tried = _other_walks(ChangeHypothesis(), parts, changes)
     while new := [hypothesis for hypothesis in dict.fromkeys(tried) if hypothesis not in told]:
         evidence = log_evidence(series, new).tolist()
-        prior = (log_prior(hypothesis, len(series), changes) for hypothesis in new)
+        prior = (log_prior(hypothesis, campaigns, changes, parts) for hypothesis in new)
         told |= {
             hypothesis: value + before
             for hypothesis, value, before in zip(new, evidence, prior, strict=True)
         }
         best = sorted(told, key=told.__getitem__, reverse=True)[: changes.kept]
-        tried = [
-            more for hypothesis in best for more in _neighbours(hypothesis, len(series), changes)
-        ]
+        tried = [more for row in best for more in _neighbours(row, campaigns, parts, changes)]
     order = sorted(told, key=told.__getitem__, reverse=True)
     weights = np.array([told[hypothesis] for hypothesis in order])
     return WeighedChanges(tuple(order), np.exp(weights - logsumexp(weights)))
 
 
-def _other_walks(hypothesis: ChangeHypothesis, changes: Changes) -> list[ChangeHypothesis]:
-    sizes = product((0.0, *changes.walks), repeat=2)
-    return [replace(hypothesis, walk_J=J, walk_K=K) for J, K in sizes]
+def _other_walks(
+    hypothesis: ChangeHypothesis, parts: Sequence[Part], changes: Changes
+) -> list[ChangeHypothesis]:
+    sizes = (0.0, *changes.walks)
+    of_K = sizes if "K" in parts else (0.0,)
+    return [replace(hypothesis, walk_J=J, walk_K=K) for J, K in product(sizes, of_K)]
 
 
 def _neighbours(
-    hypothesis: ChangeHypothesis, campaigns: int, changes: Changes
+    hypothesis: ChangeHypothesis, campaigns: int, parts: Sequence[Part], changes: Changes
 ) -> list[ChangeHypothesis]:
     """What differs by one jump, or by the walks: a jump unseen looks like a walk at first."""
     taken = {(jump.after, jump.part) for jump in hypothesis.jumps}
-    found = _other_walks(hypothesis, changes)
+    found = _other_walks(hypothesis, parts, changes)
     if len(taken) == changes.most_jumps:
         return found
-    for after, part, sd in product(range(campaigns - 1), OF_PART, changes.jumps):
+    for after, part, sd in product(range(campaigns - 1), parts, changes.jumps):
         if (after, part) not in taken:
             jumps = sorted((*hypothesis.jumps, Jump(after, part, sd)), key=astuple)
             found.append(replace(hypothesis, jumps=tuple(jumps)))
@@ -160,14 +175,15 @@ def history_of(series: Sequence[LikelihoodSummary], changes: Changes = Changes()
     mean = np.einsum("h,hkp->kp", weights, means)
     variances = np.array([np.diag(covariance).reshape(mean.shape) for _, covariance in parts])
     spread = np.einsum("h,hkp->kp", weights, variances + (means - mean) ** 2)
+    may_change = parts_of(mean.shape[1])
     jumps = [
         _seen_jump(after, part, ways, weights, parts)
-        for after, part in product(range(len(series) - 1), OF_PART)
+        for after, part in product(range(len(series) - 1), may_change)
     ]
     names = tuple(campaign.campaign for campaign in series)
     walks = {
         part: ways.probability_of(getattr(h, f"walk_{part}") > 0.0 for h in ways.hypotheses)
-        for part in OF_PART
+        for part in may_change
     }
     likely = tuple(sorted((j for j in jumps if j is not None), key=lambda j: -j.probability))
     first = series[0]
@@ -193,8 +209,9 @@ def _seen_jump(
     if not chosen:
         return None
     w = weights[chosen] / weights[chosen].sum()
-    before = slice(after * N_BASE, (after + 1) * N_BASE)
-    next_one = slice(before.stop, before.stop + N_BASE)
+    n = parts[0][0].shape[1]
+    before = slice(after * n, (after + 1) * n)
+    next_one = slice(before.stop, before.stop + n)
     sizes, variances = [], []
     for k in chosen:
         mean, covariance = parts[k]
@@ -209,8 +226,13 @@ def _seen_jump(
     return SeenJump(after, part, probability, size[OF_PART[part]], sd[OF_PART[part]])
 
 
-def log_prior(hypothesis: ChangeHypothesis, campaigns: int, changes: Changes) -> float:
-    """Log prior probability of a hypothesis; sizes share theirs evenly.
+def log_prior(
+    hypothesis: ChangeHypothesis,
+    campaigns: int,
+    changes: Changes,
+    parts: Sequence[Part] = tuple(OF_PART),
+) -> float:
+    """Log prior probability of a hypothesis on what may change; sizes share theirs evenly.
 
     Examples
     --------
@@ -220,18 +242,20 @@ def log_prior(hypothesis: ChangeHypothesis, campaigns: int, changes: Changes) ->
     """
     some, none = np.log(changes.walk_probability), np.log1p(-changes.walk_probability)
     total = 0.0
-    for walk in (hypothesis.walk_J, hypothesis.walk_K):
+    for part in parts:
+        walk = getattr(hypothesis, f"walk_{part}")
         total += some - np.log(len(changes.walks)) if walk else none
-    chances = 2 * (campaigns - 1)
+    chances = len(parts) * (campaigns - 1)
     jump = np.log(changes.jump_probability / len(changes.jumps))
     quiet = np.log1p(-changes.jump_probability)
     return float(total + len(hypothesis.jumps) * jump + (chances - len(hypothesis.jumps)) * quiet)
 
 
 def unit_of(first: LikelihoodSummary) -> np.ndarray:
-    """What sizes of changes are shares of (9,), in prior sds: mean moment of inertia, and 1."""
-    moment = float(np.mean(first.prior_mean[:3]))
-    return np.repeat([moment, 1.0], [6, 3]) / first.prior_sd
+    """What sizes of changes are shares of (n,), in prior sds: mean moment of inertia, and 1."""
+    unit = np.full(first.mean.size, float(np.mean(first.prior_mean[:3])))
+    unit[OF_PART["K"]] = 1.0
+    return unit / first.prior_sd
 
 
 def log_evidence(
@@ -242,22 +266,22 @@ def log_evidence(
     The prior of the first campaign holds for the series; those of later ones were taken off.
     """
     first = series[0]
-    unit, size = unit_of(first), len(hypotheses)
-    mean = np.zeros((size, N_BASE))
-    covariance = np.broadcast_to(np.eye(N_BASE), (size, N_BASE, N_BASE)).copy()
+    unit, size, n = unit_of(first), len(hypotheses), first.mean.size
+    mean = np.zeros((size, n))
+    covariance = np.broadcast_to(np.eye(n), (size, n, n)).copy()
     total = np.zeros(size)
     for k, campaign in enumerate(series):
         root, data = campaign.whitened(first)
         across = covariance @ root.T
-        spread = root @ across + np.eye(N_BASE)
+        spread = root @ across + np.eye(n)
         gap = data - mean @ root.T
         gain = np.linalg.solve(spread, np.swapaxes(across, 1, 2))
         total -= 0.5 * np.linalg.slogdet(spread)[1]
         total -= 0.5 * np.einsum("bi,bi->b", gap, np.linalg.solve(spread, gap[..., None])[..., 0])
         mean = mean + np.einsum("bij,bi->bj", gain, gap)
         covariance = covariance - across @ gain
-        steps = np.array([hypothesis.step_variance(k) for hypothesis in hypotheses]) * unit**2
-        covariance[:, np.arange(N_BASE), np.arange(N_BASE)] += steps
+        steps = np.array([hypothesis.step_variance(k, n) for hypothesis in hypotheses]) * unit**2
+        covariance[:, np.arange(n), np.arange(n)] += steps
     return total
 
 
@@ -266,22 +290,22 @@ def smoothed(
 ) -> tuple[np.ndarray, np.ndarray]:
     """J and K at each campaign under one hypothesis, from all campaigns.
 
-    Returns: mean (campaigns, 9); covariance (campaigns 9, campaigns 9) [kg m^2, 1].
+    Returns: mean (campaigns, n); covariance (campaigns n, campaigns n) [kg m^2, 1].
     """
-    first, n = series[0], len(series)
-    unit = unit_of(first)
+    first, campaigns = series[0], len(series)
+    unit, n = unit_of(first), first.mean.size
     grown = np.cumsum(
-        [np.zeros(N_BASE), *(hypothesis.step_variance(k) for k in range(n - 1))], axis=0
+        [np.zeros(n), *(hypothesis.step_variance(k, n) for k in range(campaigns - 1))], axis=0
     )
-    earlier = np.minimum.outer(np.arange(n), np.arange(n))
+    earlier = np.minimum.outer(np.arange(campaigns), np.arange(campaigns))
     variance = 1.0 + grown[earlier] * unit**2
-    prior = np.einsum("klp,pq->kplq", variance, np.eye(N_BASE)).reshape(n * N_BASE, -1)
-    root, data = np.zeros_like(prior), np.zeros(n * N_BASE)
+    prior = np.einsum("klp,pq->kplq", variance, np.eye(n)).reshape(campaigns * n, -1)
+    root, data = np.zeros_like(prior), np.zeros(campaigns * n)
     for k, campaign in enumerate(series):
-        part = slice(k * N_BASE, (k + 1) * N_BASE)
+        part = slice(k * n, (k + 1) * n)
         root[part, part], data[part] = campaign.whitened(first)
     across = prior @ root.T
     gain = np.linalg.solve(root @ across + np.eye(len(prior)), across.T).T
-    scale = np.tile(first.prior_sd, n)
+    scale = np.tile(first.prior_sd, campaigns)
     covariance = (prior - gain @ across.T) * np.outer(scale, scale)
-    return first.prior_mean + (scale * (gain @ data)).reshape(n, N_BASE), covariance
+    return first.prior_mean + (scale * (gain @ data)).reshape(campaigns, n), covariance

@@ -23,12 +23,12 @@ def call(*words) -> int:
     return 0
 
 
-@pytest.fixture
-def runs(tmp_path):
+@pytest.fixture(params=[9, 6], ids=["three_K", "no_rate_sensor"])
+def runs(tmp_path, request):
     """Folders of runs: Jzz is 1 % smaller from the third on; the last one is refused."""
     rng = np.random.default_rng(4)
-    truth = rng.normal(PRIOR_MEAN, 0.5 * PRIOR_SD)
-    after = truth * np.where(np.arange(9) == 2, 0.99, 1.0)
+    truth = rng.normal(PRIOR_MEAN, 0.5 * PRIOR_SD)[: request.param]
+    after = truth * np.where(np.arange(truth.size) == 2, 0.99, 1.0)
     told = [
         campaign_of(x, rng, name)
         for x, name in zip((truth, truth, after, after), "abcd", strict=True)

@@ -17,14 +17,18 @@ def campaign_of(
 ) -> LikelihoodSummary:
     """What a campaign tells of a spacecraft: correlated, with noise of its own.
 
+    `truth` (n,): J alone where there is no rate sensor (6), else with a K or more of it.
+
     `narrower`: by what the stated sds are too small; 1 for honest ones.
     """
-    sd = TYPICAL_SD * np.exp(0.3 * rng.standard_normal(9))
-    axes = np.linalg.qr(rng.standard_normal((9, 9)))[0]
-    shape = 0.6 * np.eye(9) + 0.4 * (axes * np.exp(rng.standard_normal(9))) @ axes.T
+    n = truth.size
+    prior_mean, prior_sd = PRIOR_MEAN[:n], PRIOR_SD[:n]
+    sd = TYPICAL_SD[:n] * np.exp(0.3 * rng.standard_normal(n))
+    axes = np.linalg.qr(rng.standard_normal((n, n)))[0]
+    shape = 0.6 * np.eye(n) + 0.4 * (axes * np.exp(rng.standard_normal(n))) @ axes.T
     covariance = shape * np.outer(sd, sd)
-    told = truth + narrower * np.linalg.cholesky(covariance) @ rng.standard_normal(9)
-    precision = np.linalg.inv(covariance) + np.diag(PRIOR_SD**-2.0)
+    told = truth + narrower * np.linalg.cholesky(covariance) @ rng.standard_normal(n)
+    precision = np.linalg.inv(covariance) + np.diag(prior_sd**-2.0)
     posterior = np.linalg.inv(precision)
-    mean = posterior @ (np.linalg.solve(covariance, told) + PRIOR_MEAN / PRIOR_SD**2)
-    return summary_of(name, mean, posterior, PRIOR_MEAN, PRIOR_SD)
+    mean = posterior @ (np.linalg.solve(covariance, told) + prior_mean / prior_sd**2)
+    return summary_of(name, mean, posterior, prior_mean, prior_sd)

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_inertia.physics.parameters import BASE_NAMES, BASE_UNITS
+from bayes_inertia.physics.parameters import base_names, base_units
 from bayes_inertia.report.formatting import exponent, unit_text
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
@@ -17,10 +17,9 @@ from bayes_inertia.series.history import OF_PART, History
 @style.styled
 def draw_history(history: History, told: float) -> Figure:
     """Each element of J and K against the campaigns: each campaign alone, and all together."""
-    figure = Figure(figsize=(style.WIDTH, 7.2), layout="constrained")
-    grid = figure.subplots(3, 3, sharex=True)
+    figure, panels = _panels(history.mean.shape[1], sharex=True)
     x = np.arange(len(history.campaigns))
-    for k, axes in enumerate(grid.ravel()):
+    for k, axes in enumerate(panels):
         center, power = _center_and_power(history.mean[:, k], history.alone_sd[:, k])
         size = 10.0**power
         mean, sd = (history.mean[:, k] - center) / size, history.sd[:, k] / size
@@ -38,10 +37,11 @@ def draw_history(history: History, told: float) -> Figure:
             elinewidth=0.8,
         )
         for jump in history.jumps:
-            if jump.probability > told and OF_PART[jump.part].start <= k < OF_PART[jump.part].stop:
+            if jump.probability > told and k in range(len(panels))[OF_PART[jump.part]]:
                 axes.axvline(jump.after + 0.5, color=style.VERMILLION, ls=(0, (4, 2)))
-        _labels(axes, k, center, power)
+        _labels(axes, k, len(panels), center, power)
         axes.set_xticks(x, history.campaigns, rotation=30, ha="right")
+        axes.tick_params(labelbottom=k + 3 >= len(panels))
     return figure
 
 
@@ -49,12 +49,11 @@ def draw_history(history: History, told: float) -> Figure:
 def draw_fleet(fleet: Fleet, alone: np.ndarray, alone_sd: np.ndarray) -> Figure:
     """Each element of J and K of each spacecraft: from its own campaigns, and with its sisters'.
 
-    `alone`, `alone_sd` (craft, 9).
+    `alone`, `alone_sd` (craft, n).
     """
-    figure = Figure(figsize=(style.WIDTH, 7.2), layout="constrained")
-    grid = figure.subplots(3, 3)
+    figure, panels = _panels(fleet.mean.size)
     x = np.arange(len(fleet.names))
-    for k, axes in enumerate(grid.ravel()):
+    for k, axes in enumerate(panels):
         order = np.argsort(fleet.craft_mean[:, k])
         center, power = _center_and_power(fleet.craft_mean[:, k], fleet.craft_sd[:, k])
         size = 10.0**power
@@ -77,10 +76,20 @@ def draw_fleet(fleet: Fleet, alone: np.ndarray, alone_sd: np.ndarray) -> Figure:
         low, high = axes.get_ylim()
         reach = 6.0 * max(spread, float(np.median(fleet.craft_sd[:, k])) / size)
         axes.set_ylim(max(low, mean - reach), min(high, mean + reach))
-        _labels(axes, k, center, power)
+        _labels(axes, k, len(panels), center, power)
         axes.set_xticks([])
         axes.set_xlabel("spacecraft, in order")
     return figure
+
+
+def _panels(n: int, *, sharex: bool = False) -> tuple[Figure, list[Axes]]:
+    """A figure with a panel for each of n parameters, three in a row."""
+    rows = -(-n // 3)
+    figure = Figure(figsize=(style.WIDTH, 2.4 * rows), layout="constrained")
+    panels = list(figure.subplots(rows, 3, sharex=sharex, squeeze=False).ravel())
+    for unused in panels[n:]:
+        unused.set_visible(False)
+    return figure, panels[:n]
 
 
 def _center_and_power(values: np.ndarray, sds: np.ndarray) -> tuple[float, int]:
@@ -89,8 +98,9 @@ def _center_and_power(values: np.ndarray, sds: np.ndarray) -> tuple[float, int]:
     return float(np.round(np.median(values), 1 - power)), power
 
 
-def _labels(axes: Axes, k: int, center: float, power: int) -> None:
+def _labels(axes: Axes, k: int, n: int, center: float, power: int) -> None:
     less = f" {'less' if center > 0.0 else 'plus'} {abs(center):.6g}" if center else ""
-    axes.set_title(f"{BASE_NAMES[k]}{less}")
-    if BASE_UNITS[k] or power:
-        axes.set_ylabel(unit_text(BASE_UNITS[k], power))
+    unit = base_units(n)[k]
+    axes.set_title(f"{base_names(n)[k]}{less}")
+    if unit or power:
+        axes.set_ylabel(unit_text(unit, power))
