@@ -168,7 +168,8 @@ def axes_mistake(axes: np.ndarray, mended: np.ndarray, rarity: int, words: str) 
     return _one_key("rate_sensor.axes", listed(axes), listed(mended), rarity, mend, words)
 
 
-def _orders(count: int) -> Iterator[list[int]]:
+def orders(count: int) -> Iterator[list[int]]:
+    """Other orders of columns: all, or of many columns those with two exchanged."""
     if count <= LIMITS.most_wheels_in_any_order:
         yield from (list(order) for order in list(permutations(range(count)))[1:])
         return
@@ -183,7 +184,7 @@ def _wheel_order(columns: Columns) -> Iterator[Mistake]:
         name, field = _NAMED[quantity]
         names = list(columns[quantity]["names"])
         key, words = f"columns.{quantity}.names", f"the columns of {name} stand in another order"
-        for order in _orders(len(names)):
+        for order in orders(len(names)):
             mend = reordered(field, np.eye(len(names))[order])
             yield _one_key(key, names, [names[k] for k in order], 2, mend, words)
 
@@ -198,7 +199,7 @@ def _wheel_axes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
     if len(wheels) > 1:
         words = "all wheel axes point the other way (or torque and momentum have the other sign)"
         yield _axes_of_wheels(campaign, -axes_B, words)
-    for order in _orders(len(wheels)):
+    for order in orders(len(wheels)):
         words = "wheels are exchanged: their axes belong to other columns"
         yield _axes_of_wheels(campaign, axes_B[:, order], words)
     if "wheel_torque" in columns and {"wheel_momentum", "wheel_speed"} & set(columns):
