@@ -8,13 +8,14 @@ alike.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations, permutations, product
 from typing import Any
 
 import numpy as np
 
+from bayes_inertia.campaign.body_rates import reference_of
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.schema import UNITS
 from bayes_inertia.conventions.limits import LIMITS
@@ -23,6 +24,8 @@ from bayes_inertia.conventions.reading import (
     Columns,
     KeyChange,
     Mistake,
+    Reading,
+    direction_sensors,
     reordered,
     scaled,
     turned,
@@ -50,6 +53,7 @@ def mistakes(campaign: Campaign, columns: Columns) -> list[Mistake]:
         *_shared_units(columns),
         *_inertia_mistakes(campaign),
         *_spin_inertias(campaign, columns),
+        *_direction_mistakes(campaign, columns),
     ]
     return sorted(every, key=lambda mistake: mistake.rarity)
 
@@ -264,3 +268,63 @@ def _spin_inertias(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
         )
         words = f"the wheels' spin inertia is in {unit}, not in kg m^2"
         yield Mistake(changes, 2, scaled(momentum=factor), words)
+
+
+def _direction_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
+    for d, (name, sensor) in enumerate(direction_sensors(campaign)):
+        if sensor.is_field:
+            yield from _field_units(campaign, columns, d)
+        entry = columns[f"sensors.{name}.direction"]
+        names, key = list(entry["names"]), f"{entry['path']}.names"
+        words = f"the columns of the {name} stand in another order"
+        for order in _OTHER_ORDERS:
+            mend = _read_by(d, np.eye(3)[list(order)])
+            yield _one_key(key, names, [names[k] for k in order], 2, mend, words)
+        for signs in list(product((1.0, -1.0), repeat=3))[1:]:
+            other = [_negated(n) if s < 0.0 else n for n, s in zip(names, signs, strict=True)]
+            flipped = [n for n, s in zip(names, signs, strict=True) if s < 0.0]
+            which = "all columns" if len(flipped) == 3 else " and ".join(flipped)
+            words = f"{which} of the {name} {'has' if len(flipped) == 1 else 'have'} the other sign"
+            rarity = 4 if len(flipped) == 2 else 3
+            yield _one_key(key, names, other, rarity, _read_by(d, np.diag(signs)), words)
+        if sensor.reference_N is not None:
+            stated = np.array(sensor.reference_N)
+            words = f"what the {name} looks at lies the other way"
+            key, mend = f"sensors.{name}.reference_N", _read_by(d, -np.eye(3))
+            yield _one_key(key, listed(stated), listed(-stated), 3, mend, words)
+
+
+def _negated(column: str) -> str:
+    """The name of a column with the other sign."""
+    return column[1:] if column.startswith("-") else f"-{column}"
+
+
+def _read_by(d: int, matrix: np.ndarray) -> Callable[[Reading], Reading]:
+    """A reading whose direction sensor `d` has another matrix (3, 3) before its own."""
+
+    def mend(reading: Reading) -> Reading:
+        directions = np.array(reading.directions)
+        directions[d] = directions[d] @ matrix
+        return replace(reading, directions=directions)
+
+    return mend
+
+
+def _field_units(campaign: Campaign, columns: Columns, d: int) -> Iterator[Mistake]:
+    """Units of a field as read and as looked at; that of the one which is no field of the Earth."""
+    name, sensor = direction_sensors(campaign)[d]
+    looked = [reference_of(name, sensor, slew)[1] for slew in campaign.slews]
+    size = float(np.median(np.linalg.norm(np.concatenate(looked), axis=1)))
+    possible = LIMITS.weakest_field < size < LIMITS.strongest_field
+    for key, what, sense, rarity in (
+        ("direction", "the field that the {} reads", 1.0, 1 if possible else 2),
+        ("reference", "the field that the {} looks at", -1.0, 2 if possible else 1),
+    ):
+        entry = columns[f"sensors.{name}.{key}"]
+        for unit, si in UNITS["magnetic_field"].items() if entry["unit"] else ():
+            factor = si / UNITS["magnetic_field"][entry["unit"]]
+            if abs(factor - 1.0) < 1e-9:
+                continue
+            words = f"{what.format(name)} is in {unit}, not in {entry['unit']}"
+            mend = _read_by(d, factor**sense * np.eye(3))
+            yield _one_key(f"{entry['path']}.unit", entry["unit"], unit, rarity, mend, words)

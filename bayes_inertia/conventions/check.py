@@ -17,14 +17,16 @@ from typing import Any, Literal
 
 import numpy as np
 
+from bayes_inertia.campaign.body_rates import reads_body_rates
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import Description
-from bayes_inertia.campaign.hardware import RateSensor, StarTracker
+from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.parsed_description import parse_description
 from bayes_inertia.campaign.reader import read_unmasked
 from bayes_inertia.campaign.schema import UNITS
 from bayes_inertia.campaign.sensors import BY_KEY, SensorStream
+from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.conventions import wording
 from bayes_inertia.conventions.candidates import mistakes
 from bayes_inertia.conventions.clocks import (
@@ -43,7 +45,14 @@ from bayes_inertia.conventions.doubts import (
     doubtful_places,
     factors,
 )
-from bayes_inertia.conventions.laws import DRIVE, Misfits, noise_ratios, worst
+from bayes_inertia.conventions.laws import (
+    DIRECTION,
+    DRIVE,
+    Misfits,
+    believed_noise,
+    noise_ratios,
+    worst,
+)
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import sampled
 from bayes_inertia.conventions.reading import (
@@ -64,6 +73,7 @@ from bayes_inertia.conventions.search import Judgement, Remedy, judged, misfit_o
 from bayes_inertia.conventions.wording import invisible
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import description_path, read_bytes, text_of
+from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.maths.values import json_ready
 
 
@@ -287,6 +297,7 @@ def refuse_impossible(campaign: Campaign | str | Path, told: Teller = untold) ->
     return check
 
 
+@on_one_blas_thread
 def _checked(case: _Case) -> ConventionsCheck:
     """The check of a campaign: by its first sensors, then by each further one in their place."""
     check = _of_first_sensors(case)
@@ -302,10 +313,11 @@ def _checked(case: _Case) -> ConventionsCheck:
             return replace(other, sentence=f"With the sensor {name}: {other.sentence}")
         check = check.doubting([d for d in other.doubts if d not in check.doubts])
     said = [
-        f"{name}: no law is held against it; the laws here are those of rate sensors and star "
-        "trackers"
+        f"{name}: no law is held against it; the laws here are those of rate sensors, star "
+        "trackers and direction sensors in slews of a turn or less"
         for name, hardware in case.campaign.more_sensors
         if type(hardware) not in _LIKE_THE_FIRST
+        and not (isinstance(hardware, DirectionSensor) and DIRECTION in check.misfits)
     ]
     return replace(check, cannot_show=(*check.cannot_show, *said))
 
@@ -359,7 +371,7 @@ def _in_keys_of_format_1(case: _Case) -> ConventionsCheck:
     """The same, whose changes alone have the keys of the campaign's own format."""
     campaign, written = case.campaign, case.written
     columns = stated_columns(campaign, case.description)
-    seen = campaign.with_body_rates
+    seen = _with_body_rates(campaign)
     # Numbers whose squares overflow break every law, infinitely.
     with np.errstate(over="ignore", invalid="ignore"):
         faults = faulty_columns(written, columns)
@@ -373,6 +385,18 @@ def _in_keys_of_format_1(case: _Case) -> ConventionsCheck:
         if misfits.smoothed:
             columns = {key: entry for key, entry in columns.items() if key != "rate"}
         return _held_against_laws(case, misfits, columns, faults)
+
+
+def _with_body_rates(campaign: Campaign) -> Campaign:
+    """The campaign with rates about three axes; its own, unless noise that shows drowns them."""
+    own = campaign.rate_sensor
+    if own is not None and len(own.axes) == 3:
+        # In a larger unit than stated a good sensor has less noise than is stated, and less motion.
+        believed = zip(believed_noise(campaign, RATE).tolist(), own.sigma, strict=True)
+        quiet = replace(own, sigma=tuple(seen or stated for seen, stated in believed))
+        if reads_body_rates(replace(campaign, rate_sensor=quiet)):
+            return campaign
+    return campaign.with_body_rates
 
 
 def _held_against_laws(

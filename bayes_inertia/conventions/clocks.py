@@ -14,16 +14,8 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.conventions.laws import (
-    CLOSURE,
-    CONSERVATION,
-    DRIVE,
-    LawData,
-    LinearFit,
-    Misfits,
-    fitted,
-    worst,
-)
+from bayes_inertia.conventions.law_data import LawData, LinearFit, fitted
+from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE, Misfits, worst
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import SampledSlews, sampled
 from bayes_inertia.conventions.reading import STREAMS, Columns, KeyChange, Mistake, Reading

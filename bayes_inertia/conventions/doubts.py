@@ -12,23 +12,32 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import axis_names
 from bayes_inertia.campaign.sensors import SensorStream, series_of
 from bayes_inertia.campaign.sensors.rate import RATE
+from bayes_inertia.conventions.law_data import LinearFit
 from bayes_inertia.conventions.laws import (
     CLOSURE,
     CONSERVATION,
+    DIRECTION,
     DRIVE,
-    LinearFit,
     Misfits,
     noise_ratios,
 )
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import angle_of, composed, turned_back, without_mean
-from bayes_inertia.conventions.reading import Columns, KeyChange, Mistake, Reading, turned
+from bayes_inertia.conventions.reading import (
+    Columns,
+    KeyChange,
+    Mistake,
+    Reading,
+    direction_sensors,
+    turned,
+)
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 
 LAWS_IN_WORDS: Mapping[str, str] = {
     CLOSURE: "the integrated rate against the star tracker",
+    DIRECTION: "the integrated rate against the direction sensors",
     CONSERVATION: "conservation of momentum",
     DRIVE: "the commanded torque against the tachometers",
 }
@@ -55,9 +64,11 @@ def _place(misfits: Misfits, law: str, fit: LinearFit) -> str:
         wheels = misfits.campaign.wheels
         slew = misfits.slews.names[row // len(wheels)]
         return f"{wheels[row % len(wheels)].name} of {slew} is off by {fit.misfit[row]:.2g} sd"
-    axis = "xyz"[int(np.argmax(fit.by_component[row]))]
-    slew = misfits.slews.names[row]
-    return f"{slew} is off by {fit.misfit[row]:.2g} sd, most about {axis}"
+    most, slew = int(np.argmax(fit.by_component[row])), misfits.slews.names[row]
+    if law == DIRECTION:
+        sensor = direction_sensors(misfits.campaign)[most // 3][0]
+        return f"{slew} is off by {fit.misfit[row]:.2g} sd, most the {sensor}"
+    return f"{slew} is off by {fit.misfit[row]:.2g} sd, most about {'xyz'[most]}"
 
 
 def _parameters(misfits: Misfits, law: str) -> list[str]:
@@ -67,8 +78,13 @@ def _parameters(misfits: Misfits, law: str) -> list[str]:
     wheels = [wheel.name for wheel in misfits.campaign.wheels]
     if law == DRIVE:
         return [f"a {w} of {wheel}" for w in ("gain", "friction") for wheel in wheels]
-    if law == CLOSURE:
-        return [*(f"K or misalignment {a} of the rate sensor" for a in axes), *bias]
+    if law in (CLOSURE, DIRECTION):
+        of_sensors = [
+            f"{what} of the {name}"
+            for name, _ in direction_sensors(misfits.campaign)
+            for what in (*(f"mounting or scale {a}" for a in axes), *(f"offset {a}" for a in "xyz"))
+        ]
+        return [*(f"K or misalignment {a} of the rate sensor" for a in axes), *bias, *of_sensors]
     scales = [f"K{k} of the rate sensor" for k in (1, 2, 3)]
     torques = [f"a torque about {a}" for a in "xyz"]
     # The last is one where something tells torques.

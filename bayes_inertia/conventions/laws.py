@@ -1,6 +1,7 @@
-"""Three laws that telemetry obeys whatever J and K are, and its misfits to them.
+"""Four laws that telemetry obeys whatever J and K are, and its misfits to them.
 
 Closure: the rate, integrated between star-tracker fixes, is the rotation between them.
+Direction: vectors seen, turned back by the integrated rate, are where they are said to be.
 Conservation: J w + G h, in axes that do not turn, is constant within a slew.
 Drive: the torque commands, integrated, are the momentum that the tachometers read.
 
@@ -20,6 +21,18 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors import SensorStream, series_of
 from bayes_inertia.campaign.sensors.rate import RATE
+from bayes_inertia.conventions.direction import direction
+from bayes_inertia.conventions.law_data import (
+    LawData,
+    LinearFit,
+    Told,
+    bias_sd_of,
+    crossed,
+    deviation,
+    integrated_noise,
+    norm_of,
+    uncertain_path,
+)
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import (
     Motion,
@@ -29,106 +42,14 @@ from bayes_inertia.conventions.motion import (
     motion_of,
     told_impulse,
     turned_back,
-    without_mean,
 )
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.faults.noise import smooth_noise
 
 
-@dataclass(frozen=True, eq=False)
-class LinearFit:
-    """Residuals of a linear fit."""
-
-    misfit: np.ndarray  # (S,): root mean square residual of each slew [its sigma]
-    # Distance of the parameters from their priors [sd], root mean square over three of them
-    departure: float
-    values: np.ndarray  # (P,): parameters, in prior standard deviations
-    sds: np.ndarray  # (P,): what is left of those standard deviations
-    # (S, D): root mean square residual of each component of each slew [its sigma]
-    by_component: np.ndarray
-
-    def with_factors(self, which: slice, sds: np.ndarray) -> LinearFit:
-        """The same fit, some of whose parameters are factors, judged by their logarithms.
-
-        A tensor a thousand times too small is as far from its prior as one a thousand times too
-        large. A factor that is not positive counts as one of a thousandth.
-
-        `which`: the parameters; 1 - sd times value is the factor that the data would have.
-        """
-        values = np.array(self.values)
-        values[which] = np.log(np.maximum(1.0 - sds * values[which], 1e-3)) / sds
-        departure = float(np.sqrt(np.sum(values**2) / 3.0))
-        return replace(self, departure=departure)
-
-    @property
-    def worst(self) -> float:
-        """The larger of the worst slew's misfit and the departure from the priors [sd]."""
-        largest = np.max(self.misfit, initial=self.departure)
-        return float("inf") if np.isnan(largest) else float(largest)
-
-
 def worst(fits: dict[str, LinearFit]) -> float:
     """The worst misfit of all laws."""
     return max((fit.worst for fit in fits.values()), default=0.0)
-
-
-def fitted(
-    data: np.ndarray,
-    regressors: np.ndarray,
-    free: np.ndarray,
-    sigma: np.ndarray,
-    mask: np.ndarray,
-) -> LinearFit:
-    """Fit data = regressors x + free c + error, with x from N(0, 1) and c free in every slew.
-
-    Shapes and units are those of `LawData`; outlying moments lose weight in one round.
-    """
-    count = np.maximum(mask.sum(axis=1, keepdims=True), 1)
-    weight = mask / np.sqrt(count)
-    fit, distance = _weighted(data, regressors, free, sigma, weight)
-    rows = zip(distance, mask, strict=True)
-    usual = np.array(
-        [np.quantile(d[m], LIMITS.far_moment_quantile) if m.any() else 1.0 for d, m in rows]
-    )
-    far = distance / np.maximum(LIMITS.far_moment * usual, 1e-3 * sigma)[:, None]
-    trust = 1.0 / (1.0 + far**2)
-    trust *= np.sqrt(count) / np.maximum(np.sqrt((trust**2 * mask).sum(1, keepdims=True)), 1e-9)
-    if trust.max(initial=0.0) > 1.1:
-        fit, _ = _weighted(data, regressors, free, sigma, weight * trust)
-    return fit
-
-
-def _weighted(
-    data: np.ndarray,
-    regressors: np.ndarray,
-    free: np.ndarray,
-    sigma: np.ndarray,
-    weight: np.ndarray,
-) -> tuple[LinearFit, np.ndarray]:
-    """The fit, and the distance (S, N) of each moment from it."""
-    slews, moments, width = data.shape
-    flat = (slews, moments * width, -1)
-    w = np.repeat(weight, width, axis=1)[..., None]
-    y = data.reshape(flat) * w
-    x = regressors.reshape(*flat[:2], regressors.shape[-1]) * w
-    if free.shape[-1]:
-        basis = np.linalg.qr(free.reshape(*flat[:2], free.shape[-1]) * w)[0]
-        turned = np.swapaxes(basis, 1, 2)
-        y = y - basis @ (turned @ y)
-        x = x - basis @ (turned @ x)
-    x, y = x / sigma[:, None, None], y / sigma[:, None, None]
-    # A slew tells at most one number a component, however often it is sampled.
-    normal = width * np.einsum("srp,srq->pq", x, x, optimize=True) + np.eye(x.shape[-1])
-    covariance = np.linalg.inv(normal)
-    values = covariance @ (width * np.einsum("srp,sro->p", x, y, optimize=True))
-    residual = (y - (x @ values)[..., None])[..., 0]
-    misfit = np.sqrt(np.einsum("sr,sr->s", residual, residual))
-    departure = float(np.sqrt(np.sum(values**2) / 3.0))
-    square = residual.reshape(data.shape) ** 2
-    norm = np.sqrt(square.sum(-1)) / np.maximum(weight, 1e-12)
-    sds = np.sqrt(np.diag(covariance))
-    fit = LinearFit(misfit, departure, values, sds, np.sqrt(square.sum(1)))
-    return fit, norm * sigma[:, None]
 
 
 def noise_ratios(campaign: Campaign, stream: SensorStream) -> np.ndarray:
@@ -162,47 +83,7 @@ def _stated(campaign: Campaign, stream: SensorStream) -> np.ndarray:
     return np.array([np.nan if s is None else s for s in stream.sigma(campaign)], dtype=float)
 
 
-CLOSURE, CONSERVATION, DRIVE = "closure", "conservation", "drive"
-
-
-@dataclass(frozen=True, eq=False)
-class Told:
-    """Telemetry in physical units, under a reading."""
-
-    campaign: Campaign  # Hardware and priors
-    slews: SampledSlews  # The telemetry
-    reading: Reading  # Conventions, stated or supposed
-    motion: Motion  # What the rates then tell of the motion
-    # Sd of the readings of "rate" (3,) and "momentum" (wheels,), in the units stated
-    noise: Mapping[str, np.ndarray]
-    # (3,): sd of the rate bias [rad/s] where it is supposed to be stale; None for the stated one
-    bias_sd: np.ndarray | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class LawData:
-    """One law as a linear problem: data = regressors x + free c + error."""
-
-    data: np.ndarray  # (S, N, D): what should vanish, or be constant
-    # (S, N, D, P): what a prior standard deviation of each uncertain parameter does to it
-    regressors: np.ndarray
-    free: np.ndarray  # (S, N, D, Q): what is free in every slew
-    sigma: np.ndarray  # (S,): what noise and undisclosed physics may leave
-    mask: np.ndarray  # (S, N) of bool: which moments count
-    # (S, N, D): what one second adds by which the second stream (attitude, wheels, commands) is
-    # early
-    early: np.ndarray
-    noise: float  # Sd of the norm of a moment's error that the sensors' stated noise makes
-    # Sd of the logarithms of the moments of inertia, which are regressors 0, 4 and 8; 0 for none
-    factors: float = 0.0
-    bias_from: int = -1  # Which regressor is the first of three of the rate bias; -1 for none
-
-    def fit(self) -> LinearFit:
-        """The fit of all that is uncertain."""
-        fit = fitted(self.data, self.regressors, self.free, self.sigma, self.mask)
-        if not self.factors:
-            return fit
-        return fit.with_factors(slice(0, 9, 4), np.full(3, self.factors))
+CLOSURE, DIRECTION, CONSERVATION, DRIVE = "closure", "direction", "conservation", "drive"
 
 
 def closure(told: Told) -> LawData | None:
@@ -222,47 +103,18 @@ def closure(told: Told) -> LawData | None:
     error = -angle_of(composed(turned_back(reference), start)) * fixes[..., None]
     seen = angle_of(composed(turned_back(_at(attitude, first)), attitude))
     integrated = angle_of(composed(turned_back(_at(path, first)), path))
-    size = np.maximum(_deviation(seen, fixes), _deviation(integrated, fixes))
+    size = np.maximum(deviation(seen, fixes), deviation(integrated, fixes))
     tracker = told.campaign.star_tracker
     noise = 0.0 if tracker is None else np.hypot(tracker.sigma_cross, tracker.sigma_roll)
-    scale_sd = np.maximum(LIMITS.scale_sd, told.campaign.gyro.scale_factor_sigma)
-    sds = np.where(np.eye(3, dtype=bool), scale_sd, LIMITS.misalignment_sd).ravel()
-    bias = _bias_sd(told)
-    regressors = np.concatenate([moving.by_scale * sds, moving.by_bias * bias], axis=-1)[some]
     free = np.broadcast_to(np.eye(3), (*error.shape, 3))
     turning = np.einsum("snij,snj->sni", moving.to_start[some], moving.rate_B[some])
     early = -turning * fixes[..., None]
-    sigma = _sigma(size, noise, _integrated_noise(told)[some])
-    return LawData(error, regressors, free, sigma, fixes, early, noise, bias_from=sds.size)
-
-
-def _integrated_noise(told: Told) -> np.ndarray:
-    """Angle (S,) that the noise of the rates adds up to over a slew [rad]."""
-    # As stated, whatever the reading: in a larger unit of rate or time all would drown in it.
-    slews, rate = told.slews, float(np.linalg.norm(told.noise["rate"]))
-    steps = {slew.name: float(np.median(slew.rate_steps)) for slew in told.campaign.slews}
-    step = np.array([steps[name] for name in slews.names])
-    return rate * np.sqrt(step * np.ptp(slews.time, axis=1))
+    sigma = _sigma(size, noise, integrated_noise(told)[some])
+    return LawData(error, uncertain_path(told)[some], free, sigma, fixes, early, noise, bias_from=9)
 
 
 def _at(quaternions: np.ndarray, first: np.ndarray) -> np.ndarray:
     return quaternions[np.arange(len(quaternions)), first][:, None]
-
-
-def _bias_sd(told: Told) -> np.ndarray:
-    """Sd of the rate bias (3,): what is stated, or more where it may be stale [rad/s]."""
-    if told.bias_sd is not None:
-        return told.bias_sd
-    valid = told.slews.valid
-    rms = np.sqrt(np.mean(np.sum(told.motion.rate_B[valid] ** 2, axis=-1)))
-    # A reading in a smaller unit must not drown in a bias that is stated in the larger one.
-    stated = np.minimum(told.campaign.gyro.bias_sigma, rms)
-    return np.maximum(stated, LIMITS.bias_share * rms)
-
-
-def _deviation(vectors: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Root mean square distance (S,) of vectors (S, N, D) from their mean, where mask is True."""
-    return _norm(without_mean(vectors, mask), mask)
 
 
 def _sigma(size: np.ndarray, noise: float, *more: np.ndarray) -> np.ndarray:
@@ -283,9 +135,9 @@ def conservation(told: Told) -> LawData | None:
     torques = told.reading.torques.by_slew
     given = told_impulse(slews, moving, torques)
     stored = np.einsum("snij,snj->sni", to_start, wheels_B) + given[2]
-    size = np.maximum(_deviation(body, valid), _deviation(stored, valid))
+    size = np.maximum(deviation(body, valid), deviation(stored, valid))
     if not told.campaign.wheels:
-        size = np.maximum(size, _norm(body, valid))
+        size = np.maximum(size, norm_of(body, valid))
     total = body + stored
     uncertain, doubt = _uncertain_momentum(told, total, size), np.zeros(len(total))
     if torques:
@@ -298,8 +150,8 @@ def conservation(told: Told) -> LawData | None:
         # Commands tell the wheels' momentum up to a constant in body axes.
         free = np.concatenate([free, to_start], axis=-1)
     noise = _momentum_noise(told)
-    angle = np.minimum(_norm(angle_of(moving.path), valid), 1.0)
-    frame = LIMITS.frame_share * angle * _norm(total, valid)
+    angle = np.minimum(norm_of(angle_of(moving.path), valid), 1.0)
+    frame = LIMITS.frame_share * angle * norm_of(total, valid)
     return LawData(
         total,
         uncertain,
@@ -322,14 +174,14 @@ def _uncertain_momentum(told: Told, total: np.ndarray, size: np.ndarray) -> np.n
     sds = np.where(np.eye(3, dtype=bool), moments[:, None], product)
     by_inertia = np.einsum("snia,snb->sniab", moving.to_start, moving.rate_B) * sds
     scales = np.maximum(LIMITS.frame_share, told.campaign.gyro.scale_factor_sigma)
-    by_scale = _crossed(moving.by_scale[..., [0, 4, 8]], total) * scales
-    by_bias = _crossed(moving.by_bias, total) + moving.to_start @ inertia
+    by_scale = crossed(moving.by_scale[..., [0, 4, 8]], total) * scales
+    by_bias = crossed(moving.by_bias, total) + moving.to_start @ inertia
     unseen = told.slews.momentum is None
     share = LIMITS.unseen_friction_share if unseen else LIMITS.torque_share
     torque = share * size / np.maximum(np.abs(moving.duration), 1e-12)
     by_torque = moving.by_bias * torque[:, None, None, None]
     elements = by_inertia.reshape(*by_inertia.shape[:3], 9)
-    return np.concatenate([elements, by_scale, by_bias * _bias_sd(told), by_torque], axis=-1)
+    return np.concatenate([elements, by_scale, by_bias * bias_sd_of(told), by_torque], axis=-1)
 
 
 def _slope(values: np.ndarray, told: Told) -> np.ndarray:
@@ -340,17 +192,6 @@ def _slope(values: np.ndarray, told: Told) -> np.ndarray:
     ends = np.concatenate([slopes[:, :1], slopes], axis=1)
     starts = np.concatenate([slopes, slopes[:, -1:]], axis=1)
     return 0.5 * (ends + starts)
-
-
-def _norm(vectors: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Root mean square length (S,) of vectors (S, N, D) where mask is True."""
-    count = np.maximum(mask.sum(axis=1), 1)
-    return np.sqrt(((vectors * mask[..., None]) ** 2).sum(axis=(1, 2)) / count)
-
-
-def _crossed(angles: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Changes of vectors (S, N, 3) by small rotations (S, N, 3, P)."""
-    return np.cross(angles, vectors[..., None], axis=2)
 
 
 def wheel_momentum_B(told: Told) -> np.ndarray | None:
@@ -385,7 +226,7 @@ def drive(told: Told) -> LawData | None:
     count, _, wheels = h.shape
     seen, commanded = _each_wheel(h), _each_wheel(impulse)
     valid = np.repeat(slews.valid, wheels, axis=0)
-    size = np.maximum(_deviation(seen, valid), _deviation(commanded, valid))
+    size = np.maximum(deviation(seen, valid), deviation(commanded, valid))
     since = slews.time - slews.time[:, :1]
     share = np.repeat(since / np.maximum(since[:, -1:], 1e-12), wheels, axis=0)[..., None]
     which = np.tile(np.eye(wheels), (count, 1))[:, None, None, :]
@@ -413,6 +254,7 @@ def _each_wheel(values: np.ndarray) -> np.ndarray:
 
 LAWS: Mapping[str, Callable[[Told], LawData | None]] = {
     CLOSURE: closure,
+    DIRECTION: direction,
     CONSERVATION: conservation,
     DRIVE: drive,
 }
@@ -421,7 +263,7 @@ LAWS: Mapping[str, Callable[[Told], LawData | None]] = {
 
 @dataclass(frozen=True, eq=False)
 class Misfits:
-    """The three laws, for a campaign at some sixty moments a slew; results are kept."""
+    """The laws, for a campaign at some sixty moments a slew; results are kept."""
 
     campaign: Campaign  # Hardware and priors
     slews: SampledSlews  # Its telemetry
@@ -442,7 +284,7 @@ class Misfits:
         """Whether a reading brings every law below a limit [sd]; the cheap laws are asked first."""
         return all(
             fit is None or fit.worst < limit
-            for fit in (self.fit(law, reading) for law in (DRIVE, CLOSURE, CONSERVATION))
+            for fit in (self.fit(law, reading) for law in (DRIVE, CLOSURE, DIRECTION, CONSERVATION))
         )
 
     def motion(self, reading: Reading) -> Motion:
@@ -481,6 +323,7 @@ class Misfits:
         """Which fields of a reading, besides time, a law depends on."""
         parts: dict[str, tuple[str, ...]] = {
             CLOSURE: ("rate", "bias_B", "attitude"),
+            DIRECTION: ("rate", "bias_B", "attitude", "directions"),
             CONSERVATION: ("rate", "bias_B", "axes_B", "inertia", "torques", self.wheel_channel),
             DRIVE: ("torque", "momentum"),
         }

@@ -39,6 +39,21 @@ class Limits:
     bias_share: float = 0.02
     # Sd of a wheel's torque gain: three times the library's.
     gain_sd: float = 0.10
+    # Share of a vector, one sd, by which albedo, currents and glints may turn or change it beside
+    # what is fitted: three degrees. A wrong sign or order leaves the whole vector and more.
+    vector_share: float = 0.05
+    # Sds of a magnetometer's scale factors and offset (as a share of the field), at least: an
+    # uncalibrated one in a cubesat is off by a tenth, and by a quarter of the field. A wrong unit
+    # is a factor of ten or more, nine sds.
+    field_scale_sd: float = 0.10
+    field_offset_share: float = 0.30
+    # Turn since a slew's first moment [rad] up to which vectors are turned back: `SCALE_SD` leaves
+    # 0.3 rad of it open, as much as a linear law bears.
+    known_turn: float = 6.0
+    # Sizes between which the Earth's field lies where spacecraft fly [T]: a third of that in a
+    # geostationary orbit, and three times that at the poles. Outside it is the unit that is wrong.
+    weakest_field: float = 3e-8
+    strongest_field: float = 2e-4
     # Misfit [sd] above which stated conventions are impossible. 30 % of a slew's motion stays
     # unexplained after J, K, misalignment, bias and torques have had their say. A flipped sign
     # leaves 20 sds, a swapped pair 14, a wrong unit 10.

@@ -16,11 +16,12 @@ from typing import Any
 
 import numpy as np
 
+from bayes_inertia.campaign.body_rates import reference_of
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.inputs import held_integral
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.reading import Reading, ToldTorque
+from bayes_inertia.conventions.reading import Reading, ToldTorque, direction_sensors
 from bayes_inertia.faults.outliers import without_outliers
 from bayes_inertia.maths.quaternion_product import product_components
 
@@ -73,6 +74,18 @@ def matrix_to_start(q: np.ndarray) -> np.ndarray:
     return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
+def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
+    """The rotations nearest to matrices (..., 3, 3).
+
+    >>> nearest_rotation(np.diag([3.0, 2.0, -1.0])).tolist()
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    """
+    left, _, right = np.linalg.svd(matrix)
+    sense = np.ones(left.shape[:-1])
+    sense[..., 2] = np.linalg.det(left @ right)
+    return left * sense[..., None, :] @ right
+
+
 def accumulated(steps: np.ndarray) -> np.ndarray:
     """Products steps[0] * ... * steps[k] of quaternions (..., n, 4), in log2(n) rounds."""
     product, reach = np.array(steps), 1
@@ -97,6 +110,10 @@ class SampledSlews:
     # (S, N, wheels): integral of the torque commands since the first moment [N m s]
     impulse: np.ndarray | None
     attitude: np.ndarray  # (S, N, 4): star-tracker quaternions, NaN where there is no fix
+    # (S, N, sensors, 3): what each direction sensor reads, as stated; NaN where it sees nothing
+    vectors_B: np.ndarray
+    # (S, N, sensors, 3): what it looks at, along inertial axes; of length one where it is no field
+    vectors_N: np.ndarray
 
     @property
     def fixes(self) -> np.ndarray:
@@ -119,8 +136,7 @@ def sampled(campaign: Campaign, shifts: Mapping[str, float] | None = None) -> Sa
         return None
     count = max(len(piece["time"]) for piece in pieces)
     padded: dict[str, Any] = {
-        key: _stacked([piece[key] for piece in pieces], count)
-        for key in ("time", "rate", "turn", "momentum", "impulse", "attitude")
+        key: _stacked([piece[key] for piece in pieces], count) for key in pieces[0] if key != "name"
     }
     valid = np.array([np.arange(count) < len(piece["time"]) for piece in pieces])
     names = tuple(piece["name"] for piece in pieces)
@@ -153,7 +169,7 @@ def _pieces(campaign: Campaign, slew: Slew, shifts: Mapping[str, float]) -> list
     for channel in [*every, *_commands(slew, shifts)]:
         spans = [part for span in spans for part in channel.without_gaps(*span)]
     return [
-        _piece(slew, channels, wheels, (begin, end), shifts)
+        _piece(campaign, slew, channels, wheels, (begin, end), shifts)
         for begin, end in spans
         if end - begin > LIMITS.short_piece * slew.duration
         and min(c.count(begin, end) for c in every) >= LIMITS.rows_of_piece
@@ -170,6 +186,7 @@ def _commands(slew: Slew, shifts: Mapping[str, float]) -> list[_Channel]:
 
 
 def _piece(
+    campaign: Campaign,
     slew: Slew,
     rates: list[_Channel],
     wheels: list[_Channel] | None,
@@ -186,6 +203,7 @@ def _piece(
     attitude = np.full((len(moments), 4), np.nan)
     if len(fixes):
         attitude[np.searchsorted(moments, time[fixes])] = np.asarray(slew.attitude)[fixes]
+    vectors_B, vectors_N = _vectors(campaign, slew, moments)
     turn = np.stack([rate.integral(moments) for rate in rates], axis=1)
     return {
         "name": slew.name,
@@ -195,7 +213,31 @@ def _piece(
         "momentum": None if wheels is None else np.stack([w.at(moments) for w in wheels], axis=1),
         "impulse": _impulse(slew, moments - shifts.get("wheel_torque", 0.0)),
         "attitude": attitude,
+        "vectors_B": vectors_B,
+        "vectors_N": vectors_N,
     }
+
+
+def _vectors(campaign: Campaign, slew: Slew, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What direction sensors read and look at, (n, sensors, 3) each."""
+    sensors = direction_sensors(campaign)
+    read = np.full((len(moments), len(sensors), 3), np.nan)
+    there = np.zeros(read.shape)
+    for k, (name, sensor) in enumerate(sensors):
+        values = (slew.more or {}).get(name)
+        rows = np.zeros(0, dtype=int)
+        if values is not None:
+            rows = np.flatnonzero(np.isfinite(values).all(axis=1))
+        if values is None or len(rows) < 2:
+            continue
+        columns = [_Channel(slew.time[rows], column) for column in values[rows].T]
+        time, reference_N = reference_of(name, sensor, slew)
+        for i, column in enumerate(columns):
+            there[:, k, i] = np.interp(moments - slew.time[0], time, reference_N[:, i])
+            for begin, end in column.without_gaps(column.time[0], column.time[-1]):
+                near = (moments >= begin) & (moments <= end)
+                read[near, k, i] = column.at(moments[near])
+    return read, there
 
 
 def _impulse(slew: Slew, moments: np.ndarray) -> np.ndarray | None:

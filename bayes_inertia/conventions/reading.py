@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.description import Description, Entry
+from bayes_inertia.campaign.description import FIELDS, Description, Entry
+from bayes_inertia.campaign.hardware import DirectionSensor
 
 Columns = Mapping[str, Mapping[str, Any]]
 """What `[columns]` of campaign.toml states, by its entries."""
@@ -40,6 +41,11 @@ STREAMS: Mapping[str, Stream] = {
     "wheel_speed": Stream("wheel_momentum", "momentum", "the wheel speed", "tachometer readings"),
 }
 """Streams that the laws are held against, by their entry of `[columns]`."""
+
+
+def direction_sensors(campaign: Campaign) -> list[tuple[str, DirectionSensor]]:
+    """The direction sensors of a campaign, by their names."""
+    return [(n, s) for n, s in campaign.more_sensors if isinstance(s, DirectionSensor)]
 
 
 def readings_of(campaign: Campaign, channel: str) -> list[np.ndarray]:
@@ -102,6 +108,9 @@ class Reading:
     momentum: np.ndarray
     axes_B: np.ndarray  # (3, wheels): spin axes of the wheels, as columns
     inertia: np.ndarray  # (3, 3): inertia with locked wheels [kg m^2]
+    directions: (
+        np.ndarray
+    )  # (sensors, 3, 3): from the columns of each direction sensor to its vector
     bias_B: np.ndarray  # (3,): what the rate still shows of a body at rest, along body axes [rad/s]
     torques: ToldTorques  # on the body, by what is not a wheel
 
@@ -120,6 +129,7 @@ def stated_reading(campaign: Campaign, torques: ToldTorques | None = None) -> Re
         momentum=same,
         axes_B=axes_B,
         inertia=prior.tensor + (0.0 if prior.includes_wheel_spin else 1.0) * spin,
+        directions=np.tile(np.eye(3), (len(direction_sensors(campaign)), 1, 1)),
         bias_B=np.linalg.inv(sensor.axes) @ np.asarray(sensor.bias),
         torques=torques or ToldTorques(campaign),
     )
@@ -204,7 +214,11 @@ def stated_columns(
         for entry in _first(description):
             if not entry.wheels or len(entry.wheels) == len(campaign.wheels):
                 stated[entry.key] = entry.columns.model_dump()
-        return {"time": description.time.model_dump(), **stated}
+        return {
+            "time": description.time.model_dump(),
+            **stated,
+            **_direction_columns(campaign, description),
+        }
     axes = len(campaign.rate_sensor.axes) if campaign.rate_sensor else 0
     columns: dict[str, Mapping[str, Any]] = {"time": _IN_MEMORY["time"]}
     columns["rate"] = _rates_in_memory(axes)
@@ -212,6 +226,28 @@ def stated_columns(
         if any(getattr(slew, key) is not None for slew in campaign.slews):
             names = [f"{key}.{wheel.name}" for wheel in campaign.wheels]
             columns[key] = {"names": names, **_IN_MEMORY[key]}
+    return columns | _direction_columns(campaign, None)
+
+
+def _direction_columns(
+    campaign: Campaign, description: Description | None
+) -> dict[str, Mapping[str, Any]]:
+    """Columns of each direction sensor and its reference, by keys of format 2.
+
+    `path` is the key under which the file has them.
+    """
+    entries = () if description is None else description.entries
+    columns: dict[str, Mapping[str, Any]] = {}
+    for name, sensor in direction_sensors(campaign):
+        in_memory = {"names": ["x", "y", "z"], "unit": sensor.unit or None}
+        for key, fields in (
+            ("direction", (f"more.{name}",)),
+            ("reference", (f"inputs.{name}", FIELDS["magnetic_field"])),
+        ):
+            of_file = [e for field in fields for e in entries if e.field == field]
+            path = of_file[0].path if of_file else f"sensors.{name}.{key}"
+            written = of_file[0].columns.model_dump() if of_file else in_memory
+            columns[f"sensors.{name}.{key}"] = {**written, "path": path}
     return columns
 
 

@@ -11,7 +11,8 @@ A stated rate bias that is stale: the bias that telemetry itself tells, under an
 
 The bias is linear in every law (`laws`), but a stale one turns the integrated rate by more than a
 linear law bears. So it is estimated, taken off the readings, and estimated again (Gauss-Newton),
-first from closure, then, with what closure leaves of its sd, from conservation of momentum.
+first from closure and directions, then, with what these leave of its sd, from conservation of
+momentum.
 """
 
 from __future__ import annotations
@@ -23,8 +24,15 @@ import numpy as np
 
 from bayes_inertia.conventions import laws
 from bayes_inertia.conventions.candidates import axes_mistake
+from bayes_inertia.conventions.law_data import LinearFit
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.motion import angle_of, composed, turned_back, without_mean
+from bayes_inertia.conventions.motion import (
+    angle_of,
+    composed,
+    nearest_rotation,
+    turned_back,
+    without_mean,
+)
 from bayes_inertia.conventions.reading import Mistake, Reading, both
 
 
@@ -157,7 +165,7 @@ def _pairs(misfits: laws.Misfits, stated: Reading, singles: Sequence[Mistake]) -
     return list(pairs.values())
 
 
-def _broken(fits: dict[str, laws.LinearFit]) -> frozenset[str]:
+def _broken(fits: dict[str, LinearFit]) -> frozenset[str]:
     return frozenset(law for law, fit in fits.items() if fit.worst > LIMITS.ordinary)
 
 
@@ -180,7 +188,7 @@ def _scales(mistake: Mistake) -> bool:
     ) or any(c.key.endswith((".spin_inertia", "inertia.tensor")) for c in mistake.changes)
 
 
-def misfit_of(fits: dict[str, laws.LinearFit]) -> dict[str, float]:
+def misfit_of(fits: dict[str, LinearFit]) -> dict[str, float]:
     """The misfit of each law [sd]."""
     return {law: float(np.round(fit.worst, 3)) for law, fit in fits.items()}
 
@@ -217,12 +225,6 @@ def turned_beside_bias(misfits: laws.Misfits, reading: Reading) -> list[Mistake]
 def _whole(rotation: np.ndarray) -> bool:
     """Whether a rotation is a signed permutation but for a misalignment; those are tried anyway."""
     return bool(np.abs(rotation - np.round(rotation)).max() < LIMITS.misaligned_axes)
-
-
-def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
-    """The rotation nearest to a matrix (3, 3)."""
-    left, _, right = np.linalg.svd(matrix)
-    return left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
 
 
 def _from_fixes(misfits: laws.Misfits, reading: Reading) -> np.ndarray | None:
@@ -283,7 +285,7 @@ def with_own_bias(misfits: laws.Misfits, reading: Reading) -> Reading:
     rate_B = misfits.motion(reading).rate_B[misfits.slews.valid]
     rms = float(np.sqrt(np.mean(np.sum(rate_B**2, axis=-1))))
     told: _Told = (reading.bias_B, np.full(3, LIMITS.stale_share * rms))
-    for law in (laws.CLOSURE, laws.CONSERVATION):
+    for law in (laws.CLOSURE, laws.DIRECTION, laws.CONSERVATION):
         more = _kept(misfits, law, reading, told)
         if more is None:
             return reading

@@ -9,7 +9,14 @@ from typing import Any
 
 from bayes_inertia.conventions.clocks import fixes_in_motion
 from bayes_inertia.conventions.doubts import LAWS_IN_WORDS
-from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE, Misfits, worst
+from bayes_inertia.conventions.laws import (
+    CLOSURE,
+    CONSERVATION,
+    DIRECTION,
+    DRIVE,
+    Misfits,
+    worst,
+)
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.reading import Mistake, Reading
 from bayes_inertia.conventions.search import Remedy
@@ -79,7 +86,7 @@ def _by_nature(misfits: Misfits) -> list[str]:
 def _without_telemetry(misfits: Misfits, laws: set[str]) -> list[str]:
     """Conventions that are invisible because telemetry is missing."""
     said = []
-    if CLOSURE not in laws:
+    if not laws & {CLOSURE, DIRECTION}:
         said.append("no two star-tracker fixes in a slew: nothing checks the rates' closure")
     if CONSERVATION not in laws:
         said.append("neither wheel momentum nor commands: nothing checks the rates against torques")

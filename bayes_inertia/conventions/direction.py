@@ -1,0 +1,147 @@
+"""Law of direction sensors: what they see, turned back by the integrated rate, is where it is said.
+
+In the axes of a slew's first moment a vector that a Sun sensor, magnetometer or horizon sensor sees
+is R0 times the inertial vector that it looks at, with one rotation R0 for the whole slew and all
+sensors. R0 is that of the star tracker's fixes; where there are none it is the one that brings all
+vectors of the slew together (Wahba).
+
+A direction counts as unit vector, a field as share of its size, be it the one read or the one
+looked at.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayes_inertia.conventions.law_data import (
+    LawData,
+    Told,
+    deviation,
+    integrated_noise,
+    uncertain_path,
+)
+from bayes_inertia.conventions.limits import LIMITS
+from bayes_inertia.conventions.motion import (
+    SampledSlews,
+    composed,
+    matrix_to_start,
+    nearest_rotation,
+    turned_back,
+)
+from bayes_inertia.conventions.reading import direction_sensors
+
+
+def direction(told: Told) -> LawData | None:
+    """Vectors seen against vectors looked at, each component in sds."""
+    known = _known(told.slews)
+    if not known.any():
+        return None
+    to_start, fixes = told.motion.to_start, told.slews.fixes
+    seen_B, there_N, sizes = _in_one_size(told, known)
+    seen = np.einsum("snij,sndj->sndi", to_start, seen_B)
+    there = np.einsum("sij,sndj->sndi", _first_rotation(told, seen, there_N), there_N)
+    expected_B = np.einsum("snji,sndj->sndi", to_start, there)
+    # Each sensor counts by the moments at which it sees, however few they are.
+    counts = np.maximum(known.sum(axis=1), 1)
+    share = np.sqrt(known.any(axis=2).sum(axis=1)[:, None] / counts)
+    share = known * (share / _sd(told, known, seen_B, expected_B, sizes))[:, None]
+
+    def flat(values: np.ndarray) -> np.ndarray:
+        """(S, N, sensors, 3, P) in sds, as (S, N, 3 sensors, P)."""
+        values = values * share[..., None, None]
+        return values.reshape(*known.shape[:2], -1, values.shape[-1])
+
+    path = uncertain_path(told)
+    if fixes.any():
+        # The rotations of the fixes tell R0, errors of the path up to them included.
+        weight = fixes / np.maximum(fixes.sum(axis=1, keepdims=True), 1)
+        path = path - np.einsum("sn,snip->sip", weight, path)[:, None]
+    turns = np.concatenate([path, np.broadcast_to(np.eye(3), (*path.shape[:3], 3))], axis=-1)
+    turned = flat(np.cross(turns[:, :, None], there[..., None], axis=3))
+    data = flat((seen - there)[..., None])[..., 0]
+    return LawData(
+        data,
+        np.concatenate([turned[..., :-3], flat(_own_errors(told, to_start, seen_B, sizes))], -1),
+        turned[..., -3:] * ~fixes.any(axis=1)[:, None, None, None],
+        np.ones(len(data)),
+        known.any(axis=2),
+        early=np.zeros(data.shape),
+        noise=1.0,
+        bias_from=9,
+    )
+
+
+def _known(slews: SampledSlews) -> np.ndarray:
+    """Which moments (S, N, sensors) count: scale factors and bias leave the turn known so far.
+
+    Where the rates are in another unit than stated, the vectors tell that the turn is small.
+    """
+    length = np.linalg.norm(slews.vectors_B, axis=-1)
+    known = (length > 0.0) & slews.valid[..., None]
+    units = slews.vectors_B / np.where(known, length, 1.0)[..., None]
+    steps = np.nan_to_num(np.linalg.norm(np.diff(units, axis=1), axis=-1))
+    steps = steps * (steps > LIMITS.vector_share)
+    by_vectors = np.cumsum(steps, axis=1).max(axis=2, initial=0.0)
+    by_rates = np.cumsum(np.linalg.norm(np.diff(slews.turn, axis=1), axis=-1), axis=1)
+    known[:, 1:] &= (np.minimum(by_rates, by_vectors) < LIMITS.known_turn)[..., None]
+    enough = known.any(axis=2).sum(axis=1) >= LIMITS.rows_of_piece
+    return known & enough[:, None, None]
+
+
+def _in_one_size(told: Told, known: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Vectors seen and looked at (S, N, sensors, 3), zero where unknown, and their sizes."""
+    there_N = np.where(known[..., None], told.slews.vectors_N, 0.0)
+    seen_B = np.where(known[..., None], told.slews.vectors_B, 0.0)
+    seen_B = np.einsum("dij,sndj->sndi", told.reading.directions, seen_B)
+    sizes = np.ones(known.shape[2])
+    for d, (_, sensor) in enumerate(direction_sensors(told.campaign)):
+        lengths = np.linalg.norm(seen_B[:, :, d], axis=-1)
+        if not sensor.is_field:
+            seen_B[:, :, d] /= np.where(known[..., d], lengths, 1.0)[..., None]
+        elif known[..., d].any():
+            both = (lengths, np.linalg.norm(there_N[:, :, d], axis=-1))
+            sizes[d] = max(np.median(length[known[..., d]]) for length in both)
+    return seen_B / sizes[:, None], there_N / sizes[:, None], sizes
+
+
+def _first_rotation(told: Told, seen: np.ndarray, there_N: np.ndarray) -> np.ndarray:
+    """R0 (S, 3, 3): from inertial axes to those of each slew's first moment."""
+    fixes = told.slews.fixes
+    attitude = np.where(fixes[..., None], told.slews.seen(told.reading), [0.0, 0.0, 0.0, 1.0])
+    starts = matrix_to_start(composed(attitude, turned_back(told.motion.path)))
+    by_fixes = np.einsum("sn,snij->sji", fixes, starts)
+    by_vectors = np.einsum("sndi,sndj->sij", seen, there_N)
+    return nearest_rotation(np.where(fixes.any(axis=1)[:, None, None], by_fixes, by_vectors))
+
+
+def _sd(
+    told: Told, known: np.ndarray, seen_B: np.ndarray, expected_B: np.ndarray, sizes: np.ndarray
+) -> np.ndarray:
+    """What noise and undisclosed physics leave of each sensor's vectors (S, sensors)."""
+    square = integrated_noise(told)[:, None] ** 2 + np.full(sizes.shape, LIMITS.vector_share**2)
+    for d, (name, _) in enumerate(direction_sensors(told.campaign)):
+        both = (deviation(vectors[:, :, d], known[..., d]) for vectors in (seen_B, expected_B))
+        noise = told.reading.directions[d] @ np.diag(told.noise[name]) / sizes[d]
+        square[:, d] += (LIMITS.physical_share * np.maximum(*both)) ** 2 + np.sum(noise**2)
+    return np.sqrt(square)
+
+
+def _own_errors(
+    told: Told, to_start: np.ndarray, seen_B: np.ndarray, sizes: np.ndarray
+) -> np.ndarray:
+    """Changes (S, N, sensors, 3, 12 sensors) by each sensor's mounting, scale and offset."""
+    sds, same = np.zeros((len(sizes), 12)), np.eye(3, dtype=bool)
+    for d, (_, sensor) in enumerate(direction_sensors(told.campaign)):
+        mounting, scale, offset = (max(LIMITS.misalignment_sd, sensor.mounting_sigma or 0.0),) * 3
+        if sensor.is_field:
+            mounting = np.hypot(mounting, sensor.soft_iron_sigma)
+            scale = max(LIMITS.field_scale_sd, sensor.scale_sigma)
+            offset = max(LIMITS.field_offset_share, min(1.0, sensor.offset_sigma / sizes[d]))
+        sds[d, :9] = np.where(same, scale, mounting).ravel()
+        sds[d, 9:] = offset
+    by_matrix = np.einsum("snia,sndb->sndiab", to_start, seen_B)
+    by_matrix = by_matrix.reshape(*seen_B.shape, 9)
+    by_offset = np.broadcast_to(to_start[:, :, None], (*seen_B.shape, 3))
+    errors = np.concatenate([by_matrix, by_offset], axis=-1) * sds[:, None]
+    errors = np.einsum("sndip,de->sndiep", errors, np.eye(len(sizes)))
+    return errors.reshape(*seen_B.shape, -1)

@@ -1,0 +1,195 @@
+"""What a law is given, and what it leaves: a linear problem whose misfit is judged.
+
+Misfits are in standard deviations of what noise and undisclosed physics may leave (`limits`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.conventions.limits import LIMITS
+from bayes_inertia.conventions.motion import Motion, SampledSlews, without_mean
+from bayes_inertia.conventions.reading import Reading
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFit:
+    """Residuals of a linear fit."""
+
+    misfit: np.ndarray  # (S,): root mean square residual of each slew [its sigma]
+    # Distance of the parameters from their priors [sd], root mean square over three of them
+    departure: float
+    values: np.ndarray  # (P,): parameters, in prior standard deviations
+    sds: np.ndarray  # (P,): what is left of those standard deviations
+    # (S, D): root mean square residual of each component of each slew [its sigma]
+    by_component: np.ndarray
+
+    def with_factors(self, which: slice, sds: np.ndarray) -> LinearFit:
+        """The same fit, some of whose parameters are factors, judged by their logarithms.
+
+        A tensor a thousand times too small is as far from its prior as one a thousand times too
+        large. A factor that is not positive counts as one of a thousandth.
+
+        `which`: the parameters; 1 - sd times value is the factor that the data would have.
+        """
+        values = np.array(self.values)
+        values[which] = np.log(np.maximum(1.0 - sds * values[which], 1e-3)) / sds
+        departure = float(np.sqrt(np.sum(values**2) / 3.0))
+        return replace(self, departure=departure)
+
+    @property
+    def worst(self) -> float:
+        """The larger of the worst slew's misfit and the departure from the priors [sd]."""
+        largest = np.max(self.misfit, initial=self.departure)
+        return float("inf") if np.isnan(largest) else float(largest)
+
+
+def fitted(
+    data: np.ndarray,
+    regressors: np.ndarray,
+    free: np.ndarray,
+    sigma: np.ndarray,
+    mask: np.ndarray,
+) -> LinearFit:
+    """Fit data = regressors x + free c + error, with x from N(0, 1) and c free in every slew.
+
+    Shapes and units are those of `LawData`; outlying moments lose weight in one round.
+    """
+    count = np.maximum(mask.sum(axis=1, keepdims=True), 1)
+    weight = mask / np.sqrt(count)
+    fit, distance = _weighted(data, regressors, free, sigma, weight)
+    rows = zip(distance, mask, strict=True)
+    usual = np.array(
+        [np.quantile(d[m], LIMITS.far_moment_quantile) if m.any() else 1.0 for d, m in rows]
+    )
+    far = distance / np.maximum(LIMITS.far_moment * usual, 1e-3 * sigma)[:, None]
+    trust = 1.0 / (1.0 + far**2)
+    trust *= np.sqrt(count) / np.maximum(np.sqrt((trust**2 * mask).sum(1, keepdims=True)), 1e-9)
+    if trust.max(initial=0.0) > 1.1:
+        fit, _ = _weighted(data, regressors, free, sigma, weight * trust)
+    return fit
+
+
+def _weighted(
+    data: np.ndarray,
+    regressors: np.ndarray,
+    free: np.ndarray,
+    sigma: np.ndarray,
+    weight: np.ndarray,
+) -> tuple[LinearFit, np.ndarray]:
+    """The fit, and the distance (S, N) of each moment from it."""
+    slews, moments, width = data.shape
+    flat = (slews, moments * width, -1)
+    w = np.repeat(weight, width, axis=1)[..., None]
+    y = data.reshape(flat) * w
+    x = regressors.reshape(*flat[:2], regressors.shape[-1]) * w
+    if free.shape[-1]:
+        basis, sizes = np.linalg.qr(free.reshape(*flat[:2], free.shape[-1]) * w)
+        # One direction that does not move leaves the turn about itself untold.
+        sizes = np.abs(np.diagonal(sizes, axis1=1, axis2=2))
+        basis = basis * (sizes > 1e-9 * sizes.max(axis=1, keepdims=True))[:, None]
+        turned = np.swapaxes(basis, 1, 2)
+        y = y - basis @ (turned @ y)
+        x = x - basis @ (turned @ x)
+    x, y = x / sigma[:, None, None], y / sigma[:, None, None]
+    # A slew tells at most one number a component, however often it is sampled.
+    every = x.reshape(-1, x.shape[-1])
+    normal = width * every.T @ every + np.eye(x.shape[-1])
+    covariance = np.linalg.inv(normal)
+    values = covariance @ (width * every.T @ y.ravel())
+    residual = (y - (x @ values)[..., None])[..., 0]
+    misfit = np.sqrt(np.einsum("sr,sr->s", residual, residual))
+    departure = float(np.sqrt(np.sum(values**2) / 3.0))
+    square = residual.reshape(data.shape) ** 2
+    norm = np.sqrt(square.sum(-1)) / np.maximum(weight, 1e-12)
+    sds = np.sqrt(np.diag(covariance))
+    fit = LinearFit(misfit, departure, values, sds, np.sqrt(square.sum(1)))
+    return fit, norm * sigma[:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """Telemetry in physical units, under a reading."""
+
+    campaign: Campaign  # Hardware and priors
+    slews: SampledSlews  # The telemetry
+    reading: Reading  # Conventions, stated or supposed
+    motion: Motion  # What the rates then tell of the motion
+    # Sd of the readings of "rate" (3,) and "momentum" (wheels,), in the units stated
+    noise: Mapping[str, np.ndarray]
+    # (3,): sd of the rate bias [rad/s] where it is supposed to be stale; None for the stated one
+    bias_sd: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LawData:
+    """One law as a linear problem: data = regressors x + free c + error."""
+
+    data: np.ndarray  # (S, N, D): what should vanish, or be constant
+    # (S, N, D, P): what a prior standard deviation of each uncertain parameter does to it
+    regressors: np.ndarray
+    free: np.ndarray  # (S, N, D, Q): what is free in every slew
+    sigma: np.ndarray  # (S,): what noise and undisclosed physics may leave
+    mask: np.ndarray  # (S, N) of bool: which moments count
+    # (S, N, D): what one second adds by which the second stream (attitude, wheels, commands) is
+    # early
+    early: np.ndarray
+    noise: float  # Sd of the norm of a moment's error that the sensors' stated noise makes
+    # Sd of the logarithms of the moments of inertia, which are regressors 0, 4 and 8; 0 for none
+    factors: float = 0.0
+    bias_from: int = -1  # Which regressor is the first of three of the rate bias; -1 for none
+
+    def fit(self) -> LinearFit:
+        """The fit of all that is uncertain."""
+        fit = fitted(self.data, self.regressors, self.free, self.sigma, self.mask)
+        if not self.factors:
+            return fit
+        return fit.with_factors(slice(0, 9, 4), np.full(3, self.factors))
+
+
+def integrated_noise(told: Told) -> np.ndarray:
+    """Angle (S,) that the noise of the rates adds up to over a slew [rad]."""
+    # As stated, whatever the reading: in a larger unit of rate or time all would drown in it.
+    slews, rate = told.slews, float(np.linalg.norm(told.noise["rate"]))
+    steps = {slew.name: float(np.median(slew.rate_steps)) for slew in told.campaign.slews}
+    step = np.array([steps[name] for name in slews.names])
+    return rate * np.sqrt(step * np.ptp(slews.time, axis=1))
+
+
+def bias_sd_of(told: Told) -> np.ndarray:
+    """Sd of the rate bias (3,): what is stated, or more where it may be stale [rad/s]."""
+    if told.bias_sd is not None:
+        return told.bias_sd
+    valid = told.slews.valid
+    rms = np.sqrt(np.mean(np.sum(told.motion.rate_B[valid] ** 2, axis=-1)))
+    # A reading in a smaller unit must not drown in a bias that is stated in the larger one.
+    stated = np.minimum(told.campaign.gyro.bias_sigma, rms)
+    return np.maximum(stated, LIMITS.bias_share * rms)
+
+
+def deviation(vectors: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Root mean square distance (S,) of vectors (S, N, D) from their mean, where mask is True."""
+    return norm_of(without_mean(vectors, mask), mask)
+
+
+def norm_of(vectors: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Root mean square length (S,) of vectors (S, N, D) where mask is True."""
+    count = np.maximum(mask.sum(axis=1), 1)
+    return np.sqrt(((vectors * mask[..., None]) ** 2).sum(axis=(1, 2)) / count)
+
+
+def crossed(angles: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Changes of vectors (S, N, 3) by small rotations (S, N, 3, P)."""
+    return np.cross(angles, vectors[..., None], axis=2)
+
+
+def uncertain_path(told: Told) -> np.ndarray:
+    """Rotation (S, N, 3, 12), in the axes of the first moment, by K, misalignment and bias."""
+    moving = told.motion
+    scale_sd = np.maximum(LIMITS.scale_sd, told.campaign.gyro.scale_factor_sigma)
+    sds = np.where(np.eye(3, dtype=bool), scale_sd, LIMITS.misalignment_sd).ravel()
+    return np.concatenate([moving.by_scale * sds, moving.by_bias * bias_sd_of(told)], axis=-1)
