@@ -39,7 +39,7 @@ from bayes_inertia.maths.values import AnyArray, array_dataclass
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.nuisances import NuisanceScale
+from bayes_inertia.physics.packing import NuisanceScale
 from bayes_inertia.physics.parameters import base_count
 from bayes_inertia.physics.prediction import Structure
 from bayes_inertia.physics.slew_context import Environment, SlewContext

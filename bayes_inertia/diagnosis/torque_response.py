@@ -26,7 +26,7 @@ from bayes_inertia.maths.device_arrays import repeated
 from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.channels.channel import Channel, SensorAtFit
-from bayes_inertia.physics.model_data import Data
+from bayes_inertia.physics.packing import Data
 from bayes_inertia.physics.prediction import Structure, acting_in, inertia_in, start_of
 from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory

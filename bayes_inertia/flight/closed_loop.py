@@ -35,11 +35,12 @@ from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.equations_of_motion import (
+    Body,
     SlewState,
+    advance,
+    grid_steps,
     prepare,
-    rate_and_wheel_momentum,
 )
-from bayes_inertia.physics.motion_step import advance, grid_rows
 from bayes_inertia.physics.slew_context import Trajectory
 from bayes_inertia.physics.slew_input import SlewInput, Start
 
@@ -222,16 +223,15 @@ def fly_slew(loop: ClosedLoop) -> FlownSlew:
 def _round(loop: ClosedLoop, terms: _HookTerms) -> tuple[FlownSlew, _HookTerms]:
     """Fly once with what the whole-history hooks made of the round before, and ask them again."""
     n_rows, substeps = len(loop.schedule.time), loop.substeps
-    context = loop.slew.context._replace(torque=terms.commands)
-    slew = loop.slew._replace(context=context)
+    slew = loop.slew._replace(context=loop.slew.context._replace(torque=terms.commands))
     body, motion, delivered = prepare(slew, loop.plant.start, loop.plant.inertia_B, loop.active)
     exogenous = delivered - terms.commands if loop.active else terms.torque
-    period = partial(_control_period, loop, context, body, _bias_snapshot(loop, terms))
+    period = partial(_control_period, loop, body, _bias_snapshot(loop, terms))
     first = (motion, loop.schedule.start_attitude, jnp.zeros(3))
-    rows = _rows(loop, grid_rows(slew, exogenous), terms)
+    rows = _rows(loop, (grid_steps(slew), exogenous), terms)
     _, (path, command, reading, momentum, fixes) = jax.lax.scan(period, first, rows)
     path = jax.tree.map(lambda x: x.reshape(n_rows * substeps, *x.shape[2:]), path)
-    trajectory, next_terms = _ask_hooks(loop, context, body, path, command)
+    trajectory, next_terms = _ask_hooks(loop, body, path, command)
     change = jnp.max(jnp.abs(next_terms.commands - terms.commands)) / jnp.maximum(
         jnp.max(jnp.abs(command)), 1e-30
     )
@@ -275,28 +275,27 @@ def _rows(loop: ClosedLoop, grid: Any, terms: _HookTerms) -> dict[str, Any]:
     }
 
 
-def _control_period(loop: ClosedLoop, context, body, bias_snapshot: Array, carry, row):
+def _control_period(loop: ClosedLoop, body: Body, bias_snapshot: Array, carry, row):
     """One control period: measure, propagate the attitude, command, let the plant move."""
     motion, believed, last_rate = carry
-    reading, momentum, fix = _measure(loop, context, body, motion, row)
+    reading, momentum, fix = _measure(loop, body, motion, row)
     law, reference = loop.law, row["reference"]
     rate = law.rate_axes_inverse @ (law.scale_factor * reading - bias_snapshot)
     believed = _propagated(reference, believed, last_rate, rate, fix)
     command = wheel_command(law, reference, believed, rate, momentum)
 
     def substep(motion: SlewState, point) -> tuple[SlewState, SlewState]:
-        torque = tuple(u + command[k] for k, u in enumerate(point["torque"][0]))
-        inputs = point | {"torque": (torque, torque)}
-        return advance(motion, inputs, body, context, loop.active), motion
+        step, exogenous = point
+        return advance(body, motion, step, exogenous + command), motion
 
     motion, path = jax.lax.scan(substep, motion, row["grid"], unroll=loop.substeps <= 4)
     return (motion, believed, rate), (path, command, reading, momentum, fix)
 
 
-def _measure(loop: ClosedLoop, context, body, motion: SlewState, row) -> tuple[Array, Array, Array]:
+def _measure(loop: ClosedLoop, body: Body, motion: SlewState, row) -> tuple[Array, Array, Array]:
     """Rate reading (3,), tachometer momentum (wheels,) and star-tracker fix (4,) at a row."""
     plant, terms, noise = loop.plant, row["terms"], row["noise"]
-    rate_B, momentum = rate_and_wheel_momentum(motion, body, context, loop.active)
+    rate_B, momentum = body.rate_and_wheel_momentum(motion)
     rate_S = plant.rate_axes @ rate_B + plant.bias + terms.rate_S
     reading = jnp.clip(
         rate_S / plant.scale_factor + noise.rate, -loop.law.rate_range, loop.law.rate_range
@@ -319,19 +318,16 @@ def _propagated(
 
 
 def _ask_hooks(
-    loop: ClosedLoop, context, body, path: SlewState, command: Array
+    loop: ClosedLoop, body: Body, path: SlewState, command: Array
 ) -> tuple[Trajectory, _HookTerms]:
     """The trajectory on the grid, and what the whole-history hooks make of it."""
-    rate_B, momentum = jax.vmap(
-        lambda motion: rate_and_wheel_momentum(motion, body, context, loop.active)
-    )(path)
+    rate_B, momentum = jax.vmap(body.rate_and_wheel_momentum)(path)
     attitude = jnp.stack(path.attitude, -1)
-    trajectory = Trajectory(
-        context.time, attitude, rate_B, momentum, jnp.zeros((len(context.time), 0))
-    )
+    no_states = jnp.zeros((len(body.context.time), 0))
+    trajectory = Trajectory(body.context.time, attitude, rate_B, momentum, no_states)
     last = jnp.minimum(jnp.arange(len(command)), loop.schedule.n_rows - 1)
     commands = jnp.repeat(command[last], loop.substeps, axis=0)
-    context = context._replace(torque=commands)
+    context = body.context._replace(torque=commands)
     plain = rate_B @ loop.plant.rate_axes.T + loop.plant.bias
     rate_S, fix, tachometer = plain, attitude, momentum
     for (effect, p), effect_states in zip(loop.active, path.effect_states, strict=True):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +22,7 @@ from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft, allocation
+from bayes_inertia.maths.device_arrays import filled, on_device, repeated
 from bayes_inertia.physics.channels import channels_of
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.integration_plan import integration_plan
@@ -117,22 +118,19 @@ def integration_grid(campaign: Campaign, effects: Sequence[Effect]) -> Integrati
 
 def _padded(slews: SlewInput, missing: int) -> SlewInput:
     """Grids with `missing` more points at their end, where time stands still."""
-    if missing == 0:
-        return slews
+    n = slews.context.time.shape[1] + missing
 
-    def pad(x: Array, mode: Literal["constant", "edge"]) -> Array:
-        width = [(0, 0), (0, missing)] + [(0, 0)] * (x.ndim - 2)
-        return jnp.asarray(np.pad(np.asarray(x), width, mode=mode))
+    def longer(x: Array) -> Array:
+        return on_device(repeated(np.asarray(x), n))
 
     context = slews.context._replace(
-        step=pad(slews.context.step, "constant"),
-        time=pad(slews.context.time, "edge"),
-        torque=pad(slews.context.torque, "edge"),
+        step=on_device(filled(np.asarray(slews.context.step), n)),
+        time=longer(slews.context.time),
+        torque=longer(slews.context.torque),
     )
+    surroundings = Environment(*map(longer, slews.environment))
     return slews._replace(
-        context=context,
-        momentum=pad(slews.momentum, "edge"),
-        environment=Environment(*(pad(x, "edge") for x in slews.environment)),
+        context=context, momentum=longer(slews.momentum), environment=surroundings
     )
 
 

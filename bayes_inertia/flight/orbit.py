@@ -9,7 +9,7 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.numerics import NUMERICS
-from bayes_inertia.physics.effects.gravity_gradient import GravityGradient
+from bayes_inertia.physics.effects.body_torques import GravityGradient
 from bayes_inertia.physics.slew_context import Environment
 
 

@@ -26,8 +26,7 @@ from jax.scipy.linalg import solve_triangular
 
 from bayes_inertia.inference.each_slew import is_traced, of_slew
 from bayes_inertia.maths.values import AnyArray
-from bayes_inertia.physics.prediction import Structure
-from bayes_inertia.physics.random_inputs import prior_blocks
+from bayes_inertia.physics.prediction import Structure, prior_blocks
 from bayes_inertia.physics.slew_context import SlewContext
 
 # Roots of the coefficients' prior covariance of all slews: (slews, b, m, m) for each effect, the b

@@ -1,7 +1,7 @@
 """Programs that are compiled for one slew and run for each: padded before, cut afterwards.
 
 How many slews a campaign has decides nothing of what is compiled, and its rows only through the few
-sizes that slews are padded to (`model_data`). Outside of here nobody sees the padding.
+sizes that slews are padded to (`physics.packing`). Outside of here nobody sees the padding.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from bayes_inertia.inference.noise_model import Whitenings
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.device_arrays import filled
-from bayes_inertia.physics.model_data import Data
+from bayes_inertia.physics.packing import Data
 
 
 class SlewPiece(NamedTuple):

@@ -28,9 +28,7 @@ from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.model_data import Data
-from bayes_inertia.physics.nuisances import Nuisances
-from bayes_inertia.physics.packing import Telemetry
+from bayes_inertia.physics.packing import Data, Nuisances, Telemetry
 from bayes_inertia.physics.prediction import Structure, predict, predict_all
 
 # Whitened residuals (slews, numbers) of each channel, measured minus predicted, in sigmas; zero

@@ -36,7 +36,7 @@ from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import filled, on_device, padded_size, repeated
 from bayes_inertia.maths.kept_programs import KeptProgram
-from bayes_inertia.physics.model_data import Data
+from bayes_inertia.physics.packing import Data
 from bayes_inertia.physics.parameters import log_prior
 from bayes_inertia.physics.prediction import Structure, predict_all
 from bayes_inertia.physics.slew_context import SlewContext

@@ -35,8 +35,7 @@ from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.actuators import ties_of_scale
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.parameters import log_prior
-from bayes_inertia.physics.prediction import Structure
-from bayes_inertia.physics.random_inputs import with_coefficients
+from bayes_inertia.physics.prediction import Structure, with_coefficients
 from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 

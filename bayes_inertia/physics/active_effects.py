@@ -27,7 +27,7 @@ class ActiveEffects:
 
     Examples
     --------
-    >>> from bayes_inertia.physics.effects.constant_torque import ConstantTorque
+    >>> from bayes_inertia.physics.effects.body_torques import ConstantTorque
     >>> active = ActiveEffects((ConstantTorque(),), {"constant_torque": {"torque": 1e-5}})
     >>> [parameters["torque"] for _, parameters in active]
     [1e-05]

@@ -14,14 +14,12 @@ from jax.scipy.linalg import block_diag
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.maths.inertia_tensor import tensor as inertia
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import LOOKING_BACK, MOVING_HOOKS, Effect
 from bayes_inertia.physics.effect_declaration import check_declaration, guarded, require_of_effect
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.model_data import Data
 from bayes_inertia.physics.numerics import NUMERICS
-from bayes_inertia.physics.prediction import Structure, predict_all
-from bayes_inertia.physics.random_inputs import prior_blocks
-from bayes_inertia.physics.simulator import LOOKING_BACK, MOVING_HOOKS
+from bayes_inertia.physics.packing import Data
+from bayes_inertia.physics.prediction import Structure, predict_all, prior_blocks
 from bayes_inertia.physics.slew_context import State
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.small_campaign import small_campaign

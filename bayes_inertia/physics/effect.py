@@ -24,6 +24,29 @@ if TYPE_CHECKING:
     from bayes_inertia.campaign.campaign import Campaign
 
 
+# Hooks that make more than the attitude change during a slew.
+MOVING_HOOKS = (
+    "wheel_torque",
+    "body_torque",
+    "initial_state",
+    "internal_momentum",
+    "carried_momentum",
+)
+# Hooks that decide how the body and its wheels move: all that the simulator calls.
+BODY_HOOKS = (
+    "inertia",
+    "wheel_axes",
+    "delivered_torque",
+    "delivered_inputs",
+    *MOVING_HOOKS,
+    "state_rate",
+)
+# Hooks that do nothing without wheels.
+WHEEL_HOOKS = frozenset({"wheel_axes", "delivered_torque", "wheel_torque", "momentum_output"})
+# Hooks that are given the whole slew, and may look between its rows.
+LOOKING_BACK = ("rate_output", "attitude_output", "momentum_output", "direction_output")
+
+
 @dataclass(frozen=True)
 class Effect:
     """Base of all effects: every hook is "no change".

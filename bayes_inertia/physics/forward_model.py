@@ -21,14 +21,11 @@ from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.actuators import effects_of, noise_of_inputs
 from bayes_inertia.physics.channel_noise import NOISE_OWNER, NoiseModel
 from bayes_inertia.physics.channels import Channel, channels_of
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import BODY_HOOKS, LOOKING_BACK, WHEEL_HOOKS, Effect
 from bayes_inertia.physics.effect_declaration import guarded
-from bayes_inertia.physics.effects.lost_commands import LostCommands
 from bayes_inertia.physics.integration_plan import integration_plan
-from bayes_inertia.physics.model_data import Data
-from bayes_inertia.physics.nuisances import NuisanceScale
 from bayes_inertia.physics.numerics import NUMERICS
-from bayes_inertia.physics.packing import Arrays, pack
+from bayes_inertia.physics.packing import Arrays, Data, NuisanceScale, pack
 from bayes_inertia.physics.parameters import (
     LogNormal,
     Normal,
@@ -38,12 +35,10 @@ from bayes_inertia.physics.parameters import (
     scalar,
     with_prior_scale,
 )
-from bayes_inertia.physics.prediction import Structure, predict_all
-from bayes_inertia.physics.random_inputs import coefficient_counts
-from bayes_inertia.physics.simulator import BODY_HOOKS, LOOKING_BACK, WHEEL_HOOKS
+from bayes_inertia.physics.prediction import Structure, coefficient_counts, predict_all
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.slow_tachometers import FreeMomentum, free_momentum
-from bayes_inertia.physics.stated_noise import stated_noise
+from bayes_inertia.physics.stated_noise import LostCommands, stated_noise
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 

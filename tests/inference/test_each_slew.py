@@ -14,7 +14,7 @@ from bayes_inertia.inference.likelihood import information_blocks, unpadded_sens
 from bayes_inertia.inference.marginal_posterior import conditional_point, log_posterior
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.maths.device_arrays import repeated
-from bayes_inertia.physics import model_data
+from bayes_inertia.physics import packing
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
 
@@ -38,7 +38,7 @@ def unpadded(monkeypatch):
     """Every axis in its own size."""
 
     def pad_nothing():
-        for module in (model_data, marginal_posterior, hyperparameters, noise_filter):
+        for module in (packing, marginal_posterior, hyperparameters, noise_filter):
             monkeypatch.setattr(module, "padded_size", lambda n, *_, **__: n)
 
     return pad_nothing
