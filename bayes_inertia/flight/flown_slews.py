@@ -11,8 +11,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import RateSensor, body_rates
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.flight.numerics import NUMERICS
-from bayes_inertia.flight.plan import Plan, PlannedSlew
-from bayes_inertia.flight.slew_profile import ramp_factor
+from bayes_inertia.flight.plan import Plan, PlannedSlew, ramp_factor
 
 
 def other_slews(plan: Plan, campaign: Campaign) -> str:

@@ -16,6 +16,7 @@ from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan, PlannedSlew
 from bayes_inertia.flight.spacecraft import Spacecraft, axes_of_control, without_spin
 from bayes_inertia.flight.steering import FlyingDevice, flying_device
+from bayes_inertia.maths import inertia_tensor
 
 # Further sensors whose readings can be foreseen.
 _FLYING = (RateSensor, StarTracker, DirectionSensor)
@@ -39,13 +40,7 @@ def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
     why = why_no_plans(campaign)
     advice = "`observe` says what its motion determines as it is, and `fit` determines it"
     require(not why, "actuators", why, advice)
-    J = np.array(
-        [
-            [theta[0], theta[3], theta[4]],
-            [theta[3], theta[1], theta[5]],
-            [theta[4], theta[5], theta[2]],
-        ]
-    )
+    J = inertia_tensor.tensor(np.asarray(theta[:6]))
     return Spacecraft(
         without_spin(J, campaign.inertia.includes_wheel_spin, wheels),
         tuple(np.asarray(theta[6 : 6 + len(sensor.axes)], float)) if sensor else (),

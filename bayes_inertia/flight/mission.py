@@ -18,6 +18,7 @@ from bayes_inertia.flight.spacecraft import (
     spin_tensor,
     without_spin,
 )
+from bayes_inertia.maths import inertia_tensor
 
 
 @dataclass(frozen=True)
@@ -69,11 +70,9 @@ class Mission:
 
         J is J_locked where the prior's tensor includes the wheels' spin.
         """
-        J = self.spacecraft.inertia_B + (
-            spin_tensor(self.spacecraft.wheels) if self.prior.includes_wheel_spin else 0.0
-        )
-        K = self.spacecraft.scale_factor
-        return np.array([J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2], *K])
+        craft = self.spacecraft
+        spin = spin_tensor(craft.wheels) if self.prior.includes_wheel_spin else 0.0
+        return np.array([*inertia_tensor.elements(craft.inertia_B + spin), *craft.scale_factor])
 
     def at_prior_mean(self) -> Mission:
         """The mission if what was known before flight were exactly right, and nothing else acted.

@@ -17,7 +17,7 @@ class Numerics:
     relaxation_tolerance: float = 1e-9
     most_relaxations: int = 60
 
-    # `closed_loop_inputs.py`
+    # `closed_loop_flights.py`
     # Stands for a limit that the hardware does not have, in any unit.
     no_limit: float = 1e30
 
@@ -58,11 +58,10 @@ class Numerics:
     # Of the largest torque or momentum that a plan asks of a device, what may be missing.
     unreached: float = 1e-6
 
-    # `orbit.py`
+    # `plan.py`
     earth_dipole: float = 7.75e15  # [T m^3], axial term of the geomagnetic field
     smallest_radius: float = 6.0e6  # [m]
 
-    # `plan.py`
     # Rows of telemetry of a slew; more is a plan with a slip of units.
     most_rows_of_slew: int = 5_000_000
 

@@ -2,6 +2,9 @@
 
 A slew turns about an axis fixed in the body: a rest with fixes, a ramp up, a coast, a ramp down,
 time to settle, and a rest with fixes again.
+
+The angle and rate of a slew over time are written in `jax.numpy`, so that its consequences can be
+differentiated with respect to axis, angle and rate.
 """
 
 from __future__ import annotations
@@ -10,16 +13,169 @@ import math
 import operator
 from dataclasses import dataclass, field
 from itertools import accumulate
-from typing import get_args
+from typing import Literal, get_args
 
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.hardware import require
+from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.numerics import NUMERICS
-from bayes_inertia.flight.orbit import Orbit
-from bayes_inertia.flight.slew_profile import Profile, ramp_factor
 from bayes_inertia.maths.values import Vector
+from bayes_inertia.physics.effects.body_torques import GravityGradient
+from bayes_inertia.physics.slew_context import Environment
+
+Profile = Literal["trapezoid", "smooth"]
+
+
+def ramp_factor(profile: Profile) -> float:
+    """Ramp time times acceleration limit over peak rate.
+
+    Examples
+    --------
+    >>> ramp_factor("trapezoid")
+    1.0
+    """
+    return math.pi / 2.0 if profile == "smooth" else 1.0
+
+
+def peak_and_ramp(
+    angle: Array, rate: Array, acceleration: Array, smooth: Array
+) -> tuple[Array, Array]:
+    """Largest rate [rad/s] that each slew reaches, and the time of each of its ramps [s]."""
+    factor = jnp.where(smooth, math.pi / 2.0, 1.0)
+    peak = jnp.minimum(rate, jnp.sqrt(acceleration * angle / factor))
+    return peak, factor * peak / acceleration
+
+
+def angle_and_rate(
+    angle: Array, rate: Array, acceleration: Array, smooth: Array, t: Array
+) -> tuple[Array, Array]:
+    """Angle turned and rate of a slew; all arguments broadcast.
+
+    A slew too short for `rate` has a lower peak and no coast.
+
+    `angle` [rad]; `rate` [rad/s]; `acceleration` [rad/s^2]; `t` [s]. Returns `angle` [rad]; `rate`
+    [rad/s].
+
+    Examples
+    --------
+    >>> t = jnp.array([-1.0, 16.0, 99.0])
+    >>> [x.tolist() for x in angle_and_rate(2.0, 2.0**-5, 2.0**-10, False, t)]
+    [[0.0, 0.125, 2.0], [0.0, 0.015625, 0.0]]
+    """
+    peak, ramp = peak_and_ramp(angle, rate, acceleration, smooth)
+    down = angle / peak  # the ramp down begins when ramp and coast have passed, which is this long
+
+    def risen(t):
+        """The ramp from 0 to 1 beginning at t = 0, and its integral over time."""
+        x = jnp.clip(t / ramp, 0.0, 1.0)
+        value = jnp.where(smooth, 0.5 * (1.0 - jnp.cos(math.pi * x)), x)
+        integral = jnp.where(smooth, 0.5 * x - jnp.sin(math.pi * x) / (2.0 * math.pi), 0.5 * x**2)
+        return value, ramp * integral + jnp.maximum(t - ramp, 0.0)
+
+    (up, turned), (fallen, missing) = risen(t), risen(t - down)
+    return peak * (turned - missing), peak * (up - fallen)
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """A circular orbit about the Earth.
+
+    Parameters
+    ----------
+    radius : float
+        Distance from the Earth's centre [m].
+    inclination : float
+        Inclination [rad].
+    node : float
+        Right ascension of the ascending node [rad].
+    argument : float
+        Angle from the node at the campaign's beginning [rad].
+
+    Raises
+    ------
+    CampaignError
+        If the orbit lies inside the Earth.
+
+    Examples
+    --------
+    >>> float(np.linalg.norm(Orbit().position_N(np.array([10.0]))).round(3))
+    7197428.0
+    """
+
+    radius: float = 7.197428e6
+    inclination: float = math.radians(98.7)
+    node: float = math.radians(40.0)
+    argument: float = math.radians(10.0)
+
+    def __post_init__(self) -> None:
+        if not self.radius > NUMERICS.smallest_radius:
+            raise CampaignError(
+                f"{self.radius / 1e3:.6g} km lies inside the Earth",
+                where="key orbit.radius_km",
+                advice="give the distance from the Earth's centre",
+            )
+
+    def environment(self, time: np.ndarray) -> Environment:
+        """What effects need, at times of the campaign.
+
+        Parameters
+        ----------
+        time : (n,) array
+            Times of the campaign [s].
+
+        Returns
+        -------
+        Environment
+            Its columns (n, 3).
+        """
+        return Environment(self.magnetic_field_N(time), self.position_N(time))
+
+    def position_N(self, time: np.ndarray) -> np.ndarray:
+        """Position at times of the campaign.
+
+        Parameters
+        ----------
+        time : (n,) array
+            Times of the campaign [s].
+
+        Returns
+        -------
+        (n, 3) array
+            From the Earth's centre, in inertial axes [m].
+        """
+        u = self.argument + math.sqrt(GravityGradient.mu / self.radius**3) * np.asarray(time)
+        cos_i, sin_i = math.cos(self.inclination), math.sin(self.inclination)
+        cos_n, sin_n = math.cos(self.node), math.sin(self.node)
+        to_node = np.array([cos_n, sin_n, 0.0])
+        ahead_of_node = np.array([-sin_n * cos_i, cos_n * cos_i, sin_i])
+        return self.radius * (np.cos(u)[:, None] * to_node + np.sin(u)[:, None] * ahead_of_node)
+
+    def magnetic_field_N(self, time: np.ndarray) -> np.ndarray:
+        """Field of a dipole along the Earth's axis, at times of the campaign.
+
+        Parameters
+        ----------
+        time : (n,) array
+            Times of the campaign [s].
+
+        Returns
+        -------
+        (n, 3) array
+            In inertial axes [T].
+
+        Examples
+        --------
+        >>> bool(np.linalg.norm(Orbit().magnetic_field_N(np.array([10.0]))) < 5e-5)
+        True
+        """
+        position = self.position_N(time)
+        up = position / self.radius
+        south = np.array([0.0, 0.0, -1.0])
+        return NUMERICS.earth_dipole / self.radius**3 * (3.0 * (up @ south)[:, None] * up - south)
 
 
 def _require_positive(value: float, key: str) -> None:
@@ -343,6 +499,12 @@ class Plan:
             if self.fixes_in_motion
             else np.concatenate([before, after])
         )
+
+    def at_fixes(self, i: int, values: np.ndarray) -> np.ndarray:
+        """Values (n, ...) along slew i where it has fixes, NaN elsewhere."""
+        rows, seen = self.fix_rows(i), np.full(values.shape, np.nan)
+        seen[rows] = values[rows]
+        return seen
 
 
 def paper_like_plan() -> Plan:

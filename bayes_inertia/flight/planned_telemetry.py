@@ -20,7 +20,7 @@ from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import MORE
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.numerics import NUMERICS as FLIGHT
-from bayes_inertia.flight.plan import Plan
+from bayes_inertia.flight.plan import Plan, angle_and_rate
 from bayes_inertia.flight.planned_motion import (
     PlanStart,
     RigidBody,
@@ -28,7 +28,6 @@ from bayes_inertia.flight.planned_motion import (
     plan_start,
     rigid_body,
 )
-from bayes_inertia.flight.slew_profile import angle_and_rate
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.flight.steering import FlyingDevice, unreached
 from bayes_inertia.maths.jax_settings import require_usable_jax
@@ -154,10 +153,7 @@ def _further_readings(
     """About what a further sensor will read (n, columns), NaN in rows without a reading."""
     sensor = dict(craft.more_sensors)[name]
     if isinstance(sensor, StarTracker):
-        fixes = np.full((len(attitude), 4), np.nan)
-        rows = plan.fix_rows(i)
-        fixes[rows] = attitude[rows]
-        return fixes
+        return plan.at_fixes(i, attitude)
     if isinstance(sensor, RateSensor):
         readings = rate_B @ sensor.axes.T / np.array(sensor.scale_factor)
     else:
@@ -238,10 +234,7 @@ def _driven(plan: Plan, craft: Spacecraft, i: int, slew: Slew, path: PlannedPath
             values, form = values * plan.telemetry_period, "on_time"
         inputs[device.record.name] = InputStream(slew.time, values, form)  # type: ignore[arg-type]
     if slew.attitude is not None:
-        fixes = np.full_like(slew.attitude, np.nan)
-        rows = plan.fix_rows(i)
-        fixes[rows] = slew.attitude[rows]
-        changed["attitude"] = fixes
+        changed["attitude"] = plan.at_fixes(i, slew.attitude)
     return replace(slew, inputs=inputs or None, **changed)
 
 

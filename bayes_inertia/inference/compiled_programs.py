@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from bayes_inertia.inference.coefficients import PROGRAMS as OF_COEFFICIENTS
 from bayes_inertia.inference.hyperparameters import PROGRAMS as OF_EVIDENCE
 from bayes_inertia.inference.likelihood import PROGRAMS as OF_LIKELIHOOD
 from bayes_inertia.inference.limits import LIMITS
@@ -19,7 +18,6 @@ from bayes_inertia.maths.kept_programs import KeptProgram, return_freed_memory
 
 def forget_surplus(
     programs: Iterable[Any] = (
-        *OF_COEFFICIENTS,
         *OF_EVIDENCE,
         *OF_LIKELIHOOD,
         *OF_POSTERIOR,

@@ -10,11 +10,16 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.inference.coefficients import CoefficientPart, prior_roots
 from bayes_inertia.inference.likelihood import Information, Residuals
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.linearised_fit import LinearisedFit
-from bayes_inertia.inference.marginal_posterior import Marginal, conditional_point
+from bayes_inertia.inference.marginal_posterior import (
+    CoefficientPart,
+    Marginal,
+    Ridge,
+    conditional_point,
+    prior_roots,
+)
 from bayes_inertia.inference.noise_filter import noise_memory
 from bayes_inertia.inference.noise_model import (
     Whitenings,
@@ -369,15 +374,14 @@ def plain_series(estimate: Estimate) -> dict[str, list[np.ndarray]]:
 def marginal(estimate: Estimate) -> Marginal:
     """What the marginal log posterior needs, frozen at an estimate."""
     model, point = estimate.model, estimate.point
-    d = len(point.theta)
+    d, b = len(point.theta), len(point.bias)
     nuisance = estimate.hessian[d:, d:]
     ridge = -solve(nuisance, estimate.hessian[d:, :d])
+    of_slews = ridge[b:].reshape(*point.local.shape, d)
     jacobian = estimate.linearised().sensitivities.jacobian
     columns = tuple(on_device(np.asarray(j)[..., d:]) for j in jacobian)
     return Marginal(
-        optimum=jax.tree.map(on_device, point),
-        ridge_bias=on_device(ridge[: len(point.bias)]),
-        ridge_local=on_device(ridge[len(point.bias) :].reshape(*point.local.shape, d)),
+        ridge=jax.tree.map(on_device, Ridge(point, ridge[:b], of_slews)),
         columns=columns,
         root=on_device(inverse_root(nuisance)),
         prior=model.space.constants(),

@@ -16,10 +16,9 @@ from jax import Array
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import RateSensor
 from bayes_inertia.inference.channel_rows import measured
-from bayes_inertia.inference.each_slew import of_slew
 from bayes_inertia.inference.gates import check_gates, groups_of_slews
 from bayes_inertia.inference.laplace import Estimate, principal_sd
-from bayes_inertia.inference.likelihood import residuals
+from bayes_inertia.inference.likelihood import of_slew, residuals
 from bayes_inertia.inference.limits import LIMITS, criteria
 from bayes_inertia.inference.objective import prior_root
 from bayes_inertia.inference.posterior import FORMAT, Posterior

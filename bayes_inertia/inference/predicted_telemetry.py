@@ -20,6 +20,7 @@ from bayes_inertia.inference.noise_filter import correlated_noise
 from bayes_inertia.inference.noise_model import (
     ChannelDensity,
     densities_of,
+    log_norms,
     remembers,
     without_memory,
 )
@@ -138,15 +139,9 @@ def _predicted(estimate: Estimate, gaps: Sequence[AnyArray]) -> dict[str, np.nda
 
 def _log_norms(estimate: Estimate) -> dict[str, np.ndarray]:
     """Log of the Gaussians' norms by channel (slews, rows): they make densities comparable."""
-    norms = {}
-    for channel, white in zip(estimate.model.channels, estimate.stated, strict=True):
-        diagonal = channel.diagonal(np.asarray(white.factors))
-        measured = diagonal > 0
-        logs = np.log(np.where(measured, diagonal, 1.0)) - 0.5 * np.log(2 * np.pi)
-        norms[channel.name] = np.sum(np.where(measured, logs, 0.0), -1)
-        if white.memory is not None:
-            norms[channel.name] = norms[channel.name] + np.log(white.memory.scale).sum(-1)
-    return norms
+    model, counts = estimate.model, (valid.sum(-1) for valid in measured(estimate.model))
+    each = zip(model.channels, log_norms(model, estimate.stated), counts, strict=True)
+    return {c.name: logs - 0.5 * np.log(2.0 * np.pi) * count for c, logs, count in each}
 
 
 def with_measurement_noise(

@@ -13,7 +13,6 @@ from functools import cached_property, partial
 
 import emcee
 import jax
-import jax.numpy as jnp
 import numpy as np
 from emcee.moves import MHMove
 from scipy import linalg, stats
@@ -23,6 +22,7 @@ from bayes_inertia.inference.hyperparameters import Evidence, GivenSizes, given_
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.marginal_posterior import LogDensity
+from bayes_inertia.maths.device_arrays import in_batches
 from bayes_inertia.maths.linear_algebra import cholesky_factor
 
 
@@ -171,16 +171,8 @@ def _where(taken: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
 
 def _given(evidence: Evidence, standardised: np.ndarray) -> GivenSizes:
     """The rest given sizes, as numpy, in batches of one shape."""
-    n = len(standardised)
-    padded = np.concatenate(
-        [standardised, np.repeat(standardised[-1:], -n % LIMITS.sizes_at_once, axis=0)]
-    )
-    structure, frozen = evidence.model.structure, evidence.frozen
-    parts = [
-        given_sizes(structure, frozen, jnp.asarray(padded[i : i + LIMITS.sizes_at_once]))
-        for i in range(0, len(padded), LIMITS.sizes_at_once)
-    ]
-    return jax.tree.map(lambda *values: np.concatenate(values)[:n], *parts)
+    program = partial(given_sizes, evidence.model.structure, evidence.frozen)
+    return in_batches(program, standardised, LIMITS.sizes_at_once)
 
 
 def explored_sizes(evidence: Evidence, random: np.random.RandomState) -> SizeProposal:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.noise_model import log_norms
 from bayes_inertia.inference.slew_shares import eliminated
 
 
@@ -59,31 +60,11 @@ def _equations(estimate: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     information, local = estimate.information, estimate.point.local
     parts = eliminated(information, local, len(estimate.free) + len(estimate.point.bias))
-    constants = []
-    for part, chi2, nuisances in zip(parts, information.chi2, local, strict=True):
-        squares = chi2.sum() + nuisances @ nuisances - part.pull @ part.pull
-        constants.append(-0.5 * squares + np.log(np.abs(np.diag(part.root))).sum())
-    return (
-        np.array(constants) + _against_stated(estimate),
-        np.array([part.gradient for part in parts]),
-        np.array([part.matrix for part in parts]),
-    )
-
-
-def _against_stated(estimate: Estimate) -> np.ndarray:
-    """Log of the Gaussians' norms (slews,), over the log density of what the noise as stated makes.
-
-    Without it numbers of 10^5 would drown differences between models, and overflow in `az.compare`.
-    """
-    norms = 0.5 * estimate.information.n_data.sum(1)
-    for channel, white, stated in zip(
-        estimate.model.channels, estimate.white, estimate.stated, strict=True
-    ):
-        for noise, sign in ((white, 1.0), (stated, -1.0)):
-            diagonal = channel.diagonal(np.asarray(noise.factors))
-            logs = np.log(np.where(diagonal > 0.0, diagonal, 1.0))
-            norms = norms + sign * logs.reshape(len(norms), -1).sum(1)
-            if noise.memory is not None:
-                scales = np.log(np.asarray(noise.memory.scale))
-                norms = norms + sign * scales.reshape(len(norms), -1).sum(1)
-    return norms
+    squares = information.chi2.sum(1) + np.sum(local**2, 1) - np.sum(parts.pull**2, 1)
+    determinants = np.log(np.abs(np.diagonal(parts.root, axis1=1, axis2=2))).sum(1)
+    # Numbers of 10^5 would drown differences between models, and overflow in `az.compare`: counted
+    # from the log density of what the noise as stated makes.
+    used, stated = (log_norms(estimate.model, x) for x in (estimate.white, estimate.stated))
+    norms = sum(a.sum(1) - b.sum(1) for a, b in zip(used, stated, strict=True))
+    constant = determinants - 0.5 * (squares - information.n_data.sum(1)) + norms
+    return constant, parts.gradient, parts.matrix

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from bayes_inertia.inference import each_slew, hyperparameters, marginal_posterior, noise_filter
+from bayes_inertia.inference import hyperparameters, likelihood, marginal_posterior, noise_filter
 from bayes_inertia.inference.laplace import marginal
 from bayes_inertia.inference.likelihood import information_blocks, unpadded_sensitivities
 from bayes_inertia.inference.marginal_posterior import conditional_point, log_posterior
@@ -81,6 +81,6 @@ def test_padding_with_weight_would_be_seen(odd, monkeypatch):
     structure, frozen = found.model.structure, marginal(found)
     thetas = found.theta + np.array([[0.0], [0.5]]) * found.sd
     right = log_posterior(structure, frozen, thetas)
-    monkeypatch.setattr(each_slew, "filled", repeated)
+    monkeypatch.setattr(likelihood, "filled", repeated)
     wrong = log_posterior(structure, frozen, thetas)
     assert abs(np.diff(wrong) - np.diff(right)) > 1e-3
