@@ -34,7 +34,7 @@ from bayes_inertia.design.margins import Margin, broken_limits, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.errors import CampaignError, EffectError
-from bayes_inertia.flight.follow_on import spacecraft_at
+from bayes_inertia.flight.mission import spacecraft_at
 from bayes_inertia.flight.plan import PlannedSlew
 from bayes_inertia.flight.planned_motion import planned_slews
 from bayes_inertia.flight.spacecraft import Spacecraft

@@ -171,7 +171,7 @@ def _tangents(
 
         def path(y):
             start = begin._replace(
-                attitude=quaternion.multiply(begin.attitude, quaternion.exp(y[:3])),
+                attitude=quaternion.turned(begin.attitude, y[:3]),
                 rate_B=begin.rate_B + y[3:],
             )
             setting = structure.drive, structure.rows_per_step

@@ -27,7 +27,7 @@ from jax import Array
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import angle_and_rate
 from bayes_inertia.maths import quaternion
-from bayes_inertia.physics.active_effects import ActiveEffects
+from bayes_inertia.physics.effect import ActiveEffects
 from bayes_inertia.physics.equations_of_motion import (
     Body,
     SlewState,
@@ -160,9 +160,7 @@ def target_attitude(schedule: SlewSchedule) -> Array:
     >>> (target_attitude(schedule).round(6) + 0.0).tolist()
     [0.0, 0.0, 1.0, 0.0]
     """
-    return quaternion.multiply(
-        schedule.start_attitude, quaternion.exp(schedule.axis_B * schedule.angle)
-    )
+    return quaternion.turned(schedule.start_attitude, schedule.axis_B * schedule.angle)
 
 
 def reference_motion(schedule: SlewSchedule) -> ReferenceMotion:
@@ -179,9 +177,7 @@ def reference_motion(schedule: SlewSchedule) -> ReferenceMotion:
     _, middle_rate = motion(t + 0.5 * step)
     next_rate = jnp.append(rate[1:], rate[-1:])
     acceleration = jnp.where(step > 0.0, (next_rate - rate) / jnp.where(step > 0.0, step, 1.0), 0.0)
-    attitude = quaternion.multiply(
-        schedule.start_attitude, quaternion.exp(angle[:, None] * schedule.axis_B)
-    )
+    attitude = quaternion.turned(schedule.start_attitude, angle[:, None] * schedule.axis_B)
     return ReferenceMotion(
         attitude=attitude,
         rate_B=rate[:, None] * schedule.axis_B,
@@ -472,8 +468,8 @@ def _measure(loop: ClosedLoop, body: Body, motion: SlewState, row) -> tuple[Arra
     reading = jnp.clip(
         rate_S / plant.scale_factor + noise.rate, -loop.law.rate_range, loop.law.rate_range
     )
-    fix = quaternion.multiply(jnp.stack(motion.attitude), quaternion.exp(terms.attitude))
-    fix = quaternion.multiply(fix, quaternion.exp(noise.attitude))
+    fix = quaternion.turned(jnp.stack(motion.attitude), terms.attitude)
+    fix = quaternion.turned(fix, noise.attitude)
     return reading, momentum + terms.momentum + noise.momentum, fix
 
 
@@ -481,12 +477,8 @@ def _propagated(
     reference: ReferenceMotion, attitude: Array, last_rate_B: Array, rate_B: Array, fix: Array
 ) -> Array:
     """The believed attitude (4,): propagated, and moved to the mean of the fixes."""
-    attitude = quaternion.multiply(
-        attitude, quaternion.exp(0.5 * reference.elapsed * (last_rate_B + rate_B))
-    )
-    return quaternion.multiply(
-        attitude, quaternion.exp(reference.fix_gain * quaternion.error(attitude, fix))
-    )
+    attitude = quaternion.turned(attitude, 0.5 * reference.elapsed * (last_rate_B + rate_B))
+    return quaternion.turned(attitude, reference.fix_gain * quaternion.error(attitude, fix))
 
 
 def _ask_hooks(

@@ -36,9 +36,8 @@ from bayes_inertia.flight.spacecraft import Controller, Spacecraft, allocation, 
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import filled, on_device, repeated
 from bayes_inertia.maths.kept_programs import KeptProgram
-from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.channels import channels_of
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import ActiveEffects, Effect
 from bayes_inertia.physics.integration_plan import integration_plan
 from bayes_inertia.physics.packing import pack
 from bayes_inertia.physics.slew_context import Environment

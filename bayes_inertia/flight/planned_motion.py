@@ -189,9 +189,7 @@ def motion_of_slews(
         slews.smooth[:, None],
         time - begin,
     )
-    attitude = quaternion.multiply(
-        rests[:-1, None], quaternion.exp(turned[..., None] * axis[:, None])
-    )
+    attitude = quaternion.turned(rests[:-1, None], turned[..., None] * axis[:, None])
     rate_B = rate[..., None] * axis[:, None]
     lasting = time[:, -1] + times.pause
     start: AnyArray = np.tri(len(lasting), k=-1) @ lasting

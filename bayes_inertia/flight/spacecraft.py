@@ -14,8 +14,7 @@ from bayes_inertia.campaign.hardware import InertiaPrior, Numbers, RateSensor, S
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.active_effects import ActiveEffects
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import ActiveEffects, Effect
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 

@@ -226,8 +226,6 @@ class StatedChange(Effect):
         return inertia_B + changed * tensor(p["change"])
 
 
-__all__ = ["KINDS", "DeviceEffect", "effects_of", "noise_of_inputs", "ties_of_scale"]
-
 # Which effect a device is.
 KINDS: Mapping[type, type[DeviceEffect]] = MappingProxyType(
     {

@@ -180,7 +180,5 @@ class StudentT(Density):
         return stats.t.sf(y, shape)
 
 
-__all__ = ["FAMILIES", "Density"]
-
 # By name; a new family is one file and its entry here.
 FAMILIES: Mapping[str, Density] = MappingProxyType({d.name: d for d in (Gaussian(), StudentT())})

@@ -22,7 +22,7 @@ from jax import Array
 
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.inertia_tensor import with_wheel_spin
-from bayes_inertia.physics.active_effects import ActiveEffects
+from bayes_inertia.physics.effect import ActiveEffects
 from bayes_inertia.physics.slew_context import Environment, SlewContext, State
 from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
 from bayes_inertia.physics.step_drive import value

@@ -20,9 +20,14 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.errors import EffectError
 from bayes_inertia.maths import inertia_tensor, quaternion
-from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.channels import Channel
-from bayes_inertia.physics.effect import BODY_HOOKS, LOOKING_BACK, MOVING_HOOKS, Effect
+from bayes_inertia.physics.effect import (
+    BODY_HOOKS,
+    LOOKING_BACK,
+    MOVING_HOOKS,
+    ActiveEffects,
+    Effect,
+)
 from bayes_inertia.physics.packing import Data, Nuisances, NuisanceScale, Telemetry
 from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.simulator import simulate_slew
@@ -124,31 +129,6 @@ def _blocks(
     return blocks
 
 
-def hyperparameters(
-    effects: tuple[Effect, ...],
-    layout: tuple[tuple[str, str, int | None], ...],
-    n_base: int = N_BASE,
-) -> tuple[int, ...]:
-    """Where the parameters of stochastic effects stand in the flat vector.
-
-    `layout`: owner, name and number of components (None: a scalar) of each parameter after the
-    `n_base` of J and K.
-
-    Examples
-    --------
-    >>> hyperparameters((), (("rate_bias", "bias", 3),))
-    ()
-    """
-    stochastic = {e.name for e in effects if isinstance(e, StochasticEffect)}
-    indices: list[int] = []
-    start = n_base
-    for owner, _, size in layout:
-        stop = start + (1 if size is None else size)
-        indices += range(start, stop) if owner in stochastic else ()
-        start = stop
-    return tuple(indices)
-
-
 @dataclass(frozen=True)
 class Structure:
     """What decides the compiled code of a model.
@@ -245,7 +225,9 @@ class Structure:
         """Which parameters only fix the prior of coefficients; empty without stochastic effects."""
         if not self.coefficients:
             return ()
-        return hyperparameters(self.effects, self.layout, self.n_base)
+        stochastic = {e.name for e in self.effects if isinstance(e, StochasticEffect)}
+        owners = [owner for owner, _, size in self.layout for _ in range(size or 1)]
+        return tuple(self.n_base + i for i, owner in enumerate(owners) if owner in stochastic)
 
     def active_effects(self, theta: Array) -> ActiveEffects:
         """The effects with the parameters that a flat vector gives them.
@@ -267,7 +249,7 @@ def start_of(structure: Structure, scale: NuisanceScale, reference: Start, local
     `local` (n_start,).
     """
     physical = local * scale.local
-    attitude = quaternion.multiply(reference.attitude, quaternion.exp(physical[3:6]))
+    attitude = quaternion.turned(reference.attitude, physical[3:6])
     momentum = reference.wheel_momentum + (physical[6:] if structure.drive == "commanded" else 0.0)
     return Start(reference.rate_B + physical[:3], attitude, momentum)
 

@@ -28,8 +28,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from bayes_inertia.maths import quaternion
-from bayes_inertia.physics.active_effects import ActiveEffects
-from bayes_inertia.physics.effect import MOVING_HOOKS
+from bayes_inertia.physics.effect import MOVING_HOOKS, ActiveEffects
 from bayes_inertia.physics.equations_of_motion import (
     Body,
     Components,

@@ -20,9 +20,8 @@ from bayes_inertia.physics.effects.reading_noise import (
     RateRandomWalk,
     StarTrackerLowFrequency,
 )
-from bayes_inertia.physics.processes import Process
 from bayes_inertia.physics.random_basis import independent
-from bayes_inertia.physics.stochastic_effect import StochasticEffect
+from bayes_inertia.physics.stochastic_effect import Process, StochasticEffect
 
 
 @dataclass(frozen=True)

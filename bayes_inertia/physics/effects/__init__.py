@@ -1,4 +1,4 @@
-"""The effect library: one small file per effect, and the tuple of those tried by default.
+"""The effect library: effects by kind, and the tuple of those tried by default.
 
 The membership of `LIBRARY` decides how many comparisons a diagnosis makes. An effect of your own
 belongs in a file of your own: hand an instance to `Model` (see
@@ -19,11 +19,12 @@ from bayes_inertia.physics.effects.body_torques import (
     MagneticDipole,
     ViscousTorque,
 )
-from bayes_inertia.physics.effects.each_slew import EachSlew
+from bayes_inertia.physics.effects.each_slew import EachSlew as EachSlew
 from bayes_inertia.physics.effects.flexible_mode import FlexibleMode
 from bayes_inertia.physics.effects.formula import Formula
 from bayes_inertia.physics.effects.inertia_change import InertiaChange
-from bayes_inertia.physics.effects.of_device import OfDevice, candidates_in
+from bayes_inertia.physics.effects.of_device import OfDevice
+from bayes_inertia.physics.effects.of_device import candidates_in as candidates_in
 from bayes_inertia.physics.effects.reading_noise import (
     RateBiasInstability,
     RateBiasSlewDrift,
@@ -91,43 +92,6 @@ STOCHASTIC: tuple[Effect, ...] = (
 
 # What stands for everything without a name, where a model is known to be incomplete.
 REMAINDERS: tuple[StochasticEffect, ...] = (TorqueRemainder(), RateRemainder())
-
-__all__ = [
-    "LIBRARY",
-    "REMAINDERS",
-    "STOCHASTIC",
-    "ConstantTorque",
-    "EachSlew",
-    "FlexibleMode",
-    "Formula",
-    "GravityGradient",
-    "InertiaChange",
-    "MagneticDipole",
-    "RateBias",
-    "RateBiasDrift",
-    "RateBiasInstability",
-    "RateBiasSlewDrift",
-    "RateRandomWalk",
-    "RateRemainder",
-    "RateSensorDelay",
-    "RateSensorMisalignment",
-    "RateSensorNonlinearity",
-    "StarTrackerLowFrequency",
-    "StarTrackerMisalignment",
-    "StarTrackerShift",
-    "StarTrackerTimeOffset",
-    "TachometerNoiseWalk",
-    "TorqueNoise",
-    "TorqueRemainder",
-    "ViscousTorque",
-    "WheelCommandLag",
-    "WheelFriction",
-    "WheelMisalignment",
-    "WheelTorqueGain",
-    "WheelTorqueNoise",
-    "by_name",
-    "candidates_in",
-]
 
 
 def by_name(names: Sequence[str]) -> tuple[Effect, ...]:

@@ -12,9 +12,8 @@ from bayes_inertia.campaign.slew import fix_groups
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.effects.scales import rate_axes, sd_and_time
 from bayes_inertia.physics.parameters import LogNormal, scalar
-from bayes_inertia.physics.processes import Process
 from bayes_inertia.physics.random_basis import independent
-from bayes_inertia.physics.stochastic_effect import ReadingNoise, StochasticEffect
+from bayes_inertia.physics.stochastic_effect import Process, ReadingNoise, StochasticEffect
 
 
 @dataclass(frozen=True)
@@ -301,4 +300,4 @@ class StarTrackerLowFrequency(StochasticEffect):
         if slew.fix_group is None:
             return attitude
         offsets = p["coefficients"].reshape(-1, 3)
-        return quaternion.multiply(attitude, quaternion.exp(offsets[slew.fix_group]))
+        return quaternion.turned(attitude, offsets[slew.fix_group])

@@ -310,7 +310,7 @@ class StarTrackerMisalignment(Misalignment):
     name: ClassVar[str] = "star_tracker_misalignment"
 
     def attitude_output(self, p, slew, trajectory, attitude):
-        return quaternion.multiply(attitude, quaternion.exp(p["angle"]))
+        return quaternion.turned(attitude, p["angle"])
 
 
 @dataclass(frozen=True)
@@ -364,9 +364,7 @@ class StarTrackerShift(RowByRow):
 
     def attitude_output(self, p, slew, trajectory, attitude):
         after = slew.time > 0.5 * (slew.time[0] + slew.time[-1])
-        return quaternion.multiply(
-            attitude, quaternion.exp(jnp.where(after[:, None], p["shift"], 0.0))
-        )
+        return quaternion.turned(attitude, jnp.where(after[:, None], p["shift"], 0.0))
 
 
 @dataclass(frozen=True)
@@ -424,7 +422,7 @@ class StarTrackerTimeOffset(Effect):
             0.0,
         )
         back = turned[left] + ahead * (rate[left] + 0.5 * ahead * acceleration) - turned
-        return quaternion.multiply(attitude, quaternion.exp(back))
+        return quaternion.turned(attitude, back)
 
 
 @dataclass(frozen=True)
