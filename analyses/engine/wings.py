@@ -92,7 +92,7 @@ def tree_of(folder: Path) -> Tree:
 def wing_of(module: str) -> str:
     """The wing of a module: its first part.
 
-    >>> wing_of("physics.effects.sensor_errors")
+    >>> wing_of("physics.effects.rate_bias")
     'physics'
     """
     return module.split(".")[0]

@@ -47,12 +47,13 @@ from bayes_inertia.inference.marginal_posterior import prior_roots
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import REMAINDERS, STOCHASTIC
-from bayes_inertia.physics.effects.reading_noise import TachometerNoiseWalk
 from bayes_inertia.physics.effects.scales import sd_and_time
+from bayes_inertia.physics.effects.tachometer_noise_walk import TachometerNoiseWalk
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.processes import Process
 from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.stated_noise import stated_terms
-from bayes_inertia.physics.stochastic_effect import Process, StochasticEffect
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 NAMELESS = {
     "body torque": "nameless_body_torque",

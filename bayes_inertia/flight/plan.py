@@ -24,7 +24,7 @@ from bayes_inertia.campaign.hardware import require
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.maths.values import Vector
-from bayes_inertia.physics.effects.body_torques import GravityGradient
+from bayes_inertia.physics.effects.gravity_gradient import GravityGradient
 from bayes_inertia.physics.slew_context import Environment
 
 Profile = Literal["trapezoid", "smooth"]

@@ -58,8 +58,8 @@ from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.prediction import Structure
+from bayes_inertia.physics.processes import RowTimes, StateSpace
 from bayes_inertia.physics.slew_context import SlewContext
-from bayes_inertia.physics.stochastic_effect import RowTimes, StateSpace
 
 
 class SharedFirst(NamedTuple):

@@ -23,8 +23,9 @@ from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.prediction import Structure
+from bayes_inertia.physics.processes import Process, RowTimes, StateSpace
 from bayes_inertia.physics.stated_noise import stated_reading_noise
-from bayes_inertia.physics.stochastic_effect import Process, RowTimes, StateSpace, StochasticEffect
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
 class Memory(NamedTuple):

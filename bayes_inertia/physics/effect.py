@@ -8,6 +8,7 @@ instances: nothing is registered anywhere, and an effect of your own needs no ed
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
@@ -498,6 +499,22 @@ class Effect:
         return momentum
 
 
+@dataclass(frozen=True)
+class RowByRow(Effect):
+    """Base of errors of a sensor that depend on nothing but the row that is asked for."""
+
+    def looks_between_rows(self, campaign):
+        return False
+
+
+@dataclass(frozen=True)
+class SmoothTorque(Effect):
+    """Base of torques that change no faster than the body turns: any step resolves them."""
+
+    def max_step(self, campaign):
+        return math.inf
+
+
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
 class ActiveEffects:
@@ -514,7 +531,7 @@ class ActiveEffects:
 
     Examples
     --------
-    >>> from bayes_inertia.physics.effects.body_torques import ConstantTorque
+    >>> from bayes_inertia.physics.effects.constant_torque import ConstantTorque
     >>> active = ActiveEffects((ConstantTorque(),), {"constant_torque": {"torque": 1e-5}})
     >>> [parameters["torque"] for _, parameters in active]
     [1e-05]

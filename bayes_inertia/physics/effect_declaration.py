@@ -60,7 +60,7 @@ def check_declaration(effect: Effect, campaign: Campaign) -> None:
 
     Examples
     --------
-    >>> from bayes_inertia.physics.effects.body_torques import ConstantTorque
+    >>> from bayes_inertia.physics.effects.constant_torque import ConstantTorque
     >>> from bayes_inertia.physics.small_campaign import small_campaign
     >>> check_declaration(ConstantTorque(), small_campaign())
     """

@@ -23,6 +23,7 @@ from bayes_inertia.physics.channel_noise import NOISE_OWNER, NoiseModel
 from bayes_inertia.physics.channels import Channel, channels_of
 from bayes_inertia.physics.effect import BODY_HOOKS, LOOKING_BACK, WHEEL_HOOKS, Effect
 from bayes_inertia.physics.effect_declaration import guarded
+from bayes_inertia.physics.effects.lost_commands import LostCommands
 from bayes_inertia.physics.integration_plan import integration_plan
 from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.packing import Arrays, Data, NuisanceScale, pack
@@ -38,7 +39,7 @@ from bayes_inertia.physics.parameters import (
 from bayes_inertia.physics.prediction import Structure, coefficient_counts, predict_all
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.slow_tachometers import FreeMomentum, free_momentum
-from bayes_inertia.physics.stated_noise import LostCommands, stated_noise
+from bayes_inertia.physics.stated_noise import stated_noise
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 

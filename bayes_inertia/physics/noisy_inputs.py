@@ -15,7 +15,7 @@ import numpy as np
 from bayes_inertia.campaign.actuators import GimballedRotors
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.physics.actuators import turning
+from bayes_inertia.physics.actuators.gimballed_rotors import turning
 from bayes_inertia.physics.slew_input import Drive
 
 

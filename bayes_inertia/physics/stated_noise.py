@@ -1,4 +1,4 @@
-"""What a model holds by itself: noise that wanders at its stated size, and lost commands.
+"""Noise that wanders and whose size the campaign states.
 
 What the gyro's bias does is filtered out of the readings (`inference.noise_filter`). The star
 tracker's low-frequency error is an effect with nothing to estimate.
@@ -7,55 +7,13 @@ tracker's low-frequency error is an effect with nothing to estimate.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import ClassVar
-
-import jax.numpy as jnp
-import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.effects.reading_noise import (
-    RateBiasInstability,
-    RateRandomWalk,
-    StarTrackerLowFrequency,
-)
-from bayes_inertia.physics.random_basis import independent
-from bayes_inertia.physics.stochastic_effect import Process, StochasticEffect
-
-
-@dataclass(frozen=True)
-class LostCommands(StochasticEffect):
-    """In every gap of the commands each wheel has an unknown torque beside what is guessed there.
-
-    A model takes this effect by itself where its campaign has such gaps (`Slew.lost_command`). The
-    unknown torque is constant over a piece of a gap; its sd is that of `Slew.lost_command_sd`.
-
-    Examples
-    --------
-    >>> from bayes_inertia.physics.small_campaign import small_campaign
-    >>> LostCommands().coefficient_count(small_campaign())
-    0
-    """
-
-    name: ClassVar[str] = "lost_commands"
-
-    def coefficient_count(self, campaign):
-        pieces = [
-            0 if slew.lost_command is None else int(np.max(slew.lost_command))
-            for slew in campaign.slews
-        ]
-        return max(pieces) * len(campaign.wheels)
-
-    def coefficient_root(self, p, slew, count):
-        return independent(1.0, count)
-
-    def delivered_torque(self, p, slew, torque):
-        if slew.lost_command is None or not p["coefficients"].shape[0]:
-            return torque
-        pieces = p["coefficients"].reshape(-1, torque.shape[1])
-        # Where nothing was lost the sd is zero.
-        return torque + slew.lost_command_sd * pieces[jnp.maximum(slew.lost_command - 1, 0)]
+from bayes_inertia.physics.effects.rate_bias_instability import RateBiasInstability
+from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
+from bayes_inertia.physics.effects.star_tracker_low_frequency import StarTrackerLowFrequency
+from bayes_inertia.physics.processes import Process
 
 
 def stated_noise(campaign: Campaign, effects: Sequence[Effect]) -> tuple[Effect, ...]:

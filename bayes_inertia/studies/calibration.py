@@ -33,8 +33,8 @@ from bayes_inertia.inference.settings import Settings
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.effects.body_torques import ConstantTorque
-from bayes_inertia.physics.effects.sensor_errors import RateSensorMisalignment
+from bayes_inertia.physics.effects.constant_torque import ConstantTorque
+from bayes_inertia.physics.effects.sensor_misalignment import RateSensorMisalignment
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import BASE_NAMES, N_BASE
 from bayes_inertia.studies.limits import LIMITS

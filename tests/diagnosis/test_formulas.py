@@ -14,9 +14,9 @@ from bayes_inertia.diagnosis.result import FormulaSearch, FormulaTerm
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.inference.optimizer import estimate, move_to
-from bayes_inertia.physics.effects.body_torques import ViscousTorque
 from bayes_inertia.physics.effects.formula import Formula
-from bayes_inertia.physics.effects.wheel_errors import WheelFriction
+from bayes_inertia.physics.effects.viscous_torque import ViscousTorque
+from bayes_inertia.physics.effects.wheel_friction import WheelFriction
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.small_campaign import small_campaign
 from bayes_inertia.report.verdict import headline

@@ -14,7 +14,8 @@ from bayes_inertia.inference.laplace import marginal
 from bayes_inertia.inference.marginal_posterior import conditional_point, log_posterior, prior_roots
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.proposal import EvidenceMove, IndependenceMove, explored_sizes
-from bayes_inertia.physics.effects.reading_noise import RateBiasSlewDrift, RateRandomWalk
+from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
+from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
 from bayes_inertia.physics.effects.torque_noise import TorqueNoise
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import log_prior

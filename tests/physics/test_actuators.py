@@ -14,12 +14,13 @@ from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.diagnosis.random_signals import roots_at
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.maths import quaternion
-from bayes_inertia.physics.actuators import effects_of, momentum_noise
+from bayes_inertia.physics.actuators import effects_of
+from bayes_inertia.physics.actuators.gimballed_rotors import momentum_noise
 from bayes_inertia.physics.channels import channels_of
 from bayes_inertia.physics.check_effect import check_effect
 from bayes_inertia.physics.effect import ActiveEffects, Effect
 from bayes_inertia.physics.effects import RateRandomWalk, TorqueNoise
-from bayes_inertia.physics.effects.body_torques import MagneticDipole
+from bayes_inertia.physics.effects.magnetic_dipole import MagneticDipole
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.packing import pack
 from bayes_inertia.physics.parameters import Normal, scalar

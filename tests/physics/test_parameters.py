@@ -13,7 +13,7 @@ from bayes_inertia.campaign.hardware import InertiaPrior
 from bayes_inertia.errors import EffectError, SettingsError
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.physics.effects.body_torques import ConstantTorque
+from bayes_inertia.physics.effects.constant_torque import ConstantTorque
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import (
     LogNormal,

@@ -14,7 +14,7 @@ from bayes_inertia.campaign.hardware import body_rates
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
-from bayes_inertia.physics.actuators import momentum_noise
+from bayes_inertia.physics.actuators.gimballed_rotors import momentum_noise
 from bayes_inertia.physics.channels.channel import Channel, Readings, SensorAtFit
 from bayes_inertia.physics.parameters import Normal, Parameter, scalar
 from bayes_inertia.physics.slew_context import SlewContext, Trajectory

@@ -1,4 +1,4 @@
-"""The effect library: effects by kind, and the tuple of those tried by default.
+"""The effect library: one small file per effect, and the tuple of those tried by default.
 
 The membership of `LIBRARY` decides how many comparisons a diagnosis makes. An effect of your own
 belongs in a file of your own: hand an instance to `Model` (see
@@ -13,47 +13,37 @@ from contextlib import suppress
 
 from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.effects.body_torques import (
-    ConstantTorque,
-    GravityGradient,
-    MagneticDipole,
-    ViscousTorque,
-)
+from bayes_inertia.physics.effects.constant_torque import ConstantTorque
 from bayes_inertia.physics.effects.each_slew import EachSlew as EachSlew
 from bayes_inertia.physics.effects.flexible_mode import FlexibleMode
 from bayes_inertia.physics.effects.formula import Formula
+from bayes_inertia.physics.effects.gravity_gradient import GravityGradient
 from bayes_inertia.physics.effects.inertia_change import InertiaChange
+from bayes_inertia.physics.effects.magnetic_dipole import MagneticDipole
 from bayes_inertia.physics.effects.of_device import OfDevice
 from bayes_inertia.physics.effects.of_device import candidates_in as candidates_in
-from bayes_inertia.physics.effects.reading_noise import (
-    RateBiasInstability,
-    RateBiasSlewDrift,
-    RateRandomWalk,
-    RateRemainder,
-    StarTrackerLowFrequency,
-    TachometerNoiseWalk,
-)
-from bayes_inertia.physics.effects.sensor_errors import (
-    RateBias,
-    RateBiasDrift,
-    RateSensorDelay,
+from bayes_inertia.physics.effects.rate_bias import RateBias
+from bayes_inertia.physics.effects.rate_bias_drift import RateBiasDrift
+from bayes_inertia.physics.effects.rate_bias_instability import RateBiasInstability, RateRemainder
+from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
+from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
+from bayes_inertia.physics.effects.rate_sensor_delay import RateSensorDelay
+from bayes_inertia.physics.effects.rate_sensor_nonlinearity import RateSensorNonlinearity
+from bayes_inertia.physics.effects.sensor_misalignment import (
     RateSensorMisalignment,
-    RateSensorNonlinearity,
     StarTrackerMisalignment,
-    StarTrackerShift,
-    StarTrackerTimeOffset,
 )
-from bayes_inertia.physics.effects.torque_noise import (
-    TorqueNoise,
-    TorqueRemainder,
-    WheelTorqueNoise,
-)
-from bayes_inertia.physics.effects.wheel_errors import (
-    WheelCommandLag,
-    WheelFriction,
-    WheelMisalignment,
-    WheelTorqueGain,
-)
+from bayes_inertia.physics.effects.star_tracker_low_frequency import StarTrackerLowFrequency
+from bayes_inertia.physics.effects.star_tracker_shift import StarTrackerShift
+from bayes_inertia.physics.effects.star_tracker_time_offset import StarTrackerTimeOffset
+from bayes_inertia.physics.effects.tachometer_noise_walk import TachometerNoiseWalk
+from bayes_inertia.physics.effects.torque_noise import TorqueNoise, TorqueRemainder
+from bayes_inertia.physics.effects.viscous_torque import ViscousTorque
+from bayes_inertia.physics.effects.wheel_command_lag import WheelCommandLag
+from bayes_inertia.physics.effects.wheel_friction import WheelFriction
+from bayes_inertia.physics.effects.wheel_misalignment import WheelMisalignment
+from bayes_inertia.physics.effects.wheel_torque_gain import WheelTorqueGain
+from bayes_inertia.physics.effects.wheel_torque_noise import WheelTorqueNoise
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 LIBRARY: tuple[Effect, ...] = (

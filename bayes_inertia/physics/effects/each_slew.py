@@ -70,7 +70,7 @@ class EachSlew(Effect):
 
         Examples
         --------
-        >>> from bayes_inertia.physics.effects.wheel_errors import WheelCommandLag
+        >>> from bayes_inertia.physics.effects.wheel_command_lag import WheelCommandLag
         >>> from bayes_inertia.physics.small_campaign import small_campaign
         >>> campaign = small_campaign()
         >>> EachSlew.of(WheelCommandLag(), campaign).parameters(campaign)[0].names[:2]

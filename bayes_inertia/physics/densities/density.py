@@ -1,4 +1,4 @@
-"""Densities of the noise: how the noise of one number is distributed over its scale.
+"""The contract of a density: how the noise of one number is distributed over its scale.
 
 A density states minus its log and how to draw from it. Slopes, curvatures and what a fit needs of
 their means follow from that by calculus (Lange, Little and Taylor 1989, J. Am. Stat. Assoc. 84,
@@ -8,18 +8,15 @@ their means follow from that by calculus (Lange, Little and Taylor 1989, J. Am. 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jax.scipy.special import gammaln
-from scipy import special, stats
+from scipy import stats
 
 
 class Shape(NamedTuple):
@@ -119,66 +116,3 @@ class Density(ABC):
         bend = weight @ (slope * (slope + y * self.curvature(y, shape)))
         information = jnp.einsum("n,in,jn->ij", weight, scores, scores)
         return Moments(information, location, 0.5 * bend / location, 2.0 / information[0, 0])
-
-
-class Gaussian(Density):
-    """The normal distribution.
-
-    Examples
-    --------
-    >>> Gaussian().normal_scores(np.array([-3.0]), 0.0).tolist()
-    [-3.0]
-    """
-
-    name = "gaussian"
-    title = "Gaussian"
-    heavy = False
-
-    def loss(self, y: Any, shape: Any) -> Array:
-        """Half the square."""
-        return 0.5 * jnp.square(y)
-
-    def draw(self, rng: np.random.Generator, shape: Any, size: tuple[int, ...]) -> np.ndarray:
-        """Standard normal."""
-        return rng.standard_normal(size)
-
-    def upper_tail(self, y: np.ndarray, shape: float) -> np.ndarray:
-        """Of the normal distribution."""
-        return special.ndtr(-y)
-
-    def normal_scores(self, y: np.ndarray, shape: float) -> np.ndarray:
-        """The numbers themselves."""
-        return np.asarray(y)
-
-
-class StudentT(Density):
-    """Student's t distribution of unit scale.
-
-    Examples
-    --------
-    >>> StudentT().slope(jnp.array([0.0, 2.0]), 4.0).round(12).tolist()
-    [0.0, 1.25]
-    """
-
-    name = "student_t"
-    title = "Student-t"
-    # Below 1 there is no mean, and no outlier would tell anything any more. Sampled: 95 % from 1.3
-    # to 29.
-    shape = Shape("degrees", "degrees of freedom", least=1.0, median=6.0, spread=0.8)
-
-    def loss(self, y: Any, shape: Any) -> Array:
-        """rho(y) with its constant, zero where nu is large."""
-        gap = gammaln(0.5 * shape) - gammaln(0.5 * (shape + 1.0)) + 0.5 * jnp.log(0.5 * shape)
-        return 0.5 * (shape + 1.0) * jnp.log1p(jnp.square(y) / shape) + gap
-
-    def draw(self, rng: np.random.Generator, shape: Any, size: tuple[int, ...]) -> np.ndarray:
-        """Of each entry's own degrees of freedom."""
-        return rng.standard_t(np.broadcast_to(shape, size))
-
-    def upper_tail(self, y: np.ndarray, shape: float) -> np.ndarray:
-        """Of the t distribution."""
-        return stats.t.sf(y, shape)
-
-
-# By name; a new family is one file and its entry here.
-FAMILIES: Mapping[str, Density] = MappingProxyType({d.name: d for d in (Gaussian(), StudentT())})

@@ -1,0 +1,82 @@
+"""The devices of a campaign beside wheels, as effects.
+
+They are in every model of the campaign: no candidates of a diagnosis, and known but for a gain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magnetorquer, Thruster
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.physics.actuators.device import (
+    DeviceEffect,
+    ThrusterTorque,
+    ToldTorque,
+    TorquerTorque,
+)
+from bayes_inertia.physics.actuators.gimballed_rotors import GimbalAngleNoise, RotorMomentum
+from bayes_inertia.physics.actuators.stated_change import StatedChange
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
+
+__all__ = ["KINDS", "DeviceEffect", "effects_of", "noise_of_inputs", "ties_of_scale"]
+
+# Which effect a device is.
+KINDS: Mapping[type, type[DeviceEffect]] = MappingProxyType(
+    {
+        KnownTorque: ToldTorque,
+        Magnetorquer: TorquerTorque,
+        Thruster: ThrusterTorque,
+        GimballedRotors: RotorMomentum,
+    }
+)
+
+
+def effects_of(campaign: Campaign) -> tuple[Effect, ...]:
+    """The effects that a campaign's own devices and changes are, in their order.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> effects_of(small_campaign())
+    ()
+    """
+    devices = (KINDS[type(device)](device) for device in campaign.actuators)
+    starts = [slew.start for slew in campaign.slews]
+    changes = (StatedChange(x, tuple(s >= x.time for s in starts)) for x in campaign.changes)
+    return (*devices, *changes)
+
+
+def noise_of_inputs(campaign: Campaign) -> tuple[StochasticEffect, ...]:
+    """The slow part of the noise that inputs of devices have, integrated out at its stated size."""
+    noisy = [d for d in campaign.actuators if isinstance(d, GimballedRotors) and d.angle_sigma]
+    counts = [
+        int(np.median([len((slew.inputs or {})[d.name].time) for slew in campaign.slews]))
+        for d in noisy
+    ]
+    return tuple(GimbalAngleNoise(d, n) for d, n in zip(noisy, counts, strict=True))
+
+
+def ties_of_scale(campaign: Campaign) -> list[dict[str, Any]]:
+    """What ties the absolute size of J: whatever momentum or torque of stated size turns the body.
+
+    Returns: of each device its name, by what it does so, and the relative prior sd of that, 0 where
+    it is taken as exact. Empty where nothing does: only ratios of J are known then.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> ties_of_scale(small_campaign())
+    [{'device': 'wheels', 'by': 'momentum', 'relative_sd': 0.0}]
+    """
+    wheels = [{"device": "wheels", "by": "momentum", "relative_sd": 0.0}]
+    return (wheels if campaign.wheels else []) + [
+        {"device": e.name, "by": e.by, "relative_sd": e.record.gain_sigma}
+        for e in effects_of(campaign)
+        if isinstance(e, DeviceEffect)
+    ]

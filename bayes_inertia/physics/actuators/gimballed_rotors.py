@@ -1,0 +1,93 @@
+"""Gimballed rotors: momentum that is carried inside, known from the gimbal angles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from bayes_inertia.campaign.actuators import GimballedRotors
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.physics.actuators.device import DeviceEffect
+from bayes_inertia.physics.numerics import NUMERICS
+from bayes_inertia.physics.random_basis import independent, slew_fraction
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
+
+
+@dataclass(frozen=True)
+class RotorMomentum(DeviceEffect):
+    """Each rotor's momentum turns about its gimbal axis; total momentum stays what it was."""
+
+    by: ClassVar[str] = "momentum"
+
+    def stated(self, given, gains=1.0):
+        return (self.record.momentum * gains) @ _directions(self.record, given, jnp)[0]
+
+    def carried_momentum(self, p, slew, t, inputs):
+        return self.made(p, inputs[self.name])
+
+
+@dataclass(frozen=True)
+class GimbalAngleNoise(StochasticEffect):
+    """The slow part of the noise of the gimbal angles, an input: it moves the attitude.
+
+    Parameters
+    ----------
+    record : GimballedRotors
+        Whose angles they are, with their noise.
+    readings : int
+        How many a slew has.
+    """
+
+    record: GimballedRotors
+    readings: int
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """The device's name, and what it is."""
+        return f"{self.record.name} angle noise"
+
+    @property
+    def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The gimbal angles."""
+        return (self.record.name,)
+
+    def coefficient_count(self, campaign):
+        return self.record.columns * min(NUMERICS.tachometer_modes, self.readings)
+
+    def coefficient_root(self, p, slew, count):
+        return independent(self.record.angle_sigma / np.sqrt(self.readings), count)
+
+    def carried_momentum(self, p, slew, t, inputs):
+        size = p["coefficients"].reshape(self.record.columns, -1)
+        mode = jnp.arange(size.shape[1])
+        shape = jnp.cos(jnp.pi * mode * slew_fraction(slew, t)) * jnp.where(mode == 0, 1.0, 2**0.5)
+        _, turned = _directions(self.record, inputs[self.record.name], jnp)
+        return -(self.record.momentum * (size @ shape)) @ turned
+
+
+def _directions(device: GimballedRotors, angle: Any, xp: Any) -> tuple[Any, Any]:
+    """Spin axes (..., k, 3) at gimbal angles (..., k), and their derivatives by the angles."""
+    along = device.spin_axes_at_zero_B
+    across = np.cross(device.gimbal_axes_B, along)
+    c, s = xp.cos(angle)[..., None], xp.sin(angle)[..., None]
+    return c * along + s * across, c * across - s * along
+
+
+def turning(device: GimballedRotors, angle: np.ndarray) -> np.ndarray:
+    """Derivatives (..., k, 3) of the spin axes by the gimbal angles (..., k)."""
+    return _directions(device, angle, np)[1]
+
+
+def momentum_noise(campaign: Campaign) -> np.ndarray:
+    """Covariance (3, 3) of the carried momentum that the noise of one reading makes [(N m s)^2]."""
+    total = np.zeros((3, 3))
+    for device in campaign.actuators:
+        if isinstance(device, GimballedRotors) and device.angle_sigma:
+            angles = [(slew.inputs or {})[device.name].values for slew in campaign.slews]
+            turned = turning(device, np.concatenate(angles))
+            moved = device.angle_sigma * np.asarray(device.momentum)[:, None] * turned
+            total += np.einsum("nki,nkj->ij", moved, moved) / len(moved)
+    return total

@@ -1,0 +1,89 @@
+"""The bias instability of a gyro: a bias that wanders about its mean with a correlation time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from bayes_inertia.physics.effects.scales import rate_axes, sd_and_time
+from bayes_inertia.physics.processes import Process
+from bayes_inertia.physics.stochastic_effect import ReadingNoise
+
+
+@dataclass(frozen=True)
+class RateBiasInstability(ReadingNoise):
+    """The rate bias of each axis and slew has a part that is a first-order Gauss-Markov process.
+
+    Its covariance is sd^2 exp(-|t - t'| / time). A fit takes two slews as independent; where the
+    process is weighed against other effects it goes on between slews. Flicker noise (BI of an Allan
+    curve) has no finite state; the Gauss-Markov process is the usual stand-in for it.
+
+    Parameters
+    ----------
+    median_sd, median_time : float or None, optional
+        Medians of the priors [rad/s, s]; None takes what the campaign states, or else the noise of
+        one reading, and a fifth of a slew.
+    factor_sd : float, optional
+        Sd of the logarithm of the sd. The time is known to a factor of 2 (sd 0.7).
+    knots : int, optional
+        On each axis, evenly over the slew. What the process does between them is noise of the
+        readings, of the size that belongs to it, and is filtered out.
+
+    References
+    ----------
+    IEEE Std 952-1997, annex B and C (bias instability, exponentially correlated noise).
+
+    Examples
+    --------
+    >>> RateBiasInstability(knots=9).coefficient_count(None)
+    27
+    """
+
+    name: ClassVar[str] = "rate_bias_instability"
+    signal_title: ClassVar[str] = "wandering rate bias"
+    signal_quantity: ClassVar[str] = "rate error"
+    signal_unit: ClassVar[str] = "rad/s"
+    signal_components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
+    median_sd: float | None = None
+    median_time: float | None = None
+    factor_sd: float = 1.5
+
+    def parameters(self, campaign):
+        sensor = campaign.gyro
+        sd = self.median_sd or sensor.bias_instability or float(np.max(sensor.sigma))
+        time = self.median_time or sensor.bias_instability_time
+        return sd_and_time(campaign, "rad/s", sd, time, self.factor_sd)
+
+    def components(self, campaign):
+        return len(rate_axes(campaign))
+
+    def reading_noise(self, p):
+        return Process("rate", p["sd"], p["time"], self.knots)
+
+    def rate_output(self, p, slew, trajectory, rate_S):
+        return rate_S + self.signal(p, slew, slew.time)
+
+
+@dataclass(frozen=True)
+class RateRemainder(RateBiasInstability):
+    """A rate error without a name: `rate_bias_instability` whose size is known to a factor of 90.
+
+    For fits that stay honest although the model is incomplete: what errors of the rate sensor
+    nobody thought of did is taken from the information on J and K.
+
+    Parameters
+    ----------
+    median_sd, median_time, factor_sd, knots
+        As `RateBiasInstability`.
+
+    Examples
+    --------
+    >>> RateRemainder().factor_sd
+    2.3
+    """
+
+    name: ClassVar[str] = "rate_remainder"
+    signal_title: ClassVar[str] = "rate error without a name"
+    factor_sd: float = 2.3

@@ -1,0 +1,70 @@
+"""Star-tracker fixes that are older (or newer) than their time stamps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import jax.numpy as jnp
+
+from bayes_inertia.maths import quaternion
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.parameters import Normal, scalar
+
+
+@dataclass(frozen=True)
+class StarTrackerTimeOffset(Effect):
+    """Fixes stamped t show the attitude at t - tau; negative tau is a lead.
+
+    That is exposure and processing time.
+
+    The body turns back by the integral of its rate over tau. It shows only where fixes are
+    taken while the body turns: fixes at rest before and after a slew cannot see it. Beyond the
+    telemetry's ends the rate is held.
+
+    Parameters
+    ----------
+    sigma : float or None, optional
+        Prior sd of tau [s]; None takes 1/1000 of a slew's duration (a tenth of a second, a
+        tracker's exposure).
+
+    Examples
+    --------
+    >>> StarTrackerTimeOffset(sigma=0.1).parameters(None)[0].names
+    ('tau',)
+    """
+
+    name: ClassVar[str] = "star_tracker_time_offset"
+    kind: ClassVar[str] = "delay"
+    sigma: float | None = None
+
+    def parameters(self, campaign):
+        sigma = self.sigma if self.sigma is not None else campaign.scale_of_motion()[1] / 1000.0
+        return (scalar("tau", unit="s", prior=Normal(0.0, sigma)),)
+
+    def looks_between_rows(self, campaign):
+        return any(slew.fixes.any() for slew in campaign.slews)
+
+    def attitude_output(self, p, slew, trajectory, attitude):
+        rate, step = trajectory.rate_B, slew.step
+        # Angle turned since the first row: the integral of the piecewise linear rate.
+        turned = jnp.cumsum(
+            0.5 * (rate + jnp.concatenate([rate[1:], rate[-1:]])) * step[:, None], axis=0
+        )
+        turned = jnp.concatenate([jnp.zeros((1, 3)), turned[:-1]])
+        steps = jnp.sum(step > 0.0)
+        times = slew.time - p["tau"]
+        left = jnp.where(
+            times < slew.time[0],
+            0,
+            jnp.clip(jnp.searchsorted(slew.time, times, side="right") - 1, 0, steps),
+        )
+        ahead = (times - slew.time[left])[:, None]
+        inside = (times >= slew.time[0]) & (left < steps)
+        acceleration = jnp.where(
+            inside[:, None],
+            (rate[left + 1] - rate[left]) / jnp.where(inside, step[left], 1.0)[:, None],
+            0.0,
+        )
+        back = turned[left] + ahead * (rate[left] + 0.5 * ahead * acceleration) - turned
+        return quaternion.turned(attitude, back)
