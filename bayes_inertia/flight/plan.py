@@ -179,12 +179,9 @@ class Orbit:
 
 
 def _require_positive(value: float, key: str) -> None:
-    require(
-        bool(np.isfinite(value)) and value > 0.0,
-        key,
-        f"{value!r} is not positive",
-        "give a positive number",
-    )
+    what = f"{value!r} is not positive"
+    advice = "give a positive number"
+    require(bool(np.isfinite(value)) and value > 0.0, key, what, advice)
 
 
 @dataclass(frozen=True)
@@ -232,12 +229,9 @@ class PlannedSlew:
             _require_positive(getattr(self, key), f"slews.{key}")
         if self.duration is not None:
             _require_positive(self.duration, "slews.duration")
-        require(
-            self.profile in get_args(Profile),
-            "slews.profile",
-            f"{self.profile!r} is unknown",
-            f"choose {' or '.join(get_args(Profile))}",
-        )
+        what = f"{self.profile!r} is unknown"
+        advice = f"choose {' or '.join(get_args(Profile))}"
+        require(self.profile in get_args(Profile), "slews.profile", what, advice)
 
     @property
     def motion_time(self) -> float:
@@ -255,12 +249,9 @@ def _unit_axis(axis_B: Vector) -> tuple[float, ...]:
     is_direction = (
         axis.shape == (3,) and bool(np.all(np.isfinite(axis))) and bool(np.linalg.norm(axis) > 0.0)
     )
-    require(
-        is_direction,
-        "slews.axis",
-        f"{axis_B!r} is no direction",
-        "give three numbers, not all zero",
-    )
+    what = f"{axis_B!r} is no direction"
+    advice = "give three numbers, not all zero"
+    require(is_direction, "slews.axis", what, advice)
     return _normalised(axis)
 
 
@@ -345,12 +336,9 @@ class Plan:
         self._check_times()
         attitude = np.asarray(self.start_attitude, dtype=float)
         norm = float(np.linalg.norm(attitude)) if attitude.shape == (4,) else math.nan
-        require(
-            abs(norm - 1.0) < 1e-3,
-            "start_attitude",
-            "no unit quaternion",
-            "give four numbers, scalar last",
-        )
+        what = "no unit quaternion"
+        advice = "give four numbers, scalar last"
+        require(abs(norm - 1.0) < 1e-3, "start_attitude", what, advice)
         object.__setattr__(self, "start_attitude", _normalised(attitude))
         object.__setattr__(self, "durations", tuple(self._duration(slew) for slew in self.slews))
 
@@ -364,18 +352,12 @@ class Plan:
             require(is_time, key, f"{value!r} is negative", "give seconds")
         for key in ("rest_before", "fix_spacing"):
             periods = getattr(self, key) / self.telemetry_period
-            require(
-                abs(periods - round(periods)) < 1e-6,
-                key,
-                f"{getattr(self, key)!r} s is no multiple of telemetry_period",
-                "choose one that is",
-            )
-        require(
-            self.first_fix < self.rest_before,
-            "first_fix",
-            "the first fix comes after the rest",
-            "make it smaller than rest_before",
-        )
+            what = f"{getattr(self, key)!r} s is no multiple of telemetry_period"
+            advice = "choose one that is"
+            require(abs(periods - round(periods)) < 1e-6, key, what, advice)
+        what = "the first fix comes after the rest"
+        advice = "make it smaller than rest_before"
+        require(self.first_fix < self.rest_before, "first_fix", what, advice)
 
     def _duration(self, slew: PlannedSlew) -> float:
         """Duration of a slew's telemetry [s], whole telemetry periods."""
@@ -391,12 +373,9 @@ class Plan:
         if slew.duration is None:
             return needed
         asked = round(slew.duration / self.telemetry_period) * self.telemetry_period
-        require(
-            asked >= needed - 1e-9,
-            "slews.duration",
-            f"{slew.duration:.6g} s is too short",
-            f"give at least {needed:.6g} s, or leave it out",
-        )
+        what = f"{slew.duration:.6g} s is too short"
+        advice = f"give at least {needed:.6g} s, or leave it out"
+        require(asked >= needed - 1e-9, "slews.duration", what, advice)
         return asked
 
     @property

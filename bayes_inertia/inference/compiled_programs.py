@@ -17,11 +17,7 @@ from bayes_inertia.maths.kept_programs import KeptProgram, return_freed_memory
 
 
 def forget_surplus(
-    programs: Iterable[Any] = (
-        *OF_EVIDENCE,
-        *OF_LIKELIHOOD,
-        *OF_POSTERIOR,
-    ),
+    programs: Iterable[Any] = (*OF_EVIDENCE, *OF_LIKELIHOOD, *OF_POSTERIOR),
     most: int = LIMITS.most_programs,
     most_bytes: int = LIMITS.most_bytes,
 ) -> None:

@@ -152,13 +152,13 @@ def nuisance_optimum(
         densities, r, base.columns, frozen.valid, frozen.gram, frozen.products, *values, strict=True
     )
     channels = [_Channel(*parts) for parts in of_channels if parts[1].shape[-1]]
-    mean, point = _sum(c.mean_matrix() for c in channels), ridge
+    mean, point = sum(c.mean_matrix() for c in channels), ridge
 
-    def at(point: Point, matrix: Array | None) -> EliminatedSlews:
+    def at(point: Point, matrix: Any) -> EliminatedSlews:
         shared = jnp.broadcast_to(point.bias - ridge.bias, (len(ridge.local), len(ridge.bias)))
         step = jnp.concatenate([shared, point.local - ridge.local], -1)
-        matrix = _sum(c.matrix(step) for c in channels) if matrix is None else matrix
-        loss, slope = (_sum(getattr(c, of)(step) for c in channels) for of in ("loss", "slope"))
+        matrix = sum(c.matrix(step) for c in channels) if matrix is None else matrix
+        loss, slope = (sum(getattr(c, of)(step) for c in channels) for of in ("loss", "slope"))
         one, squares = jnp.eye(len(point.bias)), jnp.sum(point.bias**2)
         equations = SlewEquations(2.0 * loss, matrix, slope, one, point.bias, squares, point.local)
         return eliminated((), equations)
@@ -172,10 +172,6 @@ def nuisance_optimum(
     # Far out the observed curvature need not be positive.
     definite = jnp.isfinite(log_integral(exact))
     return NuisanceOptimum(point, jax.tree.map(partial(jnp.where, definite), exact, rough))
-
-
-def _sum(parts: Any) -> Any:
-    return sum(parts)
 
 
 def log_posterior_with_densities(

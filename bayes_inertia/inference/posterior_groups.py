@@ -25,11 +25,11 @@ from bayes_inertia.inference.posterior import FORMAT, Posterior
 from bayes_inertia.inference.predicted_telemetry import (
     drawn_nuisances,
     predicted_telemetry,
+    slew_log_likelihood,
     thinned_draws,
 )
 from bayes_inertia.inference.sampler import Chains
 from bayes_inertia.inference.settings import FitContext
-from bayes_inertia.inference.slew_likelihood import slew_log_likelihood
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.actuators import ties_of_scale
 from bayes_inertia.physics.channels import Channel

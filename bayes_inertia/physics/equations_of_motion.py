@@ -426,27 +426,22 @@ def runge_kutta_4(slope: Callable[[Any, Any], Any], x: Any, step: Array) -> Any:
     return jax.lax.scan(stage, (still, x), stages)[0][1]
 
 
-@dataclass(frozen=True, eq=False)
-class Tableau:
-    """An explicit Runge-Kutta method of s stages (Butcher's tableau)."""
+def _butcher_6() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sixth order in seven stages (J. C. Butcher, J. Austral. Math. Soc. 4, 1964): his tableau.
 
-    fractions: np.ndarray  # (s,), of the step that have passed
-    stages: np.ndarray  # (s, s), what each stage takes of the slopes of those before it
-    weights: np.ndarray  # (s,), of the slopes in the step
-
-    @classmethod
-    def butcher_6(cls) -> Tableau:
-        """Sixth order in seven stages (J. C. Butcher, J. Austral. Math. Soc. 4, 1964)."""
-        third, half = 1.0 / 3.0, 0.5
-        stages = np.zeros((7, 7))
-        stages[1, :1] = third
-        stages[2, :2] = 0.0, 2.0 / 3.0
-        stages[3, :3] = 1.0 / 12.0, third, -1.0 / 12.0
-        stages[4, :4] = -1.0 / 16.0, 9.0 / 8.0, -3.0 / 16.0, -3.0 / 8.0
-        stages[5, :5] = 0.0, 9.0 / 8.0, -3.0 / 8.0, -3.0 / 4.0, half
-        stages[6, :6] = 9.0 / 44.0, -9.0 / 11.0, 63.0 / 44.0, 18.0 / 11.0, 0.0, -16.0 / 11.0
-        weights = np.array([11.0, 0.0, 81.0, 81.0, -32.0, -32.0, 11.0]) / 120.0
-        return cls(np.array([0.0, third, 2.0 / 3.0, third, half, half, 1.0]), stages, weights)
+    Returns: fractions (7,) of the step that have passed; what each stage takes (7, 7) of the slopes
+    of those before it; weights (7,) of the slopes in the step.
+    """
+    third, half = 1.0 / 3.0, 0.5
+    stages = np.zeros((7, 7))
+    stages[1, :1] = third
+    stages[2, :2] = 0.0, 2.0 / 3.0
+    stages[3, :3] = 1.0 / 12.0, third, -1.0 / 12.0
+    stages[4, :4] = -1.0 / 16.0, 9.0 / 8.0, -3.0 / 16.0, -3.0 / 8.0
+    stages[5, :5] = 0.0, 9.0 / 8.0, -3.0 / 8.0, -3.0 / 4.0, half
+    stages[6, :6] = 9.0 / 44.0, -9.0 / 11.0, 63.0 / 44.0, 18.0 / 11.0, 0.0, -16.0 / 11.0
+    weights = np.array([11.0, 0.0, 81.0, 81.0, -32.0, -32.0, 11.0]) / 120.0
+    return np.array([0.0, third, 2.0 / 3.0, third, half, half, 1.0]), stages, weights
 
 
 def runge_kutta_6(slope: Callable[[Any, Any], Any], x: Any, step: Array) -> Any:
@@ -468,11 +463,10 @@ def runge_kutta_6(slope: Callable[[Any, Any], Any], x: Any, step: Array) -> Any:
             lambda rows, now: jax.lax.dynamic_update_index_in_dim(rows, now, index, 0), slopes, k
         ), None
 
-    method = Tableau.butcher_6()
-    count = len(method.weights)
-    none = jax.tree.map(lambda a: jnp.zeros((count, *jnp.shape(a))), x)
-    rows = (jnp.arange(count), jnp.asarray(method.fractions), jnp.asarray(method.stages))
-    return _moved(x, jax.lax.scan(stage, none, rows)[0], step * method.weights)
+    fractions, stages, weights = _butcher_6()
+    none = jax.tree.map(lambda a: jnp.zeros((len(weights), *jnp.shape(a))), x)
+    rows = (jnp.arange(len(weights)), jnp.asarray(fractions), jnp.asarray(stages))
+    return _moved(x, jax.lax.scan(stage, none, rows)[0], step * weights)
 
 
 def _moved(x: Any, slopes: Any, shares: Array) -> Any:

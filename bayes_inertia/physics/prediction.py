@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -300,59 +301,37 @@ def predict(
     if structure.drive == "measured" and structure.wheels:
         noise = (local[6:] * data.scale.local[6:]).reshape(structure.wheels, structure.modes)
         slew = without_slow_error(slew, telemetry.tachometer_modes, noise)
+    rows, fixes = _places_on_grid(structure, telemetry)
     if structure.has_sparse_output:
-        slew = slew._replace(fixes=_fixes(structure, telemetry))
+        slew = slew._replace(fixes=jnp.concatenate(fixes))
     start = start_of(structure, data.scale, reference, local)
     trajectory, effect_states = simulate_slew(
         slew, start, J, active, structure.drive, structure.rows_per_step
     )
-    values = tuple(
-        channel.seen(theta, constants, bias * data.scale.bias, slew, trajectory)
-        for channel, constants in zip(structure.channels, data.sensors, strict=True)
-    )
-    for (effect, p), states in zip(active, effect_states, strict=True):
-        with_states = trajectory._replace(effect_states=states)
-        values = tuple(
-            channel.with_effect(effect, p, constants, slew.context, with_states, value)
-            for channel, constants, value in zip(
-                structure.channels, data.sensors, values, strict=True
-            )
-        )
-    return tuple(
-        _at_readings(
-            structure, channel, channel.read(theta[slice(*channel.parameters)], value), telemetry
-        )
-        for channel, value in zip(structure.channels, values, strict=True)
-    )
+    predicted = []
+    for channel, constants, at in zip(structure.channels, data.sensors, rows, strict=True):
+        value = channel.seen(theta, constants, bias * data.scale.bias, slew, trajectory)
+        for (effect, p), states in zip(active, effect_states, strict=True):
+            path = trajectory._replace(effect_states=states)
+            value = channel.with_effect(effect, p, constants, slew.context, path, value)
+        predicted.append(channel.read(theta[slice(*channel.parameters)], value)[at])
+    return tuple(predicted)
 
 
-def _fixes(structure: Structure, telemetry: Telemetry) -> Array:
-    """Where fixes stand on the grid."""
-    fixes = [
-        _on_grid(structure, readings.row, telemetry)
-        for channel, readings in zip(structure.channels, telemetry.readings, strict=True)
-        if not channel.stream.is_series
-    ]
-    return jnp.concatenate(fixes)
-
-
-def _on_grid(structure: Structure, rows: Array, telemetry: Telemetry) -> Array:
-    return telemetry.sample[rows] if structure.refined else rows
-
-
-def _at_readings(
-    structure: Structure, channel: Channel, values: Array, telemetry: Telemetry
-) -> Array:
-    """What a sensor reports along the grid, at its readings."""
-    readings = telemetry.readings[structure.place(channel.name)]
-    if channel.stream.is_series:
-        return values[telemetry.sample] if structure.refined else values
-    if structure.has_sparse_output:
-        before = structure.channels[: structure.place(channel.name)]
-        pairs = zip(before, telemetry.readings, strict=False)
-        first = sum(len(x.row) for other, x in pairs if not other.stream.is_series)
-        return values[first : first + len(readings.row)]
-    return values[_on_grid(structure, readings.row, telemetry)]
+def _places_on_grid(structure: Structure, telemetry: Telemetry) -> tuple[list[Any], list[Array]]:
+    """Where each channel's readings stand in what is simulated, and all fixes on the grid."""
+    rows: list[Any] = []
+    fixes: list[Array] = []
+    for channel, readings in zip(structure.channels, telemetry.readings, strict=True):
+        if channel.stream.is_series:
+            rows.append(telemetry.sample if structure.refined else slice(None))
+            continue
+        first = sum(map(len, fixes))
+        fixes.append(telemetry.sample[readings.row] if structure.refined else readings.row)
+        # Where only fixes are simulated they follow each other.
+        sparse = slice(first, first + len(readings.row))
+        rows.append(sparse if structure.has_sparse_output else fixes[-1])
+    return rows, fixes
 
 
 def predict_all(
