@@ -18,8 +18,7 @@ from jax import Array
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import Numbers
-from bayes_inertia.errors import CampaignError, EffectError
+from bayes_inertia.campaign.hardware import Numbers, require
 from bayes_inertia.flight.closed_loop import (
     ClosedLoop,
     ControlLaw,
@@ -37,7 +36,7 @@ from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import filled, on_device, repeated
 from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.physics.channels import channels_of
-from bayes_inertia.physics.effect import ActiveEffects, Effect
+from bayes_inertia.physics.effect import ActiveEffects, Effect, require_of_effect
 from bayes_inertia.physics.integration_plan import integration_plan
 from bayes_inertia.physics.packing import pack
 from bayes_inertia.physics.slew_context import Environment
@@ -115,12 +114,9 @@ def integration_grid(campaign: Campaign, effects: Sequence[Effect]) -> Integrati
     """
     for effect in effects:
         for column in effect.needs:
-            if any(getattr(slew, column) is None for slew in campaign.slews):
-                raise EffectError(
-                    f"needs {column}",
-                    where=effect.name,
-                    advice="give the plan an [orbit], or leave the effect out",
-                )
+            known = all(getattr(slew, column) is not None for slew in campaign.slews)
+            advice = "give the plan an [orbit], or leave the effect out"
+            require_of_effect(known, effect, f"needs {column}", advice)
     step = integration_plan(campaign, effects, "commanded").spacing
     arrays = pack(campaign, channels_of(campaign, "commanded"), max_step=step)
     n_rows = arrays.telemetry.sample.shape[1]
@@ -193,12 +189,9 @@ def start_states(
     """
     G, attitudes = spacecraft.wheel_axes_B, Rotation.from_quat(plan.attitudes[:-1])
     h = np.array(plan.wheel_momentum or np.zeros(len(spacecraft.wheels)))
-    if len(h) != len(spacecraft.wheels):
-        raise CampaignError(
-            f"{len(h)} momenta for {len(spacecraft.wheels)} wheels",
-            where="key wheel_momentum_Nms",
-            advice="give one a wheel",
-        )
+    what = f"{len(h)} momenta for {len(spacecraft.wheels)} wheels"
+    one_each = len(h) == len(spacecraft.wheels)
+    require(one_each, "wheel_momentum_Nms", what, "give one a wheel")
     total_N = attitudes[0].apply(G @ h)  # scipy's rotation takes body vectors to inertial ones
     left = attitudes.apply(total_N, inverse=True) - G @ h
     momentum = h + left @ allocation(spacecraft.wheels).T

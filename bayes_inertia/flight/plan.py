@@ -21,7 +21,6 @@ from jax import Array
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.hardware import require
-from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.maths.values import Vector
 from bayes_inertia.physics.effects.gravity_gradient import GravityGradient
@@ -112,12 +111,9 @@ class Orbit:
     argument: float = math.radians(10.0)
 
     def __post_init__(self) -> None:
-        if not self.radius > NUMERICS.smallest_radius:
-            raise CampaignError(
-                f"{self.radius / 1e3:.6g} km lies inside the Earth",
-                where="key orbit.radius_km",
-                advice="give the distance from the Earth's centre",
-            )
+        what = f"{self.radius / 1e3:.6g} km lies inside the Earth"
+        advice = "give the distance from the Earth's centre"
+        require(self.radius > NUMERICS.smallest_radius, "orbit.radius_km", what, advice)
 
     def environment(self, time: np.ndarray) -> Environment:
         """What effects need, at times of the campaign.

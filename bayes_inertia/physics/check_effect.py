@@ -14,8 +14,8 @@ from jax.scipy.linalg import block_diag
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.maths.inertia_tensor import tensor as inertia
-from bayes_inertia.physics.effect import LOOKING_BACK, MOVING_HOOKS, Effect
-from bayes_inertia.physics.effect_declaration import check_declaration, guarded, require_of_effect
+from bayes_inertia.physics.effect import LOOKING_BACK, MOVING_HOOKS, Effect, require_of_effect
+from bayes_inertia.physics.effect_declaration import check_declaration, guarded
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.packing import Data

@@ -11,12 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
+from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.parameters import Parameter
 from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory
 from bayes_inertia.physics.slew_input import InputRows
@@ -569,3 +570,17 @@ class ActiveEffects:
         False
         """
         return any(effect.acts(hook) for effect in self.effects for hook in hooks)
+
+
+def require_of_effect(condition: bool, effect: Any, what: str, advice: str) -> None:
+    """Raise unless a condition holds.
+
+    Examples
+    --------
+    >>> require_of_effect(False, Effect(), "it does nothing", "override a hook")
+    Traceback (most recent call last):
+    bayes_inertia.errors.EffectError: no_effect: it does nothing; override a hook
+    """
+    if not condition:
+        where = str(getattr(effect, "name", type(effect).__name__))
+        raise EffectError(what, where=where, advice=advice)

@@ -10,25 +10,11 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import BayesInertiaError, EffectError
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import Effect, require_of_effect
 from bayes_inertia.physics.parameters import Parameter
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 _NOT_SI = {"deg", "arcsec", "arcmin", "rpm", "min", "h", "gauss"}
-
-
-def require_of_effect(condition: bool, effect: Any, what: str, advice: str) -> None:
-    """Raise unless a condition holds.
-
-    Examples
-    --------
-    >>> require_of_effect(False, Effect(), "it does nothing", "override a hook")
-    Traceback (most recent call last):
-    bayes_inertia.errors.EffectError: no_effect: it does nothing; override a hook
-    """
-    if not condition:
-        where = str(getattr(effect, "name", type(effect).__name__))
-        raise EffectError(what, where=where, advice=advice)
 
 
 def guarded(effect: Effect, step_name: str, call: Callable[[], Any]) -> Any:

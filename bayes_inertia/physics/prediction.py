@@ -19,7 +19,6 @@ from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors.rate import RATE
-from bayes_inertia.errors import EffectError
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.effect import (
@@ -28,6 +27,7 @@ from bayes_inertia.physics.effect import (
     MOVING_HOOKS,
     ActiveEffects,
     Effect,
+    require_of_effect,
 )
 from bayes_inertia.physics.packing import Data, Nuisances, NuisanceScale, Telemetry
 from bayes_inertia.physics.parameters import N_BASE
@@ -56,12 +56,9 @@ def coefficient_counts(campaign: Campaign, effects: tuple[Effect, ...]) -> tuple
     counts = []
     for effect in effects:
         count = effect.coefficient_count(campaign) if isinstance(effect, StochasticEffect) else 0
-        if not isinstance(count, int | np.integer) or count < 0:
-            raise EffectError(
-                f"coefficient_count(campaign) is {count!r}",
-                where=effect.name,
-                advice="return a whole number, 0 or more",
-            )
+        whole = isinstance(count, int | np.integer) and count >= 0
+        what = f"coefficient_count(campaign) is {count!r}"
+        require_of_effect(whole, effect, what, "return a whole number, 0 or more")
         counts.append(int(count))
     return tuple(counts) if any(counts) else ()
 
@@ -117,16 +114,10 @@ def _blocks(
     """An effect's root (b, m, m), b m being its number of coefficients."""
     root = jnp.asarray(effect.coefficient_root(p, slew, count))
     blocks = root if root.ndim == 3 else root[None]
-    if (
-        blocks.ndim != 3
-        or blocks.shape[1] != blocks.shape[2]
-        or blocks.shape[0] * blocks.shape[1] != count
-    ):
-        raise EffectError(
-            f"coefficient_root has the shape {root.shape} for {count} coefficients",
-            where=effect.name,
-            advice="return one row and one column a coefficient, or the blocks of a diagonal",
-        )
+    square = blocks.ndim == 3 and blocks.shape[1] == blocks.shape[2]
+    what = f"coefficient_root has the shape {root.shape} for {count} coefficients"
+    advice = "return one row and one column a coefficient, or the blocks of a diagonal"
+    require_of_effect(square and len(blocks) * blocks.shape[1] == count, effect, what, advice)
     return blocks
 
 
