@@ -116,14 +116,8 @@ class Model:
         )
         sensors = tuple(channel.constants(campaign) for channel in structure.channels)
         data = Data(arrays, sensors, _nuisance_scale(campaign, structure, free))
-        for key, value in (
-            ("campaign", campaign),
-            ("effects", effects),
-            ("drive", drive),
-            ("space", space),
-            ("structure", structure),
-            ("data", data),
-        ):
+        made = {"campaign": campaign, "effects": effects, "drive": drive}
+        for key, value in (made | {"space": space, "structure": structure, "data": data}).items():
             object.__setattr__(self, key, value)
 
     @property
