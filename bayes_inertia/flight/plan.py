@@ -476,7 +476,26 @@ class Plan:
         )
 
     def at_fixes(self, i: int, values: np.ndarray) -> np.ndarray:
-        """Values (n, ...) along slew i where it has fixes, NaN elsewhere."""
+        """Values along one slew, as far as it has star-tracker fixes.
+
+        Parameters
+        ----------
+        i : int
+            Index of the slew.
+        values : (n, ...) array
+            One at each row of its telemetry.
+
+        Returns
+        -------
+        (n, ...) array
+            The values in rows with a fix, NaN elsewhere.
+
+        Examples
+        --------
+        >>> plan = paper_like_plan()
+        >>> int(np.isfinite(plan.at_fixes(0, plan.times(0))).sum()) == len(plan.fix_rows(0))
+        True
+        """
         rows, seen = self.fix_rows(i), np.full(values.shape, np.nan)
         seen[rows] = values[rows]
         return seen
