@@ -29,7 +29,7 @@ from bayes_inertia.inference.objective import (
     prior_equations,
 )
 from bayes_inertia.inference.point import Point
-from bayes_inertia.inference.slew_shares import SlewShares, slew_shares
+from bayes_inertia.inference.slew_shares import SlewShares, eliminated
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Model
@@ -131,7 +131,8 @@ class LinearisedFit:
         """What each slew tells of the shared unknowns."""
         _, slope = prior_equations(self.model, self.point.theta, self.free)
         gradient = np.concatenate([slope, self.point.bias])
-        return slew_shares(self.information, self.point.local, self.prior_precision, gradient)
+        parts = eliminated(self.information, self.point.local, self.n_shared)
+        return SlewShares(parts.matrix, parts.gradient, self.prior_precision, gradient)
 
     @cached_property
     def sensitivities(self) -> Sensitivities:

@@ -58,21 +58,6 @@ class SlewShares:
         return -solve(matrix, gradient), matrix
 
 
-def slew_shares(
-    information: Information,
-    local: np.ndarray,
-    prior_precision: np.ndarray,
-    prior_gradient: np.ndarray,
-) -> SlewShares:
-    """Eliminate the nuisances of every slew.
-
-    `local` (slews, n_local) [prior sd]; `prior_precision` (n_shared, n_shared); `prior_gradient`
-    (n_shared,).
-    """
-    parts = eliminated(information, local, len(prior_precision))
-    return SlewShares(parts.matrix, parts.gradient, prior_precision, prior_gradient)
-
-
 class Eliminated(NamedTuple):
     """Normal equations of what slews share, by slew, with their own nuisances eliminated."""
 
