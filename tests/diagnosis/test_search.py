@@ -115,17 +115,25 @@ def test_loud_noise_is_measured_and_nothing_physical_is_named(clean, content_of,
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("diagnosis", "candidates"),
+    [
+        ("pumped_for_few", "few_candidates"),
+        pytest.param("pumped", "rigid_library", marks=pytest.mark.long),
+    ],
+)
 def test_what_no_candidate_explains_is_unknown_and_described(
-    pumped, content_of, check_contract, rigid_library
+    request, diagnosis, candidates, content_of, check_contract
 ):
+    pumped, library = map(request.getfixturevalue, (diagnosis, candidates))
     assert (pumped.verdict, pumped.named) == ("unknown", ())
     content = content_of(pumped, unexplained=unexplained_signal(pumped.base))
-    check_contract(content, rigid_library)
+    check_contract(content, library)
     assert content["unknown"]["frequency_hz"] == pytest.approx(0.3, abs=0.01)
     assert abs(content["unknown"]["axis"][1]) > 0.97
     # The fit after it holds what was tried, but for shapes that are free.
     assert [e.name for e in fitted_effects(pumped)] == [
-        step.added for step in pumped.steps if step.added in {e.name for e in rigid_library}
+        step.added for step in pumped.steps if step.added in {e.name for e in library}
     ]
     assert diagnosis_verdict(content).level == "bad"
     assert any("0.3 Hz ringing about y" in s for s in diagnosis_verdict(content).sentences)
