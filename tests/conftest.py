@@ -30,6 +30,8 @@ from bayes_inertia.physics.parameters import Normal, vector
 from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import SlewInput, Start, idle_slew
 
+# Until all is imported.
+gc.disable()
 # No test writes to the user's cache folder.
 os.environ.setdefault("BAYES_INERTIA_CACHE", "off")
 
@@ -38,6 +40,7 @@ def pytest_collection_finish(session):
     """What was imported stays: tracing makes so many objects that looking through all of it again
     and again takes a twentieth of a session.
     """
+    gc.enable()
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)

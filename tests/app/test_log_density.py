@@ -45,6 +45,7 @@ def test_it_is_the_density_that_fit_samples(campaign, density):
     np.testing.assert_allclose(density(posterior.samples), lp, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_numpy_and_jax_agree_and_shapes_are_kept(density, draws):
     of_numpy, of_jax = density(draws), density(jnp.asarray(draws))
     assert isinstance(of_numpy, np.ndarray)
