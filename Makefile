@@ -17,6 +17,8 @@ compile_modules = @$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib bayes_inerti
 # The tests of one environment share compiled code: two workers, fast tests and slow ones.
 test test-all test-long docs: export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/$(VENV)/jax_cache
 test test-all test-long docs: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.3
+# Workers rewrite the assertions of all test files: once, where Python may write what it compiles.
+test test-all test-long: export PYTHONDONTWRITEBYTECODE :=
 # Compiling is most of what tests do: a tenth of it is unrolling loops.
 test test-all test-long: export XLA_FLAGS ?= --xla_backend_extra_options=xla_cpu_disable_loop_unrolling
 

@@ -11,6 +11,7 @@ import os
 # Matrices are small: with workers on all cores, more threads only wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import gc
 import pickle
 from dataclasses import dataclass, field
 
@@ -29,8 +30,21 @@ from bayes_inertia.physics.parameters import Normal, vector
 from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import SlewInput, Start, idle_slew
 
+# Until all is imported.
+gc.disable()
 # No test writes to the user's cache folder.
 os.environ.setdefault("BAYES_INERTIA_CACHE", "off")
+
+
+def pytest_collection_finish(session):
+    """What was imported stays: tracing makes so many objects that looking through all of it again
+    and again takes a twentieth of a session.
+    """
+    gc.enable()
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
+
 
 PRIOR_TENSOR = np.array([[3.2, -0.02, 0.01], [-0.02, 2.2, 0.03], [0.01, 0.03, 1.9]])
 SKEW_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.6, 0.64, 0.48))

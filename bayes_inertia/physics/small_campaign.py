@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import jax.numpy as jnp
 import numpy as np
 
@@ -14,6 +16,7 @@ from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import Start, idle_slew
 
 
+@cache
 def small_campaign() -> Campaign:
     """Three slews of a microsatellite without noise.
 

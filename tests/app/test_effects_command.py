@@ -78,6 +78,7 @@ def test_the_check_says_what_was_proven(capsys):
     assert max(map(len, printed.splitlines())) <= 80
 
 
+@pytest.mark.slow
 def test_the_check_says_what_is_broken(my_effects, capsys):
     my_effects.write_text(PUSH.replace('p["torque"]', '1e-6 + p["torque"]'))
     assert run("effects", "--check", f"{my_effects}:Push") == 2

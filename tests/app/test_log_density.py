@@ -45,6 +45,7 @@ def test_it_is_the_density_that_fit_samples(campaign, density):
     np.testing.assert_allclose(density(posterior.samples), lp, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_numpy_and_jax_agree_and_shapes_are_kept(density, draws):
     of_numpy, of_jax = density(draws), density(jnp.asarray(draws))
     assert isinstance(of_numpy, np.ndarray)
@@ -92,10 +93,9 @@ def test_draws_by_name_hold_tensors(density, draws):
 
 @pytest.mark.slow
 def test_effects_are_parameters_and_noise_may_be_sampled(campaign):
-    density = bi.log_density(campaign, effects=EFFECTS)
-    assert density.names[9].startswith(f"{EFFECTS[0].name}.")
     noise = bi.NoiseModel(rate=bi.ChannelNoise(scale_sampled=True))
-    density = bi.log_density(campaign, noise=noise)
+    density = bi.log_density(campaign, effects=EFFECTS, noise=noise)
+    assert density.names[9].startswith(f"{EFFECTS[0].name}.")
     theta = np.stack([density.mean] * 2)
     np.testing.assert_allclose(density(theta), density(jnp.asarray(theta)), atol=1e-7)
 
@@ -106,6 +106,7 @@ def test_a_wrong_shape_is_refused(density, theta):
         density(theta)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_an_optimizer_of_scipy_finds_the_same_maximum(density):
     root = np.linalg.cholesky(density.covariance)
@@ -116,6 +117,7 @@ def test_an_optimizer_of_scipy_finds_the_same_maximum(density):
     assert np.abs(found.x).max() < 0.05
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_emcee_by_hand_gives_the_posterior_of_fit(campaign, density):
     posterior = bi.fit(campaign, settings=bi.Settings(seed=3, steps=60, target_ess=4000))

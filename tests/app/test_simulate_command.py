@@ -27,6 +27,7 @@ def campaign(tmp_path):
     return folder
 
 
+@pytest.mark.slow
 def test_simulate_writes_a_campaign_with_its_truth_and_hidden_effects(tmp_path, capsys):
     out = tmp_path / "simulated"
     assert (

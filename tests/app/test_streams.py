@@ -13,6 +13,7 @@ import pytest
 import bayes_inertia
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
+LONG = (pytest.mark.slow, pytest.mark.long)
 COMMAND = "import sys; from bayes_inertia.app.cli import main; main(sys.argv[1:])"
 # With sentences, as JSON, by Typer itself, and an error.
 CALLS = (
@@ -44,7 +45,15 @@ def words_of_effects() -> int:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("encoding", ["cp1252", "ascii", "latin-1", "cp437"])
+@pytest.mark.parametrize(
+    "encoding",
+    [
+        "cp1252",
+        "ascii",
+        pytest.param("latin-1", marks=pytest.mark.long),
+        pytest.param("cp437", marks=pytest.mark.long),
+    ],
+)
 def test_letters_that_a_code_page_lacks_are_replaced(encoding, words_of_effects):
     done = through_shell("", "effects", PYTHONIOENCODING=encoding)
     said = done.stdout.decode(encoding)
@@ -61,8 +70,17 @@ def test_a_path_that_no_encoding_can_write_is_named_in_an_error():
     assert b"Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize("redirection", [">&-", "2>&-", "<&- >&- 2>&-"])
-@pytest.mark.parametrize("words", CALLS, ids=" ".join)
+@pytest.mark.parametrize(
+    ("words", "redirection"),
+    [
+        *((words, ">&-") for words in CALLS),
+        (CALLS[0], "<&- >&- 2>&-"),
+        (CALLS[3], "2>&-"),
+        *(pytest.param(words, "<&- >&- 2>&-", marks=LONG) for words in CALLS[1:]),
+        *(pytest.param(words, "2>&-", marks=LONG) for words in CALLS[:3]),
+    ],
+    ids=" ".join,
+)
 def test_closed_streams_change_no_exit_code(words, redirection):
     done = through_shell(redirection, *words)
     assert done.returncode == usual(words)
@@ -70,8 +88,15 @@ def test_closed_streams_change_no_exit_code(words, redirection):
     assert (b"error: " in done.stderr) == (usual(words) == 2 and "2>&-" not in redirection)
 
 
-@pytest.mark.parametrize("redirection", ["| head -1", "2>&1 | true"])
-@pytest.mark.parametrize("words", CALLS, ids=" ".join)
+@pytest.mark.parametrize(
+    ("words", "redirection"),
+    [
+        *((words, "| head -1") for words in CALLS),
+        (CALLS[3], "2>&1 | true"),
+        *(pytest.param(words, "2>&1 | true", marks=LONG) for words in CALLS[:3]),
+    ],
+    ids=" ".join,
+)
 def test_a_reader_that_goes_away_changes_no_exit_code(words, redirection, tmp_path):
     code = tmp_path / "code"
     line = f'{{ "$@"; echo $? >"{code}"; }} {redirection}'

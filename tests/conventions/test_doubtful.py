@@ -29,6 +29,23 @@ def with_rates(matrix: np.ndarray, **channels: None):
     return replace(campaign, slews=tuple(slews))
 
 
+# Faults of which another one like it is tried in the fast tests.
+LIKE_ANOTHER = {
+    "the same, scaled",
+    "an axis at a value",
+    "a dead command",
+    "tachometers half",
+    "one in thousandths",
+    "one",
+}
+
+
+def for_releases(names) -> list:
+    """Names as parameters of a test; long where another name stands for them."""
+    long = (pytest.mark.slow, pytest.mark.long)
+    return [pytest.param(n, marks=long if n in LIKE_ANOTHER else ()) for n in names]
+
+
 NO_WHEELS = {"wheel_torque": None, "wheel_momentum": None}
 
 
@@ -163,7 +180,7 @@ FAULTY = {
 }
 
 
-@pytest.mark.parametrize("name", FAULTY)
+@pytest.mark.parametrize("name", for_releases(FAULTY))
 def test_a_column_that_is_no_reading_is_named_and_no_change_proposed(name):
     channel, change, others, place, what = FAULTY[name]
     check = check_conventions(with_channel(channel, change, **others), quick=True)
@@ -212,7 +229,7 @@ FACTORS = {
 }
 
 
-@pytest.mark.parametrize("name", FACTORS)
+@pytest.mark.parametrize("name", for_releases(FACTORS))
 def test_a_factor_between_commands_and_tachometers_is_named_with_its_wheels(name):
     channel, factor, wheels, size, side = FACTORS[name]
     check = check_conventions(with_channel(channel, lambda v: v * factor), quick=True)
@@ -246,7 +263,7 @@ UNSIGNED = {
 }
 
 
-@pytest.mark.parametrize("name", UNSIGNED)
+@pytest.mark.parametrize("name", for_releases(UNSIGNED))
 def test_a_lost_sign_is_the_cause_that_is_named(name):
     channel, change, others, words = UNSIGNED[name]
     check = check_conventions(with_channel(channel, change, **others), quick=True)

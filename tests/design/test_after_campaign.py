@@ -68,6 +68,7 @@ def test_the_fit_knows_the_wheel_momentum_at_the_end(flight, estimate):
     assert plan_after(estimate).wheel_momentum == tuple(final_wheel_momentum(estimate).tolist())
 
 
+@pytest.mark.slow
 def test_the_correction_forecast_begins_with_the_momentum_that_the_fit_knows(estimate, monkeypatch):
     """Wheels at rest, where the last slew left some spinning, would turn without torque."""
     flown = []
@@ -83,6 +84,7 @@ def test_the_correction_forecast_begins_with_the_momentum_that_the_fit_knows(est
     assert {plan.wheel_momentum for plan in flown} == {expected}
 
 
+@pytest.mark.slow
 def test_tachometers_are_believed_before_the_fit(flight):
     last = flight.campaign.slews[-1]
     measured = np.tile([0.1, 0.2, np.nan], (len(last.time), 1))
@@ -95,12 +97,14 @@ def test_tachometers_are_believed_before_the_fit(flight):
     assert following_plan(flight.campaign).wheel_momentum == ()
 
 
+@pytest.mark.slow
 def test_next_slew_without_tachometers_begins_with_the_wheels_turning(estimate, captured):
     with pytest.raises(Captured):
         next_slew(estimate)
     np.testing.assert_array_equal(captured.base.wheel_momentum, final_wheel_momentum(estimate))
 
 
+@pytest.mark.slow
 def test_design_after_a_campaign_begins_with_the_wheels_turning(flight, captured, tmp_path):
     write_campaign(flight.campaign, tmp_path / "campaign")
     with pytest.raises(Captured):
@@ -133,6 +137,7 @@ def saturated(campaign):
     return replace(campaign, rate_sensor=sensor, slews=tuple(slews))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spoil", [in_alternate_rows, saturated])
 def test_the_largest_rate_of_a_campaign_is_that_of_its_motion(
     flight, estimate, captured, tmp_path, spoil

@@ -39,6 +39,7 @@ def test_goals_are_what_they_say():
     assert separate == pytest.approx(np.exp(np.mean(np.log(sd[9:] / 2.0))))
 
 
+@pytest.mark.slow
 def test_correction_slew_is_that_of_the_closed_loop(craft, mission):
     """60 deg about one axis by a controller whose scale factors are off, against the formula."""
     plan = Plan("one", (PlannedSlew((1.0, 1.0, 0.0), 60.0 * DEGREE),))

@@ -84,6 +84,7 @@ def test_keep_out_is_the_angle_between_the_boresight_at_rest_and_the_cone():
     assert [m.limit for m in broken_limits(found.values())] == ["keep-out Earth", "keep-out Sun"]
 
 
+@pytest.mark.slow
 def test_planned_margins_are_those_of_the_closed_loop(craft, prior):
     limits = Limits(rate=1.1 * DEGREE, total_time=1900.0)
     quiet = fly(

@@ -19,26 +19,41 @@ from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.effects import LIBRARY, ConstantTorque, WheelCommandLag
-from bayes_inertia.physics.parameters import Normal, scalar
+from bayes_inertia.physics.effects import LIBRARY, WheelCommandLag, by_name
+from bayes_inertia.physics.parameters import Normal, scalar, vector
 
-# What acts in the campaign `pumped`.
-PUMPED = {"pump": {"torque": np.array(3e-4)}}
 # Without the flexible mode, whose every refit compiles code of its own.
 RIGID = tuple(e for e in LIBRARY if e.name != "flexible_mode")
+# One of each kind: a model with all effects compiles three times as long.
+FEW = by_name(["rate_bias", "star_tracker_shift", "wheel_command_lag", "constant_torque"])
 
 
 @dataclass(frozen=True)
-class Pump(Effect):
-    """Outside the library: a torque at 0.3 Hz about -y that never stops."""
+class Planted(Effect):
+    """Torques that no fit is told of, flown by one program: a pump at 0.3 Hz about -y that never
+    stops, one that grows with the square of the rate, a steady one.
+    """
 
-    name: ClassVar[str] = "pump"
+    name: ClassVar[str] = "planted"
 
     def parameters(self, campaign):
-        return (scalar("torque", unit="N m", prior=Normal(0.0, 1e-4)),)
+        prior = Normal(0.0, 1e-4)
+        return (
+            scalar("pump", unit="N m", prior=prior),
+            vector("square", "xyz", unit="N m s^2", prior=prior),
+            vector("steady", "xyz", unit="N m", prior=prior),
+        )
 
     def body_torque(self, p, slew, t, state):
-        return -p["torque"] * jnp.sin(2.0 * jnp.pi * 0.3 * t) * jnp.array([0.0, 1.0, 0.0])
+        ringing = p["pump"] * jnp.sin(2.0 * jnp.pi * 0.3 * t)
+        turning = p["square"] * jnp.sum(state.rate_B**2)
+        return turning + p["steady"] - ringing * jnp.array([0.0, 1.0, 0.0])
+
+
+def of_planted(pump=0.0, square=(0.0, 0.0, 0.0), steady=(0.0, 0.0, 0.0)):
+    """The effect, and its values, as `flight` takes them."""
+    values = {"pump": pump, "square": square, "steady": steady}
+    return (Planted(),), {Planted.name: {k: np.array(v) for k, v in values.items()}}
 
 
 @pytest.fixture(scope="session")
@@ -48,9 +63,15 @@ def rigid_library():
 
 
 @pytest.fixture(scope="session")
+def few_candidates():
+    """A library of four effects."""
+    return FEW
+
+
+@pytest.fixture(scope="session")
 def flight():
     """`flight(effects, values, seed)`: a campaign of three slews at 2 Hz; all have one shape, so
-    that they share compiled code.
+    that they share compiled code. Each other effect is flown by another program.
     """
     plan = replace(paper_like_plan(), telemetry_period=0.5)
     plan = replace(plan, slews=(plan.slews[0], plan.slews[3], plan.slews[4]))
@@ -67,16 +88,22 @@ def flight():
 
 
 @pytest.fixture(scope="session")
+def planted(flight):
+    """`planted(pump=, square=, steady=, seed=)`: a campaign of `flight` with these torques."""
+    return lambda seed=11, **torques: flight(*of_planted(**torques), seed)
+
+
+@pytest.fixture(scope="session")
 def pumped_truth(flight):
     """J (six elements) and K of the spacecraft of `pumped`."""
-    craft = flight.spacecraft_of((Pump(),), PUMPED)
+    craft = flight.spacecraft_of(*of_planted(pump=3e-4))
     J = craft.inertia_B
     return np.array([J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2], *craft.scale_factor])
 
 
 @pytest.fixture(scope="session")
-def clean(flight):
-    return flight()
+def clean(planted):
+    return planted()
 
 
 @pytest.fixture(scope="session")
@@ -92,17 +119,21 @@ def lagging(flight, computed_once):
 
 
 @pytest.fixture(scope="session")
-def pumped(flight, computed_once):
-    return computed_once("pumped", lambda: diagnose(flight((Pump(),), PUMPED), library=RIGID))
+def pumped(planted, computed_once):
+    return computed_once("pumped", lambda: diagnose(planted(pump=3e-4), library=RIGID))
 
 
 @pytest.fixture(scope="session")
-def torqued(flight, computed_once):
+def pumped_for_few(planted, computed_once):
+    """A weaker pump, and four candidates: no formula is tried, which compiles models of its own."""
+    return computed_once("pumped_for_few", lambda: diagnose(planted(pump=6e-5), library=FEW))
+
+
+@pytest.fixture(scope="session")
+def torqued(planted, computed_once):
     """A weak constant torque, which three slews cannot tell from a star-tracker shift."""
-    weak = {"constant_torque": {"torque": 1e-7 * np.array([1.0, -1.0, 1.0])}}
-    return computed_once(
-        "torqued", lambda: diagnose(flight((ConstantTorque(),), weak), library=RIGID)
-    )
+    weak = 1e-7 * np.array([1.0, -1.0, 1.0])
+    return computed_once("torqued", lambda: diagnose(planted(steady=weak), library=RIGID))
 
 
 def _content_of(found, **more):

@@ -74,8 +74,8 @@ def rounded(campaign, sigmas):
     return changed(campaign, lambda s: replace(s, rate=np.round(s.rate / step) * step))
 
 
-def begun(campaign, **options):
-    return clean_start(Model(campaign, candidate_effects(campaign, RIGID).linear), **options)
+def begun(campaign, library=RIGID, **options):
+    return clean_start(Model(campaign, candidate_effects(campaign, library).linear), **options)
 
 
 def kinds(diagnosis):
@@ -141,17 +141,17 @@ def test_a_lag_beside_correlated_noise_is_named_and_the_noise_listed(flight):
 
 
 @pytest.mark.slow
-def test_a_torque_beside_outliers_is_named_and_the_outliers_listed(flight):
-    campaign, hit = spiked(flight(*HIDDEN["strong_torque"]))
-    diagnosis = diagnose(campaign, library=RIGID)
+def test_a_torque_beside_outliers_is_named_and_the_outliers_listed(planted, few_candidates):
+    campaign, hit = spiked(planted(steady=30.0 * WEAK))
+    diagnosis = diagnose(campaign, library=few_candidates)
     assert "constant_torque" in diagnosis.named
     assert kinds(diagnosis) == {("outliers", "rate", "masked")}
     assert sum(len(d.rows) for d in diagnosis.dirt) == sum(hit)
 
 
 @pytest.mark.slow
-def test_nothing_is_measured_again_where_nothing_was_named(clean):
-    start = begun(clean)
+def test_nothing_is_measured_again_where_nothing_was_named(clean, few_candidates):
+    start = begun(clean, few_candidates)
     assert measured_again(start, start.base) is None
 
 

@@ -54,6 +54,7 @@ def products_of(delta):
     return np.array([x * x, y * y, z * z, x * y, x * z, y * z])
 
 
+@pytest.mark.slow
 def test_a_planted_ringing_comes_back(searched):
     search, response, shape = searched
     noise = np.random.default_rng(4).normal(size=shape)

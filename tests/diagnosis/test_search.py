@@ -90,9 +90,11 @@ def test_a_drift_of_its_own_in_each_slew_is_named_and_measured(
 
 
 @pytest.mark.slow
-def test_loud_noise_is_measured_and_nothing_physical_is_named(clean, content_of, check_contract):
+def test_loud_noise_is_measured_and_nothing_physical_is_named(
+    clean, few_candidates, content_of, check_contract
+):
     quieter = with_measured_noise(clean, dict.fromkeys(("rate", "attitude", "momentum"), 1.0 / 1.5))
-    found = diagnose(quieter)
+    found = diagnose(quieter, library=few_candidates)
     # What is wrong is the stated noise: a record of dirt, and nothing remains.
     assert (found.steps, found.verdict, found.named) == ((), "consistent", ())
     assert {(d.kind, d.channel) for d in found.dirt} == {
@@ -108,26 +110,40 @@ def test_loud_noise_is_measured_and_nothing_physical_is_named(clean, content_of,
     content = content_of(
         found, unexplained=unexplained_signal(found.base) if found.verdict == "unknown" else None
     )
-    check_contract(content)
+    check_contract(content, few_candidates)
     assert next_fit_from(content).effects == ()
     assert {w["kind"] for w in content["disagreement"]} == {"energy"}
     assert {w["channel"] for w in content["disagreement"]} == {"rate", "attitude", "momentum"}
 
 
-@pytest.mark.slow
-def test_what_no_candidate_explains_is_unknown_and_described(
-    pumped, content_of, check_contract, rigid_library
-):
-    assert (pumped.verdict, pumped.named) == ("unknown", ())
-    content = content_of(pumped, unexplained=unexplained_signal(pumped.base))
-    check_contract(content, rigid_library)
-    assert content["unknown"]["frequency_hz"] == pytest.approx(0.3, abs=0.01)
-    assert abs(content["unknown"]["axis"][1]) > 0.97
+def _is_unknown(found, library, content, check_contract):
+    assert (found.verdict, found.named) == ("unknown", ())
+    check_contract(content, library)
     # The fit after it holds what was tried, but for shapes that are free.
-    assert [e.name for e in fitted_effects(pumped)] == [
-        step.added for step in pumped.steps if step.added in {e.name for e in rigid_library}
+    assert [e.name for e in fitted_effects(found)] == [
+        step.added for step in found.steps if step.added in {e.name for e in library}
     ]
     assert diagnosis_verdict(content).level == "bad"
+
+
+@pytest.mark.slow
+def test_what_no_candidate_explains_is_unknown(
+    pumped_for_few, content_of, check_contract, few_candidates
+):
+    unexplained = unexplained_signal(pumped_for_few.base)
+    content = content_of(pumped_for_few, unexplained=unexplained)
+    _is_unknown(pumped_for_few, few_candidates, content, check_contract)
+
+
+@pytest.mark.long
+@pytest.mark.slow
+def test_what_the_library_does_not_explain_is_unknown_and_described(
+    pumped, content_of, check_contract, rigid_library
+):
+    content = content_of(pumped, unexplained=unexplained_signal(pumped.base))
+    _is_unknown(pumped, rigid_library, content, check_contract)
+    assert content["unknown"]["frequency_hz"] == pytest.approx(0.3, abs=0.01)
+    assert abs(content["unknown"]["axis"][1]) > 0.97
     assert any("0.3 Hz ringing about y" in s for s in diagnosis_verdict(content).sentences)
 
 

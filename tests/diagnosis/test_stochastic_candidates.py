@@ -222,6 +222,7 @@ def test_a_drift_that_restarts_alike_in_all_slews_is_told_from_one_of_each_slew(
     assert (of_all > of_each + 1.0) if alike else (of_each > of_all + 1.0)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_fit_without_an_effect_is_that_of_a_model_without_it(plain):
     """In the model that holds it, so that nothing is compiled anew."""
@@ -241,6 +242,7 @@ def test_a_fit_without_an_effect_is_that_of_a_model_without_it(plain):
     assert both.objective < expected.objective - 1e-3
 
 
+@pytest.mark.slow
 def test_noise_that_the_campaign_states_is_no_candidate(clean):
     sensor = replace(clean.rate_sensor, rate_random_walk=1e-7)
     stated = Model(replace(clean, rate_sensor=sensor))

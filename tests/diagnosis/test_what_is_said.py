@@ -39,8 +39,9 @@ def test_ambiguity_is_worded_as_such():
 
 
 @pytest.mark.slow
-def test_times_from_an_epoch_are_shown_from_each_slews_start(pumped):
+def test_times_from_an_epoch_are_shown_from_each_slews_start(pumped_for_few):
     """Telemetry may count its seconds from 1980."""
+    pumped = pumped_for_few
     where, unknown, late = scan_residuals(pumped.base), unexplained_signal(pumped.base), 1.4e9
     shifted = replace(
         where,
@@ -82,7 +83,7 @@ def test_a_conspicuous_stretch_of_a_consistent_campaign_is_not_called_a_disagree
 
 
 @pytest.mark.slow
-def test_the_report_says_and_draws_it(lagging, pumped, content_of):
+def test_the_report_says_and_draws_it(lagging, pumped_for_few, content_of):
     content = content_of(lagging)
     sections = diagnosis_sections(content)
     assert [s.title for s in sections] == [
@@ -93,7 +94,8 @@ def test_the_report_says_and_draws_it(lagging, pumped, content_of):
     ]
     assert diagnosis_verdict(content).title == "Found what is missing: wheel command lag."
     assert [len(s.pictures) for s in sections] == [2, 1, 0, 2]
-    last = diagnosis_sections(content_of(pumped, unexplained=unexplained_signal(pumped.base)))[-1]
+    unknown = unexplained_signal(pumped_for_few.base)
+    last = diagnosis_sections(content_of(pumped_for_few, unexplained=unknown))[-1]
     assert last.title == "What nothing explains"
     assert len(last.pictures) >= 1
 

@@ -28,6 +28,8 @@ ROOT = Path(bi.__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 # What Sphinx itself reads, and output of commands.
 NOT_CODE = ("{", "text")
+# Pages whose blocks fit a campaign.
+SLOW = ("docs/how_to/own_sampler.md",)
 # Pages without such comments.
 NOT_RUN = {"README.md": "fit and diagnosis take two minutes. tests/test_diagnosed_fit.py"}
 # Programs beside ours that a page may call.
@@ -80,7 +82,15 @@ BLOCKS = [block for page in PAGES for block in blocks_of(page)]
 def of_language(language: str):
     blocks = [block for block in BLOCKS if block.language == language]
     assert blocks, language
-    return pytest.mark.parametrize("block", blocks, ids=[block.place for block in blocks])
+    marked = [
+        pytest.param(
+            block,
+            id=block.place,
+            marks=pytest.mark.slow if block.place.startswith(SLOW) else (),
+        )
+        for block in blocks
+    ]
+    return pytest.mark.parametrize("block", marked)
 
 
 def test_every_block_says_its_language():

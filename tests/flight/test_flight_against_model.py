@@ -77,6 +77,7 @@ def predicted_minus_flown(
     return rate, momentum, attitude
 
 
+@pytest.mark.slow
 def test_the_model_reproduces_a_flight_exactly(mission):
     flight = fly(paper_like_plan(), mission, None)
     # The flight integrates from row to row with order four: 4e-11 rad after a minute.
@@ -110,6 +111,7 @@ def test_the_model_reproduces_effects_inside_and_around_the_loop(mission):
     assert np.abs(plain.campaign.slews[0].rate - flight.campaign.slews[0].rate).max() > 1e-5
 
 
+@pytest.mark.slow
 def test_estimate_recovers_the_truth(noisy):
     estimate = optimizer.estimate(Model(noisy.campaign), seed=0)
     sd = np.sqrt(np.diag(estimate.covariance))

@@ -20,8 +20,8 @@ from bayes_inertia.physics.forward_model import Model
 
 CASES = [
     ((), "commanded"),
-    pytest.param((), "measured", marks=pytest.mark.slow),
-    pytest.param(("rate_random_walk",), "commanded", marks=pytest.mark.slow),
+    pytest.param((), "measured", marks=pytest.mark.long),
+    (("rate_random_walk",), "commanded"),
     pytest.param(("wheel_friction", "rate_sensor_delay"), "commanded", marks=pytest.mark.long),
 ]
 
@@ -75,6 +75,7 @@ def test_padding_changes_nothing_but_rounding(odd, unpadded, effects, drive):
         np.testing.assert_allclose(x, y, rtol=1e-6, atol=1e-7 * np.abs(y).max(initial=1.0))
 
 
+@pytest.mark.slow
 def test_padding_with_weight_would_be_seen(odd, monkeypatch):
     """Negative control: noise that is repeated into the padding counts the last row again."""
     found = estimate(Model(odd), starts=1)

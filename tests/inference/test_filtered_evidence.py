@@ -117,6 +117,7 @@ def test_the_slope_of_the_evidence_is_that_of_its_values(plain):
         assert slope[i] == pytest.approx((up - down) / (2.0 * step), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_the_peak_is_where_nothing_around_is_higher_and_near_the_truth(plain):
     evidence = evidence_at(plain, RateBiasInstability())
     point, _ = most_probable(evidence)

@@ -74,6 +74,7 @@ def test_noise_is_taken_out_once(fits):
     assert with_likely_inputs(fits[1]) is fits[1]
 
 
+@pytest.mark.slow
 def test_exact_inputs_are_left_alone(fits):
     exact = Model(fits[0].model.campaign, (), "commanded")
     assert with_likely_inputs(replace(fits[0], model=exact)).model is exact

@@ -44,6 +44,7 @@ def test_errors_are_as_large_as_the_posterior_says(perfect):
     assert not 1e-3 < stats.chi2.cdf(distance.sum() / 0.8**2, n * d) < 1.0 - 1e-3
 
 
+@pytest.mark.slow
 def test_reduced_chi2_counts_the_parameters_each_channel_pays_for(perfect):
     chi2 = np.sum([e.information.chi2.sum(0) for e, _ in perfect], axis=0)
     dof = np.sum([e.information.n_data.sum(0) - e.effective_parameters for e, _ in perfect], axis=0)
@@ -54,6 +55,7 @@ def test_reduced_chi2_counts_the_parameters_each_channel_pays_for(perfect):
     assert stats.chi2.cdf(chi2[1], n_data[1]) < 1e-3
 
 
+@pytest.mark.slow
 def test_clean_data_are_hardly_ever_discounted(perfect):
     alarms = sum(e.discounted for e, _ in perfect)
     # Stated: about 6 in 1000 campaigns; what a rate of 1 % would exceed once in 1000 times.
@@ -155,6 +157,7 @@ def test_the_shares_of_slews_are_the_joint_fit_with_nuisances_eliminated(fitted)
         np.testing.assert_allclose(step / sd, direct / sd, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_robust_sd_is_never_below_the_models(perfect, fitted, flown):
     for result, _ in perfect:
         assert np.all(result.robust_sd >= result.sd * (1.0 - 1e-12))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
-import arviz as az
 import numpy as np
 import pytest
 from support.commands import run
@@ -74,6 +73,8 @@ def test_noise_that_is_not_as_stated_has_no_slews_apart(campaign):
     ],
 )
 def test_leave_one_slew_out_is_that_of_exact_refits(template, tmp_path):
+    import arviz as az
+
     folder = tmp_path / "flown" if template else EXAMPLE
     if template:
         assert run("new", folder, "--like", template) == 0
@@ -104,6 +105,8 @@ def test_leave_one_slew_out_is_that_of_exact_refits(template, tmp_path):
 
 @pytest.mark.slow
 def test_arviz_reads_a_posterior_as_it_is():
+    import arviz as az
+
     campaign = bi.read_campaign(EXAMPLE)
     settings = bi.Settings(seed=1, steps=16, max_steps=16, target_ess=100)
     posterior = bi.fit(campaign, settings=settings, as_stated=True)

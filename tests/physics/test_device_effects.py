@@ -95,6 +95,7 @@ def test_the_axes_of_the_reference_are_the_bodys(equipped):
         replace(equipped, reference="gyro")
 
 
+@pytest.mark.slow
 def test_an_error_of_a_sensor_shows_in_its_readings_alone(equipped):
     devices = ("fog", "mems", "tracker 2", "sun", "magnetometer", "torquers", "jets", "push")
     model = Model(equipped, [e for device in devices for e in errors_of(device, equipped)])
@@ -135,6 +136,7 @@ def test_a_device_of_one_number_has_one_gain(equipped):
     assert [e.kind for e in errors_of("jet", one)] == ["gain", "direction", "delay"]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_gains_of_each_are_those_of_the_record(equipped):
     doubtful = replace(equipped.actuators[1], each_gain_sigma=0.02)
@@ -192,6 +194,7 @@ def test_effects_of_absent_parts_are_no_candidates():
     assert "rate_bias" in names_of(found.linear)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_direction_turns_the_torques_of_thrusters(equipped):
     turned = replace(equipped.actuators[1], torque_B=TORQUES + np.cross([0.0, 0.0, 1e-3], TORQUES))
@@ -213,6 +216,7 @@ def test_errors_of_sensors_and_devices_come_before_every_effect(equipped):
     assert known[9:] == ("mems.K1", "mems.K2", "mems.bias1", "mems.bias2", "torquers.gain")
 
 
+@pytest.mark.slow
 def test_an_effect_of_a_device_may_differ_from_slew_to_slew(equipped):
     (delay,) = by_name(["delay[mems]"])
     model = Model(equipped, (EachSlew.of(delay, equipped),))

@@ -96,8 +96,10 @@ def test_coefficients_have_the_unit_of_what_acts_over_that_of_the_driver(formula
     "formula",
     [
         Formula("body_torque", "gyroscopic", "cross"),
-        Formula("wheel_torque", "wheel_efforts", "diagonal"),
-        Formula("rate_error", "momentum_times_rate", "scalar", wheel=2),
+        pytest.param(Formula("wheel_torque", "wheel_efforts", "diagonal"), marks=pytest.mark.long),
+        pytest.param(
+            Formula("rate_error", "momentum_times_rate", "scalar", wheel=2), marks=pytest.mark.long
+        ),
     ],
 )
 def test_formulas_keep_the_contract_of_effects(formula):

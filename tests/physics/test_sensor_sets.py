@@ -46,7 +46,11 @@ def with_gyro(noisy, exact, axes, K, bias, rng):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("axes", AXES.values(), ids=AXES)
+@pytest.mark.parametrize(
+    "axes",
+    [pytest.param(AXES["two"], marks=pytest.mark.long), AXES["four skewed"]],
+    ids=AXES,
+)
 def test_a_gyro_of_n_axes_has_n_scale_factors_and_finds_J(flying, axes):
     noisy, exact = flying(3), flying(3, noise=0.0)
     rng, n = np.random.default_rng(1), len(axes)

@@ -31,8 +31,8 @@ from bayes_inertia.physics.small_campaign import small_campaign
 
 ONLY_WHERE_COMMANDS_DRIVE = ("tachometer_noise_walk", "wheel_torque_noise")
 SLOW, LONG = pytest.mark.slow, (pytest.mark.slow, pytest.mark.long)
-# A walk, a torque and what begins anew in each slew; the others are tried in the long tests.
-MARKS = {"rate_bias_slew_drift": (), "rate_random_walk": SLOW, "torque_noise": SLOW}
+# A walk and what begins anew in each slew; the others are tried in the long tests.
+MARKS = {"rate_bias_slew_drift": (), "rate_random_walk": SLOW}
 
 
 @pytest.mark.parametrize(
