@@ -271,6 +271,8 @@ def _spin_inertias(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
 
 def _direction_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
     for d, (name, sensor) in enumerate(direction_sensors(campaign)):
+        if f"sensors.{name}.direction" not in columns:
+            continue
         if sensor.is_field:
             yield from _field_units(campaign, columns, d)
         entry = columns[f"sensors.{name}.direction"]

@@ -83,7 +83,8 @@ def _known(slews: SampledSlews) -> np.ndarray:
     units = slews.vectors_B / np.where(known, length, 1.0)[..., None]
     steps = np.fmax.reduce(np.linalg.norm(np.diff(units, axis=1), axis=-1), axis=2)
     steps = np.where(np.isnan(steps), np.inf, steps * (steps > LIMITS.vector_share))
-    by_vectors = np.cumsum(steps, axis=1)
+    # A vector shows but a part of a turn.
+    by_vectors = 2.0 * np.cumsum(steps, axis=1)
     by_rates = np.cumsum(np.linalg.norm(np.diff(slews.turn, axis=1), axis=-1), axis=1)
     known[:, 1:] &= (np.minimum(by_rates, by_vectors) < LIMITS.known_turn)[..., None]
     enough = known.any(axis=2).sum(axis=1) >= LIMITS.rows_of_piece

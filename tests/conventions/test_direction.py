@@ -184,6 +184,15 @@ def test_one_direction_tells_its_sign_only_against_a_star_tracker():
             assert first_of(check) == [("sensors.sun.direction.names", ["-x", "-y", "-z"])]
 
 
+def test_a_further_gyro_is_held_against_the_directions_too():
+    campaign = campaign_of(wheels=False)
+    slews = [replace(s, more=s.more | {"mems": s.rate * [1.0, 1.0, -1.0]}) for s in campaign.slews]
+    sensors = (*campaign.more_sensors, ("mems", RateSensor((2e-4,) * 3, bias_sigma=1e-5)))
+    check = check_conventions(replace(campaign, more_sensors=sensors, slews=slews), quick=True)
+    assert check.sentence.startswith("With the sensor mems: ")
+    assert first_of(check) == [("rate_sensor.axes", np.diag([1.0, 1.0, -1.0]).tolist())]
+
+
 def test_a_body_that_tumbles_tells_nothing_by_its_directions():
     campaign = campaign_of(spin=200.0)
     part = slice(40, 80)
@@ -200,7 +209,8 @@ def test_a_body_that_tumbles_tells_nothing_by_its_directions():
     check = check_conventions(replace(campaign, slews=slews))
     assert "direction" not in check.misfits
     assert not check.changes
-    assert any(line.startswith("sun: no law is held") for line in check.cannot_show)
+    said = [line for line in check.cannot_show if "sun" in line]
+    assert [line.partition(" is held")[0] for line in said] == ["sun: no law"]
 
 
 def test_a_wrong_unit_is_named_by_the_key_of_the_file(tmp_path):
