@@ -112,8 +112,8 @@ def by_hand(model: Model, at: Marginal) -> Callable[[np.ndarray], np.ndarray]:
     tensors = jax.jit(jax.vmap(inertia_tensor.tensor))
     column_parts = [np.asarray(c) for c in at.columns]
     rows = [_rows_of(model, at, s, column_parts) for s in range(model.n_slews)]
-    optimum = jax.tree.map(np.asarray, at.optimum)
-    root, ridge, ridge_bias = (np.asarray(x) for x in (at.root, at.ridge_local, at.ridge_bias))
+    optimum = jax.tree.map(np.asarray, at.ridge.optimum)
+    root, ridge, ridge_bias = (np.asarray(x) for x in (at.root, at.ridge.local, at.ridge.bias))
     mean, sd = model.space.mean, model.space.sd
     fixes = np.asarray(white[1].factors)
 

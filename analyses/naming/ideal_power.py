@@ -17,8 +17,8 @@ from scipy.linalg import block_diag
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.random_signals import medians, projected_signal
 from bayes_inertia.diagnosis.torque_response import coefficient_columns, torque_response
-from bayes_inertia.inference.coefficients import prior_roots
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.marginal_posterior import prior_roots
 from bayes_inertia.physics.effects import RateRandomWalk, TachometerNoiseWalk
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.stochastic_effect import StochasticEffect

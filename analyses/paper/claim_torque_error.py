@@ -125,7 +125,7 @@ def lag_errors(lags: np.ndarray, seeds: int) -> dict[str, np.ndarray]:
 def tracking(flight: Flight) -> tuple[float, float]:
     """Largest deviation from the planned attitude during the slew and the final one [arcsec]."""
     plan, truth = flight.plan, flight.truth[0]
-    from bayes_inertia.flight.slew_profile import angle_and_rate
+    from bayes_inertia.flight.plan import angle_and_rate
 
     slew = plan.slews[0]
     angle = np.asarray(

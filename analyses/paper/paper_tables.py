@@ -30,7 +30,7 @@ from analyses.paper.ferguson import (
 from analyses.paper.single_effects import single_effects
 from analyses.paper.table_words import Predictions
 from bayes_inertia.app.fit_campaign import fit
-from bayes_inertia.flight.final_errors import predict_final_errors
+from bayes_inertia.flight.closed_loop_flights import predict_final_errors
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import Flight

@@ -10,11 +10,10 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.maths.values import json_ready
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import BODY_HOOKS, LOOKING_BACK, Effect
 from bayes_inertia.physics.effects import LIBRARY
-from bayes_inertia.physics.outside_effects import installed_effects
+from bayes_inertia.physics.named_effects import installed_effects
 from bayes_inertia.physics.parameters import LogNormal, Parameter, Prior
-from bayes_inertia.physics.simulator import BODY_HOOKS, LOOKING_BACK
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 from bayes_inertia.report.formatting import listed
 

@@ -12,8 +12,7 @@ from bayes_inertia.app.run_folder import read_run, run_summary
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.flight.flown_slews import other_slews
-from bayes_inertia.flight.mission import Mission
+from bayes_inertia.flight.mission import Mission, other_slews
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_file import read_plan
 from bayes_inertia.inference.posterior import Posterior

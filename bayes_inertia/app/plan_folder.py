@@ -20,8 +20,7 @@ from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.limits import KeepOut, Limits
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import write_atomically
-from bayes_inertia.flight.follow_on import devices_at_rest, following_plan
-from bayes_inertia.flight.mission import Mission
+from bayes_inertia.flight.mission import Mission, devices_at_rest, following_plan
 from bayes_inertia.flight.plan import Plan, paper_like_plan
 from bayes_inertia.flight.plan_file import read_plan, write_plan
 from bayes_inertia.inference.cleaning import clean_fit

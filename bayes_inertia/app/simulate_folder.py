@@ -12,8 +12,7 @@ from bayes_inertia.app.plan_folder import PAPER, plans_named
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.flight.follow_on import devices_at_rest, why_no_plans
-from bayes_inertia.flight.mission import Mission, most_like_mission
+from bayes_inertia.flight.mission import Mission, devices_at_rest, most_like_mission, why_no_plans
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.plan_file import read_plan
 from bayes_inertia.flight.simulated_campaigns import draw_spacecraft, simulate, simulate_again

@@ -8,7 +8,7 @@ from pathlib import Path
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.conventions.check import ConventionsCheck
 from bayes_inertia.conventions.check import check_conventions as checked
-from bayes_inertia.conventions.motion import ToldTorque
+from bayes_inertia.conventions.reading import ToldTorque
 
 
 def check_conventions(campaign: Campaign | str | Path, *, quick: bool = False) -> ConventionsCheck:

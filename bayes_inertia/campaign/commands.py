@@ -17,7 +17,7 @@ campaign a single lost row in 200 moves J by up to 4 sd, a gap of 3 s by 60 sd. 
 * else, where every wheel has a tachometer, the slew's commands are left out: the wheels' measured
   momentum drives the model, which costs 3 to 7 % in the sd of J;
 * else what the wheels did in the gap is unknown and the model integrates it out
-  (`physics.effects.lost_commands`): the slew stays whole;
+  (`physics.stated_noise`): the slew stays whole;
 * where there are too many gaps for that, and before the first command or after the last, the slew
   is cut, each part with a start of its own.
 

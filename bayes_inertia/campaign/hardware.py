@@ -63,7 +63,8 @@ def require_positive(value: Any, key: str, *, optional: bool = False) -> None:
         and bool(np.all(np.isfinite(value)))
         and bool(np.all(np.asarray(value) > 0.0))
     )
-    require(positive, key, f"{value!r} is not positive", "give a positive number in SI units")
+    shown = value.tolist() if isinstance(value, np.ndarray) else value
+    require(positive, key, f"{shown!r} is not positive", "give a positive number in SI units")
 
 
 @array_dataclass

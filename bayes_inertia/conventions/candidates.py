@@ -31,6 +31,7 @@ from bayes_inertia.conventions.reading import (
     turned,
 )
 from bayes_inertia.files import vocabulary
+from bayes_inertia.tables.table import negated_name
 
 # Units in which an inertia tensor is written by mistake, and what one is in kg m^2.
 _INERTIA_UNITS: Mapping[str, float] = vocabulary("conventions")["inertia_units"]
@@ -172,7 +173,8 @@ def axes_mistake(axes: np.ndarray, mended: np.ndarray, rarity: int, words: str) 
     return _one_key("rate_sensor.axes", listed(axes), listed(mended), rarity, mend, words)
 
 
-def _orders(count: int) -> Iterator[list[int]]:
+def orders(count: int) -> Iterator[list[int]]:
+    """Other orders of columns: all, or of many columns those with two exchanged."""
     if count <= LIMITS.most_wheels_in_any_order:
         yield from (list(order) for order in list(permutations(range(count)))[1:])
         return
@@ -187,7 +189,7 @@ def _wheel_order(columns: Columns) -> Iterator[Mistake]:
         name, field = _NAMED[quantity]
         names = list(columns[quantity]["names"])
         key, words = f"columns.{quantity}.names", f"the columns of {name} stand in another order"
-        for order in _orders(len(names)):
+        for order in orders(len(names)):
             mend = reordered(field, np.eye(len(names))[order])
             yield _one_key(key, names, [names[k] for k in order], 2, mend, words)
 
@@ -202,7 +204,7 @@ def _wheel_axes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
     if len(wheels) > 1:
         words = "all wheel axes point the other way (or torque and momentum have the other sign)"
         yield _axes_of_wheels(campaign, -axes_B, words)
-    for order in _orders(len(wheels)):
+    for order in orders(len(wheels)):
         words = "wheels are exchanged: their axes belong to other columns"
         yield _axes_of_wheels(campaign, axes_B[:, order], words)
     if "wheel_torque" in columns and {"wheel_momentum", "wheel_speed"} & set(columns):
@@ -282,7 +284,7 @@ def _direction_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistak
             mend = _read_by(d, np.eye(3)[list(order)])
             yield _one_key(key, names, [names[k] for k in order], 2, mend, words)
         for signs in list(product((1.0, -1.0), repeat=3))[1:]:
-            other = [_negated(n) if s < 0.0 else n for n, s in zip(names, signs, strict=True)]
+            other = [negated_name(n) if s < 0.0 else n for n, s in zip(names, signs, strict=True)]
             flipped = [n for n, s in zip(names, signs, strict=True) if s < 0.0]
             which = "all columns" if len(flipped) == 3 else " and ".join(flipped)
             words = f"{which} of the {name} {'has' if len(flipped) == 1 else 'have'} the other sign"
@@ -293,11 +295,6 @@ def _direction_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistak
             words = f"what the {name} looks at lies the other way"
             key, mend = f"sensors.{name}.reference_N", _read_by(d, -np.eye(3))
             yield _one_key(key, listed(stated), listed(-stated), 3, mend, words)
-
-
-def _negated(column: str) -> str:
-    """The name of a column with the other sign."""
-    return column[1:] if column.startswith("-") else f"-{column}"
 
 
 def _read_by(d: int, matrix: np.ndarray) -> Callable[[Reading], Reading]:

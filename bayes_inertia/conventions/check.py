@@ -9,7 +9,7 @@ the wrong unit was written in that unit too, and must be mended with it.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -37,6 +37,7 @@ from bayes_inertia.conventions.clocks import (
     streams_apart,
 )
 from bayes_inertia.conventions.columns import copied_commands, faulty_columns, without_sign
+from bayes_inertia.conventions.devices import device_mistakes
 from bayes_inertia.conventions.doubts import (
     Factors,
     broken_limits,
@@ -53,18 +54,21 @@ from bayes_inertia.conventions.laws import (
     worst,
 )
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.motion import ToldTorque, sampled
+from bayes_inertia.conventions.motion import sampled
 from bayes_inertia.conventions.reading import (
     Columns,
     KeyChange,
     Mistake,
     Reading,
+    Teller,
+    ToldTorques,
     as_written,
     direction_sensors,
     in_words,
     readings_of,
     stated_columns,
     stated_reading,
+    untold,
 )
 from bayes_inertia.conventions.search import Judgement, Remedy, judged, misfit_of
 from bayes_inertia.conventions.wording import invisible
@@ -233,14 +237,6 @@ class ConventionsCheck:
         return json_ready({"format": FORMAT, **content})
 
 
-Teller = Callable[[Campaign], Mapping[str, ToldTorque]]
-"""What effects do to the body of a campaign, by the name of a slew."""
-
-
-def _untold(campaign: Campaign) -> Mapping[str, ToldTorque]:
-    return {}
-
-
 @dataclass(frozen=True)
 class _Case:
     """A campaign, the same with nothing masked, its campaign.toml if it has one, told torques."""
@@ -248,17 +244,17 @@ class _Case:
     campaign: Campaign
     written: Campaign
     quick: bool
-    torques: Mapping[str, ToldTorque]
+    torques: ToldTorques
     text: str = ""
     description: Description | None = None
 
 
 def check_conventions(
-    campaign: Campaign | str | Path, told: Teller = _untold, *, quick: bool = False
+    campaign: Campaign | str | Path, told: Teller = untold, *, quick: bool = False
 ) -> ConventionsCheck:
     """The check; `told`: what effects, but for wheels, do to the body by name of the slew."""
     if isinstance(campaign, Campaign):
-        return _checked(_Case(campaign, campaign, quick, told(campaign)))
+        return _checked(_Case(campaign, campaign, quick, ToldTorques(campaign, told)))
     path = description_path(campaign)
     text = text_of(read_bytes(path), str(path))
     written = read_unmasked(campaign)
@@ -268,7 +264,7 @@ def check_conventions(
         written = read_unmasked(campaign, keep_commands=True)
         masked = replace(with_dirt_masked(written), dirt=masked.dirt)
     description = parse_description(text, str(path))
-    case = _Case(masked, written, quick, told(masked), text, description)
+    case = _Case(masked, written, quick, ToldTorques(masked, told), text, description)
     if _suspect(written, masked):
         # Readings that are impossible in numbers are in a wrong unit, or marks for missing values.
         check = _checked(replace(case, campaign=written))
@@ -291,7 +287,7 @@ def _suspect(written: Campaign, masked: Campaign) -> bool:
     return False
 
 
-def refuse_impossible(campaign: Campaign | str | Path, told: Teller = _untold) -> ConventionsCheck:
+def refuse_impossible(campaign: Campaign | str | Path, told: Teller = untold) -> ConventionsCheck:
     """Raise an error if data are impossible as stated; quick where they are not."""
     check = check_conventions(campaign, told, quick=True)
     if check.verdict == "wrong":
@@ -391,7 +387,7 @@ def _in_keys_of_format_1(case: _Case) -> ConventionsCheck:
             verdict: Verdict = "doubtful" if doubts else "consistent"
             said = wording.verdict_in_words({}, (), verdict, (), doubts)
             return ConventionsCheck(campaign.name, verdict, said, {}, doubts=doubts)
-        misfits = Misfits(seen, slews, case.torques, smoothed=seen is not campaign)
+        misfits = Misfits(seen, slews, smoothed=seen is not campaign)
         if misfits.smoothed:
             columns = {key: entry for key, entry in columns.items() if key != "rate"}
         if misfits.fit(DIRECTION, stated_reading(seen)) is None:
@@ -414,8 +410,9 @@ def _with_body_rates(campaign: Campaign) -> Campaign:
 def _held_against_laws(
     case: _Case, misfits: Misfits, columns: Columns, faults: tuple[str, ...]
 ) -> ConventionsCheck:
-    campaign, stated = misfits.campaign, stated_reading(misfits.campaign)
-    singles = mistakes(campaign, columns)
+    campaign, stated = misfits.campaign, stated_reading(misfits.campaign, case.torques)
+    of_devices = device_mistakes(case.torques, case.description)
+    singles = sorted((*mistakes(campaign, columns), *of_devices), key=lambda m: m.rarity)
     judgement = judged(misfits, stated, singles)
     reading = judgement.reading
     differ = None if faults else factors(misfits, reading)

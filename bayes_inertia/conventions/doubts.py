@@ -87,8 +87,9 @@ def _parameters(misfits: Misfits, law: str) -> list[str]:
         return [*(f"K or misalignment {a} of the rate sensor" for a in axes), *bias, *of_sensors]
     scales = [f"K{k} of the rate sensor" for k in (1, 2, 3)]
     torques = [f"a torque about {a}" for a in "xyz"]
-    told = ["the gain of the torques that effects tell"] if misfits.torques else []
-    return [*(f"J{a}" for a in axes), *scales, *bias, *torques, *told]
+    # The last is one where something tells torques.
+    told = "the gain of the torques that effects tell"
+    return [*(f"J{a}" for a in axes), *scales, *bias, *torques, told]
 
 
 @dataclass(frozen=True, eq=False)

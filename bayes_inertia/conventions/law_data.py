@@ -6,13 +6,13 @@ Misfits are in standard deviations of what noise and undisclosed physics may lea
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.motion import Motion, SampledSlews, ToldTorque, without_mean
+from bayes_inertia.conventions.motion import Motion, SampledSlews, without_mean
 from bayes_inertia.conventions.reading import Reading
 
 
@@ -123,8 +123,6 @@ class Told:
     noise: Mapping[str, np.ndarray]
     # (3,): sd of the rate bias [rad/s] where it is supposed to be stale; None for the stated one
     bias_sd: np.ndarray | None = None
-    # By the name of a slew: what effects that are named do to the body
-    torques: Mapping[str, ToldTorque] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

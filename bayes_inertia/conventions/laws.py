@@ -37,7 +37,6 @@ from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import (
     Motion,
     SampledSlews,
-    ToldTorque,
     angle_of,
     composed,
     motion_of,
@@ -133,14 +132,15 @@ def conservation(told: Told) -> LawData | None:
     if wheels_B is None:
         return None
     body = np.einsum("snij,snj->sni", to_start, moving.rate_B @ told.reading.inertia.T)
-    given = told_impulse(slews, moving, told.torques)
+    torques = told.reading.torques.by_slew
+    given = told_impulse(slews, moving, torques)
     stored = np.einsum("snij,snj->sni", to_start, wheels_B) + given[2]
     size = np.maximum(deviation(body, valid), deviation(stored, valid))
     if not told.campaign.wheels:
         size = np.maximum(size, norm_of(body, valid))
     total = body + stored
     uncertain, doubt = _uncertain_momentum(told, total, size), np.zeros(len(total))
-    if told.torques:
+    if torques:
         added, by_prior, _ = given
         total = total - told.reading.time * added
         uncertain = np.concatenate([uncertain, LIMITS.gain_sd * added[..., None]], axis=-1)
@@ -267,15 +267,13 @@ class Misfits:
 
     campaign: Campaign  # Hardware and priors
     slews: SampledSlews  # Its telemetry
-    # By the name of a slew: what effects that are named do to the body
-    torques: Mapping[str, ToldTorque] = field(default_factory=dict)
     # Whether the rates are smoothed from all sensors: their noise does not show
     smoothed: bool = False
     kept: dict = field(default_factory=dict)
 
     def with_slews(self, slews: SampledSlews) -> Misfits:
         """The same laws for other telemetry of the campaign."""
-        return Misfits(self.campaign, slews, self.torques, self.smoothed)
+        return Misfits(self.campaign, slews, self.smoothed)
 
     def of(self, reading: Reading) -> dict[str, LinearFit]:
         """The fit of every law that the telemetry can be held against, by its name."""
@@ -310,7 +308,7 @@ class Misfits:
             self.kept["noise"] = believed
         noise = self.kept["noise"]
         motion = self.motion(reading)
-        return Told(self.campaign, self.slews, reading, motion, noise, torques=self.torques)
+        return Told(self.campaign, self.slews, reading, motion, noise)
 
     def fit(self, law: str, reading: Reading) -> LinearFit | None:
         """The fit of one law; the same reading of the same channels is fitted once."""
@@ -326,7 +324,7 @@ class Misfits:
         parts: dict[str, tuple[str, ...]] = {
             CLOSURE: ("rate", "bias_B", "attitude"),
             DIRECTION: ("rate", "bias_B", "attitude", "directions"),
-            CONSERVATION: ("rate", "bias_B", "axes_B", "inertia", self.wheel_channel),
+            CONSERVATION: ("rate", "bias_B", "axes_B", "inertia", "torques", self.wheel_channel),
             DRIVE: ("torque", "momentum"),
         }
         return parts[law]

@@ -21,7 +21,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.inputs import held_integral
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.reading import Reading, direction_sensors
+from bayes_inertia.conventions.reading import Reading, ToldTorque, direction_sensors
 from bayes_inertia.faults.outliers import without_outliers
 from bayes_inertia.maths.quaternion_product import product_components
 
@@ -344,22 +344,6 @@ def without_mean(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
 def _running(steps: np.ndarray) -> np.ndarray:
     """Sums along the moments (axis 1), from zero."""
     return np.concatenate([np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)], axis=1)
-
-
-@dataclass(frozen=True, eq=False)
-class ToldTorque:
-    """The torque on the body in one slew that effects told, in body axes."""
-
-    time: np.ndarray  # (n,): moments on the slew's own clock [s]
-    # (n, 3): integral of the torque since the first of them, at the priors' means [N m s]
-    impulse_B: np.ndarray
-    doubt: np.ndarray  # (n,): integral of the size by which the priors' sds may change it [N m s]
-    carried_B: np.ndarray  # (n, 3): momentum that devices carry inside [N m s]
-
-    def at(self, moments: np.ndarray) -> np.ndarray:
-        """Impulse, doubt and carried momentum (N, 7) at moments (N,) [s]."""
-        columns = np.column_stack([self.impulse_B, self.doubt, self.carried_B])
-        return np.stack([np.interp(moments, self.time, column) for column in columns.T], axis=-1)
 
 
 def told_impulse(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,6 +55,48 @@ def readings_of(campaign: Campaign, channel: str) -> list[np.ndarray]:
 
 
 @dataclass(frozen=True, eq=False)
+class ToldTorque:
+    """The torque on the body in one slew that effects told, in body axes."""
+
+    time: np.ndarray  # (n,): moments on the slew's own clock [s]
+    # (n, 3): integral of the torque since the first of them, at the priors' means [N m s]
+    impulse_B: np.ndarray
+    doubt: np.ndarray  # (n,): integral of the size by which the priors' sds may change it [N m s]
+    carried_B: np.ndarray  # (n, 3): momentum that devices carry inside [N m s]
+
+    def at(self, moments: np.ndarray) -> np.ndarray:
+        """Impulse, doubt and carried momentum (N, 7) at moments (N,) [s]."""
+        columns = np.column_stack([self.impulse_B, self.doubt, self.carried_B])
+        return np.stack([np.interp(moments, self.time, column) for column in columns.T], axis=-1)
+
+
+Teller = Callable[[Campaign], Mapping[str, ToldTorque]]
+"""What effects do to the body of a campaign, by the name of a slew."""
+
+
+def untold(campaign: Campaign) -> Mapping[str, ToldTorque]:
+    """Of a campaign without devices or effects of its own."""
+    return {}
+
+
+@dataclass(frozen=True, eq=False)
+class ToldTorques:
+    """What devices and named effects do to the body; told when it is first asked for."""
+
+    campaign: Campaign
+    teller: Teller = untold
+
+    @cached_property
+    def by_slew(self) -> Mapping[str, ToldTorque]:
+        """By the name of a slew."""
+        return self.teller(self.campaign)
+
+    def tobytes(self) -> bytes:
+        """What these torques, and no others, are kept under."""
+        return id(self).to_bytes(8, "little")
+
+
+@dataclass(frozen=True, eq=False)
 class Reading:
     """Conversion of telemetry, as the campaign states it, into physics."""
 
@@ -65,14 +108,13 @@ class Reading:
     momentum: np.ndarray
     axes_B: np.ndarray  # (3, wheels): spin axes of the wheels, as columns
     inertia: np.ndarray  # (3, 3): inertia with locked wheels [kg m^2]
-    directions: (
-        np.ndarray
-    )  # (sensors, 3, 3): from the columns of each direction sensor to its vector
+    directions: np.ndarray  # (sensors, 3, 3): from each direction sensor's columns to its vector
     bias_B: np.ndarray  # (3,): what the rate still shows of a body at rest, along body axes [rad/s]
+    torques: ToldTorques  # on the body, by what is not a wheel
 
 
-def stated_reading(campaign: Campaign) -> Reading:
-    """The reading that a campaign states: scale factors and axes of its hardware."""
+def stated_reading(campaign: Campaign, torques: ToldTorques | None = None) -> Reading:
+    """The reading that a campaign states: scale factors and axes of its hardware, told torques."""
     sensor, axes_B = campaign.gyro, campaign.wheel_axes_B
     same = np.eye(len(campaign.wheels))
     spin = (axes_B * campaign.spin_inertias) @ axes_B.T
@@ -87,6 +129,7 @@ def stated_reading(campaign: Campaign) -> Reading:
         inertia=prior.tensor + (0.0 if prior.includes_wheel_spin else 1.0) * spin,
         directions=np.tile(np.eye(3), (len(direction_sensors(campaign)), 1, 1)),
         bias_B=np.linalg.inv(sensor.axes) @ np.asarray(sensor.bias),
+        torques=torques or ToldTorques(campaign),
     )
 
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.information_forecast import Forecast
-from bayes_inertia.flight.follow_on import following_plan, spacecraft_at
-from bayes_inertia.flight.mission import Mission
+from bayes_inertia.flight.mission import Mission, following_plan, spacecraft_at
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.spacecraft import spin_tensor
 from bayes_inertia.inference.laplace import Estimate

@@ -30,8 +30,7 @@ from bayes_inertia.design.margins import Margin, broken_limits, flown_margins, p
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.errors import DesignError
-from bayes_inertia.flight.follow_on import following_plan, spacecraft_at
-from bayes_inertia.flight.mission import Mission
+from bayes_inertia.flight.mission import Mission, following_plan, spacecraft_at
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.flight.planned_motion import planned_slews, slew_arrays

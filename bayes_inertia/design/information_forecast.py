@@ -22,8 +22,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.flight.mission import Mission
-from bayes_inertia.flight.orbit import Orbit
-from bayes_inertia.flight.plan import Plan
+from bayes_inertia.flight.plan import Orbit, Plan
 from bayes_inertia.flight.planned_motion import (
     PlanStart,
     PlanTimes,
@@ -39,7 +38,7 @@ from bayes_inertia.maths.values import AnyArray, array_dataclass
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.nuisances import NuisanceScale
+from bayes_inertia.physics.packing import NuisanceScale
 from bayes_inertia.physics.parameters import base_count
 from bayes_inertia.physics.prediction import Structure
 from bayes_inertia.physics.slew_context import Environment, SlewContext

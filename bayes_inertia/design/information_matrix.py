@@ -41,10 +41,9 @@ from bayes_inertia.errors import EffectError
 from bayes_inertia.flight.planned_motion import SlewArrays, motion_of_slews
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.maths.values import AnyArray
-from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.channels.direction import DirectionConstants
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import ActiveEffects, Effect
 from bayes_inertia.physics.prediction import Structure, acting_in
 from bayes_inertia.physics.slew_context import Environment, SlewContext, State, Trajectory
 from bayes_inertia.physics.slew_input import SlewInput
@@ -240,7 +239,7 @@ def _channel_columns(
     def reported(unknown: Array, change: Array) -> Array:
         attitude, rate_B, wheel = path.attitude, path.rate_B, path.wheel_momentum
         if follows == 0:
-            attitude = quaternion.multiply(attitude, quaternion.exp(change))
+            attitude = quaternion.turned(attitude, change)
         elif follows == 1:
             rate_B = rate_B + change
         else:

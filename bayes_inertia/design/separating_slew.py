@@ -17,6 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from bayes_inertia.design.after_campaign import plan_after
 from bayes_inertia.design.feasibility import require_three_axes
@@ -33,12 +34,12 @@ from bayes_inertia.design.margins import Margin, broken_limits, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.errors import CampaignError, EffectError
-from bayes_inertia.flight.follow_on import spacecraft_at
+from bayes_inertia.flight.mission import spacecraft_at
 from bayes_inertia.flight.plan import PlannedSlew
 from bayes_inertia.flight.planned_motion import planned_slews
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.objective import as_matrix, marginal_information, prior_equations
+from bayes_inertia.inference.objective import marginal_information, prior_equations
 from bayes_inertia.maths.linear_algebra import canonical_correlation, inverse
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
@@ -305,4 +306,4 @@ def _known(estimate: Estimate, model: Model, theta: np.ndarray) -> tuple[np.ndar
         model, replace(estimate.point, theta=point), estimate.white, columns
     )
     precision, _ = prior_equations(model, point, columns)
-    return information, as_matrix(precision, model.n_bias)
+    return information, block_diag(precision, np.eye(model.n_bias))

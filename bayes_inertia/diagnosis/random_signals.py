@@ -42,8 +42,8 @@ from bayes_inertia.diagnosis.hypothesis_table import (
 )
 from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.result import Candidate
-from bayes_inertia.inference.coefficients import prior_roots
 from bayes_inertia.inference.linearised_fit import LinearisedFit
+from bayes_inertia.inference.marginal_posterior import prior_roots
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import REMAINDERS, STOCHASTIC

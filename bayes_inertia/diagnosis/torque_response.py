@@ -18,15 +18,15 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.inference.compiled_programs import forget_surplus
-from bayes_inertia.inference.each_slew import of_all_slews, of_slew
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.likelihood import of_all_slews, of_slew
 from bayes_inertia.inference.noise_filter import innovations
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.maths.device_arrays import repeated
 from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.channels.channel import Channel, SensorAtFit
-from bayes_inertia.physics.model_data import Data
+from bayes_inertia.physics.packing import Data
 from bayes_inertia.physics.prediction import Structure, acting_in, inertia_in, start_of
 from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory
@@ -171,7 +171,7 @@ def _tangents(
 
         def path(y):
             start = begin._replace(
-                attitude=quaternion.multiply(begin.attitude, quaternion.exp(y[:3])),
+                attitude=quaternion.turned(begin.attitude, y[:3]),
                 rate_B=begin.rate_B + y[3:],
             )
             setting = structure.drive, structure.rows_per_step

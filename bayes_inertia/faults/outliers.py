@@ -1,6 +1,6 @@
 """Single readings far from their neighbours, before any model: one limit for all that read logs.
 
-`inference/outliers.py` judges residuals of a fit, with a false-alarm rate.
+`inference/cleaning.py` judges residuals of a fit, with a false-alarm rate.
 """
 
 from __future__ import annotations

@@ -2,10 +2,11 @@
 
 One step is one control period.
 
-The controller (`bayes_inertia.flight.control_law`) knows attitude and rate from RATE SENSORS ALONE
-during the motion. It propagates the attitude with scaled readings, beginning with the star
-tracker's mean attitude in the rest before the slew. What it gets wrong in the scale factors
-therefore stays in the final attitude, as in Ferguson's paper.
+The controller follows the planned rotation about a body-fixed axis. It feeds forward the torque
+that its own inertia tensor asks for, and feeds back the attitude and rate that it believes. It
+knows attitude and rate from RATE SENSORS ALONE during the motion. It propagates the attitude with
+scaled readings, beginning with the star tracker's mean attitude in the rest before the slew. What
+it gets wrong in the scale factors therefore stays in the final attitude, as in Ferguson's paper.
 
 The plant is `bayes_inertia.physics.equations_of_motion`. Effects that act at an instant act inside
 the loop. Effects whose hook needs the whole history (a lag, a sensor's delay) are found by waveform
@@ -23,25 +24,193 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from bayes_inertia.flight.control_law import (
-    ControlLaw,
-    ReferenceMotion,
-    SlewSchedule,
-    reference_motion,
-    target_attitude,
-    wheel_command,
-)
 from bayes_inertia.flight.numerics import NUMERICS
+from bayes_inertia.flight.plan import angle_and_rate
 from bayes_inertia.maths import quaternion
-from bayes_inertia.physics.active_effects import ActiveEffects
+from bayes_inertia.physics.effect import ActiveEffects
 from bayes_inertia.physics.equations_of_motion import (
+    Body,
     SlewState,
+    advance,
+    grid_steps,
     prepare,
-    rate_and_wheel_momentum,
 )
-from bayes_inertia.physics.motion_step import advance, grid_rows
 from bayes_inertia.physics.slew_context import Trajectory
 from bayes_inertia.physics.slew_input import SlewInput, Start
+
+
+class SlewSchedule(NamedTuple):
+    """One slew as the controller is told to fly it, padded to n rows.
+
+    Parameters
+    ----------
+    start_attitude : (4,) array
+        Planned attitude before the slew, body from inertial, scalar last.
+    axis_B : (3,) array
+        Unit axis of the slew in the body frame.
+    angle : float
+        Angle of the slew [rad].
+    rate : float
+        Largest rate [rad/s].
+    acceleration : float
+        Limit of the angular acceleration [rad/s^2].
+    smooth : bool
+        Whether the ramps are versines.
+    motion_start : float
+        When the motion begins [s], from the first row.
+    n_rows : int
+        How many rows are no padding.
+    time : (n,) array
+        Times of the rows [s].
+    fix_gain : (n,) array
+        Share of each star-tracker fix before the motion in the mean attitude so far; 0 where there
+        is none.
+    final_fix_weight : (n,) array
+        Weight of each fix after the motion in the mean final attitude.
+    """
+
+    start_attitude: Array
+    axis_B: Array
+    angle: Array
+    rate: Array
+    acceleration: Array
+    smooth: Array
+    motion_start: Array
+    n_rows: Array
+    time: Array
+    fix_gain: Array
+    final_fix_weight: Array
+
+
+class ControlLaw(NamedTuple):
+    """Beliefs and gains of the controller, as arrays.
+
+    Parameters
+    ----------
+    inertia_B : (3, 3) array
+        Inertia tensor that it believes, without the wheels' spin [kg m^2].
+    scale_factor : (3,) array
+        K by which it multiplies the readings of the rate sensor.
+    rate_axes_inverse : (3, 3) array
+        Inverse of C_rate: from sensor axes to body axes.
+    wheel_axes_B : (3, wheels) array
+        Unit spin axes as columns.
+    allocation : (wheels, 3) array
+        Shares of a torque among the wheels that motors drive.
+    spin_inertia : (wheels,) array
+        Spin inertia of each wheel [kg m^2].
+    max_torque : (wheels,) array
+        Torque limit of each wheel [N m].
+    stiffness : float
+        Gain on the attitude error [1/s^2].
+    damping : float
+        Gain on the rate error [1/s].
+    rate_range : float
+        Largest rate that the sensor reads [rad/s].
+    """
+
+    inertia_B: Array
+    scale_factor: Array
+    rate_axes_inverse: Array
+    wheel_axes_B: Array
+    allocation: Array
+    spin_inertia: Array
+    max_torque: Array
+    stiffness: Array
+    damping: Array
+    rate_range: Array
+
+
+class ReferenceMotion(NamedTuple):
+    """The planned motion at a row, and over the control period that begins there.
+
+    Parameters
+    ----------
+    attitude : (4,) array
+        Planned attitude.
+    rate_B : (3,) array
+        Planned rate [rad/s].
+    middle_rate_B : (3,) array
+        Planned rate in the middle of the period [rad/s].
+    acceleration_B : (3,) array
+        Mean planned acceleration over the period [rad/s^2].
+    fix_gain : float
+        Share of this row's star-tracker fix in the mean attitude so far.
+    elapsed : float
+        Time since the row before [s].
+    """
+
+    attitude: Array
+    rate_B: Array
+    middle_rate_B: Array
+    acceleration_B: Array
+    fix_gain: Array
+    elapsed: Array
+
+
+def target_attitude(schedule: SlewSchedule) -> Array:
+    """Attitude that the slew is to end in.
+
+    Returns (4,).
+
+    Examples
+    --------
+    >>> start, axis, row = jnp.array([0., 0., 0., 1.]), jnp.array([0., 0., 1.]), jnp.zeros(2)
+    >>> schedule = SlewSchedule(start, axis, jnp.pi, 1., 1., False, 0., 2, row, row, row)
+    >>> (target_attitude(schedule).round(6) + 0.0).tolist()
+    [0.0, 0.0, 1.0, 0.0]
+    """
+    return quaternion.turned(schedule.start_attitude, schedule.axis_B * schedule.angle)
+
+
+def reference_motion(schedule: SlewSchedule) -> ReferenceMotion:
+    """The planned motion at all rows of a slew.
+
+    Returns: every field with a leading axis of n rows.
+    """
+    t = schedule.time - schedule.motion_start
+    step = jnp.append(jnp.diff(schedule.time), 0.0)
+    motion = partial(
+        angle_and_rate, schedule.angle, schedule.rate, schedule.acceleration, schedule.smooth
+    )
+    angle, rate = motion(t)
+    _, middle_rate = motion(t + 0.5 * step)
+    next_rate = jnp.append(rate[1:], rate[-1:])
+    acceleration = jnp.where(step > 0.0, (next_rate - rate) / jnp.where(step > 0.0, step, 1.0), 0.0)
+    attitude = quaternion.turned(schedule.start_attitude, angle[:, None] * schedule.axis_B)
+    return ReferenceMotion(
+        attitude=attitude,
+        rate_B=rate[:, None] * schedule.axis_B,
+        middle_rate_B=middle_rate[:, None] * schedule.axis_B,
+        acceleration_B=acceleration[:, None] * schedule.axis_B,
+        fix_gain=schedule.fix_gain,
+        elapsed=jnp.concatenate([jnp.zeros(1), step[:-1]]),
+    )
+
+
+def wheel_command(
+    law: ControlLaw, reference: ReferenceMotion, attitude: Array, rate_B: Array, momentum: Array
+) -> Array:
+    """Motor torques that the controller commands.
+
+    Inverse dynamics of the planned motion (paper eq 6), and feedback of what differs from it.
+    Saturation scales all wheels together, which keeps the torque's direction.
+
+    `attitude` (4,); `rate_B` (3,) [rad/s]. `momentum` (wheels,): wheel momentum relative to the
+    body, as the tachometers show it [N m s]. Returns (wheels,) [N m].
+    """
+    error = quaternion.error(reference.attitude, attitude)
+    # The planned rate in the axes of the believed attitude.
+    rate_error = rate_B - reference.rate_B + jnp.cross(error, reference.rate_B)
+    wheel = momentum + law.spin_inertia * (reference.middle_rate_B @ law.wheel_axes_B)
+    total = law.inertia_B @ reference.middle_rate_B + law.wheel_axes_B @ wheel
+    acceleration = reference.acceleration_B - law.stiffness * error - law.damping * rate_error
+    torque = -law.allocation @ (
+        law.inertia_B @ acceleration + jnp.cross(reference.middle_rate_B, total)
+    )
+    return torque * jnp.min(
+        law.max_torque / jnp.maximum(jnp.abs(torque), law.max_torque), initial=1.0
+    )
 
 
 class Plant(NamedTuple):
@@ -222,16 +391,15 @@ def fly_slew(loop: ClosedLoop) -> FlownSlew:
 def _round(loop: ClosedLoop, terms: _HookTerms) -> tuple[FlownSlew, _HookTerms]:
     """Fly once with what the whole-history hooks made of the round before, and ask them again."""
     n_rows, substeps = len(loop.schedule.time), loop.substeps
-    context = loop.slew.context._replace(torque=terms.commands)
-    slew = loop.slew._replace(context=context)
+    slew = loop.slew._replace(context=loop.slew.context._replace(torque=terms.commands))
     body, motion, delivered = prepare(slew, loop.plant.start, loop.plant.inertia_B, loop.active)
     exogenous = delivered - terms.commands if loop.active else terms.torque
-    period = partial(_control_period, loop, context, body, _bias_snapshot(loop, terms))
+    period = partial(_control_period, loop, body, _bias_snapshot(loop, terms))
     first = (motion, loop.schedule.start_attitude, jnp.zeros(3))
-    rows = _rows(loop, grid_rows(slew, exogenous), terms)
+    rows = _rows(loop, (grid_steps(slew), exogenous), terms)
     _, (path, command, reading, momentum, fixes) = jax.lax.scan(period, first, rows)
     path = jax.tree.map(lambda x: x.reshape(n_rows * substeps, *x.shape[2:]), path)
-    trajectory, next_terms = _ask_hooks(loop, context, body, path, command)
+    trajectory, next_terms = _ask_hooks(loop, body, path, command)
     change = jnp.max(jnp.abs(next_terms.commands - terms.commands)) / jnp.maximum(
         jnp.max(jnp.abs(command)), 1e-30
     )
@@ -275,34 +443,33 @@ def _rows(loop: ClosedLoop, grid: Any, terms: _HookTerms) -> dict[str, Any]:
     }
 
 
-def _control_period(loop: ClosedLoop, context, body, bias_snapshot: Array, carry, row):
+def _control_period(loop: ClosedLoop, body: Body, bias_snapshot: Array, carry, row):
     """One control period: measure, propagate the attitude, command, let the plant move."""
     motion, believed, last_rate = carry
-    reading, momentum, fix = _measure(loop, context, body, motion, row)
+    reading, momentum, fix = _measure(loop, body, motion, row)
     law, reference = loop.law, row["reference"]
     rate = law.rate_axes_inverse @ (law.scale_factor * reading - bias_snapshot)
     believed = _propagated(reference, believed, last_rate, rate, fix)
     command = wheel_command(law, reference, believed, rate, momentum)
 
     def substep(motion: SlewState, point) -> tuple[SlewState, SlewState]:
-        torque = tuple(u + command[k] for k, u in enumerate(point["torque"][0]))
-        inputs = point | {"torque": (torque, torque)}
-        return advance(motion, inputs, body, context, loop.active), motion
+        step, exogenous = point
+        return advance(body, motion, step, exogenous + command), motion
 
     motion, path = jax.lax.scan(substep, motion, row["grid"], unroll=loop.substeps <= 4)
     return (motion, believed, rate), (path, command, reading, momentum, fix)
 
 
-def _measure(loop: ClosedLoop, context, body, motion: SlewState, row) -> tuple[Array, Array, Array]:
+def _measure(loop: ClosedLoop, body: Body, motion: SlewState, row) -> tuple[Array, Array, Array]:
     """Rate reading (3,), tachometer momentum (wheels,) and star-tracker fix (4,) at a row."""
     plant, terms, noise = loop.plant, row["terms"], row["noise"]
-    rate_B, momentum = rate_and_wheel_momentum(motion, body, context, loop.active)
+    rate_B, momentum = body.rate_and_wheel_momentum(motion)
     rate_S = plant.rate_axes @ rate_B + plant.bias + terms.rate_S
     reading = jnp.clip(
         rate_S / plant.scale_factor + noise.rate, -loop.law.rate_range, loop.law.rate_range
     )
-    fix = quaternion.multiply(jnp.stack(motion.attitude), quaternion.exp(terms.attitude))
-    fix = quaternion.multiply(fix, quaternion.exp(noise.attitude))
+    fix = quaternion.turned(jnp.stack(motion.attitude), terms.attitude)
+    fix = quaternion.turned(fix, noise.attitude)
     return reading, momentum + terms.momentum + noise.momentum, fix
 
 
@@ -310,28 +477,21 @@ def _propagated(
     reference: ReferenceMotion, attitude: Array, last_rate_B: Array, rate_B: Array, fix: Array
 ) -> Array:
     """The believed attitude (4,): propagated, and moved to the mean of the fixes."""
-    attitude = quaternion.multiply(
-        attitude, quaternion.exp(0.5 * reference.elapsed * (last_rate_B + rate_B))
-    )
-    return quaternion.multiply(
-        attitude, quaternion.exp(reference.fix_gain * quaternion.error(attitude, fix))
-    )
+    attitude = quaternion.turned(attitude, 0.5 * reference.elapsed * (last_rate_B + rate_B))
+    return quaternion.turned(attitude, reference.fix_gain * quaternion.error(attitude, fix))
 
 
 def _ask_hooks(
-    loop: ClosedLoop, context, body, path: SlewState, command: Array
+    loop: ClosedLoop, body: Body, path: SlewState, command: Array
 ) -> tuple[Trajectory, _HookTerms]:
     """The trajectory on the grid, and what the whole-history hooks make of it."""
-    rate_B, momentum = jax.vmap(
-        lambda motion: rate_and_wheel_momentum(motion, body, context, loop.active)
-    )(path)
+    rate_B, momentum = jax.vmap(body.rate_and_wheel_momentum)(path)
     attitude = jnp.stack(path.attitude, -1)
-    trajectory = Trajectory(
-        context.time, attitude, rate_B, momentum, jnp.zeros((len(context.time), 0))
-    )
+    no_states = jnp.zeros((len(body.context.time), 0))
+    trajectory = Trajectory(body.context.time, attitude, rate_B, momentum, no_states)
     last = jnp.minimum(jnp.arange(len(command)), loop.schedule.n_rows - 1)
     commands = jnp.repeat(command[last], loop.substeps, axis=0)
-    context = context._replace(torque=commands)
+    context = body.context._replace(torque=commands)
     plain = rate_B @ loop.plant.rate_axes.T + loop.plant.bias
     rate_S, fix, tachometer = plain, attitude, momentum
     for (effect, p), effect_states in zip(loop.active, path.effect_states, strict=True):

@@ -1,23 +1,288 @@
-"""A mission: the spacecraft that flies, and what was known of its inertia tensor before flight."""
+"""A mission, what follows a campaign of it, and whether a campaign flew what was planned."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from bayes_inertia.campaign.body_rates import reference_of
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import InertiaPrior
-from bayes_inertia.flight.follow_on import prior_mean, spacecraft_at
+from bayes_inertia.campaign.hardware import (
+    DirectionSensor,
+    InertiaPrior,
+    RateSensor,
+    StarTracker,
+    body_rates,
+    require,
+)
+from bayes_inertia.campaign.sensors import series_of
+from bayes_inertia.campaign.sensors.rate import RATE
+from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
+from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.flight.numerics import NUMERICS
+from bayes_inertia.flight.plan import Plan, PlannedSlew, ramp_factor
 from bayes_inertia.flight.spacecraft import (
     Controller,
     Spacecraft,
+    axes_of_control,
     most_like_prior,
     most_like_spacecraft,
     spin_tensor,
     without_spin,
 )
+from bayes_inertia.flight.steering import FlyingDevice, flying_device
+from bayes_inertia.maths import inertia_tensor
+
+# Further sensors whose readings can be foreseen.
+_FLYING = (RateSensor, StarTracker, DirectionSensor)
+
+
+def prior_mean(campaign: Campaign) -> np.ndarray:
+    """J's six elements [kg m^2] and K of a campaign's rate sensor (6 + axes,) before flight."""
+    sensor = campaign.rate_sensor
+    return np.concatenate([campaign.inertia.elements, sensor.scale_factor if sensor else ()])
+
+
+def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
+    """The spacecraft that a campaign's parameters describe, with the campaign's hardware.
+
+    `theta` (d,): J's six elements [kg m^2] as the campaign's prior names them, then K of each axis;
+    the rest is not used. Returns: without effects; its bias is drawn from the sensor's prior in
+    every flight. Wheels fly it where they turn it about three axes, else a device that does.
+    """
+    campaign = campaign.without_locked_wheels()
+    wheels, sensor = campaign.wheels, campaign.rate_sensor
+    why = why_no_plans(campaign)
+    advice = "`observe` says what its motion determines as it is, and `fit` determines it"
+    require(not why, "actuators", why, advice)
+    J = inertia_tensor.tensor(np.asarray(theta[:6]))
+    return Spacecraft(
+        without_spin(J, campaign.inertia.includes_wheel_spin, wheels),
+        tuple(np.asarray(theta[6 : 6 + len(sensor.axes)], float)) if sensor else (),
+        wheels,
+        sensor,
+        campaign.star_tracker,
+        more_sensors=tuple(x for x in campaign.more_sensors if isinstance(x[1], _FLYING)),
+        device=_device_in_place_of_wheels(campaign),
+        names=campaign.names,
+        reference=campaign.reference,
+        periods=reading_periods(campaign),
+        seen_N=_seen_last(campaign),
+    )
+
+
+def why_no_plans(campaign: Campaign) -> str:
+    """Why no slew can be designed for a spacecraft, in words; empty if one can.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> why_no_plans(small_campaign())
+    ''
+    """
+    campaign = campaign.without_locked_wheels()
+    turned = axes_of_control(campaign.wheels) > 0
+    if turned or _device_in_place_of_wheels(campaign) is not None:
+        return ""
+    told = ", ".join(x.name for x in (*campaign.wheels, *campaign.actuators))
+    free = f"{told} cannot turn it as asked" if told else "nothing on board turns it"
+    return f"there is no slew to design for this spacecraft, {free}"
+
+
+def _device_in_place_of_wheels(campaign: Campaign) -> FlyingDevice | None:
+    """The device that turns it about more axes than its wheels do; None where wheels turn all."""
+    axes = axes_of_control(campaign.wheels)
+    device = None if axes == 3 else flying_device(campaign)
+    return device if device is not None and device.axes > axes else None
+
+
+def reading_periods(campaign: Campaign) -> dict[str, float]:
+    """Time from one reading to the next [s] of each sensor whose readings are a series."""
+    streams: dict[str, SensorStream] = {campaign.names[0]: RATE} if campaign.rate_sensor else {}
+    streams |= {s.name: s for s in series_of(campaign) if s.name in dict(campaign.more_sensors)}
+    steps = {name: _steps(campaign, stream) for name, stream in streams.items()}
+    return {name: _usual(x) for name, x in steps.items() if len(x)}
+
+
+def _usual(steps: np.ndarray) -> float:
+    """Their median without the rounding of times read from a file: alike campaigns share code."""
+    return float(f"{np.median(steps):.9g}")
+
+
+def _steps(campaign: Campaign, stream: SensorStream) -> np.ndarray:
+    """Times between the readings of one stream [s], all slews together."""
+    of_slews = ((slew.time, stream.of(slew)) for slew in campaign.slews)
+    rated = [time[np.isfinite(x).any(axis=1)] for time, x in of_slews if x is not None]
+    return np.concatenate([np.zeros(0), *(np.diff(time) for time in rated)])
+
+
+def _seen_last(campaign: Campaign) -> dict[str, tuple[float, ...]]:
+    """Directions and fields that direction sensors saw last, in inertial axes."""
+    last, seen = campaign.slews[-1], {}
+    for name, sensor in campaign.more_sensors:
+        if isinstance(sensor, DirectionSensor) and sensor.reference_N is None:
+            key = name if name in (last.inputs or {}) else "magnetic_field_N"
+            seen[key] = tuple(reference_of(name, sensor, last)[1][-1].tolist())
+    return seen
+
+
+def devices_at_rest(campaign: Campaign) -> tuple[str, ...]:
+    """What of a campaign's devices and changes no plan flies, in a sentence; none if all fly.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> devices_at_rest(small_campaign())
+    ()
+    """
+    craft = spacecraft_at(campaign, prior_mean(campaign))
+    flying = "wheels" if craft.device is None else craft.device.record.name
+    names = [wheel.name for wheel in campaign.wheels if wheel.state == "locked"]
+    names += [name for name, x in campaign.more_sensors if not isinstance(x, _FLYING)]
+    names += [x.name for x in (*campaign.actuators, *campaign.changes) if x.name != flying]
+    turns = f"{flying} turn{'s' if craft.device else ''} the spacecraft, all sensors fly; "
+    return (f"{turns}left out: {', '.join(names)}",) if names else ()
+
+
+def following_plan(campaign: Campaign, wheel_momentum: np.ndarray | None = None) -> Plan:
+    """A plan of one slew, yet to be chosen, that begins where a campaign ended.
+
+    It has the campaign's telemetry period and the usual rests.
+
+    `wheel_momentum` (wheels,): wheel momentum relative to the body at the campaign's end [N m s].
+    It is used where no tachometer tells. None: the wheels are then taken to be at rest. Returns: it
+    starts at the last star-tracker fix (no rotation from inertial axes if there is none) and with
+    the last complete tachometer reading of the last slew.
+    """
+    campaign = campaign.without_locked_wheels()
+    last = campaign.slews[-1]
+    rows = _usual(np.concatenate([s.rate_steps for s in campaign.slews]))
+    period = min((*reading_periods(campaign).values(), rows))
+    attitude = (0.0, 0.0, 0.0, 1.0)
+    if last.attitude is not None and last.fixes.any():
+        attitude = tuple(last.attitude[last.fixes][-1].tolist())
+    if last.wheel_momentum is not None and np.isfinite(last.wheel_momentum).all(1).any():
+        wheel_momentum = last.wheel_momentum[np.isfinite(last.wheel_momentum).all(1)][-1]
+    momentum = () if wheel_momentum is None else tuple(np.asarray(wheel_momentum).tolist())
+    base = Plan("next", (PlannedSlew((1.0, 0.0, 0.0), 1.0),), attitude, momentum)
+    in_motion = _fixes_in_motion(campaign)
+    rest, spacing = (
+        max(1, round(x / period)) * period
+        for x in (base.rest_before, in_motion or base.fix_spacing)
+    )
+    return replace(
+        base,
+        telemetry_period=period,
+        rest_before=rest,
+        fix_spacing=spacing,
+        first_fix=0.0 if in_motion else min(base.first_fix, 0.5 * rest),
+        fixes_in_motion=in_motion is not None,
+    )
+
+
+def _fixes_in_motion(campaign: Campaign) -> float | None:
+    """Time between fixes [s] where the last slew has them throughout; None where it rests."""
+    last = campaign.slews[-1]
+    times = last.time[last.fixes]
+    if len(times) < 3:
+        return None
+    spacing = float(np.median(np.diff(times)))
+    throughout = np.diff(times).max() <= NUMERICS.longest_gap_of_fixes * spacing
+    return spacing if throughout and np.ptp(times) > 0.5 * last.duration else None
+
+
+def other_slews(plan: Plan, campaign: Campaign) -> str:
+    """Signs that a campaign flew other slews than a plan's.
+
+    Compared are the number of slews, the rotation of each from beginning to end, and its peak rate.
+
+    Returns: the first difference in words; empty where the telemetry may be that of the plan.
+
+    Examples
+    --------
+    >>> from bayes_inertia.flight.mission import most_like_mission
+    >>> from bayes_inertia.flight.plan import paper_like_plan
+    >>> from bayes_inertia.flight.planned_telemetry import planned_campaign
+    >>> plan = paper_like_plan()
+    >>> other_slews(plan, planned_campaign(plan, most_like_mission()))
+    ''
+    """
+    if len(plan.slews) != len(campaign.slews):
+        return f"it has {_counted(len(plan.slews))}, the campaign {_counted(len(campaign.slews))}"
+    seen = campaign.with_body_rates
+    for planned, flown in zip(plan.slews, seen.slews, strict=True):
+        rate_B = _rate_B(flown, seen.gyro)
+        difference = _other_rotation(planned, flown, rate_B) or _other_peak(
+            planned, rate_B, seen.gyro
+        )
+        if difference:
+            return f"{flown.name} {difference}"
+    return ""
+
+
+def _counted(n: int) -> str:
+    return f"{n} slew{'s' if n != 1 else ''}"
+
+
+def _other_rotation(planned: PlannedSlew, flown: Slew, rate_B: np.ndarray | None) -> str:
+    rotation = _rotation(flown, rate_B)
+    if rotation is None:
+        return ""
+    wanted = Rotation.from_rotvec(planned.angle * np.array(planned.axis_B))
+    if (
+        wanted.inv() * rotation
+    ).magnitude() <= NUMERICS.rotation_off + NUMERICS.rotation_off_share * planned.angle:
+        return ""
+    return f"turned by {_rotation_text(rotation)}, the plan says {_rotation_text(wanted)}"
+
+
+def _rotation_text(rotation: Rotation) -> str:
+    angle = rotation.magnitude()
+    axis = rotation.as_rotvec() / angle if angle > 0.0 else np.zeros(3)
+    components = ", ".join(f"{x:+.2f}" for x in axis)
+    return f"{math.degrees(angle):.1f} deg about ({components})"
+
+
+def _other_peak(planned: PlannedSlew, rate_B: np.ndarray | None, sensor: RateSensor) -> str:
+    if rate_B is None:
+        return ""
+    reached = math.sqrt(planned.acceleration * planned.angle / ramp_factor(planned.profile))
+    wanted, peak = min(planned.rate, reached), float(np.linalg.norm(rate_B, axis=1).max())
+    if abs(
+        peak - wanted
+    ) <= NUMERICS.peak_rate_off_share * wanted + NUMERICS.peak_rate_off_sigmas * max(sensor.sigma):
+        return ""
+    flown, said = (f"{math.degrees(x):.3g} deg/s" for x in (peak, wanted))
+    return f"reached {flown}, the plan says {said}"
+
+
+def _rate_B(slew: Slew, sensor: RateSensor) -> np.ndarray | None:
+    """Rates in body axes (n, 3) [rad/s] with the prior's K and bias, gaps filled."""
+    if slew.rate is None or not np.isfinite(slew.rate).any(axis=0).all():
+        return None
+    filled = np.column_stack(
+        [np.interp(slew.time, slew.time[np.isfinite(x)], x[np.isfinite(x)]) for x in slew.rate.T]
+    )
+    return body_rates(sensor, filled, sensor.scale_factor)
+
+
+def _rotation(slew: Slew, rate_B: np.ndarray | None) -> Rotation | None:
+    """From the first fix to the last; without two fixes, what the rates integrate to."""
+    rows = np.flatnonzero(slew.fixes)
+    if slew.attitude is not None and len(rows) > 1:
+        first, last = Rotation.from_quat(slew.attitude[rows[[0, -1]]])
+        return first.inv() * last
+    if rate_B is None:
+        return None
+    steps = 0.5 * (rate_B[1:] + rate_B[:-1]) * np.diff(slew.time)[:, None]
+    rotation = Rotation.identity()
+    for step in Rotation.from_rotvec(steps):
+        rotation = rotation * step
+    return rotation
 
 
 @dataclass(frozen=True)
@@ -69,11 +334,9 @@ class Mission:
 
         J is J_locked where the prior's tensor includes the wheels' spin.
         """
-        J = self.spacecraft.inertia_B + (
-            spin_tensor(self.spacecraft.wheels) if self.prior.includes_wheel_spin else 0.0
-        )
-        K = self.spacecraft.scale_factor
-        return np.array([J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2], *K])
+        craft = self.spacecraft
+        spin = spin_tensor(craft.wheels) if self.prior.includes_wheel_spin else 0.0
+        return np.array([*inertia_tensor.elements(craft.inertia_B + spin), *craft.scale_factor])
 
     def at_prior_mean(self) -> Mission:
         """The mission if what was known before flight were exactly right, and nothing else acted.

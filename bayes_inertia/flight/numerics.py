@@ -17,7 +17,7 @@ class Numerics:
     relaxation_tolerance: float = 1e-9
     most_relaxations: int = 60
 
-    # `closed_loop_inputs.py`
+    # `closed_loop_flights.py`
     # Stands for a limit that the hardware does not have, in any unit.
     no_limit: float = 1e30
 
@@ -41,7 +41,9 @@ class Numerics:
     )
     example_digits: int = 10  # significant, of numbers in the tables
 
-    # `flown_slews.py`
+    # `mission.py`
+    # Fixes follow each other throughout a slew where no gap is longer than so many of them.
+    longest_gap_of_fixes: float = 5.0
     # A flown rotation may be off the planned one by so much [rad], and by this share of its angle:
     # errors of J, K and bias on board.
     rotation_off: float = math.radians(2.0)
@@ -50,19 +52,13 @@ class Numerics:
     peak_rate_off_share: float = 0.25
     peak_rate_off_sigmas: float = 6.0
 
-    # `follow_on.py`
-    # Fixes follow each other throughout a slew where no gap is longer than so many of them.
-    longest_gap_of_fixes: float = 5.0
-
     # `planned_telemetry.py`
     # Of the largest torque or momentum that a plan asks of a device, what may be missing.
     unreached: float = 1e-6
 
-    # `orbit.py`
+    # `plan.py`
     earth_dipole: float = 7.75e15  # [T m^3], axial term of the geomagnetic field
     smallest_radius: float = 6.0e6  # [m]
-
-    # `plan.py`
     # Rows of telemetry of a slew; more is a plan with a slip of units.
     most_rows_of_slew: int = 5_000_000
 

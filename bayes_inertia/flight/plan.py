@@ -2,6 +2,9 @@
 
 A slew turns about an axis fixed in the body: a rest with fixes, a ramp up, a coast, a ramp down,
 time to settle, and a rest with fixes again.
+
+The angle and rate of a slew over time are written in `jax.numpy`, so that its consequences can be
+differentiated with respect to axis, angle and rate.
 """
 
 from __future__ import annotations
@@ -10,25 +13,171 @@ import math
 import operator
 from dataclasses import dataclass, field
 from itertools import accumulate
-from typing import get_args
+from typing import Literal, get_args
 
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.hardware import require
 from bayes_inertia.flight.numerics import NUMERICS
-from bayes_inertia.flight.orbit import Orbit
-from bayes_inertia.flight.slew_profile import Profile, ramp_factor
 from bayes_inertia.maths.values import Vector
+from bayes_inertia.physics.effects.gravity_gradient import GravityGradient
+from bayes_inertia.physics.slew_context import Environment
+
+Profile = Literal["trapezoid", "smooth"]
+
+
+def ramp_factor(profile: Profile) -> float:
+    """Ramp time times acceleration limit over peak rate.
+
+    Examples
+    --------
+    >>> ramp_factor("trapezoid")
+    1.0
+    """
+    return math.pi / 2.0 if profile == "smooth" else 1.0
+
+
+def peak_and_ramp(
+    angle: Array, rate: Array, acceleration: Array, smooth: Array
+) -> tuple[Array, Array]:
+    """Largest rate [rad/s] that each slew reaches, and the time of each of its ramps [s]."""
+    factor = jnp.where(smooth, math.pi / 2.0, 1.0)
+    peak = jnp.minimum(rate, jnp.sqrt(acceleration * angle / factor))
+    return peak, factor * peak / acceleration
+
+
+def angle_and_rate(
+    angle: Array, rate: Array, acceleration: Array, smooth: Array, t: Array
+) -> tuple[Array, Array]:
+    """Angle turned and rate of a slew; all arguments broadcast.
+
+    A slew too short for `rate` has a lower peak and no coast.
+
+    `angle` [rad]; `rate` [rad/s]; `acceleration` [rad/s^2]; `t` [s]. Returns `angle` [rad]; `rate`
+    [rad/s].
+
+    Examples
+    --------
+    >>> t = jnp.array([-1.0, 16.0, 99.0])
+    >>> [x.tolist() for x in angle_and_rate(2.0, 2.0**-5, 2.0**-10, False, t)]
+    [[0.0, 0.125, 2.0], [0.0, 0.015625, 0.0]]
+    """
+    peak, ramp = peak_and_ramp(angle, rate, acceleration, smooth)
+    down = angle / peak  # the ramp down begins when ramp and coast have passed, which is this long
+
+    def risen(t):
+        """The ramp from 0 to 1 beginning at t = 0, and its integral over time."""
+        x = jnp.clip(t / ramp, 0.0, 1.0)
+        value = jnp.where(smooth, 0.5 * (1.0 - jnp.cos(math.pi * x)), x)
+        integral = jnp.where(smooth, 0.5 * x - jnp.sin(math.pi * x) / (2.0 * math.pi), 0.5 * x**2)
+        return value, ramp * integral + jnp.maximum(t - ramp, 0.0)
+
+    (up, turned), (fallen, missing) = risen(t), risen(t - down)
+    return peak * (turned - missing), peak * (up - fallen)
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """A circular orbit about the Earth.
+
+    Parameters
+    ----------
+    radius : float
+        Distance from the Earth's centre [m].
+    inclination : float
+        Inclination [rad].
+    node : float
+        Right ascension of the ascending node [rad].
+    argument : float
+        Angle from the node at the campaign's beginning [rad].
+
+    Raises
+    ------
+    CampaignError
+        If the orbit lies inside the Earth.
+
+    Examples
+    --------
+    >>> float(np.linalg.norm(Orbit().position_N(np.array([10.0]))).round(3))
+    7197428.0
+    """
+
+    radius: float = 7.197428e6
+    inclination: float = math.radians(98.7)
+    node: float = math.radians(40.0)
+    argument: float = math.radians(10.0)
+
+    def __post_init__(self) -> None:
+        what = f"{self.radius / 1e3:.6g} km lies inside the Earth"
+        advice = "give the distance from the Earth's centre"
+        require(self.radius > NUMERICS.smallest_radius, "orbit.radius_km", what, advice)
+
+    def environment(self, time: np.ndarray) -> Environment:
+        """What effects need, at times of the campaign.
+
+        Parameters
+        ----------
+        time : (n,) array
+            Times of the campaign [s].
+
+        Returns
+        -------
+        Environment
+            Its columns (n, 3).
+        """
+        return Environment(self.magnetic_field_N(time), self.position_N(time))
+
+    def position_N(self, time: np.ndarray) -> np.ndarray:
+        """Position at times of the campaign.
+
+        Parameters
+        ----------
+        time : (n,) array
+            Times of the campaign [s].
+
+        Returns
+        -------
+        (n, 3) array
+            From the Earth's centre, in inertial axes [m].
+        """
+        u = self.argument + math.sqrt(GravityGradient.mu / self.radius**3) * np.asarray(time)
+        cos_i, sin_i = math.cos(self.inclination), math.sin(self.inclination)
+        cos_n, sin_n = math.cos(self.node), math.sin(self.node)
+        to_node = np.array([cos_n, sin_n, 0.0])
+        ahead_of_node = np.array([-sin_n * cos_i, cos_n * cos_i, sin_i])
+        return self.radius * (np.cos(u)[:, None] * to_node + np.sin(u)[:, None] * ahead_of_node)
+
+    def magnetic_field_N(self, time: np.ndarray) -> np.ndarray:
+        """Field of a dipole along the Earth's axis, at times of the campaign.
+
+        Parameters
+        ----------
+        time : (n,) array
+            Times of the campaign [s].
+
+        Returns
+        -------
+        (n, 3) array
+            In inertial axes [T].
+
+        Examples
+        --------
+        >>> bool(np.linalg.norm(Orbit().magnetic_field_N(np.array([10.0]))) < 5e-5)
+        True
+        """
+        position = self.position_N(time)
+        up = position / self.radius
+        south = np.array([0.0, 0.0, -1.0])
+        return NUMERICS.earth_dipole / self.radius**3 * (3.0 * (up @ south)[:, None] * up - south)
 
 
 def _require_positive(value: float, key: str) -> None:
-    require(
-        bool(np.isfinite(value)) and value > 0.0,
-        key,
-        f"{value!r} is not positive",
-        "give a positive number",
-    )
+    what = f"{value!r} is not positive"
+    advice = "give a positive number"
+    require(bool(np.isfinite(value)) and value > 0.0, key, what, advice)
 
 
 @dataclass(frozen=True)
@@ -76,12 +225,9 @@ class PlannedSlew:
             _require_positive(getattr(self, key), f"slews.{key}")
         if self.duration is not None:
             _require_positive(self.duration, "slews.duration")
-        require(
-            self.profile in get_args(Profile),
-            "slews.profile",
-            f"{self.profile!r} is unknown",
-            f"choose {' or '.join(get_args(Profile))}",
-        )
+        what = f"{self.profile!r} is unknown"
+        advice = f"choose {' or '.join(get_args(Profile))}"
+        require(self.profile in get_args(Profile), "slews.profile", what, advice)
 
     @property
     def motion_time(self) -> float:
@@ -99,12 +245,9 @@ def _unit_axis(axis_B: Vector) -> tuple[float, ...]:
     is_direction = (
         axis.shape == (3,) and bool(np.all(np.isfinite(axis))) and bool(np.linalg.norm(axis) > 0.0)
     )
-    require(
-        is_direction,
-        "slews.axis",
-        f"{axis_B!r} is no direction",
-        "give three numbers, not all zero",
-    )
+    what = f"{axis_B!r} is no direction"
+    advice = "give three numbers, not all zero"
+    require(is_direction, "slews.axis", what, advice)
     return _normalised(axis)
 
 
@@ -189,12 +332,9 @@ class Plan:
         self._check_times()
         attitude = np.asarray(self.start_attitude, dtype=float)
         norm = float(np.linalg.norm(attitude)) if attitude.shape == (4,) else math.nan
-        require(
-            abs(norm - 1.0) < 1e-3,
-            "start_attitude",
-            "no unit quaternion",
-            "give four numbers, scalar last",
-        )
+        what = "no unit quaternion"
+        advice = "give four numbers, scalar last"
+        require(abs(norm - 1.0) < 1e-3, "start_attitude", what, advice)
         object.__setattr__(self, "start_attitude", _normalised(attitude))
         object.__setattr__(self, "durations", tuple(self._duration(slew) for slew in self.slews))
 
@@ -208,18 +348,12 @@ class Plan:
             require(is_time, key, f"{value!r} is negative", "give seconds")
         for key in ("rest_before", "fix_spacing"):
             periods = getattr(self, key) / self.telemetry_period
-            require(
-                abs(periods - round(periods)) < 1e-6,
-                key,
-                f"{getattr(self, key)!r} s is no multiple of telemetry_period",
-                "choose one that is",
-            )
-        require(
-            self.first_fix < self.rest_before,
-            "first_fix",
-            "the first fix comes after the rest",
-            "make it smaller than rest_before",
-        )
+            what = f"{getattr(self, key)!r} s is no multiple of telemetry_period"
+            advice = "choose one that is"
+            require(abs(periods - round(periods)) < 1e-6, key, what, advice)
+        what = "the first fix comes after the rest"
+        advice = "make it smaller than rest_before"
+        require(self.first_fix < self.rest_before, "first_fix", what, advice)
 
     def _duration(self, slew: PlannedSlew) -> float:
         """Duration of a slew's telemetry [s], whole telemetry periods."""
@@ -235,12 +369,9 @@ class Plan:
         if slew.duration is None:
             return needed
         asked = round(slew.duration / self.telemetry_period) * self.telemetry_period
-        require(
-            asked >= needed - 1e-9,
-            "slews.duration",
-            f"{slew.duration:.6g} s is too short",
-            f"give at least {needed:.6g} s, or leave it out",
-        )
+        what = f"{slew.duration:.6g} s is too short"
+        advice = f"give at least {needed:.6g} s, or leave it out"
+        require(asked >= needed - 1e-9, "slews.duration", what, advice)
         return asked
 
     @property
@@ -343,6 +474,31 @@ class Plan:
             if self.fixes_in_motion
             else np.concatenate([before, after])
         )
+
+    def at_fixes(self, i: int, values: np.ndarray) -> np.ndarray:
+        """Values along one slew, as far as it has star-tracker fixes.
+
+        Parameters
+        ----------
+        i : int
+            Index of the slew.
+        values : (n, ...) array
+            One at each row of its telemetry.
+
+        Returns
+        -------
+        (n, ...) array
+            The values in rows with a fix, NaN elsewhere.
+
+        Examples
+        --------
+        >>> plan = paper_like_plan()
+        >>> int(np.isfinite(plan.at_fixes(0, plan.times(0))).sum()) == len(plan.fix_rows(0))
+        True
+        """
+        rows, seen = self.fix_rows(i), np.full(values.shape, np.nan)
+        seen[rows] = values[rows]
+        return seen
 
 
 def paper_like_plan() -> Plan:

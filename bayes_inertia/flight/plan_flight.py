@@ -15,7 +15,7 @@ from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import MORE
 from bayes_inertia.errors import EffectError
 from bayes_inertia.flight.closed_loop import fly_slews
-from bayes_inertia.flight.closed_loop_inputs import closed_loop_inputs, rate_bias
+from bayes_inertia.flight.closed_loop_flights import closed_loop_inputs, rate_bias
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan
@@ -166,8 +166,6 @@ def _follow(
     slews = [with_readings(slew, k, told) for k, slew in enumerate(planned.slews)]
     if craft.device is not None:
         slews = [_with_noisy_input(slew, craft.device, rng) for slew in slews]
-    torque = np.stack([np.abs(path.wheel_torque).max(axis=0) for path in paths])
-    momentum = np.stack([np.abs(motion.wheel_momentum).max(axis=0) for motion in truth])
     nothing = np.zeros((len(truth), 3))
     return Flight(
         campaign=replace(planned, slews=tuple(slews)),
@@ -175,8 +173,8 @@ def _follow(
         mission=mission,
         final_error_B=nothing,
         measured_error_B=nothing if craft.star_tracker else np.full_like(nothing, np.nan),
-        peak_torque=torque / [wheel.max_torque or np.nan for wheel in craft.wheels],
-        peak_momentum=momentum / [wheel.max_momentum or np.nan for wheel in craft.wheels],
+        peak_torque=_peaks([path.wheel_torque for path in paths], craft, "max_torque"),
+        peak_momentum=_peaks([path.wheel_momentum for path in truth], craft, "max_momentum"),
         truth=truth,
         parameters=theta,
     )
@@ -237,6 +235,7 @@ def _flight(plan: Plan, mission: Mission, planned: Campaign, flown: Any) -> Flig
     craft = mission.spacecraft
     slews = tuple(_telemetry(plan, craft, i, slew, flown) for i, slew in enumerate(planned.slews))
     truth = tuple(_true_path(i, slew, flown) for i, slew in enumerate(planned.slews))
+    commands = [flown.command[i, : len(slew.time)] for i, slew in enumerate(slews)]
     measured = flown.measured_error_B
     if craft.star_tracker is None:
         measured = np.full_like(flown.final_error_B, np.nan)
@@ -246,8 +245,8 @@ def _flight(plan: Plan, mission: Mission, planned: Campaign, flown: Any) -> Flig
         mission=mission,
         final_error_B=flown.final_error_B,
         measured_error_B=measured,
-        peak_torque=_peaks(flown.command, planned, craft, "max_torque"),
-        peak_momentum=_peaks(flown.wheel_momentum, planned, craft, "max_momentum"),
+        peak_torque=_peaks(commands, craft, "max_torque"),
+        peak_momentum=_peaks([path.wheel_momentum for path in truth], craft, "max_momentum"),
         truth=truth,
     )
 
@@ -255,11 +254,7 @@ def _flight(plan: Plan, mission: Mission, planned: Campaign, flown: Any) -> Flig
 def _telemetry(plan: Plan, craft: Spacecraft, i: int, slew: Slew, flown: Any) -> Slew:
     """Telemetry of slew i."""
     n = len(slew.time)
-    fixes = None
-    if craft.star_tracker is not None:
-        rows = plan.fix_rows(i)
-        fixes = np.full((n, 4), np.nan)
-        fixes[rows] = flown.fixes[i, rows]
+    fixes = None if craft.star_tracker is None else plan.at_fixes(i, flown.fixes[i, :n])
     tachometers = craft.wheels and all(w.momentum_sigma is not None for w in craft.wheels)
     return replace(
         slew,
@@ -284,8 +279,7 @@ def _true_path(i: int, slew: Slew, flown: Any) -> Trajectory:
     )
 
 
-def _peaks(padded: np.ndarray, planned: Campaign, craft: Spacecraft, limit: str) -> np.ndarray:
+def _peaks(histories: Sequence[Any], craft: Spacecraft, limit: str) -> np.ndarray:
     """Largest magnitude (slews, wheels) in each slew, as a fraction of the wheels' limit."""
     limits = np.array([getattr(wheel, limit) or np.nan for wheel in craft.wheels])
-    histories = (x[: len(slew.time)] for x, slew in zip(padded, planned.slews, strict=True))
-    return np.stack([np.abs(x).max(axis=0) for x in histories]) / limits
+    return np.stack([np.abs(history).max(axis=0) for history in histories]) / limits

@@ -12,7 +12,6 @@ settling, rest) and stretches with them. No row jumps from one phase into anothe
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from functools import partial
 from typing import NamedTuple
@@ -23,8 +22,7 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.flight.numerics import NUMERICS
-from bayes_inertia.flight.plan import Plan, PlannedSlew, Profile
-from bayes_inertia.flight.slew_profile import angle_and_rate
+from bayes_inertia.flight.plan import Plan, PlannedSlew, Profile, angle_and_rate, peak_and_ramp
 from bayes_inertia.flight.spacecraft import Spacecraft, allocation
 from bayes_inertia.flight.steering import Gimbals, Jets, device_input
 from bayes_inertia.maths import quaternion
@@ -191,9 +189,7 @@ def motion_of_slews(
         slews.smooth[:, None],
         time - begin,
     )
-    attitude = quaternion.multiply(
-        rests[:-1, None], quaternion.exp(turned[..., None] * axis[:, None])
-    )
+    attitude = quaternion.turned(rests[:-1, None], turned[..., None] * axis[:, None])
     rate_B = rate[..., None] * axis[:, None]
     lasting = time[:, -1] + times.pause
     start: AnyArray = np.tri(len(lasting), k=-1) @ lasting
@@ -240,15 +236,6 @@ def driven_path(
     return path, torque, wanted_B
 
 
-def _peak_and_ramp(
-    angle: Array, rate: Array, acceleration: Array, smooth: Array
-) -> tuple[Array, Array]:
-    """Largest rate [rad/s] that each slew reaches, and the time of each of its ramps [s]."""
-    factor = jnp.where(smooth, math.pi / 2.0, 1.0)
-    peak = jnp.minimum(rate, jnp.sqrt(acceleration * angle / factor))
-    return peak, factor * peak / acceleration
-
-
 def _rest_attitudes(rotation_B: Array, attitude: Array) -> Array:
     """Attitudes (n + 1, 4) before each slew and after the last."""
     out = [jnp.asarray(attitude)]
@@ -259,7 +246,7 @@ def _rest_attitudes(rotation_B: Array, attitude: Array) -> Array:
 
 def _time_grid(slews: SlewArrays, angle: Array, times: PlanTimes) -> tuple[Array, float]:
     """Times (n, rows) of all rows [s], and when the motion begins [s]."""
-    peak, ramp = _peak_and_ramp(angle, slews.rate, slews.acceleration, slews.smooth)
+    peak, ramp = peak_and_ramp(angle, slews.rate, slews.acceleration, slews.smooth)
     coast = jnp.maximum(angle / peak - ramp, NUMERICS.shortest_coast)
     same = jnp.ones_like(ramp)
     lengths = (

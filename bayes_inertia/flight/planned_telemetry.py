@@ -20,7 +20,7 @@ from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import MORE
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.numerics import NUMERICS as FLIGHT
-from bayes_inertia.flight.plan import Plan
+from bayes_inertia.flight.plan import Plan, angle_and_rate
 from bayes_inertia.flight.planned_motion import (
     PlanStart,
     RigidBody,
@@ -28,9 +28,9 @@ from bayes_inertia.flight.planned_motion import (
     plan_start,
     rigid_body,
 )
-from bayes_inertia.flight.slew_profile import angle_and_rate
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.flight.steering import FlyingDevice, unreached
+from bayes_inertia.maths.device_arrays import repeated
 from bayes_inertia.maths.jax_settings import require_usable_jax
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
@@ -67,11 +67,8 @@ def planned_campaign(
     5
     """
     require_usable_jax()
-    craft, (angles, rates), attitudes = mission.spacecraft, _planned_motion(plan), plan.attitudes
-    slews = tuple(
-        _planned_slew(plan, craft, i, attitudes[i], angles[i], rates[i])
-        for i in range(len(plan.slews))
-    )
+    craft, motions = mission.spacecraft, zip(*_planned_motion(plan), strict=True)
+    slews = tuple(_planned_slew(plan, craft, i, *motion) for i, motion in enumerate(motions))
     if not craft.flies_by_gyro:
         paths = planned_paths(plan, craft) if paths is None else paths
         each = zip(slews, paths, strict=True)
@@ -91,25 +88,15 @@ def planned_campaign(
 
 
 def _planned_slew(
-    plan: Plan,
-    craft: Spacecraft,
-    i: int,
-    start_attitude: np.ndarray,
-    angle: np.ndarray,
-    rate: np.ndarray,
+    plan: Plan, craft: Spacecraft, i: int, attitude: np.ndarray, rate_B: np.ndarray
 ) -> Slew:
-    """Slew i, from its padded angle [rad] and rate [rad/s] (rows,)."""
-    slew, time, sensor = plan.slews[i], plan.times(i), craft.rate_sensor
-    n, axis, wheels = len(time), np.array(slew.axis_B), craft.wheels
+    """Slew i, from its padded attitude (rows, 4) and body rate (rows, 3) [rad/s]."""
+    slew, time, wheels = plan.slews[i], plan.times(i), craft.wheels
+    attitude, rate_B = attitude[: len(time)], rate_B[: len(time)]
     optional = _surroundings(plan, craft, i, time)
-    turned = Rotation.from_rotvec(angle[:n, None] * axis)
-    attitude = (Rotation.from_quat(start_attitude) * turned).as_quat()
     if craft.star_tracker is not None:
         optional["attitude"] = attitude
-    if sensor is not None:
-        readings = rate[:n, None] * (sensor.axes @ axis) / np.array(sensor.scale_factor)
-        optional["rate"] = _now_and_then(plan, craft, craft.names[0], readings)
-    still = np.zeros((n, len(wheels))) if wheels else None
+    still = np.zeros((len(time), len(wheels))) if wheels else None
     planned = Slew(
         name=f"slew {i + 1}",
         start=plan.starts[i],
@@ -120,12 +107,10 @@ def _planned_slew(
         angle=slew.angle,
         **optional,
     )
-    rate_B = rate[:n, None] * axis
-    more = {
-        name: _further_readings(plan, craft, i, planned, name, attitude, rate_B)
-        for name, _ in craft.more_sensors
-    }
-    return replace(planned, more=more) if more else planned
+    seen = partial(_readings, plan, craft, i, planned, attitude, rate_B)
+    more = {name: seen(name, sensor) for name, sensor in craft.more_sensors}
+    rate = seen(craft.names[0], craft.rate_sensor) if craft.rate_sensor else None
+    return replace(planned, rate=rate, more=more or None)
 
 
 def _surroundings(plan: Plan, craft: Spacecraft, i: int, time: np.ndarray) -> dict[str, Any]:
@@ -142,22 +127,19 @@ def _surroundings(plan: Plan, craft: Spacecraft, i: int, time: np.ndarray) -> di
     return found
 
 
-def _further_readings(
+def _readings(
     plan: Plan,
     craft: Spacecraft,
     i: int,
     slew: Slew,
-    name: str,
     attitude: np.ndarray,
     rate_B: np.ndarray,
+    name: str,
+    sensor: Any,
 ) -> np.ndarray:
-    """About what a further sensor will read (n, columns), NaN in rows without a reading."""
-    sensor = dict(craft.more_sensors)[name]
+    """About what a sensor will read (n, columns), NaN in rows without a reading."""
     if isinstance(sensor, StarTracker):
-        fixes = np.full((len(attitude), 4), np.nan)
-        rows = plan.fix_rows(i)
-        fixes[rows] = attitude[rows]
-        return fixes
+        return plan.at_fixes(i, attitude)
     if isinstance(sensor, RateSensor):
         readings = rate_B @ sensor.axes.T / np.array(sensor.scale_factor)
     else:
@@ -166,11 +148,6 @@ def _further_readings(
         if seen_N is None:
             seen_N = slew.magnetic_field_N if given is None else given.values[0]
         readings = Rotation.from_quat(attitude).inv().apply(seen_N)
-    return _now_and_then(plan, craft, name, readings)
-
-
-def _now_and_then(plan: Plan, craft: Spacecraft, name: str, readings: np.ndarray) -> np.ndarray:
-    """Readings (n, columns) in the rows that have one of this sensor, NaN elsewhere."""
     period = craft.periods.get(name, plan.telemetry_period)
     every = max(1, round(period / plan.telemetry_period))
     rows = np.arange(len(readings)) % every == 0
@@ -187,21 +164,14 @@ def _driven_paths(
 
 def planned_paths(plan: Plan, craft: Spacecraft) -> tuple[PlannedPath, ...]:
     """The planned motion of each slew, and what drives it."""
-    (angles, rates), body = _planned_motion(plan), rigid_body(craft)
-    counts = [len(plan.times(i)) for i in range(len(plan.slews))]
-    n = angles.shape[1]
-    last = [np.minimum(np.arange(n), count - 1) for count in counts]
-    axes = np.array([slew.axis_B for slew in plan.slews])
-    time = np.stack([plan.times(i)[rows] for i, rows in enumerate(last)])
-    turned = np.stack([angle[rows] for angle, rows in zip(angles, last, strict=True)])
-    rate = np.stack([rate[rows] for rate, rows in zip(rates, last, strict=True)])
-    attitude = np.stack(
-        [
-            (Rotation.from_quat(start) * Rotation.from_rotvec(angle[:, None] * axis)).as_quat()
-            for start, angle, axis in zip(plan.attitudes, turned, axes, strict=False)
-        ]
+    body, start = rigid_body(craft), plan_start(plan, len(craft.wheels))
+    every, times = _planned_motion(plan), [plan.times(i) for i in range(len(plan.slews))]
+    n, counts = every[0].shape[1], [len(time) for time in times]
+    attitude, rate_B = (
+        np.stack([repeated(x[:count], n, 0) for x, count in zip(rows, counts, strict=True)])
+        for rows in every
     )
-    start, rate_B = plan_start(plan, len(craft.wheels)), rate[..., None] * axes[:, None]
+    time = np.stack([repeated(of_slew, n, 0) for of_slew in times])
     motion, torque, wanted_B = _driven_paths(body, start, time, attitude, rate_B)
     if craft.device is not None:
         _require_reached(craft.device, motion, wanted_B)
@@ -238,15 +208,12 @@ def _driven(plan: Plan, craft: Spacecraft, i: int, slew: Slew, path: PlannedPath
             values, form = values * plan.telemetry_period, "on_time"
         inputs[device.record.name] = InputStream(slew.time, values, form)  # type: ignore[arg-type]
     if slew.attitude is not None:
-        fixes = np.full_like(slew.attitude, np.nan)
-        rows = plan.fix_rows(i)
-        fixes[rows] = slew.attitude[rows]
-        changed["attitude"] = fixes
+        changed["attitude"] = plan.at_fixes(i, slew.attitude)
     return replace(slew, inputs=inputs or None, **changed)
 
 
 def _planned_motion(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
-    """Angle [rad] and rate [rad/s] of all slews (slews, rows), padded at the end."""
+    """Attitude (slews, rows, 4) and body rate (slews, rows, 3) [rad/s], padded at the end."""
     longest = max(len(plan.times(i)) for i in range(len(plan.slews)))
     n_rows = -(-longest // NUMERICS.row_multiple) * NUMERICS.row_multiple
     time = plan.telemetry_period * np.arange(n_rows) - plan.rest_before
@@ -256,7 +223,10 @@ def _planned_motion(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
     ]
     smooth = np.array([[slew.profile == "smooth"] for slew in plan.slews])
     angle, rate = jax.jit(angle_and_rate)(*settings, smooth, time)
-    return np.asarray(angle), np.asarray(rate)
+    axes_B = np.array([slew.axis_B for slew in plan.slews])[:, None]
+    turns, starts = np.asarray(angle)[..., None] * axes_B, Rotation.from_quat(plan.attitudes[:-1])
+    attitude = [(q * Rotation.from_rotvec(x)).as_quat() for q, x in zip(starts, turns, strict=True)]
+    return np.stack(attitude), np.asarray(rate)[..., None] * axes_B
 
 
 Readings = Mapping[str, list[tuple[np.ndarray, np.ndarray]]]

@@ -20,8 +20,7 @@ from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.errors import EffectError, OutputError
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.example_flight import flown_again
-from bayes_inertia.flight.follow_on import prior_mean, spacecraft_at
-from bayes_inertia.flight.mission import Mission
+from bayes_inertia.flight.mission import Mission, prior_mean, spacecraft_at
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_flight import Flight, fly
 from bayes_inertia.flight.planned_telemetry import planned_campaign

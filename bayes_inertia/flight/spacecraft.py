@@ -11,11 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.campaign.hardware import InertiaPrior, Numbers, RateSensor, StarTracker, Wheel
-from bayes_inertia.errors import CampaignError, EffectError
+from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.active_effects import ActiveEffects
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import ActiveEffects, Effect, require_of_effect
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
@@ -85,20 +84,12 @@ class Spacecraft:
         object.__setattr__(self, "scale_factor", tuple(float(k) for k in self.scale_factor))
         object.__setattr__(self, "wheels", tuple(self.wheels))
         object.__setattr__(self, "effects", tuple(self.effects))
-        missing = [effect.name for effect in self.effects if effect.name not in self.values]
-        if missing:
-            raise EffectError(
-                "has no values",
-                where=missing[0],
-                advice="give values = {effect name: {parameter: value}}",
-            )
         for effect in self.effects:
-            if isinstance(effect, StochasticEffect):
-                raise EffectError(
-                    "is stochastic, which simulated flights do not draw",
-                    where=effect.name,
-                    advice="fly without it",
-                )
+            advice = "give values = {effect name: {parameter: value}}"
+            require_of_effect(effect.name in self.values, effect, "has no values", advice)
+            shaped = not isinstance(effect, StochasticEffect)
+            what = "is stochastic, which simulated flights do not draw"
+            require_of_effect(shaped, effect, what, "fly without it")
 
     @property
     def flies_by_gyro(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from bayes_inertia.maths.device_arrays import repeated
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Model
 
@@ -55,7 +56,7 @@ def row_times(model: Model) -> np.ndarray:
     Returns (slews, n): on each slew's own clock [s], the last one repeated in padding.
     """
     n = model.data.arrays.telemetry.sample.shape[1]
-    return np.stack([np.pad(s.time, (0, n - len(s.time)), "edge") for s in model.campaign.slews])
+    return np.stack([repeated(slew.time, n, 0) for slew in model.campaign.slews])
 
 
 def measured(model: Model) -> tuple[np.ndarray, ...]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from bayes_inertia.inference.coefficients import PROGRAMS as OF_COEFFICIENTS
 from bayes_inertia.inference.hyperparameters import PROGRAMS as OF_EVIDENCE
 from bayes_inertia.inference.likelihood import PROGRAMS as OF_LIKELIHOOD
 from bayes_inertia.inference.limits import LIMITS
@@ -18,12 +17,7 @@ from bayes_inertia.maths.kept_programs import KeptProgram, return_freed_memory
 
 
 def forget_surplus(
-    programs: Iterable[Any] = (
-        *OF_COEFFICIENTS,
-        *OF_EVIDENCE,
-        *OF_LIKELIHOOD,
-        *OF_POSTERIOR,
-    ),
+    programs: Iterable[Any] = (*OF_EVIDENCE, *OF_LIKELIHOOD, *OF_POSTERIOR),
     most: int = LIMITS.most_programs,
     most_bytes: int = LIMITS.most_bytes,
 ) -> None:

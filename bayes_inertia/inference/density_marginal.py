@@ -20,21 +20,17 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.inference.channel_rows import measured
-from bayes_inertia.inference.coefficients import (
-    EliminatedSlews,
-    SlewEquations,
-    eliminated,
-    log_integral,
-    steps_given,
-)
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.likelihood import Residuals, whitened
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.marginal_posterior import (
+    EliminatedSlews,
     LogDensity,
     Marginal,
-    in_batches,
-    point_on_ridge,
+    SlewEquations,
+    eliminated,
+    log_integral,
+    steps_given,
 )
 from bayes_inertia.inference.noise_model import (
     ChannelDensity,
@@ -44,6 +40,7 @@ from bayes_inertia.inference.noise_model import (
 )
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.device_arrays import in_batches
 from bayes_inertia.physics.parameters import log_prior
 from bayes_inertia.physics.prediction import Structure, predict_all
 
@@ -144,7 +141,7 @@ def nuisance_optimum(
 ) -> NuisanceOptimum:
     """Bring the nuisances to their best values at one theta (d,)."""
     base = frozen.base
-    ridge = point_on_ridge(base, theta)
+    ridge = base.ridge.at(theta)
     prediction = predict_all(structure, theta, ridge.local, ridge.bias, base.data)
     r = whitened(structure, prediction, base.data.arrays.telemetry, base.white)
     values = [
@@ -155,15 +152,15 @@ def nuisance_optimum(
         densities, r, base.columns, frozen.valid, frozen.gram, frozen.products, *values, strict=True
     )
     channels = [_Channel(*parts) for parts in of_channels if parts[1].shape[-1]]
-    mean, point = _sum(c.mean_matrix() for c in channels), ridge
+    mean, point = sum(c.mean_matrix() for c in channels), ridge
 
-    def at(point: Point, matrix: Array | None) -> EliminatedSlews:
+    def at(point: Point, matrix: Any) -> EliminatedSlews:
         shared = jnp.broadcast_to(point.bias - ridge.bias, (len(ridge.local), len(ridge.bias)))
         step = jnp.concatenate([shared, point.local - ridge.local], -1)
-        matrix = _sum(c.matrix(step) for c in channels) if matrix is None else matrix
-        loss, slope = (_sum(getattr(c, of)(step) for c in channels) for of in ("loss", "slope"))
-        ones, squares = jnp.ones(len(point.bias)), jnp.sum(point.bias**2)
-        equations = SlewEquations(2.0 * loss, matrix, slope, ones, point.bias, squares, point.local)
+        matrix = sum(c.matrix(step) for c in channels) if matrix is None else matrix
+        loss, slope = (sum(getattr(c, of)(step) for c in channels) for of in ("loss", "slope"))
+        one, squares = jnp.eye(len(point.bias)), jnp.sum(point.bias**2)
+        equations = SlewEquations(2.0 * loss, matrix, slope, one, point.bias, squares, point.local)
         return eliminated((), equations)
 
     if not any(each.family.heavy for each in densities):
@@ -177,10 +174,6 @@ def nuisance_optimum(
     return NuisanceOptimum(point, jax.tree.map(partial(jnp.where, definite), exact, rough))
 
 
-def _sum(parts: Any) -> Any:
-    return sum(parts)
-
-
 def log_posterior_with_densities(
     structure: Structure, densities: Densities, frozen: DensityMarginal, theta: Array
 ) -> Array:
@@ -190,7 +183,7 @@ def log_posterior_with_densities(
     """
     density = log_prior(frozen.base.prior, theta)
     allowed = inertia_tensor.is_physical(theta[:6]) & jnp.isfinite(density)
-    safe = jnp.where(allowed, theta, frozen.base.optimum.theta)
+    safe = jnp.where(allowed, theta, frozen.base.ridge.optimum.theta)
     value = density + log_integral(nuisance_optimum(structure, densities, frozen, safe).parts)
     return jnp.where(allowed & jnp.isfinite(value), value, -jnp.inf)
 
@@ -222,7 +215,7 @@ def conditional_point_with_densities(
 def log_density_with_densities(estimate: Estimate, *, batch: int) -> LogDensity:
     """The compiled marginal log posterior for arrays of numpy of any length."""
     given = estimate.model.structure, densities_of(estimate.model), density_marginal(estimate)
-    return in_batches(partial(_log_density, *given), batch)
+    return partial(in_batches, partial(_log_density, *given), size=batch)
 
 
 @partial(jax.jit, static_argnums=(0, 1))

@@ -22,7 +22,13 @@ from jax.scipy.linalg import solve_triangular
 from scipy import optimize
 from scipy.linalg import block_diag
 
-from bayes_inertia.inference.coefficients import (
+from bayes_inertia.inference.likelihood import (
+    Information,
+    information_blocks,
+    unpadded_sensitivities,
+)
+from bayes_inertia.inference.limits import LIMITS
+from bayes_inertia.inference.marginal_posterior import (
     EliminatedSlews,
     Roots,
     SlewEquations,
@@ -32,12 +38,6 @@ from bayes_inertia.inference.coefficients import (
     root_change,
     times,
 )
-from bayes_inertia.inference.likelihood import (
-    Information,
-    information_blocks,
-    unpadded_sensitivities,
-)
-from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_filter import (
     ChannelProcess,
     coefficients_of,
@@ -71,8 +71,8 @@ class SharedFirst(NamedTuple):
         One prior sd of (theta[free], bias, own nuisances).
     order : (f + n_bias + n_local,) array of int
         Where each stands among those: the bias, theta[free], own nuisances.
-    precision : (n_bias + f,) array
-        Of the prior of what slews share, in that order; squared where priors are correlated.
+    precision : (n_bias + f,) squared array
+        Of the prior of what slews share, in that order.
     gradient : (n_bias + f,) array
         Of the same.
     """
@@ -96,23 +96,9 @@ def shared_first(model: Model, point: Point, free: np.ndarray) -> SharedFirst:
     return SharedFirst(
         np.concatenate([1.0 / unit, np.ones(b + point.n_local)]),
         np.r_[f : f + b, :f, f + b : end],
-        _after_bias(precision / (np.outer(unit, unit) if precision.ndim == 2 else unit**2), b),
+        block_diag(np.eye(b), precision / np.outer(unit, unit)),
         np.concatenate([point.bias, gradient / unit]),
     )
-
-
-def _after_bias(precision: np.ndarray, bias: int) -> np.ndarray:
-    """A precision with that of the bias, one, before it."""
-    if precision.ndim == 1:
-        return np.concatenate([np.ones(bias), precision])
-    return block_diag(np.eye(bias), precision)
-
-
-def _with_held(precision: np.ndarray, held: np.ndarray) -> np.ndarray:
-    """A precision with that of parameters that may not move behind it."""
-    if precision.ndim == 1:
-        return np.concatenate([precision, held])
-    return block_diag(precision, np.diag(held)) if len(held) else precision
 
 
 def without_hyperparameters(model: Model, free: np.ndarray) -> np.ndarray:
@@ -271,7 +257,7 @@ class Evidence:
             chi2,
             np.insert(rows, places, 0.0, axis=2),
             np.insert(gradient, places, 0.0, axis=1),
-            _with_held(unknowns.precision, of_held + 1.0),
+            block_diag(unknowns.precision, np.eye(len(held))),
             np.concatenate([unknowns.gradient, of_held]),
             0.0,
             np.where(coefficients_of(model, standing), 0.0, point.local),

@@ -10,12 +10,17 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.inference.coefficients import CoefficientPart, prior_roots
 from bayes_inertia.inference.likelihood import Information, Residuals
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.linearised_fit import LinearisedFit
-from bayes_inertia.inference.marginal_posterior import Marginal, conditional_point
-from bayes_inertia.inference.noise_filter import noise_memory
+from bayes_inertia.inference.marginal_posterior import (
+    CoefficientPart,
+    Marginal,
+    Ridge,
+    conditional_point,
+    prior_roots,
+)
+from bayes_inertia.inference.noise_filter import coefficients_of, estimated_noise, noise_memory
 from bayes_inertia.inference.noise_model import (
     Whitenings,
     densities_of,
@@ -27,10 +32,10 @@ from bayes_inertia.inference.residual_tests import (
     TestedResiduals,
     channel_tests,
     effective_parameters,
-    filtered_residuals,
     hat_traces,
     residual_series,
     scale_test,
+    with_whole_noise,
 )
 from bayes_inertia.inference.rounding import has_one_error, rounding_steps
 from bayes_inertia.inference.slew_shares import SlewScatter, SlewShares
@@ -165,34 +170,32 @@ class Estimate:
     @cached_property
     def tested_residuals(self) -> TestedResiduals:
         """Residuals that are white where the model is right, in STATED sigmas."""
-        filtered = filtered_residuals(
-            self.model, self.point, self.stated, self.information, self.joint_covariance
+        model, point, white = self.model, self.point, self.stated
+        standing = coefficients_of(model, estimated_noise(model, point.theta))
+        if standing.any():
+            point, white = with_whole_noise(model, point, white, standing)
+        elif model.structure.free_momenta and model.noise.is_stated:
+            point, standing = self._drawn(), np.ones(point.n_local, bool)
+        else:
+            chi2 = self.information.chi2 / self.discount
+            return TestedResiduals(self.residual_series, chi2, self.effective_parameters)
+        series = residual_series(model, point, white)
+        squares = [[float(np.nansum(np.square(x))) for x in slews] for slews in series.values()]
+        paid = hat_traces(
+            self.information, point.n_local, self.joint_covariance, nuisances=~standing
         )
-        if filtered is not None:
-            return filtered
-        if self.model.structure.free_momenta and self.model.noise.is_stated:
-            return self._drawn_residuals()
-        chi2 = self.information.chi2 / self.discount
-        return TestedResiduals(self.residual_series, chi2, self.effective_parameters)
+        return TestedResiduals(series, np.array(squares).T, paid)
 
-    def _drawn_residuals(self) -> TestedResiduals:
-        """Residuals at a draw of the nuisances, white though these follow the readings closely.
+    def _drawn(self) -> Point:
+        """A draw of the nuisances: residuals there are white though these follow readings closely.
 
         What is free of the momentum takes the slow part of the noise away; a draw of the posterior,
         in place of its mean, puts as much back (given J and K: if the model is right, telemetry and
         such a draw are distributed as telemetry and truth).
         """
-        point, model = self.point, self.model
         random = np.random.default_rng(LIMITS.seed_of_drawn_residuals)
-        numbers = random.standard_normal(point.bias.size + point.local.size)
-        drawn = conditional_point(model.structure, marginal(self), self.theta, numbers)
-        series = residual_series(model, drawn, self.stated)
-        chi2 = [[float(np.nansum(np.square(x))) for x in slews] for slews in series.values()]
-        of_nuisances = np.zeros(point.n_local, bool)
-        paid = hat_traces(
-            self.information, point.n_local, self.joint_covariance, nuisances=of_nuisances
-        )
-        return TestedResiduals(series, np.array(chi2).T, paid)
+        numbers = random.standard_normal(self.point.bias.size + self.point.local.size)
+        return conditional_point(self.model.structure, marginal(self), self.theta, numbers)
 
     @cached_property
     def tests(self) -> dict[str, ChannelTest]:
@@ -369,15 +372,14 @@ def plain_series(estimate: Estimate) -> dict[str, list[np.ndarray]]:
 def marginal(estimate: Estimate) -> Marginal:
     """What the marginal log posterior needs, frozen at an estimate."""
     model, point = estimate.model, estimate.point
-    d = len(point.theta)
+    d, b = len(point.theta), len(point.bias)
     nuisance = estimate.hessian[d:, d:]
     ridge = -solve(nuisance, estimate.hessian[d:, :d])
+    of_slews = ridge[b:].reshape(*point.local.shape, d)
     jacobian = estimate.linearised().sensitivities.jacobian
     columns = tuple(on_device(np.asarray(j)[..., d:]) for j in jacobian)
     return Marginal(
-        optimum=jax.tree.map(on_device, point),
-        ridge_bias=on_device(ridge[: len(point.bias)]),
-        ridge_local=on_device(ridge[len(point.bias) :].reshape(*point.local.shape, d)),
+        ridge=jax.tree.map(on_device, Ridge(point, ridge[:b], of_slews)),
         columns=columns,
         root=on_device(inverse_root(nuisance)),
         prior=model.space.constants(),

@@ -14,6 +14,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from bayes_inertia.inference.channel_rows import ChannelRows, channel_rows
 from bayes_inertia.inference.likelihood import (
@@ -23,13 +24,12 @@ from bayes_inertia.inference.likelihood import (
 )
 from bayes_inertia.inference.noise_model import Whitenings
 from bayes_inertia.inference.objective import (
-    as_matrix,
     block_index,
     normal_equations,
     prior_equations,
 )
 from bayes_inertia.inference.point import Point
-from bayes_inertia.inference.slew_shares import SlewShares, slew_shares
+from bayes_inertia.inference.slew_shares import SlewShares, eliminated
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Model
@@ -106,30 +106,15 @@ class LinearisedFit:
     def prior_precision(self) -> np.ndarray:
         """Prior precision (n_shared, n_shared) of the shared unknowns."""
         precision, _ = prior_equations(self.model, self.point.theta, self.free)
-        return as_matrix(precision, len(self.point.bias))
+        return block_diag(precision, np.eye(len(self.point.bias)))
 
     def normal_equations(self, weights: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Hessian and gradient of everything fitted, priors included.
 
-        `weights` (slews,): multiplies each slew's information; 0 leaves a slew out. Returns
-        `hessian` (unknowns, unknowns); `gradient` (unknowns,).
+        `weights` (slews, channels): multiplies the information of each slew and channel; 0 leaves
+        it out. Returns `hessian` (unknowns, unknowns); `gradient` (unknowns,).
         """
         return normal_equations(self.model, self.point, self.information, weights)
-
-    def weighted_hessian(self, weights: np.ndarray) -> np.ndarray:
-        """Hessian with each slew's and channel's information weighted.
-
-        Another order of summation than `normal_equations`: with weights of one they agree to
-        rounding.
-
-        `weights` (slews, 3): multiplies the information of each slew and channel; 0 leaves it out.
-        Returns (unknowns, unknowns).
-        """
-        hessian = self._prior_matrix()
-        for s, block in enumerate(self.information.matrix):
-            index = self.index(s)
-            hessian[np.ix_(index, index)] += np.einsum("c,cpq->pq", weights[s], block)
-        return hessian
 
     @cached_property
     def covariance(self) -> np.ndarray:
@@ -146,7 +131,8 @@ class LinearisedFit:
         """What each slew tells of the shared unknowns."""
         _, slope = prior_equations(self.model, self.point.theta, self.free)
         gradient = np.concatenate([slope, self.point.bias])
-        return slew_shares(self.information, self.point.local, self.prior_precision, gradient)
+        parts = eliminated(self.information, self.point.local, self.n_shared)
+        return SlewShares(parts.matrix, parts.gradient, self.prior_precision, gradient)
 
     @cached_property
     def sensitivities(self) -> Sensitivities:
@@ -336,4 +322,4 @@ class LinearisedFit:
 
     def _prior_matrix(self) -> np.ndarray:
         """Prior precision of everything fitted."""
-        return as_matrix(self.prior_precision, self.point.local.size)
+        return block_diag(self.prior_precision, np.eye(self.point.local.size))

@@ -4,7 +4,7 @@ A Kalman filter with one state for each process and axis tells them apart. Its g
 times and from which readings are missing alone, so that its innovations are a linear map of the
 residuals: white, of unit variance, and everything that follows from residuals and their derivatives
 stays as it is (Anderson and Moore 1979, section 9.2). Exact for any size, any correlation time and
-any gap. What the processes are: `physics.processes`.
+any gap. What the processes are: `physics.stochastic_effect`.
 """
 
 from __future__ import annotations

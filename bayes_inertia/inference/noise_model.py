@@ -247,14 +247,17 @@ def log_normalisation(model: Model, white: Whitenings) -> float:
 
     Returns: up to a constant that all noises of the same readings share.
     """
-    diagonals = [
-        c.diagonal(np.asarray(each.factors))
-        for c, each in zip(model.structure.channels, white, strict=True)
-    ]
-    norms = [float(np.log(x[x > 0.0]).sum()) for x in diagonals]
-    memories = (each.memory for each in white if each.memory is not None)
-    norms += [float(np.log(memory.scale).sum()) for memory in memories]
-    return sum(norms)
+    return sum(float(logs.sum()) for logs in log_norms(model, white))
+
+
+def log_norms(model: Model, white: Whitenings) -> list[np.ndarray]:
+    """The same of each reading (slews, rows), by channel."""
+    norms = []
+    for channel, each in zip(model.structure.channels, white, strict=True):
+        diagonal = channel.diagonal(np.asarray(each.factors))
+        logs = np.log(np.where(diagonal > 0.0, diagonal, 1.0)).sum(-1)
+        norms.append(logs if each.memory is None else logs + np.log(each.memory.scale).sum(-1))
+    return norms
 
 
 def n_data(model: Model, white: Whitenings) -> np.ndarray:

@@ -11,12 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.inference.channel_rows import measured
-from bayes_inertia.inference.likelihood import Information, residuals, unpadded_sensitivities
+from bayes_inertia.inference.likelihood import Information, information_blocks, residuals
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import Whitenings
 from bayes_inertia.inference.point import Point
+from bayes_inertia.inference.slew_shares import eliminated
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.maths.linear_algebra import solve
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import prior_residual
 
@@ -44,22 +44,20 @@ def normal_equations(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Hessian and gradient of the negative log posterior, priors included.
 
-    `weights` (slews,): multiplies each slew's information; 0 leaves a slew out. Returns `hessian`
-    (unknowns, unknowns): for (theta[free], bias, all local nuisances), Gauss-Newton; `gradient`
-    (unknowns,).
+    `weights` (slews, channels): multiplies the information of each slew and channel; 0 leaves it
+    out. Returns `hessian` (unknowns, unknowns): for (theta[free], bias, all local nuisances),
+    Gauss-Newton; `gradient` (unknowns,).
     """
     f, b, m = len(information.free), len(point.bias), point.n_local
     size = f + b + point.local.size
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
-    for s, (block, slew_gradient) in enumerate(
-        zip(information.matrix, information.gradient, strict=True)
-    ):
+    weights = np.ones(information.chi2.shape) if weights is None else weights
+    for s, weight in enumerate(weights):
         index = block_index(f + b, m, s)
-        weight = 1.0 if weights is None else weights[s]
-        hessian[np.ix_(index, index)] += weight * block.sum(0)
-        gradient[index] += weight * slew_gradient.sum(0)
+        hessian[np.ix_(index, index)] += (weight[:, None, None] * information.matrix[s]).sum(0)
+        gradient[index] += (weight[:, None] * information.gradient[s]).sum(0)
     precision, slope = prior_equations(model, point.theta, information.free)
-    hessian[:f, :f] += as_matrix(precision)
+    hessian[:f, :f] += precision
     hessian[np.arange(f, size), np.arange(f, size)] += 1.0
     gradient += np.concatenate([slope, point.bias, point.local.ravel()])
     return hessian, gradient
@@ -87,23 +85,14 @@ def prior_equations(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Normal equations of the prior, for parameters that may move.
 
-    `theta` (d,); `free` (f,). Returns `precision`: (f,) where priors are independent, else (f, f);
-    `gradient` (f,).
+    `theta` (d,); `free` (f,). Returns `precision` (f, f); `gradient` (f,).
     """
     slope, distance = prior_rows(model, theta)
     whitening = model.space.whitening
     if whitening is None:
-        return slope[free] ** 2, slope[free] * distance[free]
+        return np.diag(slope[free] ** 2), slope[free] * distance[free]
     root = prior_root(model, theta)[:, free]
     return root.T @ root, root.T @ (whitening @ distance)
-
-
-def as_matrix(precision: np.ndarray, more: int = 0) -> np.ndarray:
-    """A precision (n,) or (n, n) as a matrix, with `more` unknowns of unit precision behind it."""
-    n = len(precision)
-    matrix = np.eye(n + more)
-    matrix[:n, :n] = np.diag(precision) if precision.ndim == 1 else precision
-    return matrix
 
 
 def block_index(n_shared: int, n_local: int, slew: int) -> np.ndarray:
@@ -181,23 +170,9 @@ def marginal_information(
     `parameters` (k,). Returns (k + n_bias, k + n_bias): information matrix, without the priors of
     parameters and bias.
     """
-    d, m, slews = model.space.size, point.n_local, model.n_slews
-    s = unpadded_sensitivities(model, point, white, np.arange(d))
-    chosen = np.concatenate([parameters, np.arange(d, d + len(point.bias) + m)])
-    shared = len(parameters) + len(point.bias)
-    joint = np.zeros((shared + slews * m,) * 2)
-    for k in range(slews):
-        J = np.concatenate([np.asarray(j[k])[:, chosen] for j in s.jacobian])
-        index = block_index(shared, m, k)
-        joint[np.ix_(index, index)] += J.T @ J
-    local = np.arange(shared, len(joint))
-    joint[local, local] += 1.0
-    across = joint[np.ix_(local, np.arange(shared))]
-    local_block = joint[np.ix_(local, local)]
-    marginal = joint[:shared, :shared] - np.stack(
-        [across.T @ solve(local_block, c) for c in across.T], 1
-    )
-    return 0.5 * (marginal + marginal.T)
+    information = information_blocks(model, point, white, parameters)
+    parts = eliminated(information, point.local, len(parameters) + len(point.bias))
+    return parts.matrix.sum(0)
 
 
 _is_physical = jax.jit(inertia_tensor.is_physical)

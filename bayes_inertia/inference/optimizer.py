@@ -251,15 +251,9 @@ def _discounted_fit(
 def _dispersions(model: Model, point: Point, stated: Whitenings) -> np.ndarray:
     """One over the dispersion of each slew's residuals, by channel (slews, 3)."""
     series = residual_series(model, point, stated)
-    return np.array(
-        [
-            [
-                1.0 / dispersion(series[c.name][s], bursts=not c.stream.is_series)
-                for c in model.channels
-            ]
-            for s in range(model.n_slews)
-        ]
-    )
+    bursts = {channel.name: not channel.stream.is_series for channel in model.channels}
+    each = [[dispersion(x, bursts=bursts[name]) for x in slews] for name, slews in series.items()]
+    return 1.0 / np.array(each).T
 
 
 def _optimum_with_noise(

@@ -16,27 +16,25 @@ from jax import Array
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import RateSensor
 from bayes_inertia.inference.channel_rows import measured
-from bayes_inertia.inference.each_slew import of_slew
 from bayes_inertia.inference.gates import check_gates, groups_of_slews
 from bayes_inertia.inference.laplace import Estimate, principal_sd
-from bayes_inertia.inference.likelihood import residuals
+from bayes_inertia.inference.likelihood import of_slew, residuals
 from bayes_inertia.inference.limits import LIMITS, criteria
 from bayes_inertia.inference.objective import prior_root
 from bayes_inertia.inference.posterior import FORMAT, Posterior
 from bayes_inertia.inference.predicted_telemetry import (
     drawn_nuisances,
     predicted_telemetry,
+    slew_log_likelihood,
     thinned_draws,
 )
 from bayes_inertia.inference.sampler import Chains
 from bayes_inertia.inference.settings import FitContext
-from bayes_inertia.inference.slew_likelihood import slew_log_likelihood
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.actuators import ties_of_scale
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.parameters import log_prior
-from bayes_inertia.physics.prediction import Structure
-from bayes_inertia.physics.random_inputs import with_coefficients
+from bayes_inertia.physics.prediction import Structure, with_coefficients
 from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 

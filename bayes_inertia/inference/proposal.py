@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import Any
 
 import emcee
 import jax
-import jax.numpy as jnp
 import numpy as np
 from emcee.moves import MHMove
 from scipy import linalg, stats
@@ -23,6 +23,7 @@ from bayes_inertia.inference.hyperparameters import Evidence, GivenSizes, given_
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.marginal_posterior import LogDensity
+from bayes_inertia.maths.device_arrays import in_batches
 from bayes_inertia.maths.linear_algebra import cholesky_factor
 
 
@@ -171,16 +172,25 @@ def _where(taken: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
 
 def _given(evidence: Evidence, standardised: np.ndarray) -> GivenSizes:
     """The rest given sizes, as numpy, in batches of one shape."""
-    n = len(standardised)
-    padded = np.concatenate(
-        [standardised, np.repeat(standardised[-1:], -n % LIMITS.sizes_at_once, axis=0)]
+    program = partial(given_sizes, evidence.model.structure, evidence.frozen)
+    return in_batches(program, standardised, LIMITS.sizes_at_once)
+
+
+def _short_sample(
+    log_density: LogDensity,
+    starts: np.ndarray,
+    random: np.random.RandomState,
+    steps: int,
+    **kept: int,
+) -> np.ndarray:
+    """Draws (n, d) of a short ensemble; `kept`: what emcee discards and how it thins."""
+    sampler: Any = emcee.EnsembleSampler(
+        *starts.shape, log_density, vectorize=True, moves=emcee.moves.DEMove()
     )
-    structure, frozen = evidence.model.structure, evidence.frozen
-    parts = [
-        given_sizes(structure, frozen, jnp.asarray(padded[i : i + LIMITS.sizes_at_once]))
-        for i in range(0, len(padded), LIMITS.sizes_at_once)
-    ]
-    return jax.tree.map(lambda *values: np.concatenate(values)[:n], *parts)
+    sampler.random_state = random.get_state()
+    sampler.run_mcmc(starts, steps)
+    random.set_state(sampler.random_state)
+    return sampler.get_chain(flat=True, **kept)
 
 
 def explored_sizes(evidence: Evidence, random: np.random.RandomState) -> SizeProposal:
@@ -188,17 +198,14 @@ def explored_sizes(evidence: Evidence, random: np.random.RandomState) -> SizePro
     begin = evidence.standardised(evidence.point.theta)
     walkers = max(LIMITS.size_walkers, 2 * len(begin))
     starts = begin + 0.3 * random.standard_normal((walkers, len(begin)))
-    sampler = emcee.EnsembleSampler(
-        walkers,
-        len(begin),
-        lambda standardised: _given(evidence, standardised).log_evidence,
-        vectorize=True,
-        moves=emcee.moves.DEMove(),
+    explored = _short_sample(
+        lambda standardised: np.asarray(_given(evidence, standardised).log_evidence),
+        starts,
+        random,
+        LIMITS.size_steps,
+        discard=LIMITS.size_warm_up,
+        thin=2,
     )
-    sampler.random_state = random.get_state()
-    sampler.run_mcmc(starts, LIMITS.size_steps)
-    random.set_state(sampler.random_state)
-    explored = sampler.get_chain(discard=LIMITS.size_warm_up, thin=2, flat=True)
     return SizeProposal(stats.gaussian_kde(explored.T))
 
 
@@ -313,14 +320,9 @@ def find_proposal(
             return move, float(np.clip(acceptance, LIMITS.least_share, LIMITS.largest_share)), spent
         n = walkers_needed(LIMITS.pilot_walkers, len(estimate.theta))
         starts = finite_starts(move, log_density, random, n)
-        pilot = emcee.EnsembleSampler(
-            len(starts), starts.shape[1], log_density, vectorize=True, moves=emcee.moves.DEMove()
-        )
-        pilot.random_state = random.get_state()
-        pilot.run_mcmc(starts, LIMITS.pilot_steps)
-        random.set_state(pilot.random_state)
-        spent += (LIMITS.pilot_steps + 1) * len(starts)
-        kept = pilot.get_chain(discard=LIMITS.pilot_warm_up, flat=True)
+        steps, warm_up = LIMITS.pilot_steps, LIMITS.pilot_warm_up
+        kept = _short_sample(log_density, starts, random, steps, discard=warm_up)
+        spent += (steps + 1) * len(starts)
         move = IndependenceMove(kept.mean(0), np.cov(kept.T), 8.0, logarithmic)
     return move, LIMITS.least_share, spent
 

@@ -27,8 +27,6 @@ from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.likelihood import Information, residuals
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_filter import (
-    coefficients_of,
-    estimated_noise,
     noise_memory,
 )
 from bayes_inertia.inference.noise_model import Whitenings
@@ -242,30 +240,19 @@ class TestedResiduals:
     parameters: np.ndarray
 
 
-def filtered_residuals(
-    model: Model,
-    point: Point,
-    stated: Whitenings,
-    information: Information,
-    covariance: np.ndarray,
-) -> TestedResiduals | None:
-    """What to test of an estimate in which effects add first-order processes to readings.
+def with_whole_noise(
+    model: Model, point: Point, stated: Whitenings, standing: np.ndarray
+) -> tuple[Point, Whitenings]:
+    """Where residuals are white although effects add first-order processes to readings.
 
-    `covariance` (unknowns, unknowns) [free]. Returns: none where there is no such effect: residuals
-    are tested as they are.
+    `standing` (n_local,): which of a slew's nuisances stand for these processes. They are filtered
+    out of the readings instead.
     """
-    filtered = coefficients_of(model, estimated_noise(model, point.theta))
-    if not filtered.any():
-        return None
     white = tuple(
         each._replace(memory=noise_memory(model, channel, point.theta, whole=True))
         for channel, each in zip(model.channels, stated, strict=True)
     )
-    alone = replace(point, local=np.where(filtered, 0.0, point.local))
-    series = residual_series(model, alone, white)
-    chi2 = [[float(np.nansum(np.square(x))) for x in of_slews] for of_slews in series.values()]
-    parameters = hat_traces(information, point.n_local, covariance, nuisances=~filtered)
-    return TestedResiduals(series, np.array(chi2).T, parameters)
+    return replace(point, local=np.where(standing, 0.0, point.local)), white
 
 
 def hat_traces(

@@ -153,16 +153,12 @@ class Chains:
         return self.samples.reshape(-1, self.samples.shape[-1])
 
 
-def batch_size(estimate: Estimate) -> int:
+def batch_size(rows: int) -> int:
     """Draws evaluated at once: few enough that their trajectories stay in the processor's cache.
 
-    Returns: A power of two from 8 to 32; emcee's half-ensemble moves ask for 32 at a time.
+    `rows`: of one draw's trajectories. Returns: A power of two from 8 to 32; emcee's half-ensemble
+    moves ask for 32 at a time.
     """
-    slews, rows = estimate.model.data.arrays.telemetry.sample.shape
-    return _batch(slews * rows)
-
-
-def _batch(rows: int) -> int:
     return int(np.clip(2 ** int(np.log2(max(1.0, LIMITS.cached_rows / rows))), 8, 32))
 
 
@@ -205,11 +201,12 @@ def sample(
 def log_density_at(estimate: Estimate, most: int = 32) -> LogDensity:
     """The compiled density that is sampled around an estimate."""
     if not estimate.model.noise.is_stated:
-        return log_density_with_densities(estimate, batch=min(most, batch_size(estimate)))
+        rows = estimate.model.data.arrays.telemetry.sample.size
+        return log_density_with_densities(estimate, batch=min(most, batch_size(rows)))
     few = marginal(estimate)
     telemetry = few.data.pieces[0].arrays.telemetry
     structure = estimate.model.structure
-    return log_density_of(structure, few, batch=min(most, _batch(telemetry.sample.shape[1])))
+    return log_density_of(structure, few, batch=min(most, batch_size(telemetry.sample.shape[1])))
 
 
 def steps_wanted(diagnostics: Diagnostics, settings: Settings) -> int:

@@ -58,36 +58,16 @@ class SlewShares:
         return -solve(matrix, gradient), matrix
 
 
-def slew_shares(
-    information: Information,
-    local: np.ndarray,
-    prior_precision: np.ndarray,
-    prior_gradient: np.ndarray,
-) -> SlewShares:
-    """Eliminate the nuisances of every slew.
-
-    `local` (slews, n_local) [prior sd]; `prior_precision` (n_shared, n_shared); `prior_gradient`
-    (n_shared,).
-    """
-    parts = eliminated(information, local, len(prior_precision))
-    return SlewShares(
-        np.array([part.matrix for part in parts]),
-        np.array([part.gradient for part in parts]),
-        prior_precision,
-        prior_gradient,
-    )
-
-
 class Eliminated(NamedTuple):
-    """Normal equations of what one slew shares, with its own nuisances eliminated."""
+    """Normal equations of what slews share, by slew, with their own nuisances eliminated."""
 
-    matrix: np.ndarray  # (n_shared, n_shared)
-    gradient: np.ndarray  # (n_shared,)
-    root: np.ndarray  # (n_local, n_local), of the inverse of the nuisances' matrix
-    pull: np.ndarray  # (n_local,), slope of the nuisances, whitened
+    matrix: np.ndarray  # (slews, n_shared, n_shared)
+    gradient: np.ndarray  # (slews, n_shared)
+    root: np.ndarray  # (slews, n_local, n_local), of the inverse of the nuisances' matrix
+    pull: np.ndarray  # (slews, n_local), slope of the nuisances, whitened
 
 
-def eliminated(information: Information, local: np.ndarray, shared: int) -> list[Eliminated]:
+def eliminated(information: Information, local: np.ndarray, shared: int) -> Eliminated:
     """Each slew's equations of the first `shared` unknowns; `local` (slews, n_local)."""
     parts = []
     for block, slope, nuisances in zip(
@@ -97,8 +77,8 @@ def eliminated(information: Information, local: np.ndarray, shared: int) -> list
         root = inverse_root(matrix[shared:, shared:] + np.eye(len(nuisances)))
         across, pull = root @ matrix[shared:, :shared], root @ (gradient[shared:] + nuisances)
         left = matrix[:shared, :shared] - across.T @ across
-        parts.append(Eliminated(left, gradient[:shared] - across.T @ pull, root, pull))
-    return parts
+        parts.append((left, gradient[:shared] - across.T @ pull, root, pull))
+    return Eliminated(*map(np.array, zip(*parts, strict=True)))
 
 
 class SlewGroups(NamedTuple):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import jax
 import numpy as np
 from jax import Array
@@ -51,6 +54,14 @@ def repeated(rows: AnyArray, size: int, axis: int = 1) -> AnyArray:
     """Rows along an axis, the last one repeated up to so many."""
     last = np.take(rows, [-1] * (size - rows.shape[axis]), axis)
     return np.concatenate([rows, last], axis)
+
+
+def in_batches(program: Callable[[Any], Any], rows: AnyArray, size: int) -> Any:
+    """Results of a compiled program for any number of rows, so many at once; of numpy."""
+    n = len(rows)
+    padded = repeated(rows, n + -n % size, 0)
+    parts = [program(padded[i : i + size]) for i in range(0, len(padded), size)]
+    return jax.tree.map(lambda *of_parts: np.concatenate(of_parts)[:n], *parts)
 
 
 def filled(rows: AnyArray, size: int, axis: int = 1) -> AnyArray:

@@ -165,6 +165,11 @@ def exp(rotation_vector: Array) -> Array:
     return jnp.concatenate([sinc_half * rotation_vector, cosine], axis=-1)
 
 
+def turned(q: Array, rotation_vector: Array) -> Array:
+    """q * exp(rotation vector): a quaternion (..., 4) turned about body axes by (..., 3) [rad]."""
+    return multiply(q, exp(rotation_vector))
+
+
 def log(q: Array) -> Array:
     """The rotation vector (..., 3) [rad], at most pi long, of a unit quaternion; log(q) = log(-q).
 

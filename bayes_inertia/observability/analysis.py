@@ -139,7 +139,7 @@ def _sd_without(estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
     f, shape, fit = len(estimate.free), estimate.information.n_data.shape, estimate.linearised()
 
     def sd(weights: np.ndarray) -> np.ndarray:
-        return np.sqrt(np.diag(inverse(fit.weighted_hessian(weights)))[:f])
+        return np.sqrt(np.diag(inverse(fit.normal_equations(weights)[0]))[:f])
 
     slews = np.stack(
         [
@@ -179,13 +179,12 @@ def _shares(estimate: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         * variance
     )
     precision, _ = prior_equations(estimate.model, estimate.theta, estimate.free)
-    own = precision if precision.ndim == 1 else np.diag(precision)
+    own = np.diag(precision)
     prior = np.concatenate([own, np.ones(len(w) - f)])[:, None] * w**2 * variance
-    if precision.ndim == 2:
-        # What parameters share is counted with the other priors.
-        across = np.einsum("pf,pq,qf->pf", w[:f], precision - np.diag(own), w[:f]) * variance
-        prior[:f] += across * (1.0 - np.eye(f))
-        prior[-1] += across.diagonal()
+    # What parameters share is counted with the other priors.
+    across = np.einsum("pf,pq,qf->pf", w[:f], precision - np.diag(own), w[:f]) * variance
+    prior[:f] += across * (1.0 - np.eye(f))
+    prior[-1] += across.diagonal()
     return share, np.diag(prior[:f]), np.array([prior[:, k].sum() for k in range(f)])
 
 
@@ -241,8 +240,8 @@ def _directions(estimate: Estimate, names: list[str]) -> tuple[Direction, ...]:
     slope = prior_rows(estimate.model, estimate.theta)[0][estimate.free]
     covariance = estimate.covariance[np.ix_(estimate.free, estimate.free)]
     left, vectors = np.linalg.eigh(covariance * np.outer(slope, slope))
-    precision, _ = prior_equations(estimate.model, estimate.theta, estimate.free)
-    if precision.ndim == 2:
+    if estimate.model.space.whitening is not None:
+        precision, _ = prior_equations(estimate.model, estimate.theta, estimate.free)
         # Shares of the joint prior: directions of generalised eigenvectors, in prior sds.
         root = np.linalg.cholesky(precision)
         left, vectors = np.linalg.eigh(root.T @ covariance @ root)

@@ -16,7 +16,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.objective import as_matrix, prior_equations, prior_rows
+from bayes_inertia.inference.objective import prior_equations, prior_rows
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.observability.limits import LIMITS
@@ -62,7 +62,7 @@ def data_information(estimate: Estimate) -> np.ndarray:
     Returns (f, f).
     """
     free = estimate.free
-    prior = as_matrix(prior_equations(estimate.model, estimate.theta, free)[0])
+    prior, _ = prior_equations(estimate.model, estimate.theta, free)
     return inverse(estimate.covariance[np.ix_(free, free)]) - prior
 
 

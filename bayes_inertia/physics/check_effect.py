@@ -14,14 +14,12 @@ from jax.scipy.linalg import block_diag
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.maths.inertia_tensor import tensor as inertia
-from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.effect_declaration import check_declaration, guarded, require_of_effect
+from bayes_inertia.physics.effect import LOOKING_BACK, MOVING_HOOKS, Effect, require_of_effect
+from bayes_inertia.physics.effect_declaration import check_declaration, guarded
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.model_data import Data
 from bayes_inertia.physics.numerics import NUMERICS
-from bayes_inertia.physics.prediction import Structure, predict_all
-from bayes_inertia.physics.random_inputs import prior_blocks
-from bayes_inertia.physics.simulator import LOOKING_BACK, MOVING_HOOKS
+from bayes_inertia.physics.packing import Data
+from bayes_inertia.physics.prediction import Structure, predict_all, prior_blocks
 from bayes_inertia.physics.slew_context import State
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.small_campaign import small_campaign
@@ -241,21 +239,15 @@ def _in_drive(effect: Effect, campaign: Campaign, drive: Drive, thorough: bool) 
     )
     without = np.array(_flat(undisturbed)) / bench.sigma
     bad = ~np.isfinite(telemetry).all(axis=1)
-    require_of_effect(
-        not bad.any(),
-        effect,
-        f"telemetry is not finite at {_show(points[np.argmax(bad)])}",
-        "keep every hook finite over the whole prior, and at the null",
-    )
+    what = f"telemetry is not finite at {_show(points[np.argmax(bad)])}"
+    advice = "keep every hook finite over the whole prior, and at the null"
+    require_of_effect(not bad.any(), effect, what, advice)
     size = max(1.0, float(np.abs(without).max()))
     # Without parameters nothing switches an effect off.
     gap = float(np.abs(telemetry[0] - without).max()) / size if points.shape[1] else 0.0
-    require_of_effect(
-        gap <= 1e-12,
-        effect,
-        f"at its null values it changes the telemetry by {gap:.1g} of its size ({drive} drive)",
-        "make every hook the identity there",
-    )
+    what = f"at its null values it changes the telemetry by {gap:.1g} of its size ({drive} drive)"
+    advice = "make every hook the identity there"
+    require_of_effect(gap <= 1e-12, effect, what, advice)
     trial = _Trial(effect, bench, points, telemetry, pushed)
     if thorough:
         _check_style(trial, size)
@@ -275,24 +267,18 @@ def _check_style(trial: _Trial, size: float) -> None:
         effect, "predicting a batch", lambda: np.array(_compiled(jax.vmap(bench))(trial.points))
     )
     gap = float(np.abs(batch - trial.telemetry).max()) / size
-    require_of_effect(
-        gap <= 1e-9,
-        effect,
-        f"a batch differs from a loop by {gap:.1g}",
-        "hooks must be pure, for one slew and one parameter vector, without axes of their own",
-    )
+    what = f"a batch differs from a loop by {gap:.1g}"
+    advice = "hooks must be pure, for one slew and one parameter vector, without axes of their own"
+    require_of_effect(gap <= 1e-9, effect, what, advice)
     plain = guarded(
         effect,
         "predicting without compilation",
         lambda: np.array(bench(jnp.asarray(trial.points[1]))),
     )
     gap = float(np.abs(plain - trial.telemetry[1]).max()) / size
-    require_of_effect(
-        gap <= 1e-9,
-        effect,
-        f"a second evaluation, not compiled, differs by {gap:.1g}",
-        "hooks must be pure: arguments and frozen fields only, no branch on tracing",
-    )
+    what = f"a second evaluation, not compiled, differs by {gap:.1g}"
+    advice = "hooks must be pure: arguments and frozen fields only, no branch on tracing"
+    require_of_effect(gap <= 1e-9, effect, what, advice)
 
 
 def _check_derivatives(trial: _Trial) -> dict[str, float]:
@@ -306,12 +292,9 @@ def _check_derivatives(trial: _Trial) -> dict[str, float]:
     )
     bad = ~np.isfinite(jacobian).all(axis=(1, 2))
     where = "its null values" if bad[0] else _show(points[np.argmax(bad)])
-    require_of_effect(
-        not bad.any(),
-        effect,
-        f"a derivative is not finite at {where}",
-        "guard divisions, roots and norms with jnp.where on both sides",
-    )
+    what = f"a derivative is not finite at {where}"
+    advice = "guard divisions, roots and norms with jnp.where on both sides"
+    require_of_effect(not bad.any(), effect, what, advice)
     sizes = np.linalg.norm(jacobian, axis=2).max(axis=0)
     rng = np.random.default_rng(NUMERICS.checked_seed + 1)
     for i in range(min(3, len(points))):
@@ -340,14 +323,15 @@ def _compare_with_difference(
     telemetry = trial.telemetry
     rounding = 1e-14 * float(np.abs(telemetry).max()) * np.sqrt(telemetry.shape[1]) / step
     where = "its null values" if at_null else _show(x)
-    require_of_effect(
-        gap <= allowed + rounding,
-        trial.effect,
+    what = (
         "the derivative differs from a finite difference "
-        f"by {gap / max(largest, 1e-300):.1g} of its size at {where}",
-        "avoid stop_gradient, rounding and lookups by value; "
-        "where a formula has a corner, smooth it",
+        f"by {gap / max(largest, 1e-300):.1g} of its size at {where}"
     )
+    advice = (
+        "avoid stop_gradient, rounding and lookups by value; "
+        "where a formula has a corner, smooth it"
+    )
+    require_of_effect(gap <= allowed + rounding, trial.effect, what, advice)
 
 
 def _compiled(function: Callable) -> Callable:
@@ -377,34 +361,22 @@ def check_coefficients(effect: Effect, model: Model, points: np.ndarray) -> None
     """
     if not isinstance(effect, StochasticEffect):
         return
-    require_of_effect(
-        bool(model.structure.coefficients),
-        effect,
-        "coefficient_count(campaign) is 0",
-        "pass a campaign in which it acts",
-    )
+    what = "coefficient_count(campaign) is 0"
+    advice = "pass a campaign in which it acts"
+    require_of_effect(bool(model.structure.coefficients), effect, what, advice)
     roots = guarded(effect, "coefficient_root(p, slew, count)", lambda: _roots(model, points))
     count = roots.shape[-1]
     has_parameters = points.shape[1] > model.space.slice_of("").stop
-    require_of_effect(
-        not has_parameters or not np.any(roots[0]),
-        effect,
-        "at its null values the covariance of the coefficients is not zero",
-        "let the root vanish there",
-    )
+    what = "at its null values the covariance of the coefficients is not zero"
+    advice = "let the root vanish there"
+    require_of_effect(not has_parameters or not np.any(roots[0]), effect, what, advice)
     for k, root in enumerate(roots[1:].reshape(-1, count, count)):
-        require_of_effect(
-            bool(np.isfinite(root).all()),
-            effect,
-            f"coefficient_root is not finite (draw {k} of the prior)",
-            "keep it finite over the whole prior",
-        )
-        require_of_effect(
-            _is_definite(root @ root.T),
-            effect,
-            "the covariance of the coefficients is not positive definite",
-            "leave out coefficients that others determine, or give each a variance",
-        )
+        what = f"coefficient_root is not finite (draw {k} of the prior)"
+        advice = "keep it finite over the whole prior"
+        require_of_effect(bool(np.isfinite(root).all()), effect, what, advice)
+        what = "the covariance of the coefficients is not positive definite"
+        advice = "leave out coefficients that others determine, or give each a variance"
+        require_of_effect(_is_definite(root @ root.T), effect, what, advice)
     _check_across_slews(effect, model, points[-1])
 
 
@@ -423,12 +395,9 @@ def _check_across_slews(effect: StochasticEffect, model: Model, theta: np.ndarra
     covariance = np.asarray(given)
     (blocks,) = jax.vmap(lambda slew: prior_blocks(active, structure.coefficients, slew))(slews)
     size = blocks.shape[0] * blocks.shape[-1]
-    require_of_effect(
-        covariance.shape == (size, size),
-        effect,
-        f"covariance_across_slews has the shape {covariance.shape}",
-        f"return {size} rows and columns: the coefficients of one block, slew by slew",
-    )
+    what = f"covariance_across_slews has the shape {covariance.shape}"
+    advice = f"return {size} rows and columns: the coefficients of one block, slew by slew"
+    require_of_effect(covariance.shape == (size, size), effect, what, advice)
     scale = max(float(np.abs(covariance).max()), 1e-300)
     rounding = NUMERICS.covariance_rounding * scale
     symmetric = np.abs(covariance - covariance.T).max() <= rounding

@@ -8,20 +8,48 @@ instances: nothing is registered anywhere, and an effect of your own needs no ed
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
+from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.parameters import Parameter
 from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory
 from bayes_inertia.physics.slew_input import InputRows
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from bayes_inertia.campaign.campaign import Campaign
+
+
+# The parameters of one effect by name, each () or (components,).
+Values = Mapping[str, Array]
+
+# Hooks that make more than the attitude change during a slew.
+MOVING_HOOKS = (
+    "wheel_torque",
+    "body_torque",
+    "initial_state",
+    "internal_momentum",
+    "carried_momentum",
+)
+# Hooks that decide how the body and its wheels move: all that the simulator calls.
+BODY_HOOKS = (
+    "inertia",
+    "wheel_axes",
+    "delivered_torque",
+    "delivered_inputs",
+    *MOVING_HOOKS,
+    "state_rate",
+)
+# Hooks that do nothing without wheels.
+WHEEL_HOOKS = frozenset({"wheel_axes", "delivered_torque", "wheel_torque", "momentum_output"})
+# Hooks that are given the whole slew, and may look between its rows.
+LOOKING_BACK = ("rate_output", "attitude_output", "momentum_output", "direction_output")
 
 
 @dataclass(frozen=True)
@@ -174,7 +202,7 @@ class Effect:
         return getattr(type(self), hook) is not getattr(Effect, hook)
 
     # --- before the slew ---------------------------------------------------------------------
-    def inertia(self, p: Mapping[str, Array], slew: SlewContext, inertia_B: Array) -> Array:
+    def inertia(self, p: Values, slew: SlewContext, inertia_B: Array) -> Array:
         """The inertia tensor during this slew.
 
         Parameters
@@ -193,7 +221,7 @@ class Effect:
         """
         return inertia_B
 
-    def wheel_axes(self, p: Mapping[str, Array], slew: SlewContext, axes_B: Array) -> Array:
+    def wheel_axes(self, p: Values, slew: SlewContext, axes_B: Array) -> Array:
         """The wheels' spin axes.
 
         Parameters
@@ -212,7 +240,7 @@ class Effect:
         """
         return axes_B
 
-    def delivered_torque(self, p: Mapping[str, Array], slew: SlewContext, torque: Array) -> Array:
+    def delivered_torque(self, p: Values, slew: SlewContext, torque: Array) -> Array:
         """The torque that the motors deliver for the commanded one.
 
         Parameters
@@ -232,7 +260,7 @@ class Effect:
         return torque
 
     def delivered_inputs(
-        self, p: Mapping[str, Array], slew: SlewContext, inputs: Mapping[str, InputRows]
+        self, p: Values, slew: SlewContext, inputs: Mapping[str, InputRows]
     ) -> Mapping[str, InputRows]:
         """What devices do for what they were told.
 
@@ -253,9 +281,7 @@ class Effect:
         return inputs
 
     # --- in the equations of motion ------------------------------------------------------------
-    def wheel_torque(
-        self, p: Mapping[str, Array], slew: SlewContext, t: Array, state: State
-    ) -> Array:
+    def wheel_torque(self, p: Values, slew: SlewContext, t: Array, state: State) -> Array:
         """Further torque between body and wheels (friction).
 
         Parameters
@@ -276,9 +302,7 @@ class Effect:
         """
         return jnp.zeros_like(state.wheel_momentum)
 
-    def body_torque(
-        self, p: Mapping[str, Array], slew: SlewContext, t: Array, state: State
-    ) -> Array:
+    def body_torque(self, p: Values, slew: SlewContext, t: Array, state: State) -> Array:
         """External torque on the spacecraft.
 
         Parameters
@@ -300,7 +324,7 @@ class Effect:
         return jnp.zeros(3)
 
     # --- own states (flexible mode, slosh) -------------------------------------------------------
-    def initial_state(self, p: Mapping[str, Array], slew: SlewContext, rate_B: Array) -> Array:
+    def initial_state(self, p: Values, slew: SlewContext, rate_B: Array) -> Array:
         """The effect's own states at the slew's first row.
 
         Parameters
@@ -319,9 +343,7 @@ class Effect:
         """
         return jnp.zeros(0)
 
-    def state_rate(
-        self, p: Mapping[str, Array], slew: SlewContext, t: Array, state: State
-    ) -> Array:
+    def state_rate(self, p: Values, slew: SlewContext, t: Array, state: State) -> Array:
         """Time derivative of the own states.
 
         Parameters
@@ -342,9 +364,7 @@ class Effect:
         """
         return jnp.zeros_like(state.effect_states)
 
-    def internal_momentum(
-        self, p: Mapping[str, Array], slew: SlewContext, effect_states: Array
-    ) -> Array:
+    def internal_momentum(self, p: Values, slew: SlewContext, effect_states: Array) -> Array:
         """Angular momentum that the effect's own states carry beyond J w + G H.
 
         Parameters
@@ -364,7 +384,7 @@ class Effect:
         return jnp.zeros(3)
 
     def carried_momentum(
-        self, p: Mapping[str, Array], slew: SlewContext, t: Array, inputs: Mapping[str, Array]
+        self, p: Values, slew: SlewContext, t: Array, inputs: Mapping[str, Array]
     ) -> Array:
         """Angular momentum that a device carries, known from its input (gimballed rotors).
 
@@ -388,7 +408,7 @@ class Effect:
 
     # --- sensors: whole slews at once, so that delays can look back ----------------------------
     def rate_output(
-        self, p: Mapping[str, Array], slew: SlewContext, trajectory: Trajectory, rate_S: Array
+        self, p: Values, slew: SlewContext, trajectory: Trajectory, rate_S: Array
     ) -> Array:
         """The rate sensor's signal before the scale factors.
 
@@ -411,7 +431,7 @@ class Effect:
         return rate_S
 
     def attitude_output(
-        self, p: Mapping[str, Array], slew: SlewContext, trajectory: Trajectory, attitude: Array
+        self, p: Values, slew: SlewContext, trajectory: Trajectory, attitude: Array
     ) -> Array:
         """What the star tracker sees.
 
@@ -434,7 +454,7 @@ class Effect:
         return attitude
 
     def direction_output(
-        self, p: Mapping[str, Array], slew: SlewContext, trajectory: Trajectory, seen_B: Array
+        self, p: Values, slew: SlewContext, trajectory: Trajectory, seen_B: Array
     ) -> Array:
         """What a sensor of directions or of a field sees, before its own offset and scale.
 
@@ -457,7 +477,7 @@ class Effect:
         return seen_B
 
     def momentum_output(
-        self, p: Mapping[str, Array], slew: SlewContext, trajectory: Trajectory, momentum: Array
+        self, p: Values, slew: SlewContext, trajectory: Trajectory, momentum: Array
     ) -> Array:
         """What the tachometers see.
 
@@ -478,3 +498,89 @@ class Effect:
             The same, changed [N m s].
         """
         return momentum
+
+
+@dataclass(frozen=True)
+class RowByRow(Effect):
+    """Base of errors of a sensor that depend on nothing but the row that is asked for."""
+
+    def looks_between_rows(self, campaign):
+        return False
+
+
+@dataclass(frozen=True)
+class SmoothTorque(Effect):
+    """Base of torques that change no faster than the body turns: any step resolves them."""
+
+    def max_step(self, campaign):
+        return math.inf
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class ActiveEffects:
+    """Effects and the values of their parameters, which always travel together.
+
+    A pytree: `effects` belong to the compiled code, the arrays in `values` are its leaves.
+
+    Parameters
+    ----------
+    effects : tuple of Effect, optional
+        What acts, in the order in which their hooks are called.
+    values : mapping of str to mapping of str to Array, optional
+        {effect's name: {parameter's name: array}}, in the units of the parameters.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.effects.constant_torque import ConstantTorque
+    >>> active = ActiveEffects((ConstantTorque(),), {"constant_torque": {"torque": 1e-5}})
+    >>> [parameters["torque"] for _, parameters in active]
+    [1e-05]
+    """
+
+    effects: tuple[Effect, ...] = field(default=(), metadata={"static": True})
+    values: Mapping[str, Values] = field(default_factory=dict)
+
+    def of(self, effect: Effect) -> Values:
+        """The parameters of one effect.
+
+        Returns: {parameter's name: array}; empty for an effect without parameters.
+
+        Examples
+        --------
+        >>> ActiveEffects().of(Effect())
+        {}
+        """
+        return self.values.get(effect.name, {})
+
+    def __iter__(self) -> Iterator[tuple[Effect, Values]]:
+        return ((effect, self.of(effect)) for effect in self.effects)
+
+    def __len__(self) -> int:
+        return len(self.effects)
+
+    def act(self, *hooks: str) -> bool:
+        """Whether any of the effects changes anything in one of these hooks.
+
+        Returns: true if one of the effects overrides one of the hooks.
+
+        Examples
+        --------
+        >>> ActiveEffects().act("body_torque", "wheel_torque")
+        False
+        """
+        return any(effect.acts(hook) for effect in self.effects for hook in hooks)
+
+
+def require_of_effect(condition: bool, effect: Any, what: str, advice: str) -> None:
+    """Raise unless a condition holds.
+
+    Examples
+    --------
+    >>> require_of_effect(False, Effect(), "it does nothing", "override a hook")
+    Traceback (most recent call last):
+    bayes_inertia.errors.EffectError: no_effect: it does nothing; override a hook
+    """
+    if not condition:
+        where = str(getattr(effect, "name", type(effect).__name__))
+        raise EffectError(what, where=where, advice=advice)

@@ -2,33 +2,19 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import BayesInertiaError, EffectError
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import Effect, require_of_effect
 from bayes_inertia.physics.parameters import Parameter
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 _NOT_SI = {"deg", "arcsec", "arcmin", "rpm", "min", "h", "gauss"}
-
-
-def require_of_effect(condition: bool, effect: Any, what: str, advice: str) -> None:
-    """Raise unless a condition holds.
-
-    Examples
-    --------
-    >>> require_of_effect(False, Effect(), "it does nothing", "override a hook")
-    Traceback (most recent call last):
-    bayes_inertia.errors.EffectError: no_effect: it does nothing; override a hook
-    """
-    if not condition:
-        where = str(getattr(effect, "name", type(effect).__name__))
-        raise EffectError(what, where=where, advice=advice)
 
 
 def guarded(effect: Effect, step_name: str, call: Callable[[], Any]) -> Any:
@@ -64,98 +50,65 @@ def check_declaration(effect: Effect, campaign: Campaign) -> None:
     >>> from bayes_inertia.physics.small_campaign import small_campaign
     >>> check_declaration(ConstantTorque(), small_campaign())
     """
-    _check_class(effect)
+    for good, what, advice in _declared(effect, campaign):
+        require_of_effect(good, effect, what, advice)
+
+
+# Whether all is well, what is wrong, what to do: asked one after the other, for what comes later
+# relies on what was before.
+_Checks = Iterator[tuple[bool, str, str]]
+
+
+def _declared(effect: Effect, campaign: Campaign) -> _Checks:
+    """Checks of a class, then of its parameters."""
+    yield from _of_class(effect)
     parameters = guarded(effect, "parameters(campaign)", lambda: effect.parameters(campaign))
-    good = (
-        isinstance(parameters, tuple)
-        and all(isinstance(p, Parameter) for p in parameters)
-        and (len(parameters) > 0 or isinstance(effect, StochasticEffect))
-    )
-    require_of_effect(
-        good,
-        effect,
-        "parameters(campaign) is not a non-empty tuple of Parameter",
-        "return (scalar(...), vector(...))",
-    )
-    require_of_effect(
-        parameters == effect.parameters(campaign),
-        effect,
-        "parameters(campaign) differs from call to call",
-        "let it depend on fields and campaign only",
-    )
-    labels = [name for p in parameters for name in p.names]
-    names = [p.name for p in parameters]
-    doubled = sorted(
-        {name for name in labels if labels.count(name) > 1}
-        | {name for name in names if names.count(name) > 1}
-    )
-    require_of_effect(
-        not doubled,
-        effect,
-        f"the parameter name {doubled[:1]} is used twice",
-        "give each parameter and component its own name",
-    )
+    some = isinstance(parameters, tuple) and all(isinstance(p, Parameter) for p in parameters)
+    some = some and (len(parameters) > 0 or isinstance(effect, StochasticEffect))
+    what = "parameters(campaign) is not a non-empty tuple of Parameter"
+    yield some, what, "return (scalar(...), vector(...))"
+    what = "parameters(campaign) differs from call to call"
+    same = parameters == effect.parameters(campaign)
+    yield same, what, "let it depend on fields and campaign only"
+    names = Counter(p.name for p in parameters), Counter(n for p in parameters for n in p.names)
+    doubled = sorted({name for count in names for name in count if count[name] > 1})
+    what = f"the parameter name {doubled[:1]} is used twice"
+    yield not doubled, what, "give each parameter and component its own name"
     for parameter in parameters:
-        _check_parameter(effect, parameter)
+        yield from _of_parameter(parameter)
 
 
-def _check_class(effect: Effect) -> None:
-    require_of_effect(
-        isinstance(effect, Effect),
-        effect,
-        "this is not an instance of Effect",
-        "derive from bayes_inertia.physics.effect.Effect and pass an instance",
-    )
-    options = getattr(type(effect), "__dataclass_params__", None)
-    frozen = dataclasses.is_dataclass(effect) and options is not None and options.frozen
-    require_of_effect(
-        frozen and "__dataclass_params__" in vars(type(effect)),
-        effect,
-        "the class is not a frozen dataclass",
-        "decorate it with @dataclass(frozen=True)",
-    )
+def _of_class(effect: Effect) -> _Checks:
+    advice = "derive from bayes_inertia.physics.effect.Effect and pass an instance"
+    yield isinstance(effect, Effect), "this is not an instance of Effect", advice
+    options = vars(type(effect)).get("__dataclass_params__")
+    frozen = options is not None and options.frozen
+    advice = "decorate it with @dataclass(frozen=True)"
+    yield frozen, "the class is not a frozen dataclass", advice
     name = effect.kind if effect.device else effect.name
     named = isinstance(name, str) and name.isidentifier() and name != Effect.name
-    require_of_effect(
-        named,
-        effect,
-        f"{effect.name!r} is no name for an effect",
-        "set the class attribute `name` to an identifier",
-    )
+    advice = "set the class attribute `name` to an identifier"
+    yield named, f"{effect.name!r} is no name for an effect", advice
+    advice = "use numbers, strings and tuples as fields, not arrays or lists"
+    yield _has_hash(effect), "the instance cannot be hashed", advice
+
+
+def _has_hash(effect: Effect) -> bool:
     try:
         hash(effect)
-    except TypeError as reason:
-        raise EffectError(
-            "the instance cannot be hashed",
-            where=effect.name,
-            advice="use numbers, strings and tuples as fields, not arrays or lists",
-        ) from reason
+    except TypeError:
+        return False
+    return True
 
 
-def _check_parameter(effect: Effect, p: Parameter) -> None:
-    require_of_effect(
-        isinstance(p.unit, str),
-        effect,
-        f"{p.name} has no unit",
-        'state it as text, "" for a pure number',
-    )
+def _of_parameter(p: Parameter) -> _Checks:
+    advice = 'state it as text, "" for a pure number'
+    yield isinstance(p.unit, str), f"{p.name} has no unit", advice
     words = set(p.unit.replace("/", " ").replace("^", " ").split())
-    require_of_effect(
-        not words & _NOT_SI,
-        effect,
-        f"{p.name} is in {p.unit}, not in SI units and radians",
-        "convert it",
-    )
-    require_of_effect(
-        len(p.priors) == len(p.names),
-        effect,
-        f"{p.name} has {len(p.priors)} priors for {len(p.names)} components",
-        "give one prior a component",
-    )
+    si = not words & _NOT_SI
+    yield si, f"{p.name} is in {p.unit}, not in SI units and radians", "convert it"
+    what = f"{p.name} has {len(p.priors)} priors for {len(p.names)} components"
+    yield len(p.priors) == len(p.names), what, "give one prior a component"
     inside = all(prior.lower <= p.null <= prior.upper and np.isfinite(p.null) for prior in p.priors)
-    require_of_effect(
-        inside,
-        effect,
-        f"the null value {p.null} of {p.name} lies outside its prior",
-        "a null must be a possible value",
-    )
+    what = f"the null value {p.null} of {p.name} lies outside its prior"
+    yield inside, what, "a null must be a possible value"

@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import StarTracker
+from bayes_inertia.campaign.hardware import StarTracker, require
 from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.maths import inertia_tensor
@@ -21,14 +21,18 @@ from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.actuators import effects_of, noise_of_inputs
 from bayes_inertia.physics.channel_noise import NOISE_OWNER, NoiseModel
 from bayes_inertia.physics.channels import Channel, channels_of
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import (
+    BODY_HOOKS,
+    LOOKING_BACK,
+    WHEEL_HOOKS,
+    Effect,
+    require_of_effect,
+)
 from bayes_inertia.physics.effect_declaration import guarded
 from bayes_inertia.physics.effects.lost_commands import LostCommands
 from bayes_inertia.physics.integration_plan import integration_plan
-from bayes_inertia.physics.model_data import Data
-from bayes_inertia.physics.nuisances import NuisanceScale
 from bayes_inertia.physics.numerics import NUMERICS
-from bayes_inertia.physics.packing import Arrays, pack
+from bayes_inertia.physics.packing import Arrays, Data, NuisanceScale, pack
 from bayes_inertia.physics.parameters import (
     LogNormal,
     Normal,
@@ -38,9 +42,7 @@ from bayes_inertia.physics.parameters import (
     scalar,
     with_prior_scale,
 )
-from bayes_inertia.physics.prediction import Structure, predict_all
-from bayes_inertia.physics.random_inputs import coefficient_counts
-from bayes_inertia.physics.simulator import BODY_HOOKS, LOOKING_BACK, WHEEL_HOOKS
+from bayes_inertia.physics.prediction import Structure, coefficient_counts, predict_all
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.slow_tachometers import FreeMomentum, free_momentum
 from bayes_inertia.physics.stated_noise import stated_noise
@@ -114,14 +116,8 @@ class Model:
         )
         sensors = tuple(channel.constants(campaign) for channel in structure.channels)
         data = Data(arrays, sensors, _nuisance_scale(campaign, structure, free))
-        for key, value in (
-            ("campaign", campaign),
-            ("effects", effects),
-            ("drive", drive),
-            ("space", space),
-            ("structure", structure),
-            ("data", data),
-        ):
+        made = {"campaign": campaign, "effects": effects, "drive": drive}
+        for key, value in (made | {"space": space, "structure": structure, "data": data}).items():
             object.__setattr__(self, key, value)
 
     @property
@@ -222,38 +218,29 @@ def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> Non
         raise CampaignError(
             f"unknown drive {drive!r}", where="drive", advice="choose commanded or measured"
         )
-    if drive == "commanded" and campaign.wheels and not campaign.has_commands:
-        raise CampaignError(
-            "the commanded drive needs wheel_torque columns in every slew",
-            where="key columns.wheel_torque",
-            advice="use the measured drive",
-        )
-    if drive == "measured" and not campaign.has_tachometers:
-        raise CampaignError(
-            "the measured drive needs wheel momentum or speed in every slew "
-            "and each wheel's momentum_sigma",
-            where="key columns.wheel_momentum",
-            advice="add them or use the commanded drive",
-        )
+    told = drive == "measured" or not campaign.wheels or campaign.has_commands
+    what = "the commanded drive needs wheel_torque columns in every slew"
+    require(told, "columns.wheel_torque", what, "use the measured drive")
+    read = drive == "commanded" or campaign.has_tachometers
+    what = "the measured drive needs wheel momentum or speed in every slew "
+    what += "and each wheel's momentum_sigma"
+    require(read, "columns.wheel_momentum", what, "add them or use the commanded drive")
     names = [e.name for e in effects]
-    for name in names:
-        if names.count(name) > 1:
-            raise EffectError("two effects of one name", where=name, advice="give each effect once")
+    for e in effects:
+        alone = names.count(e.name) == 1
+        require_of_effect(alone, e, "two effects of one name", "give each effect once")
     for effect in effects:
-        _check_acts(effect, campaign)
-        if needs_gyro(effect) and campaign.rate_sensor is None:
-            raise EffectError(
-                "needs a rate sensor, and this campaign has none",
-                where=effect.name,
-                advice="leave the effect out",
-            )
+        empty = isinstance(effect, StochasticEffect) and not effect.coefficient_count(campaign)
+        what = "acts on nothing that this campaign has: its coefficient_count is 0"
+        require_of_effect(not empty, effect, what, "leave the effect out")
+        sensed = campaign.rate_sensor is not None or not needs_gyro(effect)
+        what = "needs a rate sensor, and this campaign has none"
+        require_of_effect(sensed, effect, what, "leave the effect out")
         for column in effect.needs:
-            if any(getattr(s, column) is None for s in campaign.slews):
-                raise EffectError(
-                    f"needs the {column} columns of every slew",
-                    where=effect.name,
-                    advice="add them to the campaign or leave the effect out",
-                )
+            known = all(getattr(s, column) is not None for s in campaign.slews)
+            what = f"needs the {column} columns of every slew"
+            advice = "add them to the campaign or leave the effect out"
+            require_of_effect(known, effect, what, advice)
 
 
 def needs_gyro(effect: Effect) -> bool:
@@ -270,16 +257,6 @@ def lacks(effect: Effect, campaign: Campaign) -> str:
     if hooks == {"attitude_output"} and not trackers:
         return "a star tracker"
     return "wheels" if hooks and hooks <= WHEEL_HOOKS and not campaign.wheels else ""
-
-
-def _check_acts(effect: Effect, campaign: Campaign) -> None:
-    """EffectError if an effect without a fixed shape has nothing to act on."""
-    if isinstance(effect, StochasticEffect) and effect.coefficient_count(campaign) == 0:
-        raise EffectError(
-            "acts on nothing that this campaign has: its coefficient_count is 0",
-            where=effect.name,
-            advice="leave the effect out",
-        )
 
 
 def _check_noise(campaign: Campaign, drive: Drive, noise: NoiseModel) -> None:

@@ -1,23 +1,280 @@
-"""Effects by what a user calls them: a name of the library, or a reference to code of their own."""
+"""Effects by what a user calls them: a name of the library, or a reference to code of their own.
+
+A reference is `FILE.py:Class` or `package.module:Class`, or the name of an entry point of the group
+`bayes_inertia.effects`. Nothing is loaded that is not named. A pinned reference,
+`/path/FILE.py:Class@0123456789abcdef`, states the beginning of the SHA-256 of the file that defines
+the class: a run that goes on with another file is refused.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import difflib
+import importlib
+import importlib.util
+import re
+import sys
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
+from importlib import metadata
+from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 from bayes_inertia.errors import EffectError
+from bayes_inertia.files import read_bytes, text_of
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effect_declaration import check_declaration, guarded
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, STOCHASTIC, by_name
 from bayes_inertia.physics.effects.of_device import with_settings
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.outside_effects import load_effect, pinned, reference_of
 from bayes_inertia.physics.prediction import predict_all
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.small_campaign import small_campaign
+from bayes_inertia.sealing import sha256_of
+
+ENTRY_POINTS = "bayes_inertia.effects"
+_REFERENCE = re.compile(r"(?P<source>.+):(?P<attribute>[A-Za-z_]\w*)(?:@(?P<digest>[0-9a-f]{16}))?")
+
+
+@dataclass(frozen=True)
+class EffectReference:
+    """Where an effect from outside is defined.
+
+    Parameters
+    ----------
+    source : str
+        A file's path, ending in ".py", or the dotted name of a module.
+    attribute : str
+        Name of the class, or of an instance.
+    digest : str, optional
+        Of the file's content; empty where any content will do.
+
+    Examples
+    --------
+    >>> str(EffectReference("my_effects.py", "SolarPressure"))
+    'my_effects.py:SolarPressure'
+    """
+
+    source: str
+    attribute: str
+    digest: str = ""
+
+    @property
+    def is_file(self) -> bool:
+        """Whether the source is a file, not a module."""
+        return self.source.endswith(".py")
+
+    def __str__(self) -> str:
+        return f"{self.source}:{self.attribute}" + (f"@{self.digest}" if self.digest else "")
+
+
+def reference_of(name: str) -> EffectReference | None:
+    """The reference that a name is, or that an entry point of this name has.
+
+    Returns: none for a plain name that no installed package declares.
+
+    Examples
+    --------
+    >>> reference_of("my_effects.py:SolarPressure").attribute
+    'SolarPressure'
+    >>> reference_of("constant_torque") is None
+    True
+    """
+    match = _REFERENCE.fullmatch(name)
+    if match is None:
+        for entry in metadata.entry_points(group=ENTRY_POINTS, name=name):
+            return reference_of(entry.value.replace(" ", ""))
+        return None
+    return EffectReference(match["source"], match["attribute"], match["digest"] or "")
+
+
+def installed_effects() -> dict[str, str]:
+    """Entry points of installed packages, by name; nothing is loaded."""
+    return {entry.name: entry.value for entry in metadata.entry_points(group=ENTRY_POINTS)}
+
+
+def load_effect(reference: EffectReference) -> Effect:
+    """The effect that a reference names; its code is run.
+
+    Returns: an instance; of a class, the one without arguments.
+    """
+    module = _module(reference)
+    value = getattr(module, reference.attribute, None)
+    if value is None:
+        _raise_no_such_class(reference, module)
+    return _instance(value, reference)
+
+
+def effects_in_file(path: Path) -> tuple[Effect, ...]:
+    """All effects that a file defines, in its order."""
+    if path.suffix != ".py":
+        raise EffectError(
+            "not a Python file", where=str(path), advice="give FILE.py or FILE.py:Class"
+        )
+    reference = EffectReference(str(path), "")
+    module = _module(reference)
+    names = _classes_of(module)
+    if not names:
+        raise EffectError(
+            "defines no effect",
+            where=str(path),
+            advice="derive a frozen dataclass from bayes_inertia.Effect; "
+            "analyses/naming/outside_effect.py is an example",
+        )
+    return tuple(_instance(getattr(module, n), EffectReference(str(path), n)) for n in names)
+
+
+def pinned(reference: EffectReference) -> EffectReference:
+    """The reference with an absolute path and the digest of the file as it is now."""
+    source = reference.source
+    if reference.is_file:
+        path = Path(source).resolve()
+        source = str(path)
+    else:
+        file = importlib.import_module(source).__file__
+        if file is None:
+            return reference
+        path = Path(file)
+    return EffectReference(source, reference.attribute, _digest(read_bytes(path)))
+
+
+def _module(reference: EffectReference) -> ModuleType:
+    """The module of a reference, its code run."""
+    if reference.is_file:
+        return _module_of_file(reference)
+    try:
+        module = importlib.import_module(reference.source)
+    except Exception as error:
+        raise EffectError(
+            f"cannot be imported ({type(error).__name__}: {_first_line(error)})",
+            where=reference.source,
+            advice="install the package beside bayes_inertia, or give FILE.py:Class",
+        ) from error
+    if reference.digest and module.__file__ is not None:
+        _require_same(reference, _digest(read_bytes(Path(module.__file__))))
+    return module
+
+
+def _module_of_file(reference: EffectReference) -> ModuleType:
+    path = Path(reference.source)
+    if not path.is_file():
+        wanted = "; this run was begun with it" if reference.digest else ""
+        raise EffectError(
+            f"no such file{wanted}", where=str(path), advice="give the path of the effect's file"
+        )
+    data = read_bytes(path)
+    digest = _digest(data)
+    if reference.digest:
+        _require_same(reference, digest)
+    # Named by its content, so that classes of one content are equal however often it is read.
+    name = f"bayes_inertia_outside_{digest}"
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None:
+        raise EffectError("not a Python file", where=str(path), advice="give FILE.py:Class")
+    module = importlib.util.module_from_spec(spec)
+    # As Python's own import does it: dataclasses look their module up.
+    sys.modules[name] = module
+    try:
+        with _neighbours_importable(path.resolve().parent):
+            _run(text_of(data, str(path)), path, module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
+
+
+def _run(text: str, path: Path, module: ModuleType) -> None:
+    try:
+        exec(compile(text, str(path), "exec"), module.__dict__)
+    except SyntaxError as error:
+        raise EffectError(
+            f"is not Python: {error.msg}",
+            where=f"{path}, line {error.lineno}",
+            advice="correct the line",
+        ) from error
+    except Exception as error:
+        frames = traceback.extract_tb(error.__traceback__)
+        lines = [frame.lineno for frame in frames if frame.filename == str(path)]
+        where = f"{path}, line {lines[-1]}" if lines else str(path)
+        raise EffectError(
+            f"fails: {type(error).__name__}: {_first_line(error)}",
+            where=where,
+            advice=f"`python {path.name}` must run without an error",
+        ) from error
+
+
+@contextmanager
+def _neighbours_importable(folder: Path) -> Iterator[None]:
+    """Let a file import the files beside it, behind everything installed."""
+    sys.path.append(str(folder))
+    try:
+        yield
+    finally:
+        sys.path.remove(str(folder))
+
+
+def _classes_of(module: ModuleType) -> list[str]:
+    """Names of the effects that a module itself defines."""
+    return [
+        name
+        for name, value in vars(module).items()
+        if isinstance(value, type)
+        and issubclass(value, Effect)
+        and value.__module__ == module.__name__
+        and not name.startswith("_")
+    ]
+
+
+def _raise_no_such_class(reference: EffectReference, module: ModuleType) -> None:
+    names = _classes_of(module)
+    near = difflib.get_close_matches(reference.attribute, names, 1) or names
+    advice = f"perhaps {', '.join(near)}" if near else "it defines no effect at all"
+    raise EffectError(
+        f"no class {reference.attribute!r} there", where=reference.source, advice=advice
+    )
+
+
+def _instance(value: Any, reference: EffectReference) -> Effect:
+    if isinstance(value, Effect):
+        return value
+    where = f"{reference.source}:{reference.attribute}"
+    if not (isinstance(value, type) and issubclass(value, Effect)):
+        raise EffectError(
+            "is no effect", where=where, advice="derive the class from bayes_inertia.Effect"
+        )
+    try:
+        return value()
+    except Exception as error:
+        raise EffectError(
+            f"cannot be made without arguments ({_first_line(error)})",
+            where=where,
+            advice="give every field a default, or name an instance that the file makes",
+        ) from error
+
+
+def _require_same(reference: EffectReference, digest: str) -> None:
+    if digest != reference.digest:
+        raise EffectError(
+            "was changed since this run was begun with it",
+            where=reference.source,
+            advice="put the file back as it was, or start a new run in another folder",
+        )
+
+
+def _digest(data: bytes) -> str:
+    return sha256_of(data)[:16]  # as many as `_REFERENCE` takes
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
 def effects_named(names: Sequence[str]) -> tuple[Effect, ...]:

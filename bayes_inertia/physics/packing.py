@@ -1,7 +1,10 @@
 """A campaign as padded arrays for compiled code: integration grids, measurements, masks, noise.
 
 Slews of different length are padded to one shape (steps of zero length, weights of zero), so that
-one compiled function serves all slews, and all campaigns of similar size.
+one compiled function serves all slews, and all campaigns of similar size. Large programs are
+compiled for one slew and run for each: how many slews a campaign has decides nothing, and rows,
+fixes and grid points are rounded up to `padded_size`. A campaign of another length then runs the
+programs of the last one.
 """
 
 # The arrays are NumPy's until all slews are stacked, then JAX's, which is what the types say.
@@ -10,8 +13,11 @@ one compiled function serves all slews, and all campaigns of similar size.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from jax import Array
 
@@ -19,7 +25,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.slew import Slew, fix_groups
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.maths.device_arrays import on_device
+from bayes_inertia.maths.device_arrays import filled, on_device, padded_size, repeated
 from bayes_inertia.physics.channels import Channel, Readings
 from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.slew_context import Environment, SlewContext
@@ -144,8 +150,8 @@ def pack(
     step = longest_step(campaign) if max_step is None else max_step
     grids = [_grid(slew, step, inputs) for slew in campaign.slews]
     multiple = rows_per_step * -(-NUMERICS.row_multiple // rows_per_step)
-    n_grid = _padded(max(len(g) for g, _ in grids), multiple)
-    n_rows = _padded(max(len(s.time) for s in campaign.slews), multiple)
+    n_grid = _next_multiple(max(len(g) for g, _ in grids), multiple)
+    n_rows = _next_multiple(max(len(s.time) for s in campaign.slews), multiple)
     slews = [
         _slew_input(campaign, i, *grids[i], n_grid, inputs) for i in range(len(campaign.slews))
     ]
@@ -156,7 +162,7 @@ def pack(
     if free is not None:
         for i, slew in enumerate(campaign.slews):
             momentum, of_knots = free.on_grid(slew, grids[i][0])
-            slews[i] = slews[i]._replace(momentum=_extend(momentum, n_grid))
+            slews[i] = slews[i]._replace(momentum=repeated(momentum, n_grid, 0))
             # White noise of few readings has no more shapes than these.
             told = np.arange(modes) < len(slew.time[np.isfinite(slew.wheel_momentum).all(axis=1)])
             shapes[i] = np.concatenate([shapes[i] * told, of_knots], axis=1)
@@ -165,12 +171,13 @@ def pack(
         Telemetry(
             np.concatenate([sample, np.full(n_rows - len(sample), len(grids[i][0]) - 1)]),
             tuple(of_channel[i] for of_channel in readings),
-            _extend(shapes[i], n_grid),
+            repeated(shapes[i], n_grid, 0),
         )
         for i, (_, sample) in enumerate(grids)
     ]
     starts = [_reference(campaign, channels, slew) for slew in campaign.slews]
-    return Arrays(*(_stack_tuples(parts) for parts in (slews, telemetry, starts)))
+    every = [Arrays(*parts) for parts in zip(slews, telemetry, starts, strict=True)]
+    return jax.tree.map(lambda *of_slews: on_device(np.stack(of_slews)), *every)
 
 
 def _grid(slew: Slew, step: float, inputs: Collection[str]) -> tuple[np.ndarray, np.ndarray]:
@@ -214,28 +221,11 @@ def _on_steps(slew: Slew, name: str, grid: np.ndarray, n: int) -> InputRows:
         share = np.clip((time - lower) / width, 0.0, 1.0)[:, None]
         return first[piece] + share * (last[piece] - first[piece])
 
-    return InputRows(_extend(at(begin), n), _extend(at(end), n))
+    return InputRows(repeated(at(begin), n, 0), repeated(at(end), n, 0))
 
 
-def _padded(n: int, multiple: int) -> int:
+def _next_multiple(n: int, multiple: int) -> int:
     return -(-n // multiple) * multiple
-
-
-def _stack_tuples(parts):
-    first = parts[0]
-    if first is None:
-        return None
-    if isinstance(first, dict):
-        return {key: _stack_tuples([part[key] for part in parts]) for key in first}
-    if isinstance(first, tuple):
-        fields = [_stack_tuples(field) for field in zip(*parts, strict=True)]
-        return type(first)(*fields) if hasattr(first, "_fields") else tuple(fields)
-    return on_device(np.stack(parts))
-
-
-def _extend(rows: np.ndarray, n: int) -> np.ndarray:
-    """Rows repeated at the end up to n."""
-    return np.concatenate([rows, np.repeat(rows[-1:], n - len(rows), axis=0)])
 
 
 def _on_grid(slew: Slew, key: str, grid: np.ndarray, width: int) -> np.ndarray:
@@ -275,9 +265,9 @@ def _slew_input(
         slews=np.array(len(campaign.slews)),
         start=np.array(slew.start),
         middle=np.array(0.5 * sum(campaign.span)),
-        time=_extend(grid, n_grid),
-        step=np.concatenate([step, np.zeros(n_grid - len(step))]),
-        torque=_extend(torque, n_grid),
+        time=repeated(grid, n_grid, 0),
+        step=filled(step, n_grid, 0),
+        torque=repeated(torque, n_grid, 0),
         wheel_axes_B=campaign.wheel_axes_B,
         spin_inertia=campaign.spin_inertias,
         boresight_B=np.array(boresight),
@@ -285,8 +275,8 @@ def _slew_input(
         **_lost_commands(campaign, slew, held, n_grid),
         fix_group=_fix_groups(slew, grid, n_grid),
     )
-    environment = (_extend(_on_grid(slew, key, grid, 3), n_grid) for key in Environment._fields)
-    momentum = _extend(_on_grid(slew, "wheel_momentum", grid, wheels), n_grid)
+    environment = (repeated(_on_grid(slew, key, grid, 3), n_grid, 0) for key in Environment._fields)
+    momentum = repeated(_on_grid(slew, "wheel_momentum", grid, wheels), n_grid, 0)
     given = {name: _on_steps(slew, name, grid, n_grid) for name in inputs} if inputs else None
     return SlewInput(context, momentum, Environment(*environment), inputs=given)
 
@@ -308,7 +298,7 @@ def _fix_groups(slew: Slew, grid: np.ndarray, n: int) -> np.ndarray:
     if not len(groups):
         return np.zeros(n, dtype=int)
     between = 0.5 * (fixed[1:] + fixed[:-1])
-    return _extend(groups[np.searchsorted(between, grid)], n)
+    return repeated(groups[np.searchsorted(between, grid)], n, 0)
 
 
 def _stacked_readings(campaign: Campaign, channel: Channel, n_rows: int) -> list[Readings]:
@@ -316,7 +306,7 @@ def _stacked_readings(campaign: Campaign, channel: Channel, n_rows: int) -> list
     of_slews = [channel.readings(campaign, slew) for slew in campaign.slews]
     n = n_rows
     if not channel.stream.is_series:
-        n = _padded(max(len(readings.row) for readings in of_slews), NUMERICS.fix_multiple)
+        n = _next_multiple(max(len(readings.row) for readings in of_slews), NUMERICS.fix_multiple)
 
     def padded(values: np.ndarray, blank: Any) -> np.ndarray:
         spare = np.broadcast_to(blank, (n - len(values), *values.shape[1:]))
@@ -351,3 +341,93 @@ def _reference(campaign: Campaign, channels: Sequence[Channel], slew: Slew) -> S
         known = channel.start(campaign, slew) | known
     still = Start(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(len(campaign.wheels)))
     return still._replace(**known)
+
+
+class Nuisances(NamedTuple):
+    """Whitened nuisances of one slew.
+
+    Parameters
+    ----------
+    start : (n_start,) array
+        Start rate and attitude, then start momentum or tachometer shapes.
+    coefficients : tuple of (k,) arrays
+        Of each effect, or empty where all effects have a fixed shape.
+    """
+
+    start: Array
+    coefficients: tuple[Array, ...]
+
+
+class NuisanceScale(NamedTuple):
+    """Prior sd that turns whitened nuisances into physical ones.
+
+    Parameters
+    ----------
+    local : (n_start,) array
+        Of one slew's nuisances without coefficients [rad/s, rad, N m s].
+    bias : (axes,) array
+        Of the rate bias [rad/s].
+    """
+
+    local: Array
+    bias: Array
+
+
+# What a slew's context holds at each grid point.
+_ON_GRID = ("time", "step", "torque", "lost_command", "lost_command_sd", "fix_group")
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Data:
+    """All arrays of a model.
+
+    Parameters
+    ----------
+    arrays : Arrays
+        Inputs and measurements, with the slews as leading axis.
+    sensors : tuple
+        Constants of each channel.
+    scale : NuisanceScale
+        Prior sd of the nuisances.
+    """
+
+    arrays: Arrays
+    sensors: tuple[Any, ...]
+    scale: NuisanceScale
+
+    @cached_property
+    def pieces(self) -> tuple[Data, ...]:
+        """Each slew alone (the leading axis stays), its last row and fix repeated up to a size."""
+        arrays = jax.tree.map(np.asarray, self.arrays)
+        padded = Arrays(
+            _padded_inputs(arrays.slews), jax.tree.map(_padded, arrays.telemetry), arrays.reference
+        )
+        alone = (jax.tree.map(partial(_slew, k), padded) for k in range(len(arrays.slews.momentum)))
+        return tuple(Data(of_slew, self.sensors, self.scale) for of_slew in alone)
+
+    @cached_property
+    def contexts(self) -> SlewContext:
+        """The contexts of all slews, their grids padded."""
+        alone = (piece.arrays.slews.context for piece in self.pieces)
+        return jax.tree.map(lambda *rows: np.concatenate(rows), *alone)
+
+
+def _slew(k: int, rows: np.ndarray) -> Array:
+    return on_device(rows[k : k + 1])
+
+
+def _padded(rows: Any) -> Any:
+    return repeated(rows, padded_size(rows.shape[1])) if rows.shape[1] else rows
+
+
+def _padded_inputs(slews: SlewInput) -> SlewInput:
+    context = slews.context
+    given = {key: getattr(context, key) for key in _ON_GRID}
+    on_grid = {key: _padded(rows) for key, rows in given.items() if rows is not None}
+    return slews._replace(
+        context=context._replace(**on_grid),
+        momentum=_padded(slews.momentum),
+        environment=jax.tree.map(_padded, slews.environment),
+        inputs=jax.tree.map(_padded, slews.inputs),
+    )

@@ -161,9 +161,7 @@ def _require_distribution(prior: Prior) -> None:
 
 # J and K, first in every model, before the parameters of effects: of a rate sensor of three axes,
 # as series of campaigns and planned flights have it. What a model has: `Structure.n_base`.
-BASE_NAMES = (*ELEMENTS, "K1", "K2", "K3")
-BASE_UNITS = (*("kg m^2" for _ in ELEMENTS), "", "", "")
-N_BASE = len(BASE_NAMES)
+N_BASE = len(ELEMENTS) + 3
 N_BIAS = 3  # components of that sensor's bias
 
 
@@ -186,8 +184,10 @@ def base_units(n: int) -> tuple[str, ...]:
     >>> base_units(7)[4:]
     ('kg m^2', 'kg m^2', '')
     """
-    elements = len(ELEMENTS)
-    return (*BASE_UNITS[:elements], *("" for _ in range(n - elements)))
+    return (*("kg m^2" for _ in ELEMENTS), *("" for _ in range(n - len(ELEMENTS))))
+
+
+BASE_NAMES, BASE_UNITS = base_names(N_BASE), base_units(N_BASE)
 
 
 def base_count(names: Sequence[str]) -> int:
@@ -403,19 +403,9 @@ class ParameterSpace:
         slice
             Empty for an owner without parameters.
         """
-        start = 0
-        for name, group in self._groups().items():
-            stop = start + sum(len(p.names) for p in group)
-            if name == owner:
-                return slice(start, stop)
-            start = stop
-        return slice(start, start)
-
-    def _groups(self) -> dict[str, list[Parameter]]:
-        groups: dict[str, list[Parameter]] = {}
-        for owner, parameter in self.entries:
-            groups.setdefault(owner, []).append(parameter)
-        return groups
+        owners = [name for name, p in self.entries for _ in p.names]
+        start = owners.index(owner) if owner in owners else len(owners)
+        return slice(start, start + owners.count(owner))
 
     def split(self, flat: Array) -> Mapping[str, Mapping[str, Array]]:
         """The flat vector by owners and parameters; traceable by JAX.

@@ -1,32 +1,37 @@
 """Predicted telemetry, compiled: parameters and nuisances of a model -> what the sensors report.
 
 `Structure` is the hashable part of a model, so that all campaigns of one shape share compiled
-code; `Data` holds its arrays.
+code; `Data` holds its arrays. The nuisances of a slew end with the whitened coefficients z of its
+effects without a fixed shape, all with prior sd 1. A hook gets c = B(p) z; the root B depends on
+the effect's parameters.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.maths import inertia_tensor, quaternion
-from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.channels import Channel
-from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.model_data import Data
-from bayes_inertia.physics.nuisances import Nuisances, NuisanceScale
-from bayes_inertia.physics.packing import Telemetry
-from bayes_inertia.physics.parameters import N_BASE
-from bayes_inertia.physics.random_inputs import (
-    each_effects_coefficients,
-    hyperparameters,
-    with_coefficients,
+from bayes_inertia.physics.effect import (
+    BODY_HOOKS,
+    LOOKING_BACK,
+    MOVING_HOOKS,
+    ActiveEffects,
+    Effect,
+    require_of_effect,
 )
-from bayes_inertia.physics.simulator import BODY_HOOKS, LOOKING_BACK, MOVING_HOOKS, simulate_slew
+from bayes_inertia.physics.packing import Data, Nuisances, NuisanceScale, Telemetry
+from bayes_inertia.physics.parameters import N_BASE
+from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.slew_input import (
     Drive,
@@ -34,6 +39,86 @@ from bayes_inertia.physics.slew_input import (
     Start,
     without_slow_error,
 )
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
+
+
+def coefficient_counts(campaign: Campaign, effects: tuple[Effect, ...]) -> tuple[int, ...]:
+    """How many coefficients each effect has in one slew.
+
+    Returns: one an effect, 0 for effects of a fixed shape; empty if all are.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> coefficient_counts(small_campaign(), ())
+    ()
+    """
+    counts = []
+    for effect in effects:
+        count = effect.coefficient_count(campaign) if isinstance(effect, StochasticEffect) else 0
+        whole = isinstance(count, int | np.integer) and count >= 0
+        what = f"coefficient_count(campaign) is {count!r}"
+        require_of_effect(whole, effect, what, "return a whole number, 0 or more")
+        counts.append(int(count))
+    return tuple(counts) if any(counts) else ()
+
+
+def each_effects_coefficients(counts: tuple[int, ...], whitened: Array) -> tuple[Array, ...]:
+    """The coefficients of one slew, cut into those of each effect.
+
+    `whitened` (n_random,). Returns (k,).
+
+    Examples
+    --------
+    >>> [z.tolist() for z in each_effects_coefficients((1, 0, 2), jnp.array([5.0, 6.0, 7.0]))]
+    [[5.0], [], [6.0, 7.0]]
+    """
+    # What follows the last effect is empty.
+    return tuple(jnp.split(whitened, np.cumsum(counts, dtype=int))[:-1])
+
+
+def with_coefficients(
+    active: ActiveEffects, whitened: tuple[Array, ...], slew: SlewContext
+) -> ActiveEffects:
+    """Effects with the coefficients of one slew in place of the parameters that fix their prior.
+
+    `whitened` (k,): z of this slew, one an effect, see `each_effects_coefficients`.
+    """
+    values = dict(active.values)
+    for (effect, p), z in zip(active, whitened, strict=True):
+        if isinstance(effect, StochasticEffect):
+            blocks = _blocks(effect, p, slew, len(z))
+            shaped = z.reshape(*blocks.shape[:2], 1)
+            values[effect.name] = {"coefficients": (blocks @ shaped).reshape(len(z))}
+    return ActiveEffects(active.effects, values)
+
+
+def prior_blocks(
+    active: ActiveEffects, counts: tuple[int, ...], slew: SlewContext
+) -> tuple[Array, ...]:
+    """The root B of the prior covariance of all coefficients of one slew, as diagonal blocks.
+
+    Returns (b, m, m): one an effect with coefficients; its b blocks follow each other on the
+    diagonal of B.
+    """
+    return tuple(
+        _blocks(effect, p, slew, count)
+        for (effect, p), count in zip(active, counts, strict=True)
+        if isinstance(effect, StochasticEffect) and count
+    )
+
+
+def _blocks(
+    effect: StochasticEffect, p: Mapping[str, Array], slew: SlewContext, count: int
+) -> Array:
+    """An effect's root (b, m, m), b m being its number of coefficients."""
+    root = jnp.asarray(effect.coefficient_root(p, slew, count))
+    blocks = root if root.ndim == 3 else root[None]
+    square = blocks.ndim == 3 and blocks.shape[1] == blocks.shape[2]
+    what = f"coefficient_root has the shape {root.shape} for {count} coefficients"
+    advice = "return one row and one column a coefficient, or the blocks of a diagonal"
+    require_of_effect(square and len(blocks) * blocks.shape[1] == count, effect, what, advice)
+    return blocks
 
 
 @dataclass(frozen=True)
@@ -132,7 +217,9 @@ class Structure:
         """Which parameters only fix the prior of coefficients; empty without stochastic effects."""
         if not self.coefficients:
             return ()
-        return hyperparameters(self.effects, self.layout, self.n_base)
+        stochastic = {e.name for e in self.effects if isinstance(e, StochasticEffect)}
+        owners = [owner for owner, _, size in self.layout for _ in range(size or 1)]
+        return tuple(self.n_base + i for i, owner in enumerate(owners) if owner in stochastic)
 
     def active_effects(self, theta: Array) -> ActiveEffects:
         """The effects with the parameters that a flat vector gives them.
@@ -154,7 +241,7 @@ def start_of(structure: Structure, scale: NuisanceScale, reference: Start, local
     `local` (n_start,).
     """
     physical = local * scale.local
-    attitude = quaternion.multiply(reference.attitude, quaternion.exp(physical[3:6]))
+    attitude = quaternion.turned(reference.attitude, physical[3:6])
     momentum = reference.wheel_momentum + (physical[6:] if structure.drive == "commanded" else 0.0)
     return Start(reference.rate_B + physical[:3], attitude, momentum)
 
@@ -205,59 +292,37 @@ def predict(
     if structure.drive == "measured" and structure.wheels:
         noise = (local[6:] * data.scale.local[6:]).reshape(structure.wheels, structure.modes)
         slew = without_slow_error(slew, telemetry.tachometer_modes, noise)
+    rows, fixes = _places_on_grid(structure, telemetry)
     if structure.has_sparse_output:
-        slew = slew._replace(fixes=_fixes(structure, telemetry))
+        slew = slew._replace(fixes=jnp.concatenate(fixes))
     start = start_of(structure, data.scale, reference, local)
     trajectory, effect_states = simulate_slew(
         slew, start, J, active, structure.drive, structure.rows_per_step
     )
-    values = tuple(
-        channel.seen(theta, constants, bias * data.scale.bias, slew, trajectory)
-        for channel, constants in zip(structure.channels, data.sensors, strict=True)
-    )
-    for (effect, p), states in zip(active, effect_states, strict=True):
-        with_states = trajectory._replace(effect_states=states)
-        values = tuple(
-            channel.with_effect(effect, p, constants, slew.context, with_states, value)
-            for channel, constants, value in zip(
-                structure.channels, data.sensors, values, strict=True
-            )
-        )
-    return tuple(
-        _at_readings(
-            structure, channel, channel.read(theta[slice(*channel.parameters)], value), telemetry
-        )
-        for channel, value in zip(structure.channels, values, strict=True)
-    )
+    predicted = []
+    for channel, constants, at in zip(structure.channels, data.sensors, rows, strict=True):
+        value = channel.seen(theta, constants, bias * data.scale.bias, slew, trajectory)
+        for (effect, p), states in zip(active, effect_states, strict=True):
+            path = trajectory._replace(effect_states=states)
+            value = channel.with_effect(effect, p, constants, slew.context, path, value)
+        predicted.append(channel.read(theta[slice(*channel.parameters)], value)[at])
+    return tuple(predicted)
 
 
-def _fixes(structure: Structure, telemetry: Telemetry) -> Array:
-    """Where fixes stand on the grid."""
-    fixes = [
-        _on_grid(structure, readings.row, telemetry)
-        for channel, readings in zip(structure.channels, telemetry.readings, strict=True)
-        if not channel.stream.is_series
-    ]
-    return jnp.concatenate(fixes)
-
-
-def _on_grid(structure: Structure, rows: Array, telemetry: Telemetry) -> Array:
-    return telemetry.sample[rows] if structure.refined else rows
-
-
-def _at_readings(
-    structure: Structure, channel: Channel, values: Array, telemetry: Telemetry
-) -> Array:
-    """What a sensor reports along the grid, at its readings."""
-    readings = telemetry.readings[structure.place(channel.name)]
-    if channel.stream.is_series:
-        return values[telemetry.sample] if structure.refined else values
-    if structure.has_sparse_output:
-        before = structure.channels[: structure.place(channel.name)]
-        pairs = zip(before, telemetry.readings, strict=False)
-        first = sum(len(x.row) for other, x in pairs if not other.stream.is_series)
-        return values[first : first + len(readings.row)]
-    return values[_on_grid(structure, readings.row, telemetry)]
+def _places_on_grid(structure: Structure, telemetry: Telemetry) -> tuple[list[Any], list[Array]]:
+    """Where each channel's readings stand in what is simulated, and all fixes on the grid."""
+    rows: list[Any] = []
+    fixes: list[Array] = []
+    for channel, readings in zip(structure.channels, telemetry.readings, strict=True):
+        if channel.stream.is_series:
+            rows.append(telemetry.sample if structure.refined else slice(None))
+            continue
+        first = sum(map(len, fixes))
+        fixes.append(telemetry.sample[readings.row] if structure.refined else readings.row)
+        # Where only fixes are simulated they follow each other.
+        sparse = slice(first, first + len(readings.row))
+        rows.append(sparse if structure.has_sparse_output else fixes[-1])
+    return rows, fixes
 
 
 def predict_all(

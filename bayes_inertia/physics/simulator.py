@@ -28,18 +28,21 @@ import jax.numpy as jnp
 from jax import Array
 
 from bayes_inertia.maths import quaternion
-from bayes_inertia.physics.active_effects import ActiveEffects
-from bayes_inertia.physics.components import Components, computed_once, runge_kutta_6, stacked, unit
+from bayes_inertia.physics.effect import MOVING_HOOKS, ActiveEffects
 from bayes_inertia.physics.equations_of_motion import (
-    MassProperties,
+    Body,
+    Components,
     SlewState,
-    internal_momentum,
+    StepInputs,
+    computed_once,
     prepare,
-    rate_components,
-    rate_of_momentum,
+    runge_kutta_6,
+    stacked,
+    state_slope,
+    unit,
+    wheel_momentum_at,
     with_delivered_inputs,
 )
-from bayes_inertia.physics.motion_step import StepInputs, state_slope, wheel_momentum_at
 from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.slew_context import Environment, Trajectory
 from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
@@ -52,28 +55,6 @@ from bayes_inertia.physics.step_drive import (
     step_ends,
     value,
 )
-
-# Hooks that make more than the attitude change during a slew.
-MOVING_HOOKS = (
-    "wheel_torque",
-    "body_torque",
-    "initial_state",
-    "internal_momentum",
-    "carried_momentum",
-)
-# Hooks that decide how the body and its wheels move: all that the simulator calls.
-BODY_HOOKS = (
-    "inertia",
-    "wheel_axes",
-    "delivered_torque",
-    "delivered_inputs",
-    *MOVING_HOOKS,
-    "state_rate",
-)
-# Hooks that do nothing without wheels.
-WHEEL_HOOKS = frozenset({"wheel_axes", "delivered_torque", "wheel_torque", "momentum_output"})
-# Hooks that are given the whole slew, and may look between its rows.
-LOOKING_BACK = ("rate_output", "attitude_output", "momentum_output", "direction_output")
 
 
 def simulate_slew(
@@ -103,21 +84,20 @@ def simulate_slew(
     """
     active = ActiveEffects() if active is None else active
     slew, context = with_delivered_inputs(slew, active), slew.context
-    mass, state, torque = prepare(slew, start, inertia_B, active, drive)
+    body, state, torque = prepare(slew, start, inertia_B, active, drive)
     known = known_momentum(slew, torque, drive, rows_per_step)
     if active.act(*MOVING_HOOKS):
-        path = full_path(slew, mass, state, known, active, drive)
+        path = full_path(slew, body, state, known)
     else:
         known = known.with_points(slew.fixes)
-        path = attitude_path(mass, state, known, drive)
+        path = attitude_path(body, state, known)
     wheel = known.at_rows
     if drive == "commanded":
         wheel = wheel + stacked(path.wheel)
     devices = None if slew.inputs is None else {k: x.first for k, x in slew.inputs.items()}
-    internal = internal_momentum(active, context, path.effect_states, context.time, devices)
-    momentum_B = path.momentum_B - wheel @ mass.axes_B.T - internal
-    rate = momentum_B @ mass.inverse.T
-    momentum = wheel if drive == "measured" else wheel - mass.spin_inertia * (rate @ mass.axes_B)
+    internal = body.internal(path.effect_states, context.time, devices)
+    rate = (path.momentum_B - wheel @ body.axes_B.T - internal) @ body.inverse.T
+    momentum = body.relative(wheel, rate)
     no_states = jnp.zeros((len(context.time), 0))
     trajectory = Trajectory(context.time, path.attitude, rate, momentum, no_states, devices)
     return trajectory, path.effect_states
@@ -144,16 +124,14 @@ class MotionHistory(NamedTuple):
     effect_states: Components
 
 
-def attitude_path(
-    mass: MassProperties, first: SlewState, known: KnownMomentum, drive: Drive
-) -> MotionHistory:
+def attitude_path(body: Body, first: SlewState, known: KnownMomentum) -> MotionHistory:
     """The slew where M_N is constant and the wheels are known beforehand.
 
     Only the attitude is integrated; no effect acts on it. Body-frame momentum between the ends of
     a step is a polynomial of its own, so that rates need no attitude.
     """
     n, momentum_N = len(known.at_rows), first.momentum_N
-    wheels = _WheelsInBody.of(mass, first, known, drive)
+    wheels = _WheelsInBody.of(body, first, known)
 
     def step(attitude: Components, row: tuple) -> tuple[Components, Components]:
         cubic_B, duration = row
@@ -173,12 +151,12 @@ def attitude_path(
     length = known.steps.length
     q0, body0 = wheels.derivatives(begin, momentum_N, length, 0.0)
     q1, body1 = wheels.derivatives(_followed(begin, last), momentum_N, length, 1.0)
-    angle = _within_step(mass, known)
+    angle = _within_step(body, known)
     q0, q1, body0, body1, angle = computed_once((q0, q1, body0, body1, angle))
     if known.fixes is None:
         attitude = turned(_at_rows(q0, q1, known), angle)
     else:
-        attitude = turned(*_at_points(q0, q1, known.fixes, mass))
+        attitude = turned(*_at_points(q0, q1, known.fixes, body))
     smooth_B = _at_rows(body0, body1, known)
     carried = quaternion.cross_components(smooth_B, angle)
     all_B = tuple(m + c for m, c in zip(smooth_B, carried, strict=True))
@@ -188,23 +166,21 @@ def attitude_path(
 class _WheelsInBody(NamedTuple):
     """The wheels' momentum in body axes: a constant (3,) and a cubic a step (m, 4, 3) [N m s]."""
 
-    mass: MassProperties
+    body: Body
     offset: Array
     cubic_B: Array
 
     @classmethod
-    def of(
-        cls, mass: MassProperties, first: SlewState, known: KnownMomentum, drive: Drive
-    ) -> _WheelsInBody:
+    def of(cls, body: Body, first: SlewState, known: KnownMomentum) -> _WheelsInBody:
         offset = jnp.zeros(3)
-        if drive == "commanded" and first.wheel:
-            offset = mass.axes_B @ jnp.stack(first.wheel)
-        return cls(mass, offset, jnp.einsum("iw,mlw->mli", mass.axes_B, known.cubic))
+        if body.drive == "commanded" and first.wheel:
+            offset = body.axes_B @ jnp.stack(first.wheel)
+        return cls(body, offset, jnp.einsum("iw,mlw->mli", body.axes_B, known.cubic))
 
     def rate(self, momentum_B: Components, known_B: Any) -> Components:
         """Body rate from total momentum and from the wheels' known momentum."""
         free = [momentum_B[i] - known_B[i] - self.offset[i] for i in range(3)]
-        return rate_of_momentum(self.mass, free)
+        return self.body.rate_of(free)
 
     def derivatives(
         self, attitude: Components, momentum_N: Components, length: Array, s: float
@@ -216,7 +192,7 @@ class _WheelsInBody(NamedTuple):
         rate = computed_once(tuple(length * w for w in rate))
         turn = quaternion.cross_components(momentum_B, rate)
         change = [t - value(derivative(p), s) for t, p in zip(turn, wheels, strict=True)]
-        rate_change = tuple(length * w for w in rate_of_momentum(self.mass, change))
+        rate_change = tuple(length * w for w in self.body.rate_of(change))
         turn, rate_change = computed_once((turn, rate_change))
         of_turn = quaternion.cross_components(turn, rate)
         of_change = quaternion.cross_components(momentum_B, rate_change)
@@ -225,22 +201,12 @@ class _WheelsInBody(NamedTuple):
         return attitude_derivatives(attitude, rate, rate_change), body
 
 
-def full_path(
-    slew: SlewInput,
-    mass: MassProperties,
-    first: SlewState,
-    known: KnownMomentum,
-    active: ActiveEffects,
-    drive: Drive,
-) -> MotionHistory:
+def full_path(slew: SlewInput, body: Body, first: SlewState, known: KnownMomentum) -> MotionHistory:
     """The slew where momentum, wheels or own states change on the way."""
-    context, inputs = slew.context, _inputs(slew, known)
-
-    def slope_of(fraction: Any, state: SlewState, step: StepInputs) -> SlewState:
-        return state_slope(fraction, state, step, mass, context, active, drive)
+    inputs = _inputs(slew, known)
 
     def step(state: SlewState, row: StepInputs) -> tuple[SlewState, SlewState]:
-        later = runge_kutta_6(lambda s, x: slope_of(s, x, row), state, row.length)
+        later = runge_kutta_6(lambda s, x: state_slope(body, s, x, row), state, row.length)
         return later._replace(attitude=unit(later.attitude)), state
 
     last, begin = _over_steps(step, first, inputs)
@@ -251,15 +217,15 @@ def full_path(
 
     def end(state: SlewState, s: float) -> tuple[list, SlewState]:
         def one(x: SlewState, row: StepInputs) -> tuple[Any, SlewState]:
-            change = jax.tree.map(lambda k: row.length * k, slope_of(s, x, row))
-            return _spin(s, x, change, row, mass, context, active, drive), change
+            change = jax.tree.map(lambda k: row.length * k, state_slope(body, s, x, row))
+            return _spin(body, s, x, change, row), change
 
         (rate, rate_change), change = jax.vmap(one)(state, inputs)
         return attitude_derivatives(state.attitude, rate, rate_change), change
 
     final = _followed(begin, last)
     (q0, change0), (q1, change1) = computed_once((end(begin, 0.0), end(final, 1.0)))
-    attitude = turned(_at_rows(q0, q1, known), _within_step(mass, known))
+    attitude = turned(_at_rows(q0, q1, known), _within_step(body, known))
     rest = _cubics_at_rows(begin, change0, final, change1, known.steps.fraction)
     momentum_B = quaternion.to_body_components([q.reshape(-1) for q in attitude], rest.momentum_N)
     return MotionHistory(_rows(attitude), jnp.stack(momentum_B, -1), rest.wheel, rest.effect_states)
@@ -311,36 +277,25 @@ def _inputs(slew: SlewInput, known: KnownMomentum) -> StepInputs:
 
 
 def _spin(
-    s: float,
-    x: SlewState,
-    change: SlewState,
-    row: StepInputs,
-    mass: MassProperties,
-    context: Any,
-    active: ActiveEffects,
-    drive: Drive,
+    body: Body, s: float, x: SlewState, change: SlewState, row: StepInputs
 ) -> tuple[Components, Components]:
     """Body rate times a step's length, and its derivative over the step."""
-    acts = active.act("internal_momentum")
-    wheel = wheel_momentum_at(s, x, row, drive)
+    wheel = wheel_momentum_at(body, s, x, row)
     gained = value(derivative(row.wheel), s)
-    if drive == "commanded":
+    if body.drive == "commanded":
         gained = gained + jnp.stack(change.wheel) if change.wheel else gained
 
-    def internal_of(states: Components) -> Array:
-        return internal_momentum(active, context, states)
-
     internal, bend = None, jnp.zeros(3)
-    if acts:
-        internal, bend = jax.jvp(internal_of, (x.effect_states,), (change.effect_states,))
-    rate = rate_components(mass, x.attitude, x.momentum_N, wheel, internal)
+    if body.active.act("internal_momentum"):
+        internal, bend = jax.jvp(body.internal, (x.effect_states,), (change.effect_states,))
+    rate = body.rate(x.attitude, x.momentum_N, wheel, internal)
     rate = tuple(row.length * w for w in rate)
     momentum_B = quaternion.to_body_components(x.attitude, x.momentum_N)
     turn = quaternion.cross_components(momentum_B, rate)
     torque = quaternion.to_body_components(x.attitude, change.momentum_N)
-    moved = mass.axes_B @ gained + bend
+    moved = body.axes_B @ gained + bend
     free = [turn[i] + torque[i] - moved[i] for i in range(3)]
-    return rate, tuple(row.length * w for w in rate_of_momentum(mass, free))
+    return rate, tuple(row.length * w for w in body.rate_of(free))
 
 
 def _followed(begin: Any, last: Any) -> Any:
@@ -348,10 +303,10 @@ def _followed(begin: Any, last: Any) -> Any:
     return jax.tree.map(lambda rows, end: jnp.concatenate([rows[1:], end[None]]), begin, last)
 
 
-def _within_step(mass: MassProperties, known: KnownMomentum) -> Components:
+def _within_step(body: Body, known: KnownMomentum) -> Components:
     """How far the body turns within each step by what the cubics leave out, (m, r) each [rad]."""
     assert known.left_out is not None
-    angle = -jnp.einsum("iw,mrw->imr", mass.inverse @ mass.axes_B, known.left_out)
+    angle = -jnp.einsum("iw,mrw->imr", body.inverse @ body.axes_B, known.left_out)
     return tuple(angle)
 
 
@@ -364,7 +319,7 @@ def _at_rows(first: list, last: list, known: KnownMomentum) -> Components:
 
 
 def _at_points(
-    first: list, last: list, points: StepPoints, mass: MassProperties
+    first: list, last: list, points: StepPoints, body: Body
 ) -> tuple[Components, Components]:
     """Quintics at some points, and how far the body turns there by what the cubics leave out."""
 
@@ -373,7 +328,7 @@ def _at_points(
         return x[points.step], v[points.step], a[points.step]
 
     pieces = [quintic(of_step(a), of_step(b)) for a, b in zip(first, last, strict=True)]
-    angle = -(mass.inverse @ mass.axes_B) @ points.left_out.T
+    angle = -(body.inverse @ body.axes_B) @ points.left_out.T
     return tuple(value(p, points.fraction) for p in pieces), tuple(angle)
 
 

@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, ClassVar
 import jax.numpy as jnp
 from jax import Array
 
-from bayes_inertia.errors import EffectError
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import Effect, require_of_effect
 from bayes_inertia.physics.processes import Process
 from bayes_inertia.physics.random_basis import hat_functions, on_axes, on_each_axis, slew_fraction
 from bayes_inertia.physics.slew_context import SlewContext
@@ -64,12 +63,8 @@ class StochasticEffect(Effect):
         # Straight lines go between two knots at least.
         for setting, least in (("knots", 2), ("pieces", 1)):
             number = getattr(self, setting, least)
-            if not (isinstance(number, int) and number >= least):
-                raise EffectError(
-                    f"{setting} is {number}",
-                    where=self.name,
-                    advice=f"give a whole number, {least} or more",
-                )
+            whole, advice = isinstance(number, int), f"give a whole number, {least} or more"
+            require_of_effect(whole and number >= least, self, f"{setting} is {number}", advice)
 
     def coefficient_count(self, campaign: Campaign) -> int:
         """How many coefficients one slew has.

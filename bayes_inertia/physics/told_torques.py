@@ -108,7 +108,7 @@ def _accumulated(turns: Array) -> Array:
     """Attitudes (n, 4) relative to the first, by n - 1 small rotations (n - 1, 3) [rad]."""
 
     def turned(attitude: Array, turn: Array) -> tuple[Array, Array]:
-        after = quaternion.multiply(attitude, quaternion.exp(turn))
+        after = quaternion.turned(attitude, turn)
         return after, after
 
     start = jnp.array([0.0, 0.0, 0.0, 1.0])

@@ -19,7 +19,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.numerics import NUMERICS as DESIGN_NUMERICS
 from bayes_inertia.errors import SettingsError, StudyError
-from bayes_inertia.flight.final_errors import predict_correction_slew
+from bayes_inertia.flight.closed_loop_flights import predict_correction_slew
 from bayes_inertia.flight.mission import Mission, most_like_mission
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import Flight

@@ -28,8 +28,15 @@ _WITH_GROUPS: Mapping[str, ArrayKind] = {".h5": "hdf5", ".hdf5": "hdf5", ".mat":
 def read_table(path: Path, names: Sequence[str], group: str = "") -> Table:
     """The columns of a .csv, .parquet, .h5, .hdf5 or .mat file, in the file's own units.
 
-    Where several groups of an HDF5 or MAT file hold the columns, the one called `group` is read.
+    A name with a minus before it is that column with the other sign. Where several groups of an
+    HDF5 or MAT file hold the columns, the one called `group` is read.
     """
+    stored = list(dict.fromkeys(name.removeprefix("-") for name in names))
+    return _stored_table(path, stored, group).signed(names)
+
+
+def _stored_table(path: Path, names: Sequence[str], group: str) -> Table:
+    """The columns as the file has them."""
     label, suffix = str(path), path.suffix.lower()
     if suffix == ".csv":
         return parse_csv(text_of(read_bytes(path), label), names, label)

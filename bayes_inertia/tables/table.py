@@ -152,6 +152,16 @@ class Table:
         }
         return replace(self, columns=columns)
 
+    def signed(self, names: Sequence[str]) -> Table:
+        """The columns of these names; one that begins with a minus has the other sign."""
+        columns = {}
+        for name in names:
+            column = self.columns[name.removeprefix("-")]
+            # 0 - values, because -values would make zeros negative.
+            negated = replace(column, values=0.0 - column.values)
+            columns[name] = negated if name.startswith("-") else column
+        return replace(self, columns=columns)
+
     def changed(self, columns: Mapping[str, np.ndarray]) -> Table:
         """The table with other numbers in some of its columns."""
         changed = {name: Column(values) for name, values in columns.items()}
@@ -201,6 +211,15 @@ def no_column(name: str, available: Sequence[str], where: str, why: str = "") ->
     what = f"no column {name!r}{why}"
     advice = f"{hint}The table has: {_listed(available)}"
     return CampaignError(what, where=where, advice=advice)
+
+
+def negated_name(name: str) -> str:
+    """The name of a column with the other sign.
+
+    >>> negated_name("rate_x"), negated_name("-rate_x")
+    ('-rate_x', 'rate_x')
+    """
+    return name.removeprefix("-") if name.startswith("-") else f"-{name}"
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -17,8 +17,7 @@ from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.design import correction_slew, designer
 from bayes_inertia.design.after_campaign import final_wheel_momentum, plan_after
 from bayes_inertia.design.designer import next_slew
-from bayes_inertia.flight.follow_on import following_plan
-from bayes_inertia.flight.mission import most_like_mission
+from bayes_inertia.flight.mission import following_plan, most_like_mission
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.inference import optimizer

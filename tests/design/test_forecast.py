@@ -13,8 +13,7 @@ from support.other_spacecraft import by_rotors, by_thrusters, gyroless, two_axes
 from bayes_inertia.design.expected_accuracy import estimate_at_truth
 from bayes_inertia.design.information_forecast import prepare_forecast
 from bayes_inertia.design.information_matrix import expected_covariance
-from bayes_inertia.flight.follow_on import following_plan
-from bayes_inertia.flight.mission import Mission
+from bayes_inertia.flight.mission import Mission, following_plan
 from bayes_inertia.flight.plan import PlannedSlew, paper_like_plan
 from bayes_inertia.flight.planned_motion import slew_arrays
 from bayes_inertia.physics.effects import by_name

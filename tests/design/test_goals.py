@@ -13,7 +13,7 @@ import pytest
 import bayes_inertia
 from bayes_inertia.design.goals import Goal, correction_sensitivity, criterion, parse_goal
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.flight.final_errors import predict_final_errors
+from bayes_inertia.flight.closed_loop_flights import predict_final_errors
 from bayes_inertia.flight.plan import Plan, PlannedSlew
 from bayes_inertia.flight.spacecraft import (
     Controller,

@@ -24,9 +24,9 @@ from bayes_inertia.diagnosis.random_signals import (
 from bayes_inertia.diagnosis.table_search import with_stochastic, without_effects
 from bayes_inertia.diagnosis.torque_response import coefficient_columns, torque_response
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.coefficients import prior_roots
 from bayes_inertia.inference.hyperparameters import PROGRAMS
 from bayes_inertia.inference.likelihood import padded_sensitivities
+from bayes_inertia.inference.marginal_posterior import prior_roots
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.point import Point
 from bayes_inertia.physics.effects import STOCHASTIC, ConstantTorque

@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 
 from bayes_inertia.flight.closed_loop import fly_slew
-from bayes_inertia.flight.closed_loop_inputs import closed_loop_inputs
-from bayes_inertia.flight.final_errors import predict_correction_slew, predict_final_errors
+from bayes_inertia.flight.closed_loop_flights import (
+    closed_loop_inputs,
+    predict_correction_slew,
+    predict_final_errors,
+)
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly

@@ -20,8 +20,7 @@ from support.other_spacecraft import (
 
 from bayes_inertia.campaign.actuators import GimballedRotors, Thruster
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.flight.follow_on import following_plan, spacecraft_at, why_no_plans
-from bayes_inertia.flight.mission import Mission
+from bayes_inertia.flight.mission import Mission, following_plan, spacecraft_at, why_no_plans
 from bayes_inertia.flight.plan import PlannedSlew
 from bayes_inertia.flight.plan_file import read_plan, write_plan
 from bayes_inertia.flight.plan_flight import fly

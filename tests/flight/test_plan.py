@@ -11,8 +11,7 @@ import pytest
 
 import bayes_inertia
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.flight.plan import PlannedSlew, paper_like_plan
-from bayes_inertia.flight.slew_profile import angle_and_rate
+from bayes_inertia.flight.plan import PlannedSlew, angle_and_rate, paper_like_plan
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 

@@ -17,7 +17,7 @@ from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.margins import flown_margins, planned_margins
 from bayes_inertia.errors import CampaignError, EffectError
-from bayes_inertia.flight.follow_on import devices_at_rest, following_plan, spacecraft_at
+from bayes_inertia.flight.mission import devices_at_rest, following_plan, spacecraft_at
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import Flight, fly
 from bayes_inertia.flight.spacecraft import (

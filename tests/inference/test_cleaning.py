@@ -14,10 +14,14 @@ from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.cleaning import clean_fit, outlying_fixes
+from bayes_inertia.inference.cleaning import (
+    away_from_switches,
+    clean_fit,
+    outlying_fixes,
+    outlying_readings,
+)
 from bayes_inertia.inference.gates import prior_gate
 from bayes_inertia.inference.noise_colour import colour_of, is_alike_everywhere
-from bayes_inertia.inference.outliers import away_from_switches, outlying_readings
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.treatment import DirtTreatment, treated, treatment_from
 from bayes_inertia.maths.linear_algebra import inverse_root

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from scipy import linalg, stats
 
-from bayes_inertia.inference.coefficients import prior_roots
 from bayes_inertia.inference.hyperparameters import Evidence
 from bayes_inertia.inference.laplace import marginal
-from bayes_inertia.inference.marginal_posterior import conditional_point, log_posterior
+from bayes_inertia.inference.marginal_posterior import conditional_point, log_posterior, prior_roots
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.proposal import EvidenceMove, IndependenceMove, explored_sizes
 from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift

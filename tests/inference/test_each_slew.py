@@ -8,13 +8,13 @@ import jax
 import numpy as np
 import pytest
 
-from bayes_inertia.inference import each_slew, hyperparameters, marginal_posterior, noise_filter
+from bayes_inertia.inference import hyperparameters, likelihood, marginal_posterior, noise_filter
 from bayes_inertia.inference.laplace import marginal
 from bayes_inertia.inference.likelihood import information_blocks, unpadded_sensitivities
 from bayes_inertia.inference.marginal_posterior import conditional_point, log_posterior
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.maths.device_arrays import repeated
-from bayes_inertia.physics import model_data
+from bayes_inertia.physics import packing
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
 
@@ -38,7 +38,7 @@ def unpadded(monkeypatch):
     """Every axis in its own size."""
 
     def pad_nothing():
-        for module in (model_data, marginal_posterior, hyperparameters, noise_filter):
+        for module in (packing, marginal_posterior, hyperparameters, noise_filter):
             monkeypatch.setattr(module, "padded_size", lambda n, *_, **__: n)
 
     return pad_nothing
@@ -81,6 +81,6 @@ def test_padding_with_weight_would_be_seen(odd, monkeypatch):
     structure, frozen = found.model.structure, marginal(found)
     thetas = found.theta + np.array([[0.0], [0.5]]) * found.sd
     right = log_posterior(structure, frozen, thetas)
-    monkeypatch.setattr(each_slew, "filled", repeated)
+    monkeypatch.setattr(likelihood, "filled", repeated)
     wrong = log_posterior(structure, frozen, thetas)
     assert abs(np.diff(wrong) - np.diff(right)) > 1e-3

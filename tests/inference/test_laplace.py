@@ -141,7 +141,7 @@ def test_leaving_a_slew_out_to_first_order_is_nearly_refitting_without_it(fitted
 def test_the_shares_of_slews_are_the_joint_fit_with_nuisances_eliminated(fitted):
     fit, shared = fitted.linearised(), fitted.linearised().n_shared
     for left_out in range(3):
-        weights = np.where(np.arange(3) == left_out, 0.0, 1.0)
+        weights = np.where(np.arange(3) == left_out, 0.0, np.ones((3, 3))).T
         hessian, gradient = fit.normal_equations(weights)
         covariance = np.linalg.inv(hessian)
         step, matrix = fit.shares.without(left_out)

@@ -99,11 +99,8 @@ def test_the_marginal_posterior_is_that_of_sampling_every_nuisance(small):
     assert of_sd < 4.0
 
     # Negative control: nuisances held at their optimum instead of integrated out.
-    held = frozen._replace(
-        ridge_bias=0.0 * frozen.ridge_bias,
-        ridge_local=0.0 * frozen.ridge_local,
-        root=0.0 * frozen.root,
-    )
+    ridge = frozen.ridge._replace(bias=0.0 * frozen.ridge.bias, local=0.0 * frozen.ridge.local)
+    held = frozen._replace(ridge=ridge, root=0.0 * frozen.root)
     covariance = np.linalg.inv(small.hessian[:d, :d])
     draws, weights, size = importance(
         lambda x: np.asarray(log_posterior(model.structure, held, jnp.asarray(x))),

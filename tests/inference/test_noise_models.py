@@ -16,7 +16,6 @@ from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError, SettingsError
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import clean_fit, with_modelled_outliers
-from bayes_inertia.inference.coefficients import SlewEquations, eliminated, steps_given
 from bayes_inertia.inference.density_marginal import (
     density_marginal,
     log_density_with_densities,
@@ -24,7 +23,12 @@ from bayes_inertia.inference.density_marginal import (
 )
 from bayes_inertia.inference.laplace import marginal
 from bayes_inertia.inference.likelihood import residuals
-from bayes_inertia.inference.marginal_posterior import log_posterior
+from bayes_inertia.inference.marginal_posterior import (
+    SlewEquations,
+    eliminated,
+    log_posterior,
+    steps_given,
+)
 from bayes_inertia.inference.noise_model import densities_of
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.predicted_telemetry import losses
@@ -115,7 +119,7 @@ def test_nuisances_eliminated_slew_by_slew_are_those_of_the_whole_matrix():
         whole[np.ix_(index, index)] += block
         right[index] += slope[s]
     zeros = np.zeros(shared), np.zeros((slews, own))
-    equations = SlewEquations(0.0, blocks, slope, np.ones(shared), zeros[0], 0.0, zeros[1])
+    equations = SlewEquations(0.0, blocks, slope, np.eye(shared), zeros[0], 0.0, zeros[1])
     parts = eliminated((), jax.tree.map(jnp.asarray, equations))
     found = np.concatenate([np.ravel(x) for x in steps_given(parts)])
     assert np.allclose(found, -np.linalg.solve(whole, right))

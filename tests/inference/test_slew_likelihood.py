@@ -12,7 +12,7 @@ from support.commands import run
 
 import bayes_inertia as bi
 from bayes_inertia.diagnosis.score_test import log_evidence_of_fit, log_normalisation
-from bayes_inertia.inference.slew_likelihood import slew_log_likelihood
+from bayes_inertia.inference.predicted_telemetry import slew_log_likelihood
 
 EXAMPLE = Path(bi.__file__).parent / "example"
 

@@ -115,7 +115,7 @@ def test_information_over_time_sums_to_that_of_the_marginal(estimate, observabil
 
 def test_leaving_out_a_slew_is_what_the_estimate_says_of_it(estimate, observability):
     hessian, _ = normal_equations(
-        estimate.model, estimate.point, estimate.information, np.array([1.0, 0.0, 1.0])
+        estimate.model, estimate.point, estimate.information, np.outer([1.0, 0.0, 1.0], np.ones(3))
     )
     np.testing.assert_allclose(
         [p.sd_without_slew[1] for p in observability.parameters],

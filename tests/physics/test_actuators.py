@@ -14,12 +14,11 @@ from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.diagnosis.random_signals import roots_at
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.maths import quaternion
-from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.actuators import effects_of
 from bayes_inertia.physics.actuators.gimballed_rotors import momentum_noise
 from bayes_inertia.physics.channels import channels_of
 from bayes_inertia.physics.check_effect import check_effect
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import ActiveEffects, Effect
 from bayes_inertia.physics.effects import RateRandomWalk, TorqueNoise
 from bayes_inertia.physics.effects.magnetic_dipole import MagneticDipole
 from bayes_inertia.physics.forward_model import Model

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from support.effects import REST, J, effect_of, state_of
 
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.physics.active_effects import ActiveEffects
+from bayes_inertia.physics.effect import ActiveEffects
 from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import Start, idle_slew
 

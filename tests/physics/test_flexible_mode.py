@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from support.effects import REST, effect_of
 
-from bayes_inertia.physics.active_effects import ActiveEffects
+from bayes_inertia.physics.effect import ActiveEffects
 from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import Start, idle_slew
 

@@ -14,8 +14,7 @@ from bayes_inertia.errors import EffectError
 from bayes_inertia.flight.mission import most_like_mission
 from bayes_inertia.flight.plan import Plan, PlannedSlew
 from bayes_inertia.flight.simulated_campaigns import simulate
-from bayes_inertia.physics.named_effects import effects_named, pinned_names
-from bayes_inertia.physics.outside_effects import effects_in_file
+from bayes_inertia.physics.named_effects import effects_in_file, effects_named, pinned_names
 
 HEAD = """from __future__ import annotations
 from dataclasses import dataclass

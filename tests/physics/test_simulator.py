@@ -22,9 +22,8 @@ from support.slews import (
 )
 
 from bayes_inertia.maths import quaternion
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import BODY_HOOKS, LOOKING_BACK, Effect
 from bayes_inertia.physics.packing import refined_grid
-from bayes_inertia.physics.simulator import BODY_HOOKS, LOOKING_BACK
 from bayes_inertia.physics.slew_input import Start
 
 

@@ -14,8 +14,7 @@ from support.commands import run
 from bayes_inertia.app import finished_runs, run_folder
 from bayes_inertia.app.plan_folder import slew_rows
 from bayes_inertia.app.result_folder import write_json
-from bayes_inertia.flight.flown_slews import other_slews
-from bayes_inertia.flight.mission import most_like_mission
+from bayes_inertia.flight.mission import most_like_mission, other_slews
 from bayes_inertia.flight.plan import Plan, PlannedSlew
 from bayes_inertia.flight.plan_file import write_plan
 from bayes_inertia.flight.plan_flight import fly

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia.physics.active_effects import ActiveEffects
+from bayes_inertia.physics.effect import ActiveEffects
 from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import Start
 

@@ -56,8 +56,7 @@ def effects_command(
 def _check(text: str, campaign: Campaign | None, as_json: bool) -> None:
     """Prove the contract of all effects of a file, or of one that is named."""
     from bayes_inertia.physics.check_effect import check_effect
-    from bayes_inertia.physics.named_effects import effects_named
-    from bayes_inertia.physics.outside_effects import effects_in_file
+    from bayes_inertia.physics.named_effects import effects_in_file, effects_named
 
     checked = []
     for effect in effects_in_file(Path(text)) if text.endswith(".py") else effects_named([text]):

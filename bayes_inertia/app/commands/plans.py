@@ -102,7 +102,7 @@ def design_command(
     with progress_bar() as progress:
         from bayes_inertia.app.plan_folder import DesignRequest, run_design
         from bayes_inertia.campaign.reader import read_campaign
-        from bayes_inertia.flight.follow_on import why_no_plans
+        from bayes_inertia.flight.mission import why_no_plans
 
         request = DesignRequest(goal, slews, *asked, tuple(keep_out or ()), after, seed, names)
         nothing_to_fly = why_no_plans(read_campaign(campaign))

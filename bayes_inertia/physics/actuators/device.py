@@ -17,6 +17,16 @@ if TYPE_CHECKING:
     from bayes_inertia.campaign.campaign import Campaign
 
 
+def error_of(record: Any, kind: str, sd: float) -> Parameter:
+    """What may be in doubt of a device: the gain of all, the gain of each, the rotation of all."""
+    if kind == "gain":
+        return scalar("gain", unit="", prior=Normal(1.0, sd), null=1.0)
+    if kind == "direction":
+        return vector("direction", "xyz", unit="rad", prior=Normal(0.0, sd))
+    names = [str(k + 1) for k in range(record.columns)]
+    return vector("each_gain", names, unit="", prior=Normal(1.0, sd), null=1.0)
+
+
 @dataclass(frozen=True)
 class DeviceEffect(Effect):
     """What a device of the campaign does: a vector in body axes, with errors that are in doubt.
@@ -42,15 +52,9 @@ class DeviceEffect(Effect):
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         """Gain of all, gain of each and rotation of all, where they are in doubt."""
-        found = []
-        if sd := self.record.gain_sigma:
-            found.append(scalar("gain", unit="", prior=Normal(1.0, sd), null=1.0))
-        if sd := getattr(self.record, "each_gain_sigma", 0.0):
-            names = [str(k + 1) for k in range(self.record.columns)]
-            found.append(vector("each_gain", names, unit="", prior=Normal(1.0, sd), null=1.0))
-        if sd := getattr(self.record, "direction_sigma", 0.0):
-            found.append(vector("direction", "xyz", unit="rad", prior=Normal(0.0, sd)))
-        return tuple(found)
+        kinds = ("gain", "each_gain", "direction")
+        sds = {kind: getattr(self.record, f"{kind}_sigma", 0.0) for kind in kinds}
+        return tuple(error_of(self.record, kind, sd) for kind, sd in sds.items() if sd)
 
     def stated(self, given: Array, gains: Any = 1.0) -> Array:
         """The vector (3,) that the device makes of its input (k,), with a gain of each (k,)."""

@@ -17,7 +17,7 @@ from bayes_inertia.physics.channels.channel import Channel, Readings, SensorAtFi
 from bayes_inertia.physics.slew_context import Trajectory
 from bayes_inertia.physics.slew_input import Drive, SlewInput
 
-_turned = jax.jit(lambda q, small_rotation: quaternion.multiply(q, quaternion.exp(small_rotation)))
+_turned = jax.jit(lambda q, small_rotation: quaternion.turned(q, small_rotation))
 
 
 @dataclass(frozen=True)

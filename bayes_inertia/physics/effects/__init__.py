@@ -14,13 +14,14 @@ from contextlib import suppress
 from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects.constant_torque import ConstantTorque
-from bayes_inertia.physics.effects.each_slew import EachSlew
+from bayes_inertia.physics.effects.each_slew import EachSlew as EachSlew
 from bayes_inertia.physics.effects.flexible_mode import FlexibleMode
 from bayes_inertia.physics.effects.formula import Formula
 from bayes_inertia.physics.effects.gravity_gradient import GravityGradient
 from bayes_inertia.physics.effects.inertia_change import InertiaChange
 from bayes_inertia.physics.effects.magnetic_dipole import MagneticDipole
-from bayes_inertia.physics.effects.of_device import OfDevice, candidates_in
+from bayes_inertia.physics.effects.of_device import OfDevice
+from bayes_inertia.physics.effects.of_device import candidates_in as candidates_in
 from bayes_inertia.physics.effects.rate_bias import RateBias
 from bayes_inertia.physics.effects.rate_bias_drift import RateBiasDrift
 from bayes_inertia.physics.effects.rate_bias_instability import RateBiasInstability, RateRemainder
@@ -81,43 +82,6 @@ STOCHASTIC: tuple[Effect, ...] = (
 
 # What stands for everything without a name, where a model is known to be incomplete.
 REMAINDERS: tuple[StochasticEffect, ...] = (TorqueRemainder(), RateRemainder())
-
-__all__ = [
-    "LIBRARY",
-    "REMAINDERS",
-    "STOCHASTIC",
-    "ConstantTorque",
-    "EachSlew",
-    "FlexibleMode",
-    "Formula",
-    "GravityGradient",
-    "InertiaChange",
-    "MagneticDipole",
-    "RateBias",
-    "RateBiasDrift",
-    "RateBiasInstability",
-    "RateBiasSlewDrift",
-    "RateRandomWalk",
-    "RateRemainder",
-    "RateSensorDelay",
-    "RateSensorMisalignment",
-    "RateSensorNonlinearity",
-    "StarTrackerLowFrequency",
-    "StarTrackerMisalignment",
-    "StarTrackerShift",
-    "StarTrackerTimeOffset",
-    "TachometerNoiseWalk",
-    "TorqueNoise",
-    "TorqueRemainder",
-    "ViscousTorque",
-    "WheelCommandLag",
-    "WheelFriction",
-    "WheelMisalignment",
-    "WheelTorqueGain",
-    "WheelTorqueNoise",
-    "by_name",
-    "candidates_in",
-]
 
 
 def by_name(names: Sequence[str]) -> tuple[Effect, ...]:

@@ -8,9 +8,9 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jax import Array
 
-from bayes_inertia.physics.actuators import DeviceEffect
+from bayes_inertia.physics.actuators.device import DeviceEffect, error_of
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.parameters import Normal, scalar, vector
+from bayes_inertia.physics.parameters import Normal, scalar
 from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.slew_input import InputRows
 
@@ -23,9 +23,12 @@ class ActuatorError(Effect):
     ----------
     acting : DeviceEffect or None
         What the device does; None before a campaign is known.
+    sigma : float or None, optional
+        Prior sd of the error.
     """
 
     acting: DeviceEffect | None = None
+    sigma: float | None = None
 
     @property
     def needs(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -36,6 +39,12 @@ class ActuatorError(Effect):
     def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
         """The device's input."""
         return self.acting.inputs if self.acting else ()
+
+    def parameters(self, campaign):
+        record = self.acting.record if self.acting else None
+        # Ten times the sd that the campaign states, and something where it states none.
+        sd = max(self.sigma or 0.0, 10.0 * getattr(record, f"{self.kind}_sigma", 0.0))
+        return (error_of(record, self.kind, sd),)
 
     def acts(self, hook):
         own = hook in ("body_torque", "carried_momentum")
@@ -53,10 +62,6 @@ class ActuatorError(Effect):
     def _made_by(self) -> DeviceEffect:
         assert self.acting is not None
         return self.acting
-
-    def _sd(self, least: float, stated: str) -> float:
-        """Ten times the sd that the campaign states, and something where it states none."""
-        return max(least, 10.0 * getattr(self.acting.record, stated, 0.0) if self.acting else 0.0)
 
 
 @dataclass(frozen=True)
@@ -79,10 +84,6 @@ class ActuatorGain(ActuatorError):
     kind: ClassVar[str] = "gain"
     sigma: float = 0.05
 
-    def parameters(self, campaign):
-        sd = self._sd(self.sigma, "gain_sigma")
-        return (scalar("gain", unit="", prior=Normal(1.0, sd), null=1.0),)
-
 
 @dataclass(frozen=True)
 class ActuatorDirection(ActuatorError):
@@ -104,10 +105,6 @@ class ActuatorDirection(ActuatorError):
     kind: ClassVar[str] = "direction"
     sigma: float = 0.02
 
-    def parameters(self, campaign):
-        sd = self._sd(self.sigma, "direction_sigma")
-        return (vector("direction", "xyz", unit="rad", prior=Normal(0.0, sd)),)
-
 
 @dataclass(frozen=True)
 class ActuatorEachGain(ActuatorError):
@@ -127,11 +124,6 @@ class ActuatorEachGain(ActuatorError):
     name: ClassVar[str] = "actuator_each_gain"
     kind: ClassVar[str] = "each_gain"
     sigma: float = 0.05
-
-    def parameters(self, campaign):
-        sd = self._sd(self.sigma, "each_gain_sigma")
-        names = [str(k + 1) for k in range(self._made_by.record.columns)]
-        return (vector("each_gain", names, unit="", prior=Normal(1.0, sd), null=1.0),)
 
 
 @dataclass(frozen=True)

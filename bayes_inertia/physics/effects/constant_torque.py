@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import SmoothTorque
 from bayes_inertia.physics.effects.scales import torque_scale
 from bayes_inertia.physics.parameters import Normal, vector
 
 
 @dataclass(frozen=True)
-class ConstantTorque(Effect):
+class ConstantTorque(SmoothTorque):
     """A body-fixed external torque, the same in all slews.
 
     Outgassing, a leak, or pressure on a fixed face.
@@ -35,9 +34,6 @@ class ConstantTorque(Effect):
     def parameters(self, campaign):
         sigma = self.sigma if self.sigma is not None else 0.03 * torque_scale(campaign)
         return (vector("torque", "xyz", unit="N m", prior=Normal(0.0, sigma)),)
-
-    def max_step(self, campaign):
-        return math.inf
 
     def body_torque(self, p, slew, t, state):
         return p["torque"]

@@ -10,11 +10,27 @@ import jax.numpy as jnp
 from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import BODY_HOOKS, LOOKING_BACK, Effect
 from bayes_inertia.physics.parameters import Parameter
 from bayes_inertia.physics.slew_context import SlewContext
 
 
+def _forwarding_hooks(cls: Any) -> Any:
+    """Let every hook of a class be that of its inner effect, with the parameters of this slew."""
+
+    def forwarded(hook: str) -> Any:
+        def call(self: EachSlew, p: Mapping[str, Array], slew: SlewContext, *rest: Any) -> Any:
+            of_slew = {name: self._of_slew(name, value, slew) for name, value in p.items()}
+            return getattr(self.inner, hook)(of_slew, slew, *rest)
+
+        return call
+
+    for hook in (*BODY_HOOKS, *LOOKING_BACK):
+        setattr(cls, hook, forwarded(hook))
+    return cls
+
+
+@_forwarding_hooks
 @dataclass(frozen=True)
 class EachSlew(Effect):
     """An effect that differs from slew to slew.
@@ -105,55 +121,8 @@ class EachSlew(Effect):
         )
         return Parameter(p.name, p.unit, p.priors * self.slews, p.null, labels)
 
-    def _call(self, hook: str, p: Mapping[str, Array], slew: SlewContext, *rest: Any) -> Any:
-        """The inner effect's hook with the parameters of this slew."""
-        of_slew = {name: self._of_slew(name, value, slew) for name, value in p.items()}
-        return getattr(self.inner, hook)(of_slew, slew, *rest)
-
     def _of_slew(self, name: str, values: Array, slew: SlewContext) -> Array:
         """One parameter in this slew; its null in a slew that the campaign does not have."""
         rows = jnp.reshape(values, (self.slews, -1))
         row = rows.at[slew.index].get(mode="fill", fill_value=dict(self.nulls).get(name, 0.0))
         return row[0] if name in self.scalars else row
-
-    def inertia(self, p, slew, inertia_B):
-        return self._call("inertia", p, slew, inertia_B)
-
-    def wheel_axes(self, p, slew, axes_B):
-        return self._call("wheel_axes", p, slew, axes_B)
-
-    def delivered_torque(self, p, slew, torque):
-        return self._call("delivered_torque", p, slew, torque)
-
-    def delivered_inputs(self, p, slew, inputs):
-        return self._call("delivered_inputs", p, slew, inputs)
-
-    def wheel_torque(self, p, slew, t, state):
-        return self._call("wheel_torque", p, slew, t, state)
-
-    def body_torque(self, p, slew, t, state):
-        return self._call("body_torque", p, slew, t, state)
-
-    def initial_state(self, p, slew, rate_B):
-        return self._call("initial_state", p, slew, rate_B)
-
-    def state_rate(self, p, slew, t, state):
-        return self._call("state_rate", p, slew, t, state)
-
-    def internal_momentum(self, p, slew, effect_states):
-        return self._call("internal_momentum", p, slew, effect_states)
-
-    def carried_momentum(self, p, slew, t, inputs):
-        return self._call("carried_momentum", p, slew, t, inputs)
-
-    def rate_output(self, p, slew, trajectory, rate_S):
-        return self._call("rate_output", p, slew, trajectory, rate_S)
-
-    def attitude_output(self, p, slew, trajectory, attitude):
-        return self._call("attitude_output", p, slew, trajectory, attitude)
-
-    def direction_output(self, p, slew, trajectory, seen_B):
-        return self._call("direction_output", p, slew, trajectory, seen_B)
-
-    def momentum_output(self, p, slew, trajectory, momentum):
-        return self._call("momentum_output", p, slew, trajectory, momentum)

@@ -7,12 +7,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import RowByRow
 from bayes_inertia.physics.parameters import Normal, vector
 
 
 @dataclass(frozen=True)
-class FieldOffset(Effect):
+class FieldOffset(RowByRow):
     """A constant field of the spacecraft's own, beyond what the campaign states.
 
     Parameters
@@ -39,15 +39,12 @@ class FieldOffset(Effect):
         sigma = max(self.share * float(np.nanmedian(size)), 10.0 * stated)
         return (vector("offset", "xyz", unit="T", prior=Normal(0.0, sigma)),)
 
-    def looks_between_rows(self, campaign):
-        return False
-
     def direction_output(self, p, slew, trajectory, seen_B):
         return seen_B + p["offset"]
 
 
 @dataclass(frozen=True)
-class FieldScale(Effect):
+class FieldScale(RowByRow):
     """Each axis reads 1 + scale times the field along it, beyond what the campaign states.
 
     Parameters
@@ -69,9 +66,6 @@ class FieldScale(Effect):
     def parameters(self, campaign):
         sigma = max(self.sigma, 10.0 * campaign.sensors[self.device].scale_sigma)
         return (vector("scale", "xyz", unit="", prior=Normal(0.0, sigma)),)
-
-    def looks_between_rows(self, campaign):
-        return False
 
     def direction_output(self, p, slew, trajectory, seen_B):
         return seen_B * (1.0 + p["scale"])

@@ -563,7 +563,7 @@ class Formula(Effect):
         if not self.acts("attitude_output"):
             return attitude
         turn = self._along(p, slew, trajectory)
-        return quaternion.multiply(attitude, quaternion.exp(turn))
+        return quaternion.turned(attitude, turn)
 
     def momentum_output(self, p, slew, trajectory, momentum):
         acts = p and self.acts("momentum_output")

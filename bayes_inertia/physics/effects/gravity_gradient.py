@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
 import jax.numpy as jnp
 
 from bayes_inertia.maths import quaternion
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import SmoothTorque
 from bayes_inertia.physics.parameters import Normal, scalar
 
 
 @dataclass(frozen=True)
-class GravityGradient(Effect):
+class GravityGradient(SmoothTorque):
     """The gravity-gradient torque of a spherical planet, times a factor.
 
     The torque is 3 mu / r^5 (r x J_locked r) (Hughes 1986, eq 8.1.18); the factor is 0 without
@@ -44,9 +43,6 @@ class GravityGradient(Effect):
 
     def parameters(self, campaign):
         return (scalar("factor", unit="", prior=Normal(0.0, self.sigma)),)
-
-    def max_step(self, campaign):
-        return math.inf
 
     def body_torque(self, p, slew, t, state):
         position_B = quaternion.to_body(state.attitude, state.position_N)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -10,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.maths import quaternion
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import SmoothTorque
 from bayes_inertia.physics.effects.scales import torque_scale
 from bayes_inertia.physics.parameters import Normal, vector
 
 
 @dataclass(frozen=True)
-class MagneticDipole(Effect):
+class MagneticDipole(SmoothTorque):
     """A body-fixed dipole m feels the torque m x B, B the telemetered field turned into body axes.
 
     Parameters
@@ -48,9 +47,6 @@ class MagneticDipole(Effect):
             mean = float(np.nanmean(np.concatenate(fields))) if fields else 3e-5
             sigma = 0.03 * torque_scale(campaign) / max(mean, 1e-9)
         return (vector("dipole", "xyz", unit="A m^2", prior=Normal(0.0, sigma)),)
-
-    def max_step(self, campaign):
-        return math.inf
 
     def body_torque(self, p, slew, t, state):
         return jnp.cross(p["dipole"], quaternion.to_body(state.attitude, state.magnetic_field_N))

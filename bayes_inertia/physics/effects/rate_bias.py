@@ -7,13 +7,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import RowByRow
 from bayes_inertia.physics.effects.scales import gyro_of, rate_axes
 from bayes_inertia.physics.parameters import Normal, vector
 
 
 @dataclass(frozen=True)
-class RateBias(Effect):
+class RateBias(RowByRow):
     """A constant bias of the rate sensor beyond the prior that the campaign file states.
 
     The sensor reads C_rate w + b + bias before its scale factors.
@@ -43,9 +43,6 @@ class RateBias(Effect):
             sigma = 10.0 * float(np.max(gyro_of(campaign, self.device).bias_sigma))
         axes = rate_axes(campaign, self.device)
         return (vector("bias", axes, unit="rad/s", prior=Normal(0.0, sigma)),)
-
-    def looks_between_rows(self, campaign):
-        return False
 
     def rate_output(self, p, slew, trajectory, rate_S):
         return rate_S + p["bias"]

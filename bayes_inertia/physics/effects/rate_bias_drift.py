@@ -7,13 +7,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import RowByRow
 from bayes_inertia.physics.effects.scales import gyro_of, rate_axes
 from bayes_inertia.physics.parameters import Normal, vector
 
 
 @dataclass(frozen=True)
-class RateBiasDrift(Effect):
+class RateBiasDrift(RowByRow):
     """The rate bias changes linearly in CAMPAIGN time (warming up, ageing).
 
     It passes through zero at the campaign's middle.
@@ -45,9 +45,6 @@ class RateBiasDrift(Effect):
             sigma = 20.0 * float(np.max(bias_sigma)) / (last - first)
         axes = rate_axes(campaign, self.device)
         return (vector("drift", axes, unit="rad/s^2", prior=Normal(0.0, sigma)),)
-
-    def looks_between_rows(self, campaign):
-        return False
 
     def rate_output(self, p, slew, trajectory, rate_S):
         return rate_S + (slew.start + slew.time - slew.middle)[:, None] * p["drift"]

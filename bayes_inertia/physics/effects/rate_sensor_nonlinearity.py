@@ -8,13 +8,13 @@ from typing import ClassVar
 import numpy as np
 
 from bayes_inertia.campaign.sensors import stream_of_device
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import RowByRow
 from bayes_inertia.physics.effects.scales import gyro_of, rate_axes
 from bayes_inertia.physics.parameters import Normal, vector
 
 
 @dataclass(frozen=True)
-class RateSensorNonlinearity(Effect):
+class RateSensorNonlinearity(RowByRow):
     """Each sensor axis reads s + quadratic s^2 + cubic s^3 where it should read s.
 
     A quadratic term is a difference of scale factor between the two senses of rotation; a cubic
@@ -50,9 +50,6 @@ class RateSensorNonlinearity(Effect):
             vector("quadratic", axes, unit="s/rad", prior=Normal(0.0, second)),
             vector("cubic", axes, unit="s^2/rad^2", prior=Normal(0.0, third)),
         )
-
-    def looks_between_rows(self, campaign):
-        return False
 
     def rate_output(self, p, slew, trajectory, rate_S):
         return rate_S + p["quadratic"] * rate_S**2 + p["cubic"] * rate_S**3

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from bayes_inertia.maths import quaternion
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import RowByRow
 from bayes_inertia.physics.parameters import Normal, vector
 
 
 @dataclass(frozen=True)
-class Misalignment(Effect):
+class Misalignment(RowByRow):
     """A sensor that is turned by a small constant rotation.
 
     Parameters
@@ -31,9 +31,6 @@ class Misalignment(Effect):
 
     def parameters(self, campaign):
         return (vector("angle", "xyz", unit="rad", prior=Normal(0.0, self.sigma)),)
-
-    def looks_between_rows(self, campaign):
-        return False
 
 
 @dataclass(frozen=True)
@@ -77,7 +74,7 @@ class StarTrackerMisalignment(Misalignment):
     name: ClassVar[str] = "star_tracker_misalignment"
 
     def attitude_output(self, p, slew, trajectory, attitude):
-        return quaternion.multiply(attitude, quaternion.exp(p["angle"]))
+        return quaternion.turned(attitude, p["angle"])
 
 
 @dataclass(frozen=True)

@@ -70,4 +70,4 @@ class StarTrackerLowFrequency(StochasticEffect):
         if slew.fix_group is None:
             return attitude
         offsets = p["coefficients"].reshape(-1, 3)
-        return quaternion.multiply(attitude, quaternion.exp(offsets[slew.fix_group]))
+        return quaternion.turned(attitude, offsets[slew.fix_group])

@@ -8,12 +8,12 @@ from typing import ClassVar
 import jax.numpy as jnp
 
 from bayes_inertia.maths import quaternion
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import RowByRow
 from bayes_inertia.physics.parameters import Normal, vector
 
 
 @dataclass(frozen=True)
-class StarTrackerShift(Effect):
+class StarTrackerShift(RowByRow):
     """Fixes in a slew's second half are turned by exp(shift) against those in its first half.
 
     The method reads the tracker before and after each slew; an alignment that differs between
@@ -45,11 +45,6 @@ class StarTrackerShift(Effect):
             sigma = 20.0 * tracker.sigma_cross if tracker else 5e-4
         return (vector("shift", "xyz", unit="rad", prior=Normal(0.0, sigma)),)
 
-    def looks_between_rows(self, campaign):
-        return False
-
     def attitude_output(self, p, slew, trajectory, attitude):
         after = slew.time > 0.5 * (slew.time[0] + slew.time[-1])
-        return quaternion.multiply(
-            attitude, quaternion.exp(jnp.where(after[:, None], p["shift"], 0.0))
-        )
+        return quaternion.turned(attitude, jnp.where(after[:, None], p["shift"], 0.0))

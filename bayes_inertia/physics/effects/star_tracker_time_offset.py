@@ -67,4 +67,4 @@ class StarTrackerTimeOffset(Effect):
             0.0,
         )
         back = turned[left] + ahead * (rate[left] + 0.5 * ahead * acceleration) - turned
-        return quaternion.multiply(attitude, quaternion.exp(back))
+        return quaternion.turned(attitude, back)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import SmoothTorque
 from bayes_inertia.physics.parameters import Normal, vector
 
 
 @dataclass(frozen=True)
-class ViscousTorque(Effect):
+class ViscousTorque(SmoothTorque):
     """External torque -drag w, axis by axis: eddy currents, or air on a body thrown in a room.
 
     A real drag is positive. Negative values are allowed, because a prior that ends at "no
@@ -39,9 +38,6 @@ class ViscousTorque(Effect):
             _, duration, inertia = campaign.scale_of_motion()
             sigma = 0.03 * inertia / duration
         return (vector("drag", "xyz", unit="N m s", prior=Normal(0.0, sigma)),)
-
-    def max_step(self, campaign):
-        return math.inf
 
     def body_torque(self, p, slew, t, state):
         return -p["drag"] * state.rate_B

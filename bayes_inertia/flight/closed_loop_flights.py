@@ -1,10 +1,15 @@
-"""Inputs of the closed loop, as arrays: grids, schedules, start states, control law and noise."""
+"""Flights in closed loop: their inputs as arrays, and how each draw of J and K would end.
+
+A correction slew is the rotation between the attitude that the fast slew reached and its target, as
+the star tracker sees it afterwards. It is largely the error of the controller's scale factors times
+the slew's angle: `bayes_inertia.flight.closed_loop` says why.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,17 +18,25 @@ from jax import Array
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import Numbers
-from bayes_inertia.errors import CampaignError, EffectError
-from bayes_inertia.flight.closed_loop import ClosedLoop, Plant, SensorNoise
-from bayes_inertia.flight.control_law import ControlLaw, SlewSchedule
+from bayes_inertia.campaign.hardware import Numbers, require
+from bayes_inertia.flight.closed_loop import (
+    ClosedLoop,
+    ControlLaw,
+    Plant,
+    SensorNoise,
+    SlewSchedule,
+    fly_slew,
+)
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
-from bayes_inertia.flight.spacecraft import Controller, Spacecraft, allocation
+from bayes_inertia.flight.spacecraft import Controller, Spacecraft, allocation, without_spin
+from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.device_arrays import filled, on_device, repeated
+from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.physics.channels import channels_of
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import ActiveEffects, Effect, require_of_effect
 from bayes_inertia.physics.integration_plan import integration_plan
 from bayes_inertia.physics.packing import pack
 from bayes_inertia.physics.slew_context import Environment
@@ -101,12 +114,9 @@ def integration_grid(campaign: Campaign, effects: Sequence[Effect]) -> Integrati
     """
     for effect in effects:
         for column in effect.needs:
-            if any(getattr(slew, column) is None for slew in campaign.slews):
-                raise EffectError(
-                    f"needs {column}",
-                    where=effect.name,
-                    advice="give the plan an [orbit], or leave the effect out",
-                )
+            known = all(getattr(slew, column) is not None for slew in campaign.slews)
+            advice = "give the plan an [orbit], or leave the effect out"
+            require_of_effect(known, effect, f"needs {column}", advice)
     step = integration_plan(campaign, effects, "commanded").spacing
     arrays = pack(campaign, channels_of(campaign, "commanded"), max_step=step)
     n_rows = arrays.telemetry.sample.shape[1]
@@ -117,22 +127,19 @@ def integration_grid(campaign: Campaign, effects: Sequence[Effect]) -> Integrati
 
 def _padded(slews: SlewInput, missing: int) -> SlewInput:
     """Grids with `missing` more points at their end, where time stands still."""
-    if missing == 0:
-        return slews
+    n = slews.context.time.shape[1] + missing
 
-    def pad(x: Array, mode: Literal["constant", "edge"]) -> Array:
-        width = [(0, 0), (0, missing)] + [(0, 0)] * (x.ndim - 2)
-        return jnp.asarray(np.pad(np.asarray(x), width, mode=mode))
+    def longer(x: Array) -> Array:
+        return on_device(repeated(np.asarray(x), n))
 
     context = slews.context._replace(
-        step=pad(slews.context.step, "constant"),
-        time=pad(slews.context.time, "edge"),
-        torque=pad(slews.context.torque, "edge"),
+        step=on_device(filled(np.asarray(slews.context.step), n)),
+        time=longer(slews.context.time),
+        torque=longer(slews.context.torque),
     )
+    surroundings = Environment(*map(longer, slews.environment))
     return slews._replace(
-        context=context,
-        momentum=pad(slews.momentum, "edge"),
-        environment=Environment(*(pad(x, "edge") for x in slews.environment)),
+        context=context, momentum=longer(slews.momentum), environment=surroundings
     )
 
 
@@ -182,12 +189,9 @@ def start_states(
     """
     G, attitudes = spacecraft.wheel_axes_B, Rotation.from_quat(plan.attitudes[:-1])
     h = np.array(plan.wheel_momentum or np.zeros(len(spacecraft.wheels)))
-    if len(h) != len(spacecraft.wheels):
-        raise CampaignError(
-            f"{len(h)} momenta for {len(spacecraft.wheels)} wheels",
-            where="key wheel_momentum_Nms",
-            advice="give one a wheel",
-        )
+    what = f"{len(h)} momenta for {len(spacecraft.wheels)} wheels"
+    one_each = len(h) == len(spacecraft.wheels)
+    require(one_each, "wheel_momentum_Nms", what, "give one a wheel")
     total_N = attitudes[0].apply(G @ h)  # scipy's rotation takes body vectors to inertial ones
     left = attitudes.apply(total_N, inverse=True) - G @ h
     momentum = h + left @ allocation(spacecraft.wheels).T
@@ -276,3 +280,133 @@ def control_law(spacecraft: Spacecraft, controller: Controller) -> ControlLaw:
         damping=jnp.asarray(2.0 * controller.damping * controller.bandwidth),
         rate_range=jnp.asarray(sensor.range or NUMERICS.no_limit),
     )
+
+
+def predict_final_errors(
+    thetas: np.ndarray,
+    plan: Plan,
+    mission: Mission,
+    controller: Controller,
+    *,
+    index: int = 0,
+    seed: int | None = None,
+    values: Mapping[str, Mapping[str, np.ndarray]] | None = None,
+) -> np.ndarray:
+    """Final attitude error of one slew if each draw were the truth; the controller stays the same.
+
+    `thetas` (n, 9): Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2] and K of each draw, such as draws of a
+    posterior. J is J_locked where the mission's prior says so. `mission`: sensors, wheels and
+    effects; its own J and K are not used. `seed`: of noise, bias and rest errors; None for none.
+    `values`: {effect: {parameter: (n, ...)}}, the effects' parameters in each draw; None for the
+    spacecraft's own in all draws. Returns (n, 3): rotation vectors from the target to the final
+    attitude, in body axes [rad].
+
+    Examples
+    --------
+    >>> from bayes_inertia.flight.mission import most_like_mission
+    >>> from bayes_inertia.flight.plan import PlannedSlew
+    >>> plan = Plan("one", (PlannedSlew((1., 0., 0.), 0.5),))
+    >>> draws = np.array([[1., 1., 1., 0., 0., 0., 1.02, 1., 1.]])
+    >>> errors = predict_final_errors(draws, plan, most_like_mission(), Controller(np.eye(3)))
+    >>> errors.round(4)[0, 0].item()
+    0.01
+    """
+    thetas = np.atleast_2d(np.asarray(thetas, dtype=float))
+    rng = None if seed is None else np.random.default_rng(seed)
+    craft, n = mission.spacecraft, len(thetas)
+    grid = integration_grid(planned_campaign(plan, mission).subset([index]), craft.effects)
+    plant = _plants(thetas, plan, mission, controller, index, rng)
+    tracked = craft.star_tracker is not None
+    active = _active_in_draws(values, mission, n)
+    errors = _final_errors(
+        _Flights(active.effects, grid.substeps),
+        jax.tree.map(lambda x: x[0], grid.slews),
+        slew_schedule(plan, index, grid.n_rows, tracked=tracked),
+        plant,
+        control_law(craft, controller),
+        sensor_noise((n,) if rng else (1,), craft, controller, plan, grid.n_rows, rng),
+        active.values,
+    )
+    return np.asarray(errors)
+
+
+def predict_correction_slew(
+    thetas: np.ndarray, plan: Plan, mission: Mission, controller: Controller, **options: Any
+) -> np.ndarray:
+    """Angle of the correction slew needed after one slew if each draw were the truth.
+
+    `thetas` (n, 9): Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2] and K of each draw. `mission`: sensors, wheels
+    and effects; its own J and K are not used. Returns (n,) [rad].
+    """
+    return np.linalg.norm(
+        predict_final_errors(thetas, plan, mission, controller, **options), axis=-1
+    )
+
+
+def _plants(
+    thetas: np.ndarray,
+    plan: Plan,
+    mission: Mission,
+    controller: Controller,
+    index: int,
+    rng: np.random.Generator | None,
+) -> Plant:
+    """The spacecraft (n on a leading axis) that the draws describe, before slew `index`."""
+    craft, n = mission.spacecraft, len(thetas)
+    J = inertia_tensor.tensor(thetas[:, :6])
+    J = without_spin(J, mission.prior.includes_wheel_spin, craft.wheels)
+    if craft.bias is None:
+        bias = np.stack([rate_bias(craft, rng) for _ in range(n)])
+    else:
+        bias = np.tile(craft.bias, (n, 1))
+    starts = stacked_pytrees(
+        [
+            jax.tree.map(lambda x: x[index], start_states(plan, craft, controller, rng))
+            for _ in range(n if rng else 1)
+        ]
+    )
+    return Plant(
+        jnp.asarray(J),
+        jnp.asarray(thetas[:, 6:9]),
+        jnp.asarray(bias),
+        jnp.broadcast_to(craft.gyro.axes, (n, 3, 3)),
+        jax.tree.map(lambda x: jnp.broadcast_to(x, (n, *x.shape[1:])), starts),
+    )
+
+
+def _active_in_draws(
+    values: Mapping[str, Mapping[str, np.ndarray]] | None, mission: Mission, n: int
+) -> ActiveEffects:
+    """What else acts, its parameters with a leading axis of n draws."""
+    craft = mission.spacecraft
+    if values is None:
+        return jax.tree.map(lambda x: jnp.broadcast_to(x, (n, *x.shape)), craft.active_effects)
+    drawn = {name: dict(by_parameter) for name, by_parameter in values.items()}
+    return ActiveEffects(craft.effects, jax.tree.map(jnp.asarray, drawn))
+
+
+class _Flights(NamedTuple):
+    """What decides, with the shapes of arrays, the code of many flights of one slew."""
+
+    effects: tuple[Effect, ...]
+    substeps: int
+
+
+@KeptProgram
+def _final_errors(flights: _Flights, slew, schedule, plants, law, noise, values):
+    """Final errors (n, 3) [rad] of all draws; noise of one draw serves all."""
+
+    def of_draw(plant, values, noise):
+        active = ActiveEffects(flights.effects, values)
+        loop = ClosedLoop(slew, schedule, plant, law, noise, active, flights.substeps)
+        return fly_slew(loop).final_error_B
+
+    if len(noise.rate) == 1:
+        return jax.vmap(of_draw, in_axes=(0, 0, None))(
+            plants, values, jax.tree.map(lambda x: x[0], noise)
+        )
+    return jax.vmap(of_draw)(plants, values, noise)
+
+
+# What is compiled for each set of effects.
+PROGRAMS = (_final_errors,)

@@ -1,0 +1,131 @@
+"""The check of what devices beside wheels were told: a wrong key is named, a right one is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayes_inertia.app.told_torques import torques_of
+from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque
+from bayes_inertia.campaign.hardware import body_rates
+from bayes_inertia.campaign.inputs import InputStream
+from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.campaign.writer import write_campaign
+from bayes_inertia.conventions.check import check_conventions
+from bayes_inertia.conventions.reading import ToldTorque, untold
+
+
+@pytest.fixture(scope="module")
+def example():
+    import bayes_inertia
+
+    return read_campaign(f"{next(iter(bayes_inertia.__path__))}/example")
+
+
+def with_device(campaign, device, values_of):
+    """The campaign without wheels, turned by a device whose input `values_of` a slew tells."""
+    slews = [
+        replace(
+            slew,
+            wheel_torque=None,
+            wheel_momentum=None,
+            inputs={device.name: InputStream(slew.time, values_of(slew), "line")},
+        )
+        for slew in campaign.slews
+    ]
+    return replace(campaign, wheels=(), actuators=(device,), slews=tuple(slews))
+
+
+@pytest.fixture(scope="module")
+def by_torque(example, tmp_path_factory):
+    """Folder: the example's wheels, as a torque that telemetry tells."""
+
+    def torque(slew):
+        h_B = slew.wheel_momentum @ example.wheel_axes_B.T
+        sensor = example.gyro
+        rate_B = body_rates(sensor, slew.rate, sensor.scale_factor)
+        return -np.gradient(h_B, slew.time, axis=0) - np.cross(rate_B, h_B)
+
+    campaign = with_device(example, KnownTorque("jets", gain_sigma=0.02), torque)
+    return write_campaign(campaign, tmp_path_factory.mktemp("jets") / "campaign")
+
+
+def told_in_body_axes(campaign):
+    """What a torque along body axes does, integrated by trapezoids."""
+    told = {}
+    for slew in campaign.slews:
+        (stream,) = slew.inputs.values()
+        steps = 0.5 * (stream.values[1:] + stream.values[:-1]) * np.diff(stream.time)[:, None]
+        impulse = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+        told[slew.name] = ToldTorque(
+            stream.time, impulse, np.zeros(len(impulse)), np.zeros_like(impulse)
+        )
+    return told
+
+
+def checked(folder, old="", new="", told=told_in_body_axes):
+    """The check of the folder with other text in its description."""
+    text = (folder / "campaign.toml").read_text()
+    assert old in text
+    (folder / "other.toml").write_text(text.replace(old, new))
+    return check_conventions(folder / "other.toml", told, quick=True)
+
+
+NAMES = '["jets_1", "jets_2", "jets_3"]'
+WRONG = [
+    ('unit = "N m"', 'unit = "mN m"', "unit", "N m"),
+    (NAMES, '["jets_2", "jets_1", "jets_3"]', "names", ["jets_1", "jets_2", "jets_3"]),
+    (NAMES, '["-jets_1", "-jets_2", "-jets_3"]', "names", ["jets_1", "jets_2", "jets_3"]),
+    (NAMES, '["jets_1", "-jets_2", "jets_3"]', "names", ["jets_1", "jets_2", "jets_3"]),
+]
+
+
+def test_a_right_torque_is_not_accused(by_torque):
+    assert checked(by_torque).changes == ()
+    assert checked(by_torque).verdict == "consistent"
+
+
+@pytest.mark.parametrize(("old", "new", "key", "mended"), WRONG)
+def test_a_wrong_key_of_a_told_torque_is_named(by_torque, old, new, key, mended):
+    check = checked(by_torque, old, new)
+    assert check.verdict == "wrong"
+    assert check.changes[0].key == f"actuators.jets.torque.{key}"
+    assert check.changes[0].mended == mended
+
+
+def test_without_the_torque_no_key_of_it_is_named(by_torque):
+    """The negative control: conservation of momentum is what the test above rests on."""
+    check = checked(by_torque, told=untold)
+    assert not any("jets" in change.key for change in check.changes)
+
+
+@pytest.mark.slow
+def test_a_torque_along_inertial_axes_is_named(by_torque):
+    check = checked(by_torque, 'frame = "body"', 'frame = "inertial"', torques_of)
+    assert (check.changes[0].key, check.changes[0].mended) == (
+        "actuators.jets.torque.frame",
+        "body",
+    )
+
+
+@pytest.mark.slow
+def test_a_wrong_sign_of_a_gimbal_angle_is_named(example, tmp_path):
+    """The example's wheels, as pairs of rotors whose gimbals tilt against each other."""
+    momentum = 10.0 * max(np.abs(slew.wheel_momentum).max() for slew in example.slews)
+    across = example.wheel_axes_B.T
+    spin = np.roll(across, 1, axis=0)
+    gimbals = np.cross(spin, across)
+    # cos a s + sin a g x s: of a pair the part along s cancels, the part across is the wheel's.
+    rotors = GimballedRotors(
+        "cmg", 0.5 * momentum, np.concatenate([gimbals, -gimbals]), np.concatenate([spin, -spin])
+    )
+    campaign = with_device(
+        example, rotors, lambda slew: np.tile(np.arcsin(slew.wheel_momentum / momentum), 2)
+    )
+    folder = write_campaign(campaign, tmp_path / "campaign")
+    assert checked(folder, told=torques_of).verdict == "consistent"
+    first = checked(folder, '"cmg_2"', '"-cmg_2"', torques_of).changes[0]
+    assert first.key == "actuators.cmg.gimbal_angle.names"
+    assert first.mended == [f"cmg_{i + 1}" for i in range(6)]
