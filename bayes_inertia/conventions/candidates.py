@@ -31,6 +31,7 @@ from bayes_inertia.conventions.reading import (
     turned,
 )
 from bayes_inertia.files import vocabulary
+from bayes_inertia.tables.table import negated_name
 
 # Units in which an inertia tensor is written by mistake, and what one is in kg m^2.
 _INERTIA_UNITS: Mapping[str, float] = vocabulary("conventions")["inertia_units"]
@@ -272,6 +273,8 @@ def _spin_inertias(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
 
 def _direction_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
     for d, (name, sensor) in enumerate(direction_sensors(campaign)):
+        if f"sensors.{name}.direction" not in columns:
+            continue
         if sensor.is_field:
             yield from _field_units(campaign, columns, d)
         entry = columns[f"sensors.{name}.direction"]
@@ -281,7 +284,7 @@ def _direction_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistak
             mend = _read_by(d, np.eye(3)[list(order)])
             yield _one_key(key, names, [names[k] for k in order], 2, mend, words)
         for signs in list(product((1.0, -1.0), repeat=3))[1:]:
-            other = [_negated(n) if s < 0.0 else n for n, s in zip(names, signs, strict=True)]
+            other = [negated_name(n) if s < 0.0 else n for n, s in zip(names, signs, strict=True)]
             flipped = [n for n, s in zip(names, signs, strict=True) if s < 0.0]
             which = "all columns" if len(flipped) == 3 else " and ".join(flipped)
             words = f"{which} of the {name} {'has' if len(flipped) == 1 else 'have'} the other sign"
@@ -292,11 +295,6 @@ def _direction_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistak
             words = f"what the {name} looks at lies the other way"
             key, mend = f"sensors.{name}.reference_N", _read_by(d, -np.eye(3))
             yield _one_key(key, listed(stated), listed(-stated), 3, mend, words)
-
-
-def _negated(column: str) -> str:
-    """The name of a column with the other sign."""
-    return column[1:] if column.startswith("-") else f"-{column}"
 
 
 def _read_by(d: int, matrix: np.ndarray) -> Callable[[Reading], Reading]:

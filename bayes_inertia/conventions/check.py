@@ -63,6 +63,7 @@ from bayes_inertia.conventions.reading import (
     Teller,
     ToldTorques,
     as_written,
+    direction_sensors,
     in_words,
     readings_of,
     stated_columns,
@@ -327,7 +328,11 @@ _LIKE_THE_FIRST = {RateSensor: ("rate", "rate_sensor"), StarTracker: ("attitude"
 
 
 def _in_place_of_the_first(campaign: Campaign) -> Iterator[tuple[str, Campaign]]:
-    """For each further rate sensor and star tracker, its name and a campaign that has it alone."""
+    """For each further rate sensor and star tracker, its name and a campaign that has it alone.
+
+    Sensors of directions stay.
+    """
+    beside = direction_sensors(campaign)
     for name, hardware in campaign.more_sensors:
         if type(hardware) not in _LIKE_THE_FIRST:
             continue
@@ -335,11 +340,12 @@ def _in_place_of_the_first(campaign: Campaign) -> Iterator[tuple[str, Campaign]]
         slews = []
         for slew in campaign.slews:
             readings = (slew.more or {}).get(name)
-            changed: dict[str, Any] = {"more": None, key: readings}
+            more = {n: v for n, v in (slew.more or {}).items() if n in dict(beside)}
+            changed: dict[str, Any] = {"more": more or None, key: readings}
             slews += [] if readings is None else [replace(slew, **changed)]
         if slews:
             alone: dict[str, Any] = {of_hardware: hardware, "slews": tuple(slews), "dirt": ()}
-            yield name, replace(campaign, more_sensors=(), **alone)
+            yield name, replace(campaign, more_sensors=tuple(beside), **alone)
 
 
 def _description_for(description: Description | None, name: str) -> Description | None:
@@ -384,6 +390,8 @@ def _in_keys_of_format_1(case: _Case) -> ConventionsCheck:
         misfits = Misfits(seen, slews, smoothed=seen is not campaign)
         if misfits.smoothed:
             columns = {key: entry for key, entry in columns.items() if key != "rate"}
+        if misfits.fit(DIRECTION, stated_reading(seen)) is None:
+            columns = {key: e for key, e in columns.items() if not key.startswith("sensors.")}
         return _held_against_laws(case, misfits, columns, faults)
 
 

@@ -33,6 +33,8 @@ from bayes_inertia.conventions.reading import direction_sensors
 
 def direction(told: Told) -> LawData | None:
     """Vectors seen against vectors looked at, each component in sds."""
+    if not direction_sensors(told.campaign):
+        return None
     known = _known(told.slews)
     if not known.any():
         return None
@@ -79,9 +81,10 @@ def _known(slews: SampledSlews) -> np.ndarray:
     length = np.linalg.norm(slews.vectors_B, axis=-1)
     known = (length > 0.0) & slews.valid[..., None]
     units = slews.vectors_B / np.where(known, length, 1.0)[..., None]
-    steps = np.nan_to_num(np.linalg.norm(np.diff(units, axis=1), axis=-1))
-    steps = steps * (steps > LIMITS.vector_share)
-    by_vectors = np.cumsum(steps, axis=1).max(axis=2, initial=0.0)
+    steps = np.fmax.reduce(np.linalg.norm(np.diff(units, axis=1), axis=-1), axis=2)
+    steps = np.where(np.isnan(steps), np.inf, steps * (steps > LIMITS.vector_share))
+    # A vector shows but a part of a turn.
+    by_vectors = 2.0 * np.cumsum(steps, axis=1)
     by_rates = np.cumsum(np.linalg.norm(np.diff(slews.turn, axis=1), axis=-1), axis=1)
     known[:, 1:] &= (np.minimum(by_rates, by_vectors) < LIMITS.known_turn)[..., None]
     enough = known.any(axis=2).sum(axis=1) >= LIMITS.rows_of_piece

@@ -47,6 +47,9 @@ class Limits:
     # is a factor of ten or more, nine sds.
     field_scale_sd: float = 0.10
     field_offset_share: float = 0.30
+    # A vector between two readings that is shorter than this share of them lies between directions
+    # 36 degrees apart.
+    chord: float = 0.95
     # Turn since a slew's first moment [rad] up to which vectors are turned back: `SCALE_SD` leaves
     # 0.3 rad of it open, as much as a linear law bears.
     known_turn: float = 6.0

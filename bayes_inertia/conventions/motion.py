@@ -237,6 +237,9 @@ def _vectors(campaign: Campaign, slew: Slew, moments: np.ndarray) -> tuple[np.nd
             for begin, end in column.without_gaps(column.time[0], column.time[-1]):
                 near = (moments >= begin) & (moments <= end)
                 read[near, k, i] = column.at(moments[near])
+        # Between two directions that are far apart a straight line says nothing.
+        length = _Channel(slew.time[rows], np.linalg.norm(values[rows], axis=1)).at(moments)
+        read[np.linalg.norm(read[:, k], axis=1) < LIMITS.chord * length, k] = np.nan
     return read, there
 
 

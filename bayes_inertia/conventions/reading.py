@@ -108,9 +108,7 @@ class Reading:
     momentum: np.ndarray
     axes_B: np.ndarray  # (3, wheels): spin axes of the wheels, as columns
     inertia: np.ndarray  # (3, 3): inertia with locked wheels [kg m^2]
-    directions: (
-        np.ndarray
-    )  # (sensors, 3, 3): from the columns of each direction sensor to its vector
+    directions: np.ndarray  # (sensors, 3, 3): from each direction sensor's columns to its vector
     bias_B: np.ndarray  # (3,): what the rate still shows of a body at rest, along body axes [rad/s]
     torques: ToldTorques  # on the body, by what is not a wheel
 

@@ -1,0 +1,225 @@
+"""Sun sensors and magnetometers are held against the integrated rate; wrong ones are named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import (
+    DirectionSensor,
+    InertiaPrior,
+    RateSensor,
+    StarTracker,
+    Wheel,
+)
+from bayes_inertia.campaign.inputs import InputStream
+from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.campaign.writer import write_campaign
+from bayes_inertia.conventions.check import check_conventions
+
+J = np.diag([0.041, 0.043, 0.0085])
+SUN = np.array([0.5, 0.7, 0.51]) / np.linalg.norm([0.5, 0.7, 0.51])
+AXES = np.eye(3)
+TURNS = (([1, 0, 0], 30), ([0, 1, 0], 45), ([0, 0, 1], 60), ([-1, -1, -1], 40))
+NAMES, UNIT = "sensors.{}.direction.names", "sensors.{}.direction.unit"
+
+
+def slew_of(k, axis, degrees, spin=1.0):
+    """A slew from rest to rest and what Sun sensor, magnetometer, gyro and tachometers read."""
+    rng = np.random.default_rng(k)
+    time = np.linspace(0.0, 60.0, 121)
+    share = np.clip((time - 8.0) / 40.0, 0.0, 1.0)
+    axis = np.array(axis) / np.linalg.norm(axis)
+    angle = spin * np.radians(degrees) * (share - np.sin(2.0 * np.pi * share) / (2.0 * np.pi))
+    rate = np.gradient(angle, time)[:, None] * axis
+    attitude = Rotation.random(random_state=k) * Rotation.from_rotvec(angle[:, None] * axis)
+    phase = (time + 360.0 * k) * 2.0 * np.pi / 2800.0
+    field_N = 3e-5 * np.stack([np.cos(phase), np.sin(phase), 0.5 * np.cos(0.5 * phase)], -1)
+    seen = {
+        "sun": attitude.inv().apply(SUN) + 0.01 * rng.normal(size=(121, 3)),
+        "magnetometer": attitude.inv().apply(field_N) + 2e-7 * rng.normal(size=(121, 3)),
+    }
+    return Slew(
+        f"slew {k}",
+        360.0 * k,
+        time,
+        rate=rate + 2e-4 * rng.normal(size=(121, 3)),
+        wheel_momentum=-rate @ J + 2e-6 * rng.normal(size=(121, 3)),
+        attitude=attitude.as_quat(),
+        more=seen,
+        inputs={"magnetometer": InputStream(time, field_N, "line")},
+    )
+
+
+def campaign_of(spin=1.0, wheels=True, tracker=False):
+    """A cubesat with gyro, Sun sensor and magnetometer, and wheels or star tracker."""
+    slews = [slew_of(k, *turn, spin=spin) for k, turn in enumerate(TURNS)]
+    slews = [s if tracker else replace(s, attitude=None) for s in slews]
+    slews = [s if wheels else replace(s, wheel_momentum=None) for s in slews]
+    return Campaign(
+        name="cubesat",
+        inertia=InertiaPrior(J, 0.1, 5e-4, includes_wheel_spin=True),
+        wheels=[Wheel(f"w{i}", AXES[i], 2e-6, momentum_sigma=2e-6) for i in range(3)],
+        rate_sensor=RateSensor((2e-4,) * 3, bias_sigma=1e-5),
+        star_tracker=StarTracker([0.0, 0.0, 1.0], 1e-3, 1e-3) if tracker else None,
+        slews=slews,
+        more_sensors=(
+            ("sun", DirectionSensor(0.01, SUN)),
+            ("magnetometer", DirectionSensor(2e-7, unit="T")),
+        ),
+    )
+
+
+def read_by(campaign, sensor, matrix, offset=0.0):
+    """The campaign whose sensor reads other numbers: a matrix (3, 3) times them, and an offset."""
+    slews = [
+        replace(s, more=s.more | {sensor: s.more[sensor] @ np.transpose(matrix) + offset})
+        for s in campaign.slews
+    ]
+    return replace(campaign, slews=slews)
+
+
+def first_of(check):
+    return [(change.key, change.mended) for change in check.changes if change.proposal == 1]
+
+
+def test_a_right_campaign_agrees_and_its_sensors_are_held_against_a_law():
+    check = check_conventions(campaign_of())
+    assert check.verdict == "consistent"
+    assert check.misfits["direction"] < 0.5
+    assert not any("no law" in line or "closure" in line for line in check.cannot_show)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "matrix", "key", "mended"),
+    [
+        ("sun", -AXES, NAMES, ["-x", "-y", "-z"]),
+        ("sun", np.diag([1.0, -1.0, 1.0]), NAMES, ["x", "-y", "z"]),
+        ("sun", np.diag([1.0, -1.0, -1.0]), NAMES, ["x", "-y", "-z"]),
+        ("sun", AXES[[1, 0, 2]], NAMES, ["y", "x", "z"]),
+        ("magnetometer", -AXES, NAMES, ["-x", "-y", "-z"]),
+        ("magnetometer", AXES[[1, 2, 0]], NAMES, ["z", "x", "y"]),
+        ("magnetometer", np.diag([-1.0, 1.0, 1.0]), NAMES, ["-x", "y", "z"]),
+        ("magnetometer", 1e9 * AXES, UNIT, "nT"),
+        ("magnetometer", 1e4 * AXES, UNIT, "G"),
+    ],
+)
+def test_a_wrong_direction_sensor_is_named_first(sensor, matrix, key, mended):
+    check = check_conventions(read_by(campaign_of(), sensor, matrix), quick=True)
+    assert check.verdict == "wrong"
+    assert first_of(check) == [(key.format(sensor), mended)]
+
+
+def test_a_field_that_no_planet_has_is_the_one_in_another_unit():
+    campaign = campaign_of()
+    fields = [InputStream(s.time, 1e9 * s.inputs["magnetometer"].values) for s in campaign.slews]
+    slews = [
+        replace(s, inputs={"magnetometer": field})
+        for s, field in zip(campaign.slews, fields, strict=True)
+    ]
+    check = check_conventions(replace(campaign, slews=slews), quick=True)
+    assert first_of(check) == [("sensors.magnetometer.reference.unit", "nT")]
+
+
+def test_a_reference_that_points_the_other_way_is_among_the_proposals():
+    campaign = campaign_of()
+    sensors = (("sun", DirectionSensor(0.01, -SUN)), campaign.more_sensors[1])
+    check = check_conventions(replace(campaign, more_sensors=sensors), quick=True)
+    proposed = {change.key: change.mended for change in check.changes}
+    assert proposed["sensors.sun.reference_N"] == pytest.approx(SUN)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_badly_calibrated_magnetometer_and_mountings_off_by_degrees_are_left_alone(seed):
+    rng = np.random.default_rng(seed)
+    offset = rng.normal(size=3)
+    offset *= 7.5e-6 / np.linalg.norm(offset)
+    bad = read_by(campaign_of(), "magnetometer", AXES + np.diag(0.1 * rng.normal(size=3)), offset)
+    turned = Rotation.from_rotvec(np.radians(3.0) * rng.normal(size=3)).as_matrix()
+    check = check_conventions(read_by(bad, "sun", turned), quick=True)
+    assert check.verdict == "consistent"
+
+
+def test_slews_with_one_sensor_and_readings_that_are_missing_are_left_alone():
+    campaign = campaign_of()
+    half = np.where(np.arange(121)[:, None] < 60, np.nan, campaign.slews[0].more["sun"])
+    slews = [
+        replace(campaign.slews[0], more=campaign.slews[0].more | {"sun": half}),
+        *(replace(s, more={"magnetometer": s.more["magnetometer"]}) for s in campaign.slews[1:3]),
+        replace(campaign.slews[3], more={"sun": campaign.slews[3].more["sun"]}),
+    ]
+    check = check_conventions(replace(campaign, slews=slews), quick=True)
+    assert check.verdict == "consistent"
+    assert "direction" in check.misfits
+
+
+@pytest.mark.parametrize(
+    ("matrix", "key", "mended"),
+    [
+        (np.diag([1.0, -1.0, 1.0]), "rate_sensor.axes", np.diag([1.0, -1.0, 1.0]).tolist()),
+        (AXES[[1, 0, 2]], "columns.rate.names", ["rate_y", "rate_x", "rate_z"]),
+        (np.degrees(AXES), "columns.rate.unit", "deg/s"),
+    ],
+)
+def test_wrong_rates_are_named_without_star_tracker_and_wheels(matrix, key, mended):
+    campaign = campaign_of(wheels=False)
+    slews = [replace(s, rate=s.rate @ matrix.T) for s in campaign.slews]
+    check = check_conventions(replace(campaign, slews=slews), quick=True)
+    assert set(check.misfits) == {"direction"}
+    assert first_of(check) == [(key, mended)]
+
+
+def test_one_direction_tells_its_sign_only_against_a_star_tracker():
+    for tracker, verdict in ((True, "wrong"), (False, "consistent")):
+        campaign = campaign_of(tracker=tracker)
+        slews = [replace(s, more={"sun": -s.more["sun"]}, inputs=None) for s in campaign.slews]
+        alone = replace(campaign, more_sensors=campaign.more_sensors[:1], slews=slews)
+        check = check_conventions(alone, quick=True)
+        assert check.verdict == verdict
+        if tracker:
+            assert first_of(check) == [("sensors.sun.direction.names", ["-x", "-y", "-z"])]
+
+
+def test_a_further_gyro_is_held_against_the_directions_too():
+    campaign = campaign_of(wheels=False)
+    slews = [replace(s, more=s.more | {"mems": s.rate * [1.0, 1.0, -1.0]}) for s in campaign.slews]
+    sensors = (*campaign.more_sensors, ("mems", RateSensor((2e-4,) * 3, bias_sigma=1e-5)))
+    check = check_conventions(replace(campaign, more_sensors=sensors, slews=slews), quick=True)
+    assert check.sentence.startswith("With the sensor mems: ")
+    assert first_of(check) == [("rate_sensor.axes", np.diag([1.0, 1.0, -1.0]).tolist())]
+
+
+def test_a_body_that_tumbles_tells_nothing_by_its_directions():
+    campaign = campaign_of(spin=200.0)
+    part = slice(40, 80)
+    slews = [
+        replace(
+            s,
+            time=s.time[part],
+            rate=s.rate[part],
+            wheel_momentum=s.wheel_momentum[part],
+            more={name: values[part] for name, values in s.more.items()},
+        )
+        for s in campaign.slews
+    ]
+    check = check_conventions(replace(campaign, slews=slews))
+    assert "direction" not in check.misfits
+    assert not check.changes
+    said = [line for line in check.cannot_show if "sun" in line]
+    assert [line.partition(" is held")[0] for line in said] == ["sun: no law"]
+
+
+def test_a_wrong_unit_is_named_by_the_key_of_the_file(tmp_path):
+    folder = write_campaign(campaign_of(), tmp_path / "campaign")
+    text = (folder / "campaign.toml").read_text()
+    at = text.index("direction = ", text.index('name = "magnetometer"'))
+    wrong = text[:at] + text[at:].replace('unit = "T"', 'unit = "uT"', 1)
+    assert wrong != text
+    (folder / "campaign.toml").write_text(wrong)
+    check = check_conventions(folder, quick=True)
+    assert first_of(check) == [("sensors.magnetometer.direction.unit", "T")]
+    assert check.edits
