@@ -162,7 +162,6 @@ def _require_distribution(prior: Prior) -> None:
 # J and K, first in every model, before the parameters of effects: of a rate sensor of three axes,
 # as series of campaigns and planned flights have it. What a model has: `Structure.n_base`.
 N_BASE = len(ELEMENTS) + 3
-N_BIAS = 3  # components of that sensor's bias
 
 
 def base_names(n: int) -> tuple[str, ...]:

@@ -12,7 +12,6 @@ from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.point import Point
 from bayes_inertia.physics.effects import RateRandomWalk
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.parameters import N_BIAS
 from bayes_inertia.physics.small_campaign import small_campaign
 
 PROGRAMS = (*likelihood.PROGRAMS, *hyperparameters.PROGRAMS)
@@ -22,7 +21,7 @@ def begin(effects):
     """A model and its prior mean."""
     model = Model(small_campaign(), effects)
     local = np.zeros((model.n_slews, model.structure.n_local))
-    return model, Point(model.space.mean, np.zeros(N_BIAS), local)
+    return model, Point(model.space.mean, np.zeros(3), local)
 
 
 def sizes():

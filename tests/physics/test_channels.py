@@ -21,7 +21,7 @@ from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.channels.channel import Readings, SeparateColumns
 from bayes_inertia.physics.effects import RateBiasSlewDrift
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.parameters import N_BIAS, Normal, vector
+from bayes_inertia.physics.parameters import Normal, vector
 from bayes_inertia.physics.prediction import predict_all
 
 
@@ -183,7 +183,7 @@ def test_what_is_no_sensor_is_refused(flown):
 def test_sizes_of_random_effects_are_learnt_beside_further_sensors(more):
     model = Model(more, (RateBiasSlewDrift(),))
     silent = np.zeros((model.n_slews, model.structure.n_local))
-    point = Point(model.space.mean, np.zeros(N_BIAS), silent)
+    point = Point(model.space.mean, np.zeros(3), silent)
     every, white = np.arange(model.space.size), whitening(model, point.theta)
     information = information_with_learnt(model, point, white, every)
     assert information.matrix.shape[1] == len(model.channels) == 5
