@@ -93,9 +93,10 @@ def test_draws_by_name_hold_tensors(density, draws):
 
 @pytest.mark.slow
 def test_effects_are_parameters_and_noise_may_be_sampled(campaign):
-    noise = bi.NoiseModel(rate=bi.ChannelNoise(scale_sampled=True))
-    density = bi.log_density(campaign, effects=EFFECTS, noise=noise)
+    density = bi.log_density(campaign, effects=EFFECTS)
     assert density.names[9].startswith(f"{EFFECTS[0].name}.")
+    noise = bi.NoiseModel(rate=bi.ChannelNoise(scale_sampled=True))
+    density = bi.log_density(campaign, noise=noise)
     theta = np.stack([density.mean] * 2)
     np.testing.assert_allclose(density(theta), density(jnp.asarray(theta)), atol=1e-7)
 
