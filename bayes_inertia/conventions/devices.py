@@ -27,7 +27,13 @@ from bayes_inertia.campaign.schema import UNITS
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import INPUTS
 from bayes_inertia.conventions.candidates import listed, orders
-from bayes_inertia.conventions.reading import KeyChange, Mistake, ToldTorques
+from bayes_inertia.conventions.reading import (
+    KeyChange,
+    Mistake,
+    Reading,
+    ToldTorques,
+    direction_sensors,
+)
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.tables.table import negated_name
 
@@ -150,7 +156,31 @@ def _mistake(
             return torques.by_slew
 
     told = ToldTorques(torques.campaign, teller)
-    return Mistake(changes, rarity, lambda reading: replace(reading, torques=told), words)
+    size = _size_of_field(changed.matrix) if isinstance(changed, _Field) else 1.0
+    looking = np.where(_looks_at_field(torques.campaign), size, 1.0)[:, None, None]
+
+    def mend(reading: Reading) -> Reading:
+        return replace(reading, torques=told, directions=reading.directions / looking)
+
+    return Mistake(changes, rarity, mend, words)
+
+
+def _size_of_field(matrix: np.ndarray) -> float:
+    """By how much a matrix makes the field larger."""
+    return float(np.abs(np.linalg.det(matrix)) ** (1.0 / 3.0))
+
+
+def _looks_at_field(campaign: Campaign) -> np.ndarray:
+    """Which direction sensors compare with the field of the environment, in its unit."""
+    return np.array(
+        [
+            sensor.is_field
+            and sensor.reference_N is None
+            and not any(name in (slew.inputs or {}) for slew in campaign.slews)
+            for name, sensor in direction_sensors(campaign)
+        ],
+        dtype=bool,
+    )
 
 
 def _of_columns(columns: _Columns, what: str, *, signs: bool = True) -> Iterator[_Tried]:

@@ -88,11 +88,10 @@ CLOSURE, DIRECTION, CONSERVATION, DRIVE = "closure", "direction", "conservation"
 
 def closure(told: Told) -> LawData | None:
     """Integrated rates against the star tracker."""
-    fixes = told.slews.fixes
-    some = fixes.sum(axis=1) >= 2
+    some = told.slews.closed
     if not some.any():
         return None
-    moving, fixes = told.motion, fixes[some]
+    moving, fixes = told.motion, told.slews.fixes[some]
     attitude = told.slews.seen(told.reading)[some]
     attitude = np.where(fixes[..., None], attitude, [0.0, 0.0, 0.0, 1.0])
     path = moving.path[some]

@@ -120,6 +120,11 @@ class SampledSlews:
         """Which moments (S, N) hold a star-tracker fix."""
         return np.isfinite(self.attitude[..., 0]) & self.valid
 
+    @property
+    def closed(self) -> np.ndarray:
+        """Which slews (S,) hold two star-tracker fixes or more."""
+        return self.fixes.sum(axis=1) >= 2
+
     def seen(self, reading: Reading) -> np.ndarray:
         """Quaternions (S, N, 4) of the star tracker under a reading, NaN where there is no fix."""
         return self.attitude @ reading.attitude.T

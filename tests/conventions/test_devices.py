@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from bayes_inertia.app.told_torques import torques_of
-from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque
-from bayes_inertia.campaign.hardware import body_rates
+from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magnetorquer
+from bayes_inertia.campaign.hardware import DirectionSensor, body_rates
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.conventions.check import check_conventions
-from bayes_inertia.conventions.reading import ToldTorque, untold
+from bayes_inertia.conventions.devices import device_mistakes
+from bayes_inertia.conventions.reading import ToldTorque, stated_reading, untold
 
 
 @pytest.fixture(scope="module")
@@ -129,3 +130,23 @@ def test_a_wrong_sign_of_a_gimbal_angle_is_named(example, tmp_path):
     first = checked(folder, '"cmg_2"', '"-cmg_2"', torques_of).changes[0]
     assert first.key == "actuators.cmg.gimbal_angle.names"
     assert first.mended == [f"cmg_{i + 1}" for i in range(6)]
+
+
+def test_another_unit_of_the_field_is_one_for_torquers_and_magnetometer(example):
+    off = {"torquers": InputStream(np.zeros(1), np.zeros((1, 3)))}
+    slews = [
+        replace(slew, magnetic_field_N=np.full((len(slew.time), 3), 2e-5), inputs=off)
+        for slew in example.slews
+    ]
+    campaign = replace(
+        example,
+        actuators=(Magnetorquer("torquers"),),
+        more_sensors=(("field", DirectionSensor(2e-7, unit="T")),),
+        slews=tuple(slews),
+    )
+    stated = stated_reading(campaign)
+    tried = {m.changes[0].mended: m for m in device_mistakes(stated.torques) if m.rarity == 1}
+    mended = tried["nT"].mend(stated)
+    # What the sensor reads is compared with a field that is 1e-9 of the one stated.
+    np.testing.assert_allclose(mended.directions[0], 1e9 * np.eye(3))
+    assert mended.torques is not stated.torques

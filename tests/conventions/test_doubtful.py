@@ -295,3 +295,17 @@ def test_doubtful_ends_with_3_and_the_next_command_warns(tmp_path, capsys):
     assert "warning: The data are doubtful" in capsys.readouterr().err
     assert run("doctor", EXAMPLE) == 0
     assert ": agrees" in capsys.readouterr().out
+
+
+def test_the_slew_that_closure_fails_in_is_named_where_another_has_no_fixes():
+    campaign = read_campaign(EXAMPLE)
+    first, second, third, *rest = campaign.slews
+    half = len(third.time) // 2
+    turn = Rotation.from_rotvec([1.0, 0.0, 0.0])
+    attitude = np.array(third.attitude)
+    late = np.flatnonzero(np.isfinite(attitude[half:, 0])) + half
+    attitude[late] = (Rotation.from_quat(attitude[late]) * turn).as_quat()
+    slews = (replace(first, attitude=None), second, replace(third, attitude=attitude), *rest)
+    check = check_conventions(replace(campaign, slews=slews), quick=True)
+    (closure,) = (doubt for doubt in check.doubts if "against the star tracker" in doubt)
+    assert third.name in closure
