@@ -149,6 +149,7 @@ def motion_of_plan(plan: Plan, body: RigidBody) -> PlannedMotion:
 
     Examples
     --------
+    >>> import math
     >>> from bayes_inertia.flight.plan import PlannedSlew
     >>> one = Plan("one", (PlannedSlew((1.0, 0.0, 0.0), math.radians(30.0)),))
     >>> from bayes_inertia.flight.spacecraft import most_like_spacecraft
