@@ -84,6 +84,7 @@ def test_right_uncertainties_pass_and_wrong_ones_are_noticed(statistics):
     assert np.all(np.abs(z.sd_z - 1.0 / 0.75) < 5.0 / 0.75 / np.sqrt(600))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_quick_calibration_writes_its_results_and_goes_on_after_a_kill(
     analysis, calibration, tmp_path, monkeypatch

@@ -140,6 +140,7 @@ def test_a_lag_beside_correlated_noise_is_named_and_the_noise_listed(flight):
     assert begin.base.tests["rate"].p_white < 1e-6
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_torque_beside_outliers_is_named_and_the_outliers_listed(planted, few_candidates):
     campaign, hit = spiked(planted(steady=30.0 * WEAK))

@@ -139,6 +139,7 @@ def test_a_bias_that_follows_the_users_own_temperature_is_named(clean, rigid_lib
     assert 285.0 < formula.middle < 305.0
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_law_outside_the_library_is_named_by_its_formula(
     planted, few_candidates, content_of, check_contract

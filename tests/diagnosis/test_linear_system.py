@@ -47,6 +47,7 @@ def weighed(lagging):
     return linear_model(lagging.base, (), lagging.base.objective)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_refit_has_the_evidence_of_its_own_fit(lagging):
     """Of a strong effect, which is far from linear at the fit without it."""
@@ -61,6 +62,7 @@ def test_a_refit_has_the_evidence_of_its_own_fit(lagging):
     assert "wheel_torque_gain" not in {m.name for m in without.members}
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_J_and_K_of_a_row_are_those_of_its_fit(lagging, weighed):
     """Of an effect that is weak here, so that the fit is linear in it."""

@@ -60,6 +60,7 @@ def joint(campaign, first):
     return bi.estimate(bi.Model(replace(campaign, rate_sensor=sensor), (effect,)))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_an_update_equals_the_joint_fit(example):
     together = joint(example, 3)
