@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 from scipy import optimize, stats
+from scipy.special import softmax
 
 from bayes_inertia.diagnosis.candidates import candidate_effects
 from bayes_inertia.diagnosis.hypothesis_table import FixedMember
@@ -185,9 +186,14 @@ def undetected_alternatives(
     """
     held = _with_candidates(estimate, library)
     linear = linear_model(held)
-    odds = {n: np.exp(x) / len(linear.members) for n, x in log_evidence_of_each(linear).items()}
-    total = 1.0 + sum(odds.values())
-    rows = (_alternative(held, linear, m, float(odds[m.name] / total)) for m in linear.members)
+    evidence = log_evidence_of_each(linear)
+    # The first is nothing; a log evidence may be too large for its exponential.
+    log_odds = [0.0, *(evidence[m.name] - np.log(len(linear.members)) for m in linear.members)]
+    probabilities = softmax(log_odds)[1:].tolist()
+    rows = (
+        _alternative(held, linear, member, probability)
+        for member, probability in zip(linear.members, probabilities, strict=True)
+    )
     return tuple(row for row in rows if row is not None)
 
 
@@ -284,7 +290,7 @@ def averaged_posterior(
         for name, x in zip(names, np.moveaxis(draws, -1, 0), strict=True)
     }
     probabilities = [a.probability for a in alternatives]
-    first = 1.0 - sum(probabilities)
+    first = max(0.0, 1.0 - sum(probabilities))
     which = rng.choice(len(alternatives) + 1, size=draws.shape[:2], p=[first, *probabilities])
     for k, alternative in enumerate(alternatives, 1):
         draws[which == k] = _physical_draws(alternative, int(np.sum(which == k)), rng)
