@@ -268,13 +268,17 @@ def prior_gate(estimate: Estimate) -> dict[str, Any]:
 
     A posterior that leaves its prior is a finding, not a result: a unit or a prior is wrong.
 
-    `estimate`: its J and K are judged, each for itself and all together.
+    `estimate`: its J and K are judged, each for itself and all together, and what is stated of
+    each device beside wheels, such as its gain.
     """
     space, theta = estimate.model.space, estimate.theta
     n = space.n_base
-    distance = ((theta - space.mean) / space.sd)[:n]
-    joint = distance if space.whitening is None else space.whitening[:n, :n] @ distance
+    distance = (theta - space.mean) / space.sd
+    joint = distance[:n] if space.whitening is None else space.whitening[:n, :n] @ distance[:n]
     p_value = float(stats.chi2.sf(joint @ joint, n))
+    devices = {device.name for device in estimate.model.campaign.actuators}
+    of_devices = [name.rpartition(".")[0] in devices for name in space.names]
+    distance = np.where((np.arange(space.size) < n) | of_devices, distance, 0.0)
     far = np.flatnonzero(np.abs(distance) > LIMITS.prior_sd_at_most)
     worst = int(np.argmax(np.abs(distance)))
     place = (
@@ -289,14 +293,21 @@ def prior_gate(estimate: Estimate) -> dict[str, Any]:
         together = "" if len(far) else f"; all of J and K together have p = {p_value:.1g}"
         says = (
             f"the result contradicts what was known before: {place}"
-            f"{rest if len(far) > 1 else ''}{together}. {_cause_of_contradiction(estimate)}"
+            f"{rest if len(far) > 1 else ''}{together}. "
+            f"{_cause_of_contradiction(estimate, space.names[worst])}"
         )
     return {"name": "prior", "passed": passed, "says": says}
 
 
-def _cause_of_contradiction(estimate: Estimate) -> str:
-    """What would explain J and K far from their priors."""
+def _cause_of_contradiction(estimate: Estimate, worst: str) -> str:
+    """What would explain J and K, or what is stated of a device, far from their priors."""
     space, theta = estimate.model.space, estimate.theta
+    if space.names.index(worst) >= space.n_base:
+        device = worst.rpartition(".")[0]
+        return (
+            f"A wrong unit, sign or axis of what {device} was told would explain it, or a stated "
+            "sd that is too small"
+        )
     scale = theta[6 : space.n_base] / space.mean[6 : space.n_base]
     size = float(np.sum(theta[:3]) / np.sum(space.mean[:3]))
     causes = [c for c, f in _FACTORS_ON_K if np.all(np.abs(scale / f - 1) < LIMITS.near_a_factor)]

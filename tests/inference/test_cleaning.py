@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from support.other_spacecraft import by_thrusters
 
 from bayes_inertia.campaign.hardware import CorrelatedNoise
 from bayes_inertia.campaign.reader import read_campaign
@@ -336,3 +338,14 @@ def test_a_huge_objective_is_no_reason_to_lose_the_only_optimum(clean_at):
 def test_normal_equations_that_are_singular_end_in_a_message():
     with pytest.raises(EstimateError, match="units and signs"):
         inverse_root(np.array([[1.0, 2.0], [2.0, 1.0]]))
+
+
+def test_a_device_that_contradicts_what_is_stated_of_it_is_never_trusted():
+    model = Model(by_thrusters())
+    theta = np.array(model.space.mean)
+    assert prior_gate(SimpleNamespace(model=model, theta=theta))["passed"]
+    theta[model.space.names.index("jets.gain")] = -1.0
+    gate = prior_gate(SimpleNamespace(model=model, theta=theta))
+    assert not gate["passed"]
+    assert "jets.gain = -1 lies 100.0 prior sd" in gate["says"]
+    assert "what jets was told" in gate["says"]
