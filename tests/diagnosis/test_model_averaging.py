@@ -125,3 +125,17 @@ def test_an_average_holds_no_tensor_that_no_body_has(plain):
     assert np.mean(moments[:, 2] > 3.9) == pytest.approx(
         0.5, abs=4.0 * math.sqrt(0.25 / len(moments))
     )
+
+
+@pytest.mark.long
+@pytest.mark.slow
+def test_probabilities_that_add_up_to_more_than_one_by_rounding_are_averaged(plain):
+    names = tuple(plain.names[:9])
+    mean = np.array([plain.summary()["parameters"][name]["mean"] for name in names])
+    rows = [
+        AlternativeParameters(f"effect_{k}", "", probability, names, mean, 1e-8 * np.eye(9))
+        for k, probability in enumerate((0.3, 0.7 + 2e-16, 2e-16))
+    ]
+    assert sum(row.probability for row in rows) > 1.0
+    over = averaged_posterior(plain, rows, seed=1).summary()["averaged_over"]
+    assert min(row["probability"] for row in over) >= 0.0
