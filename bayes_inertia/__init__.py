@@ -82,7 +82,7 @@ _PUBLIC = {
     "Controller": "flight.spacecraft",
     "Flight": "flight.plan_flight",
     "Mission": "flight.mission",
-    "Orbit": "flight.plan",
+    "Orbit": "flight.orbit",
     "Plan": "flight.plan",
     "PlannedSlew": "flight.plan",
     "Spacecraft": "flight.spacecraft",

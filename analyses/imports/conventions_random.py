@@ -16,7 +16,8 @@ from scipy.spatial.transform import Rotation
 from analyses.imports.conventions_spacecraft import Craft
 from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel
 from bayes_inertia.flight.mission import Mission
-from bayes_inertia.flight.plan import Orbit, Plan, PlannedSlew
+from bayes_inertia.flight.orbit import Orbit
+from bayes_inertia.flight.plan import Plan, PlannedSlew
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
 
 # Rows of telemetry in which the longest motion, the rests and the settling take place.

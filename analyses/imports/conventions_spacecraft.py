@@ -18,7 +18,8 @@ from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.flight.closed_loop import fly_slews
 from bayes_inertia.flight.closed_loop_flights import closed_loop_inputs
 from bayes_inertia.flight.mission import Mission, most_like_mission
-from bayes_inertia.flight.plan import Orbit, Plan, PlannedSlew, paper_like_plan
+from bayes_inertia.flight.orbit import Orbit
+from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_spacecraft, vary_plan
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft

@@ -29,7 +29,8 @@ from analyses.paper.ferguson import (
     with_sensor,
 )
 from bayes_inertia.flight.mission import Mission
-from bayes_inertia.flight.plan import Orbit, Plan, paper_like_plan
+from bayes_inertia.flight.orbit import Orbit
+from bayes_inertia.flight.plan import Plan, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.effects import ConstantTorque, MagneticDipole

@@ -5,8 +5,10 @@ What each device was told to do, or did, is in `Slew.inputs` by the device's nam
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -207,6 +209,25 @@ class GimballedRotors:
 
 
 Actuator = KnownTorque | Magnetorquer | Thruster | GimballedRotors
+
+
+class DeviceInput(NamedTuple):
+    """How a description names a device and its input, which a campaign holds in this unit."""
+
+    type: str
+    key: str
+    quantity: str  # whose units are those of the input
+    unit: str
+
+
+DEVICE_INPUTS: Mapping[type, DeviceInput] = MappingProxyType(
+    {
+        KnownTorque: DeviceInput("torque", "torque", "wheel_torque", "N m"),
+        Magnetorquer: DeviceInput("magnetorquer", "dipole", "dipole", "A m^2"),
+        Thruster: DeviceInput("thruster", "level", "level", "1"),
+        GimballedRotors: DeviceInput("gimballed_rotors", "gimbal_angle", "angle", "rad"),
+    }
+)
 
 
 @dataclass(frozen=True)

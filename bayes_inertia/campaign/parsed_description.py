@@ -281,12 +281,9 @@ _ACTUATORS: Mapping[type, Any] = {
     format_2.ThrusterDevice: actuators.Thruster,
     format_2.RotorsDevice: actuators.GimballedRotors,
 }
-_QUANTITIES: Mapping[str, str] = {
-    "torque": "wheel_torque",
-    "dipole": "dipole",
-    "on_time": "time",
-    "level": "level",
-    "gimbal_angle": "angle",
+# Thrusters may be told by on-times, too.
+_QUANTITIES: Mapping[str, str] = {"on_time": "time"} | {
+    told.key: told.quantity for told in actuators.DEVICE_INPUTS.values()
 }
 
 

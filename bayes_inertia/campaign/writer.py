@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magnetorquer, Thruster
+from bayes_inertia.campaign.actuators import DEVICE_INPUTS
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import keys_of
 from bayes_inertia.campaign.hardware import DirectionSensor
@@ -459,7 +459,7 @@ def _actuator(campaign: Campaign, device: Any, streams: Streams) -> dict[str, An
         advice = "give it one form in all slews: a campaign folder says it once"
         raise OutputError(what, where=f"campaign {campaign.name}", advice=advice)
     between, stream, stated = kinds.pop(), streams.inputs[device.name], keys_of(device)
-    kind, key, unit = _INPUTS[type(device)]
+    kind, key, _, unit = DEVICE_INPUTS[type(device)]
     names = [f"{stream}_{k + 1}" for k in range(device.columns)]
     frame = {"frame": stated.pop("frame")} if "frame" in stated else {}
     sigma = {"sigma": stated.pop("angle_sigma")} if "angle_sigma" in stated else {}
@@ -467,12 +467,3 @@ def _actuator(campaign: Campaign, device: Any, streams: Streams) -> dict[str, An
     if between == "on_time":
         key, said = between, {"stream": stream, "names": names, "unit": "s"}
     return {"name": stated.pop("name"), "type": kind, **stated, key: said}
-
-
-# Of each device: its type, and the key and unit of its input.
-_INPUTS: Mapping[type, tuple[str, str, str]] = {
-    KnownTorque: ("torque", "torque", "N m"),
-    Magnetorquer: ("magnetorquer", "dipole", "A m^2"),
-    Thruster: ("thruster", "level", "1"),
-    GimballedRotors: ("gimballed_rotors", "gimbal_angle", "rad"),
-}

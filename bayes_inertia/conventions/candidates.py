@@ -8,10 +8,10 @@ alike.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations, permutations, product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -184,14 +184,43 @@ def orders(count: int) -> Iterator[list[int]]:
         yield order
 
 
+class OtherColumns(NamedTuple):
+    """Columns in another order or with other signs: their names, and what it does to the values."""
+
+    names: list[str]
+    matrix: np.ndarray  # (k, k): on the values as stated
+    rarity: int
+    words: str
+
+
+def in_other_order(names: Sequence[str], what: str) -> Iterator[OtherColumns]:
+    """Columns of a quantity in other orders."""
+    words = f"the columns of {what} stand in another order"
+    for order in orders(len(names)):
+        yield OtherColumns([names[k] for k in order], np.eye(len(names))[order], 2, words)
+
+
+def signed(names: Sequence[str], what: str) -> Iterator[OtherColumns]:
+    """All columns of a quantity with the other sign, one of them, or two of a vector."""
+    count = len(names)
+    flips = [*(combinations(range(count), 1) if count > 1 else ())]
+    flips += combinations(range(count), 2) if count == 3 else ()
+    for flipped in (tuple(range(count)), *flips):
+        sign = np.where(np.isin(np.arange(count), flipped), -1.0, 1.0)
+        other = [negated_name(n) if s < 0.0 else n for n, s in zip(names, sign, strict=True)]
+        which = "all columns" if len(flipped) == count else " and ".join(names[k] for k in flipped)
+        words = f"{which} of {what} {'have' if len(flipped) > 1 else 'has'} the other sign"
+        yield OtherColumns(other, np.diag(sign), 3 if len(flipped) in (1, count) else 4, words)
+
+
 def _wheel_order(columns: Columns) -> Iterator[Mistake]:
     for quantity in (key for key in _NAMED if key.startswith("wheel") and key in columns):
         name, field = _NAMED[quantity]
         names = list(columns[quantity]["names"])
-        key, words = f"columns.{quantity}.names", f"the columns of {name} stand in another order"
-        for order in orders(len(names)):
-            mend = reordered(field, np.eye(len(names))[order])
-            yield _one_key(key, names, [names[k] for k in order], 2, mend, words)
+        for other in in_other_order(names, name):
+            mend = reordered(field, other.matrix)
+            key = f"columns.{quantity}.names"
+            yield _one_key(key, names, other.names, other.rarity, mend, other.words)
 
 
 def _wheel_axes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
@@ -279,17 +308,9 @@ def _direction_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistak
             yield from _field_units(campaign, columns, d)
         entry = columns[f"sensors.{name}.direction"]
         names, key = list(entry["names"]), f"{entry['path']}.names"
-        words = f"the columns of the {name} stand in another order"
-        for order in _OTHER_ORDERS:
-            mend = _read_by(d, np.eye(3)[list(order)])
-            yield _one_key(key, names, [names[k] for k in order], 2, mend, words)
-        for signs in list(product((1.0, -1.0), repeat=3))[1:]:
-            other = [negated_name(n) if s < 0.0 else n for n, s in zip(names, signs, strict=True)]
-            flipped = [n for n, s in zip(names, signs, strict=True) if s < 0.0]
-            which = "all columns" if len(flipped) == 3 else " and ".join(flipped)
-            words = f"{which} of the {name} {'has' if len(flipped) == 1 else 'have'} the other sign"
-            rarity = 4 if len(flipped) == 2 else 3
-            yield _one_key(key, names, other, rarity, _read_by(d, np.diag(signs)), words)
+        for other in (*in_other_order(names, f"the {name}"), *signed(names, f"the {name}")):
+            mend = _read_by(d, other.matrix)
+            yield _one_key(key, names, other.names, other.rarity, mend, other.words)
         if sensor.reference_N is not None:
             stated = np.array(sensor.reference_N)
             words = f"what the {name} looks at lies the other way"

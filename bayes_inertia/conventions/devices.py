@@ -7,14 +7,14 @@ a minus before a column.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from bayes_inertia.campaign.actuators import (
+    DEVICE_INPUTS,
     Actuator,
     GimballedRotors,
     KnownTorque,
@@ -26,16 +26,16 @@ from bayes_inertia.campaign.description import Description
 from bayes_inertia.campaign.schema import UNITS
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import INPUTS
-from bayes_inertia.conventions.candidates import listed, orders
+from bayes_inertia.conventions.candidates import in_other_order, listed, signed
 from bayes_inertia.conventions.reading import (
     KeyChange,
     Mistake,
     Reading,
+    ToldTorque,
     ToldTorques,
     direction_sensors,
 )
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.tables.table import negated_name
 
 
 class _Columns(NamedTuple):
@@ -47,16 +47,6 @@ class _Columns(NamedTuple):
     names: list[str]
 
 
-_OF_KIND: Mapping[type, tuple[str, str]] = {
-    KnownTorque: ("torque", "wheel_torque"),
-    Magnetorquer: ("dipole", "dipole"),
-    Thruster: ("level", "level"),
-    GimballedRotors: ("gimbal_angle", "angle"),
-}
-"""Key and quantity of each device's input."""
-_FIELD = "magnetic_field_N"
-
-
 def device_mistakes(
     torques: ToldTorques, description: Description | None = None
 ) -> Iterator[Mistake]:
@@ -64,17 +54,28 @@ def device_mistakes(
     campaign = torques.campaign
     for device in campaign.actuators:
         columns = _stated(f"{INPUTS}{device.name}", description) or _in_memory(device)
-        for mend, changes, rarity, words in (
-            *_of_columns(columns, device.name, signs=not isinstance(device, Thruster)),
-            *_of_record(device),
-        ):
-            changed = mend if isinstance(mend, _Record) else _Input(device.name, mend)
-            yield _mistake(torques, changed, changes, rarity, words)
+        # No thrust is negative.
+        signs = not isinstance(device, Thruster)
+        for matrix, tried in _of_columns(columns, device.name, signs=signs):
+            yield replace(tried, mend=_told_by(_Input(device.name, matrix), torques))
+        for record, tried in _of_record(device):
+            yield replace(tried, mend=_told_by(_Record(record), torques))
     if any(isinstance(device, Magnetorquer) for device in campaign.actuators):
-        field = _stated(_FIELD, description)
-        columns = field or _Columns("environment.field", "magnetic_field", "T", ["x", "y", "z"])
-        for matrix, changes, rarity, words in _of_columns(columns, "the magnetic field"):
-            yield _mistake(torques, _Field(matrix), changes, rarity, words)
+        yield from _of_field(torques, description)
+
+
+def _of_field(torques: ToldTorques, description: Description | None) -> Iterator[Mistake]:
+    """Mistakes in the field of the environment; another unit is one for magnetometers as well."""
+    in_memory = _Columns("environment.field", "magnetic_field", "T", ["x", "y", "z"])
+    columns = _stated(_FIELD, description) or in_memory
+    looking = _looks_at_field(torques.campaign)
+    for matrix, tried in _of_columns(columns, "the magnetic field"):
+        size = np.cbrt(np.abs(np.linalg.det(matrix)))
+        directions = np.where(looking, 1.0 / size, 1.0)[:, None, None]
+        yield replace(tried, mend=_told_by(_Field(matrix), torques, directions))
+
+
+_FIELD = "magnetic_field_N"
 
 
 def _stated(field: str, description: Description | None) -> _Columns | None:
@@ -87,9 +88,9 @@ def _stated(field: str, description: Description | None) -> _Columns | None:
 
 
 def _in_memory(device: Actuator) -> _Columns:
-    key, quantity = _OF_KIND[type(device)]
+    told = DEVICE_INPUTS[type(device)]
     names = [f"{device.name}_{i + 1}" for i in range(device.columns)]
-    return _Columns(f"actuators.{device.name}.{key}", quantity, next(iter(UNITS[quantity])), names)
+    return _Columns(f"actuators.{device.name}.{told.key}", told.quantity, told.unit, names)
 
 
 class _Input(NamedTuple):
@@ -138,109 +139,79 @@ class _Record(NamedTuple):
         return replace(campaign, actuators=tuple(others))
 
 
-_Tried = tuple[Any, tuple[KeyChange, ...], int, str]
-"""What changes, the keys that mend it, rarity, words."""
+def _told_by(
+    changed: _Input | _Field | _Record, torques: ToldTorques, directions: np.ndarray | float = 1.0
+) -> Callable[[Reading], Reading]:
+    """From a reading to one whose torques a changed campaign tells.
 
+    `directions` (sensors, 1, 1): factors on what the direction sensors read.
+    """
 
-def _mistake(
-    torques: ToldTorques,
-    changed: _Input | _Field | _Record,
-    changes: tuple[KeyChange, ...],
-    rarity: int,
-    words: str,
-) -> Mistake:
-    def teller(campaign: Campaign) -> Mapping[str, Any]:
+    def teller(campaign: Campaign) -> Mapping[str, ToldTorque]:
         try:
             return torques.teller(changed.of(campaign))
         except CampaignError:  # Such as a pulse that is on when the next begins: no such mistake.
             return torques.by_slew
 
     told = ToldTorques(torques.campaign, teller)
-    size = _size_of_field(changed.matrix) if isinstance(changed, _Field) else 1.0
-    looking = np.where(_looks_at_field(torques.campaign), size, 1.0)[:, None, None]
-
-    def mend(reading: Reading) -> Reading:
-        return replace(reading, torques=told, directions=reading.directions / looking)
-
-    return Mistake(changes, rarity, mend, words)
-
-
-def _size_of_field(matrix: np.ndarray) -> float:
-    """By how much a matrix makes the field larger."""
-    return float(np.abs(np.linalg.det(matrix)) ** (1.0 / 3.0))
+    return lambda reading: replace(
+        reading, torques=told, directions=reading.directions * directions
+    )
 
 
 def _looks_at_field(campaign: Campaign) -> np.ndarray:
-    """Which direction sensors compare with the field of the environment, in its unit."""
+    """Which direction sensors (sensors,) compare with the field of the environment."""
+    given = {name for slew in campaign.slews for name in slew.inputs or {}}
     return np.array(
         [
-            sensor.is_field
-            and sensor.reference_N is None
-            and not any(name in (slew.inputs or {}) for slew in campaign.slews)
+            sensor.is_field and sensor.reference_N is None and name not in given
             for name, sensor in direction_sensors(campaign)
         ],
         dtype=bool,
     )
 
 
-def _of_columns(columns: _Columns, what: str, *, signs: bool = True) -> Iterator[_Tried]:
+def _unmended(key: str, stated: Any, mended: Any, rarity: int, words: str) -> Mistake:
+    """A mistake in one key that does not say yet how readings change with it."""
+    return Mistake((KeyChange(key, stated, mended),), rarity, lambda reading: reading, words)
+
+
+def _of_columns(
+    columns: _Columns, what: str, *, signs: bool = True
+) -> Iterator[tuple[np.ndarray, Mistake]]:
     """Other units, orders and signs of columns, as matrices (k, k) on their values."""
     path, quantity, stated, names = columns
-    same = np.eye(len(names))
     for unit, si in UNITS[quantity].items():
         if unit != stated:
-            change = KeyChange(f"{path}.unit", stated, unit)
-            words = f"{what} is in {unit}, not in {stated}"
-            yield same * si / UNITS[quantity][stated], (change,), 1, words
-    for order in orders(len(names)):
-        change = KeyChange(f"{path}.names", names, [names[k] for k in order])
-        yield same[order], (change,), 2, f"the columns of {what} stand in another order"
-    for flipped in _flips(len(names)) if signs else ():
-        sign = np.where(np.isin(np.arange(len(names)), flipped), -1.0, 1.0)
-        mended = [negated_name(n) if s < 0.0 else n for n, s in zip(names, sign, strict=True)]
-        which = (
-            "all columns" if len(flipped) == len(names) else " and ".join(names[k] for k in flipped)
-        )
-        words = f"{which} of {what} {'have' if len(flipped) > 1 else 'has'} the other sign"
-        change = KeyChange(f"{path}.names", names, mended)
-        yield np.diag(sign), (change,), 3 if len(flipped) in (1, len(names)) else 4, words
+            factor, words = si / UNITS[quantity][stated], f"{what} is in {unit}, not in {stated}"
+            yield factor * np.eye(len(names)), _unmended(f"{path}.unit", stated, unit, 1, words)
+    for other in (*in_other_order(names, what), *(signed(names, what) if signs else ())):
+        tried = _unmended(f"{path}.names", names, other.names, other.rarity, other.words)
+        yield other.matrix, tried
 
 
-def _flips(count: int) -> Iterator[tuple[int, ...]]:
-    """Columns whose signs may be wrong together: all, one, or two of a vector."""
-    yield tuple(range(count))
-    if count > 1:
-        yield from combinations(range(count), 1)
-    if count == 3:
-        yield from combinations(range(count), 2)
-
-
-def _of_record(device: Actuator) -> Iterator[_Tried]:
-    """Mistakes in the numbers of a device."""
-    key = f"actuators.{device.name}"
+def _of_record(device: Actuator) -> Iterator[tuple[Actuator, Mistake]]:
+    """Mistakes in the numbers of a device, and the device without them."""
     if isinstance(device, KnownTorque):
         other: Any = "inertial" if device.frame == "body" else "body"
-        change = KeyChange(f"{key}.torque.frame", device.frame, other)
         words = f"{device.name} is along {other} axes, not along {device.frame} axes"
-        yield _Record(replace(device, frame=other)), (change,), 4, words
+        key = f"actuators.{device.name}.torque.frame"
+        yield replace(device, frame=other), _unmended(key, device.frame, other, 4, words)
     elif isinstance(device, Thruster):
-        for change, mended, words in _negated_vectors(key, "torques", device.torque_B):
-            yield _Record(replace(device, torque_B=mended)), (change,), 3, f"{words} {device.name}"
+        for torque_B, tried in _negated(device.name, "torques", device.torque_B):
+            yield replace(device, torque_B=torque_B), tried
     elif isinstance(device, GimballedRotors):
-        spin = device.spin_axes_at_zero_B
-        for change, mended, words in _negated_vectors(key, "spin_axes_at_zero", spin):
-            record = replace(device, spin_axes_at_zero_B=mended)
-            yield _Record(record), (change,), 3, f"{words} {device.name}"
+        for spin_B, tried in _negated(device.name, "spin_axes_at_zero", device.spin_axes_at_zero_B):
+            yield replace(device, spin_axes_at_zero_B=spin_B), tried
 
 
-def _negated_vectors(
-    key: str, field: str, vectors: np.ndarray
-) -> Iterator[tuple[KeyChange, np.ndarray, str]]:
-    """All vectors (k, 3) with the other sign, or one."""
+def _negated(name: str, key: str, vectors: np.ndarray) -> Iterator[tuple[np.ndarray, Mistake]]:
+    """All vectors (k, 3) of a device with the other sign, or one."""
     count = len(vectors)
     for which in (range(count), *([k] for k in range(count if count > 1 else 0))):
         mended = vectors.copy()
         mended[list(which)] *= -1.0
-        change = KeyChange(f"{key}.{field}", listed(vectors), listed(mended))
         said = "all" if len(which) == count else f"number {which[0] + 1} of"
-        yield change, mended, f"{said} {field.replace('_', ' ')} point the other way:"
+        words = f"{said} {key.replace('_', ' ')} point the other way: {name}"
+        path = f"actuators.{name}.{key}"
+        yield mended, _unmended(path, listed(vectors), listed(mended), 3, words)

@@ -64,7 +64,9 @@ def _place(misfits: Misfits, law: str, fit: LinearFit) -> str:
         wheels = misfits.campaign.wheels
         slew = misfits.slews.names[row // len(wheels)]
         return f"{wheels[row % len(wheels)].name} of {slew} is off by {fit.misfit[row]:.2g} sd"
-    held = misfits.slews.closed if law == CLOSURE else np.ones(len(misfits.slews.names), bool)
+    held = (
+        misfits.slews.with_two_fixes if law == CLOSURE else np.ones(len(misfits.slews.names), bool)
+    )
     slew = misfits.slews.names[np.flatnonzero(held)[row]]
     most = int(np.argmax(fit.by_component[row]))
     if law == DIRECTION:

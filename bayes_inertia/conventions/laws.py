@@ -88,7 +88,7 @@ CLOSURE, DIRECTION, CONSERVATION, DRIVE = "closure", "direction", "conservation"
 
 def closure(told: Told) -> LawData | None:
     """Integrated rates against the star tracker."""
-    some = told.slews.closed
+    some = told.slews.with_two_fixes
     if not some.any():
         return None
     moving, fixes = told.motion, told.slews.fixes[some]

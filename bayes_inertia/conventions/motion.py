@@ -121,7 +121,7 @@ class SampledSlews:
         return np.isfinite(self.attitude[..., 0]) & self.valid
 
     @property
-    def closed(self) -> np.ndarray:
+    def with_two_fixes(self) -> np.ndarray:
         """Which slews (S,) hold two star-tracker fixes or more."""
         return self.fixes.sum(axis=1) >= 2
 

@@ -16,7 +16,8 @@ from bayes_inertia.design.after_campaign import draw_bodies, plan_after
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.flight.closed_loop_flights import PROGRAMS, predict_correction_slew
 from bayes_inertia.flight.mission import Mission, following_plan, spacecraft_at
-from bayes_inertia.flight.plan import Orbit, Plan, PlannedSlew
+from bayes_inertia.flight.orbit import Orbit
+from bayes_inertia.flight.plan import Plan, PlannedSlew
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft, axes_of_control
 from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.laplace import Estimate

@@ -22,7 +22,8 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.flight.mission import Mission
-from bayes_inertia.flight.plan import Orbit, Plan
+from bayes_inertia.flight.orbit import Orbit
+from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.planned_motion import (
     PlanStart,
     PlanTimes,

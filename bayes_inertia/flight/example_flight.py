@@ -24,7 +24,7 @@ from bayes_inertia.campaign.schema import UNITS
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import INPUTS, MORE
 from bayes_inertia.flight.numerics import NUMERICS
-from bayes_inertia.flight.plan import Orbit
+from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.flight.planned_telemetry import (
     model_readings,
     with_effect_values,

@@ -16,7 +16,8 @@ from bayes_inertia.campaign.description import stated_keys
 from bayes_inertia.campaign.schema import DEGREE, Part, Vector3
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import read_bytes, text_of, write_atomically
-from bayes_inertia.flight.plan import Orbit, Plan, PlannedSlew
+from bayes_inertia.flight.orbit import Orbit
+from bayes_inertia.flight.plan import Plan, PlannedSlew
 
 FORMAT = "bayes-inertia-plan/1"
 # Key in the file -> field and factor to SI; a factor of None marks what is no single number.

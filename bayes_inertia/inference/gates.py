@@ -294,16 +294,19 @@ def prior_gate(estimate: Estimate) -> dict[str, Any]:
         says = (
             f"the result contradicts what was known before: {place}"
             f"{rest if len(far) > 1 else ''}{together}. "
-            f"{_cause_of_contradiction(estimate, space.names[worst])}"
+            f"{_cause_of_contradiction(estimate, worst)}"
         )
     return {"name": "prior", "passed": passed, "says": says}
 
 
-def _cause_of_contradiction(estimate: Estimate, worst: str) -> str:
-    """What would explain J and K, or what is stated of a device, far from their priors."""
+def _cause_of_contradiction(estimate: Estimate, worst: int) -> str:
+    """What would explain J and K, or what is stated of a device, far from their priors.
+
+    `worst`: which parameter is farthest.
+    """
     space, theta = estimate.model.space, estimate.theta
-    if space.names.index(worst) >= space.n_base:
-        device = worst.rpartition(".")[0]
+    if worst >= space.n_base:
+        device = space.names[worst].rpartition(".")[0]
         return (
             f"A wrong unit, sign or axis of what {device} was told would explain it, or a stated "
             "sd that is too small"
