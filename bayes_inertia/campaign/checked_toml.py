@@ -64,7 +64,7 @@ def _urgency(problem: dict) -> tuple:
 
 
 _ADVICE_ON_SENSE = {
-    "frame": "rotate the vectors into the inertial frame before they are stored",
+    "frame": "rotate the vectors into the {} frame before they are stored",
     "relative_to": "subtract the body's own rate about the wheel axis first: "
     "momentum is spin inertia times speed RELATIVE to the body",
     "format": "this version of the package reads no other format",
@@ -123,8 +123,8 @@ class _Wording:
             choices = self._choices(loc)
             what = f"{reprlib.repr(value)} is not one of {', '.join(f'"{c}"' for c in choices)}"
             # Where there is no choice, the data must change.
-            only = _ADVICE_ON_SENSE.get(key) if len(choices) == 1 else None
-            advice = only or "write one of these exactly"
+            only = _ADVICE_ON_SENSE.get(key, "") if len(choices) == 1 else ""
+            advice = only.format(*choices) or "write one of these exactly"
         else:
             what, advice = _wrong_type(kind, key, value, problem["msg"])
         return CampaignError(what, where=f"{label}, key {self._path(loc)}", advice=advice)

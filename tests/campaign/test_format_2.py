@@ -164,7 +164,11 @@ def test_directions_and_fields_are_read_with_their_references(tmp_path):
         ("offset_sigma = 1e-6", "ofset_sigma = 1e-6", ["ofset_sigma", '"offset_sigma"']),
         ("sigma = 0.01", "sigma = [0.01, 0.02]", ["sensors.sun.sigma"]),
         ("sigma = 0.01", "sigma = 0.01\nscale_sigma = 0.1", ["sensors.sun.scale_sigma"]),
-        ('frame = "body"', 'frame = "inertial"', ["sensors.sun.direction.frame"]),
+        (
+            'frame = "body"',
+            'frame = "inertial"',
+            ["sensors.sun.direction.frame", "into the body frame"],
+        ),
         ('"s1", "s2", "s3"', '"s1", "s2"', ["sensors.sun.direction.names"]),
     ],
 )
