@@ -372,9 +372,10 @@ def plain_series(estimate: Estimate) -> dict[str, list[np.ndarray]]:
 def marginal(estimate: Estimate) -> Marginal:
     """What the marginal log posterior needs, frozen at an estimate."""
     model, point = estimate.model, estimate.point
-    d, b = len(point.theta), len(point.bias)
-    nuisance = estimate.hessian[d:, d:]
-    ridge = -solve(nuisance, estimate.hessian[d:, :d])
+    d, b, free = len(point.theta), len(point.bias), len(estimate.free)
+    nuisance = estimate.hessian[free:, free:]
+    ridge = np.zeros((len(nuisance), d))  # What is held at a value moves no nuisance.
+    ridge[:, estimate.free] = -solve(nuisance, estimate.hessian[free:, :free])
     of_slews = ridge[b:].reshape(*point.local.shape, d)
     jacobian = estimate.linearised().sensitivities.jacobian
     columns = tuple(on_device(np.asarray(j)[..., d:]) for j in jacobian)

@@ -10,6 +10,8 @@ import pytest
 import bayes_inertia as bi
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.inference.optimizer import move_to
+from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import Start, idle_slew
@@ -81,3 +83,6 @@ def test_the_tensor_is_right_and_good_rates_are_no_outliers(slow):
     assert not rate.rejected
     assert abs(rate.reduced_chi2 - 1.0) < 0.06
     assert estimate.sd[0] / truth[0] < 2e-3
+    # In a model with an effect that is held at none, as in a diagnosis, residuals are the same.
+    with_effect = move_to(estimate, Model(slow, by_name(["inertia_change"])))
+    assert with_effect.tests["rate"].reduced_chi2 == pytest.approx(rate.reduced_chi2, abs=0.02)
