@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import webbrowser
 from pathlib import Path
@@ -47,6 +48,17 @@ def test_check_says_what_the_example_contains(capsys):
 def test_version_is_said(capsys):
     assert run("--version") == 0
     assert capsys.readouterr().out == f"bayes-inertia {bayes_inertia.__version__}\n"
+
+
+@pytest.mark.parametrize(("asked", "computes_on"), [(None, "cpu"), ("cuda", "cuda")])
+def test_commands_compute_on_the_processor_unless_a_gpu_is_asked_for(
+    monkeypatch, capsys, asked, computes_on
+):
+    monkeypatch.setenv("JAX_PLATFORMS", asked or "")
+    if asked is None:
+        monkeypatch.delenv("JAX_PLATFORMS")
+    assert run("effects") == 0
+    assert os.environ["JAX_PLATFORMS"] == computes_on
 
 
 def test_doctor_passes_its_own_test(capsys):

@@ -337,7 +337,7 @@ def show_diagnosis(content: dict[str, Any]) -> None:
 
     console = plain_console()
     # The sentence above says what was found, or that nothing was.
-    if content["verdict"] not in ("named", "unknown"):
+    if content["verdict"] not in ("consistent", "named", "unknown"):
         console.print(headed(headline(content), style="bold"))
     # The parameters stand in the table of the fit, with the sds to quote.
     untold = [candidate | {"parameters": None} for candidate in content["candidates"]]
