@@ -12,6 +12,7 @@ import pytest
 import yaml
 
 import bayes_inertia
+from bayes_inertia.version import versions
 
 ROOT = Path(bayes_inertia.__file__).parent
 PROJECT = tomllib.loads((ROOT.parent / "pyproject.toml").read_text(encoding="utf-8"))
@@ -49,6 +50,19 @@ def test_pinned_versions_keep_the_lowest():
 
 def parts(version: str) -> tuple[int, ...]:
     return tuple(int(number) for number in version.split("."))
+
+
+def test_a_package_that_is_not_installed_knows_its_version(monkeypatch):
+    asked = []
+
+    def of_installed(name: str) -> str:
+        asked.append(name)
+        return "1.0"
+
+    monkeypatch.setattr("bayes_inertia.version.metadata.version", of_installed)
+    found = versions()
+    assert found.pop("bayes-inertia") == bayes_inertia.__version__
+    assert asked == list(found)
 
 
 def test_the_recipe_for_conda_needs_what_the_project_needs():

@@ -6,7 +6,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from functools import partial
-from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -37,13 +36,13 @@ from bayes_inertia.physics.parameters import log_prior
 from bayes_inertia.physics.prediction import Structure, with_coefficients
 from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
+from bayes_inertia.version import versions
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Groups = dict[str, dict[str, np.ndarray]]
 
-_LIBRARIES = ("bayes-inertia", "jax", "emcee", "arviz", "numpy", "scipy")
 _DIMENSIONS = {
     "principal_moment": ["axis"],
     "slew": ["left_out"],
@@ -278,7 +277,7 @@ def _attributes(estimate: Estimate, chains: Chains, context: FitContext) -> dict
             if not isinstance(sensor, RateSensor)
         ],
         **_frames(model.campaign),
-        "versions": {name: metadata.version(name) for name in _LIBRARIES},
+        "versions": versions(),
     }
 
 

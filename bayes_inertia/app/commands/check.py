@@ -7,7 +7,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from functools import partial
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,6 +26,7 @@ from bayes_inertia.app.terminal import (
     say,
 )
 from bayes_inertia.progress import Progress, silent
+from bayes_inertia.version import versions
 
 if TYPE_CHECKING:
     from bayes_inertia.campaign.campaign import Campaign
@@ -294,7 +294,6 @@ def show_check(check: ConventionsCheck, campaign: Path, mapping_lines: Sequence[
         console.print(f"next: bayes-inertia fit {campaign} -o RUN", soft_wrap=True)
 
 
-_PACKAGES = ("bayes-inertia", "numpy", "scipy", "jax", "emcee", "arviz", "xarray", "matplotlib")
 _STOCHASTIC = "effects_without_fixed_shape"
 
 
@@ -310,7 +309,7 @@ def installation_json(progress: Progress = silent) -> dict[str, Any]:
     drift = _energy_drift()
     return {
         "format": INSTALLATION_FORMAT,
-        "versions": {name: metadata.version(name) for name in _PACKAGES},
+        "versions": versions(),
         "devices": [str(device) for device in jax.devices()],
         "double_precision": bool(jnp.zeros(1).dtype == jnp.float64),
         "energy_drift": drift,
