@@ -29,7 +29,7 @@ from bayes_inertia.report.pictures.posterior_data import (
     values_of,
     worst_slews,
 )
-from bayes_inertia.report.pictures.telemetry import draw_momentum, draw_rates, thinned_rows
+from bayes_inertia.report.pictures.telemetry import draw_rates, draw_residuals, thinned_rows
 from bayes_inertia.report.section import Picture, Section, captioned, packaged
 from bayes_inertia.report.words import phrase
 
@@ -53,32 +53,33 @@ def residuals_section(posterior: Posterior) -> Section:
 
 def telemetry_section(posterior: Posterior) -> Section | None:
     """Measured against simulated telemetry: residuals to choose, enlarge and read, and pictures."""
-    pictures = [
+    channels = residual_channels(posterior)
+    if not channels:
+        return None
+    pictures = (
         *_series_pictures(posterior),
         *captioned("fixes", draw_attitude(posterior), folded=True),
-    ]
-    if not pictures:
-        return None
+    )
     return Section(
         "Measured against simulated",
         packaged("residual_explorer.html"),
-        {"data": explorer_data(residual_channels(posterior))},
-        tuple(pictures),
+        {"data": explorer_data(channels)},
+        pictures,
         packaged("residual_explorer.js"),
     )
 
 
 def _series_pictures(posterior: Posterior) -> list[Picture]:
-    """Rates and wheel momentum over time, measured and simulated."""
+    """Rates over time, measured and simulated, and residuals of the other series."""
     slews, total = worst_slews(posterior, LAYOUT.most_slews_drawn), n_slews(posterior)
     rows = posterior.tree["constant_data"].sizes["row"]
     which = phrase("pictures", "drawn", rows, len(slews), total)
-    return [
-        *captioned("rates", draw_rates(posterior, slews), which),
-        *captioned(
-            "wheel_momentum", draw_momentum(posterior, slews), which, instead_of_script=True
-        ),
-    ]
+    pictures = [*captioned("rates", draw_rates(posterior, slews), which)]
+    for name in map(str, values_of(posterior, "estimate", "channel")):
+        if name not in ("rate", "attitude"):
+            figure = draw_residuals(posterior, name, slews)
+            pictures += captioned("residuals", figure, name, which, instead_of_script=True)
+    return pictures
 
 
 _FEW_ROWS = channel_name("attitude")
@@ -104,17 +105,15 @@ class ResidualChannel:
 def residual_channels(posterior: Posterior) -> list[ResidualChannel]:
     """The residuals of a fit, channel by channel."""
     channels = []
-    # 32-bit floats do not hold seconds from an epoch.
-    start = np.nanmin(values_of(posterior, "constant_data", "time"), 1)[:, None]
     for name in map(str, values_of(posterior, "estimate", "channel")):
         label = channel_name(name)
         if label == _FEW_ROWS:
             if (misfit := attitude_misfit(posterior)) is not None:
                 axes = [f"about body {axis}" for axis in "xyz"]
-                time = misfit.time - start
-                channels.append(_measured_rows(label, axes, misfit.slews, time, misfit.whitened))
+                parts = (axes, misfit.slews, misfit.time, misfit.whitened)
+                channels.append(_measured_rows(label, *parts))
         elif (series := channel_series(posterior, name)) is not None:
-            parts = (series.components, series.slews, series.time - start, series.residual)
+            parts = (series.components, series.slews, series.time, series.residual)
             channels.append(_measured_rows(label, *parts))
     return channels
 

@@ -1,23 +1,27 @@
 """The pictures of whole posteriors."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from matplotlib import rcParams
 from matplotlib.figure import Figure
 
 from bayes_inertia.maths import quaternion
+from bayes_inertia.physics.parameters import base_names, base_units
 from bayes_inertia.report.pictures import posterior_data
 from bayes_inertia.report.pictures.attitude import draw_attitude
 from bayes_inertia.report.pictures.chains import draw_chains, worst_parameter
+from bayes_inertia.report.pictures.diagnosis import draw_misfit_by_step, draw_shifts
 from bayes_inertia.report.pictures.pairs import draw_pairs
 from bayes_inertia.report.pictures.priors import draw_priors
-from bayes_inertia.report.pictures.telemetry import draw_momentum, draw_rates
+from bayes_inertia.report.pictures.telemetry import draw_rates, draw_residuals
 
 KINDS = ("good", "one_slew", "thrown", "many_effects")
 PICTURES = {
     "attitude": draw_attitude,
     "chains": draw_chains,
-    "momentum": draw_momentum,
+    "momentum": partial(draw_residuals, name="momentum"),
     "pairs": draw_pairs,
     "priors": draw_priors,
     "rates": draw_rates,
@@ -86,3 +90,32 @@ def test_the_worst_slews_are_drawn_in_flown_order(made):
     posterior.tree["estimate"]["slew_chi2"].values[[11, 3], 0] *= 5.0
     assert posterior_data.worst_slews(posterior, 2) == [3, 11]
     assert len(posterior_data.worst_slews(posterior, 99)) == 15
+
+
+@pytest.mark.parametrize("n", [6, 8, 9, 10], ids=["no gyro", "2 axes", "3 axes", "4 axes"])
+def test_shifts_of_any_number_of_scale_factors_are_drawn(n):
+    row = {"before": 1.0, "after": 1.1, "sd_before": 0.1, "sd_after": 0.1}
+    shift = {
+        name: row | {"unit": unit} for name, unit in zip(base_names(n), base_units(n), strict=True)
+    }
+    labels = [axes.get_xlabel() for axes in draw_shifts([{"shift": shift}]).axes]
+    assert [label.split(" ")[0] for label in labels] == list(base_names(n))
+
+
+def test_misfits_of_more_channels_than_markers_are_drawn():
+    chi2 = dict.fromkeys([*(f"sensor {i}" for i in range(8)), "total"], 1.0)
+    step = {"added": "a", "reduced_chi2_before": chi2, "reduced_chi2_after": chi2}
+    step |= {"held_out_before": None, "held_out_after": None}
+    (axes,) = draw_misfit_by_step([step]).axes
+    assert [text.get_text() for text in axes.get_legend().get_texts()][-1] == "all channels"
+
+
+def test_times_count_from_the_first_row_of_each_slew(made):
+    """A clock that counts from an epoch: words and pictures name the same second."""
+    posterior = made("good")
+    before = [axes.get_xlim() for axes in draw_rates(posterior).axes]
+    constant = posterior.tree["constant_data"]
+    for name in ("time", "fix_time"):
+        constant[name].values[...] += 1.7e9
+    np.testing.assert_allclose([axes.get_xlim() for axes in draw_rates(posterior).axes], before)
+    assert posterior_data.attitude_misfit(posterior).after.sum() == 12

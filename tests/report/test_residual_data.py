@@ -7,9 +7,14 @@ import numpy as np
 import pytest
 import xarray
 
+from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.pictures.posterior_data import channel_series
 from bayes_inertia.report.pictures.telemetry import thinned_rows
-from bayes_inertia.report.residual_sections import explorer_data, residual_channels
+from bayes_inertia.report.residual_sections import (
+    explorer_data,
+    residual_channels,
+    telemetry_section,
+)
 
 
 def unpacked(channel: dict, slew: int) -> tuple[np.ndarray, np.ndarray]:
@@ -86,3 +91,22 @@ def test_fixes_of_a_further_star_tracker_have_times_and_small_rotations():
     assert series.components == ["axis 1", "axis 2", "axis 3"]
     np.testing.assert_array_equal(series.residual[0, :2], [[0, 1, 2], [3, 4, 5]])
     assert np.isnan(series.residual[0, 2]).all()
+
+
+def test_a_sensor_that_is_neither_gyro_nor_tracker_is_drawn_and_explored(made):
+    """Of a spacecraft that flies by a magnetometer alone, the page holds what it read."""
+    tree = made("good").tree.copy(deep=True)
+    for group in ("observed_data", "posterior_predictive", "estimate"):
+        values = tree[group].dataset.drop_vars(
+            ["rate", "attitude", "residual_rate", "residual_attitude"], errors="ignore"
+        )
+        renamed = {"momentum": "field", "residual_momentum": "residual_field"}
+        tree[group] = xarray.DataTree(
+            values.rename({old: new for old, new in renamed.items() if old in values})
+        )
+    tree["estimate"] = xarray.DataTree(
+        tree["estimate"].dataset.assign_coords(channel=["rate", "attitude", "field"])
+    )
+    section = telemetry_section(Posterior(tree))
+    assert [c["name"] for c in section.context["data"]["channels"]] == ["field"]
+    assert [p.alt for p in section.pictures] == ["Residuals of field, slew by slew"]

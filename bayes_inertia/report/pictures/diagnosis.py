@@ -266,7 +266,7 @@ def _misfit_lines(steps: Sequence[Mapping[str, Any]]) -> list[tuple[str, list, s
         values = [steps[0]["reduced_chi2_before"][channel]]
         values += [step["reduced_chi2_after"][channel] for step in steps]
         if values[0] is not None:
-            lines.append((channel_name(channel), values, style.color(i), style.MARKERS[i], "-"))
+            lines.append((channel_name(channel), values, style.color(i), style.MARKERS[i % 6], "-"))
     held_out = [steps[0]["held_out_before"], *(step["held_out_after"] for step in steps)]
     if held_out[0] is not None:
         lines.append(("slews left out of the fit", held_out, style.INK, "X", (0, (4, 2))))
@@ -277,10 +277,11 @@ def _misfit_lines(steps: Sequence[Mapping[str, Any]]) -> list[tuple[str, list, s
 def draw_shifts(steps: Sequence[Mapping[str, Any]]) -> Figure:
     """J and K before and after the effects were added, as differences from the last value."""
     first, last = steps[0]["shift"], steps[-1]["shift"]
+    rows = -(-len(last) // 3)
     figure, places = style.grid(
-        3.9, 3, 3, left=0.35, right=0.2, top=0.45, bottom=0.5, gap_x=0.35, gap_y=0.62
+        0.33 + 1.19 * rows, rows, 3, left=0.35, right=0.2, top=0.45, gap_x=0.35, gap_y=0.62
     )
-    for place, name in zip(places, last, strict=True):
+    for place, name in zip(places, last, strict=False):
         _shift_panel(figure.add_axes(place), name, first[name], last[name])
     handles = [
         Line2D([], [], marker="s", color=style.MUTED, ls="-", label="base model ± sd"),

@@ -17,13 +17,19 @@ def values_of(posterior: Posterior, group: str, name: str) -> np.ndarray:
     return np.asarray(posterior.tree[group][name])
 
 
+def time_in_slew(posterior: Posterior, name: str) -> np.ndarray:
+    """Times (slews, ...) of a variable from each slew's first row on [s]."""
+    start = np.nanmin(values_of(posterior, "constant_data", "time"), axis=1)
+    return values_of(posterior, "constant_data", name) - start[:, None]
+
+
 @array_dataclass
 class ChannelSeries:
     """One channel of all slews; NaN wherever nothing was measured."""
 
     slews: list[str]  # names of the slews and of the channel's components
     components: list[str]
-    time: np.ndarray  # (slews, rows) time in the campaign [s]
+    time: np.ndarray  # (slews, rows) time from the slew's first row [s]
     measured: np.ndarray  # (slews, rows, components) in the unit of the channel
     predicted: np.ndarray
     # (slews, rows, components) standard deviation of the predictive draws, in the unit of the
@@ -62,7 +68,7 @@ def channel_series(posterior: Posterior, name: str) -> ChannelSeries | None:
     return ChannelSeries(
         slews=[str(slew) for slew in measured["slew"].values],
         components=components,
-        time=values_of(posterior, "constant_data", "time" if rows == "row" else f"{rows}_time"),
+        time=time_in_slew(posterior, "time" if rows == "row" else f"{rows}_time"),
         measured=values,
         predicted=draws.mean(0, dtype=float),
         spread=draws.std(0, dtype=float),
@@ -75,7 +81,7 @@ class AttitudeMisfit:
     """Star-tracker misfits at the fixes of all slews; NaN in padding."""
 
     slews: list[str]  # names of the slews
-    time: np.ndarray  # (slews, fixes) time in the campaign [s]
+    time: np.ndarray  # (slews, fixes) time from the slew's first row [s]
     # (slews, fixes, 3) measured minus predicted attitude as a small rotation in body axes [rad].
     angle_B: np.ndarray
     whitened: np.ndarray  # (slews, fixes, 3) the same in stated sigmas
@@ -88,7 +94,7 @@ def attitude_misfit(posterior: Posterior) -> AttitudeMisfit | None:
     if "attitude" not in tree["posterior_predictive"] or "fix_time" not in tree["constant_data"]:
         return None
     measured = values_of(posterior, "observed_data", "attitude")
-    time = values_of(posterior, "constant_data", "fix_time")
+    time = time_in_slew(posterior, "fix_time")
     valid = np.isfinite(time) & np.isfinite(measured).all(-1)
     if not valid.any():
         return None
@@ -104,8 +110,7 @@ def attitude_misfit(posterior: Posterior) -> AttitudeMisfit | None:
         ],
         axis=0,
     )
-    rows = values_of(posterior, "constant_data", "time")
-    middle = 0.5 * (np.nanmin(rows, 1) + np.nanmax(rows, 1))
+    middle = 0.5 * np.nanmax(time_in_slew(posterior, "time"), 1)
     whitened = values_of(posterior, "estimate", "residual_attitude").reshape(angle.shape)
     return AttitudeMisfit(
         slews=[str(slew) for slew in values_of(posterior, "observed_data", "slew")],

@@ -1,4 +1,4 @@
-"""Measured against simulated rates, and whitened residuals of rates and wheel momentum."""
+"""Measured against simulated rates, and whitened residuals of rates and any other channel."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.report.formatting import channel_name
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import posterior_data, style
 
@@ -160,9 +161,11 @@ def residual_panel(axes: Axes, channel: posterior_data.ChannelSeries, s: int) ->
 
 
 @style.styled
-def draw_momentum(posterior: Posterior, slews: Sequence[int] | None = None) -> Figure | None:
-    """Whitened residuals of the wheels' measured momentum, one panel a slew."""
-    channel = posterior_data.channel_series(posterior, "momentum")
+def draw_residuals(
+    posterior: Posterior, name: str, slews: Sequence[int] | None = None
+) -> Figure | None:
+    """Whitened residuals of a channel, one panel a slew."""
+    channel = posterior_data.channel_series(posterior, name)
     if channel is None:
         return None
     chosen = range(len(channel.slews)) if slews is None else slews
@@ -175,7 +178,7 @@ def draw_momentum(posterior: Posterior, slews: Sequence[int] | None = None) -> F
         residual_panel(axes, channel, s)
         axes.set_title(channel.slews[s])
         if k % columns == 0:
-            axes.set_ylabel("momentum\nresidual [σ]")
+            axes.set_ylabel(f"{channel_name(name)}\nresidual [σ]")
         if k >= len(chosen) - columns:
             axes.set_xlabel("time in slew [s]")
     handles = [
