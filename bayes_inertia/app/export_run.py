@@ -19,10 +19,10 @@ from bayes_inertia.flight.spacecraft import spin_tensor, without_spin
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
-from bayes_inertia.physics.effects import InertiaChange
 from bayes_inertia.physics.parameters import base_count
 from bayes_inertia.progress import Progress, silent
 from bayes_inertia.report.criteria import (
+    changes_of_J,
     criteria_of,
     determination_of,
     interval_90,
@@ -161,10 +161,10 @@ def _notes(summary: dict[str, Any]) -> tuple[str, ...]:
         )
     if any(row["quoted_sd"] is None for row in _known(summary).values()):
         notes.append("no sd can be quoted: sd and interval are the model's own, and too small")
-    if InertiaChange.name in summary["effects"]:
+    if changes := [f"{x}.change_Jxx ... change_Jyz" for x in changes_of_J(summary["parameters"])]:
         notes.append(
             "J changed during the campaign and is that before the change; now it is J + "
-            f"{InertiaChange.name}.change_Jxx ... change_Jyz"
+            f"{' + '.join(changes)}"
         )
     return tuple(notes)
 

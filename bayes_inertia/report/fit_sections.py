@@ -12,6 +12,7 @@ import numpy as np
 
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.criteria import (
+    changes_of_J,
     criteria_of,
     exponents_of,
     names_by_determination,
@@ -29,7 +30,12 @@ from bayes_inertia.report.pictures.chains import draw_chains
 from bayes_inertia.report.pictures.correction import draw_correction
 from bayes_inertia.report.pictures.diagnosis import draw_signal
 from bayes_inertia.report.pictures.pairs import draw_pairs
-from bayes_inertia.report.pictures.posterior_data import n_ensembles, n_slews, values_of
+from bayes_inertia.report.pictures.posterior_data import (
+    n_ensembles,
+    n_slews,
+    time_in_slew,
+    values_of,
+)
 from bayes_inertia.report.pictures.priors import draw_priors
 from bayes_inertia.report.residual_sections import residuals_section, telemetry_section
 from bayes_inertia.report.section import Picture, Section, captioned, packaged
@@ -109,6 +115,7 @@ def limits_section(posterior: Posterior) -> Section:
     context = {
         "drive": attributes["drive"],
         "effects": attributes["effects"],
+        "changes": [plain(name) for name in changes_of_J(posterior.names)],
         "channels": [c for c in ("attitude", "momentum") if c in predicted],
         "angle_sensors": attributes.get("angle_sensors", ()),
         "scale_factors": [name for name in posterior.names if kind_of(name) == "K"],
@@ -160,7 +167,7 @@ def _picture(posterior: Posterior, name: str) -> Picture:
     # Files of version 0.3 and before do not name their signals.
     title = variable.attrs.get("long_name", plain(name))
     signal = {
-        "time": values_of(posterior, "constant_data", "signal_time"),
+        "time": time_in_slew(posterior, "signal_time"),
         "mean": draws.mean((0, 1)),
         "sd": draws.std((0, 1)),
         "slews": [str(slew) for slew in values_of(posterior, "estimate", "slew")],

@@ -224,6 +224,12 @@ def made():
     return lambda kind: make(CASES[kind])
 
 
+@pytest.fixture
+def make_case():
+    """A made-up posterior of settings of a `Case`."""
+    return lambda **settings: make(Case(**settings))
+
+
 @pytest.fixture(scope="session")
 def posteriors() -> dict[str, Posterior]:
     """One made-up posterior of every kind, not to be changed."""

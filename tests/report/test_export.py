@@ -22,6 +22,7 @@ from bayes_inertia.app.export_run import exported_result
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.export.formats import EXPORT_FORMATS, ExportedCorrection
+from bayes_inertia.report.page import render
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 RUNS = 1000
@@ -288,15 +289,17 @@ def test_an_untrusted_result_carries_its_warning(result, to):
     assert "DO NOT USE" not in EXPORT_FORMATS[to].text(result)
 
 
-def test_a_tensor_that_changed_on_the_way_is_said(posteriors, tmp_path):
-    posterior = Posterior(posteriors["good"].tree.copy(deep=True))
-    attributes = posterior.attributes | {"effects": ["inertia_change"]}
-    posterior.tree.attrs["bayes_inertia"] = json.dumps(attributes)
+@pytest.mark.parametrize("change", ["inertia_change", "fuel"])
+def test_a_tensor_that_changed_on_the_way_is_said(change, make_case, tmp_path):
+    """By an effect, or by a change that the campaign dates."""
+    posterior = make_case(extra=(f"{change}.change_Jxx",))
     run_folder.start(EXAMPLE, tmp_path / "run")
     posterior.save(tmp_path / "run" / "posterior.nc")
     result = exported_result(tmp_path / "run", with_correction=False)
     for form in EXPORT_FORMATS.values():
-        assert "J changed during the campaign" in form.text(result)
+        assert f"now it is J + {change}.change_Jxx" in form.text(result)
+    shown = f"add {change.replace('_', ' ')}, element by element"
+    assert shown in render(posterior)
 
 
 def test_the_command_writes_a_file_and_overwrites_none(run, tmp_path, capsys):

@@ -135,6 +135,7 @@ def test_limits(drive, effects, channels, wheels, slews, says, does_not_say):
         "limits.html",
         drive=drive,
         effects=effects,
+        changes=[effect for effect in effects if effect == "inertia_change"],
         channels=channels,
         wheels=wheels,
         n_slews=slews,
@@ -158,6 +159,7 @@ def test_scale_factors_are_doubted_where_nothing_measures_angles(
         "limits.html",
         drive="commanded",
         effects=[],
+        changes=[],
         channels=[],
         wheels=0,
         n_slews=8,
@@ -172,7 +174,7 @@ def test_scale_factors_are_doubted_where_nothing_measures_angles(
 def test_limits_say_which_device_ties_the_size_of_the_tensor():
     ties = ["thrust times arm of jets, known to 2 % before the fit (gain after it 0.99 ± 0.015)"]
     rest = {"drive": "commanded", "effects": [], "channels": ["attitude"], "n_slews": 8}
-    rest["free_momenta"] = 0
+    rest |= {"free_momenta": 0, "changes": []}
     said = page_of("limits.html", wheels=0, ties=ties, **rest)
     assert "tied by the thrust times arm of jets, known to 2 %" in said
     assert "only the ratios" not in said
