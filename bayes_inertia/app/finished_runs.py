@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from bayes_inertia.physics.parameters import base_names
 from bayes_inertia.report.fit_sections import settings_rows
 from bayes_inertia.report.plan_promise import PlanPromise, plan_promise
 from bayes_inertia.report.run_comparison import ComparedRun, RunComparison, compare_runs
-from bayes_inertia.sealing import blaming, is_sealed, read_sealed_json
+from bayes_inertia.sealing import blaming, is_sealed, read_sealed_json, sha256_of
 from bayes_inertia.studies.plan_comparison import compare_plans
 
 _NEW_RUN = "start a new run in another folder"
@@ -74,7 +75,13 @@ def _asked_for(folder: Path) -> dict[str, str]:
         "command": run.kind,
         "telemetry and noise": "as stated" if run.as_stated else "checked for faults",
         "noise model": run.noise.in_words() or "Gaussian, as stated",
+        "prior of J and K": "the campaign's" if run.prior is None else _former(run.prior),
     }
+
+
+def _former(prior: dict[str, Any]) -> str:
+    """A former result that was the prior: two that differ are called by other digests."""
+    return f"a former result (SHA-256 {sha256_of(json.dumps(prior, sort_keys=True))[:12]})"
 
 
 def promise_of_plan(run: Path, plan: Path, summary: dict[str, Any]) -> PlanPromise:

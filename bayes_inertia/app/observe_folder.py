@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from bayes_inertia.app.result_folder import ResultFolder, write_page
 from bayes_inertia.app.run_folder import FORMAT as RUN_FORMAT
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
@@ -99,10 +101,11 @@ def _comparison(
         return None
     posterior, advice = Posterior.load(path), "write it again with `bayes-inertia resume`"
     with blaming(path, intact=is_sealed(path, advice), advice=advice):
-        attributes = posterior.attributes
+        attributes, priors = posterior.attributes, [p.prior_sd for p in observability.parameters]
         same = (
             attributes.get("campaign_sha256") == digest
             and attributes["drive"] == observability.drive
             and posterior.names == list(observability.names)
+            and np.allclose(posterior.tree["estimate"]["prior_sd"], priors, rtol=1e-6)
         )
         return compare_with_posterior(observability, posterior) if same else None

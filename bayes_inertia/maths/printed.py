@@ -166,11 +166,13 @@ def parameter_lines(values: Mapping[str, tuple[float, float]]) -> tuple[str, ...
     >>> parameter_lines({"Jxx": (3.33117, 2e-4), "Jxy": (-0.0118, 9e-5), "K1": (1.01, 1e-4)})
     ('Jxx 3.33117 ± 0.00020 kg m²', 'K1 1.01000 ± 0.00010')
     """
-    moments = {k: v for k, v in values.items() if k in ("Jxx", "Jyy", "Jzz")}
+    diagonal = ("Jxx", "Jyy", "Jzz")
+    moments = {k: v for k, v in values.items() if k in diagonal}
+    ratios = {k: v for k, v in values.items() if k.removesuffix("/trace") in diagonal}
     factors = {k: v for k, v in values.items() if k[0] == "K" and k[1:].isdigit()}
     return tuple(
         ", ".join(f"{name} {_with_sd(*value)}" for name, value in part.items()) + unit
-        for part, unit in ((moments, " kg m²"), (factors, ""))
+        for part, unit in ((moments, " kg m²"), ({} if moments else ratios, ""), (factors, ""))
         if part
     )
 

@@ -11,13 +11,12 @@ from bayes_inertia.report.section import Section, captioned, packaged
 
 def comparison_page(comparison: RunComparison) -> str:
     """Two runs side by side as one HTML page that needs nothing from outside."""
-    first, second = comparison.first, comparison.second
     pictures = captioned("run_differences", draw_run_differences(comparison.J_and_K))
     sections = {"Verdict": "verdict", "Parameters": "parameters", "Gates": "gates"}
     sections |= {"What differs in settings": "settings"}
-    context = {"c": comparison, "powers": exponents_of(first.rows, second.rows)}
+    context = {"c": comparison, "powers": exponents_of(*comparison.rows)}
     return render_page(
-        f"{first.label} and {second.label}",
+        f"{comparison.first.label} and {comparison.second.label}",
         [
             Section(
                 title,

@@ -97,6 +97,7 @@ def plan_promise(
             rows[name]["quoted_sd"],
         )
         for name, sd in promised_sd.items()
+        if name in rows  # K of an axis that the run does not have
     )
     return PlanPromise(plan, file, promised_by, parameters, tuple(summary["effects"]))
 

@@ -11,6 +11,7 @@ import numpy as np
 from bayes_inertia.design.comparison import Contender
 from bayes_inertia.physics.parameters import BASE_UNITS, base_names, base_units
 from bayes_inertia.report.formatting import (
+    NOT_GIVEN,
     listed,
     number,
     plain,
@@ -191,12 +192,16 @@ def costs_table(contenders: Sequence[Contender]) -> Table:
     rows = [
         ("total time", "s", *(f"{c.total_time:.0f}" for c in contenders)),
         ("in motion", "s", *(f"{c.motion_time:.0f}" for c in contenders)),
-        ("peak momentum", "N m s", *(two_digits(c.peak_momentum) for c in contenders)),
-        ("peak torque", "N m", *(two_digits(c.peak_torque) for c in contenders)),
+        ("peak momentum", "N m s", *(_peak(c.peak_momentum) for c in contenders)),
+        ("peak torque", "N m", *(_peak(c.peak_torque) for c in contenders)),
         ("limits broken", "–", *(_broken(c) for c in contenders)),
     ]
     plans = [plain(c.name) for c in contenders]
     return Table({"cost": "", "unit": ""} | dict.fromkeys(plans, "n"), rows)
+
+
+def _peak(value: float) -> str:
+    return two_digits(value) if math.isfinite(value) else NOT_GIVEN
 
 
 def _broken(contender: Contender) -> str:

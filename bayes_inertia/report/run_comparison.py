@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from bayes_inertia.report.criteria import ratios_told
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.words import phrase
 
@@ -30,11 +31,6 @@ class ComparedRun:
     def trusted(self) -> bool:
         """Whether every gate is passed."""
         return bool(self.summary["trusted"])
-
-    @property
-    def rows(self) -> Mapping[str, Mapping[str, Any]]:
-        """Parameters and principal moments."""
-        return self.summary["parameters"] | self.summary["derived"]
 
 
 @dataclass(frozen=True)
@@ -99,6 +95,11 @@ class RunComparison:
     parameters: tuple[ParameterDifference, ...]
 
     @property
+    def rows(self) -> tuple[Mapping[str, Mapping[str, Any]], ...]:
+        """Rows of each run, see `_rows`."""
+        return _rows(self.first.summary, self.second.summary)
+
+    @property
     def same_telemetry(self) -> bool:
         """Whether both were made from the same files."""
         digests = [run.summary.get("campaign_sha256") for run in (self.first, self.second)]
@@ -137,13 +138,22 @@ class RunComparison:
         return phrase("fit", "comparison", self)
 
 
+def _rows(*summaries: Mapping[str, Any]) -> tuple[Mapping[str, Mapping[str, Any]], ...]:
+    """Parameters and principal moments; before them ratios of J where a run has no size of its."""
+    untied = any(ratios_told(summary) for summary in summaries)
+    return tuple(
+        (summary["ratios"] if untied else {}) | summary["parameters"] | summary["derived"]
+        for summary in summaries
+    )
+
+
 def compare_runs(first: ComparedRun, second: ComparedRun) -> RunComparison:
     """Put two runs side by side."""
-    units = {name: row["unit"] for run in (second, first) for name, row in run.rows.items()}
-    names = dict.fromkeys([*first.rows, *second.rows])
+    rows = _rows(first.summary, second.summary)
+    units = {name: row["unit"] for of_run in reversed(rows) for name, row in of_run.items()}
     differences = tuple(
-        ParameterDifference(name, units[name], first.rows.get(name), second.rows.get(name))
-        for name in names
+        ParameterDifference(name, units[name], *(of_run.get(name) for of_run in rows))
+        for name in dict.fromkeys([*rows[0], *rows[1]])
     )
     return RunComparison(first, second, differences)
 

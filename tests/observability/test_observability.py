@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from bayes_inertia.app import observe_folder
 from bayes_inertia.app.cli import main
 from bayes_inertia.app.observe_folder import run_observe
 from bayes_inertia.campaign.writer import write_campaign
@@ -351,6 +352,22 @@ def test_truncation_by_physics_is_named(observability):
 
 
 # --- the command ------------------------------------------------
+@pytest.mark.parametrize("factor", [1.0, 0.5])
+def test_a_posterior_of_another_prior_is_not_put_beside_it(
+    factor, estimate, observability, tmp_path, monkeypatch
+):
+    """`fit --prior` there, `observe` here: that its sds are smaller is no finding."""
+    draws = np.random.default_rng(5).multivariate_normal(estimate.theta, estimate.covariance, 99)
+    posterior = sampled(observability, draws)
+    posterior.attributes |= {"campaign_sha256": "ab", "drive": observability.drive}
+    prior_sd = [factor * p.prior_sd for p in observability.parameters]
+    posterior.tree = {"estimate": {"prior_sd": prior_sd}}
+    (tmp_path / "posterior.nc").touch()
+    monkeypatch.setattr(observe_folder.Posterior, "load", lambda _: posterior)
+    compared = observe_folder._comparison(observability, tmp_path, "ab")
+    assert (compared is None) == (factor != 1.0)
+
+
 @pytest.mark.slow
 def test_one_outlier_does_not_make_a_slew_count_for_little(flown, observability, tmp_path):
     """As `fit`, the command leaves it out; the plain estimate, the control, does not."""

@@ -135,3 +135,10 @@ def test_the_sentence_of_a_promise_that_is_kept():
     promise = plan_promise("p", "p.toml", "design", {"Jxx": 0.01, "Jyy": 0.01}, summary)
     assert promise.sentence.endswith("are 1.10 to 1.20 times those promised.")
     assert promise.json()["effects_fitted_along"] == ["rate_bias"]
+
+
+def test_the_scale_factor_of_an_axis_that_failed_before_the_flight_has_no_row():
+    row = {"unit": "", "prior_sd": 0.1, "sd": 0.02, "quoted_sd": 0.02}
+    summary = {"parameters": {"K1": row}, "effects": []}
+    promise = plan_promise("p", "p.toml", "", {"K1": 0.02, "K2": 0.02}, summary)
+    assert [p.name for p in promise.parameters] == ["K1"]

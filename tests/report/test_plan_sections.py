@@ -1,6 +1,7 @@
 """The pages of `design` and `compare`: the answer, sds in one power a column, one colour a plan."""
 
 import re
+from dataclasses import replace
 from html import unescape
 
 import numpy as np
@@ -12,9 +13,14 @@ from bayes_inertia.design.margins import Margin
 from bayes_inertia.design.simulated_fits import AchievedErrors
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.physics.parameters import BASE_NAMES
+from bayes_inertia.report.formatting import NOT_GIVEN
 from bayes_inertia.report.page import render_page
 from bayes_inertia.report.pictures.design import draw_comparison
-from bayes_inertia.report.plan_sections import comparison_sections, design_sections
+from bayes_inertia.report.plan_sections import (
+    comparison_sections,
+    costs_table,
+    design_sections,
+)
 
 SDS = np.array([2.7e-4, 7e-5, 1.8e-4, 5.7e-5, 5.6e-5, 6.2e-5, 9.2e-5, 9.1e-5, 2.2e-4])
 WORSE = np.array([1.0, 1.0, 1.0, 2.0, 1.0, 1.0, 1.0, 1.0, 0.5])
@@ -94,3 +100,8 @@ def test_a_plan_has_one_colour_whatever_stands_beside_it():
         colors.append({bar.get_label(): to_hex(bar.patches[0].get_facecolor()) for bar in bars})
     assert colors[0] == colors[1]
     assert len(set(colors[0].values())) == 2
+
+
+def test_wheels_without_limits_have_no_peaks_to_print():
+    free = replace(PLAN, peak_momentum=float("nan"), peak_torque=float("nan"))
+    assert [row[2] for row in costs_table([free]).rows[2:4]] == [NOT_GIVEN] * 2

@@ -4,11 +4,20 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 
 import pytest
 from support.commands import run
 
+import bayes_inertia
+from bayes_inertia.app import run_folder
+from bayes_inertia.app.finished_runs import compare_two_runs
+from bayes_inertia.campaign.prior import prior_from_json
+from bayes_inertia.physics.parameters import base_names
+from bayes_inertia.report.comparison_sections import comparison_page
 from bayes_inertia.report.run_comparison import ComparedRun, compare_runs
+
+EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 
 
 def row(mean: float, sd: float, quoted_sd: float | None = None) -> dict:
@@ -109,3 +118,28 @@ def test_what_is_no_run_is_refused(folders, capsys, first, second, says):
     (folders / "unfinished" / "run.json").write_text("{}")
     assert run("report", folders / first, folders / second) == 2
     assert says in capsys.readouterr().err
+
+
+def test_a_free_body_is_compared_by_its_ratios(made, folders):
+    """Nothing ties the size of J: its elements have no sd to count in, their ratios have."""
+    free = made("good")
+    attributes = free.attributes | {"scale_of_J": []}
+    free.tree.attrs["bayes_inertia"] = json.dumps(attributes)
+    free.save(folders / "free.nc")
+    (folders / "second").mkdir()
+    (folders / "free.nc").rename(folders / "second" / "posterior.nc")
+    comparison = compare_two_runs(folders / "after", folders / "second")
+    compared = [p.name for p in comparison.J_and_K]
+    assert compared[:6] == [f"{name}/trace" for name in base_names(6)]
+    assert compared[6:] == ["K1", "K2", "K3"]
+    assert "Jxx/trace" in comparison_page(comparison)
+
+
+def test_runs_that_differ_by_a_former_result_say_so(made, tmp_path):
+    known = {"names": ["Jxx"], "mean": [3.3], "covariance": [[1e-4]]}
+    for name, prior in (("a", None), ("b", prior_from_json(known, "prior"))):
+        run_folder.start(EXAMPLE, tmp_path / name, prior=prior)
+        made("good").save(tmp_path / name / "posterior.nc")
+    differing = compare_two_runs(tmp_path / "a", tmp_path / "b").differing_settings
+    assert [name for name, *_ in differing] == ["prior of J and K"]
+    assert differing[0][1] == "the campaign's"

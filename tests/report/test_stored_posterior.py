@@ -115,3 +115,14 @@ def test_likelihood_and_prior_make_the_quoted_posterior(made):
 
 def test_a_refused_result_passes_nothing_on(made):
     assert made("thrown").summary()["likelihood"] is None
+
+
+def test_where_nothing_ties_the_size_of_the_tensor_it_shows_ratios(made):
+    """The sd of an element of J would be the prior's, under the heading of a quoted one."""
+    posterior = made("good")
+    attributes = posterior.attributes | {"scale_of_J": []}
+    posterior.tree.attrs["bayes_inertia"] = json.dumps(attributes)
+    shown = repr(posterior)
+    assert "Jxx/trace" in shown
+    assert "kg m²" not in shown
+    assert "K1 " in shown
