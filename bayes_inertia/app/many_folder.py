@@ -6,7 +6,6 @@ import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +14,8 @@ import numpy as np
 from bayes_inertia.app import run_folder
 from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.app.result_folder import ResultFolder, write_json, write_page
-from bayes_inertia.app.told_torques import torques_of
+from bayes_inertia.app.told_torques import refuse_impossible
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
-from bayes_inertia.conventions.check import refuse_impossible
 from bayes_inertia.errors import (
     BayesInertiaError,
     CampaignError,
@@ -37,12 +35,14 @@ from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.parameters import base_names
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.progress import Progress, silent
+from bayes_inertia.report.criteria import ratios_told
 from bayes_inertia.report.section import Section
 from bayes_inertia.report.series_sections import (
     fleet_answer,
     fleet_sections,
     history_answer,
     history_sections,
+    series_notes,
 )
 from bayes_inertia.sealing import read_sealed_json, sha256_of
 from bayes_inertia.series.fleet import Fleet, FleetSettings, fleet_of
@@ -79,7 +79,7 @@ class CampaignFit:
             # Not one of the package's errors: the next command looks at the campaign again.
             raise RuntimeError(f"{path} was changed while it waited to be fitted")
         if not self.anyway:
-            refuse_impossible(path, partial(torques_of, effects=self.effects))
+            refuse_impossible(path, self.effects)
         number = int(seed.generate_state(1)[0])
         posterior = fit(
             read_campaign(path),
@@ -249,9 +249,9 @@ def _row_of(summary: dict[str, Any]) -> dict[str, Any]:
     for name, parameter in summary["parameters"].items():
         row[name] = parameter["mean"]
         row |= {f"{name}_{key}": parameter[key] for key in _STATISTICS}
-    for name, moment in summary["derived"].items():
+    for name, moment in (summary["derived"] | ratios_told(summary)).items():
         row |= {name: moment["mean"], f"{name}_sd": moment["sd"]}
-        row |= {f"{name}_{key}": moment[key] for key in ("quoted_sd", "robust_sd")}
+        row |= {f"{name}_{key}": moment.get(key) for key in ("quoted_sd", "robust_sd")}
     # What `history` and `fleet` read.
     row["likelihood"] = json.dumps(summary["likelihood"])
     chi2 = summary["fit"]["reduced_chi2"]
@@ -282,7 +282,7 @@ def run_history(
     """J and K over campaigns in the order given; writes history.json and history.html.
 
     `sources`: folders of runs, of fits of many, or of campaigns, which are fitted in `folder`/runs.
-    Returns: the history; the campaigns that were left out, because their result must not be used.
+    Returns: the history; what must be known of its numbers, see `series_notes`.
     """
     told = [
         one
@@ -301,11 +301,12 @@ def run_history(
     progress("weighing how J and K may have changed", 0, 0)
     history = history_of(usable)
     left_out = tuple(name for name, summary in told if summary is None)
-    content = history_json(history) | {"left_out": left_out}
+    notes = series_notes(history, left_out)
+    content = history_json(history) | {"left_out": left_out, "notes": notes}
     names = HISTORY, HISTORY_FORMAT, "history"
-    sections = history_sections(history, left_out)
+    sections = history_sections(history, notes)
     _write(folder, names, usable, content, sections, "J and K over campaigns")
-    return history, left_out
+    return history, notes
 
 
 def run_fleet(
@@ -314,8 +315,7 @@ def run_fleet(
     """J and K of a fleet; writes fleet.json and fleet.html.
 
     `fits`: what `fit-many` wrote. The first folder of a campaign's path is its spacecraft. Returns:
-    the fleet; sds (craft, n) of each craft alone; the campaigns that were left out, because their
-    result must not be used.
+    the fleet; sds (craft, n) of each craft alone; what must be known, see `series_notes`.
     """
     crafts: dict[str, list[LikelihoodSummary]] = {}
     told_by = _of_many(fits)
@@ -333,11 +333,12 @@ def run_fleet(
     fleet = fleet_of(summaries, FleetSettings(seed=seed))
     alone, alone_sd = means_and_sds(summaries)
     left_out = tuple(name for name, summary in told_by if summary is None)
-    content = fleet_json(fleet, alone_sd) | {"left_out": left_out}
-    sections = fleet_sections(fleet, alone, alone_sd, left_out)
+    notes = series_notes(fleet, left_out)
+    content = fleet_json(fleet, alone_sd) | {"left_out": left_out, "notes": notes}
+    sections = fleet_sections(fleet, alone, alone_sd, notes)
     names = FLEET, FLEET_FORMAT, "fleet"
     _write(folder, names, summaries, content, sections, f"Fleet of {len(crafts)} spacecraft")
-    return fleet, alone_sd, left_out
+    return fleet, alone_sd, notes
 
 
 def _write(

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.conventions.check import ConventionsCheck
 from bayes_inertia.conventions.check import check_conventions as checked
+from bayes_inertia.conventions.check import refuse_impossible as refused
 from bayes_inertia.conventions.reading import ToldTorque
 
 
@@ -42,6 +44,11 @@ def check_conventions(campaign: Campaign | str | Path, *, quick: bool = False) -
     'consistent'
     """
     return checked(campaign, torques_of, quick=quick)
+
+
+def refuse_impossible(campaign: Path, effects: Sequence[str] = ()) -> ConventionsCheck:
+    """Raise an error if data are impossible as stated, whatever devices and named effects do."""
+    return refused(campaign, partial(torques_of, effects=effects))
 
 
 def torques_of(campaign: Campaign, effects: Sequence[str] = ()) -> dict[str, ToldTorque]:

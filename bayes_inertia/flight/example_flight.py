@@ -30,6 +30,7 @@ from bayes_inertia.flight.planned_telemetry import (
     with_effect_values,
     with_readings,
 )
+from bayes_inertia.flight.spacecraft import spin_tensor, without_spin
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
@@ -100,8 +101,11 @@ def flown_again(
 
 
 def _truth(model: Model, theta: np.ndarray, bias: np.ndarray, seed: int) -> dict[str, Any]:
+    campaign, J = model.campaign, np.asarray(inertia_tensor.tensor(theta[:6]))
+    J = without_spin(J, campaign.inertia.includes_wheel_spin, campaign.wheels)
     return {
-        "J_kgm2": np.asarray(inertia_tensor.tensor(theta[:6])).tolist(),
+        "J_kgm2": J.tolist(),
+        "J_locked_kgm2": (J + spin_tensor(campaign.wheels)).tolist(),
         "K": theta[6 : model.n_base].tolist(),
         "b_radps": bias.tolist(),
         "parameters": dict(zip(model.space.names, theta.tolist(), strict=True)),

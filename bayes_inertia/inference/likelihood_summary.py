@@ -36,6 +36,8 @@ class LikelihoodSummary:
         The prior that was taken off.
     prior_correlation : (n, n) array or None
         Of that prior; None where its parameters were independent.
+    is_scale_untied : bool
+        Whether nothing in the campaign ties the size of J: only its ratios are told of.
     """
 
     campaign: str
@@ -44,6 +46,7 @@ class LikelihoodSummary:
     prior_mean: np.ndarray
     prior_sd: np.ndarray
     prior_correlation: np.ndarray | None = None
+    is_scale_untied: bool = False
 
     def whitened(self, first: LikelihoodSummary) -> tuple[np.ndarray, np.ndarray]:
         """The summary as data in units of another one's prior.
@@ -63,7 +66,8 @@ class LikelihoodSummary:
 
     def json(self) -> dict[str, Any]:
         """As it stands in a file: lists of numbers."""
-        content = {"campaign": self.campaign} | {k: getattr(self, k).tolist() for k in _ARRAYS}
+        content: dict[str, Any] = {k: getattr(self, k) for k in ("campaign", "is_scale_untied")}
+        content |= {k: getattr(self, k).tolist() for k in _ARRAYS}
         if self.prior_correlation is not None:
             content["prior_correlation"] = self.prior_correlation.tolist()
         return content
@@ -116,7 +120,8 @@ def summary_from_json(content: Mapping[str, Any]) -> LikelihoodSummary:
     arrays = {key: np.array(content[key], dtype=float) for key in _ARRAYS}
     if content.get("prior_correlation") is not None:
         arrays["prior_correlation"] = np.array(content["prior_correlation"], dtype=float)
-    return LikelihoodSummary(str(content["campaign"]), **arrays)
+    untied = bool(content.get("is_scale_untied", False))
+    return LikelihoodSummary(str(content["campaign"]), is_scale_untied=untied, **arrays)
 
 
 def require_same_parameters(summaries: Sequence[LikelihoodSummary]) -> None:
@@ -145,7 +150,8 @@ def product(summaries: Sequence[LikelihoodSummary]) -> LikelihoodSummary:
     scaled = precision * np.outer(first.prior_sd, first.prior_sd)
     shift = np.linalg.lstsq(scaled, pull * first.prior_sd, rcond=LIMITS.told_share**2)[0]
     mean = first.prior_mean + first.prior_sd * shift
-    return replace(first, mean=mean, precision=precision)
+    untied = all(summary.is_scale_untied for summary in summaries)
+    return replace(first, mean=mean, precision=precision, is_scale_untied=untied)
 
 
 def with_prior(summary: LikelihoodSummary) -> tuple[np.ndarray, np.ndarray]:

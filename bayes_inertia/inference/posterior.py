@@ -11,6 +11,7 @@ diagnosis also `averaged`: J, K and principal moments, whichever effect of the s
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cached_property
 from io import BytesIO
 from pathlib import Path
@@ -79,9 +80,13 @@ def _card(posterior: Posterior) -> Card:
     """Whether to trust it, J and K as quoted, and all parameters."""
     summary = posterior.summary()
     trust = "trusted" if summary["trusted"] else f"not trusted: {'; '.join(summary['reasons'])}"
+    told = summary["parameters"]
+    if posterior.is_scale_untied:
+        # An sd of the size of J would be the prior's.
+        told = summary["ratios"] | {n: p for n, p in told.items() if n not in ELEMENTS}
     quoted = {
         name: (p["mean"], p["sd"] if p["quoted_sd"] is None else p["quoted_sd"])
-        for name, p in summary["parameters"].items()
+        for name, p in told.items()
     }
     lines = (
         f"Posterior of {summary['campaign']}, {len(posterior.samples):,} draws: {trust}",
@@ -92,9 +97,9 @@ def _card(posterior: Posterior) -> Card:
             name,
             parameter_text(name, *quoted[name], p["unit"]),
             f"{p['prior_sd']:.2g}",
-            "yes" if p["observable"] else "no",
+            "yes" if p.get("observable", True) else "no",
         )
-        for name, p in summary["parameters"].items()
+        for name, p in told.items()
     )
     # Without a number to quote the model's own sds are shown, and called that.
     name = "sd" if posterior.quoted_factor is None else "quoted sd"
@@ -269,7 +274,8 @@ class Posterior:
         mean, wider = widened
         covariance = self._covariance() * np.outer(wider, wider)
         name = str(self.attributes.get("campaign"))
-        return summary_of(name, mean, covariance, prior_mean, prior_sd, correlation)
+        told = summary_of(name, mean, covariance, prior_mean, prior_sd, correlation)
+        return replace(told, is_scale_untied=self.is_scale_untied)
 
     def _widened(self) -> tuple[np.ndarray, np.ndarray] | None:
         """J and K as quoted (n,), and by how much the model's sds are widened for that (n,)."""

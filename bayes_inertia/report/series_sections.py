@@ -52,15 +52,19 @@ def history_table(history: History) -> Table:
     return Table(_OF_HISTORY, rows, "many short")
 
 
-def left_out_in_words(campaigns: Sequence[str]) -> tuple[str, ...]:
-    """A sentence on campaigns that were left out; none where none was."""
-    if not campaigns:
-        return ()
-    return (f"left out, because their result must not be used: {listed(campaigns)}",)
+def series_notes(series: History | Fleet, left_out: Sequence[str]) -> tuple[str, ...]:
+    """What must be known of the numbers; `left_out`: campaigns without a usable result."""
+    untied = (
+        "nothing ties the size of J: sds of J, and how it changes or differs in size, are the "
+        "prior's; only its ratios are known better"
+    )
+    unused = f"left out, because their result must not be used: {listed(left_out)}"
+    notes = ((untied, series.is_scale_untied), (unused, left_out))
+    return tuple(note for note, holds in notes if holds)
 
 
-def history_sections(history: History, left_out: Sequence[str] = ()) -> list[Section]:
-    """The page of `history`, the answer first; `left_out`: campaigns without a usable result."""
+def history_sections(history: History, notes: Sequence[str] = ()) -> list[Section]:
+    """The page of `history`, the answer first; `notes`: see `series_notes`."""
     possible = [j for j in history.jumps if j.probability > LAYOUT.possible_change]
     chances = listed([f"{part} {100.0 * p:.0f} %" for part, p in history.wanders.items()])
     result = history_table(history).section(
@@ -71,7 +75,7 @@ def history_sections(history: History, left_out: Sequence[str] = ()) -> list[Sec
         more=f"Probability that it wanders from campaign to campaign: {chances}.",
         notes=(
             *(phrase("plans", "jump", history, jump) for jump in possible),
-            *left_out_in_words(left_out),
+            *notes,
         ),
     )
     return [result]
@@ -110,14 +114,14 @@ def fleet_table(fleet: Fleet, alone_sd: np.ndarray) -> Table:
 
 
 def fleet_sections(
-    fleet: Fleet, alone: np.ndarray, alone_sd: np.ndarray, left_out: Sequence[str] = ()
+    fleet: Fleet, alone: np.ndarray, alone_sd: np.ndarray, notes: Sequence[str] = ()
 ) -> list[Section]:
-    """The page of `fleet`, the answer first; `left_out`: campaigns without a usable result."""
+    """The page of `fleet`, the answer first; `notes`: see `series_notes`."""
     result = fleet_table(fleet, alone_sd).section(
         "Result",
         captioned("fleet", draw_fleet(fleet, alone, alone_sd)),
         sentence=fleet_answer(fleet, alone_sd),
         level="good",
-        notes=(_SPREAD, *left_out_in_words(left_out)),
+        notes=(_SPREAD, *notes),
     )
     return [result]

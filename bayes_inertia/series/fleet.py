@@ -53,6 +53,7 @@ class Fleet:
     # (craft, n) each spacecraft, from its own campaigns and from its sisters.
     craft_mean: np.ndarray
     craft_sd: np.ndarray
+    is_scale_untied: bool = False  # whether nothing ties the size of any J
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +131,7 @@ def fleet_of(
         spreads[2],
         first.prior_mean + scale * own_mean,
         scale * own_sd,
+        all(craft.is_scale_untied for craft in crafts),
     )
 
 

@@ -118,6 +118,7 @@ class History:
     jumps: tuple[SeenJump, ...]  # the most probable first; improbable ones are among them
     # Probability that J, and that K, changes a little from each campaign to the next.
     wanders: dict[Part, float]
+    is_scale_untied: bool = False  # whether no campaign ties the size of J
 
 
 def weigh_changes(
@@ -190,7 +191,8 @@ def history_of(series: Sequence[LikelihoodSummary], changes: Changes = Changes()
     alone, alone_sd = means_and_sds(
         [replace(s, prior_mean=first.prior_mean, prior_sd=first.prior_sd) for s in series]
     )
-    return History(names, mean, np.sqrt(spread), alone, alone_sd, likely, walks)
+    untied = all(campaign.is_scale_untied for campaign in series)
+    return History(names, mean, np.sqrt(spread), alone, alone_sd, likely, walks, untied)
 
 
 def _seen_jump(

@@ -13,7 +13,7 @@ from support.commands import run
 
 import bayes_inertia
 from bayes_inertia.app.many_folder import fit_many
-from bayes_inertia.conventions.check import refuse_impossible
+from bayes_inertia.app.told_torques import refuse_impossible
 from bayes_inertia.errors import CampaignError, EffectError, OutputError
 from bayes_inertia.physics.parameters import BASE_NAMES
 

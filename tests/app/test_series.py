@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
@@ -104,3 +105,19 @@ def test_one_spacecraft_is_no_fleet(tmp_path, capsys):
     fits = fits_in(tmp_path / "fits", {"craft/a": told, "craft/b": told})
     assert call("fleet", fits, "-o", tmp_path / "fleet") == 2
     assert "holds 1 spacecraft" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("untied", [True, False])
+def test_campaigns_of_free_bodies_say_whose_sds_these_are(untied, tmp_path, capsys):
+    rng = np.random.default_rng(7)
+    for name in "ab":
+        told = replace(campaign_of(PRIOR_MEAN, rng, name), is_scale_untied=untied)
+        (tmp_path / name).mkdir()
+        content = sealed({"campaign": name, "likelihood": told.json()})
+        write_json(tmp_path / name / "summary.json", content)
+    out = tmp_path / "history"
+    assert call("history", tmp_path / "a", tmp_path / "b", "-o", out) == 0
+    said = "nothing ties the size of J"
+    assert (said in " ".join(capsys.readouterr().out.split())) == untied
+    assert (said in (out / "history.html").read_text()) == untied
+    assert len(json.loads((out / "history.json").read_text())["notes"]) == untied

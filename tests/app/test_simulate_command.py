@@ -90,6 +90,7 @@ def test_a_spacecraft_that_no_plan_flies_flies_its_own_slews_again(tmp_path, cap
     assert [slew.name for slew in flown.slews] == [slew.name for slew in given.slews]
     dipoles = [campaign.slews[1].inputs["torquers"].values for campaign in (flown, given)]
     np.testing.assert_allclose(*dipoles)
+    assert truth["J_locked_kgm2"] == truth["J_kgm2"]  # no wheels
     # The forward model at the truth explains what was written.
     model = Model(flown)
     theta = np.array(model.space.nulls)

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import bayes_inertia as bi
-from bayes_inertia.app.told_torques import torques_of
+from bayes_inertia.app import many_folder, run_folder
+from bayes_inertia.app.told_torques import refuse_impossible, torques_of
 from bayes_inertia.campaign.actuators import GimballedRotors, Thruster
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.writer import write_campaign
-from bayes_inertia.conventions.check import (
-    check_conventions,
-    refuse_impossible,
-)
+from bayes_inertia.conventions.check import check_conventions
+from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.quaternion import exp, to_body
 from bayes_inertia.physics.small_campaign import small_campaign
 
@@ -75,7 +75,7 @@ def test_a_torque_that_a_named_effect_tells_is_no_broken_law(thrown):
     before = check_conventions(thrown)
     assert before.verdict != "consistent"
     assert before.misfits["conservation"] > 3.0
-    check = refuse_impossible(thrown, partial(torques_of, effects=thrusters(thrown, 0.02)))
+    check = refuse_impossible(thrown, thrusters(thrown, 0.02))
     assert check.verdict == "consistent"
     assert max(check.misfits.values()) < 0.2
 
@@ -112,17 +112,17 @@ def test_the_told_torque_follows_the_measured_attitude(tmp_path):
     assert at_end[3] == 0.0
 
 
-def test_devices_of_the_campaign_count():
-    """Pulses of thrusters are no broken law, unless their torques point the other way."""
+def with_jets(sign: float) -> Campaign:
+    """One slew by pulses of a pair of thrusters."""
     campaign = pushed(0.02)
     levels = InputStream([0.0, 30.0, 70.0], [[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
-    slews = tuple(replace(s, inputs={"jets": levels}) for s in campaign.slews)
+    torque_B = sign * 0.02 * np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
+    slew = replace(campaign.slews[0], inputs={"jets": levels})
+    return replace(campaign, slews=(slew,), actuators=(Thruster("jets", torque_B, 0.02),))
 
-    def with_jets(sign: float) -> Campaign:
-        # One pair of jets a slew: the other slews are left out.
-        torque_B = sign * 0.02 * np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
-        return replace(campaign, slews=slews[:1], actuators=(Thruster("jets", torque_B, 0.02),))
 
+def test_devices_of_the_campaign_count():
+    """Pulses of thrusters are no broken law, unless their torques point the other way."""
     right = bi.check_conventions(with_jets(1.0))
     assert right.verdict == "consistent"
     assert max(right.misfits.values()) < 0.2
@@ -143,3 +143,14 @@ def test_rotors_count_in_the_total_momentum():
     check = bi.check_conventions(replace(campaign, slews=(flown,), actuators=(device,)))
     assert check.verdict == "consistent"
     assert check.misfits["conservation"] < 0.2
+
+
+@pytest.mark.parametrize(("sign", "says"), [(1.0, "0 of 1 campaigns"), (-1.0, "impossible")])
+def test_a_history_refuses_what_fit_refuses(sign, says, tmp_path, monkeypatch):
+    """Devices of a campaign count there too: thrusters that push the other way are no data."""
+    write_campaign(with_jets(sign), tmp_path / "jets")
+    unusable = SimpleNamespace(attributes={"campaign": "jets"}, likelihood=None)
+    monkeypatch.setattr(run_folder, "start", lambda *_, **__: None)
+    monkeypatch.setattr(run_folder, "finish", lambda *_, **__: unusable)
+    with pytest.raises(CampaignError, match=says):
+        many_folder.run_history([tmp_path / "jets"], tmp_path / "out")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,13 @@ import pytest
 import bayes_inertia
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import OutputError
+from bayes_inertia.flight.example_flight import flown_again
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight, draw_spacecraft, simulate
+from bayes_inertia.flight.spacecraft import spin_tensor
+from bayes_inertia.physics.small_campaign import small_campaign
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 
@@ -81,3 +85,13 @@ def test_studies_vary_the_slews_and_keep_their_length(mission):
     np.testing.assert_array_equal(
         repeated.campaign.slews[3].rate, flights[1].campaign.slews[3].rate
     )
+
+
+def test_the_truth_of_slews_flown_again_leaves_the_wheels_spin_out():
+    small = small_campaign()
+    inertia = replace(small.inertia, includes_wheel_spin=True)
+    campaign = replace(small, inertia=inertia, slews=small.slews[:1])
+    _, truth = flown_again(campaign, (), {}, 0, draw=False)
+    np.testing.assert_allclose(truth["J_locked_kgm2"], inertia.tensor, rtol=1e-12)
+    spin = np.subtract(truth["J_locked_kgm2"], truth["J_kgm2"])
+    np.testing.assert_allclose(spin, spin_tensor(small.wheels), atol=1e-12)

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -233,12 +232,10 @@ def refuse_or_warn(
     campaign: Path, progress: Progress = silent, effects: Sequence[str] = ()
 ) -> None:
     """Stop if a campaign's conventions are wrong, and say on stderr what is doubtful."""
-    from bayes_inertia.app.told_torques import torques_of
-    from bayes_inertia.conventions.check import refuse_impossible
+    from bayes_inertia.app.told_torques import refuse_impossible
 
     progress(_CHECKING, 0, 0)
-    check = refuse_impossible(campaign, partial(torques_of, effects=effects))
-    check = check.doubting(_left_out(campaign))
+    check = refuse_impossible(campaign, effects).doubting(_left_out(campaign))
     if check.verdict == "doubtful":
         say(f"warning: {check.sentence}")
 

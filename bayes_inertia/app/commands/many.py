@@ -262,10 +262,10 @@ def history_command(
     with progress_bar() as progress:
         from bayes_inertia.app.many_folder import HISTORY, run_history
 
-        history, left_out = run_history(sources, out, seed=seed, progress=progress)
+        history, notes = run_history(sources, out, seed=seed, progress=progress)
     from bayes_inertia.report.series_sections import history_answer, history_table
 
-    told = history_answer(history), history_table(history), left_out, HISTORY, out
+    told = history_answer(history), history_table(history), notes, HISTORY, out
     show_result(out / HISTORY[0], as_json, open_page, _show, *told)
 
 
@@ -289,26 +289,25 @@ def fleet_command(
     with progress_bar() as progress:
         from bayes_inertia.app.many_folder import FLEET, run_fleet
 
-        fleet, alone_sd, left_out = run_fleet(fits, out, seed=seed, progress=progress)
+        fleet, alone_sd, notes = run_fleet(fits, out, seed=seed, progress=progress)
     from bayes_inertia.report.series_sections import fleet_answer, fleet_table
 
-    told = fleet_answer(fleet, alone_sd), fleet_table(fleet, alone_sd), left_out, FLEET, out
+    told = fleet_answer(fleet, alone_sd), fleet_table(fleet, alone_sd), notes, FLEET, out
     show_result(out / FLEET[0], as_json, open_page, _show, *told)
 
 
 def _show(
-    answer: str, table: Table, left_out: tuple[str, ...], files: tuple[str, str], folder: Path
+    answer: str, table: Table, notes: tuple[str, ...], files: tuple[str, str], folder: Path
 ) -> None:
-    """Print the answer, a row a parameter, what was left out, and what was written.
+    """Print the answer, a row a parameter, what must be known of it, and what was written.
 
     What gives way in a narrow terminal is the interval of the spread.
     """
     from bayes_inertia.report.formatting import typeset
-    from bayes_inertia.report.series_sections import left_out_in_words
 
     console = plain_console()
     console.print(headed(typeset(answer)))
     print_table(table.columns, table.rows, list(table.columns)[5:6])
-    for sentence in left_out_in_words(left_out):
-        console.print(sentence)
+    for note in notes:
+        console.print(note)
     console.print(f"wrote {' and '.join(files)} in {folder}")
