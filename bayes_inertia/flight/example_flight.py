@@ -30,7 +30,7 @@ from bayes_inertia.flight.planned_telemetry import (
     with_effect_values,
     with_readings,
 )
-from bayes_inertia.flight.spacecraft import spin_tensor, without_spin
+from bayes_inertia.flight.spacecraft import require_shape, spin_tensor, without_spin
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
@@ -87,6 +87,7 @@ def flown_again(
 
     J and K are at the mean of the prior, or with `draw` one draw of it. Slews begin as they did.
     """
+    require_shape(effects)
     rng, model = np.random.default_rng(seed), Model(campaign, effects)
     theta = np.array(model.space.mean)
     theta[model.n_base :] = model.space.nulls[model.n_base :]

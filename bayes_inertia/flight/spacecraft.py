@@ -87,9 +87,7 @@ class Spacecraft:
         for effect in self.effects:
             advice = "give values = {effect name: {parameter: value}}"
             require_of_effect(effect.name in self.values, effect, "has no values", advice)
-            shaped = not isinstance(effect, StochasticEffect)
-            what = "is stochastic, which simulated flights do not draw"
-            require_of_effect(shaped, effect, what, "fly without it")
+        require_shape(self.effects)
 
     @property
     def flies_by_gyro(self) -> bool:
@@ -260,6 +258,14 @@ def most_like_prior() -> InertiaPrior:
         [[0.97, 1.02, 0.97], [1.02, 0.98, 0.98], [0.97, 0.98, 1.04]]
     )
     return InertiaPrior(tensor, 0.04, 0.03)
+
+
+def require_shape(effects: Sequence[Effect]) -> None:
+    """`EffectError` for an effect that a simulated flight cannot have."""
+    for effect in effects:
+        shaped = not isinstance(effect, StochasticEffect)
+        what = "is stochastic, which simulated flights do not draw"
+        require_of_effect(shaped, effect, what, "fly without it")
 
 
 def allocation(wheels: Sequence[Wheel]) -> np.ndarray:

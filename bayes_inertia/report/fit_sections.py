@@ -221,6 +221,7 @@ def determination_section(posterior: Posterior) -> Section:
 _DRIVE_TEXT = {
     "commanded": "commanded: torque commands are the input",
     "measured": "measured: wheel momentum is the input",
+    "none": "there are no wheels",
 }
 
 
@@ -246,7 +247,7 @@ def settings_rows(posterior: Posterior) -> list[tuple[str, str]]:
             "slews, data",
             f"{n_slews(posterior)} slews, {attributes['fit']['n_data']:,} numbers",
         ),
-        ("drive", _DRIVE_TEXT[attributes["drive"]]),
+        ("drive", _DRIVE_TEXT[attributes["drive"] if attributes.get("wheels", 3) else "none"]),
         *devices,
         ("effects fitted along", listed(attributes["effects"]) or "none"),
         ("seed", str(attributes["seed"])),

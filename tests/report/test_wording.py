@@ -1,5 +1,6 @@
 """Numbers, residuals, correlations and limits in words."""
 
+import json
 import re
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import pytest
 
 from bayes_inertia.inference.limits import criteria
 from bayes_inertia.report.criteria import Criteria, channel_verdict, criteria_of, determination
+from bayes_inertia.report.fit_sections import settings_rows
 from bayes_inertia.report.formatting import number
 from bayes_inertia.report.section import packaged
 from bayes_inertia.report.words import (
@@ -216,3 +218,10 @@ def test_the_report_knows_every_limit_of_the_gates():
     assert vars(criteria_of({"criteria": limits})) == limits | {
         "determined_above": Criteria().determined_above
     }
+
+
+def test_a_body_without_wheels_has_no_drive_to_speak_of(made):
+    posterior = made("good")
+    assert dict(settings_rows(posterior))["drive"].startswith("commanded")
+    posterior.tree.attrs["bayes_inertia"] = json.dumps(posterior.attributes | {"wheels": 0})
+    assert dict(settings_rows(posterior))["drive"] == "there are no wheels"
