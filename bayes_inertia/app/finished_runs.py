@@ -9,9 +9,8 @@ from typing import Any
 
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.plan_folder import slew_rows
-from bayes_inertia.app.run_folder import read_run, run_summary
+from bayes_inertia.app.run_folder import campaign_of_run, read_run, run_summary
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.mission import Mission, other_slews
 from bayes_inertia.flight.plan import Plan
@@ -116,8 +115,7 @@ def _campaign_of(run: Path) -> Campaign:
             where=str(run),
             advice="give the folder that `fit -o` or `diagnose -o` wrote",
         )
-    read_run(run)
-    return read_campaign(run / "campaign")
+    return campaign_of_run(run, read_run(run))
 
 
 def _designed_sd(plan: Plan, path: Path) -> dict[str, float] | None:

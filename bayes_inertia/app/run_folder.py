@@ -191,9 +191,7 @@ def _finish(folder: Path, run: Run, report: bool, progress: Progress | None) -> 
 
 def _posterior(folder: Path, run: Run, progress: Progress | None) -> Posterior:
     """Posterior of the effects that the run names, or that its diagnosis does."""
-    campaign, chains = read_campaign(folder / "campaign"), folder / "chains"
-    known = None if run.prior is None else prior_from_json(run.prior, str(folder / "run.json"))
-    campaign = _with_prior(campaign, known)
+    campaign, chains = campaign_of_run(folder, run), folder / "chains"
     if run.kind == "diagnose":
         content = _diagnosed(folder, campaign, run, progress)
         # Always from the file's content, so that a run that was killed gives the same bits.
@@ -220,6 +218,12 @@ def _posterior(folder: Path, run: Run, progress: Progress | None) -> Posterior:
         noise=run.noise,
         progress=progress,
     )
+
+
+def campaign_of_run(folder: Path, run: Run) -> Campaign:
+    """The campaign that a run fits, with the former result that is its prior."""
+    known = None if run.prior is None else prior_from_json(run.prior, str(folder / "run.json"))
+    return _with_prior(read_campaign(folder / "campaign"), known)
 
 
 def _diagnosed(

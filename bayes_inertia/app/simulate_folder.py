@@ -79,7 +79,7 @@ def _drawn_mission(campaign: Campaign, seed: int) -> Mission:
     # Its own stream: the same seed draws noise and effects.
     rng = np.random.default_rng([seed, 3])
     craft = replace(draw_spacecraft(campaign, rng), bias=None)
-    return Mission(craft, campaign.inertia)
+    return Mission(craft, campaign.inertia, campaign.prior)
 
 
 def _undrawn(campaign: Campaign) -> tuple[str, ...]:

@@ -70,7 +70,8 @@ def missions_after(estimate: Estimate, draws: int, seed: int) -> list[Mission]:
         lambda k: rng.multivariate_normal(mean, covariance, k, method="cholesky"),
         draws - 1,
     )
-    return [Mission(spacecraft_at(campaign, x), campaign.inertia) for x in [mean, *drawn]]
+    crafts = (spacecraft_at(campaign, x) for x in [mean, *drawn])
+    return [Mission(craft, campaign.inertia, campaign.prior) for craft in crafts]
 
 
 def draw_bodies(campaign: Campaign, draw: Callable[[int], np.ndarray], n: int) -> np.ndarray:

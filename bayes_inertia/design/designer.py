@@ -388,7 +388,7 @@ def next_slew(
     longest = max(slew.duration for slew in campaign.slews)
     limits = limits or Limits(rate=1.1 * campaign.largest_rate(), total_time=2.0 * longest)
     return design_plan(
-        Mission(spacecraft_at(campaign, estimate.theta), campaign.inertia),
+        Mission(spacecraft_at(campaign, estimate.theta), campaign.inertia, campaign.prior),
         goal,
         limits,
         base=plan_after(estimate),
@@ -495,11 +495,10 @@ def set_up_design(
 
 def _region(mission: Mission, goal: Goal, limits: Limits, after: Estimate | None) -> FeasibleRegion:
     """Where a goal's plans may lie, or `CampaignError` where the goal is not for the spacecraft."""
-    n_base, sensor = len(mission.theta), mission.spacecraft.rate_sensor
+    n_base = len(mission.theta)
     require_goal(goal, n_base)
-    known = np.array(sensor.scale_factor_sigma if sensor else ())
-    known = known if after is None else after.sd[6:n_base]
-    largest = float(np.max(known, initial=0.0))
+    known = mission.base.sd if after is None else after.sd
+    largest = float(np.max(known[6:n_base], initial=0.0))
     return region_within(limits, hardware_limits(mission.spacecraft), scale_factor_sigma=largest)
 
 

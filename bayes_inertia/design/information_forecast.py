@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from scipy.linalg import block_diag
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors.rate import RATE
@@ -132,7 +133,9 @@ def prepare_forecast(plan: Plan, mission: Mission, effects: tuple[Effect, ...] =
     if plan.orbit is None:
         environment = last_environment(model.campaign)
     conditions = conditions_of(model, craft, environment, first=0, start_time=0.0)
-    prior = np.diag(np.concatenate([model.space.sd**-2.0, np.ones(model.n_bias)]))
+    together, sd = model.space.whitening, model.space.sd
+    prior = np.diag(sd**-2.0) if together is None else (together / sd).T @ (together / sd)
+    prior = block_diag(prior, np.eye(model.n_bias))
     return forecast_of(model, craft, plan, conditions, prior)
 
 

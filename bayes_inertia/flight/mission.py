@@ -19,6 +19,7 @@ from bayes_inertia.campaign.hardware import (
     body_rates,
     require,
 )
+from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.campaign.sensors import series_of
 from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
@@ -36,6 +37,8 @@ from bayes_inertia.flight.spacecraft import (
 )
 from bayes_inertia.flight.steering import FlyingDevice, flying_device
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.physics.forward_model import base_space
+from bayes_inertia.physics.parameters import ParameterSpace
 
 # Further sensors whose readings can be foreseen.
 _FLYING = (RateSensor, StarTracker, DirectionSensor)
@@ -43,8 +46,7 @@ _FLYING = (RateSensor, StarTracker, DirectionSensor)
 
 def prior_mean(campaign: Campaign) -> np.ndarray:
     """J's six elements [kg m^2] and K of a campaign's rate sensor (6 + axes,) before flight."""
-    sensor = campaign.rate_sensor
-    return np.concatenate([campaign.inertia.elements, sensor.scale_factor if sensor else ()])
+    return np.array(base_space(campaign.inertia, campaign.rate_sensor, campaign.prior).mean)
 
 
 def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
@@ -295,6 +297,8 @@ class Mission:
         The spacecraft as it is: J, K, hardware, and what else acts.
     prior : InertiaPrior
         The inertia tensor as the campaign states it: what was known before flight, and how well.
+    known : GaussianPrior, optional
+        J and K as a former result has them; None where `prior` and the rate sensor say it all.
 
     Examples
     --------
@@ -305,6 +309,7 @@ class Mission:
 
     spacecraft: Spacecraft
     prior: InertiaPrior
+    known: GaussianPrior | None = None
 
     @classmethod
     def of(cls, campaign: Campaign) -> Mission:
@@ -326,7 +331,13 @@ class Mission:
         >>> Mission.of(small_campaign()).spacecraft.scale_factor
         (1.0, 1.0, 1.0)
         """
-        return cls(spacecraft_at(campaign, prior_mean(campaign)), campaign.inertia)
+        craft = spacecraft_at(campaign, prior_mean(campaign))
+        return cls(craft, campaign.inertia, campaign.prior)
+
+    @property
+    def base(self) -> ParameterSpace:
+        """J and K as they are known before flight."""
+        return base_space(self.prior, self.spacecraft.rate_sensor, self.known)
 
     @property
     def theta(self) -> np.ndarray:
@@ -351,11 +362,12 @@ class Mission:
         >>> most_like_mission().at_prior_mean().spacecraft.scale_factor
         (1.0, 1.0, 1.0)
         """
-        craft, prior = self.spacecraft, self.prior
+        craft, theta = self.spacecraft, np.array(self.base.mean)
+        J = np.asarray(inertia_tensor.tensor(theta[:6]))
         mean = replace(
             craft,
-            inertia_B=without_spin(prior.tensor, prior.includes_wheel_spin, craft.wheels),
-            scale_factor=craft.rate_sensor.scale_factor if craft.rate_sensor else (),
+            inertia_B=without_spin(J, self.prior.includes_wheel_spin, craft.wheels),
+            scale_factor=tuple(theta[6:]),
             effects=(),
             values={},
         )
@@ -389,8 +401,8 @@ class Mission:
         >>> most_like_mission().controller(bandwidth=0.1).bandwidth
         0.1
         """
-        craft = self.spacecraft
-        return Controller.from_prior(self.prior, craft.rate_sensor, craft.wheels, **settings)
+        craft = self.at_prior_mean().spacecraft
+        return Controller(craft.inertia_B, craft.scale_factor, **settings)
 
 
 def most_like_mission() -> Mission:

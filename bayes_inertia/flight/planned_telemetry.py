@@ -84,6 +84,7 @@ def planned_campaign(
         actuators=(craft.device.record,) if craft.device else (),
         names=craft.names,
         reference=craft.reference,
+        prior=mission.known,
     )
 
 

@@ -28,6 +28,7 @@ from bayes_inertia.flight.spacecraft import Controller, Spacecraft, spin_tensor
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.forward_model import base_space
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.parameters import ParameterSpace
 
@@ -263,14 +264,15 @@ def draw_spacecraft(
     {parameter: value}}. The values of effects that it does not name are drawn from their priors.
     """
     sensor = template.rate_sensor
-    J = _drawn_inertia(template, rng)
+    J, K = _drawn_base(template, rng)
     all_values = dict(values or {})
     for effect in effects:
         if effect.name not in all_values:
             space = parameter_space(effect, template)
             drawn = space.split(space.draw(rng, 1)[0])
             all_values[effect.name] = drawn.get(effect.name, {})
-    K = rng.normal(sensor.scale_factor, sensor.scale_factor_sigma) if sensor else ()
+    if sensor and template.prior is None:
+        K = rng.normal(sensor.scale_factor, sensor.scale_factor_sigma)
     bias = rng.normal(sensor.bias, sensor.bias_sigma) if sensor else np.zeros(0)
     return replace(
         craft or spacecraft_at(template, prior_mean(template)),
@@ -282,14 +284,20 @@ def draw_spacecraft(
     )
 
 
-def _drawn_inertia(template: Campaign, rng: np.random.Generator) -> np.ndarray:
-    """J (3, 3) [kg m^2] without the wheels' spin, drawn from the prior."""
-    prior = template.inertia
+def _drawn_base(template: Campaign, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """J (3, 3) [kg m^2] without the wheels' spin, drawn from the prior; K where it is joint."""
+    prior, space = template.inertia, None
+    if template.prior is not None:
+        space = base_space(prior, template.rate_sensor, template.prior)
     spin = spin_tensor(template.wheels) if prior.includes_wheel_spin else np.zeros((3, 3))
     mean, sd = prior.elements, prior.sd
     spin_elements = np.asarray(inertia_tensor.elements(jnp.asarray(spin)))
-    elements = draw_physical(lambda n: rng.normal(mean, sd, (n, 6)), 1, wheel_spin=spin_elements)[0]
-    return np.array(inertia_tensor.tensor(elements)) - spin
+    drawn = draw_physical(
+        lambda n: rng.normal(mean, sd, (n, 6)) if space is None else space.draw(rng, n),
+        1,
+        wheel_spin=spin_elements,
+    )[0]
+    return np.array(inertia_tensor.tensor(drawn[:6])) - spin, drawn[6:]
 
 
 def vary_plan(
@@ -343,7 +351,7 @@ def draw_flight(
     """
     rng = np.random.default_rng(seed)
     drawn = draw_spacecraft(template, rng, effects, values, craft)
-    mission = Mission(drawn, template.inertia)
+    mission = Mission(drawn, template.inertia, template.prior)
     flown_plan = vary_plan(plan, rng) if vary else plan
     return fly(
         flown_plan, mission, int(rng.integers(2**63)), controller=controller, name=template.name

@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import StarTracker, require
+from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, require
 from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.maths import inertia_tensor
@@ -280,14 +280,13 @@ def _check_combination(structure: Structure, noise: NoiseModel) -> None:
         )
 
 
-def _space(
-    campaign: Campaign,
-    channels: tuple[Channel, ...],
-    effects: tuple[Effect, ...],
-    noise: NoiseModel,
+def base_space(
+    inertia: InertiaPrior, sensor: RateSensor | None, known: GaussianPrior | None = None
 ) -> ParameterSpace:
-    prior, sensor = campaign.inertia, campaign.rate_sensor
-    elements = zip(inertia_tensor.ELEMENTS, prior.elements.tolist(), prior.sd.tolist(), strict=True)
+    """J and K as they are known before flight; `known`: their joint prior, None without one."""
+    elements = zip(
+        inertia_tensor.ELEMENTS, inertia.elements.tolist(), inertia.sd.tolist(), strict=True
+    )
     entries: list[tuple[str, Parameter]] = [
         ("", scalar(name, unit="kg m^2", prior=Normal(mean, sd), null=mean))
         for name, mean, sd in elements
@@ -297,6 +296,17 @@ def _space(
         ("", scalar(f"K{i}", unit="", prior=Normal(mean, sd), null=1.0))
         for i, (mean, sd) in enumerate(factors, start=1)
     ]
+    space = ParameterSpace(tuple(entries))
+    return space if known is None else _with_joint_prior(space, known)
+
+
+def _space(
+    campaign: Campaign,
+    channels: tuple[Channel, ...],
+    effects: tuple[Effect, ...],
+    noise: NoiseModel,
+) -> ParameterSpace:
+    entries = [*base_space(campaign.inertia, campaign.rate_sensor).entries]
     entries += [(c.name, parameter) for c in channels for parameter in c.every_parameter(campaign)]
     entries += [
         (effect.name, parameter)

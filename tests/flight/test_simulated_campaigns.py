@@ -11,14 +11,18 @@ import numpy as np
 import pytest
 
 import bayes_inertia
+from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.errors import OutputError
+from bayes_inertia.design.information_forecast import prepare_forecast
+from bayes_inertia.errors import EffectError, OutputError
 from bayes_inertia.flight.example_flight import flown_again
-from bayes_inertia.flight.mission import Mission
+from bayes_inertia.flight.mission import Mission, prior_mean
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight, draw_spacecraft, simulate
 from bayes_inertia.flight.spacecraft import spin_tensor
+from bayes_inertia.physics.effects import by_name
+from bayes_inertia.physics.parameters import BASE_NAMES
 from bayes_inertia.physics.small_campaign import small_campaign
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
@@ -91,7 +95,35 @@ def test_the_truth_of_slews_flown_again_leaves_the_wheels_spin_out():
     small = small_campaign()
     inertia = replace(small.inertia, includes_wheel_spin=True)
     campaign = replace(small, inertia=inertia, slews=small.slews[:1])
+    with pytest.raises(EffectError, match="stochastic"):  # none would act, whatever the truth says
+        flown_again(campaign, by_name(["torque_noise"]), {}, 0, draw=False)
     _, truth = flown_again(campaign, (), {}, 0, draw=False)
     np.testing.assert_allclose(truth["J_locked_kgm2"], inertia.tensor, rtol=1e-12)
     spin = np.subtract(truth["J_locked_kgm2"], truth["J_kgm2"])
     np.testing.assert_allclose(spin, spin_tensor(small.wheels), atol=1e-12)
+
+
+def test_a_former_result_is_what_flies_and_what_is_drawn():
+    """A campaign whose J and K are known by a former run: its [inertia] is not the prior."""
+    stated = small_campaign()
+    center = 1.001 * prior_mean(stated)
+    sd = 1e-3 * np.abs(center) + 1e-4
+    correlation = 0.5 * np.eye(9) + 0.5
+    known = GaussianPrior(BASE_NAMES, center, correlation * np.outer(sd, sd))
+    mission = Mission.of(replace(stated, prior=known))
+    np.testing.assert_allclose(mission.theta, center, rtol=1e-12)
+    np.testing.assert_allclose(mission.at_prior_mean().theta, center, rtol=1e-12)
+    np.testing.assert_allclose(mission.controller().scale_factor, center[6:], rtol=1e-12)
+    planned = planned_campaign(paper_like_plan(), mission)
+    assert planned.prior == known
+    rng, n = np.random.default_rng(0), 400
+    crafts = [draw_spacecraft(planned, rng) for _ in range(n)]
+    drawn = np.array([[*np.diag(c.inertia_B), *c.scale_factor] for c in crafts])
+    # 4.5 Monte Carlo errors of a sd, and of a correlation of a half.
+    both = [0, 1, 2, 6, 7, 8]
+    np.testing.assert_allclose(drawn.std(axis=0) / sd[both], 1.0, atol=4.5 / np.sqrt(2.0 * n))
+    off = (np.corrcoef(drawn.T) - correlation[np.ix_(both, both)])[np.triu_indices(6, 1)]
+    assert np.abs(off).max() < 4.5 * 0.75 / np.sqrt(n)
+    forecast = prepare_forecast(paper_like_plan(), mission)
+    before = np.linalg.inv(np.asarray(forecast.arrays.prior)[:9, :9])
+    np.testing.assert_allclose(before, known.covariance, rtol=1e-6)
