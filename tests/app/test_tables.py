@@ -20,6 +20,7 @@ from bayes_inertia.app.commands.observe import show_observability
 from bayes_inertia.app.commands.plans import show_comparison, show_design
 from bayes_inertia.app.plan_folder import plans_named
 from bayes_inertia.app.study_folder import Study
+from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.design.comparison import Contender
 from bayes_inertia.design.goals import parse_goal
@@ -62,6 +63,12 @@ def test_a_campaign_with_its_units_and_hostile_names(printed):
     out = printed()
     for text in (HOSTILE, "slew [yaw 1]", "step [s]", "duration [s]", "peak rate [deg/s]"):
         assert text in out
+
+
+def test_a_campaign_with_a_former_result_says_what_that_replaces(printed):
+    known = GaussianPrior(("Jxx", "K1"), [3.3, 1.0], np.diag([1e-4, 1e-4]))
+    show_campaign(replace(read_campaign(EXAMPLE), prior=known))
+    assert "known before, in place of what is stated: Jxx, K1" in printed()
 
 
 def test_the_command_check_with_hostile_names(tmp_path, printed):

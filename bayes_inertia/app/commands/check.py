@@ -150,7 +150,11 @@ def show_campaign(campaign: Campaign) -> None:
     moments = ", ".join(f"{m:.4g}" for m in np.linalg.eigvalsh(campaign.inertia.tensor))
     kind = "with" if campaign.inertia.includes_wheel_spin else "without"
     spin = f" ({kind} the wheels' spin inertia)" if wheels else ""
-    console.print(f"prior principal moments: {moments} kg m²{spin}")
+    console.print(f"stated principal moments: {moments} kg m²{spin}")
+    if campaign.prior is not None:
+        console.print(
+            f"known before, in place of what is stated: {', '.join(campaign.prior.names)}"
+        )
     drives = ", ".join(_possible_drives(campaign))
     if wheels:
         console.print(
