@@ -81,7 +81,7 @@ def csv_text(result: ExportedResult) -> str:
     """A row a parameter, rounded where its sd has its second digit; comments begin with `#`."""
     kind = "with" if result.includes_wheel_spin else "without"
     spin = f" {kind} the wheels' spin inertia" if result.wheels else ""
-    more = [f"old: known before flight; sd: the quoted one; J{spin}: elements of the tensor"]
+    more = [f"old: known before this fit; sd: the quoted one; J{spin}: elements of the tensor"]
     if result.correction is not None:
         more.append(f"correction slew: {result.correction.says}")
     file = io.StringIO()
@@ -165,7 +165,7 @@ class ExportedParameter:
 
     name: str  # as in summary.json
     unit: str  # unit of all numbers here
-    old: float  # prior mean and sd: what was known before flight
+    old: float  # prior mean and sd: what was known before this fit
     old_sd: float
     # Estimate and quoted sd; the model's sd where none can be quoted, which `notes` says then.
     new: float

@@ -1,4 +1,4 @@
-"""The predicted error of the next slew, with J and K of before flight and of the fit on board."""
+"""The predicted error of the next slew, with J and K of before the fit and of the fit on board."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bayes_inertia.report.formatting import arcsec, arcsec_text
 from bayes_inertia.report.pictures import style
 
 _ROWS = (
-    ("before", "J and K before flight", style.MUTED),
+    ("before", "J and K before this fit", style.MUTED),
     ("after", "J and K of this fit", style.BLUE),
 )
 
