@@ -173,7 +173,7 @@ def against_achieved(errors_by_plan: dict[str, AchievedErrors]) -> dict:
             "expected": expected.tolist(),
             "achieved": errors.sd.tolist(),
             "achieved_error": errors.sd_error.tolist(),
-            "stated": np.sqrt((errors.stated**2).mean(0)).tolist(),
+            "stated": errors.stated_sd.tolist(),
             "ratio": (expected / errors.sd).tolist(),
             "ratio_error": (expected / errors.sd * errors.sd_error / errors.sd).tolist(),
             "peak_torque": float(errors.peak_torque.max()),

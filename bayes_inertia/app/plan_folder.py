@@ -98,7 +98,7 @@ def contender_json(contender: Contender) -> dict[str, Any]:
         "slews": slew_rows(contender.plan),
     }
     if (achieved := contender.achieved) is not None:
-        sds = (achieved.sd, achieved.sd_error, achieved.stated.mean(0))
+        sds = (achieved.sd, achieved.sd_error, achieved.stated_sd)
         for key, sd in zip(_ACHIEVED_KEYS, sds, strict=True):
             content[key] = dict(zip(names, sd, strict=True))
         content |= {"reduced_chi2": achieved.chi2.mean(), "campaigns": len(achieved.errors)}

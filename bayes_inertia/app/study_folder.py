@@ -122,7 +122,7 @@ def _content(study: Study) -> dict[str, Any]:
         rows[name] = {
             "achieved_sd": float(achieved.sd[i]),
             "achieved_sd_standard_error": float(achieved.sd_error[i]),
-            "stated_sd": float(np.sqrt(np.mean(achieved.stated[:, i] ** 2))),
+            "stated_sd": float(achieved.stated_sd[i]),
             "mean_z": float(z[:, i].mean()),
             "sd_z": float(np.sqrt(np.mean(z[:, i] ** 2))),
             "coverage": {

@@ -27,7 +27,7 @@ class Contender:
         The plan's name in the comparison.
     plan : Plan
         What would be flown.
-    expected : (9,) array
+    expected : (6 + axes,) array
         Sds of J [kg m^2] and K to expect, see `expected_sd`.
     achieved : AchievedErrors or None
         What fits to simulated campaigns achieved; None unless simulated.

@@ -19,9 +19,9 @@ class AchievedErrors:
 
     Parameters
     ----------
-    errors : (n, 9) array
-        Estimate minus truth, of Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2] and K1 K2 K3.
-    stated : (n, 9) array
+    errors : (n, 6 + axes) array
+        Estimate minus truth, of Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2] and K of each sensor axis.
+    stated : (n, 6 + axes) array
         Sds that the fits stated.
     peak_torque : (n,) array
         Largest torque as a fraction of the wheel's limit; NaN where unlimited.
@@ -39,12 +39,17 @@ class AchievedErrors:
 
     @property
     def sd(self) -> np.ndarray:
-        """Achieved sds (9,): root mean square of the errors."""
+        """Achieved sds (6 + axes,): root mean square of the errors."""
         return np.sqrt(np.mean(self.errors**2, axis=0))
 
     @property
+    def stated_sd(self) -> np.ndarray:
+        """Stated sds (6 + axes,): root mean square over the campaigns."""
+        return np.sqrt(np.mean(self.stated**2, axis=0))
+
+    @property
     def sd_error(self) -> np.ndarray:
-        """Standard errors (9,) of `sd`, from the scatter of the squared errors."""
+        """Standard errors (6 + axes,) of `sd`, from the scatter of the squared errors."""
         n = len(self.errors)
         return np.std(self.errors**2, axis=0, ddof=1) / np.sqrt(n) / (2.0 * self.sd)
 

@@ -12,7 +12,10 @@ from scipy import stats
 from support.commands import run
 
 import bayes_inertia
+from bayes_inertia.app.plan_folder import contender_json
 from bayes_inertia.app.study_folder import Study, run_study
+from bayes_inertia.app.study_folder import _content as study_content
+from bayes_inertia.design.comparison import Contender
 from bayes_inertia.design.simulated_fits import AchievedErrors
 from bayes_inertia.errors import EstimateError, OutputError
 from bayes_inertia.flight.plan import paper_like_plan
@@ -38,6 +41,14 @@ def test_sound_uncertainties_are_rarely_called_too_small():
     alarms = sum(bool(made(200, seed).too_small) for seed in range(trials))
     assert alarms <= stats.binom.ppf(0.999, trials, 0.01)
     assert all(made(200, seed, shrink=0.85).too_small for seed in range(100))
+
+
+def test_a_comparison_states_the_sds_that_a_study_states():
+    study, plan = made(20, 3), paper_like_plan()
+    flown = Contender("plan", plan, np.ones(9), study.achieved, 1.0, 1.0, 1.0, 1.0, ())
+    stated = contender_json(flown)["stated_sd"]
+    rows = study_content(study)["parameters"]
+    assert stated == pytest.approx({name: row["stated_sd"] for name, row in rows.items()})
 
 
 @pytest.mark.long

@@ -193,7 +193,6 @@ def show_study(study: Study, folder: Path) -> None:
     flown = f" {len(achieved.errors)} campaigns of {study.plan.name}."
     console.print(headed(verdict[0], flown, style=verdict[1]))
     rows = []
-    stated_sd = (achieved.stated**2).mean(0) ** 0.5
     units = base_units(len(study.names))
     powers = unit_powers(zip(units, achieved.sd, strict=True))
     coverages = zip(study.coverage(0.68), study.coverage(0.95), strict=True)
@@ -205,7 +204,7 @@ def show_study(study: Study, folder: Path) -> None:
         sd, error, unit = achieved.sd[i], achieved.sd_error[i], units[i]
         power = powers[unit]
         sds = f"{number(sd, error, power)} ± {number(error, error, power)}"
-        stated = number(stated_sd[i], error, power)
+        stated = number(achieved.stated_sd[i], error, power)
         rows.append((name, sds, stated, unit_text(unit, power), *shares))
     print_table(("", "achieved sd", "stated sd", "unit", "in 68 %", "in 95 %"), rows)
     if study.failures:

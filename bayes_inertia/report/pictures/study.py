@@ -31,7 +31,7 @@ def draw_coverage(names: Sequence[str], achieved: AchievedErrors, z: np.ndarray)
 
 
 def _sd_ratios(axes: Axes, names: Sequence[str], achieved: AchievedErrors) -> None:
-    stated = np.sqrt(np.mean(achieved.stated**2, axis=0))
+    stated = achieved.stated_sd
     x = np.arange(len(names))
     axes.axhline(1.0, color=style.MUTED, lw=0.8)
     axes.errorbar(
