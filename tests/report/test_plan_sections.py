@@ -105,3 +105,10 @@ def test_a_plan_has_one_colour_whatever_stands_beside_it():
 def test_wheels_without_limits_have_no_peaks_to_print():
     free = replace(PLAN, peak_momentum=float("nan"), peak_torque=float("nan"))
     assert [row[2] for row in costs_table([free]).rows[2:4]] == [NOT_GIVEN] * 2
+
+
+def test_what_a_plan_asks_of_thrusters_is_drawn():
+    margin = Margin("reach of jets", "slew 1", 0.8, 1.0, "of what it can give (N m)", 0.2)
+    figure = draw_comparison([replace(PLAN, margins=(margin,))])
+    texts = [text.get_text() for part in figure.subfigs for a in part.axes for text in a.texts]
+    assert "reach 80 %" in texts

@@ -123,30 +123,24 @@ def _axis(axis_B: Sequence[float]) -> str:
 
 
 def _costs(axes: Axes, contenders: Sequence[Contender], colors: Sequence[str]) -> None:
-    """Share used of each limit, wheel torque and momentum."""
+    """Share used of each limit: wheel momentum and torque, reach of what flies in their place."""
     for y, contender in enumerate(contenders):
-        for offset, key, label in ((-0.16, "momentum", "momentum"), (0.16, "torque", "torque")):
-            shares = [
-                100.0 * m.used / m.allowed
-                for m in contender.margins
-                if m.limit.startswith(f"{key} of")
-            ]
-            if shares:
-                axes.barh(
-                    y + offset,
-                    max(shares),
-                    height=0.28,
-                    color=colors[y],
-                    alpha=1.0 if key == "momentum" else 0.5,
-                )
-                text = axes.text(
-                    max(shares) + 1.5,
-                    y + offset,
-                    f"{label} {max(shares):.0f} %",
-                    va="center",
-                    fontsize=7.5,
-                    color=style.MUTED,
-                )
-                text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
+        shares: dict[str, float] = {}
+        for m in contender.margins:
+            key = m.limit.partition(" of ")[0]
+            if key in ("momentum", "torque", "reach"):
+                shares[key] = max(shares.get(key, 0.0), 100.0 * m.used / m.allowed)
+        for k, key in enumerate(sorted(shares)):
+            place, alpha = y + 0.32 * (k - 0.5 * (len(shares) - 1)), 0.5 if key == "torque" else 1.0
+            axes.barh(place, shares[key], height=0.28, color=colors[y], alpha=alpha)
+            text = axes.text(
+                shares[key] + 1.5,
+                place,
+                f"{key} {shares[key]:.0f} %",
+                va="center",
+                fontsize=7.5,
+                color=style.MUTED,
+            )
+            text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
     axes.axvline(100.0, color=style.MUTED, ls=(0, (4, 2)), zorder=0)
-    axes.set(xlim=(0.0, 150.0), xlabel="largest use of a wheel's limit [%]")
+    axes.set(xlim=(0.0, 150.0), xlabel="largest use of a limit [%]")
