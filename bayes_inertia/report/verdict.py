@@ -20,7 +20,7 @@ from bayes_inertia.report.criteria import (
     ratios_told,
     sd_in_print,
 )
-from bayes_inertia.report.formatting import channel_name, kind_of, two_digits, unit_text
+from bayes_inertia.report.formatting import channel_name, kind_of, listed, two_digits, unit_text
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.words import averaged_over, dirt_sentences, phrase, sentences
 
@@ -219,8 +219,10 @@ def _accuracy(summary: Mapping[str, Any]) -> str:
     if not said:
         return "J and K are not determined"
     worst_of = "the worst of each" if len(said) > 1 else "the worst element"
-    # What tells the absolute size of J are the wheels, as stated.
-    scale = "; J on the scale of the stated wheels" if summary.get("wheels") else ""
+    # What tells the absolute size of J, where it is taken as exact; versions before knew wheels.
+    wheels = [{"device": "wheels", "relative_sd": 0.0}] if summary.get("wheels") else []
+    ties = [t["device"] for t in summary.get("scale_of_J", wheels) if not t["relative_sd"]]
+    scale = f"; J on the scale of the stated {listed(ties)}" if ties else ""
     return f"{', '.join(said)} (1 sd, {worst_of}{scale})"
 
 

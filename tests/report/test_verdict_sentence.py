@@ -43,6 +43,9 @@ def undetermined(name: str) -> dict:
     }
 
 
+TIES = [{"device": "jets", "relative_sd": 0.02}, {"device": "pulses", "relative_sd": 0.0}]
+
+
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
@@ -50,6 +53,10 @@ def undetermined(name: str) -> dict:
         (
             {"wheels": 3},
             f"{NUMBERS[:-1]}; J on the scale of the stated wheels); the model explains the data.",
+        ),
+        (
+            {"scale_of_J": TIES},  # of the jets the sd counts how well they are known
+            f"{NUMBERS[:-1]}; J on the scale of the stated pulses); the model explains the data.",
         ),
         (
             {"effects": ["rate_bias"]},
