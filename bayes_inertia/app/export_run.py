@@ -88,24 +88,30 @@ def write_export(result: ExportedResult, form: ExportFormat, path: Path) -> Path
 
 
 def forecast_of(posterior: Posterior, campaign: Campaign) -> UpdateForecast | None:
-    """The error of the next slew with the old and with the new J and K on board, in seconds."""
-    n = base_count(posterior.names)
-    samples = posterior.averaged_samples[:, :n]
-    draws = samples[np.linspace(0, len(samples) - 1, LAYOUT.forecast_draws).astype(int)]
+    """The error of the next slew with the old and with the new J and K on board, in seconds.
+
+    Where J changed during the campaign, it is the one after that.
+    """
+    n, changes = base_count(posterior.names), changes_of_J(posterior.names)
+    # What changed goes along with J draw by draw, which an average over models would part.
+    samples = posterior.samples if changes else posterior.averaged_samples
     rows: Any = posterior.summary()["parameters"]
+    flown = np.vstack([[row["mean"] for row in rows.values()], samples])
+    for change in changes:
+        first = posterior.names.index(f"{change}.change_{ELEMENTS[0]}")
+        flown[:, :6] += flown[:, first : first + 6]
+    new, draws = flown[0, :n], flown[1:, :n]
+    draws = draws[np.linspace(0, len(draws) - 1, LAYOUT.forecast_draws).astype(int)]
     prior_mean: Any = posterior.tree["estimate"]["prior_mean"]
-    old = np.asarray(prior_mean)[:n]
-    new = np.array([row["mean"] for row in rows.values()][:n])
-    return correction_with_update(campaign, draws, old, new)
+    return correction_with_update(campaign, draws, np.asarray(prior_mean)[:n], new)
 
 
 def _exported_correction(posterior: Posterior, campaign: Campaign) -> ExportedCorrection | None:
     forecast = forecast_of(posterior, campaign)
     if forecast is None:
         return None
-    return ExportedCorrection(
-        forecast.axis, forecast.before[1:], forecast.after[1:], _CORRECTION_SAYS
-    )
+    says = _CORRECTION_SAYS + ("; J after its change" if changes_of_J(posterior.names) else "")
+    return ExportedCorrection(forecast.axis, forecast.before[1:], forecast.after[1:], says)
 
 
 def _quoted_covariance(posterior: Posterior, parameters: Sequence[ExportedParameter]) -> np.ndarray:

@@ -15,12 +15,13 @@ import numpy as np
 import pytest
 
 import bayes_inertia
-from bayes_inertia.app import run_folder
+from bayes_inertia.app import export_run, run_folder
 from bayes_inertia.app.cli import main
 from bayes_inertia.app.commands.finished import FormatName
-from bayes_inertia.app.export_run import exported_result
+from bayes_inertia.app.export_run import exported_result, forecast_of
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.maths.inertia_tensor import ELEMENTS
 from bayes_inertia.report.export.formats import EXPORT_FORMATS, ExportedCorrection
 from bayes_inertia.report.page import render
 
@@ -300,6 +301,20 @@ def test_a_tensor_that_changed_on_the_way_is_said(change, make_case, tmp_path):
         assert f"now it is J + {change}.change_Jxx" in form.text(result)
     shown = f"add {change.replace('_', ' ')}, element by element"
     assert shown in render(posterior)
+
+
+def test_the_next_slew_is_flown_with_the_tensor_after_its_change(make_case, monkeypatch):
+    posterior = make_case(extra=tuple(f"fuel.change_{name}" for name in ELEMENTS))
+    seen = []
+    monkeypatch.setattr(export_run, "correction_with_update", lambda *given: seen.append(given[1:]))
+    forecast_of(posterior, None)
+    draws, old, new = seen[0]
+    rows, at = posterior.summary()["parameters"], posterior.names.index
+    for i, name in enumerate(ELEMENTS):
+        change = f"fuel.change_{name}"
+        assert new[i] == pytest.approx(rows[name]["mean"] + rows[change]["mean"], rel=1e-12)
+        assert draws[0, i] == posterior.samples[0, at(name)] + posterior.samples[0, at(change)]
+    assert list(old) == posterior.tree["estimate"]["prior_mean"].values[:9].tolist()
 
 
 def test_the_command_writes_a_file_and_overwrites_none(run, tmp_path, capsys):
