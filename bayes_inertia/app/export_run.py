@@ -19,10 +19,13 @@ from bayes_inertia.flight.spacecraft import spin_tensor, without_spin
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
-from bayes_inertia.physics.parameters import base_count
+from bayes_inertia.physics.parameters import (
+    after_changes_of_J,
+    base_count,
+    changes_of_J,
+)
 from bayes_inertia.progress import Progress, silent
 from bayes_inertia.report.criteria import (
-    changes_of_J,
     criteria_of,
     determination_of,
     interval_90,
@@ -97,10 +100,8 @@ def forecast_of(posterior: Posterior, campaign: Campaign) -> UpdateForecast | No
     samples = posterior.samples if changes else posterior.averaged_samples
     rows: Any = posterior.summary()["parameters"]
     flown = np.vstack([[row["mean"] for row in rows.values()], samples])
-    for change in changes:
-        first = posterior.names.index(f"{change}.change_{ELEMENTS[0]}")
-        flown[:, :6] += flown[:, first : first + 6]
-    new, draws = flown[0, :n], flown[1:, :n]
+    new, *draws = flown @ after_changes_of_J(posterior.names).T if changes else flown[:, :n]
+    draws = np.array(draws)
     draws = draws[np.linspace(0, len(draws) - 1, LAYOUT.forecast_draws).astype(int)]
     prior_mean: Any = posterior.tree["estimate"]["prior_mean"]
     return correction_with_update(campaign, draws, np.asarray(prior_mean)[:n], new)

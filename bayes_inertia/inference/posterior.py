@@ -28,7 +28,7 @@ from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
 from bayes_inertia.maths.printed import Card, parameter_lines, parameter_text, shown_as
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.parameters import base_count
+from bayes_inertia.physics.parameters import after_changes_of_J, base_count
 from bayes_inertia.sealing import blaming, is_sealed, write_sealed
 from bayes_inertia.tables.isolated import check_readable
 
@@ -299,18 +299,24 @@ class Posterior:
         """J and K as this fit knows them, for the next campaign; None where it is not to be used.
 
         A fit with it is the joint fit of both campaigns. What this fit quotes beyond its model's
-        sds does not move the next one, and is counted in what that quotes.
+        sds does not move the next one, and is counted in what that quotes. Where J changed during
+        the campaign, it is the one after that.
         """
         widened = self._widened()
         if widened is None:
             return None
-        n, covariance = base_count(self.names), self._covariance()
+        n, estimate = base_count(self.names), self.tree["estimate"]
         names, (mean, wider) = tuple(self.names[:n]), widened
+        sums = after_changes_of_J(self.names)
+        told = np.flatnonzero(sums.any(axis=0))
+        sums, theta = sums[:, told], np.array(estimate["theta"])[told]
+        covariance = sums @ np.array(estimate["covariance"])[np.ix_(told, told)] @ sums.T
+        at = sums @ theta
+        mean = mean + at - theta[:n]
         sd, beyond = np.sqrt(np.diag(covariance)), self._beyond("prior_beyond_sd", n)
         if not self.trusted:
             return GaussianPrior(names, mean, covariance * np.outer(wider, wider), beyond_sd=beyond)
         beyond = np.sqrt(beyond**2 + sd**2 * np.maximum(wider**2 - 1.0, 0.0))
-        at = np.array(self.tree["estimate"]["theta"])[:n]
         return GaussianPrior(names, at, covariance, beyond_sd=beyond)
 
     def _beyond(self, key: str, size: int) -> np.ndarray:

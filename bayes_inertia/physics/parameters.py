@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -198,6 +198,27 @@ def base_count(names: Sequence[str]) -> int:
     2
     """
     return sum("." not in name for name in names)
+
+
+_FIRST_CHANGE = f".change_{ELEMENTS[0]}"
+
+
+def changes_of_J(names: Iterable[str]) -> list[str]:
+    """Names of the changes of J among parameters: an effect's, and those that a campaign dates.
+
+    >>> changes_of_J(["Jxx", "fuel.change_Jxx", "fuel.change_Jyy"])
+    ['fuel']
+    """
+    return [name.removesuffix(_FIRST_CHANGE) for name in names if name.endswith(_FIRST_CHANGE)]
+
+
+def after_changes_of_J(names: Sequence[str]) -> np.ndarray:
+    """What makes J after all its changes, and K, of all parameters (n, size)."""
+    sums = np.eye(base_count(names), len(names))
+    for change in changes_of_J(names):
+        first = names.index(f"{change}{_FIRST_CHANGE}")
+        sums[:6, first : first + 6] += np.eye(6)
+    return sums
 
 
 @dataclass(frozen=True)

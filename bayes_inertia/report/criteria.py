@@ -6,7 +6,7 @@ Which sd is quoted is decided once, in `Posterior.summary`.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -106,18 +106,6 @@ def sd_in_print(row: Mapping[str, Any]) -> float:
 def ratios_told(summary: Mapping[str, Any]) -> dict[str, Any]:
     """Rows of J over its trace and of principal ratios; none where something ties the size of J."""
     return dict(summary["ratios"]) if summary.get("scale_of_J") == [] else {}
-
-
-_FIRST_CHANGE = ".change_Jxx"
-
-
-def changes_of_J(names: Iterable[str]) -> list[str]:
-    """Names of the changes of J among parameters: an effect's, and those that a campaign dates.
-
-    >>> changes_of_J(["Jxx", "fuel.change_Jxx", "fuel.change_Jyy"])
-    ['fuel']
-    """
-    return [name.removesuffix(_FIRST_CHANGE) for name in names if name.endswith(_FIRST_CHANGE)]
 
 
 def exponents_of(*tables: Mapping[str, Mapping[str, Any]]) -> dict[str, int]:

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.physics.parameters import changes_of_J
 from bayes_inertia.report.criteria import (
-    changes_of_J,
     criteria_of,
     exponents_of,
     names_by_determination,

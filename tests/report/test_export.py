@@ -293,7 +293,7 @@ def test_an_untrusted_result_carries_its_warning(result, to):
 @pytest.mark.parametrize("change", ["inertia_change", "fuel"])
 def test_a_tensor_that_changed_on_the_way_is_said(change, make_case, tmp_path):
     """By an effect, or by a change that the campaign dates."""
-    posterior = make_case(extra=(f"{change}.change_Jxx",))
+    posterior = make_case(extra=tuple(f"{change}.change_{name}" for name in ELEMENTS))
     run_folder.start(EXAMPLE, tmp_path / "run")
     posterior.save(tmp_path / "run" / "posterior.nc")
     result = exported_result(tmp_path / "run", with_correction=False)

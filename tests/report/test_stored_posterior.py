@@ -15,6 +15,7 @@ from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.likelihood_summary import summary_from_json, with_prior
 from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.maths.inertia_tensor import ELEMENTS
 from bayes_inertia.report.fit_sections import standard_sections
 from bayes_inertia.report.page import render
 
@@ -126,3 +127,14 @@ def test_where_nothing_ties_the_size_of_the_tensor_it_shows_ratios(made):
     assert "Jxx/trace" in shown
     assert "kg m²" not in shown
     assert "K1 " in shown
+
+
+def test_the_next_campaign_begins_with_the_tensor_after_its_change(make_case):
+    """J of a fit is the one before; the next campaign flies what came after."""
+    posterior = make_case(extra=tuple(f"fuel.change_{name}" for name in ELEMENTS))
+    prior, estimate = posterior.as_prior, posterior.tree["estimate"]
+    theta, sd = estimate["theta"].values, np.sqrt(np.diag(estimate["covariance"].values))
+    np.testing.assert_allclose(prior.mean[:6], theta[:6] + theta[9:], rtol=1e-12)
+    np.testing.assert_allclose(prior.sd[:6], np.hypot(sd[:6], sd[9:]), rtol=1e-9)
+    np.testing.assert_allclose(prior.mean[6:], theta[6:9], rtol=1e-12)
+    np.testing.assert_allclose(prior.sd[6:], sd[6:9], rtol=1e-9)
