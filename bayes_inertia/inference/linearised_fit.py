@@ -16,13 +16,14 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import block_diag
 
-from bayes_inertia.inference.channel_rows import ChannelRows, channel_rows
+from bayes_inertia.inference.channel_rows import ChannelRows, channel_rows, measured
 from bayes_inertia.inference.likelihood import (
     Information,
+    Residuals,
     Sensitivities,
     unpadded_sensitivities,
 )
-from bayes_inertia.inference.noise_model import Whitenings
+from bayes_inertia.inference.noise_model import Whitenings, densities_of
 from bayes_inertia.inference.objective import (
     block_index,
     normal_equations,
@@ -144,10 +145,25 @@ class LinearisedFit:
     def rows(self) -> Rows:
         """Residuals and derivatives of all channels, one after the other."""
         s = self.sensitivities
+        residuals = s.residuals if self.model.noise.is_stated else self._pulling(s.residuals)
         return Rows(
-            np.concatenate([np.asarray(r) for r in s.residuals], 1),
+            np.concatenate([np.asarray(r) for r in residuals], 1),
             np.concatenate([np.asarray(j) for j in s.jacobian], 1),
         )
+
+    def _pulling(self, residuals: Residuals) -> list[np.ndarray]:
+        """Residuals by channel as they pull where the noise is not as stated.
+
+        The columns times these are the slope of the log density: an outlier of heavy noise pulls
+        little. Those of Gaussian noise stay what they are.
+        """
+        theta, pulls = self.point.theta, []
+        each = zip(densities_of(self.model), residuals, measured(self.model), strict=True)
+        for c, (density, r, valid) in enumerate(each):
+            root = np.sqrt(self.discount[:, c, None])
+            of_stated = density.pull(r / root, valid.reshape(np.shape(r)), theta)
+            pulls.append(of_stated.slope / root)
+        return pulls
 
     def fitted_columns(self) -> tuple[np.ndarray, ...]:
         """Derivatives with respect to everything fitted only, by channel.

@@ -280,6 +280,10 @@ def test_outliers_cost_student_t_noise_little(flown):
         estimate = fitted(campaign, HEAVY)
         assert not too_large(estimate)
         assert np.max(np.abs(estimate.theta - clean.theta)[:9] / estimate.sd[:9]) < 1.0
+        # Nor are they taken for an effect: at the maximum nothing pulls.
+        fit = estimate.linearised()
+        pull = fit.covariance @ fit.normal_equations()[1]
+        np.testing.assert_allclose(fit.inverse_root.T @ fit.whitened_gradient, pull, atol=1e-6)
         # Plain noise, as stated: the same readings overrule everything.
         plain = fitted(campaign, discount=False)
         assert too_large(plain)
