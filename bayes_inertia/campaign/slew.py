@@ -303,20 +303,19 @@ def _normalised(attitude: np.ndarray, key: str) -> np.ndarray:
     return unit_length(attitude)
 
 
-def fix_groups(slew: Slew) -> np.ndarray:
-    """Number of the group, from 0, of every star-tracker fix (fixes,).
+def between_fix_groups(slew: Slew, fixed: np.ndarray) -> np.ndarray:
+    """Times (groups - 1,) halfway between groups of star-tracker fixes, from the first row [s].
 
-    >>> attitude = np.tile([0.0, 0.0, 0.0, 1.0], (90, 1))
-    >>> attitude[2:88] = np.nan
-    >>> fix_groups(Slew("a", 0.0, np.arange(90.0), attitude=attitude)).tolist()
-    [0, 0, 1, 1]
+    `fixed` (n,): rows that hold a fix.
+
+    >>> fixed = np.isin(np.arange(90), [0, 1, 88, 89])
+    >>> between_fix_groups(Slew("a", 0.0, np.arange(90.0)), fixed).tolist()
+    [44.5]
     """
-    time = slew.time[slew.fixes]
-    if not len(time):
-        return np.zeros(0, dtype=int)
+    time = slew.time[fixed] - slew.time[0]
     steps = np.diff(time)
     usual = float(np.median(steps)) if len(steps) else 0.0
     apart = (steps > LIMITS.fix_group_share * slew.duration) | (
         steps > LIMITS.fix_group_spacings * usual
     )
-    return np.concatenate([[0], np.cumsum(apart)])
+    return time[1:][apart] - 0.5 * steps[apart]

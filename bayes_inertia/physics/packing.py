@@ -23,7 +23,7 @@ from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.inputs import InputStream
-from bayes_inertia.campaign.slew import Slew, fix_groups
+from bayes_inertia.campaign.slew import Slew, between_fix_groups
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.device_arrays import filled, on_device, padded_size, repeated
 from bayes_inertia.physics.channels import Channel, Readings
@@ -273,7 +273,7 @@ def _slew_input(
         boresight_B=np.array(boresight),
         rate_axes=campaign.rate_sensor.axes if campaign.rate_sensor else np.eye(3),
         **_lost_commands(campaign, slew, held, n_grid),
-        fix_group=_fix_groups(slew, grid, n_grid),
+        fix_group=repeated(np.searchsorted(between_fix_groups(slew, slew.fixes), grid), n_grid, 0),
     )
     environment = (repeated(_on_grid(slew, key, grid, 3), n_grid, 0) for key in Environment._fields)
     momentum = repeated(_on_grid(slew, "wheel_momentum", grid, wheels), n_grid, 0)
@@ -290,15 +290,6 @@ def _lost_commands(campaign: Campaign, slew: Slew, held: np.ndarray, n: int) -> 
         pieces[: len(held)] = slew.lost_command[held]
         sd[: len(held)] = np.where(pieces[: len(held), None] > 0, slew.lost_command_sd[held], 0.0)
     return {"lost_command": pieces, "lost_command_sd": sd}
-
-
-def _fix_groups(slew: Slew, grid: np.ndarray, n: int) -> np.ndarray:
-    """The nearest group of fixes at each grid point (n,)."""
-    groups, fixed = fix_groups(slew), slew.time[slew.fixes] - slew.time[0]
-    if not len(groups):
-        return np.zeros(n, dtype=int)
-    between = 0.5 * (fixed[1:] + fixed[:-1])
-    return repeated(groups[np.searchsorted(between, grid)], n, 0)
 
 
 def _stacked_readings(campaign: Campaign, channel: Channel, n_rows: int) -> list[Readings]:

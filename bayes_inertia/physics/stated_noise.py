@@ -7,8 +7,12 @@ tracker's low-frequency error is an effect with nothing to estimate.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
+from typing import Any
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import RateSensor, StarTracker
+from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects.rate_bias_instability import RateBiasInstability
 from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
@@ -22,8 +26,8 @@ def stated_noise(campaign: Campaign, effects: Sequence[Effect]) -> tuple[Effect,
     They are integrated out. An effect of the same name among `effects` stands in their place: its
     size is estimated, around the stated one.
 
-    `campaign`: its star tracker says what wanders, and how much. Returns: empty where the noise of
-    the star tracker is white.
+    `campaign`: its star trackers say what wanders, and how much. Returns: empty where their noise
+    is white.
 
     Examples
     --------
@@ -31,17 +35,20 @@ def stated_noise(campaign: Campaign, effects: Sequence[Effect]) -> tuple[Effect,
     >>> stated_noise(small_campaign(), ())
     ()
     """
-    tracker = campaign.star_tracker
-    if tracker is None or not tracker.low_frequency_sigma:
-        return ()
-    stated = StarTrackerLowFrequency(tracker.low_frequency_sigma, known=True)
-    return () if stated.name in [effect.name for effect in effects] else (stated,)
+    trackers = [("", campaign.star_tracker), *campaign.more_sensors]
+    stated = (
+        StarTrackerLowFrequency(tracker.low_frequency_sigma, known=True, device=name)
+        for name, tracker in trackers
+        if isinstance(tracker, StarTracker) and tracker.low_frequency_sigma
+    )
+    estimated = {effect.name for effect in effects}
+    return tuple(each for each in stated if each.name not in estimated)
 
 
 def stated_reading_noise(campaign: Campaign, effects: Sequence[Effect]) -> tuple[Process, ...]:
-    """How the bias of the gyro wanders by what the campaign states.
+    """How the biases of gyros wander by what the campaign states.
 
-    `effects`: what a model estimates; a term of an effect's name is left to it.
+    `effects`: what a model estimates of the first; a term of an effect's name is left to it.
 
     Examples
     --------
@@ -50,25 +57,25 @@ def stated_reading_noise(campaign: Campaign, effects: Sequence[Effect]) -> tuple
     ()
     """
     estimated = {effect.name for effect in effects}
-    return tuple(x for name, x in _of_gyro(campaign).items() if name not in estimated)
+    first = _of_gyro(RATE.name, campaign.rate_sensor).items()
+    further = (_of_gyro(*sensor).values() for sensor in campaign.more_sensors)
+    return (*(x for name, x in first if name not in estimated), *chain.from_iterable(further))
 
 
-def _of_gyro(campaign: Campaign) -> dict[str, Process]:
-    """What is stated of the gyro's bias, by the effect that would estimate it."""
-    sensor = campaign.rate_sensor
-    if sensor is None:
+def _of_gyro(channel: str, sensor: Any) -> dict[str, Process]:
+    """What is stated of a gyro's bias, by the effect that would estimate it; of others nothing."""
+    if not isinstance(sensor, RateSensor):
         return {}
+    time = sensor.bias_instability_time
     stated = {
-        RateRandomWalk.name: Process("rate", sensor.rate_random_walk),
-        RateBiasInstability.name: Process(
-            "rate", sensor.bias_instability, sensor.bias_instability_time
-        ),
+        RateRandomWalk.name: Process(channel, sensor.rate_random_walk),
+        RateBiasInstability.name: Process(channel, sensor.bias_instability, time),
     }
     return {name: process for name, process in stated.items() if process.size}
 
 
 def stated_terms(campaign: Campaign) -> tuple[str, ...]:
-    """What a campaign states of noise that wanders.
+    """What a campaign states of noise that wanders, of the first sensors.
 
     `campaign`: of which the rate sensor and the star tracker are looked at. Returns: names of the
     effects that would estimate it; empty where all stated noise is white.
@@ -79,6 +86,6 @@ def stated_terms(campaign: Campaign) -> tuple[str, ...]:
     >>> stated_terms(small_campaign())
     ()
     """
-    tracker = campaign.star_tracker
+    tracker, of_gyro = campaign.star_tracker, _of_gyro(RATE.name, campaign.rate_sensor)
     wandering = tracker is not None and tracker.low_frequency_sigma
-    return (*_of_gyro(campaign), *([StarTrackerLowFrequency.name] if wandering else ()))
+    return (*of_gyro, *([StarTrackerLowFrequency.name] if wandering else ()))

@@ -38,7 +38,7 @@ class StochasticEffect(Effect):
     prior_scale : float, optional
         As of `Effect`; sizes and times with log-normal priors stay as they are.
     device : str, optional
-        As of `Effect`; nothing here.
+        As of `Effect`; nothing where there is no `kind`.
 
     Raises
     ------
@@ -60,6 +60,7 @@ class StochasticEffect(Effect):
     signal_components: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         # Straight lines go between two knots at least.
         for setting, least in (("knots", 2), ("pieces", 1)):
             number = getattr(self, setting, least)

@@ -11,7 +11,7 @@ import pytest
 from scipy.special import gamma, kv
 from support.effects import thrown_body
 
-from bayes_inertia.campaign.slew import Slew, fix_groups
+from bayes_inertia.campaign.slew import Slew, between_fix_groups
 from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.channel_noise import ChannelNoise, NoiseModel
 from bayes_inertia.physics.check_effect import check_effect
@@ -176,9 +176,9 @@ def test_hats_lie_on_straight_lines():
     ],
 )
 def test_fixes_without_a_gap_are_one_group(rows, expected):
-    attitude = np.full((100, 4), np.nan)
-    attitude[rows] = (0.0, 0.0, 0.0, 1.0)
-    assert fix_groups(Slew("a", 0.0, np.arange(100.0), attitude=attitude)).tolist() == expected
+    fixed = np.isin(np.arange(100), rows)
+    between = between_fix_groups(Slew("a", 5.0, 7.0 + np.arange(100.0)), fixed)
+    assert np.searchsorted(between, rows).tolist() == expected
 
 
 @dataclass(frozen=True)

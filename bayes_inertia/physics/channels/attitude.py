@@ -6,15 +6,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.campaign.slew import Slew, between_fix_groups
 from bayes_inertia.maths import quaternion
+from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.channels.channel import Channel, Readings, SensorAtFit
-from bayes_inertia.physics.slew_context import Trajectory
+from bayes_inertia.physics.slew_context import SlewContext, Trajectory
 from bayes_inertia.physics.slew_input import Drive, SlewInput
 
 _turned = jax.jit(lambda q, small_rotation: quaternion.turned(q, small_rotation))
@@ -42,6 +44,24 @@ class AttitudeChannel(Channel):
         """The first fix."""
         values = self.readings(campaign, slew).values
         return {"attitude": values[0]} if len(values) else {}
+
+    def constants(self, campaign: Campaign) -> Any:
+        """Of a further tracker the times (slews, m) between groups of its fixes."""
+        if self.stream.field:
+            return ()
+        between = []
+        for slew in campaign.slews:
+            fixed = np.isin(np.arange(len(slew.time)), self.readings(campaign, slew).row)
+            between.append(between_fix_groups(slew, fixed))
+        m = max(map(len, between))
+        rows = [np.pad(times, (0, m - len(times)), constant_values=np.inf) for times in between]
+        return on_device(np.stack(rows))
+
+    def context(self, constants: Any, slew: SlewContext) -> SlewContext:
+        """With the groups of this tracker's fixes, where they are asked for."""
+        if self.stream.field or slew.fix_group is None:
+            return slew
+        return slew._replace(fix_group=jnp.searchsorted(constants[slew.index], slew.time))
 
     def sensed(self, constants: Any, bias: Array, slew: SlewInput, trajectory: Trajectory) -> Array:
         """The attitude itself."""

@@ -6,8 +6,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import jax.numpy as jnp
+import numpy as np
 
-from bayes_inertia.campaign.slew import fix_groups
+from bayes_inertia.campaign.sensors import stream_named
+from bayes_inertia.campaign.sensors.attitude import ATTITUDE
+from bayes_inertia.campaign.slew import between_fix_groups
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.parameters import LogNormal, scalar
 from bayes_inertia.physics.random_basis import independent
@@ -45,6 +48,7 @@ class StarTrackerLowFrequency(StochasticEffect):
     """
 
     name: ClassVar[str] = "star_tracker_low_frequency"
+    kind: ClassVar[str] = "low_frequency"
     median: float | None = None
     factor_sd: float = 1.5
     known: bool = False
@@ -58,7 +62,14 @@ class StarTrackerLowFrequency(StochasticEffect):
         return (scalar("sd", unit="rad", prior=prior),)
 
     def coefficient_count(self, campaign):
-        return 3 * max(int(fix_groups(slew).max(initial=0)) + 1 for slew in campaign.slews)
+        stream = stream_named(self.device or ATTITUDE.name, campaign)
+        known = ((slew, stream.of(slew)) for slew in campaign.slews)
+        gaps = (
+            between_fix_groups(slew, np.isfinite(fixes).all(axis=1))
+            for slew, fixes in known
+            if fixes is not None
+        )
+        return 3 * (1 + max(map(len, gaps), default=0))
 
     def coefficient_root(self, p, slew, count):
         return independent(jnp.asarray(self.median) if self.known else p["sd"], count)
