@@ -266,9 +266,10 @@ def readings_of(model: Model, channel: Channel) -> np.ndarray:
 
 def rows_of(model: Model) -> RowTimes:
     """When the rows of telemetry are."""
-    times, context = row_times(model), model.data.arrays.slews.context
-    away = np.abs(np.asarray(context.start) + times[:, 0] - np.asarray(context.middle))
-    return RowTimes(times, away)
+    context = model.data.arrays.slews.context
+    # A slew's start is its first row, whatever its own clock says there.
+    away = np.abs(np.asarray(context.start) - np.asarray(context.middle))
+    return RowTimes(row_times(model), away)
 
 
 def in_states(processes: Sequence[StateSpace], xp: Any = np) -> StateSpace:

@@ -316,7 +316,9 @@ def stochastic_signals(
     model, point_of = estimate.model, drawn_nuisances(estimate)
     thetas = thinned_draws(chains, rng)
     numbers = estimate.point.bias.size + estimate.point.local.size
-    each = [of_slew(k, (model.data.contexts, signal_times(estimate))) for k in range(model.n_slews)]
+    # Effects count from a slew's first row.
+    times = signal_times(estimate) - np.array([[s.time[0]] for s in model.campaign.slews])
+    each = [of_slew(k, (model.data.contexts, times)) for k in range(model.n_slews)]
     names = tuple(effect.name for effect in effects)
     drawn = []
     for theta in thetas:

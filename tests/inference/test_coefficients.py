@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +14,7 @@ from bayes_inertia.inference.hyperparameters import Evidence
 from bayes_inertia.inference.laplace import marginal
 from bayes_inertia.inference.marginal_posterior import conditional_point, log_posterior, prior_roots
 from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.inference.posterior_groups import stochastic_signals
 from bayes_inertia.inference.proposal import EvidenceMove, IndependenceMove, explored_sizes
 from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
 from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
@@ -40,6 +42,19 @@ def wandered(small_flown):
     effects = (RateRandomWalk(knots=4), TorqueNoise(pieces=4))
     model = Model(wandering(small_flown.campaign, 5), effects)
     return estimate(model, starts=1, discount=False)
+
+
+@pytest.mark.slow
+def test_a_signal_is_where_it_is_whatever_the_slews_own_clock_says(wandered):
+    old = wandered.model
+    slews = tuple(replace(slew, time=slew.time + 5e5) for slew in old.campaign.slews)
+    later = replace(wandered, model=Model(replace(old.campaign, slews=slews), old.effects))
+    chains = SimpleNamespace(samples=np.tile(wandered.theta, (2, 2, 3, 1)))
+    before, after = (
+        stochastic_signals(fit, chains, np.random.default_rng(1)) for fit in (wandered, later)
+    )
+    for name, signal in before.items():
+        np.testing.assert_allclose(after[name], signal, atol=1e-6 * np.abs(signal).max())
 
 
 def dense_log_integral(fitted, theta) -> float:

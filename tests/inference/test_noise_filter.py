@@ -45,6 +45,14 @@ def with_gaps(campaign):
     return replace(campaign, slews=tuple(slews))
 
 
+def test_what_a_slews_own_clock_says_does_not_count(flown):
+    campaign = with_noise(flown.campaign, **WALK_ONLY)
+    slews = tuple(replace(slew, time=slew.time + 5e5) for slew in campaign.slews)
+    one, other = (rate_memory(Model(x)) for x in (campaign, replace(campaign, slews=slews)))
+    np.testing.assert_allclose(other.gain, one.gain, atol=1e-9)
+    np.testing.assert_allclose(other.scale, one.scale, rtol=1e-9)
+
+
 def rate_memory(model, theta=None, **asked):
     """The filter for the noise of the rates."""
     theta = model.space.mean if theta is None else theta
