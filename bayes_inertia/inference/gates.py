@@ -151,8 +151,8 @@ _FACTORS_ON_K: tuple[tuple[str, float], ...] = (
     ("rates of the opposite sign", -1.0),
 )
 _FACTORS_ON_J: tuple[tuple[str, float], ...] = (
-    ("wheel torque and momentum in mN m and mN m s read as N m and N m s", 1e3),
-    ("wheel torque and momentum a thousand times too small", 1e-3),
+    ("torque and momentum in mN m and mN m s read as N m and N m s", 1e3),
+    ("torque and momentum a thousand times too small", 1e-3),
     ("J in g m^2 stated as kg m^2", 1e-3),
     ("J in kg cm^2 stated as kg m^2", 1e-4),
 )
@@ -287,9 +287,9 @@ def prior_gate(estimate: Estimate) -> dict[str, Any]:
     )
     passed = not len(far) and p_value > LIMITS.prior_p_value_above
     if passed:
-        says = f"J and K are where the prior allows them: {place}"
+        says = f"the result is where what was known before allows it: {place}"
     else:
-        rest = f", and {len(far) - 1} more of J and K beyond {LIMITS.prior_sd_at_most:g}"
+        rest = f", and {len(far) - 1} more beyond {LIMITS.prior_sd_at_most:g}"
         together = "" if len(far) else f"; all of J and K together have p = {p_value:.1g}"
         says = (
             f"the result contradicts what was known before: {place}"
@@ -313,7 +313,9 @@ def _cause_of_contradiction(estimate: Estimate, worst: int) -> str:
         )
     scale = theta[6 : space.n_base] / space.mean[6 : space.n_base]
     size = float(np.sum(theta[:3]) / np.sum(space.mean[:3]))
-    causes = [c for c, f in _FACTORS_ON_K if np.all(np.abs(scale / f - 1) < LIMITS.near_a_factor)]
+    # Without a rate sensor no K tells of its unit.
+    on_K = _FACTORS_ON_K if len(scale) else ()
+    causes = [c for c, f in on_K if np.all(np.abs(scale / f - 1) < LIMITS.near_a_factor)]
     causes += [c for c, f in _FACTORS_ON_J if abs(size / f - 1) < LIMITS.near_a_factor]
     if causes:
         return f"This is what {' or '.join(causes)} would do: check the units in campaign.toml"

@@ -153,10 +153,9 @@ def _masked(campaign: Campaign, slew: Slew, masks: tuple[Dirt, ...]) -> Slew:
 
 
 def _with_colour(sensor: RateSensor, colour: Colour) -> RateSensor:
-    x, y, z = (axis.sd * sigma for axis, sigma in zip(colour.axes, sensor.sigma, strict=True))
-    (a, b, c), (s, t, u) = (axis.share for axis in colour.axes), colour.times
-    noise = CorrelatedNoise((a, b, c), (s, t, u))
-    return replace(sensor, sigma=(x, y, z), correlated_noise=noise)
+    sds, shares = (tuple(getattr(x, key) for x in colour.axes) for key in ("sd", "share"))
+    sigma = tuple(sd * stated for sd, stated in zip(sds, sensor.sigma, strict=True))
+    return replace(sensor, sigma=sigma, correlated_noise=CorrelatedNoise(shares, colour.times))
 
 
 def _colour_in_words(colour: Colour) -> str:

@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import lfilter
 from support.other_spacecraft import by_thrusters
 
-from bayes_inertia.campaign.hardware import CorrelatedNoise
+from bayes_inertia.campaign.hardware import CorrelatedNoise, RateSensor
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import EstimateError
@@ -23,11 +23,17 @@ from bayes_inertia.inference.cleaning import (
     outlying_readings,
 )
 from bayes_inertia.inference.gates import prior_gate
-from bayes_inertia.inference.noise_colour import colour_of, is_alike_everywhere
+from bayes_inertia.inference.noise_colour import (
+    Colour,
+    ColourOfAxis,
+    colour_of,
+    is_alike_everywhere,
+)
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.treatment import DirtTreatment, treated, treatment_from
 from bayes_inertia.maths.linear_algebra import inverse_root
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.small_campaign import small_campaign
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -304,6 +310,17 @@ def test_readings_of_correlated_noise_tell_less(flown, clean_at):
     assert np.max(correlated.sd[:9] / clean_at.sd[:9]) > 1.3
 
 
+@pytest.mark.parametrize("axes", [np.eye(3)[:2], np.vstack([np.eye(3), np.ones(3) / 3**0.5])])
+def test_correlated_noise_is_that_of_each_axis_of_the_gyro(flown, axes):
+    slews = tuple(replace(slew, rate=slew.rate @ axes.T) for slew in flown.campaign.slews)
+    campaign = replace(flown.campaign, rate_sensor=RateSensor(2e-5, axes), slews=slews)
+    shares = np.linspace(0.2, 0.8, len(axes))
+    colour = Colour(tuple(ColourOfAxis(1.5, share, 0.5, 50.0) for share in shares), 1.0)
+    sensor = treated(campaign, DirtTreatment(colour=colour), "commanded").gyro
+    np.testing.assert_allclose(sensor.sigma, 3e-5)
+    np.testing.assert_allclose(sensor.correlated_noise.share, shares)
+
+
 def test_a_treatment_survives_its_json(flown):
     campaign, _ = spiked(flown.campaign)
     rng, slews = np.random.default_rng(1), named(motion())
@@ -349,3 +366,13 @@ def test_a_device_that_contradicts_what_is_stated_of_it_is_never_trusted():
     assert not gate["passed"]
     assert "jets.gain = -1 lies 100.0 prior sd" in gate["says"]
     assert "what jets was told" in gate["says"]
+
+
+def test_without_a_gyro_nothing_is_said_of_the_unit_of_rates():
+    small = small_campaign()
+    slews = tuple(replace(slew, rate=None) for slew in small.slews)
+    model = Model(replace(small, rate_sensor=None, slews=slews))
+    theta = model.space.mean + 8.0 * model.space.sd
+    gate = prior_gate(SimpleNamespace(model=model, theta=theta))
+    assert not gate["passed"]
+    assert "rad/s" not in gate["says"]
