@@ -314,7 +314,5 @@ def _gentle_descent(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[
 
 def _inside_support(model: Model, theta: np.ndarray) -> np.ndarray:
     """A prior draw moved a little into the support of priors that end at their null."""
-    theta = np.array(theta, float)
     margin = 0.1 * model.space.sd
-    theta[6:] = np.clip(theta, model.space.lower + margin, model.space.upper - margin)[6:]
-    return theta
+    return np.clip(theta, model.space.lower + margin, model.space.upper - margin)

@@ -124,9 +124,8 @@ def moved(model: Model, point: Point, step: np.ndarray, free: np.ndarray) -> Poi
     )
     theta[:6] = np.asarray(_from_chart(chart))
     margin = LIMITS.support_margin * model.space.sd
-    theta[6:] = np.clip(theta, model.space.lower + margin, model.space.upper - margin)[6:]
     return Point(
-        theta,
+        np.clip(theta, model.space.lower + margin, model.space.upper - margin),
         point.bias + step[f : f + b],
         point.local + step[f + b :].reshape(point.local.shape),
     )

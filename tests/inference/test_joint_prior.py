@@ -154,6 +154,16 @@ def test_bounds_and_logarithms_reach_the_fit():
     assert draws[:, 6].max() <= 0.9999
 
 
+@pytest.mark.slow
+def test_a_moment_of_inertia_stays_within_its_bounds():
+    small = small_campaign()
+    prior = bi.GaussianPrior(("Jxx",), [3.2], [[0.01]], lower=[3.2003], upper=[3.6])
+    fitted = bi.estimate(replace(small, prior=prior), starts=1, discount=False)
+    space = fitted.model.space
+    assert 3.2003 <= fitted.theta[0] < 3.201
+    assert np.isfinite(log_prior(space.constants(), fitted.theta))
+
+
 def test_bounds_hold_for_draws_of_correlated_parameters():
     small = small_campaign()
     prior = scaled(own_prior(small))
