@@ -123,13 +123,15 @@ def _groups(estimate: Estimate) -> dict[str, np.ndarray]:
     n = estimate.model.n_base
     n_start = 6 + (structure.wheels if structure.drive == "commanded" else 0)
     local = f + b + np.arange(estimate.point.local.size).reshape(-1, m)
+    # What has no fixed shape acts through coefficients, the last of a slew's nuisances.
+    coefficients = local[:, structure.n_start :].ravel()
     parts = (
         np.flatnonzero(free < 6),
         np.flatnonzero((free >= 6) & (free < n)),
         local[:, :n_start].ravel(),
-        local[:, n_start:].ravel(),
+        local[:, n_start : structure.n_start].ravel(),
         f + np.arange(b),
-        np.flatnonzero(free >= n),
+        np.concatenate([np.flatnonzero(free >= n), coefficients]),
     )
     return {name: part for name, part in zip(GROUPS, parts, strict=True) if len(part)}
 
@@ -194,8 +196,10 @@ def _parameters(
     space, free, f, theta = estimate.model.space, estimate.free, len(names), estimate.theta
     variance = np.diag(estimate.joint_covariance)[:f]
     share, own_prior, all_priors = _shares(estimate)
-    # Information on each parameter alone, by slew and channel.
+    # Information on each parameter alone, by slew and channel; of a random size it may seem less
+    # than nothing.
     alone = np.stack([[np.diag(c)[:f] for c in a] for a in estimate.information.matrix])
+    alone = np.maximum(alone, 0.0)
     groups = _groups(estimate)
     factors = inflation_by_group(estimate.hessian, list(groups.values()), f)
     without_slew, without_channel = _sd_without(estimate)
@@ -212,7 +216,7 @@ def _parameters(
             robust_sd=None if robust is None else float(robust[free[k]]),
             contraction=float(1.0 - variance[k] / prior_sd[k] ** 2),
             signal=float(np.sqrt(alone[..., k].sum()) * prior_sd[k]),
-            signal_by=np.sqrt(np.maximum(alone[..., k], 0.0)) * prior_sd[k],
+            signal_by=np.sqrt(alone[..., k]) * prior_sd[k],
             signal_of_size=float(np.sqrt(alone[..., k].sum()) * size[k]),
             conditional_sd=float(estimate.hessian[k, k] ** -0.5),
             variance_inflation=float(variance[k] * estimate.hessian[k, k]),

@@ -284,6 +284,16 @@ def test_a_resting_wheel_a_plane_of_slews_and_a_missing_star_tracker_are_stated(
     assert stated.information_ratio < 0.1
 
 
+@pytest.mark.slow
+def test_coefficients_of_an_effect_are_no_noise_of_tachometers(flown):
+    seen = observe(optimizer.estimate(Model(flown.campaign, by_name(["torque_noise"])), starts=1))
+    for p in seen.parameters:
+        assert "tachometer noise" not in p.inflation
+        assert np.prod(list(p.inflation.values())) == pytest.approx(p.variance_inflation, rel=1e-6)
+    assert seen["Jxx"].inflation["effects"] > 1.01
+    assert all(np.isfinite(p.signal) for p in seen.parameters)
+
+
 # --- beside a posterior -----------------------------------------
 def sampled(observability, draws):
     return SimpleNamespace(
