@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.physics.effect import LOOKING_BACK, MOVING_HOOKS, Effect
 from bayes_inertia.physics.numerics import NUMERICS
@@ -157,16 +158,31 @@ def longest_smooth_step(campaign: Campaign, motion: MotionScales) -> float:
 
 def _angle_noise(campaign: Campaign, frequency: float) -> float:
     """The error of attitude that equals the noise of the sensor that sees it first [rad]."""
-    noise = _rate_noise(campaign) / frequency
-    tracker = campaign.star_tracker
-    if tracker is not None:
-        noise = min(noise, tracker.sigma_cross, tracker.sigma_roll)
-    return noise
+    noises = [_rate_noise(campaign) / frequency]
+    for name, sensor in campaign.sensors.items():
+        if isinstance(sensor, StarTracker):
+            noises += [sensor.sigma_cross, sensor.sigma_roll]
+        elif isinstance(sensor, DirectionSensor):
+            seen = [x for s in campaign.slews if (x := (s.more or {}).get(name)) is not None]
+            field = max((float(np.nanmax(np.abs(x), initial=0.0)) for x in seen), default=0.0)
+            size = field if sensor.is_field else 1.0
+            noises += [min(sensor.sigma) / size] if size else []
+    return min(noises)
 
 
 def _rate_noise(campaign: Campaign) -> float:
-    """Noise of the best axis of the rate sensor [rad/s]; infinite without one."""
-    return float(min(campaign.rate_sensor.sigma)) if campaign.rate_sensor else np.inf
+    """Noise of the best axis of all rate sensors [rad/s]; infinite without one."""
+    sensors = (x for x in campaign.sensors.values() if isinstance(x, RateSensor))
+    return min((min(x.sigma) for x in sensors), default=np.inf)
+
+
+def _sees_attitude(campaign: Campaign, slew: Slew) -> np.ndarray:
+    """Rows (n,) in which a star tracker or a sensor of directions reads."""
+    rows = slew.fixes
+    for name, values in (slew.more or {}).items():
+        if isinstance(campaign.sensors[name], StarTracker | DirectionSensor):
+            rows = rows | np.isfinite(values).all(axis=1)
+    return rows
 
 
 def _cheapest(campaign: Campaign, spacing: float, longest: float) -> int:
@@ -212,7 +228,7 @@ def _angles(
         momentum, step = _wheels_on_grid(slew, grid, sample, drive, len(campaign.wheels))
         spare = -len(grid) % plan.rows_per_step
         momentum = np.concatenate([momentum, np.repeat(momentum[-1:], spare, axis=0)])
-        at_fix = sample[slew.fixes]
+        at_fix = sample[_sees_attitude(campaign, slew)]
         grid = np.concatenate([grid, np.repeat(grid[-1:], spare)])
         steps = step_grid(grid, np.concatenate([step, np.zeros(spare)]), plan.rows_per_step, np)
         pieces = step_ends(momentum, momentum[-1], plan.rows_per_step, np)

@@ -13,6 +13,7 @@ from support.high_rate import dense, thrown
 from support.slews import SKEWED, J, start_with
 
 import bayes_inertia
+from bayes_inertia.campaign.hardware import DirectionSensor
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics import forward_model
@@ -33,6 +34,7 @@ from bayes_inertia.physics.integration_plan import IntegrationPlan, integration_
 from bayes_inertia.physics.packing import refined_grid
 from bayes_inertia.physics.prediction import predict_all
 from bayes_inertia.physics.simulator import simulate_slew
+from bayes_inertia.physics.small_campaign import small_campaign
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 ALLOWED = 0.01  # of the noise of each sensor
@@ -174,3 +176,46 @@ def test_gaps_in_the_telemetry_are_bridged_by_steps_short_enough():
     assert np.diff(steps).max() < 1.5 * whole.spacing * whole.rows_per_step
     model = Model(gapped)
     assert model.data.arrays.slews.context.time.shape[1] % plan.rows_per_step == 0
+
+
+def test_the_finest_of_all_sensors_decides_whichever_stands_first():
+    small = small_campaign()
+    slews = [replace(s, more={"gyro": s.rate, "eye": s.attitude}) for s in small.slews]
+    coarse = replace(small.rate_sensor, sigma=(1e-2,) * 3)
+    blurred = replace(small.star_tracker, sigma_cross=1e-2, sigma_roll=1e-2)
+
+    def steps(gyros, trackers):
+        campaign = replace(
+            small,
+            rate_sensor=gyros[0],
+            star_tracker=trackers[0],
+            more_sensors=(("gyro", gyros[1]), ("eye", trackers[1])),
+            slews=tuple(slews),
+        )
+        return integration_plan(campaign, (), "commanded")
+
+    gyros, trackers = (small.rate_sensor, coarse), (small.star_tracker, blurred)
+    finest = steps(gyros, trackers)
+    assert steps(gyros[::-1], trackers) == finest
+    assert steps(gyros, trackers[::-1]) == finest
+    assert steps((coarse, coarse), (blurred, blurred)).spacing > finest.spacing
+
+
+def test_directions_are_seen_by_the_plan():
+    small = small_campaign()
+    slews = [replace(s, rate=None, more={"sun": s.position_N / 7e6}) for s in small.slews]
+    seen = [
+        integration_plan(
+            replace(
+                small,
+                rate_sensor=None,
+                star_tracker=replace(small.star_tracker, sigma_cross=1.0, sigma_roll=1.0),
+                more_sensors=(("sun", DirectionSensor(sigma, (1.0, 0.0, 0.0))),),
+                slews=tuple(slews),
+            ),
+            (),
+            "commanded",
+        ).spacing
+        for sigma in (1e-4, 1.0)
+    ]
+    assert seen[0] < seen[1]
