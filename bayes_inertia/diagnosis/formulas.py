@@ -190,9 +190,7 @@ def _columns(response: TorqueResponse, place: str, values: np.ndarray, rows: int
             quaternion.to_body(jnp.asarray(response.attitude)[:, :, None], jnp.eye(3)[None, None])
         )
         unit = np.einsum("snji,snjk->snik", turn, unit)
-    hook, sensor = PLACES[place].hook, response.estimate.model.campaign.rate_sensor
-    if hook == "rate_output" and sensor is not None and len(sensor.axes) != 3:
-        unit = np.einsum("ij,snjk->snik", sensor.axes, unit)
+    hook = PLACES[place].hook
     return changes_of(response, {_RESPONSE_HOOK.get(hook, hook): unit}, unit.shape[-1])
 
 

@@ -73,6 +73,15 @@ def prior_rows(model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return np.asarray(_prior_slope(alone, theta)), np.asarray(_prior_residual(alone, theta))
 
 
+def normal_prior(model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Means and sds (d,) of the normal distributions that slope and bend as the priors do here.
+
+    Each alone; of a parameter whose logarithm is normal they depend on `theta` (d,).
+    """
+    slope, distance = prior_rows(model, theta)
+    return theta - distance / slope, 1.0 / slope
+
+
 def prior_root(model: Model, theta: np.ndarray) -> np.ndarray:
     """Derivatives (d, d) of the prior's independent residuals: R, with R^T R its precision."""
     slope, _ = prior_rows(model, theta)

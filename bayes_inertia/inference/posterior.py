@@ -267,7 +267,10 @@ class Posterior:
             return None
         estimate: Any = self.tree["estimate"]
         n = base_count(self.names)
-        prior_mean, prior_sd = (np.array(estimate[key])[:n] for key in ("prior_mean", "prior_sd"))
+        # Of a logarithmic prior the one that counted in the covariance; not in older files.
+        own = "normal_" if "normal_prior_sd" in estimate else ""
+        keys = (f"{own}prior_mean", f"{own}prior_sd")
+        prior_mean, prior_sd = (np.array(estimate[key])[:n] for key in keys)
         correlation = None
         if "prior_correlation" in estimate:
             correlation = np.array(estimate["prior_correlation"])[:n, :n]

@@ -19,7 +19,7 @@ from bayes_inertia.inference.gates import check_gates, groups_of_slews
 from bayes_inertia.inference.laplace import Estimate, principal_sd
 from bayes_inertia.inference.likelihood import of_slew, residuals
 from bayes_inertia.inference.limits import LIMITS, criteria
-from bayes_inertia.inference.objective import prior_root
+from bayes_inertia.inference.objective import normal_prior, prior_root
 from bayes_inertia.inference.posterior import FORMAT, Posterior
 from bayes_inertia.inference.predicted_telemetry import (
     drawn_nuisances,
@@ -213,9 +213,13 @@ def _estimate_group(estimate: Estimate) -> xr.DataTree:
 
 
 def _joint_prior(estimate: Estimate) -> dict[str, tuple]:
-    """Correlations of a joint prior, and how far what it may be off moves this fit."""
+    """The prior as a normal one, with correlations; how far what it may be off moves this fit."""
     space, prior = estimate.model.space, estimate.model.campaign.prior
-    variables: dict[str, tuple] = {}
+    mean, sd = normal_prior(estimate.model, estimate.theta)
+    variables: dict[str, tuple] = {
+        "normal_prior_mean": (("parameter",), mean),
+        "normal_prior_sd": (("parameter",), sd),
+    }
     if space.correlation is not None:
         variables["prior_correlation"] = (("parameter", "parameter_2"), space.correlation)
     if prior is not None and prior.beyond_sd is not None:

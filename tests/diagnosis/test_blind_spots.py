@@ -1,20 +1,24 @@
 """How far an effect too weak to be found could have moved J and K."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from support.refits import fitted_with
 
+from bayes_inertia.diagnosis.linear_system import linear_model, log_evidence_of_each
 from bayes_inertia.diagnosis.quoted_parameters import (
     largest_shifts,
     noncentrality_at_even_odds,
     undetected_alternatives,
     undetected_effects,
 )
-from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.inference.optimizer import estimate, move_to
+from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import ParameterSpace
+from bayes_inertia.physics.small_campaign import small_campaign
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 from bayes_inertia.report.verdict import diagnosis_verdict
 
@@ -70,6 +74,19 @@ def test_J_and_K_with_an_undetected_effect_are_those_of_a_fit_with_it(clean_diag
         assert np.all(np.abs(row.mean - direct.theta[:9]) / direct.sd[:9] < 0.02 + 0.05 * moved)
         np.testing.assert_allclose(row.sd, direct.sd[:9], rtol=0.03)
         assert np.any(row.sd > 1.2 * before.sd[:9])
+
+
+@pytest.mark.slow
+def test_odds_beyond_the_largest_float_are_probabilities():
+    small = small_campaign()
+    shift = np.array([0.0, 3e-3, 0.0])
+    turned = [replace(slew, rate=slew.rate + shift) for slew in small.slews]
+    campaign, library = replace(small, slews=tuple(turned)), by_name(["rate_bias"])
+    fitted = estimate(Model(campaign), starts=1, discount=False)
+    evidence = log_evidence_of_each(linear_model(move_to(fitted, Model(campaign, library))))
+    assert evidence["rate_bias"] > np.log(np.finfo(float).max)
+    (row,) = undetected_alternatives(fitted, library)
+    assert row.probability == pytest.approx(1.0)
 
 
 def test_even_odds_are_even_and_the_furthest_amplitude_is_the_furthest():

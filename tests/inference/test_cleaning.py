@@ -360,8 +360,14 @@ def test_normal_equations_that_are_singular_end_in_a_message():
 def test_a_device_that_contradicts_what_is_stated_of_it_is_never_trusted():
     model = Model(by_thrusters())
     theta = np.array(model.space.mean)
-    assert prior_gate(SimpleNamespace(model=model, theta=theta))["passed"]
-    theta[model.space.names.index("jets.gain")] = -1.0
+    gain = model.space.names.index("jets.gain")
+    theta[gain] = 1.01
+    gate = prior_gate(SimpleNamespace(model=model, theta=theta))
+    assert gate["passed"]
+    # What is farthest is not of J and K.
+    assert "jets.gain = 1.01" in gate["says"]
+    assert "J and K" not in gate["says"]
+    theta[gain] = -1.0
     gate = prior_gate(SimpleNamespace(model=model, theta=theta))
     assert not gate["passed"]
     assert "jets.gain = -1 lies 100.0 prior sd" in gate["says"]

@@ -11,6 +11,7 @@ import pytest
 
 import bayes_inertia as bi
 from bayes_inertia.inference.likelihood_summary import product, summary_of, with_prior
+from bayes_inertia.inference.objective import normal_prior, prior_equations
 from bayes_inertia.physics.parameters import log_prior, prior_residual
 from bayes_inertia.physics.small_campaign import small_campaign
 
@@ -197,3 +198,18 @@ def test_the_likelihood_is_what_a_joint_prior_and_the_posterior_imply():
     again = with_prior(product([summary]))
     np.testing.assert_allclose(again[0], posterior, atol=1e-6)
     np.testing.assert_allclose(again[1], covariance, atol=1e-6)
+
+
+def test_a_logarithmic_prior_alone_tells_nothing():
+    prior = bi.GaussianPrior.of_principal_moments([3.2, 2.2, 1.9], 0.2, 10.0)
+    model = bi.Model(replace(small_campaign(), prior=prior))
+    theta = model.space.mean * np.where(np.arange(9) < 3, [0.9] * 9, 1.0)
+    precision, _ = prior_equations(model, theta, np.arange(9))
+    mean, sd = normal_prior(model, theta)
+    covariance = np.linalg.inv(precision)
+    summary = summary_of("a", theta, covariance, mean, sd, model.space.correlation)
+    np.testing.assert_allclose(summary.precision * np.outer(sd, sd), 0.0, atol=1e-6)
+    # Where the prior was thought of as normal it told a tenth of itself.
+    space = model.space
+    other = summary_of("a", theta, covariance, space.mean, space.sd, space.correlation)
+    assert np.max(other.precision * np.outer(sd, sd)) > 0.1
