@@ -75,10 +75,10 @@ def _of_gyro(channel: str, sensor: Any) -> dict[str, Process]:
 
 
 def stated_terms(campaign: Campaign) -> tuple[str, ...]:
-    """What a campaign states of noise that wanders, of the first sensors.
+    """What a campaign states of noise that wanders.
 
-    `campaign`: of which the rate sensor and the star tracker are looked at. Returns: names of the
-    effects that would estimate it; empty where all stated noise is white.
+    Returns: names of the effects that would estimate it, of a further sensor with its name; empty
+    where all stated noise is white.
 
     Examples
     --------
@@ -86,6 +86,9 @@ def stated_terms(campaign: Campaign) -> tuple[str, ...]:
     >>> stated_terms(small_campaign())
     ()
     """
-    tracker, of_gyro = campaign.star_tracker, _of_gyro(RATE.name, campaign.rate_sensor)
-    wandering = tracker is not None and tracker.low_frequency_sigma
-    return (*of_gyro, *([StarTrackerLowFrequency.name] if wandering else ()))
+    of_gyros = (
+        f"{term}[{name}]" if name else term
+        for name, sensor in (("", campaign.rate_sensor), *campaign.more_sensors)
+        for term in _of_gyro(name, sensor)
+    )
+    return (*of_gyros, *(effect.name for effect in stated_noise(campaign, ())))

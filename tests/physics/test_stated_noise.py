@@ -58,6 +58,7 @@ def test_the_walk_of_a_further_gyro_counts_as_that_of_the_first():
     steady = replace(small.rate_sensor, **dict.fromkeys(STATED))
     second = (("second", small.rate_sensor),)
     model = Model(replace(small, rate_sensor=steady, more_sensors=second, slews=slews))
+    assert stated_terms(model.campaign)[0] == "rate_random_walk[second]"
     of_first = noise_memory(Model(small), model.channels[0], Model(small).space.mean)
     assert noise_memory(model, model.channels[0], model.space.mean) is None
     of_second = noise_memory(model, model.channels[-1], model.space.mean)
