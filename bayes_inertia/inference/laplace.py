@@ -17,7 +17,6 @@ from bayes_inertia.inference.marginal_posterior import (
     CoefficientPart,
     Marginal,
     Ridge,
-    conditional_point,
     prior_roots,
 )
 from bayes_inertia.inference.noise_filter import coefficients_of, estimated_noise, noise_memory
@@ -32,7 +31,6 @@ from bayes_inertia.inference.residual_tests import (
     TestedResiduals,
     channel_tests,
     effective_parameters,
-    hat_traces,
     residual_series,
     scale_test,
     with_whole_noise,
@@ -174,15 +172,15 @@ class Estimate:
         standing = coefficients_of(model, estimated_noise(model, point.theta))
         if standing.any():
             point, white = with_whole_noise(model, point, white, standing)
-        elif model.structure.free_momenta and model.noise.is_stated:
+        elif model.structure.free_momenta:
             point, standing = self._drawn(), np.ones(point.n_local, bool)
         else:
             chi2 = self.information.chi2 / self.discount
             return TestedResiduals(self.residual_series, chi2, self.effective_parameters)
         series = residual_series(model, point, white)
         squares = [[float(np.nansum(np.square(x))) for x in slews] for slews in series.values()]
-        paid = hat_traces(
-            self.information, point.n_local, self.joint_covariance, nuisances=~standing
+        paid = effective_parameters(
+            model, point, self.information, self.joint_covariance, nuisances=~standing
         )
         return TestedResiduals(series, np.array(squares).T, paid)
 
@@ -193,9 +191,12 @@ class Estimate:
         in place of its mean, puts as much back (given J and K: if the model is right, telemetry and
         such a draw are distributed as telemetry and truth).
         """
+        bias, local, shared = self.point.bias, self.point.local, len(self.free)
         random = np.random.default_rng(LIMITS.seed_of_drawn_residuals)
-        numbers = random.standard_normal(self.point.bias.size + self.point.local.size)
-        return conditional_point(self.model.structure, marginal(self), self.theta, numbers)
+        root = inverse_root(self.hessian[shared:, shared:])
+        step = root.T @ random.standard_normal(len(root))
+        moved = step[len(bias) :].reshape(local.shape)
+        return Point(self.theta, bias + step[: len(bias)], local + moved)
 
     @cached_property
     def tests(self) -> dict[str, ChannelTest]:

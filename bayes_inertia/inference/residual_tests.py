@@ -282,10 +282,14 @@ def hat_traces(
 
 
 def effective_parameters(
-    model: Model, point: Point, information: Information, covariance: np.ndarray
+    model: Model,
+    point: Point,
+    information: Information,
+    covariance: np.ndarray,
+    *,
+    nuisances: np.ndarray | None = None,
 ) -> np.ndarray:
-    """How many parameters of location each channel pays for (channels,)."""
-    if model.noise.is_stated:
-        return hat_traces(information, point.n_local, covariance)
+    """How many parameters of location each channel pays for (channels,); see `hat_traces`."""
     located = np.array([model.space.names[i] not in model.noise.names for i in information.free])
-    return hat_traces(information, point.n_local, covariance, located)
+    counted = None if model.noise.is_stated else located
+    return hat_traces(information, point.n_local, covariance, counted, nuisances=nuisances)

@@ -11,6 +11,7 @@ import bayes_inertia as bi
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.inference.optimizer import move_to
+from bayes_inertia.physics.channel_noise import ChannelNoise, NoiseModel
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.simulator import simulate_slew
@@ -86,3 +87,12 @@ def test_the_tensor_is_right_and_good_rates_are_no_outliers(slow):
     # In a model with an effect that is held at none, as in a diagnosis, residuals are the same.
     with_effect = move_to(estimate, Model(slow, by_name(["inertia_change"])))
     assert with_effect.tests["rate"].reduced_chi2 == pytest.approx(rate.reduced_chi2, abs=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "noise", [ChannelNoise("student_t", degrees=30.0), ChannelNoise(scale_sampled=True)]
+)
+def test_noise_that_is_not_as_stated_is_judged_as_well(slow, noise):
+    rate = bi.estimate(Model(slow, noise=NoiseModel(rate=noise)), starts=1).tests["rate"]
+    assert not rate.too_large
