@@ -129,6 +129,7 @@ def test_a_start_may_be_a_datetime():
     moment = datetime(1970, 1, 2, tzinfo=UTC)
     for start in (moment, pd.Timestamp(moment), np.datetime64("1970-01-02")):
         assert bi.Slew("a", start, np.arange(2.0), rate=np.zeros((2, 3))).start == 86400.0
+        assert bi.Change("fuel", start).time == 86400.0
 
 
 def test_a_missing_time_is_refused():

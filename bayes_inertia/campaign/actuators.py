@@ -13,6 +13,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from bayes_inertia.campaign.hardware import require, require_positive, unit_length
+from bayes_inertia.campaign.slew import on_campaign_clock
 from bayes_inertia.maths.values import array_dataclass
 
 
@@ -238,8 +239,9 @@ class Change:
     ----------
     name : str
         The change, as printed; its parameters are called "NAME.change_Jxx" and so on.
-    time : float
-        When, on the campaign's clock [s]; slews that start then or later have what came after.
+    time : float or datetime
+        When, on the campaign's clock [s]; of a datetime, since 1970 (UTC). Slews that start then or
+        later have what came after.
     sigma_fraction : float, optional
         Prior sd of the change of each tensor element, as a fraction of the mean moment of inertia.
     part : "inertia", optional
@@ -264,6 +266,7 @@ class Change:
     def __post_init__(self) -> None:
         key = f"changes.{self.name}"
         require(bool(self.name), "changes", "a change without a name", "give each a name")
+        object.__setattr__(self, "time", on_campaign_clock(self.time))
         finite = bool(np.isfinite(self.time))
         require(finite, f"{key}.time", f"{self.time!r} is not finite", "give a time in seconds")
         require_positive(self.sigma_fraction, f"{key}.sigma_fraction")

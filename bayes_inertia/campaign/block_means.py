@@ -32,8 +32,10 @@ def reduced(campaign: Campaign, block: int | None = None) -> Campaign:
     `campaign`: telemetry whose noise is white, at equal steps but for gaps. `block`: readings a
     block; by default as many as the bandwidth of the motion allows. Returns: the means at the mean
     times of their blocks, with sigma / sqrt(block) of rate sensor and tachometers; the campaign
-    itself if blocks of two are too long.
+    itself if blocks of two are too long, or commands were lost.
     """
+    if any(slew.lost_command is not None for slew in campaign.slews):
+        return campaign  # Only rows at equal steps show which commands are unknown.
     length = longest_block(campaign) if block is None else block
     while length > 1 and block is None and _kept(campaign, length) < LIMITS.least_kept_by_blocks:
         length //= 2

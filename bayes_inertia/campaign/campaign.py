@@ -20,7 +20,7 @@ from bayes_inertia.campaign.hardware import (
     require,
 )
 from bayes_inertia.campaign.prior import GaussianPrior
-from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.campaign.slew import Slew, bad_quaternion
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.saturated import in_range
 from bayes_inertia.maths.printed import Card, parameter_lines, shown_as
@@ -170,9 +170,12 @@ class Campaign:
             "the simulator needs every wheel at every row: repair the row or leave the columns out",
         )
         self._check_rates(slew)
-        unknown = sorted(set(slew.more or ()) - {name for name, _ in self.more_sensors})
+        sensors = dict(self.more_sensors)
+        unknown = sorted(set(slew.more or ()) - set(sensors))
         what = f"readings of {unknown[:1]}, which no sensor has"
         require(not unknown, f"{where}.more", what, "add the sensor to more_sensors")
+        for name, readings in (slew.more or {}).items():
+            _require_readings(readings, sensors[name], f"{where}.more.{name}")
         has_fix = slew.attitude is not None and bool(np.isfinite(slew.attitude).any())
         what = "an attitude without a star tracker"
         advice = "add [star_tracker] with its sigmas"
@@ -207,9 +210,7 @@ class Campaign:
         what = "no rate-sensor columns"
         advice = "name its columns under columns.rate, or leave the rate sensor out"
         require(slew.rate is not None, key, what, advice)
-        columns, axes = np.asarray(slew.rate).shape[1], len(sensor.axes)
-        what = f"{columns} columns for a rate sensor of {axes} axes"
-        require(columns == axes, key, what, "give one a sensor axis")
+        _require_readings(np.asarray(slew.rate), sensor, key)
 
     @property
     def sensors(self) -> dict[str, Any]:
@@ -408,6 +409,18 @@ class Campaign:
             duration,
             float(np.trace(self.inertia.tensor) / 3.0),
         )
+
+
+def _require_readings(readings: np.ndarray, sensor: Any, key: str) -> None:
+    """Raise `CampaignError` unless readings (n, columns) are of a sensor of their kind."""
+    columns, wanted = readings.shape[1], getattr(sensor, "columns", None)
+    what = f"{columns} columns for a {type(sensor).__name__} of {wanted}"
+    advice = "give one column a sensor axis, four a quaternion, three a direction"
+    require(wanted in (None, columns), key, what, advice)
+    problem = bad_quaternion(readings) if isinstance(sensor, StarTracker) else None
+    row, what = problem or (0, "")
+    advice = "repair the row or leave all four cells empty"
+    require(problem is None, key, f"{what} (row {row + 1})", advice)
 
 
 def _require_different(key: str, names: list[str]) -> None:

@@ -61,12 +61,12 @@ def with_orbit(campaign: Campaign, tle: str | Path, epoch: datetime | str) -> Ca
 
 
 def slews_with_orbit(
-    slews: Sequence[Slew], tle: str | Path, epoch: datetime | str
+    slews: Sequence[Slew], tle: str | Path, epoch: datetime | str, where: str = "key epoch"
 ) -> tuple[Slew, ...]:
-    """The same slews with position and magnetic field."""
+    """The same slews with position and magnetic field; `where`: who says the epoch."""
     path = Path(tle)
     satellites = _satellites(text_of(read_bytes(path), str(path)), str(path))
-    zero = _unix_time(epoch)
+    zero = _unix_time(epoch, where)
     flown = []
     for slew in slews:
         utc = zero + slew.start + slew.time - slew.time[0]
@@ -77,14 +77,14 @@ def slews_with_orbit(
     return tuple(flown)
 
 
-def _unix_time(epoch: datetime | str) -> float:
+def _unix_time(epoch: datetime | str, where: str) -> float:
     """UTC [s] since 1970."""
     try:
         moment = datetime.fromisoformat(epoch) if isinstance(epoch, str) else epoch
     except ValueError:
         what = f"{epoch!r} is no date"
         advice = "give UTC as year-month-dayThour:minute:second"
-        raise CampaignError(what, where="key epoch", advice=advice) from None
+        raise CampaignError(what, where=where, advice=advice) from None
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 

@@ -323,6 +323,11 @@ class RateSensor:
             "give bias_instability [rad/s] and bias_instability_time [s], or neither",
         )
 
+    @property
+    def columns(self) -> int:
+        """How many numbers a reading has: one an axis."""
+        return len(self.axes)
+
 
 def axis_names(sensor: RateSensor | None) -> tuple[str, ...]:
     """Names of a rate sensor's axes: x, y and z of three, else 1 to n; none without a sensor."""
@@ -403,6 +408,11 @@ class StarTracker:
         require_positive(self.low_frequency_sigma, key, optional=True)
         require_positive(self.mounting_sigma, "star_tracker.mounting_sigma", optional=True)
 
+    @property
+    def columns(self) -> int:
+        """How many numbers a reading has: a quaternion's."""
+        return 4
+
 
 @array_dataclass
 class DirectionSensor:
@@ -469,6 +479,11 @@ class DirectionSensor:
             require_positive(float(np.linalg.norm(vector)), f"{key}.reference_N")
             x, y, z = (vector if self.is_field else unit_length(vector)).tolist()
             object.__setattr__(self, "reference_N", (x, y, z))
+
+    @property
+    def columns(self) -> int:
+        """How many numbers a reading has."""
+        return 3
 
     @property
     def is_field(self) -> bool:

@@ -341,7 +341,7 @@ def _check_wheels(wheels: Sequence[format_2.WheelDevice], label: str) -> None:
         if part.momentum is not None and part.speed is not None:
             advice = "keep one of the two, they are the same measurement"
             refuse(label, f"{place}.speed", "momentum is given too", advice)
-        if part.torque is None and commanded and part.state != "locked":
+        if part.torque is None and commanded and part.state not in ("locked", "free"):
             what = f"missing key, but {commanded[0][0]} has it"
             advice = "give the commands of every wheel, or leave all out: tachometers drive then"
             refuse(label, f"{place}.torque", what, advice)

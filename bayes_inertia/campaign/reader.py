@@ -47,6 +47,8 @@ from bayes_inertia.sealing import sha256_of
 from bayes_inertia.tables.number_table import read_table
 from bayes_inertia.tables.table import Table
 
+# Channels of a wheel that are zero where nothing is recorded.
+_ZERO_OF_STATE = {"free": ("wheel_torque",), "locked": ("wheel_torque", "wheel_momentum")}
 # A record without rows, and the times [s] that it concerns.
 _TimedDirt = tuple[Dirt, np.ndarray]
 # The wanted columns of the table of a file and a slew.
@@ -122,9 +124,13 @@ def _prior(parsed: Description, description: Path) -> GaussianPrior | None:
 
 def campaign_of(description: str, label: str, tables: Mapping[str, Table]) -> Campaign:
     """The campaign that a folder with this description and these tables is; nothing is written."""
+    return with_known_momentum(with_dirt_masked(unmasked_of(description, label, tables)))
+
+
+def unmasked_of(description: str, label: str, tables: Mapping[str, Table]) -> Campaign:
+    """The same with every reading, believable or not."""
     parsed = parse_description(description, label)
-    unmasked = _assembled(parsed, label, lambda file, names, _: tables[file].only(names))
-    return with_known_momentum(with_dirt_masked(unmasked))
+    return _assembled(parsed, label, lambda file, names, _: tables[file].only(names))
 
 
 def _assembled(
@@ -148,7 +154,8 @@ def _assembled(
         slews += parts
         dirt += located(records + unknown, parts)
     if parsed.orbit is not None and orbit is not None:
-        slews = list(slews_with_orbit(slews, orbit, parsed.orbit[1]))
+        where = f"{label}, key environment.orbit.epoch"
+        slews = list(slews_with_orbit(slews, orbit, parsed.orbit[1], where))
     try:
         said = {key: getattr(parsed, key) for key in AS_CAMPAIGN}
         return Campaign(slews=tuple(slews), dirt=tuple(dirt), **said)
@@ -267,9 +274,11 @@ def _channels(
         readings += [] if rows.stream.is_input else [of_stream]
     channels = union(readings, f"slews.{part.name}")
     for k, wheel in enumerate(parsed.wheels):
-        for name in ("wheel_torque", "wheel_momentum") if wheel.state == "locked" else ():
+        # No motor drives these, and what is locked has no momentum of its own.
+        for name in _ZERO_OF_STATE.get(wheel.state, ()):
             if name in channels and np.isnan(channels[name][:, k]).all():
-                channels[name][:, k] = 0.0
+                told = np.isfinite(channels[name]).any(axis=1)
+                channels[name][told, k] = 0.0
     return channels, disorder
 
 
@@ -282,8 +291,9 @@ def _slews(
 ) -> tuple[list[Slew], list[_TimedDirt]]:
     """The slew, or its parts where it must be cut."""
     momentum = channels.get("wheel_momentum")
-    is_read = momentum is not None and bool(np.isfinite(momentum).any(axis=0).all())
-    is_read = is_read and all(w.momentum_sigma is not None for w in parsed.wheels)
+    running = [k for k, wheel in enumerate(parsed.wheels) if wheel.state != "locked"]
+    is_read = momentum is not None and bool(np.isfinite(momentum[:, running]).any(axis=0).all())
+    is_read = is_read and all(parsed.wheels[k].momentum_sigma is not None for k in running)
     channels, dirt = without_impossible_torques(channels, parsed.wheels)
     limit = _negligible_impulse(channels["time"], parsed)
     pieces, unknown = with_known_torques(channels, is_read and not keep_commands, limit)

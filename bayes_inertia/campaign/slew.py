@@ -117,10 +117,7 @@ class Slew:
     def __post_init__(self) -> None:
         where = f"slews.{self.name}"
         time = _seconds(self.time)
-        # A moment, not a number, where it is no float already.
-        begin = np.atleast_1d(np.asarray(self.start))
-        if begin.dtype.kind in "MO" and self.start is not None:
-            object.__setattr__(self, "start", float(_seconds(begin, since=_EPOCH)[0]))
+        object.__setattr__(self, "start", on_campaign_clock(self.start))
         _require_increasing(time, f"{where}.time")
         object.__setattr__(self, "time", time)
         for key in ("start", "angle"):
@@ -242,6 +239,17 @@ def bad_quaternion(attitude: np.ndarray) -> tuple[int, str] | None:
     if given[row] == 4:
         return row, f"the quaternion has length {norm[row]:.6g}, not 1"
     return row, "the quaternion is incomplete"
+
+
+def on_campaign_clock(moment: Any) -> Any:
+    """A moment on the campaign's clock [s]; a datetime counts from 1970 (UTC).
+
+    >>> on_campaign_clock(np.datetime64("1970-01-02"))
+    86400.0
+    """
+    given = np.atleast_1d(np.asarray(moment))
+    is_date = given.dtype.kind in "MO" and moment is not None
+    return float(_seconds(given, since=_EPOCH)[0]) if is_date else moment
 
 
 def _seconds(time: Any, since: np.datetime64 | None = None) -> np.ndarray:

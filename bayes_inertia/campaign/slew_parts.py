@@ -120,7 +120,8 @@ class _Limits:
 
 def with_known_momentum(campaign: Campaign) -> Campaign:
     """The campaign with slews cut where no straight line bridges a gap of what drives the model."""
-    if campaign.has_commands or not campaign.wheels or not campaign.has_tachometers:
+    running = campaign.without_locked_wheels()
+    if running.has_commands or not running.wheels or not running.has_tachometers:
         return campaign
     inertia = float(np.linalg.eigvalsh(campaign.inertia.tensor)[0])
     tracker = campaign.star_tracker
@@ -133,12 +134,12 @@ def with_known_momentum(campaign: Campaign) -> Campaign:
     )
     slews: list[Slew] = []
     dirt: list[Dirt] = []
-    for slew in campaign.slews:
+    for slew, seen in zip(campaign.slews, running.slews, strict=True):
         own = [(record, slew.time[list(record.rows)]) for record in campaign.dirt_of(slew.name)]
         given = {name: getattr(slew, name) for name in ("time", *_CHANNELS)}
         channels = {name: values for name, values in given.items() if values is not None}
         channels |= {MORE + name: values for name, values in (slew.more or {}).items()}
-        cuts = _unknown_momentum(channels, limits)
+        cuts = _unknown_momentum(channels, np.asarray(seen.wheel_momentum), limits)
         parts = parts_of(slew, without_intervals(channels, cuts)) if cuts else [slew]
         if cuts:
             note = gap_note(len(cuts), max(b - a for a, b in cuts))
@@ -151,10 +152,10 @@ def with_known_momentum(campaign: Campaign) -> Campaign:
 
 
 def _unknown_momentum(
-    channels: dict[str, np.ndarray], limits: _Limits
+    channels: dict[str, np.ndarray], momentum: np.ndarray, limits: _Limits
 ) -> list[tuple[float, float]]:
-    """Gaps of the tachometers in which a straight line may be visibly wrong."""
-    momentum, time = channels["wheel_momentum"], channels["time"]
+    """Gaps of tachometers (n, wheels) in which a straight line may be visibly wrong."""
+    time = channels["time"]
     rows = np.flatnonzero(np.isfinite(momentum).all(axis=1))
     at = time[rows]
     given = [channels[s.field] for s in STREAMS if not s.is_series and s.field in channels]

@@ -77,6 +77,9 @@ def union(streams: Sequence[dict[str, np.ndarray]], label: str) -> dict[str, np.
         return dict(streams[0])
     streams = [_without_empty_rows(stream) for stream in streams]
     times = np.concatenate([stream["time"] for stream in streams])
+    if not len(times):
+        advice = "export it again, or leave the slew out"
+        raise CampaignError("no sensor has a reading", where=label, advice=advice)
     order = np.argsort(times, kind="stable")
     resolution = max(LIMITS.same_time, 4.0 * float(np.spacing(np.abs(times).max())))
     is_new = np.concatenate([[True], np.diff(times[order]) > resolution])

@@ -17,11 +17,12 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import keys_of
 from bayes_inertia.campaign.hardware import DirectionSensor
 from bayes_inertia.campaign.prior import COPY_FILE
+from bayes_inertia.campaign.reader import unmasked_of
 from bayes_inertia.campaign.schema import FORMAT, FORMAT_2
 from bayes_inertia.campaign.sensors import FIRST, SensorStream, streams_of
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import MORE
-from bayes_inertia.errors import OutputError
+from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import write_new_files
 from bayes_inertia.tables.table import Table
 
@@ -52,9 +53,8 @@ def write_campaign(campaign: Campaign, folder: str | Path) -> Path:
     Raises
     ------
     OutputError
-        If a file of another content is in the way, or the system refuses; if a rate axis or a
-        wheel has no number in a slew, or a vector of the environment lacks one (which cannot be
-        read back).
+        If a file of another content is in the way, or the system refuses; if the campaign could
+        not be read back, such as one with a wheel or rate axis that has no number in one slew.
 
     Examples
     --------
@@ -68,7 +68,26 @@ def write_campaign(campaign: Campaign, folder: str | Path) -> Path:
     """
     known = {} if campaign.prior is None else {COPY_FILE: json.dumps(campaign.prior.json())}
     files = {name: text.encode() for name, text in known.items()}
-    return write_new_files(folder, files | files_of(*content_of(campaign)), holds="campaign")
+    description, tables = content_of(campaign)
+    _require_readable(campaign, description, tables)
+    return write_new_files(folder, files | files_of(description, tables), holds="campaign")
+
+
+def _require_readable(campaign: Campaign, description: str, tables: Mapping[str, Table]) -> None:
+    """Raise `OutputError` unless the content of a folder reads back, with what is unknown."""
+    place = f"campaign {campaign.name}"
+    try:
+        again = unmasked_of(description, "campaign.toml", tables)
+    except CampaignError as error:
+        where, what = error.where or place, f"it could not be read back: {error.what}"
+        raise OutputError(what, where=where, advice=error.advice) from None
+    lost, found = (
+        {slew.name for slew in c.slews if slew.lost_command is not None} for c in (campaign, again)
+    )
+    for name in sorted(lost - found):
+        what = "commands that were lost would be taken as held: rows at no regular step hide them"
+        advice = "copy the folder that the campaign was read from, or leave the slew out"
+        raise OutputError(what, where=f"slew {name}", advice=advice)
 
 
 def files_of(description: str, tables: Mapping[str, Table]) -> dict[str, bytes]:
@@ -86,8 +105,12 @@ def _csv(table: Table) -> str:
 
 def content_of(campaign: Campaign) -> tuple[str, dict[str, Table]]:
     """The text of a campaign's description, and its tables by file."""
+    for name, sensor in campaign.sensors.items():
+        if getattr(sensor, "correlated_noise", None) is not None:
+            what, advice = "a folder has no key for correlated noise", "leave it out"
+            raise OutputError(what, where=f"sensor {name}", advice=advice)
     channels = written_channels(campaign)
-    if needs_format_2(campaign):
+    if needs_format_2(campaign, channels):
         return _content_2(campaign, channels)
     files = numbered(len(campaign.slews), "slew_{}.csv")
     slews = list(zip(campaign.slews, files, strict=True))
@@ -151,8 +174,9 @@ def _table_of(slew: Slew, channels: Sequence[Written]) -> Table:
             values = np.where((slew.lost_command > 0)[:, None], np.nan, values)
         if values is None:
             values = np.full((len(slew.time), len(channel.names)), np.nan)
-        made |= dict(zip(channel.names, values.T, strict=True))
-    return Table.of(slew.name, made)
+        columns = zip(channel.names, values.T, strict=True)
+        made |= {name: column for name, column in columns if name}
+    return Table.of(f"slew {slew.name}", made)
 
 
 def _slew(slew: Slew, file: str, channels: Sequence[Written]) -> dict[str, Any]:
@@ -230,7 +254,7 @@ def _plain(value: Any) -> Any:
 TELEMETRY = "telemetry"
 
 
-def needs_format_2(campaign: Campaign) -> bool:
+def needs_format_2(campaign: Campaign, channels: Sequence[Written]) -> bool:
     """Whether a campaign holds what format 1 has no keys for."""
     sensor = campaign.rate_sensor
     return bool(
@@ -238,6 +262,7 @@ def needs_format_2(campaign: Campaign) -> bool:
         or campaign.actuators
         or campaign.changes
         or campaign.reference
+        or any("" in channel.names for channel in channels)
         or any(wheel.state != "running" for wheel in campaign.wheels)
         or sensor is None
         or len(sensor.axes) != 3
@@ -256,7 +281,8 @@ class Written:
     channel: str  # Field of `Slew`; "more.NAME" of a further sensor
     key: str  # Entry of `[columns]`, and what a device of format 2 calls it
     sense: Mapping[str, str]  # Its unit and sense
-    names: str | Sequence[str]  # Its columns; a text: one a wheel
+    # Its columns; a text: one a wheel. An empty name: of a wheel without readings
+    names: str | Sequence[str]
     sensor: SensorStream | None = None
 
     @property
@@ -285,9 +311,7 @@ _ENVIRONMENT = (
 
 
 def written_channels(campaign: Campaign) -> list[Written]:
-    """The channels that a campaign has, in the order of their columns; refused where one has gaps
-    that cannot be read back.
-    """
+    """The channels that a campaign has, in the order of their columns."""
     first: list[Written] = []
     more: list[Written] = []
     for sensor in streams_of(campaign):
@@ -298,34 +322,20 @@ def written_channels(campaign: Campaign) -> list[Written]:
     first.sort(key=lambda channel: not isinstance(channel.names, str))
     found = []
     for channel in (_TORQUE, *first, *_ENVIRONMENT, *more):
-        having = [slew for slew in campaign.slews if channel.values(slew) is not None]
-        wheels = len(campaign.wheels)
-        if not having or (isinstance(channel.names, str) and not wheels):
+        given = [x for slew in campaign.slews if (x := channel.values(slew)) is not None]
+        # A sensor may have no reading anywhere.
+        hardware = channel.sensor.hardware(campaign) if channel.sensor else None
+        values = np.concatenate(given or [np.zeros((0, getattr(hardware, "columns", 0)))])
+        width, names = values.shape[1], channel.names
+        if not width:
             continue
-        for slew in having:
-            _refuse_what_reading_refuses(slew, channel)
-        width = np.asarray(channel.values(having[0])).shape[1]
-        names = channel.names
         if isinstance(names, str):
-            names = [names.format(i + 1) for i in range(wheels)]
+            read = np.isfinite(values).any(axis=0).tolist()
+            names = [names.format(i + 1) if is_read else "" for i, is_read in enumerate(read)]
         elif len(names) != width or channel in more:
             names = [f"{word(channel.channel.removeprefix(MORE))}_{i + 1}" for i in range(width)]
         found.append(replace(channel, names=list(names)))
     return found
-
-
-def _refuse_what_reading_refuses(slew: Slew, channel: Written) -> None:
-    """Raise `OutputError` for gaps in a channel that cannot be read back."""
-    empty, where = np.isnan(np.asarray(channel.values(slew))), f"slew {slew.name}"
-    if channel.sensor is not None and channel.is_series and empty.all(axis=0).any():
-        column = int(np.argmax(empty.all(axis=0))) + 1
-        what = f"{channel.channel} has no number in column {column}"
-        raise OutputError(what, where=where, advice="leave the channel or the slew out")
-    some = empty.any(axis=1) != empty.all(axis=1)
-    if not channel.sensor and not channel.is_series and some.any():
-        what = f"{channel.channel} has a gap in row {int(np.argmax(some)) + 1}"
-        advice = "fill it, or leave the row of the channel empty"
-        raise OutputError(what, where=where, advice=advice)
 
 
 @dataclass(frozen=True)
@@ -426,7 +436,7 @@ def _wheel(campaign: Campaign, k: int, entries: Mapping[str, Mapping[str, Any]])
     part = {"name": wheel.name, "type": "wheel", **keys_of(wheel)}
     part["state"] = None if wheel.state == "running" else wheel.state
     for channel, key in (("wheel_torque", "torque"), ("wheel_momentum", "momentum")):
-        if channel in entries:
+        if channel in entries and entries[channel]["names"][k]:
             part[key] = {**entries[channel], "names": [entries[channel]["names"][k]]}
     if "momentum" in part and wheel.momentum_sigma is not None:
         part["momentum"]["sigma"] = part.pop("momentum_sigma")

@@ -132,6 +132,19 @@ def test_slow_telemetry_with_ever_new_commands_stays_as_it_is():
     assert reduced(campaign) is campaign
 
 
+def test_slews_with_lost_commands_stay_as_they_are():
+    """Where their rows are at no regular step nothing says that a command is missing."""
+    campaign = thrown(TIME)
+    torque, lost = np.full((len(TIME), 1), 1e-5), np.zeros(len(TIME), dtype=int)
+    lost[900:1000] = 1
+    unknown = {"lost_command": lost, "lost_command_sd": torque}
+    slew = replace(campaign.slews[0], wheel_torque=torque, **unknown)
+    commanded = replace(campaign, slews=(slew,))
+    assert reduced(commanded) is commanded
+    known = replace(slew, lost_command=None, lost_command_sd=None)
+    assert len(reduced(replace(campaign, slews=(known,))).slews[0].time) < len(TIME)
+
+
 def test_a_diagnosis_takes_block_means_of_slews_with_far_more_rows_than_their_motion_asks_for():
     campaign = thrown(TIME, noise=SIGMA)
     means = without_surplus_rows(campaign)

@@ -14,7 +14,7 @@ import bayes_inertia as bi
 from bayes_inertia.campaign.commands import without_impossible_torques
 from bayes_inertia.campaign.hardware import Wheel
 from bayes_inertia.campaign.inspection import with_dirt_masked
-from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.campaign.reader import read_campaign, read_unmasked
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.faults.stuck import stuck_readings
@@ -155,6 +155,20 @@ def test_momentum_unknown_while_the_torque_turns_cuts_the_slew(tmp_path):
     campaign = read_campaign(dirty(tmp_path / "c", gap, without="commands"))
     assert ("gap", "momentum", "masked") in kinds(campaign)
     assert len(campaign.slews) == 3
+
+
+def test_a_locked_wheel_without_tachometer_hides_no_gap_of_the_others(tmp_path):
+    gap = without_rows(*range(SLEWING, SLEWING + 60))
+    campaign = read_unmasked(dirty(tmp_path / "c", gap, without="commands"))
+    off = Wheel("off", (0.0, 0.0, 1.0), 1e-3, state="locked")
+    slews = [
+        replace(s, wheel_momentum=np.insert(s.wheel_momentum, 3, np.nan, axis=1))
+        for s in campaign.slews
+    ]
+    locked = replace(campaign, wheels=(*campaign.wheels, off), slews=slews)
+    folder = write_campaign(locked, tmp_path / "locked")
+    assert "h4" not in (folder / "campaign.toml").read_text()
+    assert len(read_campaign(folder).slews) == 3
 
 
 def stick(columns: tuple[str, ...], rows_stuck: slice):

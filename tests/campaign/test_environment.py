@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.campaign_files import FORMAT_2 as TOML
-from support.campaign_files import edited, make, refusal
+from support.campaign_files import assert_teaches, edited, make, refusal
 
 from bayes_inertia import Campaign, CampaignError, InertiaPrior, RateSensor, Slew, with_orbit
 from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_campaign
@@ -113,5 +113,10 @@ def test_an_orbit_is_a_key_of_the_campaign_folder(tmp_path):
         np.testing.assert_array_equal(slew.position_N, other.position_N)
     before = campaign_sha256(folder)
     assert (copy_campaign(folder, tmp_path / "copy") / "orbit.tle").read_text() == ELEMENTS
+    other = make(
+        tmp_path / "other", edited((folder / "campaign.toml").read_text(), (EPOCH, "soon"))
+    )
+    (other / "orbit.tle").write_text(ELEMENTS)
+    assert_teaches(refusal(other), ["other/campaign.toml, key environment.orbit.epoch", "no date"])
     (folder / "orbit.tle").write_text(ELEMENTS + "\n")
     assert campaign_sha256(folder) != before

@@ -194,8 +194,7 @@ def test_one_sensor_is_the_reference_of_frames(tmp_path):
     assert_teaches(error, ["sensors.mems.reference", "tracker is the reference"])
 
 
-def test_a_locked_wheel_needs_no_telemetry(tmp_path):
-    wheel = """
+THIRD_WHEEL = """
 [[actuators]]
 name = "z"
 type = "wheel"
@@ -205,7 +204,26 @@ state = "locked"
 
 [[sensors]]
 name = "gyro\""""
-    toml = edited(TOML, ('\n[[sensors]]\nname = "gyro"', wheel))
+WITH_THIRD_WHEEL = edited(TOML, ('\n[[sensors]]\nname = "gyro"', THIRD_WHEEL))
+
+
+def test_a_wheel_without_motor_torque_needs_no_commands(tmp_path):
+    """A free rotor has no momentum by itself; nor has a locked one where none was read."""
+    for state, momentum in (("free", np.nan), ("locked", 0.0)):
+        toml = edited(WITH_THIRD_WHEEL + TORQUERS + MEMS, ("locked", state))
+        campaign = read_campaign(streams(tmp_path / state, toml))
+        slew = campaign.slews[0]
+        assert not slew.wheel_torque[:, 2].any()
+        read = np.isfinite(slew.wheel_momentum[:, 0])
+        expected = np.where(read, momentum, np.nan)
+        np.testing.assert_array_equal(slew.wheel_momentum[:, 2], expected)
+        again = read_campaign(write_campaign(campaign, tmp_path / f"{state} again"))
+        assert again.wheels == campaign.wheels
+        np.testing.assert_array_equal(again.slews[0].wheel_momentum, slew.wheel_momentum)
+
+
+def test_a_locked_wheel_needs_no_telemetry(tmp_path):
+    toml = WITH_THIRD_WHEEL
     campaign = read_campaign(make(tmp_path / "in", toml))
     assert [wheel.state for wheel in campaign.wheels] == ["running", "running", "locked"]
     assert campaign.has_commands

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.campaign_files import CSV, TOML, assert_same, assert_teaches, edited, make, refusal
+from support.campaign_files import (
+    CSV,
+    FORMAT_2,
+    TOML,
+    assert_same,
+    assert_teaches,
+    edited,
+    make,
+    refusal,
+)
 
 from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_campaign
 from bayes_inertia.campaign.writer import write_campaign
@@ -148,6 +157,21 @@ def test_a_star_tracker_may_have_a_single_fix_or_none(tmp_path):
     assert one.slews[0].fixes.tolist() == [False, True, False, False]
     none = read_campaign(make_streams(tmp_path / "none", tracker="t,q1,q2,q3,q4\n"))
     assert none.slews[0].attitude is None
+
+
+def test_a_slew_in_which_no_tracker_sees_a_star_is_refused(tmp_path):
+    wheels, begin, end = (
+        FORMAT_2.index(text)
+        for text in ("[[actuators]]", '[[sensors]]\nname = "tracker"', "[[environment]]")
+    )
+    tracker = FORMAT_2[begin:end]
+    other = edited(tracker, ('"tracker"', '"other"'), ('"all"', '"other"'))
+    first = edited(tracker, ('"all"', '"first"'))
+    slews = '[[slews]]\nname = "first"\nfiles = "a_{stream}.csv"\nstart = 0.0\n'
+    folder = make(tmp_path / "in", FORMAT_2[:wheels] + first + other + slews)
+    for name in ("first", "other"):
+        (folder / f"a_{name}.csv").write_text("t,q1,q2,q3,q4\n0,,,,\n1,,,,\n")
+    assert_teaches(refusal(folder), ["slews.first", "no sensor has a reading"])
 
 
 def test_rows_of_a_stream_that_cannot_be_told_apart(tmp_path):

@@ -18,8 +18,15 @@ from support.campaign_files import (
 )
 
 import bayes_inertia
+from bayes_inertia.campaign.actuators import Change
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel
+from bayes_inertia.campaign.hardware import (
+    CorrelatedNoise,
+    InertiaPrior,
+    RateSensor,
+    StarTracker,
+    Wheel,
+)
 from bayes_inertia.campaign.reader import (
     campaign_of,
     campaign_sha256,
@@ -89,8 +96,8 @@ def test_refuses_what_could_not_be_read_back(tmp_path):
     gap = first.magnetic_field_N.copy()
     gap[2, 1] = np.nan
     for slew, named in [
-        (replace(first, wheel_momentum=silent), "no number in column 2"),
-        (replace(first, magnetic_field_N=gap), "gap in row 3"),
+        (replace(first, wheel_momentum=silent), "column h2_Nms: it could not be read back: every"),
+        (replace(first, magnetic_field_N=gap), "line 4, column By_N_T: it could not be read back"),
     ]:
         with pytest.raises(OutputError) as caught:
             write_campaign(replace(campaign, slews=(slew, second)), tmp_path / "out")
@@ -99,6 +106,45 @@ def test_refuses_what_could_not_be_read_back(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError):
         write_campaign(campaign, tmp_path / "file")
+
+
+def test_what_only_format_2_says_is_read_back(tmp_path):
+    """A wheel without tachometer, and beside it a star tracker that saw nothing."""
+    campaign = read_campaign(make(tmp_path / "in"))
+    slews = [
+        replace(s, wheel_momentum=s.wheel_momentum * [1.0, np.nan], attitude=None)
+        for s in campaign.slews
+    ]
+    other = replace(campaign, slews=slews)
+    again = read_campaign(write_campaign(other, tmp_path / "out"))
+    assert_same(again, other)
+    assert again.star_tracker == campaign.star_tracker
+
+
+def test_further_readings_that_no_folder_holds_are_refused(tmp_path):
+    """Names that would give two columns one name, noise and changes without a key."""
+    campaign = read_campaign(make(tmp_path / "in"))
+    rates = [replace(s, more={"gyro 2": s.rate, "gyro-2": s.rate}) for s in campaign.slews]
+    gyros = tuple((name, campaign.rate_sensor) for name in ("gyro 2", "gyro-2"))
+    coloured = replace(campaign.rate_sensor, correlated_noise=CorrelatedNoise(0.5, 2.0))
+    for other, named in (
+        (replace(campaign, slews=rates, more_sensors=gyros), "'gyro_2_1' is already used"),
+        (replace(campaign, rate_sensor=coloured), "no key for correlated noise"),
+        (replace(campaign, changes=(Change("fuel", 1e6),)), "all slews are on one side"),
+    ):
+        with pytest.raises(OutputError, match=named):
+            write_campaign(other, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_lost_commands_that_could_not_be_told_again_are_refused(tmp_path):
+    """Between rows at no regular step an empty cell is a command that holds."""
+    campaign = read_campaign(make(tmp_path / "in"))
+    slew = campaign.slews[0]
+    lost = np.array([0, 1, 0, 0])
+    slew = replace(slew, lost_command=lost, lost_command_sd=np.ones_like(slew.wheel_torque))
+    with pytest.raises(OutputError, match="would be taken as held"):
+        write_campaign(replace(campaign, slews=(slew,)), tmp_path / "out")
 
 
 NUMBER = st.floats(-1e6, 1e6, allow_subnormal=True)

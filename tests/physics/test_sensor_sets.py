@@ -97,8 +97,16 @@ def test_without_gyro_and_attitudes_a_campaign_is_refused(flown):
 
 
 def test_rates_have_one_column_an_axis(flown):
-    with pytest.raises(CampaignError, match="3 columns for a rate sensor of 2 axes"):
+    with pytest.raises(CampaignError, match="3 columns for a RateSensor of 2"):
         replace(flown.campaign, rate_sensor=RateSensor(1e-5, np.eye(3)[:2]))
+    gyro, tracker = flown.campaign.rate_sensor, flown.campaign.star_tracker
+    for sensor, channel, factor, words in (
+        (gyro, "rate", np.eye(3)[:, :2], "2 columns for a RateSensor of 3"),
+        (tracker, "attitude", 2.0 * np.eye(4), "the quaternion has length 2, not 1"),
+    ):
+        slews = [replace(s, more={"b": getattr(s, channel) @ factor}) for s in flown.campaign.slews]
+        with pytest.raises(CampaignError, match=words):
+            replace(flown.campaign, slews=slews, more_sensors=(("b", sensor),))
 
 
 def test_gyros_of_different_axes_have_their_own_dimension_in_a_posterior(flown):
