@@ -300,50 +300,82 @@ def _spin_inertias(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
         yield Mistake(changes, 2, scaled(momentum=factor), words)
 
 
+class Stated(NamedTuple):
+    """Key of some columns in the description, their quantity, unit (None: none) and names."""
+
+    path: str
+    quantity: str
+    unit: str | None
+    names: list[str]
+
+
+def of_columns(
+    stated: Stated, what: str, *, signs: bool = True, of_unit: int = 1, rarer: int = 0
+) -> Iterator[tuple[np.ndarray, Mistake]]:
+    """Other units, orders and signs of columns, as matrices (k, k) on their values.
+
+    `of_unit`: rarity of another unit. `rarer`: added to the rarities of other orders and signs.
+    """
+    path, quantity, own, names = stated
+    for unit, si in UNITS[quantity].items() if own else ():
+        if unit != own:
+            factor, words = si / UNITS[quantity][str(own)], f"{what} is in {unit}, not in {own}"
+            tried = unmended(f"{path}.unit", own, unit, of_unit, words)
+            yield factor * np.eye(len(names)), tried
+    for other in (*in_other_order(names, what), *(signed(names, what) if signs else ())):
+        rarity = other.rarity + rarer
+        yield other.matrix, unmended(f"{path}.names", names, other.names, rarity, other.words)
+
+
+def unmended(key: str, stated: Any, mended: Any, rarity: int, words: str) -> Mistake:
+    """A mistake in one key that does not say yet how readings change with it."""
+    return _one_key(key, stated, mended, rarity, lambda reading: reading, words)
+
+
+def is_of_earth(fields: Sequence[np.ndarray]) -> bool:
+    """Whether magnetic fields (n, 3) [T] have the size of that in an orbit of the Earth."""
+    size = float(np.nanmedian(np.linalg.norm(np.concatenate(fields), axis=1)))
+    return LIMITS.weakest_field < size < LIMITS.strongest_field
+
+
 def _direction_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
     for d, (name, sensor) in enumerate(direction_sensors(campaign)):
         if f"sensors.{name}.direction" not in columns:
             continue
-        if sensor.is_field:
-            yield from _field_units(campaign, columns, d)
-        entry = columns[f"sensors.{name}.direction"]
-        names, key = list(entry["names"]), f"{entry['path']}.names"
-        for other in (*in_other_order(names, f"the {name}"), *signed(names, f"the {name}")):
-            mend = _read_by(d, other.matrix)
-            yield _one_key(key, names, other.names, other.rarity, mend, other.words)
+        reading = [slew for slew in campaign.slews if name in (slew.more or {})]
+        # Of a field as read and as looked at, that is in another unit which no planet has.
+        right = is_of_earth([reference_of(name, sensor, slew)[1] for slew in reading])
+        seen = f"the field that the {name} reads" if sensor.is_field else f"the {name}"
+        there = f"what the {name} looks at"
+        for key, field, what, of_unit, rarer in (
+            ("direction", "directions", seen, 1 if right else 2, 0),
+            ("reference", "references", there, 2 if right else 1, 1),
+        ):
+            entry = columns.get(f"sensors.{name}.{key}")
+            if entry is None:
+                continue
+            stated = Stated(entry["path"], "magnetic_field", entry["unit"], list(entry["names"]))
+            for matrix, tried in of_columns(stated, what, of_unit=of_unit, rarer=rarer):
+                yield replace(tried, mend=_preceded(field, d, matrix))
         if sensor.reference_N is not None:
-            stated = np.array(sensor.reference_N)
-            words = f"what the {name} looks at lies the other way"
-            key, mend = f"sensors.{name}.reference_N", _read_by(d, -np.eye(3))
-            yield _one_key(key, listed(stated), listed(-stated), 3, mend, words)
+            constant = np.array(sensor.reference_N)
+            factors = {f"{there} lies the other way": (-1.0, 3)}
+            for unit, si in UNITS["magnetic_field"].items() if sensor.is_field else ():
+                factors |= {f"{there} is in {unit}, not in T": (si, 2 if right else 1)}
+            for words, (factor, rarity) in factors.items():
+                key, mend = f"sensors.{name}.reference_N", _preceded("references", d, factor)
+                mended = listed(factor * constant)
+                if factor != 1.0:
+                    yield _one_key(key, listed(constant), mended, rarity, mend, words)
 
 
-def _read_by(d: int, matrix: np.ndarray) -> Callable[[Reading], Reading]:
-    """A reading whose direction sensor `d` has another matrix (3, 3) before its own."""
+def _preceded(field: str, d: int, matrix: np.ndarray | float) -> Callable[[Reading], Reading]:
+    """A reading in which a matrix (3, 3) or factor stands before that of direction sensor `d`."""
 
     def mend(reading: Reading) -> Reading:
-        directions = np.array(reading.directions)
-        directions[d] = directions[d] @ matrix
-        return replace(reading, directions=directions)
+        matrices = np.array(getattr(reading, field))
+        matrices[d] = matrices[d] @ (matrix * np.eye(3) if np.isscalar(matrix) else matrix)
+        changed: dict[str, Any] = {field: matrices}
+        return replace(reading, **changed)
 
     return mend
-
-
-def _field_units(campaign: Campaign, columns: Columns, d: int) -> Iterator[Mistake]:
-    """Units of a field as read and as looked at; that of the one which is no field of the Earth."""
-    name, sensor = direction_sensors(campaign)[d]
-    looked = [reference_of(name, sensor, slew)[1] for slew in campaign.slews]
-    size = float(np.median(np.linalg.norm(np.concatenate(looked), axis=1)))
-    possible = LIMITS.weakest_field < size < LIMITS.strongest_field
-    for key, what, sense, rarity in (
-        ("direction", "the field that the {} reads", 1.0, 1 if possible else 2),
-        ("reference", "the field that the {} looks at", -1.0, 2 if possible else 1),
-    ):
-        entry = columns[f"sensors.{name}.{key}"]
-        for unit, si in UNITS["magnetic_field"].items() if entry["unit"] else ():
-            factor = si / UNITS["magnetic_field"][entry["unit"]]
-            if abs(factor - 1.0) < 1e-9:
-                continue
-            words = f"{what.format(name)} is in {unit}, not in {entry['unit']}"
-            mend = _read_by(d, factor**sense * np.eye(3))
-            yield _one_key(f"{entry['path']}.unit", entry["unit"], unit, rarity, mend, words)

@@ -20,7 +20,7 @@ import numpy as np
 from bayes_inertia.campaign.body_rates import reads_body_rates
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import Description
-from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker
+from bayes_inertia.campaign.hardware import DirectionSensor
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.parsed_description import parse_description
 from bayes_inertia.campaign.reader import read_unmasked
@@ -56,6 +56,7 @@ from bayes_inertia.conventions.laws import (
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import sampled
 from bayes_inertia.conventions.reading import (
+    LIKE_THE_FIRST,
     Columns,
     KeyChange,
     Mistake,
@@ -63,8 +64,10 @@ from bayes_inertia.conventions.reading import (
     Teller,
     ToldTorques,
     as_written,
-    direction_sensors,
+    description_for,
+    in_place_of_the_first,
     in_words,
+    of_wheels,
     readings_of,
     stated_columns,
     stated_reading,
@@ -301,12 +304,13 @@ def refuse_impossible(campaign: Campaign | str | Path, told: Teller = untold) ->
 @on_one_blas_thread
 def _checked(case: _Case) -> ConventionsCheck:
     """The check of a campaign: by its first sensors, then by each further one in their place."""
+    case = _without_locked_wheels(case)
     check = _of_first_sensors(case)
     if check.changes:
         return check
-    written = dict(_in_place_of_the_first(case.written))
-    for name, alone in _in_place_of_the_first(case.campaign):
-        description = _description_for(case.description, name)
+    written = dict(in_place_of_the_first(case.written))
+    for name, alone in in_place_of_the_first(case.campaign):
+        description = description_for(case.description, name)
         other = _of_first_sensors(
             _Case(alone, written[name], True, case.torques, case.text, description)
         )
@@ -317,47 +321,23 @@ def _checked(case: _Case) -> ConventionsCheck:
         f"{name}: no law is held against it; the laws here are those of rate sensors, star "
         "trackers and direction sensors in slews of a turn or less"
         for name, hardware in case.campaign.more_sensors
-        if type(hardware) not in _LIKE_THE_FIRST
+        if type(hardware) not in LIKE_THE_FIRST
         and not (isinstance(hardware, DirectionSensor) and DIRECTION in check.misfits)
     ]
     return replace(check, cannot_show=(*check.cannot_show, *said))
 
 
-# Keys of the readings in a slew and of the hardware, for sensors that the laws are held against.
-_LIKE_THE_FIRST = {RateSensor: ("rate", "rate_sensor"), StarTracker: ("attitude", "star_tracker")}
-
-
-def _in_place_of_the_first(campaign: Campaign) -> Iterator[tuple[str, Campaign]]:
-    """For each further rate sensor and star tracker, its name and a campaign that has it alone.
-
-    Sensors of directions stay.
-    """
-    beside = direction_sensors(campaign)
-    for name, hardware in campaign.more_sensors:
-        if type(hardware) not in _LIKE_THE_FIRST:
-            continue
-        key, of_hardware = _LIKE_THE_FIRST[type(hardware)]
-        slews = []
-        for slew in campaign.slews:
-            readings = (slew.more or {}).get(name)
-            more = {n: v for n, v in (slew.more or {}).items() if n in dict(beside)}
-            changed: dict[str, Any] = {"more": more or None, key: readings}
-            slews += [] if readings is None else [replace(slew, **changed)]
-        if slews:
-            alone: dict[str, Any] = {of_hardware: hardware, "slews": tuple(slews), "dirt": ()}
-            yield name, replace(campaign, more_sensors=tuple(beside), **alone)
-
-
-def _description_for(description: Description | None, name: str) -> Description | None:
-    """What the description says of a further sensor, as if it were the first of its kind."""
-    if description is None:
-        return None
-    entry = next(e for e in description.entries if e.field == f"more.{name}")
-    first = replace(entry, field=entry.key)
-    others = [e for e in description.entries if e.field != entry.key and e is not entry]
-    table = "rate_sensor" if entry.key == "rate" else "star_tracker"
-    devices = {**description.devices, table: f"sensors.{name}"}
-    return replace(description, entries=(first, *others), devices=devices)
+def _without_locked_wheels(case: _Case) -> _Case:
+    """The case without wheels that are said to be locked: nothing that they read counts."""
+    written = case.written.without_locked_wheels()
+    if written is case.written:
+        return case
+    # Others that rest are locked by the reader, and read zero.
+    running = replace(case.campaign, wheels=case.written.wheels).without_locked_wheels()
+    description = case.description
+    if description is not None:
+        description = of_wheels(description, [wheel.name for wheel in written.wheels])
+    return replace(case, campaign=running, written=written, description=description)
 
 
 def _of_first_sensors(case: _Case) -> ConventionsCheck:
@@ -411,7 +391,7 @@ def _held_against_laws(
     case: _Case, misfits: Misfits, columns: Columns, faults: tuple[str, ...]
 ) -> ConventionsCheck:
     campaign, stated = misfits.campaign, stated_reading(misfits.campaign, case.torques)
-    of_devices = device_mistakes(case.torques, case.description)
+    of_devices = device_mistakes(case.torques, columns, case.description)
     singles = sorted((*mistakes(campaign, columns), *of_devices), key=lambda m: m.rarity)
     judgement = judged(misfits, stated, singles)
     reading = judgement.reading

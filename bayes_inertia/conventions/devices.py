@@ -22,13 +22,18 @@ from bayes_inertia.campaign.actuators import (
     Thruster,
 )
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.description import Description
-from bayes_inertia.campaign.schema import UNITS
+from bayes_inertia.campaign.description import FIELDS, Description
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import INPUTS
-from bayes_inertia.conventions.candidates import in_other_order, listed, signed
+from bayes_inertia.conventions.candidates import (
+    Stated,
+    is_of_earth,
+    listed,
+    of_columns,
+    unmended,
+)
 from bayes_inertia.conventions.reading import (
-    KeyChange,
+    Columns,
     Mistake,
     Reading,
     ToldTorque,
@@ -38,59 +43,67 @@ from bayes_inertia.conventions.reading import (
 from bayes_inertia.errors import CampaignError
 
 
-class _Columns(NamedTuple):
-    """Key of some columns in the description, their quantity, unit and names."""
-
-    path: str
-    quantity: str
-    unit: str
-    names: list[str]
-
-
 def device_mistakes(
-    torques: ToldTorques, description: Description | None = None
+    torques: ToldTorques, columns: Columns, description: Description | None = None
 ) -> Iterator[Mistake]:
-    """All single mistakes in the devices' inputs, and in the field that torquers act on."""
+    """All single mistakes in the devices' inputs, and in the field of the environment."""
     campaign = torques.campaign
     for device in campaign.actuators:
-        columns = _stated(f"{INPUTS}{device.name}", description) or _in_memory(device)
+        stated = _stated(f"{INPUTS}{device.name}", description) or _in_memory(device)
         # No thrust is negative.
         signs = not isinstance(device, Thruster)
-        for matrix, tried in _of_columns(columns, device.name, signs=signs):
+        for matrix, tried in of_columns(stated, device.name, signs=signs):
             yield replace(tried, mend=_told_by(_Input(device.name, matrix), torques))
         for record, tried in _of_record(device):
             yield replace(tried, mend=_told_by(_Record(record), torques))
-    if any(isinstance(device, Magnetorquer) for device in campaign.actuators):
-        yield from _of_field(torques, description)
+    yield from _of_field(torques, columns, description)
 
 
-def _of_field(torques: ToldTorques, description: Description | None) -> Iterator[Mistake]:
-    """Mistakes in the field of the environment; another unit is one for magnetometers as well."""
-    in_memory = _Columns("environment.field", "magnetic_field", "T", ["x", "y", "z"])
-    columns = _stated(_FIELD, description) or in_memory
-    looking = _looks_at_field(torques.campaign)
-    for matrix, tried in _of_columns(columns, "the magnetic field"):
-        size = np.cbrt(np.abs(np.linalg.det(matrix)))
-        directions = np.where(looking, 1.0 / size, 1.0)[:, None, None]
-        yield replace(tried, mend=_told_by(_Field(matrix), torques, directions))
+def _of_field(
+    torques: ToldTorques, columns: Columns, description: Description | None
+) -> Iterator[Mistake]:
+    """Mistakes in the field of the environment, one for torquers and all that look at it."""
+    campaign, field = torques.campaign, FIELDS["magnetic_field"]
+    given = [s.magnetic_field_N for s in campaign.slews if s.magnetic_field_N is not None]
+    in_memory = Stated("environment.field", "magnetic_field", "T", ["x", "y", "z"])
+    # The field of an orbit is in no column.
+    stated = in_memory if description is None else _stated(field, description)
+    looking = _looks_at_field(campaign, columns)
+    turns = any(isinstance(device, Magnetorquer) for device in campaign.actuators)
+    if stated is None or not given or not (turns or looking.any()):
+        return
+    of_unit = 2 if is_of_earth(given) else 1
+    for matrix, tried in of_columns(stated, "the magnetic field", of_unit=of_unit, rarer=1):
+        told = _told_by(_Field(matrix), torques) if turns else tried.mend
+        yield replace(tried, mend=_with_field(matrix, looking, told))
 
 
-_FIELD = "magnetic_field_N"
+def _with_field(
+    matrix: np.ndarray, looking: np.ndarray, told: Callable[[Reading], Reading]
+) -> Callable[[Reading], Reading]:
+    """From a reading to one with another field for some direction sensors, and told torques."""
+
+    def mend(reading: Reading) -> Reading:
+        references = np.array(reading.references)
+        references[looking] = references[looking] @ matrix
+        return told(replace(reading, references=references))
+
+    return mend
 
 
-def _stated(field: str, description: Description | None) -> _Columns | None:
+def _stated(field: str, description: Description | None) -> Stated | None:
     """What the description says of the columns of a field of `Slew`."""
     for entry in () if description is None else description.entries:
         if entry.field == field:
             names = list(entry.columns.names)
-            return _Columns(entry.path, entry.key, entry.columns.unit, names)
+            return Stated(entry.path, entry.key, entry.columns.unit, names)
     return None
 
 
-def _in_memory(device: Actuator) -> _Columns:
+def _in_memory(device: Actuator) -> Stated:
     told = DEVICE_INPUTS[type(device)]
     names = [f"{device.name}_{i + 1}" for i in range(device.columns)]
-    return _Columns(f"actuators.{device.name}.{told.key}", told.quantity, told.unit, names)
+    return Stated(f"actuators.{device.name}.{told.key}", told.quantity, told.unit, names)
 
 
 class _Input(NamedTuple):
@@ -140,12 +153,9 @@ class _Record(NamedTuple):
 
 
 def _told_by(
-    changed: _Input | _Field | _Record, torques: ToldTorques, directions: np.ndarray | float = 1.0
+    changed: _Input | _Field | _Record, torques: ToldTorques
 ) -> Callable[[Reading], Reading]:
-    """From a reading to one whose torques a changed campaign tells.
-
-    `directions` (sensors, 1, 1): factors on what the direction sensors read.
-    """
+    """From a reading to one whose torques a changed campaign tells."""
 
     def teller(campaign: Campaign) -> Mapping[str, ToldTorque]:
         try:
@@ -154,40 +164,20 @@ def _told_by(
             return torques.by_slew
 
     told = ToldTorques(torques.campaign, teller)
-    return lambda reading: replace(
-        reading, torques=told, directions=reading.directions * directions
-    )
+    return lambda reading: replace(reading, torques=told)
 
 
-def _looks_at_field(campaign: Campaign) -> np.ndarray:
-    """Which direction sensors (sensors,) compare with the field of the environment."""
-    given = {name for slew in campaign.slews for name in slew.inputs or {}}
+def _looks_at_field(campaign: Campaign, columns: Columns) -> np.ndarray:
+    """Which direction sensors (sensors,) that a law holds look at the field of the environment."""
     return np.array(
         [
-            sensor.is_field and sensor.reference_N is None and name not in given
+            f"sensors.{name}.direction" in columns
+            and f"sensors.{name}.reference" not in columns
+            and sensor.reference_N is None
             for name, sensor in direction_sensors(campaign)
         ],
         dtype=bool,
     )
-
-
-def _unmended(key: str, stated: Any, mended: Any, rarity: int, words: str) -> Mistake:
-    """A mistake in one key that does not say yet how readings change with it."""
-    return Mistake((KeyChange(key, stated, mended),), rarity, lambda reading: reading, words)
-
-
-def _of_columns(
-    columns: _Columns, what: str, *, signs: bool = True
-) -> Iterator[tuple[np.ndarray, Mistake]]:
-    """Other units, orders and signs of columns, as matrices (k, k) on their values."""
-    path, quantity, stated, names = columns
-    for unit, si in UNITS[quantity].items():
-        if unit != stated:
-            factor, words = si / UNITS[quantity][stated], f"{what} is in {unit}, not in {stated}"
-            yield factor * np.eye(len(names)), _unmended(f"{path}.unit", stated, unit, 1, words)
-    for other in (*in_other_order(names, what), *(signed(names, what) if signs else ())):
-        tried = _unmended(f"{path}.names", names, other.names, other.rarity, other.words)
-        yield other.matrix, tried
 
 
 def _of_record(device: Actuator) -> Iterator[tuple[Actuator, Mistake]]:
@@ -196,7 +186,7 @@ def _of_record(device: Actuator) -> Iterator[tuple[Actuator, Mistake]]:
         other: Any = "inertial" if device.frame == "body" else "body"
         words = f"{device.name} is along {other} axes, not along {device.frame} axes"
         key = f"actuators.{device.name}.torque.frame"
-        yield replace(device, frame=other), _unmended(key, device.frame, other, 4, words)
+        yield replace(device, frame=other), unmended(key, device.frame, other, 4, words)
     elif isinstance(device, Thruster):
         for torque_B, tried in _negated(device.name, "torques", device.torque_B):
             yield replace(device, torque_B=torque_B), tried
@@ -214,4 +204,4 @@ def _negated(name: str, key: str, vectors: np.ndarray) -> Iterator[tuple[np.ndar
         said = "all" if len(which) == count else f"number {which[0] + 1} of"
         words = f"{said} {key.replace('_', ' ')} point the other way: {name}"
         path = f"actuators.{name}.{key}"
-        yield mended, _unmended(path, listed(vectors), listed(mended), 3, words)
+        yield mended, unmended(path, listed(vectors), listed(mended), 3, words)

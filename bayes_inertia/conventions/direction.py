@@ -96,6 +96,7 @@ def _in_one_size(told: Told, known: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     there_N = np.where(known[..., None], told.slews.vectors_N, 0.0)
     seen_B = np.where(known[..., None], told.slews.vectors_B, 0.0)
     seen_B = np.einsum("dij,sndj->sndi", told.reading.directions, seen_B)
+    there_N = np.einsum("dij,sndj->sndi", told.reading.references, there_N)
     sizes = np.ones(known.shape[2])
     for d, (_, sensor) in enumerate(direction_sensors(told.campaign)):
         lengths = np.linalg.norm(seen_B[:, :, d], axis=-1)

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from bayes_inertia.campaign.actuators import GimballedRotors
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors import SensorStream, series_of
 from bayes_inertia.campaign.sensors.rate import RATE
@@ -209,10 +210,15 @@ def wheel_momentum_B(told: Told) -> np.ndarray | None:
 
 
 def _momentum_noise(told: Told) -> float:
-    """Noise of J w + G h at one moment [N m s]."""
+    """Noise of J w + G h at one moment, rotors on gimbals of noisy angles included [N m s]."""
     body = told.reading.inertia @ told.reading.rate @ np.diag(told.noise["rate"])
     wheels = told.reading.momentum @ told.noise["momentum"]
-    return float(np.sqrt((body**2).sum() + (wheels**2).sum()))
+    rotors = [
+        np.asarray(device.momentum) * device.angle_sigma
+        for device in told.campaign.actuators
+        if isinstance(device, GimballedRotors)
+    ]
+    return float(np.sqrt(sum(np.sum(np.square(part)) for part in (body, wheels, *rotors))))
 
 
 def drive(told: Told) -> LawData | None:
@@ -322,7 +328,7 @@ class Misfits:
         """Which fields of a reading, besides time, a law depends on."""
         parts: dict[str, tuple[str, ...]] = {
             CLOSURE: ("rate", "bias_B", "attitude"),
-            DIRECTION: ("rate", "bias_B", "attitude", "directions"),
+            DIRECTION: ("rate", "bias_B", "attitude", "directions", "references"),
             CONSERVATION: ("rate", "bias_B", "axes_B", "inertia", "torques", self.wheel_channel),
             DRIVE: ("torque", "momentum"),
         }

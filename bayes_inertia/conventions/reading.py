@@ -15,8 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.description import FIELDS, Description, Entry
-from bayes_inertia.campaign.hardware import DirectionSensor
+from bayes_inertia.campaign.description import Description, Entry
+from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker
+from bayes_inertia.campaign.slew_parts import INPUTS, MORE
 
 Columns = Mapping[str, Mapping[str, Any]]
 """What `[columns]` of campaign.toml states, by its entries."""
@@ -109,6 +110,7 @@ class Reading:
     axes_B: np.ndarray  # (3, wheels): spin axes of the wheels, as columns
     inertia: np.ndarray  # (3, 3): inertia with locked wheels [kg m^2]
     directions: np.ndarray  # (sensors, 3, 3): from each direction sensor's columns to its vector
+    references: np.ndarray  # (sensors, 3, 3): from what each is said to look at to what is there
     bias_B: np.ndarray  # (3,): what the rate still shows of a body at rest, along body axes [rad/s]
     torques: ToldTorques  # on the body, by what is not a wheel
 
@@ -117,6 +119,7 @@ def stated_reading(campaign: Campaign, torques: ToldTorques | None = None) -> Re
     """The reading that a campaign states: scale factors and axes of its hardware, told torques."""
     sensor, axes_B = campaign.gyro, campaign.wheel_axes_B
     same = np.eye(len(campaign.wheels))
+    vectors = np.tile(np.eye(3), (len(direction_sensors(campaign)), 1, 1))
     spin = (axes_B * campaign.spin_inertias) @ axes_B.T
     prior = campaign.inertia
     return Reading(
@@ -127,7 +130,8 @@ def stated_reading(campaign: Campaign, torques: ToldTorques | None = None) -> Re
         momentum=same,
         axes_B=axes_B,
         inertia=prior.tensor + (0.0 if prior.includes_wheel_spin else 1.0) * spin,
-        directions=np.tile(np.eye(3), (len(direction_sensors(campaign)), 1, 1)),
+        directions=vectors,
+        references=vectors,
         bias_B=np.linalg.inv(sensor.axes) @ np.asarray(sensor.bias),
         torques=torques or ToldTorques(campaign),
     )
@@ -230,7 +234,7 @@ def stated_columns(
 def _direction_columns(
     campaign: Campaign, description: Description | None
 ) -> dict[str, Mapping[str, Any]]:
-    """Columns of each direction sensor and its reference, by keys of format 2.
+    """Columns of each direction sensor and of a reference of its own, by keys of format 2.
 
     `path` is the key under which the file has them.
     """
@@ -238,15 +242,73 @@ def _direction_columns(
     columns: dict[str, Mapping[str, Any]] = {}
     for name, sensor in direction_sensors(campaign):
         in_memory = {"names": ["x", "y", "z"], "unit": sensor.unit or None}
-        for key, fields in (
-            ("direction", (f"more.{name}",)),
-            ("reference", (f"inputs.{name}", FIELDS["magnetic_field"])),
-        ):
-            of_file = [e for field in fields for e in entries if e.field == field]
+        keys = {"direction": f"{MORE}{name}"}
+        if any(name in (slew.inputs or {}) for slew in campaign.slews):
+            keys["reference"] = f"{INPUTS}{name}"
+        for key, field in keys.items():
+            of_file = [e for e in entries if e.field == field]
             path = of_file[0].path if of_file else f"sensors.{name}.{key}"
             written = of_file[0].columns.model_dump() if of_file else in_memory
             columns[f"sensors.{name}.{key}"] = {**written, "path": path}
     return columns
+
+
+def of_wheels(description: Description, names: Sequence[str]) -> Description:
+    """A description of format 2 whose columns are of some of the wheels only."""
+    entries = []
+    for entry in description.entries:
+        of = [description.wheels[i].name for i in entry.wheels]
+        kept = [k for k, name in enumerate(of) if name in names]
+        if len(kept) < len(of):
+            columns = [entry.columns.names[k] for k in kept]
+            entry = replace(
+                entry,
+                columns=entry.columns.model_copy(update={"names": columns}),
+                paths=tuple(entry.paths[k] for k in kept),
+                wheels=tuple(names.index(of[k]) for k in kept),
+            )
+        entries += [entry] if kept or not of else []
+    return replace(description, entries=tuple(entries))
+
+
+# Keys of the readings in a slew and of the hardware, for sensors that the laws are held against.
+LIKE_THE_FIRST = {RateSensor: ("rate", "rate_sensor"), StarTracker: ("attitude", "star_tracker")}
+
+
+def in_place_of_the_first(campaign: Campaign) -> Iterator[tuple[str, Campaign]]:
+    """For each further rate sensor and star tracker, its name and a campaign that has it alone.
+
+    Sensors of directions stay.
+    """
+    beside = direction_sensors(campaign)
+    for name, hardware in campaign.more_sensors:
+        if type(hardware) not in LIKE_THE_FIRST:
+            continue
+        key, of_hardware = LIKE_THE_FIRST[type(hardware)]
+        slews = []
+        for slew in campaign.slews:
+            readings = (slew.more or {}).get(name)
+            more = {n: v for n, v in (slew.more or {}).items() if n in dict(beside)}
+            changed: dict[str, Any] = {"more": more or None, key: readings}
+            known = readings is not None and np.isfinite(readings).any(axis=1).sum() > 1
+            slews += [replace(slew, **changed)] if known else []
+        if slews:
+            # The first of a kind sits as it is stated, and no other is there to refer to.
+            alone: dict[str, Any] = {of_hardware: replace(hardware, mounting_sigma=None)}
+            alone |= {"slews": tuple(slews), "dirt": (), "reference": None}
+            yield name, replace(campaign, more_sensors=tuple(beside), **alone)
+
+
+def description_for(description: Description | None, name: str) -> Description | None:
+    """What the description says of a further sensor, as if it were the first of its kind."""
+    if description is None:
+        return None
+    entry = next(e for e in description.entries if e.field == f"more.{name}")
+    first = replace(entry, field=entry.key)
+    others = [e for e in description.entries if e.field != entry.key and e is not entry]
+    table = "rate_sensor" if entry.key == "rate" else "star_tracker"
+    devices = {**description.devices, table: f"sensors.{name}"}
+    return replace(description, entries=(first, *others), devices=devices)
 
 
 def _rates_in_memory(axes: int) -> dict[str, Any]:
@@ -284,7 +346,9 @@ def _rewritten(
             if stated != mended:
                 yield KeyChange(f"{path}.{last}", stated, mended)
     elif table == "wheels" and last == "momentum_sigma":
-        yield replace(change, key=f"actuators.{key}.momentum.sigma")
+        # The noise stands beside the columns of the tachometers, or among the wheel's own keys.
+        beside = entries["wheel_momentum"].columns.sigma is not None
+        yield replace(change, key=f"actuators.{key}.momentum{'.' if beside else '_'}sigma")
     else:
         yield replace(change, key=in_words(change.key, description))
 

@@ -169,13 +169,7 @@ def edited_lines(text: str, mistake: Mistake) -> list[str]:
 
     document: Any = tomlkit.parse(text)
     for change in mistake.changes:
-        *path, last = change.key.split(".")
-        part: Any = document
-        for key in path:
-            if isinstance(part, list):
-                part = next(entry for entry in part if entry["name"] == key)
-            else:
-                part = part[key]
+        part, last = _place(document, change.key)
         part[last] = change.mended
     old, new = text.splitlines(), tomlkit.dumps(document).splitlines()
     said = []
@@ -185,3 +179,19 @@ def edited_lines(text: str, mistake: Mistake) -> list[str]:
             after = " / ".join(line.strip() for line in new[c:d])
             said.append(f"line {a + 1}: {before}  ->  {after}")
     return said
+
+
+def _place(document: Any, key: str) -> tuple[Any, str]:
+    """The table of campaign.toml that holds a key, and the key's last word; names may have dots."""
+    part, rest = document, key
+    while True:
+        if isinstance(part, list):
+            # Only parts of the environment may have no name: they are called as their type.
+            named = {entry.get("name", str(entry.get("type")).replace("_", " ")): entry
+                     for entry in part}  # fmt: skip
+            word = max((name for name in named if rest.startswith(f"{name}.")), key=len)
+            part, rest = named[word], rest.removeprefix(f"{word}.")
+        word, _, left = rest.partition(".")
+        if not left:
+            return part, word
+        part, rest = part[word], left

@@ -11,11 +11,19 @@ from bayes_inertia.app.told_torques import torques_of
 from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magnetorquer
 from bayes_inertia.campaign.hardware import DirectionSensor, body_rates
 from bayes_inertia.campaign.inputs import InputStream
+from bayes_inertia.campaign.parsed_description import parse_description
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.conventions.check import check_conventions
 from bayes_inertia.conventions.devices import device_mistakes
-from bayes_inertia.conventions.reading import ToldTorque, stated_reading, untold
+from bayes_inertia.conventions.laws import CONSERVATION, Misfits
+from bayes_inertia.conventions.motion import sampled
+from bayes_inertia.conventions.reading import (
+    ToldTorque,
+    stated_columns,
+    stated_reading,
+    untold,
+)
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +140,7 @@ def test_a_wrong_sign_of_a_gimbal_angle_is_named(example, tmp_path):
     assert first.mended == [f"cmg_{i + 1}" for i in range(6)]
 
 
-def test_another_unit_of_the_field_is_one_for_torquers_and_magnetometer(example):
+def test_another_unit_or_order_of_the_field_is_one_for_torquers_and_magnetometer(example):
     off = {"torquers": InputStream(np.zeros(1), np.zeros((1, 3)))}
     slews = [
         replace(slew, magnetic_field_N=np.full((len(slew.time), 3), 2e-5), inputs=off)
@@ -145,8 +153,45 @@ def test_another_unit_of_the_field_is_one_for_torquers_and_magnetometer(example)
         slews=tuple(slews),
     )
     stated = stated_reading(campaign)
-    tried = {m.changes[0].mended: m for m in device_mistakes(stated.torques) if m.rarity == 1}
-    mended = tried["nT"].mend(stated)
-    # What the sensor reads is compared with a field that is 1e-9 of the one stated.
-    np.testing.assert_allclose(mended.directions[0], 1e9 * np.eye(3))
-    assert mended.torques is not stated.torques
+    tried = list(device_mistakes(stated.torques, stated_columns(campaign)))
+    (unit,) = (m for m in tried if m.changes[0].mended == "nT")
+    (order,) = (m for m in tried if m.changes[0].mended == ["y", "x", "z"])
+    for mistake, matrix in ((unit, 1e-9 * np.eye(3)), (order, np.eye(3)[[1, 0, 2]])):
+        mended = mistake.mend(stated)
+        np.testing.assert_allclose(mended.references[0], matrix)
+        np.testing.assert_array_equal(mended.directions, stated.directions)
+        assert mended.torques is not stated.torques
+
+
+def test_the_field_of_an_orbit_is_in_no_column(example, by_torque):
+    campaign = replace(
+        example,
+        actuators=(Magnetorquer("torquers"),),
+        slews=[
+            replace(
+                slew,
+                magnetic_field_N=np.full((len(slew.time), 3), 2e-5),
+                inputs={"torquers": InputStream(np.zeros(1), np.zeros((1, 3)))},
+            )
+            for slew in example.slews
+        ],
+    )
+    stated, columns = stated_reading(campaign), stated_columns(campaign)
+    said = parse_description((by_torque / "campaign.toml").read_text(), "campaign.toml")
+    entries = [entry for entry in said.entries if not entry.path.startswith("environment")]
+    of_orbit = replace(said, entries=tuple(entries))
+    for description, some in ((None, True), (said, True), (of_orbit, False)):
+        keys = [m.changes[0].key for m in device_mistakes(stated.torques, columns, description)]
+        assert any(key.startswith("environment") for key in keys) == some
+
+
+def test_the_noise_of_gimbal_angles_is_noise_of_the_momentum(example):
+    momentum, sd = 4.0, 1e-3
+    rotors = GimballedRotors("cmg", momentum, np.eye(3), np.eye(3)[[1, 2, 0]], angle_sigma=sd)
+    quiet = replace(rotors, angle_sigma=0.0)
+    noises = []
+    for device in (quiet, rotors):
+        campaign = with_device(example, device, lambda slew: np.zeros((len(slew.time), 3)))
+        reading = stated_reading(campaign)
+        noises.append(Misfits(campaign, sampled(campaign)).law(CONSERVATION, reading).noise)
+    assert noises[1] ** 2 - noises[0] ** 2 == pytest.approx(3.0 * (momentum * sd) ** 2)

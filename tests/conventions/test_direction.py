@@ -223,3 +223,59 @@ def test_a_wrong_unit_is_named_by_the_key_of_the_file(tmp_path):
     check = check_conventions(folder, quick=True)
     assert first_of(check) == [("sensors.magnetometer.direction.unit", "T")]
     assert check.edits
+
+
+def in_the_environment(campaign):
+    """The campaign whose magnetometer looks at the field of the environment."""
+    slews = [
+        replace(s, magnetic_field_N=s.inputs["magnetometer"].values, inputs=None)
+        for s in campaign.slews
+    ]
+    return replace(campaign, slews=slews)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "mended"),
+    [
+        ('"Bz_N_T"], unit = "T"', '"Bz_N_T"], unit = "nT"', "unit", "T"),
+        ('"Bx_N_T", "By_N_T"', '"By_N_T", "Bx_N_T"', "names", ["Bx_N_T", "By_N_T", "Bz_N_T"]),
+        ('"Bx_N_T"', '"-Bx_N_T"', "names", ["Bx_N_T", "By_N_T", "Bz_N_T"]),
+    ],
+)
+def test_a_wrong_field_of_the_environment_is_named_without_torquers(
+    tmp_path, old, new, key, mended
+):
+    folder = write_campaign(in_the_environment(campaign_of(tracker=True)), tmp_path / "campaign")
+    text = (folder / "campaign.toml").read_text()
+    assert old in text
+    # An entry of the environment needs no name.
+    text = text.replace('name = "magnetic field"\n', "").replace(old, new)
+    (folder / "campaign.toml").write_text(text)
+    check = check_conventions(folder, quick=True)
+    assert first_of(check) == [(f"environment.magnetic field.vector.{key}", mended)]
+    assert check.edits
+
+
+def test_a_constant_field_in_another_unit_is_named(tmp_path):
+    campaign, field_N = campaign_of(tracker=True), np.array([2e-5, 1e-5, -3e-5])
+    rng = np.random.default_rng(1)
+    slews = []
+    for s in campaign.slews:
+        seen = Rotation.from_quat(s.attitude).inv().apply(field_N)
+        more = {"magnetometer": seen + 2e-7 * rng.normal(size=seen.shape)}
+        slews.append(replace(s, more=more, inputs=None))
+    sensors = (("magnetometer", DirectionSensor(2e-7, 1e9 * field_N, unit="T")),)
+    folder = write_campaign(replace(campaign, slews=slews, more_sensors=sensors), tmp_path / "c")
+    check = check_conventions(folder, quick=True)
+    assert [c.key for c in check.changes if c.proposal == 1] == ["sensors.magnetometer.reference_N"]
+    assert check.changes[0].mended == pytest.approx(field_N)
+    assert check.edits
+
+
+def test_a_slew_without_magnetometer_needs_no_field():
+    campaign = in_the_environment(campaign_of(tracker=True))
+    bare = {"sun": campaign.slews[1].more["sun"]}
+    slews = list(campaign.slews)
+    slews[1] = replace(slews[1], magnetic_field_N=None, more=bare)
+    check = check_conventions(replace(campaign, slews=slews), quick=True)
+    assert check.verdict == "consistent"
