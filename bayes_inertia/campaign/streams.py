@@ -27,6 +27,7 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.gaps import is_regular
 from bayes_inertia.faults.held import HeldReadings, held_readings
+from bayes_inertia.faults.limits import LIMITS as FAULTS
 from bayes_inertia.faults.stamps import StampSlope, regular_clock, regular_stamps, slope_of_readings
 from bayes_inertia.tables.table import Table
 
@@ -171,18 +172,24 @@ def _rounded(rows: StreamRows) -> tuple[StreamRows, Dirt | None]:
     rounded = record is not None and record.treated == "modelled"
     if not time.regular or rounded:
         return rows.at(times, None), record
-    clock, problem = regular_clock(rows.stamps)
-    if clock is None:
-        raise CampaignError(
-            f"regular = true, but no regular clock explains the stamps: {problem} {time.unit}",
-            where=f"{rows.table.label}, column {time.names[0]}",
-            advice="leave the key out of the time in [columns]; the stamps are then taken as they "
-            "are",
-        )
-    if np.abs(clock - rows.stamps).max() <= 1e-6 * np.median(np.diff(clock)):
+    if len(times) < FAULTS.fewest_stamps:
+        note = f"{len(times)} rows are too few for a regular clock; their stamps are taken"
+        return rows, Dirt("clock", "time", "", (), "ignored", note)
+    clock = stated_clock(rows.stamps, time.unit, f"{rows.table.label}, column {time.names[0]}")
+    if np.abs(clock - rows.stamps).max() <= FAULTS.exact_stamp * np.median(np.diff(clock)):
         return rows, None
     note = f"{_strays(rows.stamps, clock, time.unit)}; its times are taken, as stated"
     return rows.at(clock, None), Dirt("clock", "time", "", (), "modelled", note)
+
+
+def stated_clock(stamps: np.ndarray, unit: str, where: str) -> np.ndarray:
+    """Times (n,) of the regular clock of stamps of which regular = true is stated, or an error."""
+    clock, problem = regular_clock(stamps)
+    if clock is None:
+        what = f"regular = true, but no regular clock explains the stamps: {problem} {unit}"
+        advice = "leave the key out of this time; the stamps are then taken as they are"
+        raise CampaignError(what, where=where, advice=advice)
+    return clock
 
 
 def _strays(stamps: np.ndarray, clock: np.ndarray, unit: str) -> str:

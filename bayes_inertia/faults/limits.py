@@ -147,6 +147,7 @@ class Limits:
     # Means of so many rows may not stray further than white jitter does, by this factor.
     jitter_block: int = 20
     jitter_wander: float = 4.0
+    exact_stamp: float = 1e-6  # of a step: stamps so near to a regular clock are on it
     # Rows of the curve that is taken for the motion, and of the line that is its slope.
     curve_rows: int = 7
     line_rows: int = 9

@@ -75,7 +75,7 @@ def regular_clock(time: np.ndarray) -> tuple[np.ndarray | None, str]:
         float(np.sqrt(np.mean(means**2))),
         float(np.sqrt(np.mean(away**2) / LIMITS.jitter_block)),
     )
-    if wander > LIMITS.jitter_wander * white:
+    if wander > max(LIMITS.jitter_wander * white, LIMITS.exact_stamp * slope):
         return None, f"the stamps wander by {wander:.3g} about a clock with steps of {slope:.4g}"
     return fitted + time[0], ""
 

@@ -116,7 +116,7 @@ def import_logs(
     _require_noises(parsed, noises, label)
     say("writing the campaign", 0, 0)
     # Tables keep the rows of the logs: the campaign counts each reading once, and says so.
-    slews = [imported_folder.slew_tables(window, written.streams) for window in cut.windows]
+    slews = [imported_folder.slew_tables(w, written.streams, parsed) for w in cut.windows]
     paths = sorted({Path(file) for file in files})
     tables = imported_folder.tables_of(parsed, slews)
     description = imported_folder.description_text(parsed, slews, noises)

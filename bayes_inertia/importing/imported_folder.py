@@ -11,14 +11,16 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bayes_inertia.campaign.schema import FORMAT, UNITS
+from bayes_inertia.campaign.streams import stated_clock
 from bayes_inertia.campaign.writer import numbered, toml_text
+from bayes_inertia.faults.limits import LIMITS as FAULTS
 from bayes_inertia.importing.common_clock import Logs
 from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.logged_stream import LoggedStream
@@ -126,13 +128,18 @@ class SlewTables:
     streams: dict[str, LoggedStream]
 
 
-def slew_tables(window: SlewWindow, streams: dict[str, LoggedStream]) -> SlewTables:
+def slew_tables(
+    window: SlewWindow, streams: dict[str, LoggedStream], mapping: MappingPart
+) -> SlewTables:
     """The readings of one slew from its start on, with the command in force when it begins."""
     inside = {key: stream.between(window.start, window.end) for key, stream in streams.items()}
     inside = {key: stream for key, stream in inside.items() if len(stream.time)}
     start = min(float(stream.time[0]) for stream in inside.values())
     if "wheel_torque" in streams:
-        inside["wheel_torque"] = _from_start(streams["wheel_torque"], start, window.end)
+        torque = streams["wheel_torque"]
+        if _is_regular(mapping, "wheel_torque"):
+            torque = _at_regular_times(torque, start, window)
+        inside["wheel_torque"] = _from_start(torque, start, window.end)
     return SlewTables(
         window,
         start,
@@ -148,6 +155,24 @@ def slew_tables(window: SlewWindow, streams: dict[str, LoggedStream]) -> SlewTab
             if len(stream.time)
         },
     )
+
+
+def _is_regular(mapping: MappingPart, key: str) -> bool:
+    return all(stream.time.regular for stream in streams_that_hold(mapping, key))
+
+
+def _at_regular_times(torque: LoggedStream, start: float, window: SlewWindow) -> LoggedStream:
+    """Commands at the times of the regular clock that they have in a slew.
+
+    The command in force at its start stands on no clock.
+    """
+    rows = (torque.time >= start) & (torque.time <= window.end)
+    if rows.sum() < FAULTS.fewest_stamps:
+        return torque
+    time = torque.time.copy()
+    clock = stated_clock(time[rows], "s", f"{', '.join(torque.files)}, in {window.name}")
+    time[rows] = np.clip(clock, start, window.end)
+    return replace(torque, time=time)
 
 
 def _from_start(torque: LoggedStream, start: float, end: float) -> LoggedStream:
@@ -210,7 +235,7 @@ def _columns(mapping: MappingPart, slews: Sequence[SlewTables]) -> dict[str, Any
     for key, written in written_columns(mapping).items():
         if key in held:
             entries[key] = {"names": list(written.names), **written.sense}
-            if all(stream.time.regular for stream in streams_that_hold(mapping, key)):
+            if key != "wheel_torque" and _is_regular(mapping, key):
                 entries[key]["time"] = entries["time"] | {"regular": True}
     return entries
 

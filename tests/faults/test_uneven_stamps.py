@@ -124,3 +124,24 @@ def test_a_clock_that_is_not_regular_is_not_called_so(tmp_path):
     with pytest.raises(CampaignError) as caught:
         read_campaign(folder)
     assert_teaches(caught.value, ["slew_01.csv", "no regular clock", "wander", "leave the key out"])
+
+
+def test_a_few_rows_of_a_clock_said_to_be_regular_keep_their_stamps(tmp_path):
+    folder = dirty(tmp_path / "c", lambda header, rows: rows[:19])
+    stamps = read_campaign(folder).slews[0].time
+    description = folder / "campaign.toml"
+    stated = description.read_text().replace('unit = "s" }', 'unit = "s", regular = true }')
+    description.write_text(stated)
+    campaign = read_campaign(folder)
+    assert campaign.slews[0].time.tolist() == stamps.tolist()
+    assert ("clock", "time", "ignored") in kinds(campaign)
+    assert "19 rows are too few" in campaign.dirt[0].note
+
+
+def test_a_clock_that_is_exactly_regular_is_so(tmp_path):
+    folder = dirty(tmp_path / "c", lambda header, rows: None)
+    before = read_campaign(folder)
+    description = folder / "campaign.toml"
+    stated = description.read_text().replace('unit = "s" }', 'unit = "s", regular = true }')
+    description.write_text(stated)
+    assert read_campaign(folder) == before

@@ -11,6 +11,7 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.faults.known_offsets import known_offset
 from bayes_inertia.faults.row_order import set_back_row
 from bayes_inertia.importing.mapped_lines import streams_beside
+from bayes_inertia.tables.number_table import read_table
 
 GRID = np.arange(0.0, 100.0, 0.25)
 CAMPAIGN = 'kind = "ms", epoch = "campaign"'
@@ -235,3 +236,23 @@ def test_what_a_known_offset_mends_reaches_doctor(tmp_path, columns, offset, cou
     said = streams_beside(imported(tmp_path, {}, of_fixes, files=files).folder)
     assert len(said) == count
     assert all("220 lie in a slew with -37 s in streams.attitude.offset_s" in x for x in said)
+
+
+def test_commands_said_to_be_regular_are_so_but_for_the_one_in_force(tmp_path):
+    """The command in force at the start of a slew stands on no clock."""
+    log = log_columns([(40.0, 20.0, 0.5), (140.0, 20.0, -0.4)], 240.0)
+    rng, step = np.random.default_rng(1), 0.25
+    time = np.arange(0.1, 240.0, step)
+    jitter = 0.02 * rng.uniform(-1.0, 1.0, len(time))
+    torque = np.interp(1e3 * time, log["t_ms"], log["torque"])
+    files = [
+        write_csv(tmp_path / "log.csv", {k: v for k, v in log.items() if k != "torque"}),
+        write_csv(tmp_path / "cmd.csv", {"t_ms": 1e3 * (time + jitter), "torque": torque}),
+    ]
+    stated = 'holds = "wheel_torque"\nfiles = ["{}.csv"]\ntime = {{ names = ["t_ms"], kind = "ms"{}'
+    change = (stated.format("log*", ""), stated.format("cmd", ", regular = true"))
+    done = imported(tmp_path, {}, change, files=files)
+    second = read_table(done.folder / "slew_02_torque.csv", ["t_s"]).numbers("t_s")
+    assert second[0] == 0.0
+    np.testing.assert_allclose(np.diff(second[1:]), step, atol=2e-4)
+    assert done.campaign.slews[1].wheel_torque is not None
