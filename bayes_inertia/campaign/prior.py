@@ -192,9 +192,9 @@ class GaussianPrior:
         what = f"{relative} is no fraction"
         advice = "give 0 or more, such as 1e-3"
         require(np.isfinite(relative) and relative >= 0.0, "prior.inflate", what, advice)
-        moments = [
-            m for n, m in zip(self.names, self.mean, strict=True) if n in _MOMENTS and m > 0.0
-        ]
+        known = zip(self.names, self.mean, strict=True)
+        means = {n: np.exp(m) if n in self.logarithmic else m for n, m in known}
+        moments = [m for n, m in means.items() if n in _MOMENTS and m > 0.0]
         size = float(np.mean(moments)) if moments else 1.0
         of_each = np.array(
             [

@@ -51,6 +51,16 @@ def test_inflation_adds_a_stated_sd_to_each_parameter_alone():
     assert PRIOR.inflated(0.0) == PRIOR
 
 
+def test_inflation_of_logarithmic_moments_is_one_of_products_in_their_size():
+    for size in (1e-2, 1e3):
+        moments = size * np.array([3.3, 2.2, 1.9])
+        prior = bi.GaussianPrior.of_principal_moments(moments, 0.05, 2.0)
+        added = prior.inflated(1e-2).covariance - prior.covariance
+        sds = np.sqrt(np.diag(added))
+        assert sds[:3] == pytest.approx(1e-2)
+        assert sds[3:] == pytest.approx(1e-2 * moments.mean(), rel=0.01)
+
+
 def test_a_campaign_names_the_run_that_was_before(folder):
     assert bi.read_campaign(folder).prior == PRIOR.inflated(1e-3)
 
