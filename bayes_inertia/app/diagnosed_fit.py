@@ -329,9 +329,9 @@ def next_fit(investigation: Investigation) -> NextFit:
 def fitted_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
     """The effects that a full fit after a diagnosis holds, with the settings they were found with.
 
-    Returns: those added, in their order. Where no candidate explains the data, those of fixed shape
-    among them; beside what is named in part, a torque and a rate error of free shape; where names
-    only imitate what is there, these alone.
+    Returns: those added, in their order. Where no candidate explains the data, those that no free
+    shape stands for; beside what is named in part, a torque and a rate error of free shape; where
+    names only imitate what is there, these alone.
     """
     if diagnosis.verdict == "partial":
         return (*tried_effects(diagnosis), *REMAINDERS)
@@ -365,8 +365,7 @@ def fit_after_diagnosis(
         treatment = replace(treatment, level=DirtTreatment().level)
     else:
         context = replace(context, measured_noise=dict(treatment.level))
-    free_shapes = any(isinstance(effect, StochasticEffect) for effect in choice.effects)
-    if free_shapes:
+    if any(isinstance(effect, StochasticEffect) for effect in choice.effects):
         settings = replace(settings, walkers=min(settings.walkers, STOCHASTIC_SETTINGS.walkers))
     if not as_stated:
         # The rows of which the treatment speaks.
@@ -381,6 +380,7 @@ def fit_after_diagnosis(
         chains=chains,
         context=context,
         # Without a free shape that takes it up, what is missing would pass for louder noise.
-        as_stated=as_stated or (choice.verdict == "unknown" and not free_shapes),
+        as_stated=as_stated
+        or (choice.verdict == "unknown" and set(REMAINDERS).isdisjoint(choice.effects)),
         progress=progress,
     )

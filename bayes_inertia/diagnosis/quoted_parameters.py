@@ -236,14 +236,22 @@ FREE_SHAPES = "nameless_torque_and_rate_error"
 
 
 def tried_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
-    """The effects of fixed shape that a diagnosis tried before it said "unknown".
+    """The effects that a diagnosis tried before it said "unknown".
 
-    Returns: in the order in which they were added, without a flexible mode: its states cost most of
-    a fit, and what it stands for is not known.
+    Returns: in the order in which they were added, without random ones that a free shape stands
+    for, and without a flexible mode: its states cost most of a fit, and what it stands for is not
+    known.
     """
     return tuple(
-        e for e in diagnosis.effects_added if not isinstance(e, StochasticEffect | FlexibleMode)
+        e
+        for e in diagnosis.effects_added
+        if not isinstance(e, FlexibleMode)
+        and not (isinstance(e, StochasticEffect) and any(map(e.acts, _FREE)))
     )
+
+
+# Hooks in which free shapes act.
+_FREE = ("body_torque", "rate_output")
 
 
 def remainder_alternatives(diagnosis: Diagnosis) -> tuple[AlternativeParameters, ...]:
@@ -478,6 +486,8 @@ def _quoted_row(fit: Estimate) -> AlternativeParameters:
 
 
 def _refitted(final: Estimate, effects: tuple[Effect, ...]) -> Estimate:
-    """The fit with these effects, each slew counted as its residuals scatter."""
-    model = final.model
-    return estimate(Model(model.campaign, effects, model.structure.drive), starts=1)
+    """The fit with these effects from where another ended, each slew counted as it scatters."""
+    model = Model(final.model.campaign, effects, final.model.structure.drive)
+    known = dict(zip(final.model.space.names, final.theta, strict=True))
+    mean = zip(model.space.names, model.space.mean, strict=True)
+    return estimate(model, start=np.array([known.get(name, value) for name, value in mean]))

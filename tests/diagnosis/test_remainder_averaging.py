@@ -18,7 +18,7 @@ from bayes_inertia.diagnosis.residuals import scan_residuals
 from bayes_inertia.diagnosis.result import Step
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
 from bayes_inertia.inference.optimizer import with_noise
-from bayes_inertia.physics.effects import REMAINDERS
+from bayes_inertia.physics.effects import REMAINDERS, by_name
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 
 
@@ -58,6 +58,13 @@ def test_what_is_named_is_not_averaged_and_imitations_give_way_to_free_shapes(la
     both = (lag, Step(REMAINDERS[0].name, lag.before, final, 0.0))
     missing = replace(lagging, verdict="unknown", why_unknown="misfit", steps=both, final=final)
     assert [effect.name for effect in fitted_effects(missing)] == ["wheel_command_lag"]
+    # No free shape stands for what acts between wheels and body.
+    between = by_name(["wheel_torque_noise"])
+    model = replace(lagging.final.model, effects=(*lagging.final.model.effects, *between))
+    final = replace(lagging.final, model=model)
+    both = (lag, Step("wheel_torque_noise", lag.before, final, 0.0))
+    missing = replace(missing, steps=both, final=final)
+    assert fitted_effects(missing) == (*lagging.effects_added, *between)
     # Beside what is named in part the free shapes stand as well.
     partial = fitted_effects(replace(lagging, verdict="partial"))
     assert partial == (*lagging.effects_added, *REMAINDERS)
