@@ -200,7 +200,7 @@ def base_count(names: Sequence[str]) -> int:
     return sum("." not in name for name in names)
 
 
-_FIRST_CHANGE = f".change_{ELEMENTS[0]}"
+_FIRST_CHANGE = ".change_Jxx"
 
 
 def changes_of_J(names: Iterable[str]) -> list[str]:
