@@ -18,6 +18,7 @@ def size(analysis):
     return analysis("engine.size_of_the_house")
 
 
+@pytest.mark.slow
 def test_the_package_is_no_larger_than_the_committed_counts_say(size):
     now = size.counts(size.tree_of(size.ROOT / size.PACKAGE))
     committed = json.loads(size.RESULT.read_text(encoding="utf-8"))["now"]

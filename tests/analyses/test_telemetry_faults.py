@@ -43,6 +43,7 @@ def test_a_folder_is_written_as_it_was_read(dirt, raw, tmp_path):
         np.testing.assert_array_equal(one.attitude, other.attitude)
 
 
+@pytest.mark.slow
 def test_every_kind_changes_the_campaign_leaves_its_input_and_is_seeded(dirt, raw, kinds):
     pristine = dirt.read_raw(EXAMPLE)
     for kind in kinds.values():

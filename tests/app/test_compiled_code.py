@@ -98,6 +98,7 @@ def test_a_damaged_entry_is_said_once_and_mended(tmp_path):
     assert run(tmp_path) == (bits, misses, 0, "")
 
 
+@pytest.mark.slow
 def test_two_runs_at_once_share_one_cache(tmp_path):
     command = [sys.executable, "-c", PROGRAM]
     runs = [
@@ -116,6 +117,7 @@ def test_two_runs_at_once_share_one_cache(tmp_path):
     assert run(tmp_path)[2] == 0
 
 
+@pytest.mark.slow
 def test_a_folder_that_cannot_be_written_is_said_once(tmp_path):
     file = tmp_path / "file"
     file.write_text("")

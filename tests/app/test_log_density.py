@@ -63,6 +63,7 @@ def test_slopes_are_those_of_differences(density, draws):
     np.testing.assert_allclose(slope @ steps, differences, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_it_is_zero_where_J_is_no_body(density):
     thin = density.mean.copy()
     thin[0] = thin[1] + thin[2] + 0.1

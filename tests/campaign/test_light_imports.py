@@ -78,6 +78,7 @@ assert dict(os.environ) == before
     subprocess.run([sys.executable, "-c", code + PRECISE], check=True, env=environment)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "off", ['jax.config.update("jax_enable_x64", False)', "jax.enable_x64(False).__enter__()"]
 )

@@ -104,6 +104,7 @@ def test_a_known_offset_is_named(right, channel):
     assert "GPS time is ahead of UTC" in check.sentence
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("last", [55.0, np.inf])
 def test_a_known_offset_is_named_although_it_costs_fixes(right, last):
     # Fixes lie before the motion, perhaps after it, and readings stamped before were not kept.

@@ -104,6 +104,7 @@ def test_a_wrong_key_of_a_told_torque_is_named(by_torque, old, new, key, mended)
     assert check.changes[0].mended == mended
 
 
+@pytest.mark.slow
 def test_without_the_torque_no_key_of_it_is_named(by_torque):
     """The negative control: conservation of momentum is what the test above rests on."""
     check = checked(by_torque, told=untold)

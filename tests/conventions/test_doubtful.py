@@ -297,6 +297,7 @@ def test_doubtful_ends_with_3_and_the_next_command_warns(tmp_path, capsys):
     assert ": agrees" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_slew_that_closure_fails_in_is_named_where_another_has_no_fixes():
     campaign = read_campaign(EXAMPLE)
     first, second, third, *rest = campaign.slews

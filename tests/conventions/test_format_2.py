@@ -82,6 +82,7 @@ def test_a_further_tracker_may_be_mounted_roughly_or_be_the_reference(folder):
     assert check.changes[0].key == "columns.attitude.maps"
 
 
+@pytest.mark.slow
 def test_without_gyro_a_further_tracker_of_one_fix_is_left_alone(folder):
     campaign = two_trackers(folder)
     slews = [replace(s, rate=None, more=None) for s in campaign.slews]

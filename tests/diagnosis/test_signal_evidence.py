@@ -75,6 +75,7 @@ def member_of(signal, roots, odds=(1.0,), largest=LARGEST):
     return RandomMember("", forms, np.log(odds))
 
 
+@pytest.mark.slow
 def test_without_a_signal_the_bayes_factor_is_one_on_average(design):
     """What bounds false alarms: one campaign of b exceeds b at most."""
     fitted, columns = design

@@ -102,6 +102,7 @@ def test_parallel_gimbals_turn_two_axes():
     assert spacecraft_of(campaign).axes_of_control == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [gyroless, two_axes_and_vectors])
 def test_every_sensor_of_the_campaign_tells_of_a_flight(kind, tmp_path):
     campaign = kind()

@@ -75,6 +75,7 @@ def test_the_native_numbers_come_back(script, tmp_path, name):
     assert [slew.name for slew in result.campaign.slews] == [s.name for s in campaign.slews]
 
 
+@pytest.mark.slow
 def test_a_wrong_unit_and_a_wrong_order_are_seen_by_that_comparison(script, tmp_path):
     campaign = two_slews()
     right = script.FORMATS["CSV"]

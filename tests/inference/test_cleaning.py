@@ -122,6 +122,7 @@ def test_noise_stated_too_small_is_measured(flown, clean_at):
     assert shift(result.estimate, clean_at).max() < 1.0
 
 
+@pytest.mark.slow
 def test_rounding_of_readings_is_modelled_as_such(flown):
     step = 3.0 * 2e-5
     rounded = changed(flown.campaign, lambda i, s: replace(s, rate=np.round(s.rate / step) * step))
@@ -176,6 +177,7 @@ def test_correlated_noise_is_seen_where_it_is_alike_everywhere():
     assert all(abs(a.sd - 1.0) < 0.2 for a in colour.axes)
 
 
+@pytest.mark.slow
 def test_white_noise_has_no_colour_and_what_is_tied_to_the_motion_neither():
     rng, slews = np.random.default_rng(2), named(motion())
     white = [rng.normal(size=(400, 3)) for _ in slews]
@@ -281,6 +283,7 @@ def test_one_wrong_fix_of_three_is_known(row):
     assert [np.flatnonzero(f).tolist() for f in flags] == [[], [], [row], []]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("louder", [1.0, 1.5, 3.0])
 def test_fixes_louder_than_stated_are_no_outliers(louder):
     halves = [[np.arange(12), np.arange(12, 24)]] * 5

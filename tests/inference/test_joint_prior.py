@@ -122,6 +122,7 @@ def test_draws_have_the_covariance_and_single_sds_stay(campaign):
     np.testing.assert_allclose(middle, space.mean)
 
 
+@pytest.mark.slow
 def test_what_is_known_adds_up(campaign):
     seen = bi.observe(bi.estimate(campaign))
     for p in seen.parameters:

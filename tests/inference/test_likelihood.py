@@ -52,6 +52,7 @@ def test_residuals_at_the_truth_are_white_unit_noise(flying, setup_type):
         assert 1e-3 < p < 1.0 - 1e-3, channel
 
 
+@pytest.mark.slow
 def test_residuals_without_noise_are_what_the_definitions_say(flying, setup_type):
     """Independent arithmetic: (K^-1 (w + b) - measured) / sigma, the small rotation by scipy,
     tachometers in sigmas.

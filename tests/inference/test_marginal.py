@@ -112,6 +112,7 @@ def test_the_marginal_posterior_is_that_of_sampling_every_nuisance(small):
     assert compare(joint, (*moments(draws, weights), size))[1] > 20.0
 
 
+@pytest.mark.slow
 def test_the_marginal_posterior_is_pointwise_that_of_integrating_at_each_theta(small):
     """At theta far out: Laplace's integral over the nuisances at THEIR optimum there, with its own
     determinant.

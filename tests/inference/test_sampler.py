@@ -150,6 +150,7 @@ def test_settings_that_cannot_be_used_are_refused_by_name(name, value, advice):
     assert caught.value.where == name
 
 
+@pytest.mark.slow
 def test_predicted_rates_have_the_noise_that_the_likelihood_counts(small_flown):
     """In the measured drive tachometer noise shakes the predicted rates; here it is most of their
     noise.

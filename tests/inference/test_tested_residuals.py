@@ -84,6 +84,7 @@ def test_other_misfit_is_seen_beside_a_free_shape(with_bias):
     assert fitted(campaign, RateBiasInstability()).tests["rate"].rejected
 
 
+@pytest.mark.slow
 def test_parameters_of_shapes_that_are_filtered_out_are_not_paid_for(with_bias):
     estimate = fitted(with_bias, RateBiasInstability())
     paid = estimate.tested_residuals.parameters

@@ -133,6 +133,7 @@ def test_thrusters_by_on_times_are_the_torque_that_they_make():
         np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_thrusters_that_are_turned_and_stronger_are_told_as_such():
     torque_B = 0.01 * np.eye(3)[:2]
     held = InputStream([0.0], [[0.3, 0.7]])
@@ -150,6 +151,7 @@ def test_thrusters_that_are_turned_and_stronger_are_told_as_such():
         np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_a_held_dipole_is_the_residual_dipole():
     dipole = np.array([0.3, -0.2, 0.5])
     axes = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
@@ -175,6 +177,7 @@ def test_a_torque_in_inertial_axes_keeps_its_direction():
     np.testing.assert_allclose(gained, 40.0 * held.values[0], rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_rotors_exchange_momentum_and_lose_none():
     rng = np.random.default_rng(4)
     gimbal = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])

@@ -47,12 +47,7 @@ CANONICAL = [
 
 
 # One effect for each part of the spacecraft; the others are tried in the long tests.
-MARKS = {
-    "constant_torque": (),
-    "star_tracker_misalignment": pytest.mark.slow,
-    "wheel_command_lag": pytest.mark.slow,
-}
-LONG = (pytest.mark.slow, pytest.mark.long)
+OF_EACH_PART = ("constant_torque", "star_tracker_misalignment", "wheel_command_lag")
 
 
 @pytest.fixture(scope="module")
@@ -73,8 +68,13 @@ def test_unknown_names_are_refused_with_the_nearest_ones():
         by_name(["rate_bias", "rate_bias"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    "effect", [pytest.param(e, id=e.name, marks=MARKS.get(e.name, LONG)) for e in LIBRARY]
+    "effect",
+    [
+        pytest.param(e, id=e.name, marks=() if e.name in OF_EACH_PART else pytest.mark.long)
+        for e in LIBRARY
+    ],
 )
 def test_every_library_effect_keeps_the_contract(effect, campaign):
     fingerprint = check_effect(effect, campaign).fingerprint
@@ -216,12 +216,14 @@ class NotADataclass(Torque):
         (NotANoOp(), "at its null values it changes"),
         (Impure(), "pure"),
         (NotFinite(), "telemetry is not finite"),
-        (DerivativeNotFinite(), "a derivative is not finite at its null"),
+        pytest.param(
+            DerivativeNotFinite(), "a derivative is not finite at its null", marks=pytest.mark.slow
+        ),
         (DoubledName(), "'torque_x'.*used twice"),
         (Degrees(), "not in SI units"),
         (NoUnit(), "no unit"),
-        (NoFingerprint(), "torque_z changes nothing"),
-        (WrongDerivative(), "finite difference"),
+        pytest.param(NoFingerprint(), "torque_z changes nothing", marks=pytest.mark.slow),
+        pytest.param(WrongDerivative(), "finite difference", marks=pytest.mark.slow),
         (BranchOnValue(), "TracerBoolConversionError"),
         (Unhashable(direction=[1.0]), "cannot be hashed"),
         (NotADataclass(), "not a frozen dataclass"),

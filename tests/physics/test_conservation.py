@@ -93,6 +93,7 @@ def test_energy_is_conserved_without_torque_and_grows_by_the_motors_work(slew_of
     np.testing.assert_allclose(gained, work, atol=1e-5 * np.abs(gained).max())
 
 
+@pytest.mark.slow
 def test_locked_wheels_move_with_the_body_as_one_rigid_body_of_inertia_J_locked(slew_of):
     """Motor torques that keep the wheels still relative to the body: the motion is that of J_locked
     without wheels.

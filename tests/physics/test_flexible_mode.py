@@ -15,6 +15,7 @@ from bayes_inertia.physics.slew_input import Start, idle_slew
 DELTA, FREQUENCY, DAMPING = np.array([0.5, 0.0, 0.0]), 0.3, 0.01
 
 
+@pytest.mark.slow
 def test_flexible_mode_keeps_total_momentum_and_rings_like_the_free_body():
     """A push about x, then free ringing: period and decay against the two coupled linear equations
     solved by hand.
@@ -54,6 +55,7 @@ def test_flexible_mode_keeps_total_momentum_and_rings_like_the_free_body():
     assert ringing == pytest.approx(FREQUENCY / np.sqrt(shrink), rel=2e-3)
 
 
+@pytest.mark.slow
 def test_flexible_mode_begins_undeformed_on_a_turning_body():
     slew = idle_slew(0.05 * np.arange(101), 0)
     effect = effect_of("flexible_mode")

@@ -75,6 +75,7 @@ def errors(monkeypatch, campaign, effects=(), drive=None, parts=1) -> tuple[int,
     return plan.rows_per_step, found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("campaign", "drive"),
     [
@@ -132,6 +133,7 @@ def test_effects_are_integrated_as_well(monkeypatch, effects, drive):
     assert max(found) < ALLOWED, found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "drive", ["commanded", pytest.param("measured", marks=(pytest.mark.slow, pytest.mark.long))]
 )

@@ -101,6 +101,7 @@ def test_rate_sensor_delay_follows_the_bend_of_a_free_motion():
         assert largest_error(context, tau) < 0.15 * largest_error(driven, tau)
 
 
+@pytest.mark.slow
 def test_rate_sensor_delay_keeps_the_corners_that_a_told_device_makes():
     time = np.arange(11.0)
     context, path = path_of(np.abs(time - 5.0)[:, None] * np.ones(3), step=1.0)
@@ -115,6 +116,7 @@ def test_rate_sensor_delay_keeps_the_corners_that_a_told_device_makes():
     assert np.abs(seen[1] - expected).max() > 0.1
 
 
+@pytest.mark.slow
 def test_rate_sensor_delay_is_differentiable_at_zero_and_nothing_there():
     rates = np.abs(np.arange(11.0) - 5.0)[:, None] * np.ones(3)  # a corner at row 5
     context, path = path_of(rates, step=1.0)
@@ -134,6 +136,7 @@ def test_rate_sensor_delay_is_differentiable_at_zero_and_nothing_there():
     )
 
 
+@pytest.mark.slow
 def test_rate_sensor_delay_holds_a_commanded_start_and_ignores_padding():
     context, path = path_of(np.arange(6.0)[:, None] * np.ones(3), step=1.0)
     padded = context._replace(
@@ -191,6 +194,7 @@ def test_star_tracker_shift_turns_the_fixes_after_the_slew_only():
     np.testing.assert_allclose(errors[3:], np.tile(shift, (3, 1)), atol=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tau", [0.37, -0.37, 1.9])
 def test_star_tracker_time_offset_shows_the_attitude_of_another_moment(tau):
     time, axis = 0.5 * np.arange(20), np.array([0.6, 0.0, 0.8])

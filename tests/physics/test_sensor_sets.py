@@ -181,6 +181,7 @@ def at_truth(exact, model):
     return Point(theta, bias, local)
 
 
+@pytest.mark.slow
 def test_directions_are_predicted_with_the_sensors_own_errors(directions):
     exact, model = directions
     assert model.space.names[9:] == (

@@ -30,13 +30,17 @@ from bayes_inertia.physics.random_basis import (
 from bayes_inertia.physics.small_campaign import small_campaign
 
 ONLY_WHERE_COMMANDS_DRIVE = ("tachometer_noise_walk", "wheel_torque_noise")
-SLOW, LONG = pytest.mark.slow, (pytest.mark.slow, pytest.mark.long)
 # A walk and what begins anew in each slew; the others are tried in the long tests.
-MARKS = {"rate_bias_slew_drift": (), "rate_random_walk": SLOW}
+TRIED = ("rate_bias_slew_drift", "rate_random_walk")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    "effect", [pytest.param(e, id=e.name, marks=MARKS.get(e.name, LONG)) for e in STOCHASTIC]
+    "effect",
+    [
+        pytest.param(e, id=e.name, marks=() if e.name in TRIED else pytest.mark.long)
+        for e in STOCHASTIC
+    ],
 )
 def test_every_stochastic_effect_keeps_the_contract(effect, campaign):
     fingerprint = check_effect(effect, campaign).fingerprint

@@ -91,6 +91,7 @@ def test_wheel_misalignment_tilts_to_unit_axes_by_the_angles_given():
     np.testing.assert_allclose(np.sum(first * second, axis=0), 0.0, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_wheel_friction_slows_the_wheel_and_keeps_total_momentum():
     slew = idle_slew(0.5 * np.arange(81), wheel_axes_B=np.eye(3), spin_inertia=np.full(3, 1e-3))
     effect = effect_of("wheel_friction")

@@ -262,6 +262,7 @@ def test_no_format_speaks_of_wheels_where_there_are_none(result, to):
     assert "wheel" not in text.replace("includes_wheel_spin", "")
 
 
+@pytest.mark.slow
 def test_where_nothing_ties_the_size_of_the_tensor_its_ratios_are_exported(run, tmp_path):
     folder = tmp_path / "free"
     run_folder.start(EXAMPLE, folder)
@@ -290,6 +291,7 @@ def test_an_untrusted_result_carries_its_warning(result, to):
     assert "DO NOT USE" not in EXPORT_FORMATS[to].text(result)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", ["inertia_change", "fuel"])
 def test_a_tensor_that_changed_on_the_way_is_said(change, make_case, tmp_path):
     """By an effect, or by a change that the campaign dates."""

@@ -49,6 +49,7 @@ def write_design(folder, promised, plan=PLAN):
     write_json(folder / "design.json", sealed(content))
 
 
+@pytest.mark.slow
 def test_promised_by_a_design(finished, capsys, monkeypatch):
     sds = stated_sds(finished)
     write_design(finished, {name: sd / (2.0 if name == "Jxy" else 0.9) for name, sd in sds.items()})
@@ -63,6 +64,7 @@ def test_promised_by_a_design(finished, capsys, monkeypatch):
     assert "design.json" in page
 
 
+@pytest.mark.slow
 def test_a_plan_without_its_design_is_forecast(finished, capsys, monkeypatch):
     asked = []
 

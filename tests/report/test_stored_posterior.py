@@ -73,6 +73,7 @@ def test_without_a_seal_another_process_reads_it_first(stored):
         Posterior.load(stored)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="limits of file size are POSIX")
 def test_text_that_is_none_is_damage(made, stored, tmp_path):
     """Half a character, as a flipped bit makes it, cannot be written to a page."""

@@ -44,6 +44,7 @@ def test_fleet_and_crafts_are_integrated_exactly():
     np.testing.assert_allclose(np.diff(result.log_density), np.diff(expected), rtol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("crafts", "n"), [(5, 9), (20, 6)])
 def test_quoted_sds_of_a_fleet_are_calibrated(crafts, n):
     """z of all crafts: rms within 1 +- 3 / sqrt(2 n), n independent numbers."""
@@ -65,6 +66,7 @@ def test_sisters_make_a_craft_known_better_where_its_own_data_are_poor():
     assert np.all(np.median(alone / fleet.craft_sd, axis=1) > 1.0)
 
 
+@pytest.mark.slow
 def test_two_seeds_agree_within_their_monte_carlo_error():
     _, told = flown(10, 4)
     a, b = (fleet_of(told, FleetSettings(seed=seed)) for seed in (1, 2))
