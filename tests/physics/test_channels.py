@@ -19,10 +19,12 @@ from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.channels.channel import Readings, SeparateColumns
+from bayes_inertia.physics.channels.rate import RateChannel
 from bayes_inertia.physics.effects import RateBiasSlewDrift
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import Normal, vector
 from bayes_inertia.physics.prediction import predict_all
+from bayes_inertia.physics.small_campaign import small_campaign
 
 
 @dataclass(frozen=True)
@@ -189,3 +191,31 @@ def test_sizes_of_random_effects_are_learnt_beside_further_sensors(more):
     assert information.matrix.shape[1] == len(model.channels) == 5
     size = list(model.structure.hyperparameters)
     assert np.all(information.matrix.sum((0, 1))[size, size] != 0.0)
+
+
+def test_gyros_that_tachometer_noise_shakes_alike_do_not_average_it_away():
+    """All gyros together know the rate no better than the noise that they share lets them."""
+    plain = small_campaign()
+    loud = tuple(replace(wheel, momentum_sigma=1e-3) for wheel in plain.wheels)
+
+    def known(*sigmas):
+        """Covariance (3, 3) of one body rate by gyros of these sigmas [rad^2/s^2]."""
+        first, *others = (RateSensor(sigma) for sigma in sigmas)
+        names = [f"gyro {k}" for k in range(len(others))]
+        slews = (replace(s, more=dict.fromkeys(names, s.rate)) for s in plain.slews)
+        several = tuple(zip(names, others, strict=True))
+        campaign = replace(
+            plain, wheels=loud, rate_sensor=first, slews=tuple(slews), more_sensors=several
+        )
+        model = Model(campaign, (), "measured")
+        gyros = [c for c in model.channels if isinstance(c, RateChannel)]
+        noises = [c.noise(campaign, model.space.mean, "measured") for c in gyros]
+        return np.linalg.inv(sum(map(np.linalg.inv, noises)))
+
+    alone, fine, coarse = known(2e-5), 2e-5, 2e-2
+    shaken = alone - fine**2 * np.eye(3)
+    for sigmas in ([fine, fine], [fine, fine, fine]):
+        together = shaken + fine**2 / len(sigmas) * np.eye(3)
+        np.testing.assert_allclose(known(*sigmas), together, rtol=1e-9, atol=1e-15)
+    # A gyro that tells little takes hardly anything from one that tells much.
+    np.testing.assert_allclose(known(fine, coarse), alone, rtol=1e-3, atol=1e-12)

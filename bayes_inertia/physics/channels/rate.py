@@ -11,6 +11,8 @@ from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import body_rates
+from bayes_inertia.campaign.sensors import streams_of
+from bayes_inertia.campaign.sensors.rate import RateStream
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
@@ -124,20 +126,32 @@ class RateChannel(Channel):
 
         In the measured drive tachometer noise is an input, as is that of gimbal angles: it shakes
         the predicted rate by J^-1 G dh. (The part of it that accumulates in the attitude is among
-        the nuisances.)
+        the nuisances.) Several gyros are shaken alike, and channels count as independent: each is
+        given more of it, so that all together do not average it away.
         """
         sensor = self.stream.hardware(campaign)
         if sensor is None:
             return np.eye(3)
-        covariance = np.diag(np.square(sensor.sigma))
+        momentum = momentum_noise(campaign)
         if drive == "measured" and campaign.wheels:
-            shake = self.shake(campaign, theta, campaign.wheel_axes_B)
-            wheels = np.diag(np.square([w.momentum_sigma or 0.0 for w in campaign.wheels]))
-            covariance = covariance + shake @ wheels @ shake.T
-        if campaign.actuators:
-            shake = self.shake(campaign, theta, np.eye(3))
-            covariance = covariance + shake @ momentum_noise(campaign) @ shake.T
-        return covariance
+            root = campaign.wheel_axes_B * [w.momentum_sigma or 0.0 for w in campaign.wheels]
+            momentum = momentum + root @ root.T
+        covariance = np.diag(np.square(sensor.sigma))
+        if not momentum.any():
+            return covariance
+        shake = self.shake(campaign, theta, np.eye(3))
+        return covariance + shake @ momentum @ shake.T / self.share(campaign)
+
+    def share(self, campaign: Campaign) -> float:
+        """Share of this gyro in what all gyros tell by their white noise; 1 of a single one.
+
+        Shaken by one common noise, gyros may be taken as independent where each has that noise's
+        covariance over its share: the shares sum to one, and no combination then has a variance
+        below its true one (covariance intersection: Julier and Uhlmann 1997).
+        """
+        gyros = (stream for stream in streams_of(campaign) if isinstance(stream, RateStream))
+        told = {stream.name: _told(campaign, stream) for stream in gyros}
+        return told[self.name] / sum(told.values()) if told[self.name] else 1.0
 
     def shake(self, campaign: Campaign, theta: np.ndarray, axes_B: np.ndarray) -> np.ndarray:
         """Readings (n, k) by momentum along axes (3, k) in the body."""
@@ -183,6 +197,12 @@ class RateChannel(Channel):
         scale_factors = K[:, None] if len(K) else 1.0
         sensed = np.einsum("ij,snjk->snik", axes, rate_B) / scale_factors
         return self.whitened_columns(fit.factors, sensed)
+
+
+def _told(campaign: Campaign, gyro: RateStream) -> float:
+    """Sum over all readings of a gyro of one over their white noise's variance [s^2/rad^2]."""
+    read = [gyro.valid(campaign, s).sum(0) for s in campaign.slews if gyro.of(s) is not None]
+    return float(np.sum(read / np.square(gyro.hardware(campaign).sigma))) if read else 0.0
 
 
 def _locked_inertia(campaign: Campaign, theta: np.ndarray) -> np.ndarray:
