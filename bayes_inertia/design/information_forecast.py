@@ -43,7 +43,9 @@ from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.packing import NuisanceScale
 from bayes_inertia.physics.parameters import base_count
 from bayes_inertia.physics.prediction import Structure
+from bayes_inertia.physics.processes import Process
 from bayes_inertia.physics.slew_context import Environment, SlewContext
+from bayes_inertia.physics.stated_noise import stated_reading_noise
 
 
 class EnvironmentTable(NamedTuple):
@@ -88,6 +90,7 @@ class ForecastLayout:
     units: tuple[str, ...]
     times: PlanTimes  # the times that the slews share [s]
     periods: tuple[float, ...]  # from one reading to the next of each channel [s]; 0: as fixes
+    wandering: tuple[Process, ...] = ()  # what is stated of the biases of gyros
 
     @property
     def n_base(self) -> int:
@@ -142,7 +145,12 @@ def prepare_forecast(plan: Plan, mission: Mission, effects: tuple[Effect, ...] =
 def planned_model(plan: Plan, mission: Mission, effects: tuple[Effect, ...] = ()) -> Model:
     """The model that will be fitted to the telemetry of a plan."""
     campaign = planned_campaign(plan, mission.without_effects())
-    return Model(campaign, effects, "commanded")
+    # What is planned of a star tracker is its target throughout; a fit has fixes.
+    slews = tuple(
+        s if s.attitude is None else replace(s, attitude=plan.at_fixes(i, s.attitude))
+        for i, s in enumerate(campaign.slews)
+    )
+    return Model(replace(campaign, slews=slews), effects, "commanded")
 
 
 def forecast_of(
@@ -159,7 +167,9 @@ def forecast_of(
         else 0.0
         for channel in model.channels
     )
-    layout = ForecastLayout(structure, space.names, space.units, plan_times(plan), periods)
+    wandering = stated_reading_noise(model.campaign, structure.effects)
+    times = plan_times(plan)
+    layout = ForecastLayout(structure, space.names, space.units, times, periods, wandering)
     start = plan_start(plan, len(model.campaign.wheels))
     return Forecast(layout, ForecastArrays(conditions, start, space.sd, prior))
 
@@ -228,7 +238,14 @@ def _factors(model: Model) -> tuple[Array, ...]:
         components = np.asarray(readings.valid).shape[-1]
         noise = channel.noise(model.campaign, model.space.mean, "commanded")
         read = np.full((1, components), channel.is_read(model.campaign))
-        found.append(jnp.asarray(channel.factors(noise, read)[0]))
+        factors = channel.factors(noise, read)[0]
+        if (correlated := channel.stream.correlated(model.campaign)) is not None:
+            # To slow signals it is white noise of its power at frequency zero.
+            steps = np.concatenate([np.diff(slew.time) for slew in model.campaign.slews])
+            kept = np.exp(-np.median(steps) / np.array(correlated.time))
+            power = 1.0 + 2.0 * np.array(correlated.share) * kept / (1.0 - kept)
+            factors = factors / np.sqrt(power)[:, None]
+        found.append(jnp.asarray(factors))
     return tuple(found)
 
 

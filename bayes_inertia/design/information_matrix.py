@@ -37,14 +37,18 @@ from bayes_inertia.design.information_forecast import (
     ForecastLayout,
     rigid_body_at,
 )
+from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.errors import EffectError
-from bayes_inertia.flight.planned_motion import SlewArrays, motion_of_slews
+from bayes_inertia.flight.planned_motion import PlanTimes, SlewArrays, motion_of_slews
+from bayes_inertia.inference.noise_filter import filter_of, in_states, innovations
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.channels import Channel
+from bayes_inertia.physics.channels.attitude import AttitudeChannel
 from bayes_inertia.physics.channels.direction import DirectionConstants
 from bayes_inertia.physics.effect import ActiveEffects, Effect
 from bayes_inertia.physics.prediction import Structure, acting_in
+from bayes_inertia.physics.processes import RowTimes
 from bayes_inertia.physics.slew_context import Environment, SlewContext, State, Trajectory
 from bayes_inertia.physics.slew_input import SlewInput
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
@@ -155,6 +159,8 @@ _FIRST, _LAST = slice(None, -1), slice(1, None)
 
 def _here(channel: Channel, constants: Any, context: SlewContext, environment: Environment) -> Any:
     """Constants of a sensor, with the field along this slew where it looks at the field."""
+    if isinstance(channel, AttitudeChannel):
+        return ()  # All trackers fix at the same times.
     if not isinstance(constants, DirectionConstants) or constants.time.shape[1] < 2:
         return constants
     reference_N = environment.magnetic_field_N
@@ -218,8 +224,26 @@ def _whitened_columns(layout: ForecastLayout, slew: _Slew, theta: Array) -> Arra
     whitened = []
     for k, weight in enumerate(_counts(layout, path.time)):
         columns = _channel_columns(slew, k, unknown, split, moved)
-        whitened.append((jnp.sqrt(weight)[:, None, None] * columns).reshape(-1, len(unknown)))
+        whitened.append(_counted(layout, slew, k, weight, columns).reshape(-1, len(unknown)))
     return jnp.concatenate(whitened)
+
+
+def _counted(layout: ForecastLayout, slew: _Slew, k: int, weight: Array, columns: Array) -> Array:
+    """Columns (n, components, p) of the k-th channel, each row of so many readings (n,).
+
+    Without what a bias that wanders as stated lets expect.
+    """
+    name, factors = layout.structure.channels[k].name, slew.conditions.factors[k]
+    wandering = [process for process in layout.wandering if process.channel == name]
+    if not wandering:
+        return jnp.sqrt(weight)[:, None, None] * columns
+    context = slew.context
+    rows = RowTimes(context.time[None], jnp.abs(context.start - context.middle)[None])
+    variance = 1.0 / jnp.sum(factors**2, 0)
+    states = in_states([process.in_rows(rows, variance, jnp) for process in wandering], jnp)
+    read = jnp.ones((1, *columns.shape[:2]), bool)
+    white = 1.0 / jnp.maximum(weight, NUMERICS.least_readings)[:, None]
+    return innovations(columns[None], filter_of(states, white, read))[0]
 
 
 def _channel_columns(
@@ -353,6 +377,7 @@ def information_matrices(
             time=path.time,
             step=jnp.append(jnp.diff(path.time), 0.0),
             torque=torque,
+            fix_group=_fix_groups(layout.times, path.time),
         )
         environment = arrays.conditions.environment.at(context.start + context.time)
         slew = _Slew(layout.structure, arrays.conditions, context, path, environment)
@@ -383,6 +408,12 @@ def without_start_state(matrix: Array, shared: int) -> Array:
     return matrix[:shared, :shared] - across.T @ across
 
 
+def _fix_groups(times: PlanTimes, time: Array) -> Array:
+    """Of each row (n,): 0 before a slew and 1 after it; one group where fixes never cease."""
+    middle = 0.5 * (times.rest_before + time[-1] - times.rest_after)
+    return jnp.where(time > middle, 0 if times.fixes_in_motion else 1, 0)
+
+
 def _counts(layout: ForecastLayout, time: Array) -> tuple[Array, ...]:
     """Of each channel: numbers of readings that each row stands for, (n,).
 
@@ -400,5 +431,6 @@ def _counts(layout: ForecastLayout, time: Array) -> tuple[Array, ...]:
         share = (moments - time[right - 1]) / (time[right] - time[right - 1])
         share = jnp.clip(share, 0.0, 1.0)
         # A floor, because a root has no derivative at zero.
-        fixes = jnp.full(len(time), 1e-12).at[right].add(share).at[right - 1].add(1.0 - share)
+        fixes = jnp.full(len(time), NUMERICS.least_readings)
+        fixes = fixes.at[right].add(share).at[right - 1].add(1.0 - share)
     return tuple(beside / period if period else fixes for period in layout.periods)

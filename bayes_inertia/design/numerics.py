@@ -50,6 +50,8 @@ class Numerics:
     # `information_forecast.py`
     # Points of the table that holds an orbit's environment.
     orbit_points: int = 200
+    # Of how many readings a row stands at least: what is divided by it, or rooted, has derivatives.
+    least_readings: float = 1e-12
 
     # `goals.py`
     # Turn of the slew whose correction is forecast [deg], as everywhere in the package.

@@ -279,11 +279,14 @@ def in_states(processes: Sequence[StateSpace], xp: Any = np) -> StateSpace:
 
 @jax.jit
 def filter_of(states: StateSpace, white: Array, valid: Array) -> Memory:
-    """The filter for processes (last axis) beside white noise (c,); `valid` (slews, n, c)."""
-    same = jnp.eye(states.decay.shape[-1])
+    """The filter for processes (last axis) beside white noise (c,) or (n, c).
+
+    `valid` (slews, n, c).
+    """
+    same, white = jnp.eye(states.decay.shape[-1]), jnp.broadcast_to(white, valid.shape)
 
     def step(covariance: Array, row: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
-        decay, fresh, known = row
+        decay, fresh, known, white = row
         with_reading = covariance.sum(-1)
         of_reading = jnp.maximum(with_reading.sum(-1) + white, 1e-12)
         gain = jnp.where(known[..., None], with_reading / of_reading[..., None], 0.0)
@@ -291,6 +294,6 @@ def filter_of(states: StateSpace, white: Array, valid: Array) -> Memory:
         after = decay[..., None] * decay[..., None, :] * left + fresh[..., None] * same
         return after, (gain, jnp.where(known, 1.0 / jnp.sqrt(of_reading), 1.0))
 
-    rows = (jnp.moveaxis(x, 1, 0) for x in (states.decay, states.fresh, valid))
+    rows = (jnp.moveaxis(x, 1, 0) for x in (states.decay, states.fresh, valid, white))
     _, (gain, scale) = jax.lax.scan(step, states.start[..., None] * same, tuple(rows))
     return Memory(states.decay, jnp.moveaxis(gain, 0, 1), jnp.moveaxis(scale, 0, 1))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from support.other_spacecraft import by_rotors, by_thrusters, gyroless, two_axes_and_vectors
 
+from bayes_inertia.campaign.hardware import CorrelatedNoise, RateSensor
 from bayes_inertia.design.expected_accuracy import estimate_at_truth
 from bayes_inertia.design.information_forecast import prepare_forecast
 from bayes_inertia.design.information_matrix import expected_covariance
@@ -17,6 +18,7 @@ from bayes_inertia.flight.mission import Mission, following_plan
 from bayes_inertia.flight.plan import PlannedSlew, paper_like_plan
 from bayes_inertia.flight.planned_motion import slew_arrays
 from bayes_inertia.physics.effects import by_name
+from bayes_inertia.physics.small_campaign import small_campaign
 
 # Compiled in half the time: each program runs once.
 _expected = jax.jit(
@@ -52,5 +54,31 @@ def test_forecast_agrees_with_the_full_model_of_other_spacecraft(kind):
     mission, plan = Mission.of(campaign), replace(following_plan(campaign), slews=slews)
     forecast, exact = prepare_forecast(plan, mission), estimate_at_truth(plan, mission)
     assert exact.model.space.names == forecast.layout.names
+    foreseen = _expected(forecast.layout, forecast.arrays, exact.theta, slew_arrays(plan))
+    np.testing.assert_allclose(np.sqrt(np.diag(foreseen)) / exact.sd, 1.0, atol=0.05)
+
+
+@pytest.mark.long
+@pytest.mark.slow
+def test_noise_that_is_stated_to_wander_counts_in_the_forecast():
+    """Of the first gyro and tracker and of further ones; without it the sds were far smaller."""
+    campaign = small_campaign()
+    colour = CorrelatedNoise(0.9, 3.0)
+    gyro = replace(campaign.rate_sensor, rate_random_walk=2e-6, correlated_noise=colour)
+    coarse = RateSensor((1e-4,) * 3, bias_instability=3e-4, bias_instability_time=60.0)
+    tracker = replace(campaign.star_tracker, low_frequency_sigma=3e-4)
+    slews = (replace(s, more={"mems": s.rate, "second": s.attitude}) for s in campaign.slews)
+    campaign = replace(
+        campaign,
+        rate_sensor=gyro,
+        star_tracker=tracker,
+        more_sensors=(("mems", coarse), ("second", tracker)),
+        slews=tuple(slews),
+    )
+    axes = ((1.0, 0.2, 0.3), (0.1, -1.0, 0.5), (0.3, 0.2, 1.0))
+    slews = tuple(PlannedSlew(axis, math.radians(60.0)) for axis in axes)
+    plan = replace(following_plan(campaign), slews=slews, fixes_in_motion=False, fix_spacing=1.0)
+    mission = Mission.of(campaign)
+    forecast, exact = prepare_forecast(plan, mission), estimate_at_truth(plan, mission)
     foreseen = _expected(forecast.layout, forecast.arrays, exact.theta, slew_arrays(plan))
     np.testing.assert_allclose(np.sqrt(np.diag(foreseen)) / exact.sd, 1.0, atol=0.05)

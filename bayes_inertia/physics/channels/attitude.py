@@ -58,8 +58,8 @@ class AttitudeChannel(Channel):
         return on_device(np.stack(rows))
 
     def context(self, constants: Any, slew: SlewContext) -> SlewContext:
-        """With the groups of this tracker's fixes, where they are asked for."""
-        if self.stream.field or slew.fix_group is None:
+        """With the groups of this tracker's fixes, where they are others than the first's."""
+        if isinstance(constants, tuple) or slew.fix_group is None:
             return slew
         return slew._replace(fix_group=jnp.searchsorted(constants[slew.index], slew.time))
 
