@@ -28,6 +28,7 @@ from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.flight.planned_telemetry import (
     model_readings,
     with_effect_values,
+    with_noisy_inputs,
     with_readings,
 )
 from bayes_inertia.flight.spacecraft import require_shape, spin_tensor, without_spin
@@ -96,7 +97,10 @@ def flown_again(
     theta = with_effect_values(model, theta, effects, values)
     bias = rng.standard_normal(model.n_bias)
     readings = model_readings(model, theta, bias, model.data.arrays.reference, rng)
-    slews = [with_readings(slew, k, readings) for k, slew in enumerate(campaign.slews)]
+    slews = [
+        with_noisy_inputs(with_readings(slew, k, readings), campaign, rng)
+        for k, slew in enumerate(campaign.slews)
+    ]
     scale = np.asarray(model.data.scale.bias)
     return replace(campaign, slews=tuple(slews)), _truth(model, theta, bias * scale, seed)
 

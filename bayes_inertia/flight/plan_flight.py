@@ -25,10 +25,10 @@ from bayes_inertia.flight.planned_telemetry import (
     planned_campaign,
     planned_paths,
     with_effect_values,
+    with_noisy_inputs,
     with_readings,
 )
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
-from bayes_inertia.flight.steering import FlyingDevice
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
@@ -164,8 +164,7 @@ def _follow(
     mission = replace(mission, spacecraft=craft)
     told, theta = _readings(planned, mission, truth, rng)
     slews = [with_readings(slew, k, told) for k, slew in enumerate(planned.slews)]
-    if craft.device is not None:
-        slews = [_with_noisy_input(slew, craft.device, rng) for slew in slews]
+    slews = [with_noisy_inputs(slew, planned, rng) for slew in slews]
     nothing = np.zeros((len(truth), 3))
     return Flight(
         campaign=replace(planned, slews=tuple(slews)),
@@ -205,16 +204,6 @@ def _readings(
         bias = (np.array(craft.bias) - sensor.bias) / np.array(sensor.bias_sigma)
     told = model_readings(model, theta, bias, Start(*first), rng)  # type: ignore[arg-type]
     return told, dict(zip(model.space.names, theta.tolist(), strict=True))
-
-
-def _with_noisy_input(slew: Slew, device: FlyingDevice, rng: np.random.Generator | None) -> Slew:
-    """A slew whose input is told with the noise that is stated of it."""
-    name, sigma = device.record.name, getattr(device.record, "angle_sigma", 0.0)
-    if rng is None or not sigma:
-        return slew
-    stream = (slew.inputs or {})[name]
-    noisy = replace(stream, values=stream.values + sigma * rng.normal(size=stream.values.shape))
-    return replace(slew, inputs={**(slew.inputs or {}), name: noisy})
 
 
 def _check_converged(flown: Any, planned: Campaign, effects: Sequence[Effect]) -> None:

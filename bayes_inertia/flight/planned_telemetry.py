@@ -13,6 +13,7 @@ import numpy as np
 from jax import Array
 from scipy.spatial.transform import Rotation
 
+from bayes_inertia.campaign.actuators import GimballedRotors
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker, require
 from bayes_inertia.campaign.inputs import InputStream
@@ -243,8 +244,13 @@ def model_readings(
     """Of each channel, by the field of `Slew`: times and readings of each slew, with noise.
 
     `theta` (d,); `bias` (axes,) whitened; `rng`: None for no noise. Readings stand where the
-    model's campaign has some.
+    model's campaign has some. Noise is that of the sensors: `with_noisy_inputs` draws the rest.
     """
+    exact = tuple(
+        replace(x, angle_sigma=0.0) if isinstance(x, GimballedRotors) else x
+        for x in model.campaign.actuators
+    )
+    campaign = replace(model.campaign, actuators=exact)
     arrays = model.data.arrays._replace(reference=starts)
     local = np.zeros((model.n_slews, model.structure.n_local))
     data = replace(model.data, arrays=arrays)
@@ -252,7 +258,7 @@ def model_readings(
     told = {}
     for channel, given, values in zip(model.channels, arrays.telemetry.readings, seen, strict=True):
         valid, row = np.asarray(given.valid), np.asarray(given.row)
-        noise = channel.noise(model.campaign, theta, "commanded")
+        noise = channel.noise(campaign, theta, "commanded")
         unit = np.zeros(valid.shape) if rng is None else rng.standard_normal(valid.shape)
         noisy = np.asarray(channel.moved(np.asarray(values), channel.drawn(noise, unit)))
         there = valid.any(axis=-1)
@@ -261,6 +267,18 @@ def model_readings(
             for k, slew in enumerate(model.campaign.slews)
         ]
     return told
+
+
+def with_noisy_inputs(slew: Slew, campaign: Campaign, rng: np.random.Generator | None) -> Slew:
+    """A slew whose devices' inputs are told with the noise that is stated of them."""
+    inputs = dict(slew.inputs or {})
+    for device in campaign.actuators:
+        sigma = getattr(device, "angle_sigma", 0.0)
+        if rng is not None and sigma:
+            told = inputs[device.name]
+            error = sigma * rng.normal(size=told.values.shape)
+            inputs[device.name] = replace(told, values=told.values + error)
+    return replace(slew, inputs=inputs or None)
 
 
 def with_effect_values(

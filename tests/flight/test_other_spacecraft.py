@@ -20,6 +20,7 @@ from support.other_spacecraft import (
 
 from bayes_inertia.campaign.actuators import GimballedRotors, Thruster
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.flight.example_flight import flown_again
 from bayes_inertia.flight.mission import Mission, following_plan, spacecraft_at, why_no_plans
 from bayes_inertia.flight.plan import PlannedSlew
 from bayes_inertia.flight.plan_file import read_plan, write_plan
@@ -115,6 +116,22 @@ def test_every_sensor_of_the_campaign_tells_of_a_flight(kind, tmp_path):
     assert read == [c.name for c in Model(campaign).channels if c.is_read(campaign)]
     theta = np.array([flight.parameters[name] for name in model.space.names])
     np.testing.assert_allclose(theta[: model.n_base], mission.theta)
+
+
+@pytest.mark.slow
+def test_noise_of_gimbal_angles_is_drawn_once_on_the_angles():
+    """Rates that it had shaken too were twice as noisy as the campaign says."""
+    campaign = by_rotors()
+    loud = (replace(campaign.actuators[0], angle_sigma=3e-3),)
+    campaign = replace(campaign, actuators=loud)
+    flight = fly(plan_of(campaign), Mission.of(campaign), 4)
+    again, _ = flown_again(flight.campaign, (), {}, 5, draw=False)
+    for before, slew, path in zip(flight.campaign.slews, again.slews, flight.truth, strict=True):
+        noise = np.std(before.rate - path.rate_B, axis=0)
+        assert np.all(noise < 2.0 * np.array(campaign.gyro.sigma))
+        told = slew.inputs["cmg"].values - before.inputs["cmg"].values
+        # The scatter of an sd from n numbers is a share of 1 / sqrt(2 n).
+        assert np.std(told) == pytest.approx(3e-3, rel=4.0 / np.sqrt(2.0 * told.size))
 
 
 def test_wheels_fly_where_they_turn_all_axes_though_thrusters_could():
