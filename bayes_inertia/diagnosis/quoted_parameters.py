@@ -410,13 +410,14 @@ def quoted_parameters(found: Estimate | Diagnosis) -> QuotedParameters:
         dict(zip(quoted.names, quoted.sd))
     """
     if isinstance(found, Estimate):
-        return averaged_parameters(
-            _quoted_row(found), undetected_alternatives(found), found.dispersion_factor
-        )
-    others = alternatives_of(found)
-    if found.verdict in OPEN_VERDICTS:
-        return averaged_parameters(_quoted_row(_free_shapes(found)), others)
-    return averaged_parameters(_quoted_row(found.final), others, found.final.dispersion_factor)
+        fit, others, factor = found, undetected_alternatives(found), found.dispersion_factor
+    elif found.verdict in OPEN_VERDICTS:
+        fit, others, factor = _free_shapes(found), alternatives_of(found), 1.0
+    else:
+        fit, others, factor = found.final, alternatives_of(found), found.final.dispersion_factor
+    quoted = averaged_parameters(_quoted_row(fit), others, factor)
+    beyond = np.diag(fit.prior_beyond_covariance)[: len(quoted.sd)]
+    return replace(quoted, sd=np.sqrt(quoted.sd**2 + beyond))
 
 
 def alternatives_of(diagnosis: Diagnosis) -> tuple[AlternativeParameters, ...]:

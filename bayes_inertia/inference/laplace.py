@@ -136,6 +136,20 @@ class Estimate:
         """Indices (f,) of the parameters that were fitted (all, unless some were held)."""
         return self.information.free
 
+    @cached_property
+    def prior_beyond_covariance(self) -> np.ndarray:
+        """How far a former result, taken as prior, may move theta beyond what its model says.
+
+        Returns (d, d): to be added where an uncertainty is quoted; zero without such a prior.
+        """
+        prior, names = self.model.campaign.prior, self.model.space.names
+        if prior is None or prior.beyond_sd is None:
+            return np.zeros_like(self.covariance)
+        root = prior_root(self.model, self.theta)
+        place = [names.index(name) for name in prior.names]
+        moved = (self.covariance @ root.T @ root)[:, place] * prior.beyond_sd
+        return moved @ moved.T
+
     @property
     def effects_fitted(self) -> tuple[Effect, ...]:
         """The model's effects of which a parameter is free."""

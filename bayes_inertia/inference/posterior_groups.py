@@ -19,7 +19,7 @@ from bayes_inertia.inference.gates import check_gates, groups_of_slews
 from bayes_inertia.inference.laplace import Estimate, principal_sd
 from bayes_inertia.inference.likelihood import of_slew, residuals
 from bayes_inertia.inference.limits import LIMITS, criteria
-from bayes_inertia.inference.objective import normal_prior, prior_root
+from bayes_inertia.inference.objective import normal_prior
 from bayes_inertia.inference.posterior import FORMAT, Posterior
 from bayes_inertia.inference.predicted_telemetry import (
     drawn_nuisances,
@@ -223,10 +223,7 @@ def _joint_prior(estimate: Estimate) -> dict[str, tuple]:
     if space.correlation is not None:
         variables["prior_correlation"] = (("parameter", "parameter_2"), space.correlation)
     if prior is not None and prior.beyond_sd is not None:
-        root = prior_root(estimate.model, estimate.theta)
-        place = [space.names.index(name) for name in prior.names]
-        moved = (estimate.covariance @ root.T @ root)[:, place] * prior.beyond_sd
-        covariance = moved @ moved.T
+        covariance = estimate.prior_beyond_covariance
         variables["prior_beyond_sd"] = (("parameter",), np.sqrt(np.diag(covariance)))
         principal = principal_sd(estimate, covariance)
         variables["prior_beyond_principal_sd"] = (("axis",), principal)

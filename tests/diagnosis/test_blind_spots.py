@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from support.refits import fitted_with
 
+from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.diagnosis.linear_system import linear_model, log_evidence_of_each
 from bayes_inertia.diagnosis.quoted_parameters import (
     largest_shifts,
     noncentrality_at_even_odds,
+    quoted_parameters,
     undetected_alternatives,
     undetected_effects,
 )
@@ -87,6 +89,20 @@ def test_odds_beyond_the_largest_float_are_probabilities():
     assert evidence["rate_bias"] > np.log(np.finfo(float).max)
     (row,) = undetected_alternatives(fitted, library)
     assert row.probability == pytest.approx(1.0)
+
+
+@pytest.mark.slow
+def test_what_a_former_result_quotes_beyond_its_model_is_quoted_again():
+    """As `fit` does in its summary."""
+    campaign, beyond = small_campaign(), np.array([5e-2, 0.0])
+    known = GaussianPrior(("Jxx", "K1"), [3.2, 1.0], np.diag([1e-8, 1e-8]))
+    fitted = estimate(Model(replace(campaign, prior=known)), starts=1, discount=False)
+    plain = quoted_parameters(fitted)
+    wider = Model(replace(campaign, prior=replace(known, beyond_sd=beyond)))
+    added = quoted_parameters(replace(fitted, model=wider)).sd ** 2 - plain.sd**2
+    # The prior tells Jxx nearly alone.
+    assert math.sqrt(added[0]) == pytest.approx(beyond[0], rel=0.3)
+    assert np.all(added >= 0.0)
 
 
 def test_even_odds_are_even_and_the_furthest_amplitude_is_the_furthest():
