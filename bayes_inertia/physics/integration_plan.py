@@ -15,9 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker
+from bayes_inertia.campaign.hardware import DirectionSensor, StarTracker
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.physics.effect import LOOKING_BACK, MOVING_HOOKS, Effect
+from bayes_inertia.physics.effects.scales import rate_noise
 from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.packing import bridged, longest_step, refined_grid
 from bayes_inertia.physics.slew_input import Drive
@@ -158,7 +159,7 @@ def longest_smooth_step(campaign: Campaign, motion: MotionScales) -> float:
 
 def _angle_noise(campaign: Campaign, frequency: float) -> float:
     """The error of attitude that equals the noise of the sensor that sees it first [rad]."""
-    noises = [_rate_noise(campaign) / frequency]
+    noises = [rate_noise(campaign) / frequency]
     for name, sensor in campaign.sensors.items():
         if isinstance(sensor, StarTracker):
             noises += [sensor.sigma_cross, sensor.sigma_roll]
@@ -168,12 +169,6 @@ def _angle_noise(campaign: Campaign, frequency: float) -> float:
             size = field if sensor.is_field else 1.0
             noises += [min(sensor.sigma) / size] if size else []
     return min(noises)
-
-
-def _rate_noise(campaign: Campaign) -> float:
-    """Noise of the best axis of all rate sensors [rad/s]; infinite without one."""
-    sensors = (x for x in campaign.sensors.values() if isinstance(x, RateSensor))
-    return min((min(x.sigma) for x in sensors), default=np.inf)
 
 
 def _sees_attitude(campaign: Campaign, slew: Slew) -> np.ndarray:
@@ -206,7 +201,7 @@ def _follows_the_wheels(
         return True
     turn = NUMERICS.coupling_of_wheels * motion.frequency * plan.rows_per_step * plan.spacing
     frequency = max(motion.frequency, 1e-9)
-    allowed_rate = NUMERICS.error_of_noise * _rate_noise(campaign) / frequency
+    allowed_rate = NUMERICS.error_of_noise * rate_noise(campaign) / frequency
     allowed_fix = NUMERICS.error_of_noise * _angle_noise(campaign, frequency)
     for angle, at_fix in _angles(campaign, plan, drive):
         error = angle * (angle + turn)

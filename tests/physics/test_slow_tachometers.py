@@ -46,6 +46,15 @@ def slow() -> Campaign:
     return replace(small, slews=tuple(slews))
 
 
+def test_the_finest_of_all_gyros_judges_lines_between_slow_readings(slow):
+    """Beside a first gyro of noise too large to see what lines miss."""
+    coarse = replace(slow, rate_sensor=replace(slow.rate_sensor, sigma=(2e-2,) * 3))
+    assert free_momentum(coarse) is None
+    slews = tuple(replace(slew, more={"fine": slew.rate}) for slew in slow.slews)
+    both = replace(coarse, slews=slews, more_sensors=(("fine", slow.rate_sensor),))
+    assert free_momentum(both) is not None
+
+
 def test_momentum_is_free_between_slow_readings_only(slow):
     free = free_momentum(slow)
     assert free is not None
