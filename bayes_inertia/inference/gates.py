@@ -269,15 +269,17 @@ def prior_gate(estimate: Estimate) -> dict[str, Any]:
     A posterior that leaves its prior is a finding, not a result: a unit or a prior is wrong.
 
     `estimate`: its J and K are judged, each for itself and all together, and what is stated of
-    each device beside wheels, such as its gain.
+    each device beside wheels, such as its gain, and of each further sensor, but for a gyro's bias.
     """
     space, theta = estimate.model.space, estimate.theta
     n = space.n_base
     distance = (theta - space.mean) / space.sd
     joint = distance[:n] if space.whitening is None else space.whitening[:n, :n] @ distance[:n]
     p_value = float(stats.chi2.sf(joint @ joint, n))
-    devices = {device.name for device in estimate.model.campaign.actuators}
-    of_devices = [name.rpartition(".")[0] in devices for name in space.names]
+    campaign = estimate.model.campaign
+    devices = {*(device.name for device in campaign.actuators), *dict(campaign.more_sensors)}
+    owners = [name.rpartition(".") for name in space.names]
+    of_devices = [x in devices and not kind.startswith("bias") for x, _, kind in owners]
     distance = np.where((np.arange(space.size) < n) | of_devices, distance, 0.0)
     far = np.flatnonzero(np.abs(distance) > LIMITS.prior_sd_at_most)
     worst = int(np.argmax(np.abs(distance)))
@@ -307,8 +309,9 @@ def _cause_of_contradiction(estimate: Estimate, worst: int) -> str:
     space, theta = estimate.model.space, estimate.theta
     if worst >= space.n_base:
         device = space.names[worst].rpartition(".")[0]
+        verb = "reads" if device in estimate.model.campaign.sensors else "was told"
         return (
-            f"A wrong unit, sign or axis of what {device} was told would explain it, or a stated "
+            f"A wrong unit, sign or axis of what {device} {verb} would explain it, or a stated "
             "sd that is too small"
         )
     scale = theta[6 : space.n_base] / space.mean[6 : space.n_base]

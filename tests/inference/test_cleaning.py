@@ -377,6 +377,20 @@ def test_a_device_that_contradicts_what_is_stated_of_it_is_never_trusted():
     assert "what jets was told" in gate["says"]
 
 
+def test_a_further_gyro_that_contradicts_what_is_stated_of_it_is_never_trusted():
+    """Its unit was wrong, and J and K trusted. Its bias is not judged, as that of a first is not."""
+    small = small_campaign()
+    slews = tuple(replace(slew, more={"mems": slew.rate}) for slew in small.slews)
+    model = Model(replace(small, slews=slews, more_sensors=(("mems", small.rate_sensor),)))
+    theta, names = np.array(model.space.mean), model.space.names
+    theta[names.index("mems.bias1")] += 10.0 * model.space.sd[names.index("mems.bias1")]
+    assert prior_gate(SimpleNamespace(model=model, theta=theta))["passed"]
+    theta[names.index("mems.K1")] = np.pi / 180.0
+    gate = prior_gate(SimpleNamespace(model=model, theta=theta))
+    assert not gate["passed"]
+    assert "what mems reads" in gate["says"]
+
+
 def test_without_a_gyro_nothing_is_said_of_the_unit_of_rates():
     small = small_campaign()
     slews = tuple(replace(slew, rate=None) for slew in small.slews)
