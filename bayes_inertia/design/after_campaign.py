@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.design.information_forecast import Forecast
+from bayes_inertia.design.information_forecast import Forecast, with_noise_of
 from bayes_inertia.flight.mission import Mission, following_plan, spacecraft_at
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.spacecraft import spin_tensor
@@ -44,7 +44,7 @@ def final_wheel_momentum(estimate: Estimate) -> np.ndarray:
 
 
 def forecast_after(forecast: Forecast, estimate: Estimate) -> Forecast:
-    """A forecast with what a campaign told in place of the prior of J, K and bias."""
+    """A forecast with the noise of a campaign's fit, what that told in place of the prior."""
     model, names = estimate.model, forecast.layout.names
     # Errors of devices and sensors that do not fly are integrated out.
     fitted = [
@@ -57,7 +57,9 @@ def forecast_after(forecast: Forecast, estimate: Estimate) -> Forecast:
     place = np.concatenate([rows, len(names) + bias]).astype(int)
     prior = np.array(forecast.arrays.prior)
     prior[np.ix_(place, place)] = inverse(estimate.joint_covariance[np.ix_(known, known)])
-    return replace(forecast, arrays=forecast.arrays._replace(prior=prior))
+    conditions = with_noise_of(forecast.arrays.conditions, forecast.layout.structure, estimate)
+    arrays = forecast.arrays._replace(conditions=conditions, prior=prior)
+    return replace(forecast, arrays=arrays)
 
 
 def missions_after(estimate: Estimate, draws: int, seed: int) -> list[Mission]:

@@ -35,6 +35,7 @@ from bayes_inertia.flight.planned_motion import (
 )
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.spacecraft import Spacecraft
+from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import AnyArray, array_dataclass
 from bayes_inertia.physics.channels import Channel
@@ -199,6 +200,22 @@ def conditions_of(
         environment,
         rigid_body(craft),
     )
+
+
+def with_noise_of(
+    conditions: FlightConditions, structure: Structure, estimate: Estimate
+) -> FlightConditions:
+    """Conditions under which readings count as those of a fit did, by channel: its `discount`.
+
+    `structure`: of the model whose conditions they are.
+    """
+    names = (channel.name for channel in estimate.model.channels)
+    share = dict(zip(names, estimate.discount.mean(axis=0), strict=True))
+    factors = (
+        np.sqrt(share.get(channel.name, 1.0)) * of_channel
+        for channel, of_channel in zip(structure.channels, conditions.factors, strict=True)
+    )
+    return conditions._replace(factors=tuple(factors))
 
 
 def orbit_environment(orbit: Orbit | None, duration: float) -> EnvironmentTable:

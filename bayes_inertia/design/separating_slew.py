@@ -28,6 +28,7 @@ from bayes_inertia.design.information_forecast import (
     conditions_of,
     forecast_of,
     last_environment,
+    with_noise_of,
 )
 from bayes_inertia.design.limits import Limits, hardware_limits
 from bayes_inertia.design.margins import Margin, broken_limits, planned_margins
@@ -245,6 +246,7 @@ def forecast_separation(estimate: Estimate, a: Effect, b: Effect) -> tuple[Forec
         first=len(campaign.slews),
         start_time=campaign.span[1] + plan.pause,
     )
+    conditions = with_noise_of(conditions, commanded.structure, estimate)
     return forecast_of(commanded, craft, plan, conditions, information + prior), theta
 
 

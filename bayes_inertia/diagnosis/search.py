@@ -319,8 +319,8 @@ def diagnose(
     Parameters
     ----------
     campaign : Campaign, Model or Estimate
-        What was flown, or what was made of it: its effects are not kept. Of slews with thousands
-        of rows block means are taken.
+        What was flown, or what was made of it: its effects are not kept, nor the noise that it was
+        asked for. Of slews with thousands of rows block means are taken.
     library : sequence of Effect
         Candidate effects; instances of your own may be among them.
     stochastic : sequence of StochasticEffect

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from bayes_inertia.design.margins import broken_limits
-from bayes_inertia.design.separating_slew import separating_slew
+from bayes_inertia.design.separating_slew import forecast_separation, separating_slew
 from bayes_inertia.diagnosis.linear_system import linear_model
 from bayes_inertia.diagnosis.score_test import score_tests
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
-from bayes_inertia.inference.optimizer import estimate, move_to
+from bayes_inertia.inference.optimizer import estimate, move_to, with_noise
 from bayes_inertia.physics.effects import ConstantTorque, StarTrackerShift, by_name
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.small_campaign import small_campaign
@@ -31,6 +31,19 @@ def test_no_slew_is_proposed_that_the_wheels_cannot_fly():
     one = SimpleNamespace(model=SimpleNamespace(campaign=one_wheel), theta=theta)
     with pytest.raises(CampaignError, match="about 1 of three axes"):
         separating_slew(one, ConstantTorque(), StarTrackerShift())
+
+
+@pytest.mark.slow
+def test_noise_that_was_found_louder_is_that_of_the_next_slew_too():
+    at = estimate(Model(small_campaign()), starts=1, discount=False)
+    effects = ConstantTorque(), StarTrackerShift()
+    (plain, _), (loud, _) = (
+        forecast_separation(fit, *effects) for fit in (at, with_noise(at, {"rate": 2.0}))
+    )
+    channels = at.model.structure.place("rate"), at.model.structure.place("attitude")
+    for channel, louder in zip(channels, (2.0, 1.0), strict=True):
+        before, after = (f.arrays.conditions.factors[channel] for f in (plain, loud))
+        np.testing.assert_allclose(louder * np.asarray(after), before)
 
 
 @pytest.mark.long

@@ -378,7 +378,7 @@ def test_a_device_that_contradicts_what_is_stated_of_it_is_never_trusted():
 
 
 def test_a_further_gyro_that_contradicts_what_is_stated_of_it_is_never_trusted():
-    """Its unit was wrong, and J and K trusted. Its bias is not judged, as that of a first is not."""
+    """Its unit was wrong, and J and K trusted; no bias of a gyro is judged."""
     small = small_campaign()
     slews = tuple(replace(slew, more={"mems": slew.rate}) for slew in small.slews)
     model = Model(replace(small, slews=slews, more_sensors=(("mems", small.rate_sensor),)))
