@@ -12,7 +12,13 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from bayes_inertia.campaign.hardware import require, require_positive, unit_length
+from bayes_inertia.campaign.hardware import (
+    numbers,
+    one_an_axis,
+    require,
+    require_positive,
+    unit_length,
+)
 from bayes_inertia.campaign.slew import on_campaign_clock
 from bayes_inertia.maths.values import array_dataclass
 
@@ -199,7 +205,7 @@ class GimballedRotors:
         lean = np.sum(gimbal * spin, axis=1, keepdims=True) * gimbal
         object.__setattr__(self, "gimbal_axes_B", gimbal)
         object.__setattr__(self, "spin_axes_at_zero_B", unit_length(spin - lean))
-        momentum = np.array(np.broadcast_to(np.asarray(self.momentum, dtype=float), len(gimbal)))
+        momentum = np.array(one_an_axis(self.momentum, len(gimbal), f"{key}.momentum"))
         require_positive(momentum, f"{key}.momentum")
         object.__setattr__(self, "momentum", momentum)
 
@@ -266,9 +272,7 @@ class Change:
     def __post_init__(self) -> None:
         key = f"changes.{self.name}"
         require(bool(self.name), "changes", "a change without a name", "give each a name")
-        object.__setattr__(self, "time", on_campaign_clock(self.time))
-        finite = bool(np.isfinite(self.time))
-        require(finite, f"{key}.time", f"{self.time!r} is not finite", "give a time in seconds")
+        object.__setattr__(self, "time", on_campaign_clock(self.time, f"{key}.time"))
         require_positive(self.sigma_fraction, f"{key}.sigma_fraction")
         known = self.part == "inertia"
         require(known, f"{key}.part", f"{self.part!r} is unknown", 'write "inertia"')
@@ -286,7 +290,7 @@ def _check(device: Any) -> None:
 
 def _vectors(value: Any, key: str) -> np.ndarray:
     """Vectors (k, 3), at least one, or `CampaignError`."""
-    vectors = np.array(value, dtype=float)
+    vectors = numbers(value, key)
     good = vectors.ndim == 2 and vectors.shape[1] == 3 and len(vectors) > 0
     good = good and bool(np.isfinite(vectors).all())
     require(good, key, f"shape {vectors.shape} is no list of vectors", "give three numbers each")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -123,7 +123,12 @@ class Campaign:
     def __post_init__(self) -> None:
         several = ("wheels", "dirt", "slews", "mission", "more_sensors", "actuators", "changes")
         for key in several:
-            object.__setattr__(self, key, tuple(getattr(self, key)))
+            object.__setattr__(self, key, _members(key, getattr(self, key)))
+        for key, kind in _KINDS.items():
+            value = getattr(self, key)
+            fits = isinstance(value, kind) or (value is None and key != "inertia")
+            what = f"a {type(value).__name__} is no {kind.__name__}"
+            require(fits, key, what, f"give one {kind.__name__}")
         advice = "list at least one [[slews]] table"
         require(len(self.slews) > 0, "slews", "the campaign has no slew", advice)
         _require_different("wheels", [wheel.name for wheel in self.wheels])
@@ -421,6 +426,28 @@ def _require_readings(readings: np.ndarray, sensor: Any, key: str) -> None:
     row, what = problem or (0, "")
     advice = "repair the row or leave all four cells empty"
     require(problem is None, key, f"{what} (row {row + 1})", advice)
+
+
+_MEMBERS = {"wheels": Wheel, "dirt": Dirt, "slews": Slew, "changes": Change}
+_KINDS = {
+    "inertia": InertiaPrior,
+    "rate_sensor": RateSensor,
+    "star_tracker": StarTracker,
+    "prior": GaussianPrior,
+}
+
+
+def _members(key: str, given: Any) -> tuple[Any, ...]:
+    """What is listed under a key, or `CampaignError`; of a dictionary its pairs."""
+    listed = isinstance(given, Iterable) and not isinstance(given, str)
+    what = f"a {type(given).__name__} is no list"
+    require(listed, key, what, "give a tuple, of a single one too: (one,)")
+    members = tuple(given.items() if isinstance(given, Mapping) else given)
+    for member in members:
+        fits = isinstance(member, _MEMBERS.get(key, object))
+        what = f"a {type(member).__name__} is not what belongs here"
+        require(fits, key, what, f"list each as a {_MEMBERS.get(key, object).__name__}")
+    return members
 
 
 def _require_different(key: str, names: list[str]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -24,9 +25,30 @@ def require(condition: bool, key: str, what: str, advice: str) -> None:
         raise CampaignError(what, where=f"key {key}", advice=advice)
 
 
+def numbers(
+    value: Any,
+    key: str,
+    advice: str = "give numbers in rows of one length, NaN where there is none",
+) -> np.ndarray:
+    """Floats of whatever holds numbers, or `CampaignError`; dates are no numbers.
+
+    >>> numbers([1, None], "key").tolist()
+    [1.0, nan]
+    """
+    try:
+        given = np.asarray(value)
+        # Numpy makes of a date a number of any unit.
+        is_date = given.dtype.kind in "mM" or isinstance(next(given.flat, None), datetime)
+        require(not is_date, key, "these are dates, not numbers", advice)
+        return given.astype(float, copy=False)
+    except (TypeError, ValueError) as error:
+        what = f"no array of numbers ({error})"
+        raise CampaignError(what, where=f"key {key}", advice=advice) from None
+
+
 def unit_vector(value: Any, key: str) -> Vector:
     """Three numbers whose length is 1 to within a percent, as plain floats of length 1."""
-    array = np.asarray(value, dtype=float)
+    array = numbers(value, key)
     is_vector = array.shape == (3,) and bool(np.all(np.isfinite(array)))
     require(is_vector, key, f"{value!r} is not a vector", "give three finite numbers")
     norm = math.hypot(*array.tolist())
@@ -45,10 +67,10 @@ def unit_length(vectors: np.ndarray) -> np.ndarray:
 
 def one_an_axis(value: Any, axes: int, key: str) -> Numbers:
     """One number for each axis of a sensor, as plain floats, from one number or one an axis."""
-    array = np.atleast_1d(np.asarray(value, dtype=float))
+    array = np.atleast_1d(numbers(value, key))
     fits = array.shape in ((1,), (axes,))
     what = f"{value!r} is not one number, nor one for each of {axes} axes"
-    require(fits, key, what, "give as many numbers as the sensor has axes")
+    require(fits, key, what, f"give one number, or {axes}")
     finite = bool(np.all(np.isfinite(array)))
     require(finite, key, f"{value!r} is not finite", "give finite numbers")
     return tuple(np.broadcast_to(array, (axes,)).tolist())
@@ -58,11 +80,9 @@ def require_positive(value: Any, key: str, *, optional: bool = False) -> None:
     """Raise an error unless numbers are finite and positive."""
     if value is None and optional:
         return
-    positive = (
-        value is not None
-        and bool(np.all(np.isfinite(value)))
-        and bool(np.all(np.asarray(value) > 0.0))
-    )
+    array = np.asarray(value)
+    is_number = array.dtype.kind in "biuf"
+    positive = is_number and bool(np.all(np.isfinite(array) & (array > 0.0)))
     shown = value.tolist() if isinstance(value, np.ndarray) else value
     require(positive, key, f"{shown!r} is not positive", "give a positive number in SI units")
 
@@ -99,7 +119,7 @@ class InertiaPrior:
     includes_wheel_spin: bool = False
 
     def __post_init__(self) -> None:
-        tensor = np.array(self.tensor, dtype=float)
+        tensor = numbers(self.tensor, "inertia.tensor")
         _require_physical(tensor)
         object.__setattr__(self, "tensor", tensor)
         require_positive(self.relative_sigma, "inertia.relative_sigma")
@@ -233,11 +253,12 @@ class CorrelatedNoise:
     time: Numbers
 
     def __post_init__(self) -> None:
-        axes = max(np.size(self.share), np.size(self.time))
+        alike = np.ndim(self.share) == np.ndim(self.time) == 0
+        axes = 3 if alike else max(np.size(self.share), np.size(self.time))
         for key in ("share", "time"):
             place = f"rate_sensor.correlated_noise.{key}"
-            numbers = one_an_axis(getattr(self, key), axes if axes > 1 else 3, place)
-            object.__setattr__(self, key, numbers)
+            stated = one_an_axis(getattr(self, key), axes, place)
+            object.__setattr__(self, key, stated)
         require(
             all(0.0 <= share <= 1.0 for share in self.share),
             "rate_sensor.correlated_noise.share",
@@ -245,6 +266,21 @@ class CorrelatedNoise:
             "give numbers between 0 and 1",
         )
         require_positive(self.time, "rate_sensor.correlated_noise.time")
+
+
+def _of_axes(noise: CorrelatedNoise, axes: int) -> CorrelatedNoise:
+    """The noise of a sensor with so many axes, or `CampaignError`; one number fits any."""
+    place = "rate_sensor.correlated_noise"
+    require(
+        isinstance(noise, CorrelatedNoise),
+        place,
+        f"a {type(noise).__name__} is no CorrelatedNoise",
+        "give CorrelatedNoise(share, time)",
+    )
+    share, time = (x if len(set(x)) > 1 else x[0] for x in (noise.share, noise.time))
+    return CorrelatedNoise(
+        one_an_axis(share, axes, f"{place}.share"), one_an_axis(time, axes, f"{place}.time")
+    )
 
 
 @array_dataclass
@@ -305,14 +341,17 @@ class RateSensor:
     mounting_sigma: float | None = None
 
     def __post_init__(self) -> None:
-        axes = np.array(self.axes, dtype=float)
+        axes = numbers(self.axes, "rate_sensor.axes")
         _require_independent_axes(axes)
         object.__setattr__(self, "axes", axes)
         for key in ("sigma", "scale_factor", "scale_factor_sigma", "bias", "bias_sigma"):
-            numbers = one_an_axis(getattr(self, key), len(axes), f"rate_sensor.{key}")
-            object.__setattr__(self, key, numbers)
+            stated = one_an_axis(getattr(self, key), len(axes), f"rate_sensor.{key}")
+            object.__setattr__(self, key, stated)
             if key != "bias":
                 require_positive(getattr(self, key), f"rate_sensor.{key}")
+        if self.correlated_noise is not None:
+            noise = _of_axes(self.correlated_noise, len(axes))
+            object.__setattr__(self, "correlated_noise", noise)
         for key in ("range", "rate_random_walk", "bias_instability", "bias_instability_time"):
             require_positive(getattr(self, key), f"rate_sensor.{key}", optional=True)
         require_positive(self.mounting_sigma, "rate_sensor.mounting_sigma", optional=True)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from datetime import datetime
 from typing import Literal, get_args
 
 import numpy as np
 
-from bayes_inertia.campaign.hardware import require
+from bayes_inertia.campaign.hardware import numbers, require
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.maths.values import array_dataclass
 
@@ -52,12 +51,10 @@ class InputStream:
     between: Between = "hold"
 
     def __post_init__(self) -> None:
-        key, given = "inputs", np.asarray(self.time)
-        # The slew's zero is not known here, and numpy makes of a date a number of any unit.
-        is_date = given.dtype.kind in "mM" or isinstance(next(given.flat, None), datetime)
-        advice = "give seconds on the slew's own clock, as Slew.time has them"
-        require(not is_date, f"{key}.time", "the times are dates, not numbers", advice)
-        time, values = np.array(self.time, dtype=float), np.array(self.values, dtype=float)
+        key, advice = "inputs", "give seconds on the slew's own clock, as Slew.time has them"
+        # The slew's zero is not known here.
+        time = numbers(self.time, f"{key}.time", advice)
+        values = numbers(self.values, f"{key}.values")
         values = values[:, None] if values.ndim == 1 else values
         known = self.between in get_args(Between)
         kinds = ", ".join(get_args(Between))

@@ -5,7 +5,7 @@ A former result is such a prior: `prior_in` reads it from the summary of its run
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bayes_inertia.campaign.hardware import require
+from bayes_inertia.campaign.hardware import numbers, one_an_axis, require
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.tensor_elements import COLUMNS_OF_ELEMENTS, ELEMENTS, ROWS_OF_ELEMENTS
@@ -77,7 +77,7 @@ class GaussianPrior:
         for field in ("mean", "covariance", "lower", "upper", "beyond_sd"):
             value = getattr(self, field)
             if value is not None:
-                object.__setattr__(self, field, np.array(value, dtype=float))
+                object.__setattr__(self, field, numbers(value, f"{key}.{field}"))
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "logarithmic", tuple(self.logarithmic))
         k, advice = len(names), "give one number a name, and one covariance a pair"
@@ -91,6 +91,7 @@ class GaussianPrior:
         finite = bool(np.isfinite(self.mean).all() and np.isfinite(self.covariance).all())
         require(finite, key, "a number is not finite", "give finite numbers")
         self._require_covariance(f"{key}.covariance")
+        self._require_ends(key)
 
     @classmethod
     def of_principal_moments(
@@ -100,7 +101,7 @@ class GaussianPrior:
         axes_sd_deg: float,
         *,
         axes_B: ArrayLike | None = None,
-        scale_factors: Sequence[float] = (),
+        scale_factors: ArrayLike = (),
         scale_factors_sd: ArrayLike = 0.03,
     ) -> GaussianPrior:
         """Principal moments known to a factor, about axes known to an angle.
@@ -140,11 +141,13 @@ class GaussianPrior:
         >>> prior.sd.round(3)  # of the logarithms of Jxx, Jyy, Jzz, then of the products
         array([0.05 , 0.05 , 0.05 , 0.039, 0.06 , 0.021])
         """
-        medians = np.array(principal_moments, float)
-        axes = np.eye(3) if axes_B is None else np.array(axes_B, float)
-        sds, angle = np.broadcast_to(np.array(relative_sd, float), 3), float(axes_sd_deg)
+        medians = numbers(principal_moments, "prior.principal_moments")
+        axes = np.eye(3) if axes_B is None else numbers(axes_B, "prior.axes_B")
+        sds = np.array(one_an_axis(relative_sd, 3, "prior.relative_sd"))
+        angle = float(numbers(axes_sd_deg, "prior.axes_sd_deg"))
         _require_principal(medians, sds, angle, axes)
         elements = _elements_of(medians, sds, np.radians(angle), axes)
+        scale_factors = np.atleast_1d(numbers(scale_factors, "prior.scale_factors"))
         known = len(scale_factors)
         logarithmic: tuple[str, ...] = _MOMENTS
         names = (*ELEMENTS, *(f"K{i + 1}" for i in range(known)))
@@ -153,11 +156,21 @@ class GaussianPrior:
         mean = elements.mean(0)
         if known:
             require(min(scale_factors) > 0.0, "prior.scale_factors", "one is not above 0", "try 1")
-            of_K = np.broadcast_to(np.array(scale_factors_sd, float), known)
-            covariance[6:, 6:] = np.diag(of_K**2)
+            of_K = one_an_axis(scale_factors_sd, known, "prior.scale_factors_sd")
+            covariance[6:, 6:] = np.diag(np.square(of_K))
             mean = np.concatenate([mean, np.log(scale_factors)])
             logarithmic = (*_MOMENTS, *names[6:])
         return cls(names, mean, covariance, logarithmic=logarithmic)
+
+    def _require_ends(self, key: str) -> None:
+        low = -np.inf if self.lower is None else self.lower
+        high = np.inf if self.upper is None else self.upper
+        ordered = bool(np.all(np.less(low, high)))
+        advice = "give lower < upper, infinite where there is no end"
+        require(ordered, f"{key}.lower", "no value lies between lower and upper", advice)
+        beyond = np.zeros(1) if self.beyond_sd is None else self.beyond_sd
+        good = bool(np.isfinite(beyond).all() and (beyond >= 0.0).all())
+        require(good, f"{key}.beyond_sd", "one is no sd", "give 0 or more")
 
     def _require_covariance(self, key: str) -> None:
         C, variances = self.covariance, np.diag(self.covariance)
@@ -234,7 +247,8 @@ def _require_principal(
 ) -> None:
     """Refuse what is no body, no frame, or known so badly that a Gaussian does not say it."""
     most, turn = LIMITS.sd_of_moments, LIMITS.sd_of_axes
-    body = bool((medians > 0.0).all()) and 2.0 * medians.max() < medians.sum()
+    body = medians.shape == (3,) and bool((medians > 0.0).all())
+    body = body and bool(2.0 * medians.max() < medians.sum())
     advice = "each is above zero and less than the sum of the two others"
     require(body, "prior.principal_moments", "no body has these moments", advice)
     known = bool(((sds > 0.0) & (sds <= most)).all())

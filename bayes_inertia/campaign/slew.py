@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.campaign.hardware import require, unit_length, unit_vector
+from bayes_inertia.campaign.hardware import numbers, require, unit_length, unit_vector
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.errors import CampaignError
@@ -116,18 +116,23 @@ class Slew:
 
     def __post_init__(self) -> None:
         where = f"slews.{self.name}"
-        time = _seconds(self.time)
-        object.__setattr__(self, "start", on_campaign_clock(self.start))
+        time = _seconds(self.time, f"{where}.time")
+        object.__setattr__(self, "start", on_campaign_clock(self.start, f"{where}.start"))
         _require_increasing(time, f"{where}.time")
         object.__setattr__(self, "time", time)
-        for key in ("start", "angle"):
-            value = getattr(self, key)
-            finite = value is None or bool(np.isfinite(value))
-            require(finite, f"{where}.{key}", f"{value!r} is not finite", "give a finite number")
+        if self.angle is not None:
+            angle = numbers(self.angle, f"{where}.angle")
+            what = f"{self.angle!r} is not finite"
+            require(bool(np.isfinite(angle).all()), f"{where}.angle", what, "give a finite number")
         for key, width in _COLUMNS_OF_CHANNEL.items():
             if getattr(self, key) is not None:
                 array = _channel(getattr(self, key), len(time), width, f"{where}.{key}")
                 object.__setattr__(self, key, array)
+        for key in ("more", "inputs"):
+            given = getattr(self, key)
+            what = f"a {type(given).__name__} does not say whose they are"
+            named = given is None or isinstance(given, Mapping)
+            require(named, f"{where}.{key}", what, "give a dictionary, with names as keys")
         if self.more is not None:
             more = {
                 key: _channel(values, len(time), None, f"{where}.more.{key}")
@@ -241,18 +246,18 @@ def bad_quaternion(attitude: np.ndarray) -> tuple[int, str] | None:
     return row, "the quaternion is incomplete"
 
 
-def on_campaign_clock(moment: Any) -> Any:
-    """A moment on the campaign's clock [s]; a datetime counts from 1970 (UTC).
+def on_campaign_clock(moment: Any, key: str) -> float:
+    """A moment on the campaign's clock [s], or `CampaignError`; a datetime counts from 1970 (UTC).
 
-    >>> on_campaign_clock(np.datetime64("1970-01-02"))
+    >>> on_campaign_clock(np.datetime64("1970-01-02"), "start")
     86400.0
     """
-    given = np.atleast_1d(np.asarray(moment))
-    is_date = given.dtype.kind in "MO" and moment is not None
-    return float(_seconds(given, since=_EPOCH)[0]) if is_date else moment
+    (second,) = _seconds(np.atleast_1d(np.asarray(moment)), key, since=_EPOCH)[:1]
+    require(bool(np.isfinite(second)), key, f"{moment!r} is not finite", "give a finite number")
+    return float(second)
 
 
-def _seconds(time: Any, since: np.datetime64 | None = None) -> np.ndarray:
+def _seconds(time: Any, key: str, since: np.datetime64 | None = None) -> np.ndarray:
     """Times (n,) in seconds; datetimes count from `since`, or from the first of them."""
     array = np.asarray(time)
     if array.dtype.kind == "O":
@@ -264,13 +269,15 @@ def _seconds(time: Any, since: np.datetime64 | None = None) -> np.ndarray:
         array = array.astype("datetime64[ns]") - (array[0] if since is None else since)
     if array.dtype.kind == "m":
         return array / np.timedelta64(1, "s")
-    return np.asarray(array, dtype=float)
+    return numbers(array, key, "give seconds or datetimes")
 
 
 def _utc(moment: Any) -> np.datetime64 | None:
     """A datetime as numpy's, in UTC; None for what is no datetime."""
     if not isinstance(moment, datetime):
         return None
+    if moment != moment:  # The NaT of pandas.
+        return np.datetime64("NaT", "ns")
     aware = moment if moment.tzinfo is None else moment.astimezone(UTC).replace(tzinfo=None)
     return np.datetime64(aware)
 
@@ -288,7 +295,7 @@ def _require_increasing(time: np.ndarray, key: str) -> None:
 
 def _channel(value: Any, rows: int, width: int | None, key: str) -> np.ndarray:
     """A channel as floats (rows, width), or `CampaignError`."""
-    array = np.asarray(value, dtype=float)
+    array = numbers(value, key)
     require(
         array.ndim == 2 and len(array) == rows and width in (None, array.shape[1]),
         key,

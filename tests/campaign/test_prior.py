@@ -115,6 +115,11 @@ def test_a_run_that_is_not_there_is_named_with_its_key(folder, run):
         ({"covariance": COVARIANCE + np.triu(COVARIANCE, 1)}, "not symmetric"),
         ({"covariance": np.ones((3, 3))}, "not positive definite"),
         ({"logarithmic": ("Jzz",)}, "names what has no mean"),
+        ({"mean": ["a", 1.0, 1.0]}, "prior.mean: no array of numbers"),
+        ({"lower": [4.0, 0.0, 0.0], "upper": [3.0, 9.0, 9.0]}, "no value lies between"),
+        ({"lower": [np.nan, 0.0, 0.0]}, "no value lies between"),
+        ({"beyond_sd": [-0.1, 0.0, 0.0]}, "beyond_sd: one is no sd"),
+        ({"beyond_sd": [np.nan, 0.0, 0.0]}, "beyond_sd: one is no sd"),
     ],
 )
 def test_what_is_no_distribution_is_refused(changes, says):

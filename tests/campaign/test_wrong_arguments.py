@@ -1,0 +1,89 @@
+"""Campaigns built in Python of what is no number, no list or no hardware: a sentence, no trace."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bayes_inertia as bi
+from bayes_inertia.physics.small_campaign import small_campaign
+
+TIME, RATE = np.arange(3.0), np.zeros((3, 3))
+AXES, SPINS = np.eye(3), np.eye(3)[[1, 2, 0]]
+MOMENTS = [3.3, 2.2, 1.6]
+of_moments = bi.GaussianPrior.of_principal_moments
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: bi.Slew("a", None, TIME, rate=RATE), "slews.a.start: None is not finite"),
+        (lambda: bi.Slew("a", "noon", TIME, rate=RATE), "slews.a.start: .*seconds or datetimes"),
+        (lambda: bi.Slew("a", pd.NaT, TIME, rate=RATE), "slews.a.start: NaT is not finite"),
+        (lambda: bi.Slew("a", 0.0, ["0", "1", "x"], rate=RATE), "time: no array of numbers"),
+        (lambda: bi.Slew("a", 0.0, TIME, rate=[[0, 0], [0], [0]]), "rate: no array of numbers"),
+        (lambda: bi.Slew("a", 0.0, TIME, rate=RATE, axis_B="x"), "axis: no array of numbers"),
+        (lambda: bi.Slew("a", 0.0, TIME, rate=RATE, angle="half"), "angle: no array of numbers"),
+        (lambda: bi.Slew("a", 0.0, TIME, more=[("g", RATE)]), "more: a list .*give a dictionary"),
+        (lambda: bi.Slew("a", 0.0, TIME, inputs=[()]), "inputs: a list .*give a dictionary"),
+        (lambda: bi.InputStream(TIME, ["on", "off", "on"]), "values: no array of numbers"),
+        (lambda: bi.InputStream(TIME, [[0], [0, 1], [0]]), "values: no array of numbers"),
+        (lambda: bi.Change("fuel", "noon"), "changes.fuel.time: .*seconds or datetimes"),
+        (lambda: bi.Wheel("x", "x", 1e-3), "wheels.x.axis: no array of numbers"),
+        (lambda: bi.Wheel("x", (1, 0, 0), "1e-3"), "'1e-3' is not positive"),
+        (lambda: bi.RateSensor("quiet"), "sigma: no array of numbers"),
+        (lambda: bi.RateSensor(1e-5, correlated_noise=(0.5, 1.0)), "a tuple is no CorrelatedNoise"),
+        (
+            lambda: bi.RateSensor(1e-5, correlated_noise=bi.CorrelatedNoise([0.1, 0.2], 1.0)),
+            "not one number, nor one for each of 3 axes",
+        ),
+        (lambda: bi.StarTracker((0, 0, 1), "x", 1e-4), "sigma_cross: 'x' is not positive"),
+        (lambda: bi.Thruster("j", [["a", 0, 0]]), "actuators.j.torque: no array of numbers"),
+        (lambda: bi.GimballedRotors("c", [1.0, 2.0], AXES, SPINS), "nor one for each of 3"),
+        (lambda: bi.InertiaPrior([[1, 2], [3]], 0.1, 0.1), "inertia.tensor: no array of numbers"),
+        (lambda: of_moments(MOMENTS, [0.1, 0.1], 2.0), "relative_sd: .*nor one for each of 3"),
+        (lambda: of_moments(MOMENTS[:2], 0.1, 2.0), "no body has these moments"),
+        (
+            lambda: of_moments(MOMENTS, 0.1, 2.0, scale_factors=[1, 1], scale_factors_sd=[1] * 3),
+            "scale_factors_sd: .*nor one for each of 2",
+        ),
+    ],
+)
+def test_what_is_no_number_is_said_with_its_key(make, says):
+    with pytest.raises(bi.CampaignError, match=says):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"slews": small_campaign().slews[0]}, "slews: a Slew is no list"),
+        ({"slews": [TIME]}, "slews: a ndarray is not what belongs here; list each as a Slew"),
+        ({"wheels": None}, "wheels: a NoneType is no list"),
+        ({"inertia": np.eye(3)}, "inertia: a ndarray is no InertiaPrior"),
+        ({"rate_sensor": [bi.RateSensor(1e-5)]}, "rate_sensor: a list is no RateSensor"),
+        ({"prior": "last_run"}, "prior: a str is no GaussianPrior"),
+    ],
+)
+def test_what_is_no_part_of_a_campaign_is_said_with_its_key(changes, says):
+    with pytest.raises(bi.CampaignError, match=says):
+        replace(small_campaign(), **changes)
+
+
+def test_sensors_and_mission_may_be_given_as_dictionaries():
+    campaign, gyro = small_campaign(), bi.RateSensor(1e-5)
+    given = replace(campaign, more_sensors={"gyro_2": gyro}, mission={"name": "MOST"})
+    assert given.more_sensors == (("gyro_2", gyro),)
+    assert given.mission == (("name", "MOST"),)
+
+
+@pytest.mark.parametrize("axes", [1, 2, 4])
+def test_correlated_noise_of_one_number_counts_for_each_axis_of_any_sensor(axes):
+    noise = bi.CorrelatedNoise(0.5, 2.0)
+    directions = np.concatenate([np.eye(3), np.full((1, 3), 3**-0.5)])[:axes]
+    sensor = bi.RateSensor(1e-5, directions, correlated_noise=noise)
+    assert sensor.correlated_noise.share == (0.5,) * axes
+    assert sensor.correlated_noise.time == (2.0,) * axes
