@@ -33,7 +33,7 @@ def render(
 
     The same posterior always gives the same bytes.
     """
-    chosen = standard_sections(posterior) if sections is None else sections
+    chosen = standard_sections(posterior) if sections is None else tuple(sections)
     attributes = posterior.attributes
     facts = page_facts(
         attributes.get("mission", {}),

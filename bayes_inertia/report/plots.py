@@ -55,8 +55,8 @@ def _index(names: Sequence[str], wanted: int | str, what: str) -> int:
     """Where a name or a number stands among names."""
     if isinstance(wanted, str) and wanted in names:
         return list(names).index(wanted)
-    if isinstance(wanted, int) and -len(names) <= wanted < len(names):
-        return wanted % len(names)
+    if isinstance(wanted, int | np.integer) and -len(names) <= wanted < len(names):
+        return int(wanted) % len(names)
     raise SettingsError(
         f"there is no {wanted!r}", where=what, advice=f"choose one of {', '.join(names)}"
     )
@@ -114,15 +114,15 @@ def plot_telemetry(slew: Slew, channel: str = "rate", *, ax: Axes | None = None)
 
 
 @_on_axes
-def plot_prior(posterior: Posterior, name: str, *, ax: Axes | None = None) -> Axes:
+def plot_prior(posterior: Posterior, name: str | int, *, ax: Axes | None = None) -> Axes:
     """One parameter, before and after the data.
 
     Parameters
     ----------
     posterior : Posterior
         Of a fit.
-    name : str
-        Of the parameter.
+    name : str or int
+        Of the parameter, or its number from 0.
     ax : matplotlib.axes.Axes, optional
         Where to draw; None for a new figure.
 
@@ -132,7 +132,7 @@ def plot_prior(posterior: Posterior, name: str, *, ax: Axes | None = None) -> Ax
         Posterior density with its sd (blue) and a wider quoted sd (orange), and the prior (dashed);
         far sharper than the prior, a strip above shows its place in it.
     """
-    _index(posterior.names, name, "name")
+    name = posterior.names[_index(posterior.names, name, "name")]
     assert ax is not None
     prior_panel(ax, posterior, name, posterior.summary()["parameters"][name])
     return ax
@@ -255,15 +255,17 @@ def plot_attitude(posterior: Posterior, *, after: bool = True, ax: Axes | None =
 
 
 @_on_axes
-def plot_trace(posterior: Posterior, name: str | None = None, *, ax: Axes | None = None) -> Axes:
+def plot_trace(
+    posterior: Posterior, name: str | int | None = None, *, ax: Axes | None = None
+) -> Axes:
     """How one parameter moved in each independent ensemble.
 
     Parameters
     ----------
     posterior : Posterior
         Of a fit.
-    name : str, optional
-        Of the parameter; None for the one whose ensembles agree least.
+    name : str or int, optional
+        Of the parameter, or its number from 0; None for the one whose ensembles agree least.
     ax : matplotlib.axes.Axes, optional
         Where to draw; None for a new figure.
 
@@ -280,15 +282,17 @@ def plot_trace(posterior: Posterior, name: str | None = None, *, ax: Axes | None
 
 
 @_on_axes
-def plot_ranks(posterior: Posterior, name: str | None = None, *, ax: Axes | None = None) -> Axes:
+def plot_ranks(
+    posterior: Posterior, name: str | int | None = None, *, ax: Axes | None = None
+) -> Axes:
     """Ranks of each ensemble's draws among all draws: flat where the ensembles agree.
 
     Parameters
     ----------
     posterior : Posterior
         Of a fit.
-    name : str, optional
-        Of the parameter; None for the one whose ensembles agree least.
+    name : str or int, optional
+        Of the parameter, or its number from 0; None for the one whose ensembles agree least.
     ax : matplotlib.axes.Axes, optional
         Where to draw; None for a new figure.
 
@@ -303,10 +307,10 @@ def plot_ranks(posterior: Posterior, name: str | None = None, *, ax: Axes | None
     return ax
 
 
-def _ensembles(posterior: Posterior, name: str | None) -> tuple[np.ndarray, style.Scale]:
+def _ensembles(posterior: Posterior, name: str | int | None) -> tuple[np.ndarray, style.Scale]:
     """Draws (ensembles, walkers, draws) of a parameter, and the scale of its axis."""
     shown = chains.worst_parameter(posterior) if name is None else name
-    _index(posterior.names, shown, "name")
+    shown = posterior.names[_index(posterior.names, shown, "name")]
     variable: Any = posterior.tree["posterior"][shown]
     values = chains.by_ensemble(posterior, "posterior", shown)
     unit = str(variable.attrs.get("units", ""))

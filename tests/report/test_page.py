@@ -126,7 +126,9 @@ def test_the_quoted_sd_stands_in_its_column_and_a_refused_result_has_none(made, 
 
 def test_own_sections_can_be_added(posteriors):
     own = Section("My own <remarks>", "<p>{{ what }}</p>", {"what": "1 < 2"})
-    page = render(posteriors["good"], [*standard_sections(posteriors["good"]), own])
+    sections = [*standard_sections(posteriors["good"]), own]
+    page = render(posteriors["good"], sections)
+    assert render(posteriors["good"], iter(sections)) == page
     assert "My own &lt;remarks&gt;" in page
     assert "<p>1 &lt; 2</p>" in page
 

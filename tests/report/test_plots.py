@@ -68,6 +68,17 @@ def test_candidates_are_drawn_without_a_report():
     assert [text.get_text() for text in axes.get_yticklabels()] == ["rate bias"]
 
 
+def test_numbers_from_0_may_stand_for_names_also_those_of_numpy(posteriors):
+    posterior = posteriors["good"]
+    axes = [bi.plot_rates(posterior, slew, ax=Figure().subplots()) for slew in (1, np.int64(1))]
+    first, second = (a.lines[0].get_xydata() for a in axes)
+    np.testing.assert_array_equal(first, second)
+    for plot in (bi.plot_prior, bi.plot_trace, bi.plot_ranks):
+        axes = [plot(posterior, name, ax=Figure().subplots()) for name in ("Jyy", 1)]
+        assert axes[0].get_xlabel() == axes[1].get_xlabel()
+        assert axes[0].get_ylabel() == axes[1].get_ylabel()
+
+
 @pytest.mark.parametrize(
     ("name", "settings", "says"),
     [
