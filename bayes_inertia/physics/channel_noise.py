@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from numbers import Real
 from typing import Any
 
 from bayes_inertia.campaign.sensors import CHANNELS
@@ -64,11 +65,15 @@ class ChannelNoise:
                 advice=f"choose {' or '.join(FAMILIES)}",
             )
         shape = self.density.shape
-        if shape is not None and self.degrees is not None and not self.degrees >= shape.least:
+        if (
+            shape is not None
+            and self.degrees is not None
+            and not _is_at_least(self.degrees, shape.least)
+        ):
             raise SettingsError(
                 f"{self.degrees} {shape.title}",
                 where="noise",
-                advice=f"give {shape.least:g} or more, or {_SAMPLED!r}",
+                advice=f"give {shape.least:g} or more, or None where they are sampled",
             )
         if not 0.0 < self.scale_spread < float("inf"):
             raise SettingsError(
@@ -93,6 +98,11 @@ class ChannelNoise:
         return self.density.heavy
 
 
+def _is_at_least(value: Any, least: float) -> bool:
+    """Whether this is a number, and large enough."""
+    return isinstance(value, Real) and float(value) >= least
+
+
 @dataclass(frozen=True, init=False)
 class NoiseModel:
     """The noise of all channels.
@@ -111,6 +121,10 @@ class NoiseModel:
     channels: tuple[tuple[str, ChannelNoise], ...]
 
     def __init__(self, **channels: ChannelNoise) -> None:
+        for name, noise in channels.items():
+            if not isinstance(noise, ChannelNoise):
+                what, advice = f"{noise!r} is no ChannelNoise", "give ChannelNoise('student_t')"
+                raise SettingsError(what, where=f"noise of {name}", advice=advice)
         ordered = sorted(channels, key=lambda c: CHANNELS.index(c) if c in CHANNELS else 99)
         chosen = tuple((c, channels[c]) for c in ordered if channels[c] != ChannelNoise())
         object.__setattr__(self, "channels", chosen)

@@ -14,7 +14,13 @@ from jax.scipy.linalg import block_diag
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.maths.inertia_tensor import tensor as inertia
-from bayes_inertia.physics.effect import LOOKING_BACK, MOVING_HOOKS, Effect, require_of_effect
+from bayes_inertia.physics.effect import (
+    LOOKING_BACK,
+    MOVING_HOOKS,
+    ActiveEffects,
+    Effect,
+    require_of_effect,
+)
 from bayes_inertia.physics.effect_declaration import check_declaration, guarded
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.numerics import NUMERICS
@@ -364,7 +370,9 @@ def check_coefficients(effect: Effect, model: Model, points: np.ndarray) -> None
     what = "coefficient_count(campaign) is 0"
     advice = "pass a campaign in which it acts"
     require_of_effect(bool(model.structure.coefficients), effect, what, advice)
-    roots = guarded(effect, "coefficient_root(p, slew, count)", lambda: _roots(model, points))
+    roots = guarded(
+        effect, "coefficient_root(p, slew, count)", lambda: _roots(effect, model, points)
+    )
     count = roots.shape[-1]
     has_parameters = points.shape[1] > model.space.slice_of("").stop
     what = "at its null values the covariance of the coefficients is not zero"
@@ -383,8 +391,8 @@ def check_coefficients(effect: Effect, model: Model, points: np.ndarray) -> None
 def _check_across_slews(effect: StochasticEffect, model: Model, theta: np.ndarray) -> None:
     """Check the covariance of all slews, where the effect has one."""
     structure, slews = model.structure, model.data.arrays.slews.context
-    active = structure.active_effects(jnp.asarray(theta))
-    ((_, p),) = active
+    active, counts = _alone(effect, structure, jnp.asarray(theta))
+    p = active.of(effect)
     given = guarded(
         effect,
         "covariance_across_slews(p, slews)",
@@ -393,7 +401,7 @@ def _check_across_slews(effect: StochasticEffect, model: Model, theta: np.ndarra
     if given is None:
         return
     covariance = np.asarray(given)
-    (blocks,) = jax.vmap(lambda slew: prior_blocks(active, structure.coefficients, slew))(slews)
+    (blocks,) = jax.vmap(lambda slew: prior_blocks(active, counts, slew))(slews)
     size = blocks.shape[0] * blocks.shape[-1]
     what = f"covariance_across_slews has the shape {covariance.shape}"
     advice = f"return {size} rows and columns: the coefficients of one block, slew by slew"
@@ -409,15 +417,26 @@ def _check_across_slews(effect: StochasticEffect, model: Model, theta: np.ndarra
     )
 
 
-def _roots(model: Model, points: np.ndarray) -> np.ndarray:
+def _alone(
+    effect: Effect, structure: Structure, theta: Array
+) -> tuple[ActiveEffects, tuple[int, ...]]:
+    """The effect without the campaign's devices and stated noise, and how many coefficients."""
+    active = structure.active_effects(theta)
+    names = [acting.name for acting in active.effects]
+    k = names.index(effect.name)
+    own = ActiveEffects((active.effects[k],), {effect.name: active.of(effect)})
+    return own, (structure.coefficients[k],)
+
+
+def _roots(effect: Effect, model: Model, points: np.ndarray) -> np.ndarray:
     """Roots (points, slews, k, k)."""
     structure, contexts = model.structure, model.data.arrays.slews.context
 
     def of_point(theta):
-        active = structure.active_effects(theta)
+        active, counts = _alone(effect, structure, theta)
 
         def of_slew(slew):
-            blocks = prior_blocks(active, structure.coefficients, slew)
+            blocks = prior_blocks(active, counts, slew)
             return block_diag(*(root for effect in blocks for root in effect))
 
         return jax.vmap(of_slew)(contexts)

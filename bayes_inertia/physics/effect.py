@@ -9,7 +9,7 @@ instances: nothing is registered anywhere, and an effect of your own needs no ed
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -570,6 +570,49 @@ class ActiveEffects:
         False
         """
         return any(effect.acts(hook) for effect in self.effects for hook in hooks)
+
+
+def shaped(effect: Effect, hook: str, given: Any, like: Array) -> Array:
+    """What a hook returned, or `EffectError` where its shape is not that of its kind.
+
+    Of a single number all axes would take the same.
+
+    >>> shaped(Effect(), "body_torque", 0.1, jnp.zeros(3))
+    Traceback (most recent call last):
+    bayes_inertia.errors.EffectError: no_effect: body_torque returned a float, not an array ...
+    """
+    own = jnp.shape(given) if hasattr(given, "shape") else f"a {type(given).__name__}"
+    what = f"{hook} returned {own}, not an array of shape {like.shape}"
+    require_of_effect(own == like.shape, effect, what, "return one number an axis or wheel")
+    return given
+
+
+def require_effects(given: Any) -> tuple[Effect, ...]:
+    """Effects as a tuple, or `EffectError` for what is no instance of one, or has no hash.
+
+    >>> require_effects(["magnetic_dipole"])
+    Traceback (most recent call last):
+    bayes_inertia.errors.EffectError: effects: 'magnetic_dipole' is no effect; ...
+    """
+    listed = isinstance(given, Iterable) and not isinstance(given, str)
+    effects = tuple(given) if listed else (given,)
+    for effect in effects:
+        advice = "give instances in a list, such as those of bayes_inertia.LIBRARY"
+        if not (listed and isinstance(effect, Effect)):
+            what = f"{effect!r} is no {'effect' if listed else 'list of effects'}"
+            raise EffectError(what, where="effects", advice=advice)
+        advice = "use numbers, strings and tuples as fields, not arrays or lists"
+        require_of_effect(has_hash(effect), effect, "the instance cannot be hashed", advice)
+    return effects
+
+
+def has_hash(effect: Effect) -> bool:
+    """Whether compiled code can be kept for an effect."""
+    try:
+        hash(effect)
+    except TypeError:
+        return False
+    return True
 
 
 def require_of_effect(condition: bool, effect: Any, what: str, advice: str) -> None:

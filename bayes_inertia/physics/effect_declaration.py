@@ -10,7 +10,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import BayesInertiaError, EffectError
-from bayes_inertia.physics.effect import Effect, require_of_effect
+from bayes_inertia.physics.effect import Effect, has_hash, require_of_effect
 from bayes_inertia.physics.parameters import Parameter
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
@@ -90,15 +90,7 @@ def _of_class(effect: Effect) -> _Checks:
     advice = "set the class attribute `name` to an identifier"
     yield named, f"{effect.name!r} is no name for an effect", advice
     advice = "use numbers, strings and tuples as fields, not arrays or lists"
-    yield _has_hash(effect), "the instance cannot be hashed", advice
-
-
-def _has_hash(effect: Effect) -> bool:
-    try:
-        hash(effect)
-    except TypeError:
-        return False
-    return True
+    yield has_hash(effect), "the instance cannot be hashed", advice
 
 
 def _of_parameter(p: Parameter) -> _Checks:

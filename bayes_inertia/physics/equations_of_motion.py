@@ -22,7 +22,7 @@ from jax import Array
 
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.inertia_tensor import with_wheel_spin
-from bayes_inertia.physics.effect import ActiveEffects
+from bayes_inertia.physics.effect import ActiveEffects, shaped
 from bayes_inertia.physics.slew_context import Environment, SlewContext, State
 from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
 from bayes_inertia.physics.step_drive import value
@@ -311,9 +311,11 @@ def _effect_slopes(
     for (effect, p), own in zip(body.active, effect_states, strict=True):
         seen = state._replace(effect_states=own)
         if effect.acts("body_torque"):
-            external = external + effect.body_torque(p, context, t, seen)
+            torque = effect.body_torque(p, context, t, seen)
+            external = external + shaped(effect, "body_torque", torque, external)
         if effect.acts("wheel_torque"):
-            wheel_torque = wheel_torque + effect.wheel_torque(p, context, t, seen)
+            torque = effect.wheel_torque(p, context, t, seen)
+            wheel_torque = wheel_torque + shaped(effect, "wheel_torque", torque, wheel_torque)
         own_rates.append(effect.state_rate(p, context, t, seen))
     return external, wheel_torque, tuple(own_rates)
 

@@ -26,6 +26,7 @@ from bayes_inertia.physics.effect import (
     LOOKING_BACK,
     WHEEL_HOOKS,
     Effect,
+    require_effects,
     require_of_effect,
 )
 from bayes_inertia.physics.effect_declaration import guarded
@@ -39,6 +40,7 @@ from bayes_inertia.physics.parameters import (
     Parameter,
     ParameterSpace,
     Prior,
+    parameter_vectors,
     scalar,
     with_prior_scale,
 )
@@ -82,13 +84,16 @@ class Model:
     effects: tuple[Effect, ...] = ()
     drive: Drive | None = None
     noise: NoiseModel = NoiseModel()
-    space: ParameterSpace = field(init=False, repr=False)
-    structure: Structure = field(init=False, repr=False)
-    data: Data = field(init=False, repr=False)
+    space: ParameterSpace = field(init=False, repr=False, compare=False)
+    structure: Structure = field(init=False, repr=False, compare=False)
+    data: Data = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         campaign = self.campaign.without_locked_wheels()
-        effects = tuple(effect.in_campaign(campaign) for effect in self.effects)
+        effects = tuple(effect.in_campaign(campaign) for effect in require_effects(self.effects))
+        is_model = isinstance(self.noise, NoiseModel)
+        advice = "give a NoiseModel, such as NoiseModel(rate=ChannelNoise('student_t'))"
+        require(is_model, "noise", f"a {type(self.noise).__name__} is no NoiseModel", advice)
         commanded = campaign.has_commands or not campaign.wheels
         drive = self.drive or ("commanded" if commanded else "measured")
         devices = effects_of(campaign)
@@ -194,7 +199,7 @@ class Model:
         dict of str to (n, slews, rows, columns) array
             By channel, where anything was measured; NaN elsewhere. Attitudes stand at the fixes.
         """
-        thetas = np.asarray(theta, float).reshape(-1, self.space.size)
+        thetas = np.asarray(parameter_vectors(theta, self.space.size)).reshape(-1, self.space.size)
         local = np.zeros((self.n_slews, self.structure.n_local))
         each = [_predicted(self.structure, x, local, self.data) for x in thetas]
         readings = self.data.arrays.telemetry.readings

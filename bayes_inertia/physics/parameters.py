@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from numbers import Real
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -144,6 +146,11 @@ def _require_distribution(prior: Prior) -> None:
     """Raise unless the numbers make a distribution."""
     centre = "median" if prior.logarithmic else "mean"
     given = getattr(prior, centre)
+    numbers = (given, prior.scale, prior.lower, prior.upper)
+    if not all(isinstance(x, Real) for x in numbers):
+        advice = "give one number each; components that differ have priors of their own"
+        where = f"{type(prior).__name__} prior"
+        raise SettingsError("not all are numbers", where=where, advice=advice)
     for good, what, advice in (
         (np.isfinite(given), f"the {centre} is {given}", "give a number"),
         (given > 0.0 or not prior.logarithmic, f"the {centre} is {given}", "give one above zero"),
@@ -559,6 +566,20 @@ class ParameterSpace:
             logs = np.log(np.where(self._logarithmic, np.maximum(ends, 0.0), 1.0))
         ends = np.where(self._logarithmic, logs, ends)
         return special.ndtr((ends - self._centres) / self._scales)
+
+
+def parameter_vectors(theta: Any, size: int, where: str = "theta") -> Any:
+    """Vectors (..., size) as arrays of numpy, or of JAX as they are; `SettingsError` of others.
+
+    >>> parameter_vectors([1, 2], 2)
+    array([1., 2.])
+    """
+    vectors = theta if isinstance(theta, Array) else np.asarray(theta, float)
+    if vectors.ndim == 0 or vectors.shape[-1] != size:
+        raise SettingsError(
+            f"its shape is {vectors.shape}", where=where, advice=f"give ({size},) or (n, {size})"
+        )
+    return vectors
 
 
 def prior_residual(constants: Mapping[str, Array], flat: Array) -> Array:

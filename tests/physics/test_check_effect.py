@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from support.effects import thrown_body
 
+import bayes_inertia as bi
 from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.check_effect import check_effect
 from bayes_inertia.physics.effect import Effect
@@ -23,6 +24,7 @@ from bayes_inertia.physics.effects import (
     by_name,
 )
 from bayes_inertia.physics.parameters import LogNormal, Normal, scalar, vector
+from bayes_inertia.physics.small_campaign import small_campaign
 
 CANONICAL = [
     "rate_bias",
@@ -193,6 +195,18 @@ class BranchOnValue(Torque):
 
 
 @dataclass(frozen=True)
+class OneNumber(Torque):
+    def body_torque(self, p, slew, t, state):
+        return p["torque"][0]
+
+
+@dataclass(frozen=True)
+class NoAnswer(Torque):
+    def body_torque(self, p, slew, t, state):
+        return None
+
+
+@dataclass(frozen=True)
 class Unhashable(Torque):
     direction: object = None
 
@@ -225,6 +239,8 @@ class NotADataclass(Torque):
         pytest.param(NoFingerprint(), "torque_z changes nothing", marks=pytest.mark.slow),
         pytest.param(WrongDerivative(), "finite difference", marks=pytest.mark.slow),
         (BranchOnValue(), "TracerBoolConversionError"),
+        (OneNumber(), r"body_torque returned .*\(\), not an array of shape \(3,\)"),
+        (NoAnswer(), "body_torque returned a NoneType"),
         (Unhashable(direction=[1.0]), "cannot be hashed"),
         (NotADataclass(), "not a frozen dataclass"),
         (Torque, "not an instance"),
@@ -241,6 +257,42 @@ def test_broken_effects_are_rejected(effect, words, commanded):
 
 def test_the_good_effect_that_the_broken_ones_derive_from_passes(commanded):
     assert min(check_effect(Torque(), commanded).fingerprint["commanded"].values()) > 1.0
+
+
+@pytest.mark.parametrize(
+    ("effects", "says"),
+    [
+        (["magnetic_dipole"], "'magnetic_dipole' is no effect; give instances"),
+        ("magnetic_dipole", "'magnetic_dipole' is no list of effects"),
+        ([Torque], "is no effect; give instances"),
+        (Torque(), "is no list of effects"),
+        ([Unhashable(direction=[1.0])], "torque: the instance cannot be hashed"),
+    ],
+)
+def test_a_fit_says_what_is_no_list_of_effects(effects, says, campaign):
+    for call in (bi.fit, bi.log_density):
+        with pytest.raises(EffectError, match=says):
+            call(campaign, effects=effects)
+
+
+@pytest.mark.parametrize("noise", [bi.ChannelNoise("student_t"), "student_t"])
+def test_a_fit_says_what_is_no_model_of_the_noise(noise, campaign):
+    with pytest.raises(bi.CampaignError, match=r"noise: a \w+ is no NoiseModel; give"):
+        bi.fit(campaign, noise=noise)
+    with pytest.raises(bi.SettingsError, match="noise of rate: 'student_t' is no ChannelNoise"):
+        bi.NoiseModel(rate="student_t")
+
+
+@pytest.mark.slow
+def test_a_random_effect_is_checked_where_devices_act_too():
+    campaign = small_campaign()
+    slews = tuple(
+        replace(s, inputs={"jets": bi.InputStream(s.time[:1], np.zeros((1, 3)))})
+        for s in campaign.slews
+    )
+    jets = bi.Thruster("jets", 1e-3 * np.eye(3), gain_sigma=0.1)
+    with_jets = replace(campaign, actuators=(jets,), slews=slews)
+    assert check_effect(bi.RateRandomWalk(), with_jets).name == "rate_random_walk"
 
 
 @pytest.mark.long
