@@ -44,7 +44,7 @@ def fit(
     drive: Drive | None = None,
     seed: int | None = None,
     settings: Settings | None = None,
-    chains: Path | None = None,
+    chains: str | Path | None = None,
     context: FitContext | None = None,
     alternatives: Sequence[AlternativeParameters] = (),
     as_stated: bool = False,
@@ -65,7 +65,7 @@ def fit(
         Fixes everything. None for the seed of `settings`.
     settings : Settings or None
         Of the sampler; None for the usual ones.
-    chains : Path or None
+    chains : str or Path or None
         Folder in which the chains are kept while they grow. A killed fit goes on there.
     context : FitContext or None
         Where the campaign comes from and what a diagnosis said before.
@@ -101,7 +101,7 @@ def fit(
     began = perf_counter()
     # ArviZ takes long to import. Its plots are not needed.
     import_in_background(["arviz_stats"])
-    model = model_of(campaign, effects=tuple(effects), drive=drive, noise=noise)
+    model = model_of(campaign, effects=effects, drive=drive, noise=noise)
     settings = settings or usual_settings(model.effects)
     if seed is not None:
         settings = replace(settings, seed=seed)

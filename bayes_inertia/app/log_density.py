@@ -24,7 +24,7 @@ from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.channel_noise import NoiseModel
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.parameters import log_prior
+from bayes_inertia.physics.parameters import log_prior, parameter_vectors
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.progress import Progress, as_callback, with_bar
 
@@ -92,14 +92,12 @@ class LogDensity:
         () or (n,) array
             Of numpy or of JAX, as theta is.
         """
-        of_jax = isinstance(theta, jax.Array)
-        thetas = theta if of_jax else np.asarray(theta, float)
-        d = len(self.names)
-        if thetas.ndim not in (1, 2) or thetas.shape[-1] != d:
+        thetas, d = self._vectors(theta), len(self.names)
+        if thetas.ndim > 2:
             raise SettingsError(
                 f"its shape is {thetas.shape}", where="theta", advice=f"give ({d},) or (n, {d})"
             )
-        function: Any = self._of_jax if of_jax else self._compiled
+        function: Any = self._of_jax if isinstance(theta, jax.Array) else self._compiled
         values = function(thetas[None] if thetas.ndim == 1 else thetas)
         return values[0] if thetas.ndim == 1 else values
 
@@ -116,7 +114,8 @@ class LogDensity:
         () or (n,) array
             Up to a constant; -inf where a prior ends. That J must be a body's is no part of it.
         """
-        value = log_prior(self.estimate.model.space.constants(), jnp.asarray(theta))
+        thetas = jnp.asarray(self._vectors(theta))
+        value = log_prior(self.estimate.model.space.constants(), thetas)
         return value if isinstance(theta, jax.Array) else np.asarray(value)
 
     def log_likelihood(self, theta: Any) -> Any:
@@ -167,7 +166,7 @@ class LogDensity:
             Parameters that follow the prior; J need not be a body's (the log likelihood then is
             -inf).
         """
-        return self.estimate.model.space.from_unit(np.asarray(unit, float))
+        return self.estimate.model.space.from_unit(self._vectors(unit))
 
     def to_parameters(self, theta: np.ndarray) -> dict[str, np.ndarray]:
         """Draws by name.
@@ -182,9 +181,13 @@ class LogDensity:
         dict of str to array
             {name: (...)}, and under "J" the tensors (..., 3, 3) [kg m^2].
         """
-        theta = np.asarray(theta, float)
+        theta = np.asarray(self._vectors(theta))
         by_name = dict(zip(self.names, np.moveaxis(theta, -1, 0), strict=True))
         return by_name | {"J": np.asarray(inertia_tensor.tensor(theta[..., :6]))}
+
+    def _vectors(self, theta: Any) -> Any:
+        """theta (..., d), or `SettingsError`."""
+        return parameter_vectors(theta, len(self.names))
 
     @cached_property
     def _compiled(self) -> Any:
@@ -245,6 +248,6 @@ def log_density(
     CampaignError, EffectError, EstimateError
         As `fit`.
     """
-    model = model_of(campaign, effects=tuple(effects), drive=drive, noise=noise)
+    model = model_of(campaign, effects=effects, drive=drive, noise=noise)
     estimate, _ = settled_estimate(model, seed, as_stated, None, as_callback(progress))
     return LogDensity(estimate)

@@ -166,7 +166,7 @@ def sample(
     estimate: Estimate,
     settings: Settings | None = None,
     *,
-    folder: Path | None = None,
+    folder: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Chains:
     """Sample the marginal posterior around an estimate.
@@ -182,7 +182,7 @@ def sample(
     moves = [(move, share), (emcee.moves.DEMove(), 1.0 - share)]
     files: list[Path | None] = [None] * settings.ensembles
     if folder is not None:
-        make_folder(folder)
+        folder = make_folder(folder)
         files = [folder / f"ensemble_{k}.h5" for k in range(settings.ensembles)]
     samplers = [
         _ensemble(log_density, moves, move, settings, seed, file)

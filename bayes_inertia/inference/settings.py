@@ -77,7 +77,8 @@ class Settings:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            _check_setting(field.name, getattr(self, field.name))
+            value = checked_setting(field.name, getattr(self, field.name))
+            object.__setattr__(self, field.name, value)
         if self.max_steps < self.steps:
             raise SettingsError(
                 f"is {self.max_steps}, less than the {self.steps} of steps",
@@ -86,8 +87,12 @@ class Settings:
             )
 
 
-def _check_setting(name: str, value: Any) -> None:
-    """SettingsError unless a setting is a number of its kind and large enough."""
+def checked_setting(name: str, value: Any) -> Any:
+    """A setting as a number of Python's, or SettingsError if it is none of its kind, or too small.
+
+    >>> checked_setting("seed", np.int64(3))
+    3
+    """
     least = _LEAST_SETTINGS.get(name)
     if least is None:
         number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
@@ -97,6 +102,7 @@ def _check_setting(name: str, value: Any) -> None:
         right, advice = whole and value >= least, f"give a whole number, {least} or more"
     if not right:
         raise SettingsError(f"is {value!r}", where=name, advice=advice)
+    return float(value) if least is None else int(value)
 
 
 # With effects without a fixed shape each evaluation is dear; 2,000 effective samples are enough for

@@ -32,7 +32,8 @@ def array_dataclass[T](cls: type[T]) -> type[T]:
     lists and tuples are treated alike.
 
     Two objects are equal if they have one class and equal fields. Arrays are equal if their shapes
-    and values are; NaN equals NaN. Equal objects have equal hashes.
+    and values are; NaN equals NaN. Equal objects have equal hashes. Copies and pickles work out
+    anew what was cached.
 
     `cls`: the class, with annotated fields as `dataclasses.dataclass` wants them.
 
@@ -62,6 +63,7 @@ def array_dataclass[T](cls: type[T]) -> type[T]:
         ("__post_init__", __post_init__),
         ("__eq__", _same_class_and_fields),
         ("__hash__", _hash_of_fields),
+        ("__getstate__", _fields_alone),
     ):
         setattr(cls, name, method)
     return dataclass(frozen=True, eq=False)(cls)
@@ -98,13 +100,19 @@ def _same_class_and_fields(self: Any, other: object) -> bool:
     if type(self) is not type(other):
         return NotImplemented
     own_class: Any = type(self)
-    names = [field.name for field in fields(own_class)]
+    names = [field.name for field in fields(own_class) if field.compare]
     return all(equal(getattr(self, name), getattr(other, name)) for name in names)
 
 
 def _hash_of_fields(self: Any) -> int:
     """A hash that equal objects share."""
-    return hash((type(self), *(_hashable(getattr(self, f.name)) for f in fields(self))))
+    compared = (f.name for f in fields(self) if f.compare)
+    return hash((type(self), *(_hashable(getattr(self, name)) for name in compared)))
+
+
+def _fields_alone(self: Any) -> dict[str, Any]:
+    """What a copy or a file keeps: not what was worked out of it, such as compiled code."""
+    return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 def frozen(given: Any) -> Any:

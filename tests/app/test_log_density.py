@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import emcee
 import jax
 import jax.numpy as jnp
@@ -106,6 +108,25 @@ def test_effects_are_parameters_and_noise_may_be_sampled(campaign):
 def test_a_wrong_shape_is_refused(density, theta):
     with pytest.raises(bi.SettingsError, match=r"give \(9,\) or \(n, 9\)"):
         density(theta)
+
+
+def test_a_wrong_number_of_parameters_is_refused_everywhere(density):
+    functions = (
+        density.log_prior,
+        density.prior_transform,
+        density.to_parameters,
+        density.estimate.model.predict,
+    )
+    for function in functions:
+        with pytest.raises(bi.SettingsError, match=r"its shape is \(3,\); give \(9,\)"):
+            function(np.ones(3))
+
+
+def test_it_goes_to_other_processes_after_its_first_call(density, draws):
+    before = density(draws)
+    again = pickle.loads(pickle.dumps(density))
+    assert again == density
+    np.testing.assert_array_equal(again(draws), before)
 
 
 @pytest.mark.long

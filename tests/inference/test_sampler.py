@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tracemalloc
 from dataclasses import replace
 
@@ -22,12 +23,13 @@ from bayes_inertia.inference.sampler import sample, steps_wanted
 from bayes_inertia.inference.settings import FitContext, Settings, usual_settings
 from bayes_inertia.physics.effects import ConstantTorque, RateRandomWalk
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.small_campaign import small_campaign
 
 
 def test_one_seed_gives_the_same_bytes_whatever_the_threads_and_another_seed_does_not(
     small_at, tmp_path
 ):
-    first = sample(small_at, replace(SHORT, threads=1), folder=tmp_path / "a")
+    first = sample(small_at, replace(SHORT, threads=1), folder=str(tmp_path / "a"))
     again = sample(small_at, replace(SHORT, threads=2), folder=tmp_path / "b")
     assert first.samples.tobytes() == again.samples.tobytes()
     assert first.log_posterior.tobytes() == again.log_posterior.tobytes()
@@ -148,6 +150,17 @@ def test_settings_that_cannot_be_used_are_refused_by_name(name, value, advice):
     with pytest.raises(SettingsError, match=advice) as caught:
         Settings(**{name: value})
     assert caught.value.where == name
+
+
+def test_settings_of_numpy_become_those_of_python_which_a_file_holds():
+    settings = Settings(seed=np.int64(3), target_ess=np.float32(500.0))
+    assert json.loads(json.dumps(vars(settings))) == vars(Settings(seed=3, target_ess=500.0))
+
+
+@pytest.mark.parametrize(("seed", "start"), [(-1, None), (None, None), (0, np.ones(3))])
+def test_an_estimate_refuses_wrong_seeds_and_starts_in_words(seed, start):
+    with pytest.raises(SettingsError, match=r"seed: is|start: its shape is \(3,\)"):
+        estimate(small_campaign(), seed=seed, start=start)
 
 
 @pytest.mark.slow

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import importlib
 import inspect
+import pickle
 import pkgutil
 import re
 from collections.abc import Iterator
+from functools import cached_property
 
 import jax
 import jax.numpy as jnp
@@ -25,7 +28,9 @@ from bayes_inertia.flight.spacecraft import Controller, Spacecraft
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths.values import array_dataclass, equal
+from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory
+from bayes_inertia.physics.small_campaign import small_campaign
 
 
 def classes() -> Iterator[type]:
@@ -159,6 +164,29 @@ def test_copies_are_equal_and_hash_alike(content):
 )
 def test_equality_of_fields(first, second, expected):
     assert equal(first, second) is expected
+
+
+def test_copies_and_pickles_leave_out_what_was_worked_out():
+    @array_dataclass
+    class Fit:
+        content: object
+
+        @cached_property
+        def compiled(self):
+            return lambda: None
+
+    assert copy.deepcopy(Holder(np.ones(2))) == Holder(np.ones(2))
+    fit = Fit(np.ones(2))
+    assert fit.compiled is fit.compiled
+    assert copy.copy(fit).compiled is not fit.compiled
+
+
+def test_a_model_is_equal_to_its_copy():
+    model = Model(small_campaign())
+    again = pickle.loads(pickle.dumps(model))
+    assert again == model
+    assert hash(again) == hash(model)
+    assert Model(small_campaign(), drive="measured") != model
 
 
 def test_a_view_of_the_callers_array_is_copied():
