@@ -103,8 +103,7 @@ def check_effect(effect: Effect, campaign: Campaign | None = None) -> CheckedEff
     fingerprint: dict[str, dict[str, float]] = {
         drive: _in_drive(effect, campaign, drive, thorough=i == 0) for i, drive in enumerate(drives)
     }
-    space = Model(campaign, (effect,)).space
-    for name in space.names[space.n_base :]:
+    for name in fingerprint[drives[0]]:
         require_of_effect(
             max(sizes[name] for sizes in fingerprint.values()) > 1e-6,
             effect,
@@ -257,7 +256,10 @@ def _in_drive(effect: Effect, campaign: Campaign, drive: Drive, thorough: bool) 
     trial = _Trial(effect, bench, points, telemetry, pushed)
     if thorough:
         _check_style(trial, size)
-    return _check_derivatives(trial) if points.shape[1] else {}
+    sizes = _check_derivatives(trial) if points.shape[1] else {}
+    # The campaign's devices and sensors may have parameters too.
+    own = model.space.names[model.space.slice_of(effect.name)]
+    return {name: sizes[name] for name in own}
 
 
 def _points(model: Model) -> np.ndarray:
@@ -374,7 +376,8 @@ def check_coefficients(effect: Effect, model: Model, points: np.ndarray) -> None
         effect, "coefficient_root(p, slew, count)", lambda: _roots(effect, model, points)
     )
     count = roots.shape[-1]
-    has_parameters = points.shape[1] > model.space.slice_of("").stop
+    own = model.space.slice_of(effect.name)
+    has_parameters = own.stop > own.start
     what = "at its null values the covariance of the coefficients is not zero"
     advice = "let the root vanish there"
     require_of_effect(not has_parameters or not np.any(roots[0]), effect, what, advice)

@@ -292,7 +292,8 @@ def test_a_random_effect_is_checked_where_devices_act_too():
     )
     jets = bi.Thruster("jets", 1e-3 * np.eye(3), gain_sigma=0.1)
     with_jets = replace(campaign, actuators=(jets,), slews=slews)
-    assert check_effect(bi.RateRandomWalk(), with_jets).name == "rate_random_walk"
+    checked = check_effect(bi.RateRandomWalk(), with_jets)
+    assert set(checked.fingerprint["commanded"]) == {"rate_random_walk.density"}
 
 
 @pytest.mark.long
