@@ -20,7 +20,7 @@ from bayes_inertia.inference.noise_model import densities_of
 from bayes_inertia.inference.sampler import log_density_at
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
-from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.maths.values import array_dataclass, whole_number
 from bayes_inertia.physics.channel_noise import NoiseModel
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
@@ -150,7 +150,7 @@ class LogDensity:
         (n, d) array
             Parameters.
         """
-        return self.estimate.model.draw_prior(np.random.default_rng(seed), n)
+        return self.estimate.model.draw_prior(np.random.default_rng(whole_number(seed, "seed")), n)
 
     def prior_transform(self, unit: np.ndarray) -> np.ndarray:
         """Points of the unit cube as parameters, for nested sampling.

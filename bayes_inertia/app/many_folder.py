@@ -34,7 +34,7 @@ from bayes_inertia.maths.values import json_ready
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.parameters import base_names
 from bayes_inertia.physics.slew_input import Drive
-from bayes_inertia.progress import Progress, silent
+from bayes_inertia.progress import Progress, as_callback, silent, with_bar
 from bayes_inertia.report.criteria import ratios_told
 from bayes_inertia.report.section import Section
 from bayes_inertia.report.series_sections import (
@@ -93,6 +93,7 @@ class CampaignFit:
         return head | _row_of(posterior.summary())
 
 
+@with_bar
 def fit_many(
     campaigns: str | Path,
     out: str | Path,
@@ -106,7 +107,7 @@ def fit_many(
     engine: Engine | None = None,
     jobs: int = 1,
     scheduler: str | None = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     notice: Notice | None = None,
 ) -> WorkResult:
     """Fit every campaign in a folder, and write fits.parquet and fit_many.json.
@@ -138,7 +139,7 @@ def fit_many(
         Processes.
     scheduler : str or None, optional
         Address of a dask scheduler, whose workers see the same folders.
-    progress : callable or None, optional
+    progress : bool or callable, optional
         Called with (what, done, of).
     notice : callable or None, optional
         Called with what should be known of files and failures.
@@ -184,7 +185,7 @@ def fit_many(
     # Rows belong to the campaigns' contents: the folder may get more of them.
     owner = ResultFolder(out, "fit of many", "fits_of.json", FORMAT, "", options)
     owner.claim()
-    execution = Execution(engine, jobs, scheduler, progress, notice)
+    execution = Execution(engine, jobs, scheduler, as_callback(progress), notice)
     result = execution.run(work, out)
     if result.rows:
         _write_table(result, out / "fits.parquet")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -17,6 +17,7 @@ from bayes_inertia.campaign.hardware import (
     RateSensor,
     StarTracker,
     Wheel,
+    members,
     require,
 )
 from bayes_inertia.campaign.prior import GaussianPrior
@@ -123,7 +124,9 @@ class Campaign:
     def __post_init__(self) -> None:
         several = ("wheels", "dirt", "slews", "mission", "more_sensors", "actuators", "changes")
         for key in several:
-            object.__setattr__(self, key, _members(key, getattr(self, key)))
+            object.__setattr__(
+                self, key, members(key, getattr(self, key), _MEMBERS.get(key, object))
+            )
         for key, kind in _KINDS.items():
             value = getattr(self, key)
             fits = isinstance(value, kind) or (value is None and key != "inertia")
@@ -435,19 +438,6 @@ _KINDS = {
     "star_tracker": StarTracker,
     "prior": GaussianPrior,
 }
-
-
-def _members(key: str, given: Any) -> tuple[Any, ...]:
-    """What is listed under a key, or `CampaignError`; of a dictionary its pairs."""
-    listed = isinstance(given, Iterable) and not isinstance(given, str)
-    what = f"a {type(given).__name__} is no list"
-    require(listed, key, what, "give a tuple, of a single one too: (one,)")
-    members = tuple(given.items() if isinstance(given, Mapping) else given)
-    for member in members:
-        fits = isinstance(member, _MEMBERS.get(key, object))
-        what = f"a {type(member).__name__} is not what belongs here"
-        require(fits, key, what, f"list each as a {_MEMBERS.get(key, object).__name__}")
-    return members
 
 
 def _require_different(key: str, names: list[str]) -> None:

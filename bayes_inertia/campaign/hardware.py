@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any, Literal, get_args
@@ -44,6 +44,18 @@ def numbers(
     except (TypeError, ValueError) as error:
         what = f"no array of numbers ({error})"
         raise CampaignError(what, where=f"key {key}", advice=advice) from None
+
+
+def members(key: str, given: Any, kind: type) -> tuple[Any, ...]:
+    """What is listed, all of one kind, or `CampaignError`; of a dictionary its pairs."""
+    listed = isinstance(given, Iterable) and not isinstance(given, str)
+    what = f"a {type(given).__name__} is no list"
+    require(listed, key, what, "give a tuple, of a single one too: (one,)")
+    found = tuple(given.items() if isinstance(given, Mapping) else given)
+    for member in found:
+        what = f"a {type(member).__name__} is not what belongs here"
+        require(isinstance(member, kind), key, what, f"list each as a {kind.__name__}")
+    return found
 
 
 def unit_vector(value: Any, key: str) -> Vector:

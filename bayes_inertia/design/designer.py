@@ -37,6 +37,7 @@ from bayes_inertia.flight.planned_motion import planned_slews, slew_arrays
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.inference.laplace import Estimate, model_of
 from bayes_inertia.maths.printed import Card, exponent, number, shown_as, unit_text
+from bayes_inertia.maths.values import whole_number
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.named_effects import effects_named
 from bayes_inertia.progress import Progress, as_callback, silent, with_bar
@@ -300,7 +301,7 @@ def design_plan(
     bayes_inertia.errors.DesignError: limit total time: 5 slews need at least 1570 s, 100 s allowed
     (1470 s too few); allow more time, or fewer slews
     """
-    began, parsed_goal = time.perf_counter(), parse_goal(goal)
+    began, parsed_goal, seed = time.perf_counter(), parse_goal(goal), whole_number(seed, "seed")
     limits = limits or Limits(rate=math.radians(1.0) / (1.0 - Limits().rate_reserve))
     mission, base, after = _begin(mission, base, after)
     say = as_callback(progress)

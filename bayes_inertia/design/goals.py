@@ -58,8 +58,9 @@ class Goal:
     effects: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "effects", tuple(self.effects))
         if self.kind not in GOALS:
-            near = difflib.get_close_matches(self.kind, GOALS, 1)
+            near = difflib.get_close_matches(str(self.kind), GOALS, 1)
             advice = f"did you mean {near[0]}?" if near else f"choose {', '.join(GOALS)}"
             raise CampaignError(f"unknown goal {self.kind!r}", where="goal", advice=advice)
         if (len(set(self.effects)) != 2) if self.kind == "separate" else self.effects:

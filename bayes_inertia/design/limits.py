@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from bayes_inertia.campaign.hardware import members
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.maths.values import Vector
@@ -119,7 +120,7 @@ class Limits:
     wheel_reserve: float = 0.2
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "keep_out", tuple(self.keep_out))
+        object.__setattr__(self, "keep_out", members("keep_out", self.keep_out, KeepOut))
         for key in ("rate", "angle", "acceleration", "total_time", "tolerance"):
             value = getattr(self, key)
             if value is not None and not (math.isfinite(value) and value > 0.0):

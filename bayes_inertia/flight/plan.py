@@ -20,7 +20,7 @@ import numpy as np
 from jax import Array
 from scipy.spatial.transform import Rotation
 
-from bayes_inertia.campaign.hardware import require
+from bayes_inertia.campaign.hardware import members, numbers, require, require_positive
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.maths.values import Vector
@@ -78,12 +78,6 @@ def angle_and_rate(
     return peak * (turned - missing), peak * (up - fallen)
 
 
-def _require_positive(value: float, key: str) -> None:
-    what = f"{value!r} is not positive"
-    advice = "give a positive number"
-    require(bool(np.isfinite(value)) and value > 0.0, key, what, advice)
-
-
 @dataclass(frozen=True)
 class PlannedSlew:
     """One slew about a body-fixed axis.
@@ -126,9 +120,9 @@ class PlannedSlew:
     def __post_init__(self) -> None:
         object.__setattr__(self, "axis_B", _unit_axis(self.axis_B))
         for key in ("angle", "rate", "acceleration"):
-            _require_positive(getattr(self, key), f"slews.{key}")
+            require_positive(getattr(self, key), f"slews.{key}")
         if self.duration is not None:
-            _require_positive(self.duration, "slews.duration")
+            require_positive(self.duration, "slews.duration")
         what = f"{self.profile!r} is unknown"
         advice = f"choose {' or '.join(get_args(Profile))}"
         require(self.profile in get_args(Profile), "slews.profile", what, advice)
@@ -145,7 +139,7 @@ class PlannedSlew:
 
 def _unit_axis(axis_B: Vector) -> tuple[float, ...]:
     """The axis as a unit vector."""
-    axis = np.asarray(axis_B, dtype=float)
+    axis = numbers(axis_B, "slews.axis")
     is_direction = (
         axis.shape == (3,) and bool(np.all(np.isfinite(axis))) and bool(np.linalg.norm(axis) > 0.0)
     )
@@ -230,11 +224,12 @@ class Plan:
     durations: tuple[float, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "slews", tuple(self.slews))
-        object.__setattr__(self, "wheel_momentum", tuple(float(h) for h in self.wheel_momentum))
+        object.__setattr__(self, "slews", members("slews", self.slews, PlannedSlew))
+        momentum = np.atleast_1d(numbers(self.wheel_momentum, "wheel_momentum"))
+        object.__setattr__(self, "wheel_momentum", tuple(momentum.tolist()))
         require(len(self.slews) > 0, "slews", "the plan has no slew", "add at least one [[slews]]")
         self._check_times()
-        attitude = np.asarray(self.start_attitude, dtype=float)
+        attitude = numbers(self.start_attitude, "start_attitude")
         norm = float(np.linalg.norm(attitude)) if attitude.shape == (4,) else math.nan
         what = "no unit quaternion"
         advice = "give four numbers, scalar last"
@@ -245,11 +240,12 @@ class Plan:
     def _check_times(self) -> None:
         """Raise for times that do not fit each other or the telemetry period."""
         for key in ("telemetry_period", "rest_before", "fix_spacing", "settle", "rest_after"):
-            _require_positive(getattr(self, key), key)
+            require_positive(getattr(self, key), key)
         for key in ("first_fix", "pause"):
             value = getattr(self, key)
-            is_time = bool(np.isfinite(value)) and value >= 0.0
-            require(is_time, key, f"{value!r} is negative", "give seconds")
+            time = numbers(value, key)
+            is_time = time.ndim == 0 and bool(np.isfinite(time) and time >= 0.0)
+            require(is_time, key, f"{value!r} is no time, or negative", "give seconds")
         for key in ("rest_before", "fix_spacing"):
             periods = getattr(self, key) / self.telemetry_period
             what = f"{getattr(self, key)!r} s is no multiple of telemetry_period"

@@ -29,7 +29,7 @@ from bayes_inertia.flight.planned_telemetry import (
     with_readings,
 )
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
-from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.maths.values import array_dataclass, whole_number
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_context import Trajectory
@@ -134,7 +134,7 @@ def fly(
     >>> fly(plan, most_like_mission(), seed=None).final_error_B.round(4)[0, 0].item()
     0.005
     """
-    rng = None if seed is None else np.random.default_rng(seed)
+    rng = None if seed is None else np.random.default_rng(whole_number(seed, "seed"))
     if not mission.spacecraft.flies_by_gyro:
         return _follow(plan, mission, rng, name)
     planned, loop = closed_loop_inputs(plan, mission, controller, rng, name)

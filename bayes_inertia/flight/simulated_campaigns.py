@@ -27,6 +27,7 @@ from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft, spin_tensor
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.physical_draws import draw_physical
+from bayes_inertia.maths.values import whole_number
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import base_space
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
@@ -182,6 +183,7 @@ def simulate(
     ...     sorted(path.name for path in Path(folder).iterdir())
     ['campaign.toml', 'slew_01.csv', 'truth.json']
     """
+    seed = whole_number(seed, "seed")
     mission = with_hidden_effects(mission, plan, hidden, seed)
     flight = fly(plan, mission, seed, controller=controller, name=name)
     _write_with_truth(flight.campaign, truth_of(flight, seed), Path(out_folder))

@@ -10,7 +10,14 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia.campaign.hardware import InertiaPrior, Numbers, RateSensor, StarTracker, Wheel
+from bayes_inertia.campaign.hardware import (
+    InertiaPrior,
+    Numbers,
+    RateSensor,
+    StarTracker,
+    Wheel,
+    one_an_axis,
+)
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import array_dataclass
@@ -81,7 +88,9 @@ class Spacecraft:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "inertia_B", InertiaPrior(self.inertia_B, 1.0, 1.0).tensor)
-        object.__setattr__(self, "scale_factor", tuple(float(k) for k in self.scale_factor))
+        axes = len(self.rate_sensor.axes) if self.rate_sensor else 0
+        factors = one_an_axis(self.scale_factor, axes, "scale_factor") if axes else ()
+        object.__setattr__(self, "scale_factor", factors)
         object.__setattr__(self, "wheels", tuple(self.wheels))
         object.__setattr__(self, "effects", tuple(self.effects))
         for effect in self.effects:

@@ -38,10 +38,10 @@ from bayes_inertia.inference.noise_model import (
 from bayes_inertia.inference.objective import normal_equations
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import dispersion, effective_parameters, residual_series
-from bayes_inertia.inference.settings import checked_setting
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
+from bayes_inertia.maths.values import whole_number
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import parameter_vectors
 from bayes_inertia.progress import Progress, as_callback, with_bar
@@ -99,7 +99,7 @@ def estimate(
         dict(zip(fitted.model.space.names, fitted.sd))
         # {'Jxx': 0.00022, ...}
     """
-    model, say, seed = model_of(model), as_callback(progress), checked_setting("seed", seed)
+    model, say, seed = model_of(model), as_callback(progress), whole_number(seed, "seed")
     start = None if start is None else parameter_vectors(start, model.space.size, "start")
     forget_surplus()
     say("descending from several starts", 0, 0)

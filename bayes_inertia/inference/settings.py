@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayes_inertia.errors import SettingsError
+from bayes_inertia.maths.values import whole_number
 
 if TYPE_CHECKING:
     from bayes_inertia.physics.effect import Effect
@@ -77,7 +78,7 @@ class Settings:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value = checked_setting(field.name, getattr(self, field.name))
+            value = _checked_setting(field.name, getattr(self, field.name))
             object.__setattr__(self, field.name, value)
         if self.max_steps < self.steps:
             raise SettingsError(
@@ -87,22 +88,18 @@ class Settings:
             )
 
 
-def checked_setting(name: str, value: Any) -> Any:
+def _checked_setting(name: str, value: Any) -> Any:
     """A setting as a number of Python's, or SettingsError if it is none of its kind, or too small.
 
-    >>> checked_setting("seed", np.int64(3))
+    >>> _checked_setting("seed", np.int64(3))
     3
     """
-    least = _LEAST_SETTINGS.get(name)
-    if least is None:
-        number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-        right, advice = number and isfinite(value) and value > 0, "give a number above 0"
-    else:
-        whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-        right, advice = whole and value >= least, f"give a whole number, {least} or more"
-    if not right:
-        raise SettingsError(f"is {value!r}", where=name, advice=advice)
-    return float(value) if least is None else int(value)
+    if name in _LEAST_SETTINGS:
+        return whole_number(value, name, _LEAST_SETTINGS[name])
+    number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    if not (number and isfinite(value) and value > 0):
+        raise SettingsError(f"is {value!r}", where=name, advice="give a number above 0")
+    return float(value)
 
 
 # With effects without a fixed shape each evaluation is dear; 2,000 effective samples are enough for

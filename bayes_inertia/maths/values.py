@@ -17,6 +17,8 @@ from typing import Any, dataclass_transform
 
 import numpy as np
 
+from bayes_inertia.errors import SettingsError
+
 # Three numbers along body axes, as plain floats: such a field can be hashed and compared.
 Vector = tuple[float, float, float]
 # A numpy array on the host, a JAX array inside compiled code.
@@ -207,6 +209,19 @@ def _hashable(value: Any) -> Any:
     if isinstance(value, float) and math.isnan(value):
         return "nan"
     return hash(value)
+
+
+def whole_number(value: Any, where: str, least: int = 0) -> int:
+    """A whole number as Python's own, also of numpy's; `SettingsError` for anything else.
+
+    >>> whole_number(np.int64(3), "seed")
+    3
+    """
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not whole or value < least:
+        advice = f"give a whole number, {least} or more"
+        raise SettingsError(f"is {value!r}", where=where, advice=advice)
+    return int(value)
 
 
 def picked(value: Any, *names: str) -> dict[str, Any]:

@@ -159,14 +159,14 @@ class Execution:
     progress: Progress | None = None
     notice: Notice | None = None
 
-    def run(self, work: Work, folder: Path | None) -> WorkResult:
+    def run(self, work: Work, folder: str | Path | None) -> WorkResult:
         """Do all tasks of a work; those whose rows are in the folder already are only read.
 
         Parameters
         ----------
         work : Work
             The tasks.
-        folder : Path or None
+        folder : str or Path or None
             Of rows.jsonl; made if absent. None keeps everything in memory.
 
         Returns
@@ -190,13 +190,13 @@ class Execution:
 def run_work(
     work: Work,
     workers: Workers = IN_PROCESS,
-    folder: Path | None = None,
+    folder: str | Path | None = None,
     *,
     progress: Progress | None = None,
     notice: Notice | None = None,
 ) -> WorkResult:
     """Do a work as `Execution.run`, with workers that are there."""
-    say = notice or (lambda sentence: None)
+    say, folder = notice or (lambda sentence: None), None if folder is None else Path(folder)
     with nullcontext() if folder is None else working_in(folder):
         rows = RowFile(folder, work.digest)
         for damage in rows.damages:

@@ -12,12 +12,14 @@ from typing import Any
 import joblib
 import numpy as np
 
+from bayes_inertia.campaign.hardware import members
 from bayes_inertia.design.comparison import Contender, assess_plan
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.simulated_fits import AchievedErrors, fit_simulated_campaign
 from bayes_inertia.errors import CampaignError, StudyError
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
+from bayes_inertia.maths.values import whole_number
 from bayes_inertia.progress import Progress, as_callback, with_bar
 from bayes_inertia.studies.engine import Notice, run_work
 from bayes_inertia.studies.work import Row, Work, WorkResult
@@ -99,7 +101,7 @@ def compare_plans(
     jobs: int = 1,
     engine: Engine | None = None,
     scheduler: str | None = None,
-    folder: Path | None = None,
+    folder: str | Path | None = None,
     progress: Progress | bool | None = None,
     notice: Notice | None = None,
 ) -> tuple[Contender, ...]:
@@ -124,7 +126,7 @@ def compare_plans(
         Where campaigns are fitted; None for this process or joblib's, by `jobs`.
     scheduler : str or None, optional
         Address of a dask scheduler.
-    folder : Path or None, optional
+    folder : str or Path or None, optional
         Where fits are kept, so that a comparison that was killed goes on.
     progress : bool or callable, optional
         True for a bar; or called with (stage, done, of), `of` 0 where a stage is not counted.
@@ -150,6 +152,8 @@ def compare_plans(
     Traceback (most recent call last):
     bayes_inertia.errors.CampaignError: plans: no plan to compare; give each its own name
     """
+    seed, folder = whole_number(seed, "seed"), None if folder is None else Path(folder)
+    plans = plans if isinstance(plans, Mapping) else members("plans", plans, Plan)
     named = dict(plans) if isinstance(plans, Mapping) else {plan.name: plan for plan in plans}
     if not named or len(named) < len(plans):
         raise CampaignError(

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from bayes_inertia.errors import SettingsError
+from bayes_inertia.maths.values import whole_number
 from bayes_inertia.sealing import sha256_of
 
 Row = Mapping[str, Any]
@@ -52,6 +53,8 @@ class Work:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "ids", tuple(self.ids))
+        object.__setattr__(self, "seed", whole_number(self.seed, "seed"))
         if not self.ids:
             raise SettingsError("no task", where=self.name, advice="ask for one at least")
         if len(set(self.ids)) < len(self.ids):

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 import bayes_inertia
+import bayes_inertia as bi
 from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.flight.mission import most_like_mission
 from bayes_inertia.flight.plan import PlannedSlew, angle_and_rate, paper_like_plan
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
@@ -50,3 +52,41 @@ def test_paper_like_plan_is_the_one_flown_in_basilisk():
         np.testing.assert_allclose(plan.times(i), slew.time, atol=1e-9)
         fixes = np.flatnonzero(np.isfinite(slew.attitude).all(axis=1))
         np.testing.assert_array_equal(np.concatenate(plan.fixes(i)), fixes)
+
+
+SLEW = PlannedSlew((1.0, 0.0, 0.0), 0.5)
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: PlannedSlew("x", 0.5), "slews.axis: no array of numbers"),
+        (lambda: PlannedSlew((1, 0, 0), "30 deg"), "slews.angle: '30 deg' is not positive"),
+        (lambda: bi.Plan("one", SLEW), "slews: a PlannedSlew is no list"),
+        (lambda: bi.Plan("one", [(1, 0, 0)]), "slews: a tuple is not what belongs here"),
+        (lambda: bi.Plan("one", (SLEW,), start_attitude="x"), "start_attitude: no array"),
+        (lambda: bi.Plan("one", (SLEW,), first_fix=None), "first_fix: None is no time"),
+        (
+            lambda: bi.Limits(keep_out=bi.KeepOut("Sun", (0, 0, 1), 0.5)),
+            "keep_out: a KeepOut is no",
+        ),
+        (lambda: bi.Goal(None), "unknown goal None; choose"),
+        (lambda: bi.compare_plans(bi.Plan("one", (SLEW,)), None), "plans: a Plan is no list"),
+        (
+            lambda: bi.Spacecraft(np.eye(3), (1.0, 1.0), (), bi.RateSensor(1e-5)),
+            "scale_factor: .*nor one for each of 3 axes",
+        ),
+    ],
+)
+def test_what_is_no_plan_or_spacecraft_is_said_with_its_key(make, says):
+    with pytest.raises(bi.CampaignError, match=says):
+        make()
+
+
+@pytest.mark.parametrize("seed", [-1, 0.5, "one"])
+def test_a_flight_refuses_what_is_no_seed(seed, tmp_path):
+    plan = bi.Plan("one", (SLEW,))
+    with pytest.raises(bi.SettingsError, match=r"seed: is .*; give a whole number"):
+        bi.fly(plan, most_like_mission(), seed)
+    with pytest.raises(bi.SettingsError, match=r"seed: is .*; give a whole number"):
+        bi.simulate(plan, most_like_mission(), tmp_path, seed)

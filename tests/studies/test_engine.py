@@ -10,7 +10,7 @@ from support.cheap_tasks import Flaky, exact, numbers, work_of
 
 from bayes_inertia.errors import OutputError, SettingsError
 from bayes_inertia.folder_lock import working_in
-from bayes_inertia.studies.engine import NAME, run_work
+from bayes_inertia.studies.engine import NAME, Execution, run_work
 from bayes_inertia.studies.work import Work, task_seed
 from bayes_inertia.studies.workers import IN_PROCESS, open_workers
 
@@ -111,6 +111,15 @@ def test_a_task_that_kills_its_workers_is_named_and_the_others_are_done():
     assert "died 3 times" in result.failures[0].reason
     good = [row for row in exact(run_work(work_of(12), IN_PROCESS)) if row[0] != "4"]
     assert exact(result) == good
+
+
+def test_seeds_of_numpy_generators_and_texts_do_as_arguments(tmp_path):
+    work = Work("numbers", numbers, (str(k) for k in range(2)), seed=np.int64(3))
+    assert work == Work("numbers", numbers, ("0", "1"), seed=3)
+    rows = Execution().run(work, str(tmp_path)).rows
+    assert [row["task"] for row in rows] == ["0", "1"]
+    with pytest.raises(SettingsError, match="seed: is -1; give a whole number"):
+        Work("numbers", numbers, ("0",), seed=-1)
 
 
 def test_two_runs_do_not_share_a_folder(tmp_path):
