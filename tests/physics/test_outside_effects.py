@@ -125,7 +125,7 @@ BROKEN = {
     "hook of a wrong shape": (
         PUSH.replace('return p["torque"]', "return jnp.ones(4)"),
         "Push",
-        ["predicting telemetry"],
+        ["body_torque returned (4,)"],
     ),
 }
 
