@@ -26,6 +26,7 @@ from bayes_inertia.diagnosis.quoted_parameters import (
     AlternativeParameters,
     Undetected,
     alternatives_of,
+    free_shapes,
     tried_effects,
     undetected_effects,
 )
@@ -334,9 +335,9 @@ def fitted_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
     names only imitate what is there, these alone.
     """
     if diagnosis.verdict == "partial":
-        return (*tried_effects(diagnosis), *REMAINDERS)
+        return (*tried_effects(diagnosis), *free_shapes(diagnosis))
     if diagnosis.why_unknown == "imitation":
-        return REMAINDERS
+        return free_shapes(diagnosis)
     if diagnosis.why_unknown == "misfit":
         return tried_effects(diagnosis)
     return diagnosis.effects_added

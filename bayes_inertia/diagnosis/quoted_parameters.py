@@ -250,6 +250,12 @@ def tried_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
     )
 
 
+def free_shapes(diagnosis: Diagnosis) -> tuple[Effect, ...]:
+    """A torque and a rate error of free shape; without a rate sensor the torque alone."""
+    campaign = diagnosis.base.model.campaign
+    return tuple(effect for effect in REMAINDERS if effect.coefficient_count(campaign))
+
+
 # Hooks in which free shapes act.
 _FREE = ("body_torque", "rate_output")
 
@@ -262,7 +268,7 @@ def remainder_alternatives(diagnosis: Diagnosis) -> tuple[AlternativeParameters,
     """
     if diagnosis.verdict != "unknown" or diagnosis.why_unknown != "misfit":
         return ()
-    effects = (*tried_effects(diagnosis), *REMAINDERS)
+    effects = (*tried_effects(diagnosis), *free_shapes(diagnosis))
     free = _quoted_row(_refitted(diagnosis.final, effects))
     return (
         AlternativeParameters(
@@ -412,7 +418,7 @@ def quoted_parameters(found: Estimate | Diagnosis) -> QuotedParameters:
     if isinstance(found, Estimate):
         fit, others, factor = found, undetected_alternatives(found), found.dispersion_factor
     elif found.verdict in OPEN_VERDICTS:
-        fit, others, factor = _free_shapes(found), alternatives_of(found), 1.0
+        fit, others, factor = _fit_of_open_verdict(found), alternatives_of(found), 1.0
     else:
         fit, others, factor = found.final, alternatives_of(found), found.final.dispersion_factor
     quoted = averaged_parameters(_quoted_row(fit), others, factor)
@@ -470,13 +476,13 @@ def _quantile(level: float, shares: np.ndarray, mean: np.ndarray, sd: np.ndarray
     )
 
 
-def _free_shapes(diagnosis: Diagnosis) -> Estimate:
+def _fit_of_open_verdict(diagnosis: Diagnosis) -> Estimate:
     """The fit that a diagnosis wants in full where something is missing without a name."""
     if diagnosis.verdict == "partial":
-        return _refitted(diagnosis.final, (*tried_effects(diagnosis), *REMAINDERS))
+        return _refitted(diagnosis.final, (*tried_effects(diagnosis), *free_shapes(diagnosis)))
     if diagnosis.why_unknown == "misfit":
         return _refitted(diagnosis.final, tried_effects(diagnosis))
-    return _refitted(diagnosis.final, REMAINDERS)
+    return _refitted(diagnosis.final, free_shapes(diagnosis))
 
 
 def _quoted_row(fit: Estimate) -> AlternativeParameters:

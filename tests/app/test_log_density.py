@@ -94,6 +94,7 @@ def test_draws_by_name_hold_tensors(density, draws):
     np.testing.assert_array_equal(named["J"][:, 0, 2], draws[:, 4])
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_effects_are_parameters_and_noise_may_be_sampled(campaign):
     density = bi.log_density(campaign, effects=EFFECTS)

@@ -1,6 +1,7 @@
 """J and K where something is missing that no candidate explains."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from bayes_inertia.app.diagnosis_json import next_fit_from
 from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.diagnosis.quoted_parameters import (
     FREE_SHAPES,
+    free_shapes,
     quoted_parameters,
     remainder_alternatives,
     tried_effects,
@@ -19,6 +21,7 @@ from bayes_inertia.diagnosis.result import Step
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
 from bayes_inertia.inference.optimizer import with_noise
 from bayes_inertia.physics.effects import REMAINDERS, by_name
+from bayes_inertia.physics.small_campaign import small_campaign
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 
 
@@ -83,3 +86,15 @@ def test_what_is_quoted_holds_the_truth_whatever_the_verdict(pumped, pumped_trut
     # Half of the average is the fit with free shapes: a tenth of that lies outside the interval.
     assert np.all(quoted.sd > 0.5 * free.sd)
     assert np.max(np.abs(quoted.mean - pumped_truth) / quoted.sd) < 4.0
+
+
+def test_without_a_rate_sensor_the_free_shape_is_a_torque():
+    campaign = small_campaign()
+    gyroless = replace(
+        campaign,
+        rate_sensor=None,
+        slews=tuple(replace(slew, rate=None) for slew in campaign.slews),
+    )
+    for flown, shapes in ((campaign, REMAINDERS), (gyroless, REMAINDERS[:1])):
+        base = SimpleNamespace(model=SimpleNamespace(campaign=flown))
+        assert free_shapes(SimpleNamespace(base=base)) == shapes

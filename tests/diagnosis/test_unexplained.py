@@ -28,6 +28,7 @@ def edited(campaign, change):
     return replace(campaign, slews=tuple(one(s) for s in campaign.slews))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_ringing_about_an_axis(planted):
     amplitude = 3e-4

@@ -95,6 +95,7 @@ def covariance_of(process, campaign, slew, at):
     return abs(slew.start + begin - middle) + length + np.minimum.outer(at, at) - begin
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_evidence_is_the_density_of_all_readings(plain):
     """Differences between sizes and times: constants fall out. Tachometers may walk as well."""

@@ -28,6 +28,7 @@ def sizes():
     return [program._cache_size() for program in PROGRAMS]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_what_a_fit_evaluates_is_compiled_beside_the_body():
     model, point = begin((RateRandomWalk(),))

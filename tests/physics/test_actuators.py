@@ -265,6 +265,7 @@ def test_an_effect_of_your_own_looks_up_an_input_by_name():
         predicted(bare, (Own(),))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_torque_that_is_looked_up_by_time_is_warned_of():
     @dataclass(frozen=True)

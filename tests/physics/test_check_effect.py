@@ -48,10 +48,6 @@ CANONICAL = [
 ]
 
 
-# One effect for each part of the spacecraft; the others are tried in the long tests.
-OF_EACH_PART = ("constant_torque", "star_tracker_misalignment", "wheel_command_lag")
-
-
 @pytest.fixture(scope="module")
 def commanded(campaign):
     """The campaign without tachometers, in which one drive is possible."""
@@ -74,7 +70,7 @@ def test_unknown_names_are_refused_with_the_nearest_ones():
 @pytest.mark.parametrize(
     "effect",
     [
-        pytest.param(e, id=e.name, marks=() if e.name in OF_EACH_PART else pytest.mark.long)
+        pytest.param(e, id=e.name, marks=() if e.name == "wheel_command_lag" else pytest.mark.long)
         for e in LIBRARY
     ],
 )

@@ -30,15 +30,13 @@ from bayes_inertia.physics.random_basis import (
 from bayes_inertia.physics.small_campaign import small_campaign
 
 ONLY_WHERE_COMMANDS_DRIVE = ("tachometer_noise_walk", "wheel_torque_noise")
-# A walk and what begins anew in each slew; the others are tried in the long tests.
-TRIED = ("rate_bias_slew_drift", "rate_random_walk")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "effect",
     [
-        pytest.param(e, id=e.name, marks=() if e.name in TRIED else pytest.mark.long)
+        pytest.param(e, id=e.name, marks=() if e.name == "rate_random_walk" else pytest.mark.long)
         for e in STOCHASTIC
     ],
 )
