@@ -57,6 +57,7 @@ def test_numpy_and_jax_agree_and_shapes_are_kept(density, draws):
     assert density(draws[0]) == pytest.approx(of_numpy[0], abs=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_slopes_are_those_of_differences(density, draws):
     slope = np.asarray(jax.jit(jax.grad(density))(jnp.asarray(draws[1])))
@@ -74,6 +75,7 @@ def test_it_is_zero_where_J_is_no_body(density):
     assert density.log_likelihood(thin) == -np.inf
 
 
+@pytest.mark.slow
 def test_prior_and_likelihood_make_the_density(density, draws):
     both = density.log_prior(draws) + density.log_likelihood(draws)
     np.testing.assert_allclose(both, density(draws), rtol=0, atol=1e-9)

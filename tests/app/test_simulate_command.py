@@ -64,6 +64,7 @@ def test_simulate_flies_the_spacecraft_of_a_campaign(campaign, tmp_path, capsys)
     assert 0.01 < np.abs(off).max() < 5.0
 
 
+@pytest.mark.slow
 def test_simulate_says_what_a_spacecraft_lacks_and_what_is_not_simulated(
     campaign, tmp_path, capsys
 ):

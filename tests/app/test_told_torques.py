@@ -71,6 +71,7 @@ def thrusters(folder, strength: float) -> list[str]:
     return [f"{file}:Thrusters"]
 
 
+@pytest.mark.slow
 def test_a_torque_that_a_named_effect_tells_is_no_broken_law(thrown):
     before = check_conventions(thrown)
     assert before.verdict != "consistent"

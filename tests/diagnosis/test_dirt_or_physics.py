@@ -150,6 +150,7 @@ def test_a_torque_beside_outliers_is_named_and_the_outliers_listed(planted, few_
     assert sum(len(d.rows) for d in diagnosis.dirt) == sum(hit)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_nothing_is_measured_again_where_nothing_was_named(clean, few_candidates):
     start = begun(clean, few_candidates)

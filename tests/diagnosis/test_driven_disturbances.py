@@ -29,6 +29,7 @@ def evidence_in(estimate):
     return found
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_coasting_wheels_are_no_driver():
     campaign = small_campaign()

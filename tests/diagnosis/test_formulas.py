@@ -76,6 +76,7 @@ def test_prior_probabilities_of_all_terms_add_up_to_one(search):
     assert len({term.formula.name for term in search.terms}) == len(search.terms) > 500
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_law_that_an_effect_can_make_is_no_formula(fit, search):
     """Friction alike on all wheels is friction; drag in the square of the rate is another law."""

@@ -22,6 +22,7 @@ def test_a_posterior_that_is_nearly_normal_is_its_approximation():
     assert found.pareto_k < 0.7
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_lag_loses_the_share_of_its_approximation_that_is_negative():
     fit = estimate(Model(small_campaign(), (WheelCommandLag(),)), starts=1)

@@ -15,6 +15,7 @@ from bayes_inertia.physics.slew_input import idle_slew
 from bayes_inertia.report.verdict import diagnosis_verdict
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_next_correction_slew_before_and_after(lagging, flight, content_of, check_contract):
     # A lag is removed by feedback and leaves nothing at rest, but the K that was fitted without it

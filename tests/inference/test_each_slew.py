@@ -21,7 +21,7 @@ from bayes_inertia.physics.forward_model import Model
 CASES = [
     ((), "commanded"),
     pytest.param((), "measured", marks=pytest.mark.long),
-    (("rate_random_walk",), "commanded"),
+    pytest.param(("rate_random_walk",), "commanded", marks=pytest.mark.long),
     pytest.param(("wheel_friction", "rate_sensor_delay"), "commanded", marks=pytest.mark.long),
 ]
 

@@ -138,6 +138,7 @@ def test_jax_samples_the_joint_prior_too(campaign):
     assert density(theta) == pytest.approx(float(density(jnp.asarray(theta))), abs=1e-7)
 
 
+@pytest.mark.slow
 def test_bounds_and_logarithms_reach_the_fit():
     small = small_campaign()
     prior = bi.GaussianPrior(

@@ -273,6 +273,7 @@ def replace_sigma(campaign, factor):
     )
 
 
+@pytest.mark.slow
 def test_outliers_cost_student_t_noise_little(flown):
     clean = fitted(flown.campaign)
     for share in (0.005, 0.05):

@@ -88,6 +88,7 @@ def test_at_the_optimum_no_direction_goes_down(fitted):
         assert abs(moved - best - 0.125) < 0.01  # half of 0.5 squared: the Hessian is right as well
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_prior_on_the_locked_tensor_gives_the_same_physics(flying, setup_type):
     """J or J_locked: what the file calls its tensor comes out, wheels heavy enough to tell."""

@@ -60,6 +60,7 @@ def test_a_chain_file_holds_what_the_chain_held_and_a_damaged_one_is_refused(tmp
         load_chain(path, 8, 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("met_by", [0, 1])
 def test_an_interrupt_stops_all_ensembles_soon_whichever_meets_it(
     small_at, tmp_path, monkeypatch, met_by

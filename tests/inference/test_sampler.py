@@ -42,6 +42,7 @@ def test_one_seed_gives_the_same_bytes_whatever_the_threads_and_another_seed_doe
     assert not np.any(first.samples[0] == first.samples[1])  # nor do ensembles share random numbers
 
 
+@pytest.mark.slow
 def test_walkers_are_at_least_twice_as_many_as_parameters(small_at):
     assert sample(small_at, replace(SHORT, walkers=4)).samples.shape[1] == 2 * D
 
@@ -97,6 +98,7 @@ def compiled_by(work) -> list[str]:
     return compiled
 
 
+@pytest.mark.slow
 def test_a_second_campaign_of_another_length_compiles_nothing(
     flying, setup_type, small_at, monkeypatch
 ):

@@ -89,6 +89,7 @@ def jumping_torque(between: str) -> InputStream:
     return InputStream(time, 0.05 * rng.normal(size=(len(time), 3)), between)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.parametrize("between", ["hold", pytest.param("line", marks=pytest.mark.long)])
 def test_inputs_that_jump_off_the_grid_keep_the_order_of_the_method(between):
@@ -121,6 +122,7 @@ def others(slew) -> dict:
     return {k: 0.0 * getattr(slew, k)[::8] for k in kept}
 
 
+@pytest.mark.slow
 def test_thrusters_by_on_times_are_the_torque_that_they_make():
     torque_B = np.array([[0.02, 1e-3, 0.0], [-0.02, 0.0, 1e-3]])
     on = InputStream(np.arange(0.0, 60.0, 3.0), np.tile([[0.37, 0.0], [0.0, 1.21]], (10, 1)))
@@ -238,6 +240,7 @@ def test_random_effects_stand_beside_devices_and_the_noise_of_their_inputs():
         np.testing.assert_array_equal(first.blocks, second.blocks)
 
 
+@pytest.mark.slow
 def test_an_effect_of_your_own_looks_up_an_input_by_name():
     @dataclass(frozen=True)
     class Own(Effect):

@@ -223,7 +223,7 @@ class NotADataclass(Torque):
 @pytest.mark.parametrize(
     ("effect", "words"),
     [
-        (NotANoOp(), "at its null values it changes"),
+        pytest.param(NotANoOp(), "at its null values it changes", marks=pytest.mark.slow),
         (Impure(), "pure"),
         (NotFinite(), "telemetry is not finite"),
         pytest.param(
@@ -279,6 +279,7 @@ def test_a_fit_says_what_is_no_model_of_the_noise(noise, campaign):
         bi.NoiseModel(rate="student_t")
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_random_effect_is_checked_where_devices_act_too():
     campaign = small_campaign()

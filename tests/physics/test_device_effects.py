@@ -111,6 +111,7 @@ def test_an_error_of_a_sensor_shows_in_its_readings_alone(equipped):
         assert moved == expected, effect.name
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_gain_of_a_device_is_that_of_its_record(equipped):
     (gain,) = by_name(["gain[torquers]"])
@@ -156,6 +157,7 @@ def test_gains_of_each_are_those_of_the_record(equipped):
         np.testing.assert_allclose(predicted[1][channel], values, rtol=1e-9, atol=1e-13)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.parametrize("between", ["hold", "line"])
 @pytest.mark.parametrize("tau", [0.0, 0.3, 1.7])

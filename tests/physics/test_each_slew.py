@@ -18,6 +18,7 @@ from bayes_inertia.physics.prediction import predict_all
 from bayes_inertia.physics.slew_input import idle_slew
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "inner",

@@ -94,6 +94,7 @@ def test_steps_of_many_rows_stay_far_below_the_noise(monkeypatch, campaign, driv
     assert max(found) < ALLOWED, found
 
 
+@pytest.mark.slow
 def test_steps_far_too_long_are_seen(monkeypatch):
     """The control: the error that the plan avoids is there."""
     campaign = read_campaign(EXAMPLE)

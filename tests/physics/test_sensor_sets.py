@@ -45,6 +45,7 @@ def with_gyro(noisy, exact, axes, K, bias, rng):
     return replace(noisy.campaign, rate_sensor=sensor, slews=tuple(slews))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "axes",

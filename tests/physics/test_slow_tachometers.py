@@ -46,6 +46,7 @@ def slow() -> Campaign:
     return replace(small, slews=tuple(slews))
 
 
+@pytest.mark.slow
 def test_the_finest_of_all_gyros_judges_lines_between_slow_readings(slow):
     """Beside a first gyro of noise too large to see what lines miss."""
     coarse = replace(slow, rate_sensor=replace(slow.rate_sensor, sigma=(2e-2,) * 3))

@@ -62,6 +62,7 @@ def test_a_flipped_bit_is_reported_by_every_command(stored, capsys):
     assert "posterior.nc: is damaged" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_without_a_seal_another_process_reads_it_first(stored):
     data = stored.read_bytes()
     bare = data[: data.rindex(SEAL)]

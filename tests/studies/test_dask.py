@@ -42,6 +42,7 @@ def test_a_cluster_gives_the_same_bits(tmp_path, workers):
     assert [(f.task, f.final) for f in failed.failures] == [("2", True), ("5", False)]
 
 
+@pytest.mark.long
 def test_a_task_that_kills_its_workers_is_named_and_the_others_are_done(workers):
     result = run_work(work_of(8, Flaky(deadly=("4",))), workers)
     assert [f.task for f in result.failures] == ["4"]
