@@ -303,7 +303,7 @@ def description_for(description: Description | None, name: str) -> Description |
     """What the description says of a further sensor, as if it were the first of its kind."""
     if description is None:
         return None
-    entry = next(e for e in description.entries if e.field == f"more.{name}")
+    entry = next(e for e in description.entries if e.field == f"{MORE}{name}")
     first = replace(entry, field=entry.key)
     others = [e for e in description.entries if e.field != entry.key and e is not entry]
     table = "rate_sensor" if entry.key == "rate" else "star_tracker"
