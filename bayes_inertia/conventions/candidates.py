@@ -40,6 +40,7 @@ _NAMED = {"time": ("time", "time")} | {
     key: (stream.quantity, stream.field) for key, stream in STREAMS.items() if key != "attitude"
 }
 _OTHER_ORDERS = tuple(permutations(range(3)))[1:]
+_FLIPPED = tuple(product((1.0, -1.0), repeat=3))[1:]  # Signs of three axes, one flipped at least.
 
 
 def mistakes(campaign: Campaign, columns: Columns) -> list[Mistake]:
@@ -148,22 +149,20 @@ def _rate_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
         yield axes_mistake(axes, axes.T, 2, "the rate sensor's axes are written transposed")
     if not np.allclose(axes, np.eye(3), atol=1e-3):
         yield axes_mistake(axes, np.eye(3), 2, "the rates are along body axes already")
-    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        flipped = signs.count(-1.0)
-        if not flipped:
-            continue
-        exchanged = np.diag(signs) @ np.eye(3)[list(order)]
-        words, rarity = f"the rates are along the axes {_axes_in_words(exchanged)}", 4
-        if order == (0, 1, 2) and flipped == 1:
-            words, rarity = f"rate sensor axis {signs.index(-1.0) + 1} has the other sign", 3
-        elif order == (0, 1, 2) and flipped == 3:
-            words, rarity = "all rates have the other sign", 3
-        yield axes_mistake(axes, exchanged @ axes, rarity, words)
+    for order in permutations(range(3)):
+        for signs in _FLIPPED:
+            words, rarity = f"the rates are along the axes {_axes_in_words(order, signs)}", 4
+            if order == (0, 1, 2) and signs.count(-1.0) == 1:
+                words, rarity = f"rate sensor axis {signs.index(-1.0) + 1} has the other sign", 3
+            elif order == (0, 1, 2) and signs.count(-1.0) == 3:
+                words, rarity = "all rates have the other sign", 3
+            exchanged = np.diag(signs) @ np.eye(3)[list(order)]
+            yield axes_mistake(axes, exchanged @ axes, rarity, words)
 
 
-def _axes_in_words(exchanged: np.ndarray) -> str:
-    """A signed permutation as (-y, x, z)."""
-    named = [("-" if r.sum() < 0.0 else "") + "xyz"[int(abs(r).argmax())] for r in exchanged]
+def _axes_in_words(order: Sequence[int], signs: Sequence[float]) -> str:
+    """Axes in an order and with signs, as (-y, x, z)."""
+    named = ("-" * (s < 0.0) + "xyz"[k] for k, s in zip(order, signs, strict=True))
     return f"({', '.join(named)})"
 
 
@@ -211,6 +210,16 @@ def signed(names: Sequence[str], what: str) -> Iterator[OtherColumns]:
         which = "all columns" if len(flipped) == count else " and ".join(names[k] for k in flipped)
         words = f"{which} of {what} {'have' if len(flipped) > 1 else 'has'} the other sign"
         yield OtherColumns(other, np.diag(sign), 3 if len(flipped) in (1, count) else 4, words)
+
+
+def along_other_axes(names: Sequence[str], what: str) -> Iterator[OtherColumns]:
+    """Columns of a vector that are along turned axes: in another order and with other signs."""
+    for order, signs in product(_OTHER_ORDERS, _FLIPPED):
+        other = list(names)
+        for name, k, sign in zip(names, order, signs, strict=True):
+            other[k] = name if sign > 0.0 else negated_name(name)
+        words = f"{what} is along the axes {_axes_in_words(order, signs)}"
+        yield OtherColumns(other, (np.diag(signs) @ np.eye(3)[list(order)]).T, 4, words)
 
 
 def _wheel_order(columns: Columns) -> Iterator[Mistake]:
@@ -354,9 +363,15 @@ def _direction_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistak
             entry = columns.get(f"sensors.{name}.{key}")
             if entry is None:
                 continue
-            stated = Stated(entry["path"], "magnetic_field", entry["unit"], list(entry["names"]))
+            names = list(entry["names"])
+            stated = Stated(entry["path"], "magnetic_field", entry["unit"], names)
             for matrix, tried in of_columns(stated, what, of_unit=of_unit, rarer=rarer):
                 yield replace(tried, mend=_preceded(field, d, matrix))
+            for other in along_other_axes(names, what) if key == "direction" else ():
+                changed = unmended(
+                    f"{stated.path}.names", names, other.names, other.rarity, other.words
+                )
+                yield replace(changed, mend=_preceded(field, d, other.matrix))
         if sensor.reference_N is not None:
             constant = np.array(sensor.reference_N)
             factors = {f"{there} lies the other way": (-1.0, 3)}

@@ -78,6 +78,8 @@ def _place(misfits: Misfits, law: str, fit: LinearFit) -> str:
 def _parameters(misfits: Misfits, law: str) -> list[str]:
     """The uncertain parameters of a law in the order of its regressors, as people call them."""
     axes = [f"{a}{b}" for a in "xyz" for b in "xyz"]
+    # Smoothed rates have errors of their own, but no sensor with a K.
+    rates = "the rates that all sensors tell" if misfits.smoothed else "the rate sensor"
     bias = [f"a rate bias about {a}" for a in "xyz"]
     wheels = [wheel.name for wheel in misfits.campaign.wheels]
     if law == DRIVE:
@@ -88,12 +90,16 @@ def _parameters(misfits: Misfits, law: str) -> list[str]:
             for name, _ in direction_sensors(misfits.campaign)
             for what in (*(f"mounting or scale {a}" for a in axes), *(f"offset {a}" for a in "xyz"))
         ]
-        return [*(f"K or misalignment {a} of the rate sensor" for a in axes), *bias, *of_sensors]
-    scales = [f"K{k} of the rate sensor" for k in (1, 2, 3)]
+        what = "scale" if misfits.smoothed else "K"
+        return [*(f"{what} or misalignment {a} of {rates}" for a in axes), *bias, *of_sensors]
+    scales = [f"K{k} of {rates}" for k in (1, 2, 3)]
+    if misfits.smoothed:
+        scales = [f"the scale about {a} of {rates}" for a in "xyz"]
+    changes = [f"J{a} after {c.name}" for c in misfits.campaign.changes for a in axes]
     torques = [f"a torque about {a}" for a in "xyz"]
     # The last is one where something tells torques.
     told = "the gain of the torques that effects tell"
-    return [*(f"J{a}" for a in axes), *scales, *bias, *torques, told]
+    return [*(f"J{a}" for a in axes), *scales, *bias, *torques, *changes, told]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -154,21 +155,48 @@ class LawData:
 def integrated_noise(told: Told) -> np.ndarray:
     """Angle (S,) that the noise of the rates adds up to over a slew [rad]."""
     # As stated, whatever the reading: in a larger unit of rate or time all would drown in it.
-    slews, rate = told.slews, float(np.linalg.norm(told.noise["rate"]))
+    slews, rate = told.slews, told.noise["rate"]
     steps = {slew.name: float(np.median(slew.rate_steps)) for slew in told.campaign.slews}
     step = np.array([steps[name] for name in slews.names])
-    return rate * np.sqrt(step * np.ptp(slews.time, axis=1))
+    duration = np.ptp(slews.time, axis=1)
+    square = np.linalg.norm(rate) ** 2 * step * duration
+    lasting: list[tuple[Any, Any]] = list(bias_wander(told))
+    if (noise := told.campaign.gyro.correlated_noise) is not None:
+        lasting.append((rate * np.sqrt(noise.share), noise.time))
+    for sd, time in lasting:
+        alike = np.minimum(duration[:, None], 2.0 * np.broadcast_to(time, 3))
+        square = square + duration * (np.square(sd) * alike).sum(axis=1)
+    return np.sqrt(square)
+
+
+def bias_wander(told: Told) -> tuple[tuple[float, float], ...]:
+    """Sd of each stated wandering of a rate bias [rad/s], and how long it lasts [s]."""
+    sensor, slews = told.campaign.gyro, told.campaign.slews
+    span = max(s.start + s.duration for s in slews) - min(s.start for s in slews)
+    # One bias is estimated for all slews.
+    walk = (sensor.rate_random_walk or 0.0) * span**0.5
+    # What is stated in a larger unit must not drown the motion.
+    most = LIMITS.stale_share * _rms_rate(told)
+    return (
+        (min(walk, most), np.inf),
+        (min(sensor.bias_instability or 0.0, most), sensor.bias_instability_time or 0.0),
+    )
 
 
 def bias_sd_of(told: Told) -> np.ndarray:
     """Sd of the rate bias (3,): what is stated, or more where it may be stale [rad/s]."""
     if told.bias_sd is not None:
         return told.bias_sd
-    valid = told.slews.valid
-    rms = np.sqrt(np.mean(np.sum(told.motion.rate_B[valid] ** 2, axis=-1)))
     # A reading in a smaller unit must not drown in a bias that is stated in the larger one.
+    rms = _rms_rate(told)
     stated = np.minimum(told.campaign.gyro.bias_sigma, rms)
     return np.maximum(stated, LIMITS.bias_share * rms)
+
+
+def _rms_rate(told: Told) -> float:
+    """Root mean square rate of the campaign [rad/s]."""
+    rate_B = told.motion.rate_B[told.slews.valid]
+    return float(np.sqrt(np.mean(np.sum(rate_B**2, axis=-1))))
 
 
 def deviation(vectors: np.ndarray, mask: np.ndarray) -> np.ndarray:

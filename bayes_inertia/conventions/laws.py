@@ -28,6 +28,7 @@ from bayes_inertia.conventions.law_data import (
     LinearFit,
     Told,
     bias_sd_of,
+    bias_wander,
     crossed,
     deviation,
     integrated_noise,
@@ -105,7 +106,10 @@ def closure(told: Told) -> LawData | None:
     integrated = angle_of(composed(turned_back(_at(path, first)), path))
     size = np.maximum(deviation(seen, fixes), deviation(integrated, fixes))
     tracker = told.campaign.star_tracker
-    noise = 0.0 if tracker is None else np.hypot(tracker.sigma_cross, tracker.sigma_roll)
+    noise = 0.0
+    if tracker is not None:
+        of_fix = (tracker.sigma_cross, tracker.sigma_roll, tracker.low_frequency_sigma or 0.0)
+        noise = float(np.linalg.norm(of_fix))
     free = np.broadcast_to(np.eye(3), (*error.shape, 3))
     turning = np.einsum("snij,snj->sni", moving.to_start[some], moving.rate_B[some])
     early = -turning * fixes[..., None]
@@ -166,13 +170,14 @@ def conservation(told: Told) -> LawData | None:
 
 
 def _uncertain_momentum(told: Told, total: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Momentum change (S, N, 3, 18) by J, K, bias and a constant torque of one sd each."""
+    """Momentum change (S, N, 3, P) by one sd each of J, K, bias, a torque and dated changes."""
     moving, prior, inertia = told.motion, told.campaign.inertia, told.reading.inertia
     mean = float(np.trace(inertia)) / 3.0
     moments = np.maximum(LIMITS.inertia_sd, prior.relative_sigma) * np.diag(inertia)
     product = min(max(prior.product_sigma, LIMITS.inertia_sd * mean), mean)
     sds = np.where(np.eye(3, dtype=bool), moments[:, None], product)
-    by_inertia = np.einsum("snia,snb->sniab", moving.to_start, moving.rate_B) * sds
+    by_inertia = np.einsum("snia,snb->sniab", moving.to_start, moving.rate_B)
+    by_inertia = by_inertia.reshape(*by_inertia.shape[:3], 9)
     scales = np.maximum(LIMITS.frame_share, told.campaign.gyro.scale_factor_sigma)
     by_scale = crossed(moving.by_scale[..., [0, 4, 8]], total) * scales
     by_bias = crossed(moving.by_bias, total) + moving.to_start @ inertia
@@ -180,8 +185,14 @@ def _uncertain_momentum(told: Told, total: np.ndarray, size: np.ndarray) -> np.n
     share = LIMITS.unseen_friction_share if unseen else LIMITS.torque_share
     torque = share * size / np.maximum(np.abs(moving.duration), 1e-12)
     by_torque = moving.by_bias * torque[:, None, None, None]
-    elements = by_inertia.reshape(*by_inertia.shape[:3], 9)
-    return np.concatenate([elements, by_scale, by_bias * bias_sd_of(told), by_torque], axis=-1)
+    starts = {slew.name: slew.start for slew in told.campaign.slews}
+    start = np.array([starts[name] for name in told.slews.names])[:, None, None, None]
+    changed = [
+        by_inertia * (start >= change.time) * change.sigma_fraction * mean
+        for change in told.campaign.changes
+    ]
+    parts = (by_inertia * sds.ravel(), by_scale, by_bias * bias_sd_of(told), by_torque)
+    return np.concatenate([*parts, *changed], axis=-1)
 
 
 def _slope(values: np.ndarray, told: Told) -> np.ndarray:
@@ -212,13 +223,14 @@ def wheel_momentum_B(told: Told) -> np.ndarray | None:
 def _momentum_noise(told: Told) -> float:
     """Noise of J w + G h at one moment, rotors on gimbals of noisy angles included [N m s]."""
     body = told.reading.inertia @ told.reading.rate @ np.diag(told.noise["rate"])
+    wander = [told.reading.inertia * sd for sd, _ in bias_wander(told)]
     wheels = told.reading.momentum @ told.noise["momentum"]
     rotors = [
         np.asarray(device.momentum) * device.angle_sigma
         for device in told.campaign.actuators
         if isinstance(device, GimballedRotors)
     ]
-    return float(np.sqrt(sum(np.sum(np.square(part)) for part in (body, wheels, *rotors))))
+    return float(np.sqrt(sum(np.sum(np.square(part)) for part in (body, *wander, wheels, *rotors))))
 
 
 def drive(told: Told) -> LawData | None:

@@ -101,6 +101,8 @@ def test_a_right_campaign_agrees_and_its_sensors_are_held_against_a_law():
         ("sun", np.diag([1.0, -1.0, 1.0]), NAMES, ["x", "-y", "z"]),
         ("sun", np.diag([1.0, -1.0, -1.0]), NAMES, ["x", "-y", "-z"]),
         ("sun", AXES[[1, 0, 2]], NAMES, ["y", "x", "z"]),
+        ("sun", np.diag([1.0, -1.0, 1.0]) @ AXES[[1, 0, 2]], NAMES, ["-y", "x", "z"]),
+        ("magnetometer", np.diag([1.0, 1.0, -1.0]) @ AXES[[1, 2, 0]], NAMES, ["-z", "x", "y"]),
         ("magnetometer", -AXES, NAMES, ["-x", "-y", "-z"]),
         ("magnetometer", AXES[[1, 2, 0]], NAMES, ["z", "x", "y"]),
         ("magnetometer", np.diag([-1.0, 1.0, 1.0]), NAMES, ["-x", "y", "z"]),

@@ -10,10 +10,17 @@ import numpy as np
 import pytest
 
 import bayes_inertia
+from bayes_inertia.campaign.actuators import Change
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import body_rates
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.conventions.check import check_conventions
+from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, Misfits
+from bayes_inertia.conventions.limits import LIMITS
+from bayes_inertia.conventions.motion import composed, of_angle, sampled
+from bayes_inertia.conventions.reading import stated_reading
 
+WAYS = (0.5, -0.4, 0.6, -0.5, 0.4)  # [rad]
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 
 
@@ -111,3 +118,58 @@ def test_a_campaign_without_any_law_is_consistent_and_says_so(right):
     assert check.verdict == "consistent"
     assert check.misfits == {}
     assert len(check.cannot_show) >= 3
+
+
+def misfits_of(campaign: Campaign) -> dict[str, float]:
+    """Misfit of each law, as the campaign states it [sd]."""
+    slews = sampled(campaign)
+    assert slews is not None
+    fits = Misfits(campaign, slews).of(stated_reading(campaign))
+    return {law: fit.worst for law, fit in fits.items()}
+
+
+def test_a_bias_that_wanders_as_stated_is_no_broken_law(right):
+    walk, rng = 2e-4, np.random.default_rng(2)  # [rad/s^1.5]
+
+    def wandering(slew):
+        steps = walk * np.sqrt(np.gradient(slew.time))[:, None]
+        return replace(
+            slew, rate=slew.rate + np.cumsum(steps * rng.normal(size=slew.rate.shape), axis=0)
+        )
+
+    wild = replace(right, slews=tuple(map(wandering, right.slews)))
+    assert min(misfits_of(wild)[law] for law in (CLOSURE, CONSERVATION)) > LIMITS.impossible
+    sensor = right.gyro
+    for stated in (
+        replace(sensor, rate_random_walk=walk),
+        replace(sensor, bias_instability=2e-3, bias_instability_time=100.0),
+    ):
+        assert max(misfits_of(replace(wild, rate_sensor=stated)).values()) < LIMITS.ordinary
+
+
+def test_a_star_tracker_that_is_off_as_stated_breaks_no_law(right):
+    def off(slew, angle):
+        q = np.array(slew.attitude)
+        late = slew.fixes & (slew.time > 0.5 * slew.duration)
+        q[late] = composed(q[late], of_angle(np.array([0.0, 0.0, angle])))
+        return replace(slew, attitude=q)
+
+    moved = replace(right, slews=tuple(off(s, a) for s, a in zip(right.slews, WAYS, strict=True)))
+    assert misfits_of(moved)[CLOSURE] > LIMITS.impossible
+    tracker = replace(right.star_tracker, low_frequency_sigma=0.3)
+    assert misfits_of(replace(moved, star_tracker=tracker))[CLOSURE] < LIMITS.suspicious
+
+
+def test_a_dated_change_of_the_tensor_is_no_broken_law(right):
+    change, after = Change("boom", right.slews[3].start, sigma_fraction=1.0), slice(3, None)
+    more = 1.2 * right.inertia.tensor
+
+    def heavier(slew):
+        rate_B = body_rates(right.gyro, slew.rate, right.gyro.scale_factor)
+        taken = np.linalg.solve(right.wheel_axes_B, more @ rate_B.T).T
+        return replace(slew, wheel_torque=None, wheel_momentum=slew.wheel_momentum - taken)
+
+    slews = (*right.slews[:3], *map(heavier, right.slews[after]))
+    assert misfits_of(replace(right, slews=slews))[CONSERVATION] > LIMITS.impossible
+    dated = replace(right, slews=slews, changes=(change,))
+    assert misfits_of(dated)[CONSERVATION] < LIMITS.ordinary
