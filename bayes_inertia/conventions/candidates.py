@@ -46,11 +46,10 @@ _FLIPPED = tuple(product((1.0, -1.0), repeat=3))[1:]  # Signs of three axes, one
 def mistakes(campaign: Campaign, columns: Columns) -> list[Mistake]:
     """All single mistakes that are tried for a campaign, the most common first."""
     every = [
-        *_unit_mistakes(columns),
+        *_stream_mistakes(columns),
         *_attitude_mistakes(columns),
         *_sense_of_torque(columns),
         *_rate_mistakes(campaign, columns),
-        *_wheel_order(columns),
         *_wheel_axes(campaign, columns),
         *_shared_units(columns),
         *_inertia_mistakes(campaign),
@@ -72,18 +71,15 @@ def _one_key(key: str, stated: Any, mended: Any, rarity: int, mend: Any, words: 
     return Mistake((KeyChange(key, stated, mended),), rarity, mend, words)
 
 
-def _unit_mistakes(columns: Columns) -> Iterator[Mistake]:
-    for quantity, (name, field) in _NAMED.items():
-        if quantity not in columns:
-            continue
-        stated = columns[quantity]["unit"]
-        for unit, si in UNITS[quantity].items():
-            factor = si / UNITS[quantity][stated]
-            if abs(factor - 1.0) < 1e-9:
-                continue
-            words = f"{name} is in {unit}, not in {stated}"
-            mend = scaled(**{field: factor})
-            yield _one_key(f"columns.{quantity}.unit", stated, unit, 1, mend, words)
+def _stream_mistakes(columns: Columns) -> Iterator[Mistake]:
+    """Other units of each stream and of time, and other orders of its columns."""
+    for key, (name, field) in _NAMED.items():
+        if key in columns:
+            entry = columns[key]
+            stated = Stated(f"columns.{key}", key, entry["unit"], list(entry["names"]))
+            for matrix, tried in of_columns(stated, name, signs=False):
+                factor = scaled(**{field: float(matrix[0, 0])})
+                yield replace(tried, mend=factor if key == "time" else reordered(field, matrix))
 
 
 def _attitude_mistakes(columns: Columns) -> Iterator[Mistake]:
@@ -139,11 +135,6 @@ def _sense_of_torque(columns: Columns) -> Iterator[Mistake]:
 def _rate_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
     if "rate" not in columns:
         return
-    names = list(columns["rate"]["names"])
-    words = "the rate's columns stand in another order"
-    for order in _OTHER_ORDERS:
-        mend = reordered("rate", np.eye(3)[list(order)])
-        yield _one_key("columns.rate.names", names, [names[k] for k in order], 2, mend, words)
     axes = campaign.gyro.axes
     if not np.allclose(axes, axes.T, atol=1e-3):
         yield axes_mistake(axes, axes.T, 2, "the rate sensor's axes are written transposed")
@@ -220,16 +211,6 @@ def along_other_axes(names: Sequence[str], what: str) -> Iterator[OtherColumns]:
             other[k] = name if sign > 0.0 else negated_name(name)
         words = f"{what} is along the axes {_axes_in_words(order, signs)}"
         yield OtherColumns(other, (np.diag(signs) @ np.eye(3)[list(order)]).T, 4, words)
-
-
-def _wheel_order(columns: Columns) -> Iterator[Mistake]:
-    for quantity in (key for key in _NAMED if key.startswith("wheel") and key in columns):
-        name, field = _NAMED[quantity]
-        names = list(columns[quantity]["names"])
-        for other in in_other_order(names, name):
-            mend = reordered(field, other.matrix)
-            key = f"columns.{quantity}.names"
-            yield _one_key(key, names, other.names, other.rarity, mend, other.words)
 
 
 def _wheel_axes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
@@ -319,7 +300,13 @@ class Stated(NamedTuple):
 
 
 def of_columns(
-    stated: Stated, what: str, *, signs: bool = True, of_unit: int = 1, rarer: int = 0
+    stated: Stated,
+    what: str,
+    *,
+    signs: bool = True,
+    turned_axes: bool = False,
+    of_unit: int = 1,
+    rarer: int = 0,
 ) -> Iterator[tuple[np.ndarray, Mistake]]:
     """Other units, orders and signs of columns, as matrices (k, k) on their values.
 
@@ -331,7 +318,8 @@ def of_columns(
             factor, words = si / UNITS[quantity][str(own)], f"{what} is in {unit}, not in {own}"
             tried = unmended(f"{path}.unit", own, unit, of_unit, words)
             yield factor * np.eye(len(names)), tried
-    for other in (*in_other_order(names, what), *(signed(names, what) if signs else ())):
+    others = [*in_other_order(names, what), *(signed(names, what) if signs else ())]
+    for other in (*others, *(along_other_axes(names, what) if turned_axes else ())):
         rarity = other.rarity + rarer
         yield other.matrix, unmended(f"{path}.names", names, other.names, rarity, other.words)
 
@@ -363,15 +351,11 @@ def _direction_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistak
             entry = columns.get(f"sensors.{name}.{key}")
             if entry is None:
                 continue
-            names = list(entry["names"])
-            stated = Stated(entry["path"], "magnetic_field", entry["unit"], names)
-            for matrix, tried in of_columns(stated, what, of_unit=of_unit, rarer=rarer):
+            stated = Stated(entry["path"], "magnetic_field", entry["unit"], list(entry["names"]))
+            for matrix, tried in of_columns(
+                stated, what, turned_axes=key == "direction", of_unit=of_unit, rarer=rarer
+            ):
                 yield replace(tried, mend=_preceded(field, d, matrix))
-            for other in along_other_axes(names, what) if key == "direction" else ():
-                changed = unmended(
-                    f"{stated.path}.names", names, other.names, other.rarity, other.words
-                )
-                yield replace(changed, mend=_preceded(field, d, other.matrix))
         if sensor.reference_N is not None:
             constant = np.array(sensor.reference_N)
             factors = {f"{there} lies the other way": (-1.0, 3)}

@@ -20,7 +20,7 @@ from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import SampledSlews, sampled
 from bayes_inertia.conventions.reading import STREAMS, Columns, KeyChange, Mistake, Reading
 from bayes_inertia.conventions.search import Remedy
-from bayes_inertia.faults.known_offsets import KNOWN_OFFSETS, likely_offsets
+from bayes_inertia.faults.known_offsets import KNOWN_OFFSETS, known_offset
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 
 _STREAM = {CLOSURE: "star tracker", CONSERVATION: "wheels", DRIVE: "torque commands"}
@@ -165,12 +165,10 @@ def apart_in_words(
     away = own[0] - rates[-1] if own[0] > rates[-1] else own[-1] - rates[0]
     where = f"{abs(away):.4g} s {'after' if away > 0.0 else 'before'} the rates"
     said = f"all {count} {STREAMS[entry].readings} lie outside every slew ({where} at the nearest)"
-    for offset, why in likely_offsets():
-        seconds = float(np.copysign(offset, -away))
-        inside = np.concatenate([_beside(times + seconds, rates) for times, rates in pairs])
-        if np.mean(inside) > LIMITS.share_beside_rates:
-            key = f"columns.{entry}.offset_s = {stated + seconds:.9g}"
-            return f"{said}; they lie beside the rates with {key} ({why})"
+    known = known_offset([(times, [(rates[0], rates[-1])]) for times, rates in pairs])
+    if known is not None:
+        key = f"columns.{entry}.offset_s = {stated + known[0]:.9g}"
+        return f"{said}; they lie beside the rates with {key} ({known[1]})"
     return f"{said}; state their clock's offset as columns.{entry}.offset_s"
 
 

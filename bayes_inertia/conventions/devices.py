@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -53,9 +53,9 @@ def device_mistakes(
         # No thrust is negative.
         signs = not isinstance(device, Thruster)
         for matrix, tried in of_columns(stated, device.name, signs=signs):
-            yield replace(tried, mend=_told_by(_Input(device.name, matrix), torques))
+            yield replace(tried, mend=_told_by(_with_input(device.name, matrix), torques))
         for record, tried in _of_record(device):
-            yield replace(tried, mend=_told_by(_Record(record), torques))
+            yield replace(tried, mend=_told_by(_with_record(record), torques))
     yield from _of_field(torques, columns, description)
 
 
@@ -74,7 +74,7 @@ def _of_field(
         return
     of_unit = 2 if is_of_earth(given) else 1
     for matrix, tried in of_columns(stated, "the magnetic field", of_unit=of_unit, rarer=1):
-        told = _told_by(_Field(matrix), torques) if turns else tried.mend
+        told = _told_by(_with_other_field(matrix), torques) if turns else tried.mend
         yield replace(tried, mend=_with_field(matrix, looking, told))
 
 
@@ -106,60 +106,49 @@ def _in_memory(device: Actuator) -> Stated:
     return Stated(f"actuators.{device.name}.{told.key}", told.quantity, told.unit, names)
 
 
-class _Input(NamedTuple):
-    """A device's input, whose values are others."""
-
-    name: str
-    matrix: np.ndarray
-
-    def of(self, campaign: Campaign) -> Campaign:
-        """The campaign with it."""
-
-        def mended(slew: Slew) -> Slew:
-            stream = (slew.inputs or {}).get(self.name)
-            if stream is None:
-                return slew
-            changed = replace(stream, values=stream.values @ self.matrix.T)
-            return replace(slew, inputs={**(slew.inputs or {}), self.name: changed})
-
-        return replace(campaign, slews=tuple(map(mended, campaign.slews)))
+# From a campaign to the same with a mistake undone.
+_Undone = Callable[[Campaign], Campaign]
 
 
-class _Field(NamedTuple):
-    """The magnetic field, whose values are others."""
+def _with_input(name: str, matrix: np.ndarray) -> _Undone:
+    """A device's input has other values."""
 
-    matrix: np.ndarray
+    def mended(slew: Slew) -> Slew:
+        stream = (slew.inputs or {}).get(name)
+        if stream is None:
+            return slew
+        changed = replace(stream, values=stream.values @ matrix.T)
+        return replace(slew, inputs={**(slew.inputs or {}), name: changed})
 
-    def of(self, campaign: Campaign) -> Campaign:
-        """The campaign with it."""
-        slews = (
-            s
-            if s.magnetic_field_N is None
-            else replace(s, magnetic_field_N=s.magnetic_field_N @ self.matrix.T)
-            for s in campaign.slews
-        )
-        return replace(campaign, slews=tuple(slews))
+    return lambda campaign: replace(campaign, slews=tuple(map(mended, campaign.slews)))
 
 
-class _Record(NamedTuple):
-    """Another record of a device."""
+def _with_other_field(matrix: np.ndarray) -> _Undone:
+    """The magnetic field has other values."""
 
-    device: Actuator
+    def mended(slew: Slew) -> Slew:
+        field_N = slew.magnetic_field_N
+        return slew if field_N is None else replace(slew, magnetic_field_N=field_N @ matrix.T)
 
-    def of(self, campaign: Campaign) -> Campaign:
-        """The campaign with it."""
-        others = (d if d.name != self.device.name else self.device for d in campaign.actuators)
+    return lambda campaign: replace(campaign, slews=tuple(map(mended, campaign.slews)))
+
+
+def _with_record(device: Actuator) -> _Undone:
+    """A device has another record."""
+
+    def undone(campaign: Campaign) -> Campaign:
+        others = (d if d.name != device.name else device for d in campaign.actuators)
         return replace(campaign, actuators=tuple(others))
 
+    return undone
 
-def _told_by(
-    changed: _Input | _Field | _Record, torques: ToldTorques
-) -> Callable[[Reading], Reading]:
+
+def _told_by(undone: _Undone, torques: ToldTorques) -> Callable[[Reading], Reading]:
     """From a reading to one whose torques a changed campaign tells."""
 
     def teller(campaign: Campaign) -> Mapping[str, ToldTorque]:
         try:
-            return torques.teller(changed.of(campaign))
+            return torques.teller(undone(campaign))
         except CampaignError:  # Such as a pulse that is on when the next begins: no such mistake.
             return torques.by_slew
 

@@ -176,7 +176,7 @@ def bias_wander(told: Told) -> tuple[tuple[float, float], ...]:
     # One bias is estimated for all slews.
     walk = (sensor.rate_random_walk or 0.0) * span**0.5
     # What is stated in a larger unit must not drown the motion.
-    most = LIMITS.stale_share * _rms_rate(told)
+    most = LIMITS.stale_share * rms_rate(told)
     return (
         (min(walk, most), np.inf),
         (min(sensor.bias_instability or 0.0, most), sensor.bias_instability_time or 0.0),
@@ -188,12 +188,12 @@ def bias_sd_of(told: Told) -> np.ndarray:
     if told.bias_sd is not None:
         return told.bias_sd
     # A reading in a smaller unit must not drown in a bias that is stated in the larger one.
-    rms = _rms_rate(told)
+    rms = rms_rate(told)
     stated = np.minimum(told.campaign.gyro.bias_sigma, rms)
     return np.maximum(stated, LIMITS.bias_share * rms)
 
 
-def _rms_rate(told: Told) -> float:
+def rms_rate(told: Told) -> float:
     """Root mean square rate of the campaign [rad/s]."""
     rate_B = told.motion.rate_B[told.slews.valid]
     return float(np.sqrt(np.mean(np.sum(rate_B**2, axis=-1))))

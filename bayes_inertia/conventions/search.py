@@ -24,7 +24,7 @@ import numpy as np
 
 from bayes_inertia.conventions import laws
 from bayes_inertia.conventions.candidates import axes_mistake
-from bayes_inertia.conventions.law_data import LinearFit
+from bayes_inertia.conventions.law_data import LinearFit, rms_rate
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import (
     angle_of,
@@ -282,8 +282,7 @@ def with_own_bias(misfits: laws.Misfits, reading: Reading) -> Reading:
     drive = misfits.fit(laws.DRIVE, reading)
     if drive is not None and drive.worst > LIMITS.ordinary:
         return reading
-    rate_B = misfits.motion(reading).rate_B[misfits.slews.valid]
-    rms = float(np.sqrt(np.mean(np.sum(rate_B**2, axis=-1))))
+    rms = rms_rate(misfits.told(reading))
     told: _Told = (reading.bias_B, np.full(3, LIMITS.stale_share * rms))
     for law in (laws.CLOSURE, laws.DIRECTION, laws.CONSERVATION):
         more = _kept(misfits, law, reading, told)

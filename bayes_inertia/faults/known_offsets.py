@@ -21,21 +21,26 @@ KNOWN_OFFSETS: Mapping[float, str] = {
 
 
 def known_offset(
-    times: np.ndarray, spans: Sequence[tuple[float, float]]
+    readings: Sequence[tuple[np.ndarray, Sequence[tuple[float, float]]]],
 ) -> tuple[float, str, int] | None:
     """The known offset [s] that puts readings beside slews which they all miss, why, and how many.
 
-    >>> known_offset(np.array([3605.0, 3690.0]), [(0.0, 99.0)])
+    `readings`: for each clock the times of the readings, and the spans of its slews [s].
+
+    >>> known_offset([(np.array([3605.0, 3690.0]), [(0.0, 99.0)])])
     (-3600.0, '1 h, as of a time zone', 2)
     """
-    best, most = None, LIMITS.meant_offset_share * len(times)
+    best, most = None, LIMITS.meant_offset_share * sum(len(times) for times, _ in readings)
     for size, why in likely_offsets():
         # Several scales may do, of which the best is meant; zones come after them.
         if best is not None and size not in KNOWN_OFFSETS:
             break
         for seconds in (-size, size):
-            moved = times + seconds
-            inside = sum(int(((moved >= a) & (moved <= b)).sum()) for a, b in spans)
+            inside = sum(
+                int(((times + seconds >= a) & (times + seconds <= b)).sum())
+                for times, spans in readings
+                for a, b in spans
+            )
             if inside > most:
                 best, most = (seconds, why, inside), inside
     return best

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 
@@ -33,7 +33,7 @@ def set_back_row(stamps: np.ndarray, contents: np.ndarray) -> int | None:
     """
     if not np.any(np.diff(stamps) < 0.0):
         return None
-    late = _late_rows(stamps)
+    late = late_rows(stamps)
     # Of the rows in order: two sessions together have steps that none of them has.
     steps = np.diff(np.unique(np.delete(stamps, late)))
     step = float(np.median(steps)) if len(steps) else 0.0
@@ -108,9 +108,11 @@ def _in_order(table: Table, time: str, names: Sequence[str]) -> tuple[Table, lis
     row = set_back_row(table.numbers(time), table.stack(names))
     if row is not None:
         _refuse_jump(table, time, row)
-    table, kept, wrong = _without_wrong_stamps(table, time)
-    stamps = table.numbers(time)
-    late = kept[_late_rows(stamps[kept])]
+    stamps, kept, wrong, single = mended_stamps(table.numbers(time))
+    if len(wrong) and not single:
+        _refuse_jump(table, time, int(wrong[0]))
+    table = table.changed({time: stamps}) if len(wrong) else table
+    late = kept[late_rows(stamps[kept])]
     late = late[~np.isin(stamps[late], np.delete(stamps, late))]  # others were only sent again
     order = kept[np.argsort(stamps[kept], kind="stable")]
     joined, doubled = _joined(table.taking(order), time, names)
@@ -184,8 +186,14 @@ def _far_off_rows(table: Table, time: str) -> np.ndarray:
     return far
 
 
-def _late_rows(stamps: np.ndarray) -> np.ndarray:
-    """The fewest rows without which times never go back; they came late or carry wrong stamps."""
+def late_rows(stamps: np.ndarray) -> np.ndarray:
+    """The fewest rows without which times never go back; they came late or carry wrong stamps.
+
+    >>> late_rows(np.array([0.0, 1, 9, 2, 3])).tolist()
+    [2]
+    """
+    if not np.any(np.diff(stamps) < 0.0):
+        return np.zeros(0, dtype=int)
     tails: list[float] = []
     length = np.empty(len(stamps), dtype=int)
     for i, stamp in enumerate(stamps.tolist()):
@@ -201,28 +209,35 @@ def _late_rows(stamps: np.ndarray) -> np.ndarray:
     return np.flatnonzero(~in_order)
 
 
-def _without_wrong_stamps(table: Table, time: str) -> tuple[Table, np.ndarray, np.ndarray]:
-    """The table with single wrong stamps mended, the rows (n,) to keep, and the wrong ones (m,).
+class MendedStamps(NamedTuple):
+    """Stamps in which single wrong ones are mended."""
+
+    stamps: np.ndarray  # (n,)
+    kept: np.ndarray  # (m,) of int: the rows whose stamps are known
+    wrong: np.ndarray  # (k,) of int: the rows whose stamps were wrong, mended or not
+    single: bool  # Whether they are few, and none follows another
+
+
+def mended_stamps(stamps: np.ndarray) -> MendedStamps:
+    """Stamps (n,) that go back somewhere, without those that fit nowhere.
 
     Between neighbours two steps apart a regular clock leaves one place; else the row is lost.
+
+    >>> mended_stamps(np.array([0.0, 1.0, 2.0, 7.3, 4.0, 5.0, 6.0, 7.0])).stamps.tolist()
+    [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
     """
-    stamps = table.numbers(time)
-    rows = np.arange(len(stamps))
-    late = _late_rows(stamps)
+    rows, late = np.arange(len(stamps)), late_rows(stamps)
     steps = np.diff(np.unique(stamps))
     step = float(np.median(steps)) if len(steps) else 0.0
-    wrong = late[~_fits(stamps, late, step)]
-    if not len(wrong):
-        return table, rows, wrong
-    if np.any(np.diff(wrong) == 1) or len(wrong) > LIMITS.most_glitches * len(stamps):
-        _refuse_jump(table, time, int(wrong[0]))
+    wrong = late[~_fits(stamps, late, step)] if len(late) else late
+    few = len(wrong) <= LIMITS.most_glitches * len(stamps)
     inner = wrong[(wrong > 0) & (wrong < len(stamps) - 1)]
     hole = stamps[inner + 1] - stamps[inner - 1]
     regular = inner[np.abs(hole - 2.0 * step) <= LIMITS.glitch_tolerance * step]
     mended = stamps.copy()
     mended[regular] = 0.5 * (stamps[regular - 1] + stamps[regular + 1])
-    table = table.changed({time: mended})
-    return table, np.setdiff1d(rows, np.setdiff1d(wrong, regular)), wrong
+    kept = np.setdiff1d(rows, np.setdiff1d(wrong, regular))
+    return MendedStamps(mended, kept, wrong, few and not np.any(np.diff(wrong) == 1))
 
 
 def _fits(stamps: np.ndarray, late: np.ndarray, step: float) -> np.ndarray:

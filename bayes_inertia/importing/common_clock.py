@@ -326,8 +326,10 @@ def relative_to_body(
         stream, rate = streams[holds], streams["rate"]
         axes_read = [(axis, np.isfinite(axis)) for axis in rate.values.T]
         between = [np.interp(stream.time, rate.time[given], x[given]) for x, given in axes_read]
-        readings = np.stack(between, axis=1)
-        rate_B = readings @ np.linalg.inv(np.array(rate_sensor_axes(mapping))).T
+        sensor = mapping.rate_sensor
+        K, bias = sensor.scale_factor or 1.0, sensor.bias or 0.0
+        rate_S = np.stack(between, axis=1) * np.array(K) - np.array(bias)
+        rate_B = rate_S @ np.linalg.inv(np.array(rate_sensor_axes(mapping))).T
         axes = np.array([wheel.axis for wheel in mapping.wheels])
         inertias = np.array([wheel.spin_inertia for wheel in mapping.wheels])
         size = taken * (inertias if holds == "wheel_momentum" else 1.0)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
+from typing import Any
 
 import numpy as np
 
 from bayes_inertia.campaign.block_means import reduced
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import members
 from bayes_inertia.campaign.reader import campaign_of
 from bayes_inertia.campaign.sensors import BY_KEY
 from bayes_inertia.campaign.writer import content_of, files_of
@@ -100,10 +103,12 @@ def import_logs(
         imported.campaign.name, len(imported.campaign.slews)
     """
     say = progress or silent
-    label, data = str(mapping), read_bytes(Path(mapping))
+    paths = sorted({_path(file, "files") for file in _listed(files)})
+    mapping, folder = _path(mapping, "mapping"), _path(folder, "folder")
+    label, data = str(mapping), read_bytes(mapping)
     parsed = parse_mapping(text_of(data, label), label)
-    _refuse_occupied(Path(folder), data)
-    written = read_logs(files, parsed, label, say)
+    _refuse_occupied(folder, data)
+    written = read_logs(paths, parsed, label, say)
     say("cutting the log into slews", 0, 0)
     logs = replace(written, streams={key: _once(s) for key, s in written.streams.items()})
     _refuse_other_unit_of_time(logs, label)
@@ -117,13 +122,12 @@ def import_logs(
     say("writing the campaign", 0, 0)
     # Tables keep the rows of the logs: the campaign counts each reading once, and says so.
     slews = [imported_folder.slew_tables(w, written.streams, parsed) for w in cut.windows]
-    paths = sorted({Path(file) for file in files})
     tables = imported_folder.tables_of(parsed, slews)
     description = imported_folder.description_text(parsed, slews, noises)
     zero = imported_folder.zero_of_clock(logs) if logs.absolute else "the zero of the logs"
     content = {} if cut.scan is None else {imported_folder.PICTURE_FILE: cut_picture(cut, zero)}
     content[mapped_lines.RECORD_FILE] = imported_folder.record_text(
-        paths, (Path(mapping).name, data), logs, cut, noises
+        paths, (mapping.name, data), logs, cut, noises
     )
     campaign = _read_back(description, label, tables, parsed, slews)
     if parsed.reduce == "block_means":
@@ -133,6 +137,18 @@ def import_logs(
     # The description comes last: an interrupted import leaves no campaign.
     target = write_new_files(folder, dict([*tables_first, *beside, last]), holds="campaign")
     return ImportedCampaign(target, logs, cut, tuple(noises), campaign)
+
+
+def _listed(files: Any) -> tuple[Any, ...]:
+    """Files as a list; one alone counts as one."""
+    return (files,) if isinstance(files, str | os.PathLike) else members("files", files, object)
+
+
+def _path(given: Any, key: str) -> Path:
+    if not isinstance(given, str | os.PathLike):
+        what = f"a {type(given).__name__} is no path"
+        raise CampaignError(what, where=f"key {key}", advice="give a text or a Path")
+    return Path(given)
 
 
 def _read_back(
@@ -201,7 +217,7 @@ def _refuse_outside(stream: LoggedStream, cut: SlewCut, mapping: MappingPart, la
     # One command may be in force all the time.
     if nearest == 0.0 or len(stream.time) < 2:
         return
-    known = known_offset(stream.time, spans)
+    known = known_offset([(stream.time, spans)])
     stated = streams_that_hold(mapping, stream.holds)[0].offset_s
     files = ", ".join(PurePath(file).name for file in stream.files)
     size = nearest if known is None else abs(known[0])
@@ -218,7 +234,6 @@ def _refuse_outside(stream: LoggedStream, cut: SlewCut, mapping: MappingPart, la
             "leave the stream out"
         )
     what = f"all {len(stream.time)} readings of {files} lie outside every slew, by {size:.6g} s"
-    advice = advice
     raise CampaignError(what, where=f"{label}, key streams.{stream.holds}.offset_s", advice=advice)
 
 
@@ -244,7 +259,7 @@ def _beside(stream: LoggedStream, rate: LoggedStream, cut: SlewCut) -> list[str]
     beside = int((~inside & (away > 2.0 * rate.step)).sum())
     if beside <= max(1.0, LIMITS.most_left_out * count):
         return []
-    known = known_offset(stream.time, spans)
+    known = known_offset([(stream.time, spans)])
     if known is None or known[2] < LIMITS.meant_offset_share * count:
         return [f"{beside} of {count} readings {mapped_lines.BESIDE_RATES} and are left out"]
     seconds, why, there = known

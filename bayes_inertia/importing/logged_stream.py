@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.faults.row_order import set_back_row
+from bayes_inertia.faults.gaps import is_regular
+from bayes_inertia.faults.row_order import late_rows, mended_stamps, set_back_row
 from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.tables.table import row_name
@@ -44,13 +45,6 @@ class FileShare:
     def place(self, row: int) -> str:
         """Place of a row, for a message."""
         return f"{self.file}, {row_name(self.lines, row)}"
-
-
-"""Of the rows of a stream: the most that an import leaves out with no more than a note.
-
-As many at random would make the sds larger by 2.6 % only; more are a clock or a column that was
-misread.
-"""
 
 
 @array_dataclass
@@ -98,7 +92,6 @@ def left_out(count: int, rows: int, why: str, *, where: str, advice: str) -> str
     what = f"{count} of {rows} rows {why}"
     if count > max(1.0, LIMITS.most_left_out * rows):
         what = f"{what}; more than {LIMITS.most_left_out:.0%} are not left out"
-        advice = advice
         raise CampaignError(what, where=where, advice=advice)
     return f"{what} and are left out"
 
@@ -109,10 +102,12 @@ def in_order(stream: LoggedStream, place: Callable[[int], str] | None = None) ->
     Of rows with one time the first stays, filled up with the readings that only the others have, as
     of wheels that come in files of their own.
     """
+    kept = np.arange(len(stream.time))
     if place is not None:
         _refuse_set_back(stream, place)
+        stream, kept = _with_mended_stamps(stream)
+    swapped = sum(len(late_rows(stream.time[stream.file == k])) for k in np.unique(stream.file))
     order = np.argsort(stream.time, kind="stable")
-    swapped = _late_rows(stream)
     stream = stream.rows(order, *([_rows(swapped, "out of order", "sorted")] if swapped else []))
     repeated = np.concatenate([[False], np.diff(stream.time) == 0.0])
     # The last row of a slew's file may be the first of the next.
@@ -123,7 +118,7 @@ def in_order(stream: LoggedStream, place: Callable[[int], str] | None = None) ->
     values, again, lost = _filled(stream.values, repeated)
     note = [_rows(again, "repeated a time and", "left out")] if again else []
     if lost.any():
-        row = int(order[np.argmax(lost)])
+        row = int(kept[order[np.argmax(lost)]])
         note.append(
             left_out(
                 int(lost.sum()),
@@ -152,12 +147,18 @@ def _refuse_set_back(stream: LoggedStream, place: Callable[[int], str]) -> None:
     )
 
 
-def _late_rows(stream: LoggedStream) -> int:
-    """Rows that stand after a later one of the same file."""
-    return sum(
-        int((times < np.maximum.accumulate(times)).sum())
-        for times in (stream.time[stream.file == k] for k in np.unique(stream.file))
-    )
+def _with_mended_stamps(stream: LoggedStream) -> tuple[LoggedStream, np.ndarray]:
+    """The rows of a regular stream whose stamps fit or can be mended, and which (n,) they are."""
+    rows = np.arange(len(stream.time))
+    if not is_regular(np.unique(stream.time)):
+        return stream, rows
+    stamps, kept, wrong, single = mended_stamps(stream.time)
+    if not len(wrong) or not single:
+        return stream, rows
+    lost = len(rows) - len(kept)
+    counts = ((len(wrong) - lost, "given that between its neighbours"), (lost, "left out"))
+    notes = [_rows(count, "with a wrong stamp", done) for count, done in counts if count]
+    return replace(stream, time=stamps).rows(kept, *notes), kept
 
 
 def _filled(values: np.ndarray, repeated: np.ndarray) -> tuple[np.ndarray, int, np.ndarray]:

@@ -15,7 +15,8 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import body_rates
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.channels import channels_of
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import ActiveEffects, Effect
+from bayes_inertia.physics.equations_of_motion import with_delivered_inputs
 from bayes_inertia.physics.packing import Arrays, bridged, pack
 from bayes_inertia.physics.parameters import ParameterSpace
 from bayes_inertia.physics.slew_context import State
@@ -31,23 +32,21 @@ def told_torques(
     (n, 3) that devices carry at those means.
     """
     hooks = ("body_torque", "carried_momentum")
-    acting = [effect for effect in effects if any(effect.acts(hook) for hook in hooks)]
-    if not acting:
+    if not any(effect.acts(hook) for effect in effects for hook in hooks):
         return {}
-    spaces = [_space(effect, campaign) for effect in acting]
+    acting = [e for e in effects if any(e.acts(hook) for hook in (*hooks, "delivered_inputs"))]
+    space = ParameterSpace(tuple((e.name, p) for e in acting for p in e.parameters(campaign)))
     asked = sorted({name for effect in acting for name in effect.inputs})
     arrays = pack(campaign, channels_of(campaign, "commanded"), inputs=asked)
     told = {}
     for k, slew in enumerate(campaign.slews):
         one: Arrays = jax.tree.map(lambda rows, k=k: rows[k], arrays)
         rate_B, attitude = _measured_motion(campaign, k, np.asarray(one.slews.context.time))
-        mean, doubt = np.zeros((len(rate_B), 3)), np.zeros(len(rate_B))
-        carried, carried_doubt = np.zeros_like(mean), np.zeros_like(doubt)
-        for effect, space in zip(acting, spaces, strict=True):
-            torque, size = _torque(effect, space, campaign, one, rate_B, attitude)
-            mean, doubt = mean + torque, doubt + size
-            momentum, size = _carried(effect, space, one)
-            carried, carried_doubt = carried + momentum, carried_doubt + size
+        motion = partial(_motion_of, acting, space, campaign, one, rate_B, attitude)
+        (mean, doubt), (carried, carried_doubt) = (
+            _at_prior(lambda flat, part=part, motion=motion: motion(flat)[part], space)
+            for part in (0, 1)
+        )
         step = np.asarray(one.slews.context.step)
         time = slew.time[0] + np.asarray(one.slews.context.time)
         doubt = _integral(doubt[:, None], step)[:, 0] + carried_doubt
@@ -55,29 +54,10 @@ def told_torques(
     return told
 
 
-def _carried(effect: Effect, space: ParameterSpace, one: Arrays) -> tuple[np.ndarray, np.ndarray]:
-    """Momentum (n, 3) that a device carries [N m s], and what the priors leave open of it (n,)."""
-    context = one.slews.context
-    devices = {name: x.first for name, x in (one.slews.inputs or {}).items()}
-
-    def at_all(flat: Array) -> Array:
-        p = space.split(flat).get(effect.name, {})
-        if not effect.acts("carried_momentum"):
-            return jnp.zeros((len(context.time), 3))
-        carried = partial(effect.carried_momentum, p, context)
-        return jax.vmap(carried)(context.time, devices)
-
-    return _at_prior(at_all, space)
-
-
 def _integral(held: np.ndarray, step: np.ndarray) -> np.ndarray:
     """Running integral (n, k) of values (n, k) that are held over each step (n,) [s]."""
     summed = np.cumsum(held * step[:, None], axis=0)
     return np.concatenate([np.zeros_like(summed[:1]), summed[:-1]])
-
-
-def _space(effect: Effect, campaign: Campaign) -> ParameterSpace:
-    return ParameterSpace(tuple((effect.name, p) for p in effect.parameters(campaign)))
 
 
 def _measured_motion(
@@ -115,44 +95,55 @@ def _accumulated(turns: Array) -> Array:
     return jnp.concatenate([start[None], jax.lax.scan(turned, start, turns)[1]])
 
 
-def _torque(
-    effect: Effect,
+def _motion_of(
+    acting: Sequence[Effect],
     space: ParameterSpace,
     campaign: Campaign,
     one: Arrays,
     rate_B: np.ndarray,
     attitude: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Torque (n, 3) at the priors' means [N m], and how far the priors leave it open (n,)."""
-    inputs, context, prior = one.slews, one.slews.context, campaign.inertia
+    flat: Array,
+) -> tuple[Array, Array]:
+    """Torque (n, 3) of all effects [N m], and momentum (n, 3) that devices carry [N m s]."""
+    values, context, prior = space.split(flat), one.slews.context, campaign.inertia
+    active = ActiveEffects(tuple(acting), {e.name: values.get(e.name, {}) for e in acting})
+    inputs = with_delivered_inputs(one.slews, active)
     axes, spin = campaign.wheel_axes_B, campaign.spin_inertias
     J = prior.tensor if prior.includes_wheel_spin else prior.tensor + (axes * spin) @ axes.T
-
-    def at_all(flat: Array) -> Array:
-        p = space.split(flat).get(effect.name, {})
+    delivered = inputs.inputs or {}
+    torque = carried = jnp.zeros((len(rate_B), 3))
+    for effect, p in active:
         states = effect.initial_state(p, context, jnp.asarray(rate_B[0]))
 
-        def at(t, turned, rate, momentum, environment, devices):
-            state = State(turned, rate, momentum, states, jnp.asarray(J), *environment)
-            state = state._replace(inputs=devices)
-            return effect.body_torque(p, context, t, state)
+        def torque_at(t, turned, rate, momentum, environment, devices, e=effect, p=p, s=states):
+            state = State(turned, rate, momentum, s, jnp.asarray(J), *environment)
+            return e.body_torque(p, context, t, state._replace(inputs=devices))
 
-        return jax.vmap(at)(
+        torque += jax.vmap(torque_at)(
             context.time,
             jnp.asarray(attitude),
             jnp.asarray(rate_B),
             inputs.momentum,
             inputs.environment,
-            {name: 0.5 * (x.first + x.last) for name, x in (inputs.inputs or {}).items()},
+            {name: 0.5 * (x.first + x.last) for name, x in delivered.items()},
         )
-
-    return _at_prior(at_all, space)
+        if effect.acts("carried_momentum"):
+            at_start = {name: x.first for name, x in delivered.items()}
+            carried += jax.vmap(partial(effect.carried_momentum, p, context))(
+                context.time, at_start
+            )
+    return torque, carried
 
 
 def _at_prior(
     at_all: Callable[[Array], Array], space: ParameterSpace
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A vector (n, 3) at the priors' means, and the size (n,) of what one sd of each changes."""
+    """A vector (n, 3) at the priors' means, and the size (n,) of what one sd of each changes.
+
+    Parameters of one effect add up as independent ones do; effects by their sizes.
+    """
     mean = jnp.asarray(space.mean)
-    columns = jax.jacfwd(at_all)(mean) * jnp.asarray(space.sd)
-    return np.asarray(at_all(mean)), np.sqrt(np.asarray(jnp.sum(columns**2, axis=(1, 2))))
+    columns = np.asarray(jax.jacfwd(at_all)(mean) * jnp.asarray(space.sd))
+    owners = dict.fromkeys(owner for owner, _ in space.entries)
+    sizes = (np.sqrt(np.sum(columns[..., space.slice_of(o)] ** 2, axis=(1, 2))) for o in owners)
+    return np.asarray(at_all(mean)), sum(sizes, np.zeros(len(columns)))

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.tables.table import Column, StatedAttitude, Table
+from bayes_inertia.tables.table import Column, StatedAttitude, Table, joined_values
 from bayes_inertia.tables.text_table import text_column
 
 _QUATERNION = ("Q1", "Q2", "Q3", "QC")
@@ -103,7 +103,7 @@ def joined_segments(tables: Sequence[Table]) -> Table:
             raise CampaignError(what, where=first.label, advice=advice)
     columns = {
         name: Column(
-            np.concatenate([table.columns[name].values for table in tables]),
+            joined_values([table.columns[name].values for table in tables]),
             first.columns[name].unit,
         )
         for name in first.columns

@@ -76,7 +76,8 @@ def read_aem(path: Path, table: str = "") -> Table:
         for name, segment in zip(names, segments, strict=True)
         if table in ("", name)
     ]
-    return joined_segments(chosen)
+    # Lines and rows of segments together are those of the file.
+    return chosen[0] if len(chosen) == 1 else replace(joined_segments(chosen), label=str(path))
 
 
 def aem_segments(path: Path) -> list[str]:

@@ -18,7 +18,7 @@ import numpy as np
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes
 from bayes_inertia.tables.limits import LIMITS
-from bayes_inertia.tables.table import Column, Table
+from bayes_inertia.tables.table import Column, Table, joined_values
 from bayes_inertia.tables.text_cells import whole_lines
 from bayes_inertia.tables.time_stamps import time_names
 
@@ -75,9 +75,10 @@ def json_arrays(path: Path) -> dict[str, np.ndarray] | None:
         documents = _records(text, label)[0]  # Each line a part of the history.
     parts = [_arrays_of(document, label) for document in documents]
     named = [part for part in parts if part is not None]
-    if len(named) < len(parts) or any(part.keys() != named[0].keys() for part in named):
+    forms = [{name: array.shape[1:] for name, array in part.items()} for part in named]
+    if len(named) < len(parts) or any(form != forms[0] for form in forms):
         return None
-    return {name: np.concatenate([part[name] for part in named]) for name in named[0]}
+    return {name: joined_values([part[name] for part in named]) for name in named[0]}
 
 
 def _arrays_of(document: Any, label: str) -> dict[str, np.ndarray] | None:

@@ -174,6 +174,13 @@ class Table:
         return replace(self, columns=columns, lines=lines)
 
 
+def joined_values(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Parts of one column end to end; texts where one of them holds texts."""
+    if any(part.dtype.kind == "T" for part in parts):
+        parts = [part.astype(np.dtypes.StringDType()) for part in parts]
+    return np.concatenate(parts)
+
+
 def _first_text(values: np.ndarray) -> tuple[int, str]:
     """Row and text of the first cell that is no number."""
     for row, cell in enumerate(values.tolist()):

@@ -155,3 +155,25 @@ def test_a_history_refuses_what_fit_refuses(sign, says, tmp_path, monkeypatch):
     monkeypatch.setattr(run_folder, "finish", lambda *_, **__: unusable)
     with pytest.raises(CampaignError, match=says):
         many_folder.run_history([tmp_path / "jets"], tmp_path / "out")
+
+
+def test_what_a_named_effect_makes_of_commands_counts(tmp_path):
+    """Thrusters whose commands an effect turns round push the other way."""
+    file = tmp_path / "swapped.py"
+    file.write_text(
+        THRUSTERS.split("@dataclass")[0]
+        + "@dataclass(frozen=True)\nclass Swapped(Effect):\n    name = 'swapped'\n"
+        + "    def parameters(self, campaign):\n"
+        + "        return (scalar('share', unit='', prior=Normal(-1.0, 0.5), null=1.0),)\n"
+        + "    def delivered_inputs(self, p, slew, inputs):\n"
+        + "        rows = inputs['jets']\n"
+        + "        first, last = p['share'] * rows.first, p['share'] * rows.last\n"
+        + "        return {**inputs, 'jets': rows._replace(first=first, last=last)}\n"
+    )
+    plain = torques_of(with_jets(-1.0))["slew 1"]
+    told = torques_of(with_jets(-1.0), [f"{file}:Swapped"])["slew 1"]
+    np.testing.assert_allclose(told.impulse_B, -plain.impulse_B, atol=1e-12)
+    # Half of the torque is open, beside the 2 % of the device.
+    size = np.abs(told.impulse_B).max()
+    assert plain.doubt.max() == pytest.approx(0.02 * 2.0 * size, rel=0.05)
+    assert told.doubt.max() == pytest.approx(0.52 * 2.0 * size, rel=0.05)

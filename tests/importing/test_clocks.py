@@ -211,11 +211,11 @@ def test_rates_that_end_early_are_said_of_the_other_streams(tmp_path, columns):
 
 def test_offsets_of_time_scales_are_tried_by_name():
     for size, why in ((18.0, "GPS"), (69.184, "TT is ahead of UTC"), (3618.0, "GPS")):
-        known = known_offset(np.array([0.1, 5.0, 9.9]) + size, [(0.0, 10.0)])
+        known = known_offset([(np.array([0.1, 5.0, 9.9]) + size, [(0.0, 10.0)])])
         assert known is not None
         assert known[0] == pytest.approx(-size)
         assert why in known[1]
-    assert known_offset(np.array([0.0, 9.0]) + 1234.5, [(0.0, 10.0)]) is None
+    assert known_offset([(np.array([0.0, 9.0]) + 1234.5, [(0.0, 10.0)])]) is None
 
 
 def test_a_log_without_stamps_is_read_at_its_rate(tmp_path, columns):

@@ -239,6 +239,11 @@ def test_json_documents_of_several_streams_and_in_parts(tmp_path):
     assert table.stack(["t", "q[3]"]).tolist() == [[0.0, 1.0], [1.0, 1.0]]
     parts = "\n".join(json.dumps({"t": [t + 100 * k for t in TIME], "w": TIME}) for k in range(3))
     assert read(tmp_path, "b.jsonl", parts).rows == 3 * ROWS
+    damaged = "\n".join(json.dumps({"t": TIME, "w": w}) for w in (TIME, ["n/d", *TIME[1:]]))
+    with pytest.raises(CampaignError, match="'n/d' is not a number"):
+        read(tmp_path, "d.jsonl", damaged).numbers("w")
+    wider = "\n".join(json.dumps({"t": TIME, "w": w}) for w in (TIME, RATE))
+    assert read(tmp_path, "e.jsonl", wider).rows == 2
     with pytest.raises(CampaignError, match="key gyro: its rows differ in length"):
         read(tmp_path, "c.json", json.dumps({"t": TIME, "gyro": [*RATE[:-1], [1, 2]]}))
     one = read(tmp_path, "d.json", json.dumps({"t": 1.5, "gyro": [0.1, 0.2, 0.3]}))

@@ -134,6 +134,15 @@ def test_what_the_files_do_not_bear_out_is_refused(log, tmp_path, changes, named
     assert not (tmp_path / "c").exists()
 
 
+def test_files_may_be_one_path_and_what_is_no_path_is_said(log, tmp_path):
+    mapping = edited_mapping(tmp_path)
+    assert import_logs(str(log), mapping, tmp_path / "one").logs.streams
+    given = {"files": [log], "mapping": mapping, "folder": tmp_path / "c"}
+    for key, wrong in (("files", None), ("files", [3]), ("mapping", {}), ("folder", None)):
+        with pytest.raises(CampaignError, match=f"key {key}"):
+            import_logs(**(given | {key: wrong}))
+
+
 def test_a_unit_that_the_file_states_is_taken_and_must_not_be_contradicted(tmp_path, log):
     rows = log.read_text().splitlines()
     units = "ms,deg/s,deg/s,deg/s,mN m,-,-,-,-"

@@ -106,8 +106,8 @@ relative_to = "body"
 def test_momenta_in_inertial_space_become_relative_to_the_body(
     tmp_path, columns, holds, unit, size
 ):
-    """H = h + Js g.w; the wheel of this log turns about x."""
-    rate = np.radians(columns["wx"])
+    """H = h + Js g.w; the wheel of this log turns about x, and w = K w_meas - b."""
+    rate = 1.25 * np.radians(columns["wx"]) - 1e-3
     relative = size * (100.0 + 0.01 * columns["t_ms"] / 1e3)
     columns["H"] = relative + size * rate
     log = write_csv(tmp_path / "log.csv", columns)
@@ -120,7 +120,8 @@ names = ["H"]
 unit = "{unit}"
 relative_to = "inertial"
 """
-    imported = import_logs([log], edited_mapping(tmp_path, more=stream), tmp_path / FOLDER)
+    sensor = ("sigma = 1e-4\n", "sigma = 1e-4\nscale_factor = 1.25\nbias = 1e-3\n")
+    imported = import_logs([log], edited_mapping(tmp_path, sensor, more=stream), tmp_path / FOLDER)
     read = imported.logs.streams[holds]
     np.testing.assert_allclose(read.values[:, 0], relative, rtol=1e-12)
     assert "the body's turning was taken out" in " ".join(read.notes)
@@ -140,6 +141,21 @@ def test_streams_of_other_files_keep_their_own_rates(tmp_path, columns):
     stamps = 1e3 * (slew.start + slew.time[slew.fixes])
     np.testing.assert_allclose(stamps % 2500.0, 70.0, atol=1e-5)
     np.testing.assert_allclose(np.diff(slew.time[has_rate]), 0.5, atol=1e-8)
+
+
+@pytest.mark.parametrize(("row", "off"), [(25, 40_200.0), (25, 1e9), (180, -30_100.0)])
+def test_a_single_wrong_stamp_moves_no_reading_to_another_time(tmp_path, columns, row, off):
+    right = import_logs([write_csv(tmp_path / "log.csv", columns)], edited_mapping(tmp_path),
+                        tmp_path / "right")  # fmt: skip
+    columns["t_ms"] = columns["t_ms"] + off * (np.arange(len(columns["t_ms"])) == row)
+    log = write_csv(tmp_path / "log.csv", columns)
+    mended = import_logs([log], edited_mapping(tmp_path), tmp_path / FOLDER)
+    for stream, other in zip(
+        right.logs.streams.values(), mended.logs.streams.values(), strict=True
+    ):
+        np.testing.assert_allclose(other.time, stream.time, atol=1e-6)
+        np.testing.assert_array_equal(other.values, stream.values)
+    assert "1 row with a wrong stamp" in mended.logs.streams["attitude"].notes[0]
 
 
 def test_a_unit_is_written_as_the_campaign_format_spells_it(tmp_path, columns):

@@ -176,6 +176,9 @@ def test_segments_are_joined_only_where_they_mean_the_same(tmp_path):
     assert read_raw(file, table="segment 2").attitude.from_frame == "ICRF"
     with pytest.raises(CampaignError, match="segments 1 and 2 have different frames"):
         read_raw(file)
+    file.write_text(one + body.replace(f"{Q[3, 0]:.9f}", "n/d"))
+    with pytest.raises(CampaignError, match=r"two.aem, line \d+, column Q1: 'n/d' is"):
+        read_raw(file).numbers("Q1")
 
 
 @pytest.mark.parametrize(
