@@ -127,6 +127,8 @@ def _beyond(known_B: np.ndarray, slew: Slew, seen: list[_Seen]) -> list[_Seen]:
     for part in seen:
         course = known_B if part.run is None else angle_B
         there = np.stack([np.interp(part.time, slew.time, column) for column in course.T], -1)
+        if part.run is not None:
+            there = there - there[0]
         gone = np.einsum("mc,mc->m", part.direction_B, there)
         left.append(part._replace(values=part.values - gone))
     return left
@@ -154,7 +156,7 @@ def _spline(slew: Slew, seen: list[_Seen], pieces: int, sd: float) -> tuple[_Smo
     for part in seen:
         along, whole = basis(part.time), np.ones(len(part.time))
         if part.run is not None:
-            along, whole = integrals(part.time), part.time - ends[0]
+            along, whole = (x - x[0] for x in (integrals(part.time), part.time))
         columns = np.zeros((len(part.values), len(prior)))
         columns[:, : 3 * n] = (part.direction_B[:, :, None] * along[:, None]).reshape(-1, 3 * n)
         columns[:, 3 * n : shared] = part.direction_B * whole[:, None]

@@ -353,7 +353,7 @@ def _direction_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistak
                 continue
             stated = Stated(entry["path"], "magnetic_field", entry["unit"], list(entry["names"]))
             for matrix, tried in of_columns(
-                stated, what, turned_axes=key == "direction", of_unit=of_unit, rarer=rarer
+                stated, what, turned_axes=True, of_unit=of_unit, rarer=rarer
             ):
                 yield replace(tried, mend=_preceded(field, d, matrix))
         if sensor.reference_N is not None:

@@ -275,19 +275,29 @@ def _joined(table: Table, time: str, names: Sequence[str]) -> tuple[Table, np.nd
     is_new = np.concatenate([[True], np.diff(stamps) > 0.0])
     if is_new.all():
         return table, np.zeros(0, dtype=int)
-    first, group = np.flatnonzero(is_new), np.cumsum(is_new) - 1
-    given = {name: table.numbers(name) for name in names}
-    columns = {name: values[first] for name, values in given.items()}
-    for row in np.flatnonzero(~is_new).tolist():
-        for name, values in given.items():
-            value, kept = values[row], columns[name][group[row]]
-            if np.isnan(kept):
-                columns[name][group[row]] = value
-            elif not np.isnan(value) and value != kept:
-                raise CampaignError(
-                    f"the time {float(stamps[row])!r} is repeated with another content "
-                    f"(after {table.row(row - 1)})",
-                    where=table.place(row, time),
-                    advice="remove the row that is wrong, or mend its time",
-                )
-    return table.taking(first).changed(columns), group[~is_new]
+    values, _, lost = joined_rows(table.stack(names), ~is_new)
+    if lost.any():
+        row = int(np.argmax(lost))
+        raise CampaignError(
+            f"the time {float(stamps[row])!r} is repeated with another content "
+            f"(after {table.row(row - 1)})",
+            where=table.place(row, time),
+            advice="remove the row that is wrong, or mend its time",
+        )
+    columns = dict(zip(names, values[is_new].T, strict=True))
+    return table.taking(is_new).changed(columns), np.cumsum(is_new)[~is_new] - 1
+
+
+def joined_rows(values: np.ndarray, repeated: np.ndarray) -> tuple[np.ndarray, int, np.ndarray]:
+    """Values (n, k) filled up from rows of one time, how many repeat, and which (n,) differ."""
+    values = values.copy()
+    first = np.maximum.accumulate(np.where(repeated, 0, np.arange(len(values))))
+    again, lost = 0, np.zeros(len(values), dtype=bool)
+    for row in np.flatnonzero(repeated):
+        target = values[first[row]]
+        empty = np.isnan(target)
+        both = ~np.isnan(values[row]) & ~empty
+        lost[row] = bool((both & (values[row] != target)).any())
+        again += bool(both.any() and not lost[row])
+        target[empty] = values[row][empty]
+    return values, again, lost

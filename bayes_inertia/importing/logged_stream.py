@@ -10,7 +10,7 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.faults.gaps import is_regular
-from bayes_inertia.faults.row_order import late_rows, mended_stamps, set_back_row
+from bayes_inertia.faults.row_order import joined_rows, late_rows, mended_stamps, set_back_row
 from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.tables.table import row_name
@@ -115,7 +115,7 @@ def in_order(stream: LoggedStream, place: Callable[[int], str] | None = None) ->
     stream = replace(stream, overlap=again >= max(len(stream.files), 2))
     if not repeated.any():
         return stream
-    values, again, lost = _filled(stream.values, repeated)
+    values, again, lost = joined_rows(stream.values, repeated)
     note = [_rows(again, "repeated a time and", "left out")] if again else []
     if lost.any():
         row = int(kept[order[np.argmax(lost)]])
@@ -159,21 +159,6 @@ def _with_mended_stamps(stream: LoggedStream) -> tuple[LoggedStream, np.ndarray]
     counts = ((len(wrong) - lost, "given that between its neighbours"), (lost, "left out"))
     notes = [_rows(count, "with a wrong stamp", done) for count, done in counts if count]
     return replace(stream, time=stamps).rows(kept, *notes), kept
-
-
-def _filled(values: np.ndarray, repeated: np.ndarray) -> tuple[np.ndarray, int, np.ndarray]:
-    """Values filled up from rows with one time, how many only repeat, and which (n,) differ."""
-    values = values.copy()
-    first = np.maximum.accumulate(np.where(repeated, 0, np.arange(len(values))))
-    again, lost = 0, np.zeros(len(values), dtype=bool)
-    for row in np.flatnonzero(repeated):
-        target = values[first[row]]
-        empty = np.isnan(target)
-        both = ~np.isnan(values[row]) & ~empty
-        lost[row] = bool((both & (values[row] != target)).any())
-        again += bool(both.any() and not lost[row])
-        target[empty] = values[row][empty]
-    return values, again, lost
 
 
 def _rows(count: int, what: str, done: str) -> str:

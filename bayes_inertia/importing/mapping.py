@@ -51,6 +51,7 @@ def parse_mapping(text: str, label: str) -> MappingPart:
     complete = with_si_hardware(with_alike_wheels(document, label), label)
     mapping = _with_epochs(checked_document(complete, label, MappingPart))
     _check_streams(mapping, label)
+    _check_cut(mapping, label)
     for stream in mapping.streams:
         where = f"{label}, key streams.{stream.holds}"
         _check_columns(stream, text, label)
@@ -123,6 +124,23 @@ def _check_streams(mapping: MappingPart, label: str) -> None:
         what = f"no column holds the wheel {lacking}"
         advice = f"name its column, or take a wheel that is off out of [[wheels]]{_OR_ALL[holds]}"
         _require(not streams or not lacking, f"{label}, key streams.{holds}.wheels", what, advice)
+
+
+def _check_cut(mapping: MappingPart, label: str) -> None:
+    """Refuse keys of `[cut]` that its way of cutting would ignore."""
+    cut, where = mapping.cut, f"{label}, key cut"
+    advice = "keep one of them"
+    what = "[[slews]] say already how the log is cut"
+    _require(cut.by is None or not mapping.slews, f"{where}.by", what, advice)
+    how = "slews" if mapping.slews else cut.by
+    for key, used_by in (
+        ("longest_s", ("gaps",)),
+        *((key, ("rest", None)) for key in ("before_s", "after_s", "min_rest_s")),
+    ):
+        ignored = getattr(cut, key) is not None and how not in used_by
+        what = "is not used here" if how is None else f"is not used where {how} cut the log"
+        advice = f'leave it out, or write by = "{used_by[0]}"'
+        _require(not ignored, f"{where}.{key}", what, advice)
 
 
 def _check_wheels(stream: WheelStream, mapping: MappingPart, where: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import PurePath
@@ -272,8 +273,8 @@ def _at_rests(
         window = SlewWindow(f"slew {len(windows) + 1}", begin, end + rest_after)
         window = _from_first_command(_with_motion(window, scan, fixes), logs)
         windows.append(_with_motion(window, scan, fixes))
-    spare = _left_over(windows, scan, "rest that no slew needs")
-    return windows, sorted([*dropped, *_without(spare, dropped)], key=lambda part: part.start)
+    spare = _left_over([*windows, *dropped], scan, "rest that no slew needs")
+    return windows, sorted([*dropped, *spare], key=lambda part: part.start)
 
 
 def _fixes(logs: Logs) -> np.ndarray:
@@ -355,33 +356,14 @@ def _why_not(turned: float, largest: float, before: float, after: float, shortes
 
 
 def _left_over(
-    windows: list[SlewWindow], scan: MotionScan | None, reason: str
+    taken: Sequence[SlewWindow | DroppedPart], scan: MotionScan | None, reason: str
 ) -> list[DroppedPart]:
-    """Parts of the log that no window covers."""
+    """Parts of the log that nothing of this covers."""
     if scan is None:
         return []
-    left = []
-    for k in np.unique(scan.segment):
-        time = scan.time[scan.segment == k]
-        cursor = float(time[0])
-        for window in windows:
-            if window.end < cursor or window.start > time[-1]:
-                continue
-            left.append(DroppedPart(cursor, window.start, reason))
-            cursor = window.end
-        left.append(DroppedPart(cursor, float(time[-1]), reason))
-    return [part for part in left if part.end > part.start]
-
-
-def _without(parts: list[DroppedPart], taken: list[DroppedPart]) -> list[DroppedPart]:
-    """Parts less the motions that are dropped for another reason."""
-    for motion in taken:
-        pieces = []
-        for part in parts:
-            if motion.end <= part.start or motion.start >= part.end:
-                pieces.append(part)
-                continue
-            pieces.append(DroppedPart(part.start, motion.start, part.reason))
-            pieces.append(DroppedPart(motion.end, part.end, part.reason))
-        parts = [part for part in pieces if part.end > part.start]
-    return parts
+    runs = (scan.time[scan.segment == k] for k in np.unique(scan.segment))
+    spans = [(float(time[0]), float(time[-1])) for time in runs]
+    for part in taken:
+        pieces = [((a, min(b, part.start)), (max(a, part.end), b)) for a, b in spans]
+        spans = [(a, b) for pair in pieces for a, b in pair if b > a]
+    return [DroppedPart(a, b, reason) for a, b in spans]

@@ -43,10 +43,7 @@ def told_torques(
         one: Arrays = jax.tree.map(lambda rows, k=k: rows[k], arrays)
         rate_B, attitude = _measured_motion(campaign, k, np.asarray(one.slews.context.time))
         motion = partial(_motion_of, acting, space, campaign, one, rate_B, attitude)
-        (mean, doubt), (carried, carried_doubt) = (
-            _at_prior(lambda flat, part=part, motion=motion: motion(flat)[part], space)
-            for part in (0, 1)
-        )
+        (mean, doubt), (carried, carried_doubt) = _at_prior(motion, space)
         step = np.asarray(one.slews.context.step)
         time = slew.time[0] + np.asarray(one.slews.context.time)
         doubt = _integral(doubt[:, None], step)[:, 0] + carried_doubt
@@ -136,14 +133,17 @@ def _motion_of(
 
 
 def _at_prior(
-    at_all: Callable[[Array], Array], space: ParameterSpace
-) -> tuple[np.ndarray, np.ndarray]:
-    """A vector (n, 3) at the priors' means, and the size (n,) of what one sd of each changes.
+    at_all: Callable[[Array], tuple[Array, ...]], space: ParameterSpace
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Vectors (n, 3) at the priors' means, and the size (n,) of what one sd of each changes.
 
     Parameters of one effect add up as independent ones do; effects by their sizes.
     """
-    mean = jnp.asarray(space.mean)
-    columns = np.asarray(jax.jacfwd(at_all)(mean) * jnp.asarray(space.sd))
+    mean, sd = jnp.asarray(space.mean), jnp.asarray(space.sd)
     owners = dict.fromkeys(owner for owner, _ in space.entries)
-    sizes = (np.sqrt(np.sum(columns[..., space.slice_of(o)] ** 2, axis=(1, 2))) for o in owners)
-    return np.asarray(at_all(mean)), sum(sizes, np.zeros(len(columns)))
+    found = []
+    for value, slopes in zip(at_all(mean), jax.jacfwd(at_all)(mean), strict=True):
+        square = np.asarray(slopes * sd) ** 2
+        sizes = [np.sqrt(np.sum(square[..., space.slice_of(o)], axis=(1, 2))) for o in owners]
+        found.append((np.asarray(value), np.sum([np.zeros(len(square)), *sizes], axis=0)))
+    return found

@@ -142,19 +142,11 @@ def _names_of_type(segment: AemSegment) -> tuple[str, ...]:
     quaternion = (_QUATERNION[3], *_QUATERNION[:3]) if first else _QUATERNION
     angles = ("X_ANGLE", "Y_ANGLE", "Z_ANGLE") if old else _ANGLES
     rates = ("X_RATE", "Y_RATE", "Z_RATE") if old else _RATES
-    dots = tuple(f"{name}_DOT" for name in quaternion)
-    angle_dots = tuple(f"{name}_DOT" for name in angles)
-    names: Mapping[str, tuple[str, ...]] = {
-        "QUATERNION": quaternion,
-        "QUATERNION/DERIVATIVE": (*quaternion, *dots),
-        "QUATERNION/RATE": (*quaternion, *rates),
-        "QUATERNION/ANGVEL": (*quaternion, *rates),
-        "EULER_ANGLE": angles,
-        "EULER_ANGLE/RATE": (*angles, *rates),
-        "EULER_ANGLE/DERIVATIVE": (*angles, *angle_dots),
-        "EULER_ANGLE/ANGVEL": (*angles, *rates),
-        "SPIN": _SPIN,
-    }
+    names: dict[str, tuple[str, ...]] = {"SPIN": _SPIN}
+    for kind, own in (("QUATERNION", quaternion), ("EULER_ANGLE", angles)):
+        dots = tuple(f"{name}_DOT" for name in own)
+        more = {"": (), "/DERIVATIVE": dots, "/RATE": rates, "/ANGVEL": rates}
+        names |= {f"{kind}{suffix}": (*own, *further) for suffix, further in more.items()}
     if _type(segment) not in names:
         raise _unread_type(segment, f"export one of {', '.join(names)}")
     return names[_type(segment)]

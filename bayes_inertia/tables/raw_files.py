@@ -258,11 +258,12 @@ def _arrays(file: Path, form: str) -> FileArrays | None:
     if form == "json":
         arrays = json_arrays(file)
         return None if arrays is None else FileArrays(arrays)
-    if form == "numpy":
-        return array_tables.numpy_arrays(file)
-    if form == "ulog":
-        return array_tables.ulog_arrays(file)
-    if form == "bag":
-        return array_tables.bag_arrays(file)
+    readers = {
+        "numpy": array_tables.numpy_arrays,
+        "ulog": array_tables.ulog_arrays,
+        "bag": array_tables.bag_arrays,
+    }
+    if form in readers:
+        return readers[form](file)
     kinds: dict[str, ArrayKind] = {"hdf5": "hdf5", "netcdf": "netcdf", "mat": "mat"}
     return read_arrays(file, kinds[form]) if form in kinds else None

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import bayes_inertia
+from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.conventions.check import check_conventions
 from bayes_inertia.physics.integration_plan import motion_scales
 
@@ -16,6 +19,11 @@ NOISES = (0.001, 0.005, 0.02, 0.05, 0.2)
 @pytest.fixture(scope="module")
 def good(flying, setup_type):
     return flying(6, setup_type(rows=320, dt=0.25)).campaign
+
+
+@pytest.fixture(scope="module")
+def example():
+    return read_campaign(Path(bayes_inertia.__file__).parent / "example")
 
 
 def louder(campaign, sigma, seed=1):
@@ -64,3 +72,16 @@ def test_a_wrong_sign_of_the_wheels_is_found_without_a_gyro(flying, setup_type):
 
 def test_a_good_gyro_is_taken_as_it_is(good):
     assert good.with_body_rates is good
+
+
+def test_fixes_at_rest_pull_no_rate_that_only_the_wheels_tell(example):
+    """About the axis that a gyro of two axes lacks, slews turn as the wheels say."""
+    full = example.gyro
+    numbers = ("sigma", "scale_factor", "scale_factor_sigma", "bias", "bias_sigma")
+    pair = {name: getattr(full, name)[:2] for name in numbers}
+    slews = tuple(replace(slew, rate=slew.rate[:, :2]) for slew in example.slews)
+    sensor = replace(full, axes=full.axes[:2], **pair)
+    smoothed = replace(example, rate_sensor=sensor, slews=slews).with_body_rates
+    for slew, other in zip(example.slews, smoothed.slews, strict=True):
+        turned, told = (np.trapezoid(s.rate, s.time, axis=0) for s in (slew, other))
+        np.testing.assert_allclose(told[2], turned[2], atol=0.15)  # J is wrong by 4 %
