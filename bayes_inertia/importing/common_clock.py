@@ -320,7 +320,7 @@ def relative_to_body(
     """
     result = dict(streams)
     for holds in ("wheel_momentum", "wheel_speed"):
-        taken = np.array([float(name in _inertial(mapping, holds)) for name in _names(mapping)])
+        taken = np.array([float(name in _inertial(mapping, holds)) for name in mapping.wheels_of()])
         if holds not in streams or not taken.any():
             continue
         stream, rate = streams[holds], streams["rate"]
@@ -341,14 +341,10 @@ def relative_to_body(
     return result
 
 
-def _names(mapping: MappingPart) -> list[str]:
-    return [wheel.name for wheel in mapping.wheels]
-
-
 def _inertial(mapping: MappingPart, holds: str) -> set[str]:
     """Wheels whose readings hold the body's turning."""
     wheels: set[str] = set()
     for stream in streams_that_hold(mapping, holds):
         if isinstance(stream, MomentumStream | SpeedStream) and stream.relative_to == "inertial":
-            wheels |= set(stream.wheels or _names(mapping))
+            wheels |= set(mapping.wheels_of(stream))
     return wheels

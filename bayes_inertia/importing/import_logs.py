@@ -74,7 +74,7 @@ def import_logs(
     Parameters
     ----------
     files : sequence of str or Path
-        The raw files, in any order.
+        The raw files, in any order; one alone may stand for itself.
     mapping : str or Path
         The `mapping.toml` that says what they hold.
     folder : str or Path

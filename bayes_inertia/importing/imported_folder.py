@@ -299,13 +299,12 @@ def _raw_column(mapping: MappingPart, key: str, column: str, written: Sequence[s
         return ", ".join(dict.fromkeys(name for stream in streams for name in stream.names))
     if not key.startswith("wheel"):
         return streams[0].names[place]
-    wheels = [wheel.name for wheel in mapping.wheels]
     columns = {
         wheel: name
         for stream in streams
-        for wheel, name in zip(getattr(stream, "wheels", None) or wheels, stream.names, strict=True)
+        for wheel, name in zip(mapping.wheels_of(stream), stream.names, strict=True)
     }
-    return columns[wheels[place]]
+    return columns[mapping.wheels[place].name]
 
 
 def record_text(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import fnmatch
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -42,19 +42,14 @@ _ADVICE_OF_EMPTY = {
 _ARRAY_FORMATS = ("numpy", "hdf5", "netcdf", "mat", "ulog", "bag")
 
 
-@dataclass(frozen=True)
-class _Tables:
-    """Reads each table once, although several streams may name it."""
-
-    read: dict[tuple, Table] = field(default_factory=dict)
-
-    def table(self, path: Path, stream: MappedStream) -> Table:
-        options = TextOptions(**stream.text.model_dump())
-        columns = _wanted(stream) if file_format(path) in _ARRAY_FORMATS else ()
-        key = (path, stream.table, columns, options)
-        if key not in self.read:
-            self.read[key] = read_raw(path, table=stream.table, columns=columns, options=options)
-        return self.read[key]
+def _table(path: Path, stream: MappedStream, read: dict[tuple, Table]) -> Table:
+    """The table of a stream, read once although several streams may name it."""
+    options = TextOptions(**stream.text.model_dump())
+    columns = _wanted(stream) if file_format(path) in _ARRAY_FORMATS else ()
+    key = (path, stream.table, columns, options)
+    if key not in read:
+        read[key] = read_raw(path, table=stream.table, columns=columns, options=options)
+    return read[key]
 
 
 def _wanted(stream: MappedStream) -> tuple[str, ...]:
@@ -73,7 +68,7 @@ def read_logs(
         if not path.is_file():
             what = "is no file" if path.exists() else "does not exist"
             raise CampaignError(what, where=str(path), advice="name the raw logs themselves")
-    tables = _Tables()
+    tables: dict[tuple, Table] = {}
     shares: list[FileShare] = []
     used: dict[Path, list[MappedStream]] = {}
     for stream in mapping.streams:
@@ -84,7 +79,7 @@ def read_logs(
             _refuse_second_use(stream, used.setdefault(path, []), path, where)
             used[path].append(stream)
             say("reading the logs, files", len(used) - 1, len(paths))
-            read.append(_read_part(stream, tables.table(path, stream), where))
+            read.append(_read_part(stream, _table(path, stream, tables), where))
         _refuse_no_reading(stream, read, where)
         if stream.holds == "rate":
             _refuse_few_rates(stream, read, mapping)
@@ -276,8 +271,8 @@ def _of_all_wheels(share: FileShare, mapping: MappingPart) -> FileShare:
     """Columns of some wheels in the order of all; NaN for the others."""
     if not isinstance(share.stream, WheelStream):
         return share
-    names = [wheel.name for wheel in mapping.wheels]
-    columns = [names.index(name) for name in share.stream.wheels or names]
+    names = mapping.wheels_of()
+    columns = [names.index(name) for name in mapping.wheels_of(share.stream)]
     values, rounding = np.full((len(share.values), len(names)), np.nan), np.zeros(len(names))
     values[:, columns], rounding[columns] = share.values, share.rounding
     return replace(share, values=values, rounding=tuple(rounding.tolist()))

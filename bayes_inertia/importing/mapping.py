@@ -113,13 +113,13 @@ def _check_streams(mapping: MappingPart, label: str) -> None:
         "attitudes without a star tracker",
         "add [star_tracker] with its boresight",
     )
-    names = [wheel.name for wheel in mapping.wheels]
+    names = mapping.wheels_of()
     advice = "give each its own name"
     doubled = len(set(names)) < len(names)
     _require(not doubled, f"{label}, key wheels", "a name is used twice", advice)
     for holds in ("wheel_torque", "wheel_momentum", "wheel_speed"):
         streams = [stream for stream in mapping.streams if stream.holds == holds]
-        read = {name for stream in streams for name in getattr(stream, "wheels", None) or names}
+        read = {name for stream in streams for name in mapping.wheels_of(stream)}
         lacking = ", ".join(name for name in names if name not in read)
         what = f"no column holds the wheel {lacking}"
         advice = f"name its column, or take a wheel that is off out of [[wheels]]{_OR_ALL[holds]}"
@@ -145,11 +145,11 @@ def _check_cut(mapping: MappingPart, label: str) -> None:
 
 def _check_wheels(stream: WheelStream, mapping: MappingPart, where: str) -> None:
     """Refuse columns that do not fit the wheels."""
-    names = [wheel.name for wheel in mapping.wheels]
+    names = mapping.wheels_of()
     for name in stream.wheels or []:
         advice = f"name one of {', '.join(names) or 'no wheel: add [[wheels]]'}"
         _require(name in names, f"{where}.wheels", f"there is no wheel {name!r}", advice)
-    wanted = stream.wheels or names
+    wanted = mapping.wheels_of(stream)
     _require(
         len(stream.names) == len(wanted),
         f"{where}.names",

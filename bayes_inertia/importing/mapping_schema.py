@@ -228,3 +228,8 @@ class MappingPart(schema.Part):
         default=None, description='reduce = "block_means", before the first table'
     )
     slews: list[MappedSlew] = Field(default=[])
+
+    def wheels_of(self, stream: _StreamPart | None = None) -> list[str]:
+        """Names of the wheels that a stream's columns are of, in their order; else of all."""
+        stated = getattr(stream, "wheels", None)
+        return list(stated) if stated else [wheel.name for wheel in self.wheels]

@@ -45,14 +45,16 @@ def one_row_a_time(table: Table) -> Table:
     if not (parameters and values and times and table.rows):
         return table
     named = _named_by(table, parameters, {*times, *values})
-    labels = [".".join(cells) for cells in zip(*map(_texts, _columns(table, named)), strict=True)]
+    tags = [table.column(name).texts for name in named]
+    labels = [".".join(cells) for cells in zip(*tags, strict=True)]
     if len(set(labels)) > LIMITS.most_parameters or set(labels) & set(times):
         return table
-    cells = [c.values if c.exact is None else c.exact for c in _columns(table, times)]
+    columns = [table.column(name) for name in times]
+    cells = [c.values if c.exact is None else c.exact for c in columns]
     stamps = list(zip(*(column.tolist() for column in cells), strict=True))
     rows, first = _rows(stamps, labels)
     made = {name: table.column(name).only(first) for name in times}
-    units = next((_texts(c) for n, c in table.columns.items() if _UNIT.fullmatch(bare[n])), None)
+    units = next((c.texts for n, c in table.columns.items() if _UNIT.fullmatch(bare[n])), None)
     of_label = np.array(labels)
     for label in dict.fromkeys(labels):
         own = np.flatnonzero(of_label == label)
@@ -61,16 +63,6 @@ def one_row_a_time(table: Table) -> Table:
         )
     note = f"one row a parameter ({', '.join(named)}): {len(made) - len(times)} became columns"
     return replace(table.taking(first), columns=made, notes=(*table.notes, note))
-
-
-def _columns(table: Table, names: Sequence[str]) -> list[Column]:
-    return [table.column(name) for name in names]
-
-
-def _texts(column: Column) -> list[str]:
-    """The cells of a column as texts."""
-    values = column.values if column.exact is None else column.exact
-    return [str(cell).strip() for cell in values.tolist()]
 
 
 def _named_by(table: Table, parameters: Sequence[str], others: set[str]) -> list[str]:
@@ -83,7 +75,7 @@ def _named_by(table: Table, parameters: Sequence[str], others: set[str]) -> list
         and not _NO_LABEL.fullmatch(name.lower())
     ]
     texts = [n for n in parameters if table.column(n).is_text] or list(parameters[:1])
-    several = [name for name in (*tags, *texts[::-1]) if len(set(_texts(table.column(name)))) > 1]
+    several = [name for name in (*tags, *texts[::-1]) if len(set(table.column(name).texts)) > 1]
     return several or texts[:1]
 
 

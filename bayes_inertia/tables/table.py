@@ -45,6 +45,12 @@ class Column:
         """Whether some cell is no number."""
         return self.values.dtype.kind not in "iuf"
 
+    @property
+    def texts(self) -> list[str]:
+        """The cells as texts, as the file writes them where it has more digits than a float."""
+        values = self.values if self.exact is None else self.exact
+        return [str(cell).strip() for cell in values.tolist()]
+
     def only(self, rows: np.ndarray | Sequence[int]) -> Column:
         """Some rows of the column."""
         exact = None if self.exact is None else self.exact[rows]

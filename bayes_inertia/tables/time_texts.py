@@ -18,7 +18,7 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import vocabulary
 from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.stamp_parts import SECOND, has_leap_second, unit_in_name
-from bayes_inertia.tables.table import EMPTY_CELLS, Column, Table
+from bayes_inertia.tables.table import EMPTY_CELLS, Column, Table, shortened
 
 _CLOCK = (
     r"(?:[T ,]+|(?<=\d)-|\s*//\s*)(?P<hour>\d{1,2}):(?P<minute>\d{2})"
@@ -99,9 +99,8 @@ def text_to_ns(
     matches = (pattern.fullmatch(text) for pattern in ((form,) if form else _FORMS))
     match = next((match for match in matches if match), None)
     if match is None:
-        shown = text if len(text) <= 40 else text[:37] + "..."
         what = f"is not written as {form.pattern!r}" if form else "is not a date and time"
-        raise CampaignError(f"{shown!r} {what}", where=place(), advice=_ADVICE)
+        raise CampaignError(f"{shortened(text)!r} {what}", where=place(), advice=_ADVICE)
     given = {key: value for key, value in match.groupdict().items() if value}
     try:
         day = _day_number(given)
@@ -233,8 +232,7 @@ def written_dates(
 def _texts(column: Column, form: str = "") -> list[str]:
     """Cells as the file writes them, "" for an empty one; `form` says what zeros a number lost."""
     if column.is_text or column.exact is not None:
-        cells = column.values if column.exact is None else column.exact
-        return [str(cell).strip() for cell in cells.tolist()]
+        return column.texts
     digits = form.removesuffix("%f").rstrip(".,")
     only = re.fullmatch("(%[YymdjHIMS])+", digits)
     width = sum({"Y": 4, "j": 3}.get(key, 2) for key in digits[1::2]) if only else 0
