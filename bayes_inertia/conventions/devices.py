@@ -52,7 +52,8 @@ def device_mistakes(
         stated = _stated(f"{INPUTS}{device.name}", description) or _in_memory(device)
         # No thrust is negative.
         signs = not isinstance(device, Thruster)
-        for matrix, tried in of_columns(stated, device.name, signs=signs):
+        vector = isinstance(device, KnownTorque)
+        for matrix, tried in of_columns(stated, device.name, signs=signs, turned_axes=vector):
             yield replace(tried, mend=_told_by(_with_input(device.name, matrix), torques))
         for record, tried in _of_record(device):
             yield replace(tried, mend=_told_by(_with_record(record), torques))

@@ -88,6 +88,7 @@ WRONG = [
     (NAMES, '["jets_2", "jets_1", "jets_3"]', "names", ["jets_1", "jets_2", "jets_3"]),
     (NAMES, '["-jets_1", "-jets_2", "-jets_3"]', "names", ["jets_1", "jets_2", "jets_3"]),
     (NAMES, '["jets_1", "-jets_2", "jets_3"]', "names", ["jets_1", "jets_2", "jets_3"]),
+    (NAMES, '["-jets_2", "jets_1", "jets_3"]', "names", ["jets_1", "jets_2", "jets_3"]),
 ]
 
 
