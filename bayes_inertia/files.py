@@ -7,12 +7,32 @@ import os
 import reprlib
 import secrets
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from pathlib import Path, PureWindowsPath
 from typing import Any
 
-from bayes_inertia.errors import CampaignError, OutputError
+from bayes_inertia.errors import BayesInertiaError, CampaignError, OutputError
+
+
+@contextlib.contextmanager
+def refused_by_system(
+    kind: type[BayesInertiaError], what: str, where: Any, advice: str
+) -> Iterator[None]:
+    """Let an error say what the system refused, in place of the system's own.
+
+    Examples
+    --------
+    >>> with refused_by_system(CampaignError, "cannot be read", "a.csv", "check the file"):
+    ...     open("no/such/a.csv")
+    Traceback (most recent call last):
+    bayes_inertia.errors.CampaignError: a.csv: cannot be read (No such file or directory); check ...
+    """
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or error
+        raise kind(f"{what} ({reason})", where=str(where), advice=advice) from error
 
 
 def _temporary(path: Path, tag: str) -> Path:
@@ -51,19 +71,16 @@ def write_atomically(path: str | Path, content: bytes | str | Callable[[Path], o
     """
     path = Path(path)
     temporary = _temporary(path, secrets.token_hex(6))
+    advice = "check that the folder exists, is writable and has space"
     try:
-        if callable(content):
-            content(temporary)
-        else:
-            temporary.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
-        _to_disk(temporary)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise OutputError(
-            f"cannot be written ({error.strerror or error})",
-            where=str(path),
-            advice="check that the folder exists, is writable and has space",
-        ) from error
+        with refused_by_system(OutputError, "cannot be written", path, advice):
+            if callable(content):
+                content(temporary)
+            else:
+                data = content.encode("utf-8") if isinstance(content, str) else content
+                temporary.write_bytes(data)
+            _to_disk(temporary)
+            os.replace(temporary, path)
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink()
@@ -98,18 +115,13 @@ def write_new_files(folder: str | Path, content: Mapping[str, bytes], *, holds: 
     Traceback (most recent call last):
     bayes_inertia.errors.OutputError: ...a.txt: would overwrite another note; write to a new folder
     """
-    folder = Path(folder)
-    try:
+    folder = path_of(folder, "folder")
+    advice = "name a folder that can be made or written to"
+    with refused_by_system(OutputError, "cannot be used", folder, advice):
         folder.mkdir(parents=True, exist_ok=True)
         present = {
             name: (folder / name).read_bytes() for name in content if (folder / name).exists()
         }
-    except OSError as error:
-        raise OutputError(
-            f"cannot be used ({error.strerror or error})",
-            where=str(folder),
-            advice="name a folder that can be made or written to",
-        ) from error
     in_the_way = [name for name in content if name in present and present[name] != content[name]]
     if in_the_way:
         raise OutputError(
@@ -135,7 +147,7 @@ def check_folder(folder: str | Path) -> None:
     Traceback (most recent call last):
     bayes_inertia.errors.OutputError: ...files.py: is a file, not a folder; choose another folder
     """
-    folder = Path(folder)
+    folder = path_of(folder, "folder")
     nearest = next((p for p in (folder, *folder.parents) if p.exists()), folder)
     if not nearest.is_dir():
         raise OutputError(
@@ -157,17 +169,27 @@ def make_folder(folder: str | Path) -> Path:
     ...     make_folder(Path(folder, "a", "b")).is_dir()
     True
     """
-    folder = Path(folder)
+    folder = path_of(folder, "folder")
     check_folder(folder)
-    try:
+    with refused_by_system(OutputError, "cannot be made", folder, "choose another folder"):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(
-            f"cannot be made ({error.strerror or error})",
-            where=str(folder),
-            advice="choose another folder",
-        ) from error
     return folder
+
+
+def path_of(given: Any, where: str) -> Path:
+    """A path, or `CampaignError` for what is none.
+
+    Examples
+    --------
+    >>> path_of(None, "campaign")
+    Traceback (most recent call last):
+    bayes_inertia.errors.CampaignError: campaign: None is no path; give a text or a pathlib.Path
+    """
+    try:
+        return Path(given)
+    except TypeError:
+        what, advice = f"{given!r} is no path", "give a text or a pathlib.Path"
+        raise CampaignError(what, where=where, advice=advice) from None
 
 
 def description_path(campaign: str | Path) -> Path:
@@ -181,7 +203,7 @@ def description_path(campaign: str | Path) -> Path:
     Traceback (most recent call last):
     bayes_inertia.errors.CampaignError: no/such/folder: does not exist; ...
     """
-    path = Path(campaign)
+    path = path_of(campaign, "campaign")
     if path.is_dir():
         path = path / "campaign.toml"
         if not path.is_file():
@@ -220,35 +242,22 @@ def table_path(folder: Path, file: str, where: str) -> Path:
             where=where,
             advice=advice,
         ) from error
-    if outside:
-        raise CampaignError(
-            f"the table {shown} links to a place outside the campaign folder",
-            where=where,
-            advice=advice,
-        )
-    if not exists:
-        raise CampaignError(
-            f"the table {shown} does not exist",
-            where=where,
-            advice="correct the name, or add the file to the campaign folder",
-        )
-    if not regular:
-        raise CampaignError(
-            f"{shown} is not a file", where=where, advice="name a table of telemetry"
-        )
+    add = "correct the name, or add the file to the campaign folder"
+    for wrong, what, then in (
+        (outside, f"the table {shown} links to a place outside the campaign folder", advice),
+        (not exists, f"the table {shown} does not exist", add),
+        (not regular, f"{shown} is not a file", "name a table of telemetry"),
+    ):
+        if wrong:
+            raise CampaignError(what, where=where, advice=then)
     return path
 
 
 def read_bytes(path: Path) -> bytes:
     """The content of a file of a campaign."""
-    try:
+    advice = "check that it is a readable file"
+    with refused_by_system(CampaignError, "cannot be read", path, advice):
         return path.read_bytes()
-    except OSError as error:
-        raise CampaignError(
-            f"cannot be read ({error.strerror or error})",
-            where=str(path),
-            advice="check that it is a readable file",
-        ) from error
 
 
 def text_of(data: bytes, label: str) -> str:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from bayes_inertia.errors import BayesInertiaError, CampaignError
-from bayes_inertia.files import read_bytes, text_of, write_atomically
+from bayes_inertia.files import read_bytes, refused_by_system, text_of, write_atomically
 
 SEAL_KEY = "content_sha256"
 _MARK = b"\nbayes-inertia sha256 "
@@ -62,7 +62,7 @@ def is_sealed(path: Path, advice: str) -> bool:
     Returns: false for a file without a seal: of an earlier version, or cut off.
     """
     length = len(_MARK) + 2 * hashlib.sha256().digest_size + len("\n")
-    try:
+    with refused_by_system(CampaignError, "cannot be read", path, "check the file"):
         size = path.stat().st_size
         with path.open("rb") as file:
             file.seek(max(0, size - length))
@@ -70,9 +70,6 @@ def is_sealed(path: Path, advice: str) -> bool:
         if not (len(seal) == length and seal.startswith(_MARK)):
             return False
         intact = _digest(path, size - length).encode() == seal[len(_MARK) : -1]
-    except OSError as error:
-        what = f"cannot be read ({error.strerror or error})"
-        raise CampaignError(what, where=str(path), advice="check the file") from error
     if not intact:
         raise CampaignError(
             "is damaged: its content is not what was written", where=str(path), advice=advice

@@ -17,6 +17,7 @@ from bayes_inertia.campaign.hardware import (
     one_an_axis,
     require,
     require_positive,
+    require_sd,
     unit_length,
 )
 from bayes_inertia.campaign.slew import on_campaign_clock
@@ -205,9 +206,8 @@ class GimballedRotors:
         lean = np.sum(gimbal * spin, axis=1, keepdims=True) * gimbal
         object.__setattr__(self, "gimbal_axes_B", gimbal)
         object.__setattr__(self, "spin_axes_at_zero_B", unit_length(spin - lean))
-        momentum = np.array(one_an_axis(self.momentum, len(gimbal), f"{key}.momentum"))
-        require_positive(momentum, f"{key}.momentum")
-        object.__setattr__(self, "momentum", momentum)
+        momentum = one_an_axis(self.momentum, len(gimbal), f"{key}.momentum", positive=True)
+        object.__setattr__(self, "momentum", np.array(momentum))
 
     @property
     def columns(self) -> int:
@@ -282,10 +282,7 @@ def _check(device: Any) -> None:
     """Raise `CampaignError` unless the device has a name and its sds are possible."""
     require(bool(device.name), "actuators", "a device without a name", "give each device a name")
     for key in ("gain_sigma", "each_gain_sigma", "direction_sigma", "angle_sigma"):
-        sd = getattr(device, key, 0.0)
-        good = bool(np.isfinite(sd)) and sd >= 0.0
-        where = f"actuators.{device.name}.{key}"
-        require(good, where, f"{sd!r} is no sd", "give a number, 0 where nothing is in doubt")
+        require_sd(getattr(device, key, 0.0), f"actuators.{device.name}.{key}")
 
 
 def _vectors(value: Any, key: str) -> np.ndarray:

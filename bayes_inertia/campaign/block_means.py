@@ -17,7 +17,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.limits import LIMITS
-from bayes_inertia.campaign.sensors import STREAMS
+from bayes_inertia.campaign.sensors import RATE, STREAMS
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 from bayes_inertia.faults.quantisation import quantisation_step
@@ -36,11 +36,12 @@ def reduced(campaign: Campaign, block: int | None = None) -> Campaign:
     """
     if any(slew.lost_command is not None for slew in campaign.slews):
         return campaign  # Only rows at equal steps show which commands are unknown.
+    given, campaign = campaign, _without_saturated(campaign)
     length = longest_block(campaign) if block is None else block
     while length > 1 and block is None and _kept(campaign, length) < LIMITS.least_kept_by_blocks:
         length //= 2
     if length < 2:
-        return campaign
+        return given
     noise, sensor = 1.0 / np.sqrt(length), campaign.gyro
     wheels = tuple(
         w
@@ -87,10 +88,20 @@ def readings_a_mean(campaign: Campaign) -> int:
     pairs = zip(steps, sensor.sigma, strict=True)
     if any(step > LIMITS.coarse_rounding * s for step, s in pairs):
         return 1
+    campaign = _without_saturated(campaign)
     length = min(longest_block(campaign), rows // LIMITS.fewest_blocks)
     while length > 1 and _kept(campaign, length) < LIMITS.least_kept_by_blocks:
         length //= 2
     return length
+
+
+def _without_saturated(campaign: Campaign) -> Campaign:
+    """The campaign without rates beyond the sensor's range: a mean of some would seem inside."""
+    beyond = [np.isfinite(s.rate) & ~campaign.valid_readings(s) for s in campaign.slews]
+    if not any(rows.any() for rows in beyond):
+        return campaign
+    slews = (RATE.masked(s, rows) for s, rows in zip(campaign.slews, beyond, strict=True))
+    return replace(campaign, slews=tuple(slews))
 
 
 def longest_block(campaign: Campaign) -> int:

@@ -31,11 +31,28 @@ def reads_body_rates(campaign: Campaign) -> bool:
     sensor = campaign.rate_sensor
     if sensor is None or len(sensor.axes) != 3:
         return False
-    readings = np.concatenate(
-        [s.complete_rates(campaign.valid_readings(s))[1] for s in campaign.slews]
-    )
+    readings = np.concatenate([turning(campaign, s)[1] for s in campaign.slews])
     power = float(np.mean(np.sum(readings**2, axis=1))) if len(readings) else 0.0
     return float(np.linalg.norm(sensor.sigma)) <= LIMITS.noise_of_motion * np.sqrt(power)
+
+
+def turning(campaign: Campaign, slew: Slew) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (m,) in which all axes of a three-axis gyro are read, and body rates (m, 3) [rad/s].
+
+    By its readings as they are, without scale factors and bias.
+    """
+    rows, readings = slew.complete_rates(campaign.valid_readings(slew))
+    return rows, readings @ np.linalg.inv(campaign.gyro.axes).T
+
+
+def rows_read(campaign: Campaign, slew: Slew, kinds: Any) -> np.ndarray:
+    """Rows (n,) in which a sensor of some kinds reads: the first of its kind or a further one."""
+    first = zip(campaign.names, (slew.rate, slew.attitude), strict=True)
+    rows = np.zeros(len(slew.time), dtype=bool)
+    for name, values in (*first, *(slew.more or {}).items()):
+        if values is not None and isinstance(campaign.sensors.get(name), kinds):
+            rows |= np.isfinite(values).any(axis=1)
+    return rows
 
 
 class BodyRates(NamedTuple):

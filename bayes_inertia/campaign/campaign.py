@@ -10,16 +10,20 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.actuators import Actuator, Change, Magnetorquer, Thruster
-from bayes_inertia.campaign.body_rates import BodyRates, attitudes_seen, body_rates_of
+from bayes_inertia.campaign.body_rates import BodyRates, attitudes_seen, body_rates_of, turning
 from bayes_inertia.campaign.hardware import (
     DirectionSensor,
     InertiaPrior,
     RateSensor,
     StarTracker,
     Wheel,
+    attitude_noise,
     members,
+    pairs,
+    rate_noise,
     require,
 )
+from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.campaign.slew import Slew, bad_quaternion
 from bayes_inertia.faults.fault import Dirt
@@ -122,11 +126,10 @@ class Campaign:
     has_likely_inputs: bool = False
 
     def __post_init__(self) -> None:
-        several = ("wheels", "dirt", "slews", "mission", "more_sensors", "actuators", "changes")
-        for key in several:
-            object.__setattr__(
-                self, key, members(key, getattr(self, key), _MEMBERS.get(key, object))
-            )
+        for key, kind in _MEMBERS.items():
+            object.__setattr__(self, key, members(key, getattr(self, key), kind))
+        for key in ("mission", "more_sensors"):
+            object.__setattr__(self, key, pairs(key, getattr(self, key)))
         for key, kind in _KINDS.items():
             value = getattr(self, key)
             fits = isinstance(value, kind) or (value is None and key != "inertia")
@@ -148,14 +151,11 @@ class Campaign:
             advice = f"state it of a further sensor, or fit the effect {key}_misalignment"
             what = "the first sensor of a kind is the reference of frames"
             require(not turned, f"{key}.mounting_sigma", what, advice)
-        for device in self.actuators:
-            what = f"a {type(device).__name__} is no device beside wheels"
-            advice = "give a KnownTorque, Magnetorquer, Thruster or GimballedRotors"
-            require(isinstance(device, Actuator), "actuators", what, advice)
         names = [device.name for device in (*self.actuators, *self.changes)]
         _require_different("actuators", [*names, *(wheel.name for wheel in self.wheels)])
-        sensors = [name for name, _ in self._each_sensor()]
-        _require_different("sensors", [*sensors, *(device.name for device in self.actuators)])
+        given = members("names", self.names, str)
+        require(len(given) == 2, "names", f"{given!r} are not two", "name rate sensor and tracker")
+        _require_different("sensors", [*(name for name, _ in self._each_sensor()), *names])
         known = self.reference is None or self.reference in self.sensors
         what, advice = f"no sensor is called {self.reference!r}", f"choose {list(self.sensors)}"
         require(known, "reference", what, advice)
@@ -201,6 +201,11 @@ class Campaign:
             pulses = given.between == "on_time" and not isinstance(device, Thruster)
             what = f"on-times of a {type(device).__name__}"
             require(not pulses, key, what, "only thrusters have on-times: hold, line or mean")
+            level = isinstance(device, Thruster) and given.between != "on_time"
+            largest = float(np.abs(given.values).max()) if level else 0.0
+            what = f"a level of {largest:.4g} times full thrust"
+            advice = 'give shares of full thrust, 0 to 1; per cent have the unit "%"'
+            require(largest <= LIMITS.largest_level, key, what, advice)
             field = isinstance(device, Magnetorquer) and slew.magnetic_field_N is None
             advice = "add the magnetic_field columns, in inertial axes"
             what = "the magnetic field, without which a dipole has no torque, is absent"
@@ -235,6 +240,20 @@ class Campaign:
         kinds = (StarTracker, RateSensor, object)
         ranked = (name for kind in kinds for name, x in self.sensors.items() if isinstance(x, kind))
         return self.reference or next(ranked)
+
+    @property
+    def rate_noise(self) -> float:
+        """Noise of the best axis of all rate sensors [rad/s]; infinite without one."""
+        return rate_noise(self.sensors.values())
+
+    @property
+    def attitude_noise(self) -> float:
+        """Noise of the sensor that sees the attitude best [rad]; infinite without one."""
+        more = {
+            name: [s.more[name] for s in self.slews if name in (s.more or {})]
+            for name in self.sensors
+        }
+        return attitude_noise((x, more[name]) for name, x in self.sensors.items())
 
     @cached_property
     def body_rates(self) -> BodyRates:
@@ -287,8 +306,19 @@ class Campaign:
         -------
         Campaign
             The campaign with these slews, in this order.
+
+        Raises
+        ------
+        CampaignError
+            If there is no such slew, or none is asked for.
         """
-        slews = tuple(self.slews[i] for i in indices)
+        chosen = members("indices", indices, int | np.integer)
+        count = len(self.slews)
+        for k in chosen:
+            known = not isinstance(k, bool) and -count <= k < count
+            advice = f"give numbers from 0 to {count - 1}"
+            require(known, "indices", f"there is no slew {k!r}", advice)
+        slews = tuple(self.slews[k] for k in chosen)
         kept = {"", *(slew.name for slew in slews)}
         return replace(self, slews=slews, dirt=tuple(d for d in self.dirt if d.slew in kept))
 
@@ -359,7 +389,7 @@ class Campaign:
         Returns
         -------
         float
-            Norm of the readings [rad/s], of the fastest slew; 0 without any valid reading.
+            Norm of the body rate [rad/s], of the fastest slew; 0 without any valid reading.
 
         Examples
         --------
@@ -369,7 +399,7 @@ class Campaign:
         0.2
         """
         seen = self.with_body_rates
-        rates = [s.complete_rates(seen.valid_readings(s))[1] for s in seen.slews]
+        rates = [turning(seen, s)[1] for s in seen.slews]
         return max(
             (float(np.quantile(np.linalg.norm(r, axis=1), quantile)) for r in rates if len(r)),
             default=0.0,
@@ -409,7 +439,7 @@ class Campaign:
             Mean principal moment of inertia [kg m^2].
         """
         seen = self.with_body_rates
-        readings = np.concatenate([s.complete_rates(seen.valid_readings(s))[1] for s in seen.slews])
+        readings = np.concatenate([turning(seen, s)[1] for s in seen.slews])
         rate = float(np.sqrt(np.mean(np.sum(readings**2, axis=1)))) if len(readings) else 0.0
         duration = float(np.median([s.duration for s in self.slews]))
         return (
@@ -431,7 +461,10 @@ def _require_readings(readings: np.ndarray, sensor: Any, key: str) -> None:
     require(problem is None, key, f"{what} (row {row + 1})", advice)
 
 
-_MEMBERS = {"wheels": Wheel, "dirt": Dirt, "slews": Slew, "changes": Change}
+_MEMBERS = {
+    **{"wheels": Wheel, "dirt": Dirt, "slews": Slew, "changes": Change},
+    "actuators": Actuator,
+}
 _KINDS = {
     "inertia": InertiaPrior,
     "rate_sensor": RateSensor,

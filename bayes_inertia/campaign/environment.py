@@ -19,7 +19,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import CampaignError, library_of_extra
-from bayes_inertia.files import read_bytes, text_of
+from bayes_inertia.files import path_of, read_bytes, text_of
 
 _DAY = 86_400.0  # [s]
 _UNIX_DAY = 2_440_587.5  # Julian date of 1970-01-01
@@ -64,7 +64,7 @@ def slews_with_orbit(
     slews: Sequence[Slew], tle: str | Path, epoch: datetime | str, where: str = "key epoch"
 ) -> tuple[Slew, ...]:
     """The same slews with position and magnetic field; `where`: who says the epoch."""
-    path = Path(tle)
+    path = path_of(tle, "tle")
     satellites = _satellites(text_of(read_bytes(path), str(path)), str(path))
     zero = _unix_time(epoch, where)
     flown = []
@@ -81,11 +81,11 @@ def _unix_time(epoch: datetime | str, where: str) -> float:
     """UTC [s] since 1970."""
     try:
         moment = datetime.fromisoformat(epoch) if isinstance(epoch, str) else epoch
-    except ValueError:
+        return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+    except (AttributeError, ValueError):
         what = f"{epoch!r} is no date"
         advice = "give UTC as year-month-dayThour:minute:second"
         raise CampaignError(what, where=where, advice=advice) from None
-    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
 def _satellites(text: str, label: str) -> Sequence[Any]:

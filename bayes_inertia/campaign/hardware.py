@@ -46,7 +46,18 @@ def numbers(
         raise CampaignError(what, where=f"key {key}", advice=advice) from None
 
 
-def members(key: str, given: Any, kind: type) -> tuple[Any, ...]:
+def pairs(key: str, given: Any) -> tuple[tuple[str, Any], ...]:
+    """What is listed by name, or `CampaignError`."""
+    found = members(key, given, object)
+    for pair in found:
+        named = isinstance(pair, tuple | list) and len(pair) == 2
+        named = named and isinstance(pair[0], str) and bool(pair[0])
+        what = f"{pair!r} is no pair of a name and what it names"
+        require(named, key, what, 'list each as ("NAME", ...), or give a dictionary')
+    return tuple(map(tuple, found))
+
+
+def members(key: str, given: Any, kind: Any) -> tuple[Any, ...]:
     """What is listed, all of one kind, or `CampaignError`; of a dictionary its pairs."""
     listed = isinstance(given, Iterable) and not isinstance(given, str)
     what = f"a {type(given).__name__} is no list"
@@ -54,7 +65,8 @@ def members(key: str, given: Any, kind: type) -> tuple[Any, ...]:
     found = tuple(given.items() if isinstance(given, Mapping) else given)
     for member in found:
         what = f"a {type(member).__name__} is not what belongs here"
-        require(isinstance(member, kind), key, what, f"list each as a {kind.__name__}")
+        kinds = " or ".join(each.__name__ for each in get_args(kind) or (kind,))
+        require(isinstance(member, kind), key, what, f"list each as a {kinds}")
     return found
 
 
@@ -77,7 +89,7 @@ def unit_length(vectors: np.ndarray) -> np.ndarray:
     return np.where(np.abs(norm - 1.0) < 1e-15, vectors, vectors / norm)
 
 
-def one_an_axis(value: Any, axes: int, key: str) -> Numbers:
+def one_an_axis(value: Any, axes: int, key: str, *, positive: bool = False) -> Numbers:
     """One number for each axis of a sensor, as plain floats, from one number or one an axis."""
     array = np.atleast_1d(numbers(value, key))
     fits = array.shape in ((1,), (axes,))
@@ -85,18 +97,26 @@ def one_an_axis(value: Any, axes: int, key: str) -> Numbers:
     require(fits, key, what, f"give one number, or {axes}")
     finite = bool(np.all(np.isfinite(array)))
     require(finite, key, f"{value!r} is not finite", "give finite numbers")
+    good = not positive or bool((array > 0.0).all())
+    require(good, key, f"{value!r} is not positive", "give a positive number in SI units")
     return tuple(np.broadcast_to(array, (axes,)).tolist())
 
 
 def require_positive(value: Any, key: str, *, optional: bool = False) -> None:
-    """Raise an error unless numbers are finite and positive."""
-    if value is None and optional:
-        return
-    array = np.asarray(value)
-    is_number = array.dtype.kind in "biuf"
-    positive = is_number and bool(np.all(np.isfinite(array) & (array > 0.0)))
-    shown = value.tolist() if isinstance(value, np.ndarray) else value
-    require(positive, key, f"{shown!r} is not positive", "give a positive number in SI units")
+    """Raise an error unless a number is finite and positive."""
+    good = _is_number(value) and 0.0 < value < math.inf
+    known = good or (optional and value is None)
+    require(known, key, f"{value!r} is not positive", "give a positive number in SI units")
+
+
+def require_sd(value: Any, key: str) -> None:
+    """Raise an error unless a number is an sd, or 0 where nothing is in doubt."""
+    good = _is_number(value) and 0.0 <= value < math.inf
+    require(good, key, f"{value!r} is no sd", "give a number, 0 where nothing is in doubt")
+
+
+def _is_number(value: Any) -> bool:
+    return np.ndim(value) == 0 and np.asarray(value).dtype.kind in "biuf"
 
 
 @array_dataclass
@@ -269,7 +289,7 @@ class CorrelatedNoise:
         axes = 3 if alike else max(np.size(self.share), np.size(self.time))
         for key in ("share", "time"):
             place = f"rate_sensor.correlated_noise.{key}"
-            stated = one_an_axis(getattr(self, key), axes, place)
+            stated = one_an_axis(getattr(self, key), axes, place, positive=key == "time")
             object.__setattr__(self, key, stated)
         require(
             all(0.0 <= share <= 1.0 for share in self.share),
@@ -277,7 +297,6 @@ class CorrelatedNoise:
             f"{self.share} is no share",
             "give numbers between 0 and 1",
         )
-        require_positive(self.time, "rate_sensor.correlated_noise.time")
 
 
 def _of_axes(noise: CorrelatedNoise, axes: int) -> CorrelatedNoise:
@@ -357,16 +376,17 @@ class RateSensor:
         _require_independent_axes(axes)
         object.__setattr__(self, "axes", axes)
         for key in ("sigma", "scale_factor", "scale_factor_sigma", "bias", "bias_sigma"):
-            stated = one_an_axis(getattr(self, key), len(axes), f"rate_sensor.{key}")
+            given, place = getattr(self, key), f"rate_sensor.{key}"
+            stated = one_an_axis(given, len(axes), place, positive=key != "bias")
             object.__setattr__(self, key, stated)
-            if key != "bias":
-                require_positive(getattr(self, key), f"rate_sensor.{key}")
         if self.correlated_noise is not None:
             noise = _of_axes(self.correlated_noise, len(axes))
             object.__setattr__(self, "correlated_noise", noise)
-        for key in ("range", "rate_random_walk", "bias_instability", "bias_instability_time"):
+        for key in (
+            *("range", "rate_random_walk", "bias_instability", "bias_instability_time"),
+            "mounting_sigma",
+        ):
             require_positive(getattr(self, key), f"rate_sensor.{key}", optional=True)
-        require_positive(self.mounting_sigma, "rate_sensor.mounting_sigma", optional=True)
         require(
             (self.bias_instability is None) == (self.bias_instability_time is None),
             "rate_sensor.bias_instability",
@@ -453,11 +473,9 @@ class StarTracker:
     def __post_init__(self) -> None:
         boresight_B = unit_vector(self.boresight_B, "star_tracker.boresight")
         object.__setattr__(self, "boresight_B", boresight_B)
-        require_positive(self.sigma_cross, "star_tracker.sigma_cross")
-        require_positive(self.sigma_roll, "star_tracker.sigma_roll")
-        key = "star_tracker.low_frequency_sigma"
-        require_positive(self.low_frequency_sigma, key, optional=True)
-        require_positive(self.mounting_sigma, "star_tracker.mounting_sigma", optional=True)
+        for key in ("sigma_cross", "sigma_roll", "low_frequency_sigma", "mounting_sigma"):
+            optional = not key.startswith("sigma")
+            require_positive(getattr(self, key), f"star_tracker.{key}", optional=optional)
 
     @property
     def columns(self) -> int:
@@ -511,8 +529,7 @@ class DirectionSensor:
         key = "sensors.direction"
         what = f"{self.unit!r} is no unit of a direction"
         require(self.unit in ("", "T"), f"{key}.unit", what, 'give "T" for a field, else nothing')
-        sigma = one_an_axis(self.sigma, 3, f"{key}.sigma")
-        require_positive(sigma, f"{key}.sigma")
+        sigma = one_an_axis(self.sigma, 3, f"{key}.sigma", positive=True)
         alike = self.is_field or len(set(sigma)) == 1
         what = "a direction has one noise about all axes across it"
         require(alike, f"{key}.sigma", what, "give one number [rad]")
@@ -520,8 +537,7 @@ class DirectionSensor:
         require_positive(self.mounting_sigma, f"{key}.mounting_sigma", optional=True)
         for name in ("offset_sigma", "scale_sigma", "soft_iron_sigma"):
             size = getattr(self, name)
-            what, advice = f"{size!r} is no sd", "give 0 (known) or an sd"
-            require(0.0 <= size < np.inf, f"{key}.{name}", what, advice)
+            require_sd(size, f"{key}.{name}")
             advice = 'leave it out, or give unit = "T"'
             own = self.is_field or size == 0.0
             require(own, f"{key}.{name}", "only a magnetometer has it", advice)
@@ -540,3 +556,24 @@ class DirectionSensor:
     def is_field(self) -> bool:
         """Whether it reads a field in tesla, not a direction."""
         return self.unit == "T"
+
+
+def rate_noise(sensors: Iterable[Any]) -> float:
+    """Noise of the best axis of all rate sensors [rad/s]; infinite without one."""
+    return min((min(x.sigma) for x in sensors if isinstance(x, RateSensor)), default=math.inf)
+
+
+def attitude_noise(seen: Iterable[tuple[Any, Sequence[np.ndarray]]]) -> float:
+    """Noise of the sensor that sees the attitude best [rad]; infinite without one.
+
+    `seen`: sensors, and the readings (n, columns) that tell how large a field is.
+    """
+    noises = [math.inf]
+    for sensor, readings in seen:
+        if isinstance(sensor, StarTracker):
+            noises += [sensor.sigma_cross, sensor.sigma_roll]
+        elif isinstance(sensor, DirectionSensor):
+            field = max((float(np.nanmax(np.abs(x), initial=0.0)) for x in readings), default=0.0)
+            size = field if sensor.is_field else 1.0
+            noises += [min(sensor.sigma) / size] if size else []
+    return min(noises)

@@ -46,6 +46,10 @@ class Limits:
     # [rad]; rows whose turn since the first one is known worse tell nothing of the start
     known_turn: float = 0.5
 
+    # `campaign.py`
+    # Of full thrust: chamber pressures stray above 1, per cent without their unit do so by far.
+    largest_level: float = 2.0
+
     # `checked_toml.py`
     # Keys that are alike to this degree are one word misspelt; less alike ones are other physics,
     # such as body_torque and wheel_torque (0.61).

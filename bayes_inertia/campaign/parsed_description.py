@@ -146,6 +146,11 @@ def described(parsed: format_2.Campaign2Part, label: str) -> dict[str, Any]:
 
 
 def _require_different(parsed: format_2.Campaign2Part, label: str) -> None:
+    kinds: dict[str, str] = {}
+    for part in parsed.environment:
+        if (other := kinds.setdefault(part.type, part.name)) != part.name:
+            what, advice = f"{other} is the {part.type} too", "keep one of the two"
+            refuse(label, f"environment.{part.name}", what, advice)
     for key in ("actuators", "sensors", "environment", "changes", "slews"):
         names = [part.name for part in getattr(parsed, key)]
         for name in (name for name in names if names.count(name) > 1):
@@ -193,19 +198,11 @@ def _sensor(
     if len(part.rate.names) != axes:
         what = f"{len(part.rate.names)} column(s) for {axes} axes"
         refuse(label, f"{place}.rate.names", what, "name one column an axis, in the same order")
-    for key in ("sigma", "scale_factor", "scale_factor_sigma", "bias", "bias_sigma"):
-        values = getattr(part, key)
-        if values is not None and len(values) not in (1, axes):
-            what = f"{len(values)} numbers for {axes} axes"
-            refuse(label, f"{place}.{key}", what, "write one number, or one an axis")
     return built(RateSensor, part, label, "rate_sensor", place)
 
 
 def _direction_sensor(part: format_2.DirectionDevice, label: str, place: str) -> DirectionSensor:
     """A sensor of directions, or of a field where its columns have a unit."""
-    if len(part.sigma) not in (1, 3):
-        what = f"{len(part.sigma)} numbers for 3 axes"
-        refuse(label, f"{place}.sigma", what, "write one number, or one an axis")
     unit, reference = part.direction.unit, part.reference
     if reference is not None and part.reference_N is not None:
         advice = "keep reference_N where it does not change, reference where it does"

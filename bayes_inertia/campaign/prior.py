@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bayes_inertia.campaign.hardware import numbers, one_an_axis, require
+from bayes_inertia.campaign.hardware import numbers, one_an_axis, require, require_sd
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.files import path_of
 from bayes_inertia.maths.tensor_elements import COLUMNS_OF_ELEMENTS, ELEMENTS, ROWS_OF_ELEMENTS
-from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.maths.values import array_dataclass, json_ready
 from bayes_inertia.sealing import read_sealed_json
 
 # Where a result keeps the prior that it is for the next campaign.
@@ -144,7 +145,7 @@ class GaussianPrior:
         medians = numbers(principal_moments, "prior.principal_moments")
         axes = np.eye(3) if axes_B is None else numbers(axes_B, "prior.axes_B")
         sds = np.array(one_an_axis(relative_sd, 3, "prior.relative_sd"))
-        angle = float(numbers(axes_sd_deg, "prior.axes_sd_deg"))
+        (angle,) = one_an_axis(axes_sd_deg, 1, "prior.axes_sd_deg")
         _require_principal(medians, sds, angle, axes)
         elements = _elements_of(medians, sds, np.radians(angle), axes)
         scale_factors = np.atleast_1d(numbers(scale_factors, "prior.scale_factors"))
@@ -202,9 +203,7 @@ class GaussianPrior:
         GaussianPrior
             With the same mean.
         """
-        what = f"{relative} is no fraction"
-        advice = "give 0 or more, such as 1e-3"
-        require(np.isfinite(relative) and relative >= 0.0, "prior.inflate", what, advice)
+        require_sd(relative, "prior.inflate")
         known = zip(self.names, self.mean, strict=True)
         means = {n: np.exp(m) if n in self.logarithmic else m for n, m in known}
         moments = [m for n, m in means.items() if n in _MOMENTS and m > 0.0]
@@ -226,20 +225,9 @@ class GaussianPrior:
         dict
             Names, and lists of numbers.
         """
-        content = {
-            "names": list(self.names),
-            "mean": self.mean.tolist(),
-            "covariance": self.covariance.tolist(),
-        }
-        ends = {"lower": self.lower, "upper": self.upper}
-        content |= {
-            key: [float(x) if np.isfinite(x) else None for x in values]
-            for key, values in ends.items()
-            if values is not None
-        }
-        if self.beyond_sd is not None:
-            content["beyond_sd"] = self.beyond_sd.tolist()
-        return content | ({"logarithmic": list(self.logarithmic)} if self.logarithmic else {})
+        keys = ("names", "mean", "covariance", "lower", "upper", "beyond_sd", "logarithmic")
+        stated = {key: value for key in keys if (value := getattr(self, key)) is not None}
+        return json_ready({key: value for key, value in stated.items() if len(value)})
 
 
 def _require_principal(
@@ -324,7 +312,7 @@ def prior_in(source: str | Path) -> GaussianPrior:
     CampaignError
         If there is none, or its result cannot be trusted.
     """
-    path = Path(source)
+    path = path_of(source, "prior")
     of_run = path.is_dir()
     file = path / SUMMARY_FILE if of_run else path
     content = read_sealed_json(file, "give the folder of a finished run, or a JSON file")

@@ -16,13 +16,14 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.commands import with_known_torques, without_impossible_torques
 from bayes_inertia.campaign.description import AS_CAMPAIGN, Description, SlewTables
 from bayes_inertia.campaign.environment import slews_with_orbit
+from bayes_inertia.campaign.hardware import attitude_noise, rate_noise
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.parsed_description import parse_description
 from bayes_inertia.campaign.prior import COPY_FILE, GaussianPrior, prior_from_json, prior_in
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.campaign.slew_parts import located, parts_of, with_known_momentum
+from bayes_inertia.campaign.slew_parts import MORE, located, parts_of, with_known_momentum
 from bayes_inertia.campaign.streams import (
     StreamRows,
     counted_once,
@@ -295,7 +296,7 @@ def _slews(
     is_read = momentum is not None and bool(np.isfinite(momentum[:, running]).any(axis=0).all())
     is_read = is_read and all(parsed.wheels[k].momentum_sigma is not None for k in running)
     channels, dirt = without_impossible_torques(channels, parsed.wheels)
-    limit = _negligible_impulse(channels["time"], parsed)
+    limit = _negligible_impulse(channels, parsed)
     pieces, unknown = with_known_torques(channels, is_read and not keep_commands, limit)
     angle = None if part.angle_deg is None else math.radians(part.angle_deg)
     axis: Any = None if part.axis is None else tuple(part.axis)
@@ -305,13 +306,15 @@ def _slews(
     return parts_of(whole, pieces), dirt + unknown
 
 
-def _negligible_impulse(time: np.ndarray, parsed: Description) -> float:
+def _negligible_impulse(channels: Mapping[str, np.ndarray], parsed: Description) -> float:
     """An error of what the wheels store that no reading of the motion can tell [N m s]."""
     inertia = float(np.linalg.eigvalsh(parsed.inertia.tensor)[0])
-    sensor = parsed.rate_sensor
-    rate = np.inf if sensor is None else LIMITS.negligible_of_rate_noise * min(sensor.sigma)
-    tracker = parsed.star_tracker
-    if tracker is not None:
-        duration = max(float(time[-1] - time[0]), LIMITS.shortest_slew)
-        rate = min(rate, LIMITS.negligible_of_attitude_noise * tracker.sigma_cross / duration)
-    return inertia * float(rate)
+    seen = [(parsed.rate_sensor, []), (parsed.star_tracker, [])]
+    read = {name: channels.get(MORE + name) for name, _ in parsed.more_sensors}
+    seen += [(x, [] if read[name] is None else [read[name]]) for name, x in parsed.more_sensors]
+    time = channels["time"]
+    duration = max(float(time[-1] - time[0]), LIMITS.shortest_slew)
+    return inertia * min(
+        LIMITS.negligible_of_rate_noise * rate_noise(sensor for sensor, _ in seen),
+        LIMITS.negligible_of_attitude_noise * attitude_noise(seen) / duration,
+    )

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.campaign.hardware import numbers, require, unit_length, unit_vector
+from bayes_inertia.campaign.hardware import numbers, one_an_axis, require, unit_length, unit_vector
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.errors import CampaignError
@@ -121,9 +121,8 @@ class Slew:
         _require_increasing(time, f"{where}.time")
         object.__setattr__(self, "time", time)
         if self.angle is not None:
-            angle = numbers(self.angle, f"{where}.angle")
-            what = f"{self.angle!r} is not finite"
-            require(bool(np.isfinite(angle).all()), f"{where}.angle", what, "give a finite number")
+            (angle,) = one_an_axis(self.angle, 1, f"{where}.angle")
+            object.__setattr__(self, "angle", angle)
         for key, width in _COLUMNS_OF_CHANNEL.items():
             if getattr(self, key) is not None:
                 array = _channel(getattr(self, key), len(time), width, f"{where}.{key}")
@@ -152,11 +151,13 @@ class Slew:
 
     def _lost_pieces(self, where: str) -> np.ndarray | None:
         """`lost_command` as whole numbers, None if no command was lost, or `CampaignError`."""
-        pieces = np.asarray(self.lost_command).astype(int)
+        given = numbers(self.lost_command, f"{where}.lost_command")
+        pieces = np.nan_to_num(given, nan=-1.0, posinf=-1.0).astype(int)
+        whole = given.shape == self.time.shape and bool(((pieces >= 0) & (pieces == given)).all())
         require(
-            pieces.shape == self.time.shape and bool((pieces >= 0).all()),
+            whole,
             f"{where}.lost_command",
-            f"shape {pieces.shape} or a negative number",
+            f"shape {given.shape}, or no whole number from 0",
             "give a whole number for each row, 0 where the command is known",
         )
         require(

@@ -12,7 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from bayes_inertia.campaign.body_rates import rows_read
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.campaign.slew import Slew
@@ -124,13 +126,10 @@ def with_known_momentum(campaign: Campaign) -> Campaign:
     if running.has_commands or not running.wheels or not running.has_tachometers:
         return campaign
     inertia = float(np.linalg.eigvalsh(campaign.inertia.tensor)[0])
-    tracker = campaign.star_tracker
-    noise = min(campaign.with_body_rates.gyro.sigma)
+    noise = min(*campaign.with_body_rates.gyro.sigma, campaign.rate_noise)
     limits = _Limits(
         momentum=LIMITS.momentum_line_of_rate_noise * inertia * noise,
-        angular_impulse=np.inf
-        if tracker is None
-        else LIMITS.momentum_line_of_attitude_noise * inertia * tracker.sigma_cross,
+        angular_impulse=LIMITS.momentum_line_of_attitude_noise * inertia * campaign.attitude_noise,
     )
     slews: list[Slew] = []
     dirt: list[Dirt] = []
@@ -139,7 +138,9 @@ def with_known_momentum(campaign: Campaign) -> Campaign:
         given = {name: getattr(slew, name) for name in ("time", *_CHANNELS)}
         channels = {name: values for name, values in given.items() if values is not None}
         channels |= {MORE + name: values for name, values in (slew.more or {}).items()}
-        cuts = _unknown_momentum(channels, np.asarray(seen.wheel_momentum), limits)
+        fixes = slew.time[rows_read(campaign, slew, StarTracker | DirectionSensor)]
+        rates = slew.time[rows_read(campaign, slew, RateSensor)]
+        cuts = _unknown_momentum(slew.time, np.asarray(seen.wheel_momentum), fixes, rates, limits)
         parts = parts_of(slew, without_intervals(channels, cuts)) if cuts else [slew]
         if cuts:
             note = gap_note(len(cuts), max(b - a for a, b in cuts))
@@ -152,24 +153,25 @@ def with_known_momentum(campaign: Campaign) -> Campaign:
 
 
 def _unknown_momentum(
-    channels: dict[str, np.ndarray], momentum: np.ndarray, limits: _Limits
+    time: np.ndarray, momentum: np.ndarray, fixes: np.ndarray, rates: np.ndarray, limits: _Limits
 ) -> list[tuple[float, float]]:
-    """Gaps of tachometers (n, wheels) in which a straight line may be visibly wrong."""
-    time = channels["time"]
-    rows = np.flatnonzero(np.isfinite(momentum).all(axis=1))
-    at = time[rows]
-    given = [channels[s.field] for s in STREAMS if not s.is_series and s.field in channels]
-    fixes = np.concatenate([time[:0], *(time[np.isfinite(x).all(axis=1)] for x in given)])
-    rated = time[np.isfinite(channels.get("rate", time[:, None] * np.nan)).any(axis=1)]
-    found = []
-    for k in missing_rows(at)[0]:
-        begin, end = float(at[k]), float(at[k + 1])
-        bend, sag = _bend(at, momentum[rows], int(k))
-        spanned = bool(len(fixes)) and fixes[0] < end and fixes[-1] > begin
-        rates_inside = bool(np.any((rated > begin) & (rated < end)))
-        if (spanned and bend > limits.angular_impulse) or (rates_inside and sag > limits.momentum):
-            found.append((begin, end))
-    return found
+    """Gaps of tachometers (n, wheels) in which a straight line may be visibly wrong.
+
+    `fixes`, `rates` (m,): times at which attitude and rates are read [s]. Wheels may be read at
+    times of their own.
+    """
+    found = set()
+    for column in momentum.T:
+        rows = np.flatnonzero(np.isfinite(column))
+        at = time[rows]
+        for k in missing_rows(at)[0] if len(at) > 1 else ():
+            begin, end = float(at[k]), float(at[k + 1])
+            bend, sag = _bend(at, column[rows], int(k))
+            spanned = bool(len(fixes)) and fixes[0] < end and fixes[-1] > begin
+            inside = bool(np.any((rates > begin) & (rates < end)))
+            if (spanned and bend > limits.angular_impulse) or (inside and sag > limits.momentum):
+                found.add((begin, end))
+    return sorted(found)
 
 
 def _bend(at: np.ndarray, momentum: np.ndarray, k: int) -> tuple[float, float]:
@@ -185,12 +187,12 @@ def _bend(at: np.ndarray, momentum: np.ndarray, k: int) -> tuple[float, float]:
     for rows in (slice(max(0, k + 1 - n), k + 1), slice(k + 1, k + 1 + n)):
         t, h = at[rows], momentum[rows]
         enough = len(t) > 1
-        slopes.append(np.polyfit(t - t[0], h, 1)[0] if enough else np.zeros(momentum.shape[1]))
+        slopes.append(np.polyfit(t - t[0], h, 1)[0] if enough else 0.0)
     mean = (momentum[k + 1] - momentum[k]) / length
-    change = np.abs(slopes[1] - slopes[0])
-    lack = np.abs(mean - 0.5 * (slopes[0] + slopes[1]))
+    change = abs(slopes[1] - slopes[0])
+    lack = abs(mean - 0.5 * (slopes[0] + slopes[1]))
     # After a wild stamp the gap is endless.
     with np.errstate(over="ignore"):
-        bend = float((change / 12.0 + lack / 4.0).max() * length**2)
-        sag = float((change / 8.0 + lack / 2.0).max() * length)
+        bend = float((change / 12.0 + lack / 4.0) * length**2)
+        sag = float((change / 8.0 + lack / 2.0) * length)
     return bend, sag

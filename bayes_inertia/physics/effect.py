@@ -9,7 +9,7 @@ instances: nothing is registered anywhere, and an effect of your own needs no ed
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from bayes_inertia.errors import EffectError
+from bayes_inertia.errors import BayesInertiaError, EffectError
 from bayes_inertia.physics.parameters import Parameter
 from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory
 from bayes_inertia.physics.slew_input import InputRows
@@ -627,3 +627,27 @@ def require_of_effect(condition: bool, effect: Any, what: str, advice: str) -> N
     if not condition:
         where = str(getattr(effect, "name", type(effect).__name__))
         raise EffectError(what, where=where, advice=advice)
+
+
+def guarded(effect: Effect, step_name: str, call: Callable[[], Any]) -> Any:
+    """The result of a call; whatever goes wrong in it becomes an `EffectError` that says where.
+
+    Examples
+    --------
+    >>> guarded(Effect(), "adding", lambda: 1 + 1)
+    2
+    """
+    try:
+        return call()
+    except EffectError:
+        raise
+    except BayesInertiaError as reason:
+        where = ", ".join((effect.name, step_name, *filter(None, [reason.where])))
+        raise EffectError(reason.what, where=where, advice=reason.advice) from reason
+    except Exception as reason:
+        first = (str(reason).strip() or type(reason).__name__).splitlines()[0]
+        raise EffectError(
+            f"{step_name} fails: {type(reason).__name__}: {first}",
+            where=effect.name,
+            advice="hooks must be plain jax.numpy with fixed shapes and no branches on values",
+        ) from reason

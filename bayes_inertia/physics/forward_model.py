@@ -10,14 +10,21 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.campaign.body_rates import rows_read
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, require
+from bayes_inertia.campaign.hardware import (
+    DirectionSensor,
+    InertiaPrior,
+    RateSensor,
+    StarTracker,
+    require,
+)
 from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.physical_draws import draw_physical
-from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.maths.values import array_dataclass, whole_number
 from bayes_inertia.physics.actuators import effects_of, noise_of_inputs
 from bayes_inertia.physics.channel_noise import NOISE_OWNER, NoiseModel
 from bayes_inertia.physics.channels import Channel, channels_of
@@ -26,10 +33,10 @@ from bayes_inertia.physics.effect import (
     LOOKING_BACK,
     WHEEL_HOOKS,
     Effect,
+    guarded,
     require_effects,
     require_of_effect,
 )
-from bayes_inertia.physics.effect_declaration import guarded
 from bayes_inertia.physics.effects.lost_commands import LostCommands
 from bayes_inertia.physics.integration_plan import integration_plan
 from bayes_inertia.physics.numerics import NUMERICS
@@ -160,13 +167,13 @@ class Model:
         known = self.n_known
         return np.concatenate([self.space.mean[:known], self.space.nulls[known:]])
 
-    def draw_prior(self, rng: np.random.Generator, n: int) -> np.ndarray:
+    def draw_prior(self, rng: np.random.Generator | int | None, n: int) -> np.ndarray:
         """Draws of the prior, every J among them physical.
 
         Parameters
         ----------
-        rng : numpy.random.Generator
-            Source of randomness.
+        rng : numpy.random.Generator or int or None
+            Source of randomness, or the seed of one.
         n : int
             How many draws.
 
@@ -179,7 +186,11 @@ class Model:
         ------
         CampaignError
             If hardly any draw is physical.
+        SettingsError
+            If the number of draws is none.
         """
+        # One generator for all parameters and rounds: the same seed in each would tie them.
+        rng, n = np.random.default_rng(rng), whole_number(n, "n")
         return draw_physical(lambda count: self.space.draw(rng, count), n)
 
     def predict(self, theta: np.ndarray) -> dict[str, np.ndarray]:
@@ -200,6 +211,8 @@ class Model:
             By channel, where anything was measured; NaN elsewhere. Attitudes stand at the fixes.
         """
         thetas = np.asarray(parameter_vectors(theta, self.space.size)).reshape(-1, self.space.size)
+        advice = "give at least one parameter vector"
+        require(len(thetas) > 0, "theta", f"its shape is {np.shape(theta)}", advice)
         local = np.zeros((self.n_slews, self.structure.n_local))
         each = [_predicted(self.structure, x, local, self.data) for x in thetas]
         readings = self.data.arrays.telemetry.readings
@@ -230,15 +243,16 @@ def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> Non
     what = "the measured drive needs wheel momentum or speed in every slew "
     what += "and each wheel's momentum_sigma"
     require(read, "columns.wheel_momentum", what, "add them or use the commanded drive")
-    names = [e.name for e in effects]
+    # What parameters are called after.
+    names = [NOISE_OWNER, *dict(campaign.more_sensors), *(e.name for e in effects)]
     for e in effects:
-        alone = names.count(e.name) == 1
-        require_of_effect(alone, e, "two effects of one name", "give each effect once")
+        what = "two effects of one name" if e.name not in campaign.sensors else "a sensor's name"
+        require_of_effect(names.count(e.name) == 1, e, what, "give each its own name, and once")
     for effect in effects:
         empty = isinstance(effect, StochasticEffect) and not effect.coefficient_count(campaign)
         what = "acts on nothing that this campaign has: its coefficient_count is 0"
         require_of_effect(not empty, effect, what, "leave the effect out")
-        sensed = campaign.rate_sensor is not None or not needs_gyro(effect)
+        sensed = campaign.rate_sensor is not None or not effect.acts("rate_output")
         what = "needs a rate sensor, and this campaign has none"
         require_of_effect(sensed, effect, what, "leave the effect out")
         for column in effect.needs:
@@ -248,15 +262,13 @@ def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> Non
             require_of_effect(known, effect, what, advice)
 
 
-def needs_gyro(effect: Effect) -> bool:
-    """Whether an effect is one of the rate sensor."""
-    return effect.acts("rate_output")
-
-
 def lacks(effect: Effect, campaign: Campaign) -> str:
     """What an effect acts on and a campaign does not have, in words; empty if it can act."""
-    if campaign.rate_sensor is None and needs_gyro(effect):
+    if campaign.rate_sensor is None and effect.acts("rate_output"):
         return "a rate sensor"
+    seeing = StarTracker | DirectionSensor
+    if effect.needs and not all(rows_read(campaign, s, seeing).any() for s in campaign.slews):
+        return "an attitude in every slew"
     trackers = any(isinstance(sensor, StarTracker) for sensor in campaign.sensors.values())
     hooks = {hook for hook in (*BODY_HOOKS, *LOOKING_BACK) if effect.acts(hook)}
     if hooks == {"attitude_output"} and not trackers:
@@ -267,13 +279,12 @@ def lacks(effect: Effect, campaign: Campaign) -> str:
 def _check_noise(campaign: Campaign, drive: Drive, noise: NoiseModel) -> None:
     channels = {channel.name: channel for channel in channels_of(campaign, drive)}
     for name, asked in noise.channels:
-        read = name in channels and channels[name].is_read(campaign)
-        if not read and not asked.is_stated:
-            raise CampaignError(
-                f"no readings of the channel {name} are compared with the model",
-                where=f"noise of {name}",
-                advice="leave it out (in the measured drive tachometers are an input)",
-            )
+        what, advice = f"no channel is called {name!r}", f"write {', '.join(channels)}"
+        require(name in channels, f"noise.{name}", what, advice)
+        what = f"no readings of the channel {name} are compared with the model"
+        advice = "leave it out (in the measured drive tachometers are an input)"
+        read = asked.is_stated or channels[name].is_read(campaign)
+        require(read, f"noise.{name}", what, advice)
 
 
 def _check_combination(structure: Structure, noise: NoiseModel) -> None:

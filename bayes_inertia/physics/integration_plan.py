@@ -14,11 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bayes_inertia.campaign.body_rates import rows_read, turning
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import DirectionSensor, StarTracker
 from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.physics.actuators.gimballed_rotors import carried_momentum
 from bayes_inertia.physics.effect import LOOKING_BACK, MOVING_HOOKS, Effect
-from bayes_inertia.physics.effects.scales import rate_noise
 from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.packing import bridged, longest_step, refined_grid
 from bayes_inertia.physics.slew_input import Drive
@@ -116,14 +117,15 @@ def motion_scales(campaign: Campaign) -> MotionScales:
     # Smoothed rates may be too small.
     doubt = 0.0 if seen is campaign else np.sqrt(3.0) * noise
     for slew in seen.slews:
-        rows, readings = slew.complete_rates(seen.valid_readings(slew))
+        rows, rate_B = turning(seen, slew)
         if len(rows):
-            of_body = readings @ tensor
+            stored_B = rate_B @ tensor + carried_momentum(campaign, slew, slew.time[rows])
             if slew.wheel_momentum is not None:
-                of_body = of_body + np.nan_to_num(slew.wheel_momentum[rows]) @ axes.T
-            rate = max(rate, _largest(readings) + doubt)
-            momentum = max(momentum, _largest(of_body))
-            turn = max(turn, slew.duration * float(np.mean(np.linalg.norm(readings, axis=1))))
+                columns = (bridged(slew.time[rows], slew.time, h) for h in slew.wheel_momentum.T)
+                stored_B = stored_B + np.stack([*columns], axis=-1) @ axes.T
+            rate = max(rate, _largest(rate_B) + doubt)
+            momentum = max(momentum, _largest(stored_B))
+            turn = max(turn, slew.duration * float(np.mean(np.linalg.norm(rate_B, axis=1))))
     if any(slew.wheel_momentum is None for slew in campaign.slews):
         limits = [w.max_momentum or 3.0 * float(moments[-1]) * rate for w in campaign.wheels]
         momentum += float(np.linalg.norm(limits))
@@ -159,25 +161,7 @@ def longest_smooth_step(campaign: Campaign, motion: MotionScales) -> float:
 
 def _angle_noise(campaign: Campaign, frequency: float) -> float:
     """The error of attitude that equals the noise of the sensor that sees it first [rad]."""
-    noises = [rate_noise(campaign) / frequency]
-    for name, sensor in campaign.sensors.items():
-        if isinstance(sensor, StarTracker):
-            noises += [sensor.sigma_cross, sensor.sigma_roll]
-        elif isinstance(sensor, DirectionSensor):
-            seen = [x for s in campaign.slews if (x := (s.more or {}).get(name)) is not None]
-            field = max((float(np.nanmax(np.abs(x), initial=0.0)) for x in seen), default=0.0)
-            size = field if sensor.is_field else 1.0
-            noises += [min(sensor.sigma) / size] if size else []
-    return min(noises)
-
-
-def _sees_attitude(campaign: Campaign, slew: Slew) -> np.ndarray:
-    """Rows (n,) in which a star tracker or a sensor of directions reads."""
-    rows = slew.fixes
-    for name, values in (slew.more or {}).items():
-        if isinstance(campaign.sensors[name], StarTracker | DirectionSensor):
-            rows = rows | np.isfinite(values).all(axis=1)
-    return rows
+    return min(campaign.rate_noise / frequency, campaign.attitude_noise)
 
 
 def _cheapest(campaign: Campaign, spacing: float, longest: float) -> int:
@@ -201,7 +185,7 @@ def _follows_the_wheels(
         return True
     turn = NUMERICS.coupling_of_wheels * motion.frequency * plan.rows_per_step * plan.spacing
     frequency = max(motion.frequency, 1e-9)
-    allowed_rate = NUMERICS.error_of_noise * rate_noise(campaign) / frequency
+    allowed_rate = NUMERICS.error_of_noise * campaign.rate_noise / frequency
     allowed_fix = NUMERICS.error_of_noise * _angle_noise(campaign, frequency)
     for angle, at_fix in _angles(campaign, plan, drive):
         error = angle * (angle + turn)
@@ -223,7 +207,7 @@ def _angles(
         momentum, step = _wheels_on_grid(slew, grid, sample, drive, len(campaign.wheels))
         spare = -len(grid) % plan.rows_per_step
         momentum = np.concatenate([momentum, np.repeat(momentum[-1:], spare, axis=0)])
-        at_fix = sample[_sees_attitude(campaign, slew)]
+        at_fix = sample[rows_read(campaign, slew, StarTracker | DirectionSensor)]
         grid = np.concatenate([grid, np.repeat(grid[-1:], spare)])
         steps = step_grid(grid, np.concatenate([step, np.zeros(spare)]), plan.rows_per_step, np)
         pieces = step_ends(momentum, momentum[-1], plan.rows_per_step, np)

@@ -28,8 +28,8 @@ import jax.numpy as jnp
 
 from bayes_inertia.errors import EffectError
 from bayes_inertia.files import read_bytes, text_of
-from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.effect_declaration import check_declaration, guarded
+from bayes_inertia.physics.check_effect import check_declaration
+from bayes_inertia.physics.effect import Effect, guarded
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, STOCHASTIC, by_name
 from bayes_inertia.physics.effects.of_device import with_settings
 from bayes_inertia.physics.forward_model import Model

@@ -73,10 +73,6 @@ class Numerics:
     straight_turn: float = 0.05
     fastest_over_quantile: float = 2.0
 
-    # `random_basis.py`
-    # Of a variance, added to it: far below what telemetry can tell.
-    jitter: float = 1e-9
-
     # `simulator.py`
     # Steps of a block: a look at each takes as long as the step.
     steps_of_block: int = 16

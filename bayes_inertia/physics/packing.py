@@ -113,8 +113,9 @@ def longest_step(campaign: Campaign) -> float:
     >>> longest_step(small_campaign())
     0.5
     """
-    readings = [s.complete_rates()[1] for s in campaign.with_body_rates.slews]
-    rates = np.concatenate([np.linalg.norm(r, axis=1) for r in readings])
+    seen = campaign.with_body_rates
+    readings = np.concatenate([s.complete_rates()[1] for s in seen.slews])
+    rates = np.linalg.norm(readings @ np.linalg.inv(seen.gyro.axes).T, axis=1)
     high = float(np.quantile(rates, NUMERICS.largest_quantile)) if len(rates) else 0.0
     fastest = max(NUMERICS.fastest_over_quantile * high, 1e-9)
     return float(2.0 ** np.floor(np.log2(NUMERICS.straight_turn / fastest)))
@@ -314,9 +315,9 @@ def _stacked_readings(campaign: Campaign, channel: Channel, n_rows: int) -> list
 
 def _tachometer_modes(slew: Slew, n: int, modes: int) -> np.ndarray:
     """Orthonormal shapes (n, modes) of slow noise on the grid."""
-    # Only rows with a reading tell of the noise; a slew without any has no modes to speak of.
-    given = slew.wheel_momentum is not None and np.isfinite(slew.wheel_momentum).any(axis=1)
-    read = max(1, int(np.sum(given)))
+    # The mean of few readings errs most: the wheel that is read least decides.
+    given = slew.wheel_momentum is not None and np.isfinite(slew.wheel_momentum).sum(axis=0)
+    read = max(1, int(np.min(given, initial=len(slew.time))))
     fraction = (np.arange(n) + 0.5) / n
     return (
         np.cos(np.pi * np.arange(modes) * fraction[:, None])

@@ -485,13 +485,13 @@ class ParameterSpace:
             return None
         return np.linalg.inv(np.linalg.cholesky(self.correlation))
 
-    def draw(self, rng: np.random.Generator, n: int) -> np.ndarray:
+    def draw(self, rng: np.random.Generator | int | None, n: int) -> np.ndarray:
         """Draws of the priors.
 
         Parameters
         ----------
-        rng : numpy.random.Generator
-            Source of randomness.
+        rng : numpy.random.Generator or int or None
+            Source of randomness, or the seed of one.
         n : int
             How many draws.
 
@@ -500,6 +500,7 @@ class ParameterSpace:
         (n, size) array
             Physical values; J is not checked (`Model.draw_prior` does).
         """
+        rng = np.random.default_rng(rng)
         drawn = np.stack(
             [p.distribution.rvs(n, random_state=rng) for p in self.priors], axis=-1
         ).reshape(n, self.size)
@@ -574,11 +575,13 @@ def parameter_vectors(theta: Any, size: int, where: str = "theta") -> Any:
     >>> parameter_vectors([1, 2], 2)
     array([1., 2.])
     """
-    vectors = theta if isinstance(theta, Array) else np.asarray(theta, float)
+    advice = f"give ({size},) or (n, {size})"
+    try:
+        vectors = theta if isinstance(theta, Array) else np.asarray(theta, float)
+    except (TypeError, ValueError) as error:
+        raise SettingsError(f"no array of numbers ({error})", where=where, advice=advice) from None
     if vectors.ndim == 0 or vectors.shape[-1] != size:
-        raise SettingsError(
-            f"its shape is {vectors.shape}", where=where, advice=f"give ({size},) or (n, {size})"
-        )
+        raise SettingsError(f"its shape is {vectors.shape}", where=where, advice=advice)
     return vectors
 
 

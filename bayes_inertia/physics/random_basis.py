@@ -1,8 +1,8 @@
 """Unit inputs for effects without a fixed shape, and the covariance of their coefficients.
 
 Reduced bases over one slew: hat functions on evenly spaced knots with the covariance of a random
-walk, an Ornstein-Uhlenbeck or a Matern process at them, for what is read; and means of the second
-over equal pieces, for what is integrated. Rasmussen and Williams, "Gaussian Processes for Machine
+walk or an Ornstein-Uhlenbeck process at them, for what is read; and means of the second over equal
+pieces, for what is integrated. Rasmussen and Williams, "Gaussian Processes for Machine
 Learning", section 4.2.1.
 """
 
@@ -11,7 +11,6 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jax import Array
 
-from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.slew_context import SlewContext
 
 
@@ -157,37 +156,6 @@ def ornstein_uhlenbeck_mean_root(
     across = (jnp.expm1(-x) / x) ** 2 * jnp.exp(-jnp.maximum(apart - 1, 0) * x)
     own = 2.0 * (x + jnp.expm1(-x)) / x**2
     return sd * jnp.linalg.cholesky(jnp.where(apart == 0, own, across))
-
-
-def matern_root(
-    sd: Array, correlation_time: Array, spacing: Array, knots: int, *, differentiable: int = 1
-) -> Array:
-    """Root of the covariance of a Matern process at evenly spaced knots.
-
-    Smoother than an Ornstein-Uhlenbeck process: heat that bends a structure, fuel that moves. With
-    x = sqrt(3) |t - t'| / time (sqrt(5) for two derivatives) the covariance is sd^2 exp(-x) times
-    1 + x (1 + x + x^2 / 3). Rasmussen and Williams, "Gaussian Processes for Machine Learning",
-    equation 4.17.
-
-    `correlation_time` [s]; `spacing` [s]. `differentiable`: how often the process can be
-    differentiated: smoothness 3/2 or 5/2. Returns (knots, knots).
-
-    Examples
-    --------
-    >>> root = matern_root(2.0, 3.0, 1.0, 4)
-    >>> x = jnp.sqrt(3.0) * 2.0 / 3.0
-    >>> bool(jnp.allclose((root @ root.T)[0, 2], 4.0 * (1.0 + x) * jnp.exp(-x)))
-    True
-    """
-    if differentiable not in (1, 2):
-        raise ValueError(f"a Matern process of {differentiable} derivatives: only 1 and 2 are here")
-    steps = jnp.arange(knots)
-    apart = jnp.abs(steps[:, None] - steps[None, :]) * spacing
-    x = jnp.sqrt(2.0 * differentiable + 1.0) * apart / jnp.maximum(correlation_time, 1e-9)
-    smooth = 1.0 + x + (x**2 / 3.0 if differentiable == 2 else 0.0)
-    # Knots much closer than the correlation time are nearly one: keep the matrix definite.
-    definite = NUMERICS.jitter * jnp.eye(knots)
-    return sd * jnp.linalg.cholesky(smooth * jnp.exp(-x) + definite)
 
 
 def on_each_axis(root: Array, axes: int) -> Array:

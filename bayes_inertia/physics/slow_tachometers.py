@@ -17,7 +17,6 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults.noise import smooth_noise
-from bayes_inertia.physics.effects.scales import rate_noise
 from bayes_inertia.physics.numerics import NUMERICS
 
 
@@ -75,7 +74,7 @@ def free_momentum(campaign: Campaign) -> FreeMomentum | None:
     sag = np.sqrt(np.maximum(np.mean(errors**2, axis=0) - 1.5 * noise**2, 0.0)) / 4.0
     inertia = float(np.linalg.eigvalsh(campaign.inertia.tensor)[0])
     seen = campaign.with_body_rates
-    finest = min(*seen.gyro.sigma, rate_noise(campaign))
+    finest = min(*seen.gyro.sigma, campaign.rate_noise)
     allowed = LIMITS.momentum_line_of_rate_noise * inertia * finest
     if rates_between < NUMERICS.slow_tachometer or not (sag > allowed).any():
         return None

@@ -169,3 +169,18 @@ def test_readings_stay_as_they_are_where_means_would_lose_something():
         replace(many, rate_sensor=sensor),
     ):
         assert without_surplus_rows(campaign) is campaign
+
+
+def test_a_mean_holds_no_saturated_reading():
+    """A block that is partly beyond the range would lie inside it, and be wrong."""
+    campaign = thrown(TIME)
+    exact, slew = reduced(campaign, 8).slews[0], campaign.slews[0]
+    largest = 0.9 * float(np.abs(slew.rate).max())
+    clipped = replace(slew, rate=np.clip(slew.rate, -largest, largest))
+    sensor = RateSensor(sigma=SIGMA, range=largest)
+    means = reduced(replace(campaign, rate_sensor=sensor, slews=(clipped,)), 8).slews[0]
+    known = np.isfinite(means.rate)
+    rows = np.searchsorted(exact.time, means.time)
+    assert 0.5 < known.mean() < 0.99
+    error = np.abs(means.rate - exact.rate[rows])[known]
+    assert error.max() < 0.1 * SIGMA / np.sqrt(8)

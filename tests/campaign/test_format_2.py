@@ -233,7 +233,14 @@ def test_a_locked_wheel_needs_no_telemetry(tmp_path):
     assert_teaches(refusal(make(tmp_path / "wrong", wrong)), ["actuators.z.state", '"locked"'])
 
 
+FIELD = """[[environment]]
+name = "other"
+type = "magnetic_field"
+vector = { names = ["b1", "b2", "b3"], unit = "T", frame = "inertial" }
+
+"""
 BAD = [
+    ("two", [("[[environment]]\n", FIELD + "[[environment]]\n")], ["environment.field", "other"]),
     ("unknown key", [("sigma = 2e-5", "sigmas = 2e-5")], ["sensors.gyro.sigmas", '"sigma"']),
     ("other physics", [("sigma = 2e-5", "mass = 2e-5")], ["sensors.gyro.mass", "known here"]),
     ("no torque of a wheel", [("torque = {", "max_torque = 1.0 #")], ["actuators.x.torque", "y"]),

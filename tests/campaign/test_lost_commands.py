@@ -8,13 +8,16 @@ import numpy as np
 import pytest
 from support.campaign_files import assert_same
 from support.dirty_example import EXAMPLE, SLEWING, dirty, kinds, rows_of, without_rows
+from support.other_spacecraft import two_axes_and_vectors
 
 import bayes_inertia as bi
 from bayes_inertia.campaign.commands import with_lost_commands
-from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.campaign.writer import write_campaign
+from bayes_inertia.campaign.reader import campaign_of, read_campaign
+from bayes_inertia.campaign.slew_parts import with_known_momentum
+from bayes_inertia.campaign.writer import content_of, write_campaign
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.small_campaign import small_campaign
 
 LOST = (60, 100, 102, SLEWING, SLEWING + 1, 300)
 
@@ -134,3 +137,33 @@ def test_lost_commands_move_the_estimate_by_less_than_its_sd(tmp_path):
     wrong = bi.estimate(Model(replace(campaign, slews=(slew, *campaign.slews[1:]))), starts=1)
     off = np.abs((wrong.theta - reference.theta) / wrong.sd)
     assert wrong.discounted or off.max() > 3.0
+
+
+def test_lost_commands_are_seen_where_directions_alone_tell_the_motion():
+    """Without gyro and star tracker every gap was negligible: the last command held across it."""
+    given = two_axes_and_vectors()
+    slews = tuple(replace(s, rate=None, wheel_momentum=None) for s in given.slews)
+    wheels = tuple(replace(wheel, momentum_sigma=None) for wheel in given.wheels)
+    description, tables = content_of(replace(given, rate_sensor=None, slews=slews, wheels=wheels))
+    file, table = next(iter(tables.items()))
+    lost = {f"u{k}_Nm": table.numbers(f"u{k}_Nm").copy() for k in (1, 2, 3)}
+    for torque in lost.values():
+        torque[21:27] = np.nan  # The push ends at row 24.
+    tables |= {file: table.changed(lost)}
+    slew = campaign_of(description, "campaign.toml", tables).slews[0]
+    assert np.flatnonzero(slew.lost_command).tolist() == list(range(21, 27))
+
+
+def test_a_gap_of_one_tachometer_with_a_clock_of_its_own_cuts_the_slew():
+    """No row has the readings of both wheels: a line across the gap of one was never doubted."""
+    small, time = small_campaign(), np.sort(np.concatenate([np.arange(400) * 0.1, np.arange(40)]))
+    time[1::11] += 0.03
+    time = np.unique(time)
+    slow = np.isin(time, np.arange(40) + 0.03)
+    ramp = 0.02 * np.maximum(time - 15.0, 0.0)
+    silent = slow & ~((time > 12.0) & (time < 25.0))
+    momentum = np.stack([np.where(slow, np.nan, 0.1), np.where(silent, ramp, np.nan)], axis=1)
+    rate = np.where(slow[:, None], np.nan, np.full((len(time), 3), 1e-3))
+    slew = bi.Slew("a", 0.0, time, rate=rate, wheel_momentum=momentum)
+    campaign = replace(small, wheels=small.wheels[1:], star_tracker=None, slews=(slew,))
+    assert len(with_known_momentum(campaign).slews) == 2

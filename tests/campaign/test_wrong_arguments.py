@@ -43,6 +43,21 @@ of_moments = bi.GaussianPrior.of_principal_moments
         (lambda: bi.StarTracker((0, 0, 1), "x", 1e-4), "sigma_cross: 'x' is not positive"),
         (lambda: bi.Thruster("j", [["a", 0, 0]]), "actuators.j.torque: no array of numbers"),
         (lambda: bi.GimballedRotors("c", [1.0, 2.0], AXES, SPINS), "nor one for each of 3"),
+        (lambda: bi.KnownTorque("j", "0.1"), "gain_sigma: '0.1' is no sd"),
+        (lambda: bi.Thruster("j", AXES, each_gain_sigma=[0.1, 0.1]), "each_gain_sigma: .* is no"),
+        (lambda: bi.DirectionSensor(0.01, (0, 0, 1), offset_sigma=None), "offset_sigma: None is"),
+        (lambda: bi.Wheel("x", (1, 0, 0), [1e-3]), r"spin_inertia: \[0.001\] is not positive"),
+        (lambda: bi.InertiaPrior(AXES, [0.1, 0.2], 0.1), "relative_sigma: .*is not positive"),
+        (lambda: of_moments(MOMENTS, 0.1, [2.0, 3.0]), "axes_sd_deg: .*not one number"),
+        (lambda: bi.GaussianPrior(("K1",), [1.0], [[1e-4]]).inflated("x"), "'x' is no sd"),
+        (lambda: bi.Slew("a", 0.0, TIME, rate=RATE, angle=[0.1, 0.2]), "angle: .*not one number"),
+        (
+            lambda: bi.Slew("a", 0, TIME, wheel_torque=RATE, lost_command=["a"] * 3),
+            "lost_command: no array of numbers",
+        ),
+        (lambda: bi.read_campaign(None), "campaign: None is no path"),
+        (lambda: bi.write_campaign(small_campaign(), None), "folder: None is no path"),
+        (lambda: bi.with_orbit(small_campaign(), None, "2023-09-04"), "tle: None is no path"),
         (lambda: bi.InertiaPrior([[1, 2], [3]], 0.1, 0.1), "inertia.tensor: no array of numbers"),
         (lambda: of_moments(MOMENTS, [0.1, 0.1], 2.0), "relative_sd: .*nor one for each of 3"),
         (lambda: of_moments(MOMENTS[:2], 0.1, 2.0), "no body has these moments"),
@@ -66,6 +81,11 @@ def test_what_is_no_number_is_said_with_its_key(make, says):
         ({"inertia": np.eye(3)}, "inertia: a ndarray is no InertiaPrior"),
         ({"rate_sensor": [bi.RateSensor(1e-5)]}, "rate_sensor: a list is no RateSensor"),
         ({"prior": "last_run"}, "prior: a str is no GaussianPrior"),
+        ({"actuators": [5]}, "actuators: a int .*list each as a KnownTorque or Magnetorquer or"),
+        ({"more_sensors": [bi.RateSensor(1e-5)]}, "more_sensors: .* is no pair of a name"),
+        ({"more_sensors": [(5, bi.RateSensor(1e-5))]}, "more_sensors: .* is no pair of a name"),
+        ({"mission": ["name"]}, "mission: 'name' is no pair"),
+        ({"names": ("gyro",)}, "names: .* are not two"),
     ],
 )
 def test_what_is_no_part_of_a_campaign_is_said_with_its_key(changes, says):
@@ -87,3 +107,31 @@ def test_correlated_noise_of_one_number_counts_for_each_axis_of_any_sensor(axes)
     sensor = bi.RateSensor(1e-5, directions, correlated_noise=noise)
     assert sensor.correlated_noise.share == (0.5,) * axes
     assert sensor.correlated_noise.time == (2.0,) * axes
+
+
+@pytest.mark.parametrize("indices", [5, [7], [0.0], [True, False, True], np.array([True, False])])
+def test_slews_are_chosen_by_their_numbers(indices):
+    """A mask would be taken for the numbers 0 and 1."""
+    with pytest.raises(bi.CampaignError, match="indices: "):
+        small_campaign().subset(indices)
+    assert [s.name for s in small_campaign().subset(np.array([2, 0])).slews] == ["slew 3", "slew 1"]
+
+
+@pytest.mark.parametrize("name", ["rate", "attitude", "momentum", "noise"])
+def test_no_further_sensor_has_the_name_of_a_channel(name):
+    """Its readings and the channel's would have been one in every result."""
+    campaign = replace(small_campaign(), more_sensors=[(name, bi.RateSensor(1e-5))])
+    with pytest.raises(bi.CampaignError, match=f"sensors.{name}.name: results know something else"):
+        bi.Model(campaign)
+
+
+def test_levels_of_thrusters_are_shares_of_full_thrust():
+    def flown(level):
+        inputs = {"jets": bi.InputStream([0.0, 1.0], [[level], [0.0]])}
+        slew = bi.Slew("a", 0.0, TIME, rate=RATE, inputs=inputs)
+        prior, jets = bi.InertiaPrior(AXES, 0.1, 0.1), bi.Thruster("jets", [[0.1, 0.0, 0.0]])
+        return bi.Campaign("c", prior, (), bi.RateSensor(1e-5), None, (slew,), actuators=(jets,))
+
+    assert flown(1.02).actuators
+    with pytest.raises(bi.CampaignError, match=r"inputs\.jets: a level of 50 times full thrust"):
+        flown(50.0)

@@ -348,17 +348,26 @@ def test_noise_is_asked_for_in_words(flown):
     assert noise_model_from_json(noise.json()) == noise
     assert Model(flown.campaign, noise=noise).space.names[9:] == noise.names
     for texts, sampled, words in (
-        (["gyro=student_t"], [], "no channel is called 'gyro'"),
         (["rate=cauchy"], [], "no distribution is called 'cauchy'"),
         (["rate"], [], "no distribution is called ''"),
         (["rate=student_t:few"], [], "'few' degrees of freedom"),
         (["rate=student_t:0.5"], [], "0.5 degrees of freedom"),
+        (["rate=student_t:inf"], [], "inf degrees of freedom"),
         (["rate=gaussian:4"], [], "gaussian has no degrees of freedom"),
         (["rate=gaussian", "rate=student_t"], [], "rate is given twice"),
-        ([], ["tachometer"], "no channel is called 'tachometer'"),
     ):
         with pytest.raises(SettingsError, match=words):
             noise_model_from_text(texts, sampled)
+
+
+def test_noise_of_a_further_sensor_is_asked_for_by_its_name(flown):
+    noise = noise_model_from_text(["gyro=student_t"], ["gyro"])
+    with pytest.raises(CampaignError, match="no channel is called 'gyro'; write rate, attitude"):
+        Model(flown.campaign, noise=noise)
+    slews = tuple(replace(slew, more={"gyro": slew.rate}) for slew in flown.campaign.slews)
+    further = {"more_sensors": {"gyro": flown.campaign.rate_sensor}, "slews": slews}
+    model = Model(replace(flown.campaign, **further), noise=noise)
+    assert model.space.names[-1] == "noise.gyro_scale"
 
 
 def test_noise_of_a_channel_without_readings_is_refused(flown):

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.check_effect import check_effect
 from bayes_inertia.physics.effects import (
     ConstantTorque,
@@ -14,6 +15,7 @@ from bayes_inertia.physics.effects import (
     by_name,
 )
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.named_effects import effects_named
 from bayes_inertia.physics.prediction import predict_all
 from bayes_inertia.physics.slew_input import idle_slew
 
@@ -60,3 +62,17 @@ def test_of_a_slew_to_come_an_effect_of_each_slew_claims_nothing(campaign):
 
 def nothing(model: Model) -> tuple:
     return jnp.zeros((model.n_slews, model.structure.n_local)), jnp.zeros(3), model.data
+
+
+def test_an_effect_of_its_own_in_each_slew_keeps_its_wider_prior(campaign):
+    wide = ConstantTorque(prior_scale=8.0)
+    one, each = (Model(campaign, (e,)).space.sd[9:] for e in (wide, EachSlew.of(wide, campaign)))
+    np.testing.assert_array_equal(each, np.tile(one, len(campaign.slews)))
+    with pytest.raises(EffectError, match="other coefficients in each slew anyway"):
+        EachSlew.of(by_name(["torque_noise"])[0], campaign)
+
+
+def test_a_change_from_a_slew_that_is_not_there_is_refused(campaign):
+    (late,) = effects_named(["inertia_change:from_slew=3"])
+    with pytest.raises(EffectError, match="inertia_change: there is no slew 3"):
+        Model(campaign, (late,))

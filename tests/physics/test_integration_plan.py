@@ -13,8 +13,12 @@ from support.high_rate import dense, thrown
 from support.slews import SKEWED, J, start_with
 
 import bayes_inertia
-from bayes_inertia.campaign.hardware import DirectionSensor
+from bayes_inertia.campaign.actuators import GimballedRotors
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import DirectionSensor, InertiaPrior, RateSensor, Wheel
+from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics import forward_model
 from bayes_inertia.physics.effects import (
@@ -30,7 +34,11 @@ from bayes_inertia.physics.effects import (
     WheelTorqueGain,
 )
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.integration_plan import IntegrationPlan, integration_plan
+from bayes_inertia.physics.integration_plan import (
+    IntegrationPlan,
+    integration_plan,
+    motion_scales,
+)
 from bayes_inertia.physics.packing import refined_grid
 from bayes_inertia.physics.prediction import predict_all
 from bayes_inertia.physics.simulator import simulate_slew
@@ -222,3 +230,42 @@ def test_directions_are_seen_by_the_plan():
         for sigma in (1e-4, 1.0)
     ]
     assert seen[0] < seen[1]
+
+
+def nutating(time, rate, axes=None, **more):
+    """A body that turns about its largest axis, 10, 1.2 and 9.5 kg m^2 [rad/s]."""
+    axes = np.eye(3) if axes is None else axes
+    devices = {key: more.pop(key) for key in ("wheels", "actuators") if key in more}
+    prior, sensor = InertiaPrior(np.diag([10.0, 1.2, 9.5]), 0.05, 0.1), RateSensor(1e-5, axes=axes)
+    slew = Slew("a", 0.0, time, rate=rate @ axes.T, **more)
+    given = {"wheels": (), "rate_sensor": sensor, "star_tracker": None, "slews": (slew,)}
+    return Campaign("c", prior, **given | devices)
+
+
+def test_stored_momentum_is_seen_whatever_tells_it():
+    """Tachometers on a clock of their own, or a rotor on a gimbal: as one in every row tells it."""
+    time = np.arange(400.0) * 0.1
+    rate = np.tile([0.5, 0.0, 0.01], (400, 1))
+    wheel = (Wheel("z", (0, 0, 1), 1e-3, momentum_sigma=1e-3),)
+    momentum = np.full((400, 1), 20.0)
+    every_row = nutating(time, rate, wheels=wheel, wheel_momentum=momentum)
+    both = np.sort(np.concatenate([time, time[::10] + 0.03]))
+    known = np.isin(both, time)
+    rates, readings = np.full((len(both), 3), np.nan), np.full((len(both), 1), np.nan)
+    rates[known], readings[~known] = rate, 20.0
+    own_clock = nutating(both, rates, wheels=wheel, wheel_momentum=readings)
+    rotors = (GimballedRotors("cmg", 20.0, [[1, 0, 0]], [[0, 0, 1]]),)
+    angles = {"cmg": InputStream(time, np.zeros((400, 1)), "line")}
+    gimballed = nutating(time, rate, actuators=rotors, inputs=angles)
+    wanted = motion_scales(every_row).frequency
+    assert wanted > 2.0 * motion_scales(nutating(time, rate)).frequency
+    assert motion_scales(own_clock).frequency == pytest.approx(wanted)
+    assert motion_scales(gimballed).frequency == pytest.approx(wanted)
+
+
+def test_how_a_gyro_is_mounted_changes_nothing_of_the_motion():
+    time, rate = np.arange(400.0) * 0.1, np.tile([0.5, 0.0, 0.01], (400, 1))
+    skewed = np.array([[1.0, 0, 0], [np.cos(0.2), np.sin(0.2), 0], [0, 0.6, 0.8]])
+    wanted = motion_scales(nutating(time, rate))
+    for axes in (np.eye(3)[[1, 2, 0]], skewed):
+        np.testing.assert_allclose(motion_scales(nutating(time, rate, axes)), wanted)

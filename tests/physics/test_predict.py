@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 import bayes_inertia as bi
+from bayes_inertia.errors import BayesInertiaError, SettingsError
 from bayes_inertia.physics.small_campaign import small_campaign
 
 
@@ -42,3 +44,21 @@ def test_what_was_not_measured_is_not_predicted():
     model = bi.Model(replace(campaign, slews=slews))
     attitude = model.predict(model.space.mean)["attitude"][0, 0]
     assert np.isfinite(attitude).all(-1).sum() == 5
+
+
+def test_a_seed_draws_what_its_generator_draws(campaign):
+    """The same number as seed of each parameter made all of them one."""
+    model = bi.Model(campaign)
+    draws = model.draw_prior(5, 300)
+    np.testing.assert_array_equal(draws, model.draw_prior(np.random.default_rng(5), 300))
+    correlation = np.corrcoef(draws.T) - np.eye(draws.shape[1])
+    assert np.abs(correlation).max() < 4.5 / np.sqrt(300)
+    for number in (5.0, -1):
+        with pytest.raises(SettingsError, match="n: is"):
+            model.draw_prior(5, number)
+
+
+@pytest.mark.parametrize("theta", ["a", ["a"] * 9, np.zeros((0, 9))])
+def test_what_is_no_parameter_vector_is_said(campaign, theta):
+    with pytest.raises(BayesInertiaError, match="theta: "):
+        bi.Model(campaign).predict(theta)

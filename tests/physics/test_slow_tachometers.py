@@ -106,3 +106,14 @@ def test_the_tensor_is_right_and_good_rates_are_no_outliers(slow):
 def test_noise_that_is_not_as_stated_is_judged_as_well(slow, noise):
     rate = bi.estimate(Model(slow, noise=NoiseModel(rate=noise)), starts=1).tests["rate"]
     assert not rate.too_large
+
+
+def test_the_tachometer_that_is_read_least_says_how_well_the_mean_is_known(slow):
+    """Beside one in every row: the slow one's noise was taken for that of a mean of them all."""
+    slew = slow.slews[0]
+    momentum = np.array(slew.wheel_momentum)
+    momentum[:, 0] = np.interp(slew.time, slew.time[::EVERY], momentum[::EVERY, 0])
+    model = Model(replace(slow, slews=(replace(slew, wheel_momentum=momentum),)), drive="measured")
+    modes = np.asarray(model.data.arrays.telemetry.tachometer_modes)
+    read = np.isfinite(momentum[:, 1]).sum()
+    np.testing.assert_allclose(modes[0, :, 0], read**-0.5)

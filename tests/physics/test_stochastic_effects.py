@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.special import gamma, kv
 from support.effects import thrown_body
 
 from bayes_inertia.campaign.slew import Slew, between_fix_groups
@@ -20,7 +19,6 @@ from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.random_basis import (
     hat_functions,
-    matern_root,
     ornstein_uhlenbeck_covariance,
     ornstein_uhlenbeck_mean_root,
     ornstein_uhlenbeck_root,
@@ -128,24 +126,6 @@ def test_a_stationary_process_goes_on_between_slews():
     at = (start[:, None] + np.linspace(1.0, 17.0, knots)).ravel()
     expected = 4.0 * np.exp(-np.abs(np.subtract.outer(at, at)) / 7.0)
     np.testing.assert_allclose(covariance, expected, rtol=1e-9)
-
-
-@pytest.mark.parametrize("derivatives", [1, 2])
-@pytest.mark.parametrize("time", [0.3, 3.0, 300.0])
-def test_knots_have_the_covariance_of_a_matern_process(time, derivatives):
-    """Against the general form with a Bessel function."""
-    spacing, knots, smoothness = 1.5, 9, derivatives + 0.5
-    root = np.asarray(matern_root(2.0, time, spacing, knots, differentiable=derivatives))
-    apart = spacing * np.abs(np.subtract.outer(np.arange(knots), np.arange(knots)))
-    x = np.sqrt(2.0 * smoothness) * np.maximum(apart, 1e-9) / time
-    bessel = x**smoothness * kv(smoothness, x)
-    exact = 4.0 * 2.0 ** (1.0 - smoothness) / gamma(smoothness) * bessel
-    np.testing.assert_allclose(root @ root.T, exact, rtol=1e-6, atol=1e-7)
-
-
-def test_a_matern_process_of_another_smoothness_is_refused():
-    with pytest.raises(ValueError, match="only 1 and 2"):
-        matern_root(1.0, 1.0, 1.0, 3, differentiable=3)
 
 
 @pytest.mark.parametrize("time", [0.05, 3.0, 1e4])

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker
+from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker, require
 from bayes_inertia.campaign.sensors.attitude import ATTITUDE, AttitudeStream
 from bayes_inertia.campaign.sensors.direction import DirectionStream
 from bayes_inertia.campaign.sensors.momentum import MOMENTUM
@@ -29,6 +29,9 @@ KINDS_BY_KEY: Mapping[str, type[SensorStream]] = {kind.written[0]: kind for kind
 
 def streams_of(campaign: Campaign) -> tuple[SensorStream, ...]:
     """The streams of a campaign, one a sensor."""
+    for name in set(dict(campaign.more_sensors)) & {*CHANNELS, "noise"}:
+        what, advice = f"results know something else as {name!r}", "give the sensor another name"
+        require(False, f"sensors.{name}.name", what, advice)
     more = ((KINDS.get(type(x)) or x.stream)(name) for name, x in campaign.more_sensors)
     return (*STREAMS, *more)
 

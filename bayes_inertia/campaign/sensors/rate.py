@@ -35,8 +35,6 @@ class RateStream(SensorStream):
 
     def valid(self, campaign: Campaign, slew: Slew) -> np.ndarray:
         """Those inside the sensor's range."""
-        if self.field:
-            return campaign.valid_readings(slew)
         return in_range(self.values(slew), self.hardware(campaign).range)
 
     def unattainable(self, campaign: Campaign) -> float:

@@ -9,8 +9,6 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
 from bayes_inertia.campaign.actuators import GimballedRotors, KnownTorque, Magnetorquer, Thruster
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.physics.actuators.device import (
@@ -55,11 +53,8 @@ def effects_of(campaign: Campaign) -> tuple[Effect, ...]:
 def noise_of_inputs(campaign: Campaign) -> tuple[StochasticEffect, ...]:
     """The slow part of the noise that inputs of devices have, integrated out at its stated size."""
     noisy = [d for d in campaign.actuators if isinstance(d, GimballedRotors) and d.angle_sigma]
-    counts = [
-        int(np.median([len((slew.inputs or {})[d.name].time) for slew in campaign.slews]))
-        for d in noisy
-    ]
-    return tuple(GimbalAngleNoise(d, n) for d, n in zip(noisy, counts, strict=True))
+    counts = (tuple(len((s.inputs or {})[d.name].time) for s in campaign.slews) for d in noisy)
+    return tuple(map(GimbalAngleNoise, noisy, counts))
 
 
 def ties_of_scale(campaign: Campaign) -> list[dict[str, Any]]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from bayes_inertia.campaign.actuators import GimballedRotors
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.physics.actuators.device import DeviceEffect
 from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.random_basis import independent, slew_fraction
@@ -37,12 +38,12 @@ class GimbalAngleNoise(StochasticEffect):
     ----------
     record : GimballedRotors
         Whose angles they are, with their noise.
-    readings : int
-        How many a slew has.
+    readings : tuple of int
+        How many each slew has.
     """
 
     record: GimballedRotors
-    readings: int
+    readings: tuple[int, ...]
 
     @property
     def name(self) -> str:  # type: ignore[override]
@@ -55,10 +56,11 @@ class GimbalAngleNoise(StochasticEffect):
         return (self.record.name,)
 
     def coefficient_count(self, campaign):
-        return self.record.columns * min(NUMERICS.tachometer_modes, self.readings)
+        return self.record.columns * min(NUMERICS.tachometer_modes, max(self.readings))
 
     def coefficient_root(self, p, slew, count):
-        return independent(self.record.angle_sigma / np.sqrt(self.readings), count)
+        readings = jnp.asarray(self.readings, float)[slew.index]
+        return independent(self.record.angle_sigma / jnp.sqrt(readings), count)
 
     def carried_momentum(self, p, slew, t, inputs):
         size = p["coefficients"].reshape(self.record.columns, -1)
@@ -79,6 +81,17 @@ def _directions(device: GimballedRotors, angle: Any, xp: Any) -> tuple[Any, Any]
 def turning(device: GimballedRotors, angle: np.ndarray) -> np.ndarray:
     """Derivatives (..., k, 3) of the spin axes by the gimbal angles (..., k)."""
     return _directions(device, angle, np)[1]
+
+
+def carried_momentum(campaign: Campaign, slew: Slew, times: np.ndarray) -> np.ndarray:
+    """Momentum (n, 3) that rotors carry at times (n,) on the slew's clock, body axes [N m s]."""
+    total = np.zeros((len(times), 3))
+    for device in campaign.actuators:
+        if isinstance(device, GimballedRotors):
+            given = (slew.inputs or {})[device.name]
+            angle = np.stack([np.interp(times, given.time, a) for a in given.values.T], axis=-1)
+            total += np.einsum("k,nki->ni", device.momentum, _directions(device, angle, np)[0])
+    return total
 
 
 def momentum_noise(campaign: Campaign) -> np.ndarray:

@@ -75,10 +75,6 @@ class AttitudeChannel(Channel):
         """Attitudes turned by small rotations in body axes [rad]."""
         return np.asarray(_turned(values, change))
 
-    def known(self, readings: Readings) -> np.ndarray:
-        """A fix is whole or missing."""
-        return np.where(np.asarray(readings.valid)[..., :1], readings.values, np.nan)
-
     def column_sigma(self, campaign: Campaign) -> np.ndarray:
         """Components of a quaternion are half a small rotation."""
         tracker = self.stream.hardware(campaign)

@@ -188,7 +188,10 @@ class Channel(ABC):
 
     def known(self, readings: Readings) -> np.ndarray:
         """Values (..., n, columns) with NaN where nothing was measured."""
-        return np.where(readings.valid, readings.values, np.nan)
+        values, valid = np.asarray(readings.values), np.asarray(readings.valid)
+        # Of other components than columns, a reading is whole or missing.
+        valid = valid if valid.shape == values.shape else valid[..., :1]
+        return np.where(valid, values, np.nan)
 
     def column_sigma(self, campaign: Campaign) -> np.ndarray:
         """Size of the noise in each column of readings (columns,), infinite if it is not stated."""

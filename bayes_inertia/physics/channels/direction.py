@@ -147,10 +147,6 @@ class DirectionChannel(SeparateColumns):
             return values + change
         return np.asarray(_turned(jnp.asarray(values), jnp.asarray(change)))
 
-    def known(self, readings: Readings) -> np.ndarray:
-        """A vector is whole or missing."""
-        return np.where(np.asarray(readings.valid)[..., :1], readings.values, np.nan)
-
     def noise(self, campaign: Campaign, theta: np.ndarray, drive: Drive) -> np.ndarray:
         """Sigma (components,)."""
         return self.column_sigma(campaign)[: 3 if self.is_field else 2]

@@ -10,9 +10,10 @@ import jax.numpy as jnp
 from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.physics.effect import BODY_HOOKS, LOOKING_BACK, Effect
+from bayes_inertia.physics.effect import BODY_HOOKS, LOOKING_BACK, Effect, require_of_effect
 from bayes_inertia.physics.parameters import Parameter
 from bayes_inertia.physics.slew_context import SlewContext
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
 def _forwarding_hooks(cls: Any) -> Any:
@@ -77,10 +78,13 @@ class EachSlew(Effect):
         ('tau_1', 'tau_2')
         """
         inner = inner.in_campaign(campaign)
+        what = "has other coefficients in each slew anyway"
+        require_of_effect(not isinstance(inner, StochasticEffect), inner, what, "give it as it is")
         parameters = inner.parameters(campaign)
         scalars = tuple(p.name for p in parameters if not p.components)
         nulls = tuple((p.name, p.null) for p in parameters)
-        return cls(inner, len(campaign.slews), scalars, nulls, device=inner.device)
+        count, scale = len(campaign.slews), inner.prior_scale
+        return cls(inner, count, scalars, nulls, device=inner.device, prior_scale=scale)
 
     @property
     def name(self) -> str:  # type: ignore[override]

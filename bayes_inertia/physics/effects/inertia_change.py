@@ -8,7 +8,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 
 from bayes_inertia.maths.inertia_tensor import ELEMENTS, tensor
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import Effect, require_of_effect
 from bayes_inertia.physics.parameters import Normal, vector
 
 
@@ -28,6 +28,11 @@ class InertiaChange(Effect):
         Number of the first slew with the new tensor, counted from 0; None takes the last half
         of the campaign.
 
+    Raises
+    ------
+    EffectError
+        If a campaign has no slew of this number.
+
     Examples
     --------
     >>> InertiaChange(sigma=0.1).parameters(None)[0].names[:2]
@@ -37,6 +42,12 @@ class InertiaChange(Effect):
     name: ClassVar[str] = "inertia_change"
     sigma: float | None = None
     from_slew: int | None = None
+
+    def in_campaign(self, campaign):
+        known = self.from_slew is None or self.from_slew in range(len(campaign.slews))
+        what, advice = f"there is no slew {self.from_slew!r}", "count slews from 0"
+        require_of_effect(known, self, what, advice)
+        return self
 
     def parameters(self, campaign):
         sigma = self.sigma if self.sigma is not None else 0.03 * campaign.scale_of_motion()[2]

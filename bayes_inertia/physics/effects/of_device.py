@@ -118,6 +118,7 @@ class OfDevice(Effect):
         known = errors_of(self.device, campaign)
         for effect in known:
             if effect.kind == self.error:
+                effect = replace(effect, prior_scale=self.prior_scale)
                 return with_settings(effect, dict(self.settings)).in_campaign(campaign)
         what = f"{self.device} has no error of this kind"
         advice = f"effects of it: {', '.join(effect.name for effect in known)}"

@@ -7,13 +7,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from bayes_inertia.physics.effects.scales import rate_axes, sd_and_time
+from bayes_inertia.physics.effects.rate_random_walk import RateNoise
+from bayes_inertia.physics.effects.scales import sd_and_time
 from bayes_inertia.physics.processes import Process
-from bayes_inertia.physics.stochastic_effect import ReadingNoise
 
 
 @dataclass(frozen=True)
-class RateBiasInstability(ReadingNoise):
+class RateBiasInstability(RateNoise):
     """The rate bias of each axis and slew has a part that is a first-order Gauss-Markov process.
 
     Its covariance is sd^2 exp(-|t - t'| / time). A fit takes two slews as independent; where the
@@ -43,9 +43,6 @@ class RateBiasInstability(ReadingNoise):
 
     name: ClassVar[str] = "rate_bias_instability"
     signal_title: ClassVar[str] = "wandering rate bias"
-    signal_quantity: ClassVar[str] = "rate error"
-    signal_unit: ClassVar[str] = "rad/s"
-    signal_components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     median_sd: float | None = None
     median_time: float | None = None
     factor_sd: float = 1.5
@@ -56,14 +53,8 @@ class RateBiasInstability(ReadingNoise):
         time = self.median_time or sensor.bias_instability_time
         return sd_and_time(campaign, "rad/s", sd, time, self.factor_sd)
 
-    def components(self, campaign):
-        return len(rate_axes(campaign))
-
     def reading_noise(self, p):
         return Process("rate", p["sd"], p["time"], self.knots)
-
-    def rate_output(self, p, slew, trajectory, rate_S):
-        return rate_S + self.signal(p, slew, slew.time)
 
 
 @dataclass(frozen=True)

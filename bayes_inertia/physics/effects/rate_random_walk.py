@@ -14,7 +14,22 @@ from bayes_inertia.physics.stochastic_effect import ReadingNoise
 
 
 @dataclass(frozen=True)
-class RateRandomWalk(ReadingNoise):
+class RateNoise(ReadingNoise):
+    """Base of processes that each axis of the first rate sensor has."""
+
+    signal_quantity: ClassVar[str] = "rate error"
+    signal_unit: ClassVar[str] = "rad/s"
+    signal_components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
+
+    def components(self, campaign):
+        return len(rate_axes(campaign))
+
+    def rate_output(self, p, slew, trajectory, rate_S):
+        return rate_S + self.signal(p, slew, slew.time)
+
+
+@dataclass(frozen=True)
+class RateRandomWalk(RateNoise):
     """The rate bias is a Wiener process: white noise of its derivative (Farrenkopf 1978, RRW).
 
     Over a time T the bias of each axis changes by rate_random_walk.density sqrt(T) (one sd). In
@@ -51,9 +66,6 @@ class RateRandomWalk(ReadingNoise):
 
     name: ClassVar[str] = "rate_random_walk"
     signal_title: ClassVar[str] = "random walk of the rate bias"
-    signal_quantity: ClassVar[str] = "rate error"
-    signal_unit: ClassVar[str] = "rad/s"
-    signal_components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     median: float | None = None
     factor_sd: float = 1.5
 
@@ -64,11 +76,5 @@ class RateRandomWalk(ReadingNoise):
             median = sigma / np.sqrt(campaign.scale_of_motion()[1])
         return (scalar("density", unit="rad/s^1.5", prior=LogNormal(median, self.factor_sd)),)
 
-    def components(self, campaign):
-        return len(rate_axes(campaign))
-
     def reading_noise(self, p):
         return Process("rate", p["density"], knots=self.knots)
-
-    def rate_output(self, p, slew, trajectory, rate_S):
-        return rate_S + self.signal(p, slew, slew.time)

@@ -40,12 +40,6 @@ def gyro_of(campaign: Campaign, device: str) -> RateSensor:
     return campaign.sensors[device] if device else campaign.gyro
 
 
-def rate_noise(campaign: Campaign) -> float:
-    """Noise of the best axis of all rate sensors [rad/s]; infinite without one."""
-    sensors = (x for x in campaign.sensors.values() if isinstance(x, RateSensor))
-    return min((min(x.sigma) for x in sensors), default=float("inf"))
-
-
 def rate_axes(campaign: Campaign | None, device: str = "") -> Sequence[str]:
     """Names of a rate sensor's axes: x, y and z of three, else 1 to n; none without one.
 

@@ -8,8 +8,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia.campaign.sensors import stream_named
-from bayes_inertia.campaign.sensors.attitude import ATTITUDE
+from bayes_inertia.campaign.sensors import stream_of_device
 from bayes_inertia.campaign.slew import between_fix_groups
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.parameters import LogNormal, scalar
@@ -56,13 +55,13 @@ class StarTrackerLowFrequency(StochasticEffect):
     def parameters(self, campaign):
         if self.known:
             return ()
-        tracker = campaign.star_tracker
+        tracker = campaign.sensors.get(self.device or campaign.names[1])
         sigma = (tracker.low_frequency_sigma or tracker.sigma_cross) if tracker else 2.5e-5
         prior = LogNormal(self.median or sigma, self.factor_sd)
         return (scalar("sd", unit="rad", prior=prior),)
 
     def coefficient_count(self, campaign):
-        stream = stream_named(self.device or ATTITUDE.name, campaign)
+        stream = stream_of_device(self.device or campaign.names[1], campaign)
         known = ((slew, stream.of(slew)) for slew in campaign.slews)
         gaps = (
             between_fix_groups(slew, np.isfinite(fixes).all(axis=1))

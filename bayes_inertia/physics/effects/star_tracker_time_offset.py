@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
+from bayes_inertia.campaign.sensors import stream_of_device
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.parameters import Normal, scalar
@@ -43,7 +44,8 @@ class StarTrackerTimeOffset(Effect):
         return (scalar("tau", unit="s", prior=Normal(0.0, sigma)),)
 
     def looks_between_rows(self, campaign):
-        return any(slew.fixes.any() for slew in campaign.slews)
+        stream = stream_of_device(self.device or campaign.names[1], campaign)
+        return any(stream.of(slew) is not None for slew in campaign.slews)
 
     def attitude_output(self, p, slew, trajectory, attitude):
         rate, step = trajectory.rate_B, slew.step
