@@ -131,6 +131,7 @@ def write_new_files(folder: str | Path, content: Mapping[str, bytes], *, holds: 
         )
     for name, data in content.items():
         if name not in present:
+            make_folder((folder / name).parent)
             write_atomically(folder / name, data)
     return folder
 

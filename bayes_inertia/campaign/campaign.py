@@ -155,6 +155,7 @@ class Campaign:
         _require_different("actuators", [*names, *(wheel.name for wheel in self.wheels)])
         given = members("names", self.names, str)
         require(len(given) == 2, "names", f"{given!r} are not two", "name rate sensor and tracker")
+        object.__setattr__(self, "names", given)
         _require_different("sensors", [*(name for name, _ in self._each_sensor()), *names])
         known = self.reference is None or self.reference in self.sensors
         what, advice = f"no sensor is called {self.reference!r}", f"choose {list(self.sensors)}"

@@ -52,7 +52,7 @@ def pairs(key: str, given: Any) -> tuple[tuple[str, Any], ...]:
     for pair in found:
         named = isinstance(pair, tuple | list) and len(pair) == 2
         named = named and isinstance(pair[0], str) and bool(pair[0])
-        what = f"{pair!r} is no pair of a name and what it names"
+        what = f"a {type(pair).__name__} is no pair of a name and what it names"
         require(named, key, what, 'list each as ("NAME", ...), or give a dictionary')
     return tuple(map(tuple, found))
 
@@ -564,7 +564,7 @@ def rate_noise(sensors: Iterable[Any]) -> float:
 
 
 def attitude_noise(seen: Iterable[tuple[Any, Sequence[np.ndarray]]]) -> float:
-    """Noise of the sensor that sees the attitude best [rad]; infinite without one.
+    """Noise of the sensor that sees best where the body points [rad]; infinite without one.
 
     `seen`: sensors, and the readings (n, columns) that tell how large a field is.
     """

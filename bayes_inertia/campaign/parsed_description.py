@@ -51,6 +51,7 @@ def parse_description(text: str, label: str) -> Description:
         prior=parsed.prior,
         **devices,
     )
+    _check_told_once(description.entries, label)
     for slew in description.slews:
         _check_names(slew, description, label)
     return description
@@ -79,6 +80,18 @@ def _tables_of(part: SlewPart, entries: Sequence[Entry]) -> SlewTables:
     given = {path: file for path, file in files.items() if file is not None}
     key = "file" if part.files is None else "files"
     return SlewTables(part.name, part.start, part.axis, part.angle_deg, key, given)
+
+
+def _check_told_once(entries: Sequence[Entry], label: str) -> None:
+    """One entry for each quantity, of a wheel for each wheel."""
+    told: dict[tuple[str, int], str] = {}
+    for entry in entries:
+        for k, wheel in enumerate(entry.wheels or (0,)):
+            path = entry.paths[min(k, len(entry.paths) - 1)]
+            other = told.setdefault((entry.field, wheel), path)
+            advice = "keep one of the two, they are the same measurement"
+            if other != path:
+                refuse(label, path, f"{other} is given too", advice)
 
 
 def _check_names(slew: SlewTables, description: Description, label: str) -> None:
@@ -146,11 +159,6 @@ def described(parsed: format_2.Campaign2Part, label: str) -> dict[str, Any]:
 
 
 def _require_different(parsed: format_2.Campaign2Part, label: str) -> None:
-    kinds: dict[str, str] = {}
-    for part in parsed.environment:
-        if (other := kinds.setdefault(part.type, part.name)) != part.name:
-            what, advice = f"{other} is the {part.type} too", "keep one of the two"
-            refuse(label, f"environment.{part.name}", what, advice)
     for key in ("actuators", "sensors", "environment", "changes", "slews"):
         names = [part.name for part in getattr(parsed, key)]
         for name in (name for name in names if names.count(name) > 1):
@@ -331,13 +339,10 @@ def _wheel_entries(wheels: Sequence[format_2.WheelDevice], label: str) -> list[E
 
 
 def _check_wheels(wheels: Sequence[format_2.WheelDevice], label: str) -> None:
-    """One measurement of each wheel; commands of all wheels or none, in one table."""
+    """Commands of all wheels or none, in one table."""
     commanded = [(part.name, part.torque.stream) for part in wheels if part.torque is not None]
     for part in wheels:
         place = f"actuators.{part.name}"
-        if part.momentum is not None and part.speed is not None:
-            advice = "keep one of the two, they are the same measurement"
-            refuse(label, f"{place}.speed", "momentum is given too", advice)
         if part.torque is None and commanded and part.state not in ("locked", "free"):
             what = f"missing key, but {commanded[0][0]} has it"
             advice = "give the commands of every wheel, or leave all out: tachometers drive then"

@@ -16,7 +16,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.commands import with_known_torques, without_impossible_torques
 from bayes_inertia.campaign.description import AS_CAMPAIGN, Description, SlewTables
 from bayes_inertia.campaign.environment import slews_with_orbit
-from bayes_inertia.campaign.hardware import attitude_noise, rate_noise
+from bayes_inertia.campaign.hardware import attitude_noise, rate_noise, require
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.limits import LIMITS
@@ -33,16 +33,15 @@ from bayes_inertia.campaign.streams import (
     streams_of,
     union,
 )
-from bayes_inertia.errors import CampaignError, OutputError
+from bayes_inertia.errors import CampaignError
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.row_order import ordered_rows
 from bayes_inertia.files import (
     description_path,
-    make_folder,
     read_bytes,
     table_path,
     text_of,
-    write_atomically,
+    write_new_files,
 )
 from bayes_inertia.sealing import sha256_of
 from bayes_inertia.tables.number_table import read_table
@@ -180,17 +179,7 @@ def copy_campaign(path: str | Path, folder: str | Path) -> Path:
 
     `folder`: where to; made if absent. Identical files may be there already.
     """
-    folder = Path(folder)
-    wanted = {folder / name: data for name, data in _files(path)}
-    for target, data in wanted.items():
-        if target.exists() and read_bytes(target) != data:
-            what = "would overwrite another file"
-            advice = "choose another folder; nothing was overwritten"
-            raise OutputError(what, where=str(target), advice=advice)
-    for target, data in wanted.items():
-        make_folder(target.parent)
-        write_atomically(target, data)
-    return folder
+    return write_new_files(folder, dict(_files(path)), holds="file")
 
 
 def _files(path: str | Path) -> list[tuple[str, bytes]]:
@@ -280,6 +269,11 @@ def _channels(
             if name in channels and np.isnan(channels[name][:, k]).all():
                 told = np.isfinite(channels[name]).any(axis=1)
                 channels[name][told, k] = 0.0
+        torque = channels.get("wheel_torque")
+        driven = torque is not None and bool(np.nan_to_num(torque[:, k]).any())
+        what, key = f"{wheel.name} spins freely, and is commanded", f"slews.{part.name}"
+        advice = 'leave its commands out, or say state = "running"'
+        require(wheel.state != "free" or not driven, key, what, advice)
     return channels, disorder
 
 

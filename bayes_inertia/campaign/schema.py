@@ -361,12 +361,8 @@ def refuse(label: str, key: str, what: str, advice: str) -> NoReturn:
 
 
 def _check_wheels(campaign: CampaignPart, label: str) -> None:
-    """One measurement of the wheels, one column a wheel."""
+    """One column a wheel."""
     given = campaign.columns.given()
-    if "wheel_momentum" in given and "wheel_speed" in given:
-        what = "wheel_momentum is given too"
-        advice = "keep one of the two, they are the same measurement"
-        refuse(label, "columns.wheel_speed", what, advice)
     for key in _WHEEL_KEYS:
         if key in given and len(given[key].names) != len(campaign.wheels):
             what = f"{len(given[key].names)} column(s) for {len(campaign.wheels)} [[wheels]]"

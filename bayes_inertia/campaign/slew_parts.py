@@ -157,7 +157,7 @@ def _unknown_momentum(
 ) -> list[tuple[float, float]]:
     """Gaps of tachometers (n, wheels) in which a straight line may be visibly wrong.
 
-    `fixes`, `rates` (m,): times at which attitude and rates are read [s]. Wheels may be read at
+    `fixes`, `rates` (m,): times at which fixes and rates are read [s]. Wheels may be read at
     times of their own.
     """
     found = set()

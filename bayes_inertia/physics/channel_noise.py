@@ -58,29 +58,16 @@ class ChannelNoise:
     scale_spread: float = 0.5  # 95 % of the stated sigmas are right to a factor 2.7
 
     def __post_init__(self) -> None:
-        if self.family not in [*FAMILIES]:
-            raise SettingsError(
-                f"no distribution is called {self.family!r}",
-                where="noise",
-                advice=f"choose {' or '.join(FAMILIES)}",
-            )
-        shape = self.density.shape
-        if (
-            shape is not None
-            and self.degrees is not None
-            and not _is_at_least(self.degrees, shape.least)
-        ):
-            raise SettingsError(
-                f"{self.degrees} {shape.title}",
-                where="noise",
-                advice=f"give {shape.least:g} or more, or None where they are sampled",
-            )
-        if not (_is_at_least(self.scale_spread, 0.0) and self.scale_spread):
-            raise SettingsError(
-                f"a prior sd of {self.scale_spread} of the scale's logarithm",
-                where="noise",
-                advice="give a number above 0",
-            )
+        what, advice = f"no distribution is called {self.family!r}", " or ".join(FAMILIES)
+        _require(self.family in [*FAMILIES], what, f"choose {advice}")
+        shape, degrees = self.density.shape, self.degrees
+        if shape is not None and degrees is not None:
+            advice = f"give {shape.least:g} or more, or None where they are sampled"
+            good = _is_at_least(degrees, shape.least)
+            _require(good, f"{degrees} {shape.title}", advice)
+        what = f"a prior sd of {self.scale_spread} of the scale's logarithm"
+        good = _is_at_least(self.scale_spread, 0.0) and self.scale_spread > 0.0
+        _require(good, what, "give a number above 0")
 
     @property
     def density(self) -> Density:
@@ -96,6 +83,11 @@ class ChannelNoise:
     def heavy(self) -> bool:
         """Whether the noise has heavier tails than a Gaussian."""
         return self.density.heavy
+
+
+def _require(condition: bool, what: str, advice: str, where: str = "noise") -> None:
+    if not condition:
+        raise SettingsError(what, where=where, advice=advice)
 
 
 def _is_at_least(value: Any, least: float) -> bool:
@@ -122,9 +114,8 @@ class NoiseModel:
 
     def __init__(self, **channels: ChannelNoise) -> None:
         for name, noise in channels.items():
-            if not isinstance(noise, ChannelNoise):
-                what, advice = f"{noise!r} is no ChannelNoise", "give ChannelNoise('student_t')"
-                raise SettingsError(what, where=f"noise of {name}", advice=advice)
+            what, advice = f"{noise!r} is no ChannelNoise", "give ChannelNoise('student_t')"
+            _require(isinstance(noise, ChannelNoise), what, advice, f"noise of {name}")
         ordered = sorted(channels, key=lambda c: CHANNELS.index(c) if c in CHANNELS else 99)
         chosen = tuple((c, channels[c]) for c in ordered if channels[c] != ChannelNoise())
         object.__setattr__(self, "channels", chosen)
@@ -236,8 +227,7 @@ def noise_model_from_text(families: Sequence[str] = (), sampled: Sequence[str] =
     for text in families:
         channel, _, family = text.partition("=")
         channel = channel.strip()
-        if channel in chosen:
-            raise SettingsError(f"{channel} is given twice", where="--noise", advice="choose one")
+        _require(channel not in chosen, f"{channel} is given twice", "choose one", "--noise")
         name, _, degrees = family.strip().partition(":")
         chosen[channel] = {"family": name, **_degrees(name, degrees)}
     for channel in sampled:
@@ -249,18 +239,14 @@ def _degrees(family: str, text: str) -> dict[str, float | None]:
     """Degrees of freedom as they stand behind a family's name."""
     if not text:
         return {}
-    known = FAMILIES.get(family)
-    if known is None or known.shape is None:
-        raise SettingsError(
-            f"{family} has no degrees of freedom", where="--noise", advice=f"leave out :{text}"
-        )
+    has = family in FAMILIES and FAMILIES[family].shape is not None
+    what = f"{family} has no degrees of freedom"
+    _require(has, what, f"leave out :{text}", "--noise")
     if text == _SAMPLED:
         return {"degrees": None}
     try:
         return {"degrees": float(text)}
     except ValueError as error:
-        raise SettingsError(
-            f"{text!r} degrees of freedom",
-            where="--noise",
-            advice=f"write a number or {_SAMPLED}: rate=student_t:6",
-        ) from error
+        advice = f"write a number or {_SAMPLED}: rate=student_t:6"
+        what = f"{text!r} degrees of freedom"
+        raise SettingsError(what, where="--noise", advice=advice) from error

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import jax
@@ -616,7 +617,7 @@ def has_hash(effect: Effect) -> bool:
 
 
 def require_of_effect(condition: bool, effect: Any, what: str, advice: str) -> None:
-    """Raise unless a condition holds.
+    """Raise unless a condition holds; `effect`: an effect, or what it is called.
 
     Examples
     --------
@@ -625,7 +626,8 @@ def require_of_effect(condition: bool, effect: Any, what: str, advice: str) -> N
     bayes_inertia.errors.EffectError: no_effect: it does nothing; override a hook
     """
     if not condition:
-        where = str(getattr(effect, "name", type(effect).__name__))
+        named = isinstance(effect, str | Path)
+        where = str(effect if named else getattr(effect, "name", type(effect).__name__))
         raise EffectError(what, where=where, advice=advice)
 
 

@@ -20,7 +20,7 @@ from bayes_inertia.campaign.hardware import (
     require,
 )
 from bayes_inertia.campaign.prior import GaussianPrior
-from bayes_inertia.errors import CampaignError, EffectError
+from bayes_inertia.errors import EffectError
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.physical_draws import draw_physical
@@ -232,10 +232,8 @@ def _predicted(structure: Structure, theta: Array, local: Array, data: Data) -> 
 
 
 def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> None:
-    if drive not in ("commanded", "measured"):
-        raise CampaignError(
-            f"unknown drive {drive!r}", where="drive", advice="choose commanded or measured"
-        )
+    known = drive in ("commanded", "measured")
+    require(known, "drive", f"unknown drive {drive!r}", "choose commanded or measured")
     told = drive == "measured" or not campaign.wheels or campaign.has_commands
     what = "the commanded drive needs wheel_torque columns in every slew"
     require(told, "columns.wheel_torque", what, "use the measured drive")
@@ -268,7 +266,7 @@ def lacks(effect: Effect, campaign: Campaign) -> str:
         return "a rate sensor"
     seeing = StarTracker | DirectionSensor
     if effect.needs and not all(rows_read(campaign, s, seeing).any() for s in campaign.slews):
-        return "an attitude in every slew"
+        return "a star tracker or directions in every slew"
     trackers = any(isinstance(sensor, StarTracker) for sensor in campaign.sensors.values())
     hooks = {hook for hook in (*BODY_HOOKS, *LOOKING_BACK) if effect.acts(hook)}
     if hooks == {"attitude_output"} and not trackers:
@@ -340,12 +338,8 @@ def _with_joint_prior(space: ParameterSpace, prior: GaussianPrior) -> ParameterS
     """The space with J and K as a joint prior has them; their correlations where it has any."""
     elements = space.names[: space.n_base]
     unknown = [name for name in prior.names if name not in elements]
-    if unknown:
-        raise CampaignError(
-            f"{unknown[0]!r} is no element of J or scale factor of this campaign",
-            where="prior.names",
-            advice=f"choose among {', '.join(elements)}",
-        )
+    what = f"{next(iter(unknown), '')!r} is no element of J or scale factor of this campaign"
+    require(not unknown, "prior.names", what, f"choose among {', '.join(elements)}")
     place = [space.names.index(name) for name in prior.names]
     entries = list(space.entries)
     ends = [

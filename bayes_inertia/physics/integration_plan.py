@@ -120,7 +120,7 @@ def motion_scales(campaign: Campaign) -> MotionScales:
         rows, rate_B = turning(seen, slew)
         if len(rows):
             stored_B = rate_B @ tensor + carried_momentum(campaign, slew, slew.time[rows])
-            if slew.wheel_momentum is not None:
+            if campaign.wheels and slew.wheel_momentum is not None:
                 columns = (bridged(slew.time[rows], slew.time, h) for h in slew.wheel_momentum.T)
                 stored_B = stored_B + np.stack([*columns], axis=-1) @ axes.T
             rate = max(rate, _largest(rate_B) + doubt)

@@ -14,7 +14,7 @@ import importlib.util
 import re
 import sys
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -29,7 +29,7 @@ import jax.numpy as jnp
 from bayes_inertia.errors import EffectError
 from bayes_inertia.files import read_bytes, text_of
 from bayes_inertia.physics.check_effect import check_declaration
-from bayes_inertia.physics.effect import Effect, guarded
+from bayes_inertia.physics.effect import Effect, guarded, require_of_effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, STOCHASTIC, by_name
 from bayes_inertia.physics.effects.of_device import with_settings
 from bayes_inertia.physics.forward_model import Model
@@ -113,20 +113,14 @@ def load_effect(reference: EffectReference) -> Effect:
 
 def effects_in_file(path: Path) -> tuple[Effect, ...]:
     """All effects that a file defines, in its order."""
-    if path.suffix != ".py":
-        raise EffectError(
-            "not a Python file", where=str(path), advice="give FILE.py or FILE.py:Class"
-        )
+    advice = "give FILE.py or FILE.py:Class"
+    require_of_effect(path.suffix == ".py", path, "not a Python file", advice)
     reference = EffectReference(str(path), "")
     module = _module(reference)
     names = _classes_of(module)
-    if not names:
-        raise EffectError(
-            "defines no effect",
-            where=str(path),
-            advice="derive a frozen dataclass from bayes_inertia.Effect; "
-            "analyses/naming/outside_effect.py is an example",
-        )
+    advice = "derive a frozen dataclass from bayes_inertia.Effect; "
+    advice += "analyses/naming/outside_effect.py is an example"
+    require_of_effect(bool(names), path, "defines no effect", advice)
     return tuple(_instance(getattr(module, n), EffectReference(str(path), n)) for n in names)
 
 
@@ -163,11 +157,9 @@ def _module(reference: EffectReference) -> ModuleType:
 
 def _module_of_file(reference: EffectReference) -> ModuleType:
     path = Path(reference.source)
-    if not path.is_file():
-        wanted = "; this run was begun with it" if reference.digest else ""
-        raise EffectError(
-            f"no such file{wanted}", where=str(path), advice="give the path of the effect's file"
-        )
+    wanted = "; this run was begun with it" if reference.digest else ""
+    advice = "give the path of the effect's file"
+    require_of_effect(path.is_file(), path, f"no such file{wanted}", advice)
     data = read_bytes(path)
     digest = _digest(data)
     if reference.digest:
@@ -177,8 +169,8 @@ def _module_of_file(reference: EffectReference) -> ModuleType:
     if name in sys.modules:
         return sys.modules[name]
     spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None:
-        raise EffectError("not a Python file", where=str(path), advice="give FILE.py:Class")
+    require_of_effect(spec is not None, path, "not a Python file", "give FILE.py:Class")
+    assert spec is not None
     module = importlib.util.module_from_spec(spec)
     # As Python's own import does it: dataclasses look their module up.
     sys.modules[name] = module
@@ -246,10 +238,8 @@ def _instance(value: Any, reference: EffectReference) -> Effect:
     if isinstance(value, Effect):
         return value
     where = f"{reference.source}:{reference.attribute}"
-    if not (isinstance(value, type) and issubclass(value, Effect)):
-        raise EffectError(
-            "is no effect", where=where, advice="derive the class from bayes_inertia.Effect"
-        )
+    is_class = isinstance(value, type) and issubclass(value, Effect)
+    require_of_effect(is_class, where, "is no effect", "derive it from bayes_inertia.Effect")
     try:
         return value()
     except Exception as error:
@@ -261,12 +251,9 @@ def _instance(value: Any, reference: EffectReference) -> Effect:
 
 
 def _require_same(reference: EffectReference, digest: str) -> None:
-    if digest != reference.digest:
-        raise EffectError(
-            "was changed since this run was begun with it",
-            where=reference.source,
-            advice="put the file back as it was, or start a new run in another folder",
-        )
+    what = "was changed since this run was begun with it"
+    advice = "put the file back as it was, or start a new run in another folder"
+    require_of_effect(digest == reference.digest, reference.source, what, advice)
 
 
 def _digest(data: bytes) -> str:
@@ -289,12 +276,14 @@ def effects_named(names: Sequence[str]) -> tuple[Effect, ...]:
     >>> effects_named(["inertia_change:from_slew=5"])[0].from_slew
     5
     """
+    listed = isinstance(names, Iterable) and not isinstance(names, str)
+    listed = listed and all(isinstance(name, str) for name in names)
+    require_of_effect(listed, "effects", f"{names!r} is no list of names", "give names in a list")
     effects = tuple(_effect_named(name) for name in names)
-    for effect in effects:
-        if sum(other.name == effect.name for other in effects) > 1:
-            raise EffectError(
-                "the same effect twice", where=effect.name, advice="name each effect once"
-            )
+    every = [effect.name for effect in effects]
+    for name in every:
+        once = every.count(name) == 1
+        require_of_effect(once, name, "the same effect twice", "name each effect once")
     return effects
 
 
@@ -343,12 +332,9 @@ def _effect_named(name: str) -> Effect:
     effect = load_effect(reference)
     alike = _of_library(str(effect.name))
     # The library's own class with other settings is no other effect.
-    if alike is not None and type(alike) is not type(effect):
-        raise EffectError(
-            f"the library has an effect called {effect.name!r} too",
-            where=str(reference),
-            advice="give the class another `name`",
-        )
+    own = alike is None or type(alike) is type(effect)
+    what = f"the library has an effect called {effect.name!r} too"
+    require_of_effect(own, str(reference), what, "give the class another `name`")
     return with_settings(effect, settings)
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, ClassVar
 import jax.numpy as jnp
 from jax import Array
 
-from bayes_inertia.physics.effect import Effect, require_of_effect
+from bayes_inertia.physics.effect import Effect, RowByRow, require_of_effect
 from bayes_inertia.physics.processes import Process
 from bayes_inertia.physics.random_basis import hat_functions, on_axes, on_each_axis, slew_fraction
 from bayes_inertia.physics.slew_context import SlewContext
@@ -162,7 +162,7 @@ class StochasticEffect(Effect):
 
 
 @dataclass(frozen=True)
-class ReadingNoise(StochasticEffect):
+class ReadingNoise(RowByRow, StochasticEffect):
     """Base of effects that only a sensor feels: a first-order process in each of its components.
 
     `reading_noise` says which process, `components` in how many; derived classes add `signal` to
@@ -199,6 +199,3 @@ class ReadingNoise(StochasticEffect):
     def signal(self, p, slew, t):
         hats = hat_functions(slew_fraction(slew, t), self.knots)
         return on_axes(hats, p["coefficients"], p["coefficients"].size // self.knots)
-
-    def looks_between_rows(self, campaign):
-        return False

@@ -11,8 +11,7 @@ import difflib
 from collections.abc import Sequence
 from contextlib import suppress
 
-from bayes_inertia.errors import EffectError
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import Effect, require_of_effect
 from bayes_inertia.physics.effects.constant_torque import ConstantTorque
 from bayes_inertia.physics.effects.each_slew import EachSlew as EachSlew
 from bayes_inertia.physics.effects.flexible_mode import FlexibleMode
@@ -96,13 +95,9 @@ def by_name(names: Sequence[str]) -> tuple[Effect, ...]:
     for name in names:
         with suppress(KeyError):
             known.setdefault(name, OfDevice.of_name(name) or Formula.of_name(name))
-        if name not in known:
-            near = difflib.get_close_matches(name, known, n=3, cutoff=0.4) or list(known)
-            raise EffectError(
-                f"no effect of this name: {name!r}",
-                where="effects",
-                advice=f"perhaps {', '.join(near)}",
-            )
-        if list(names).count(name) > 1:
-            raise EffectError("the same effect twice", where=name, advice="name each effect once")
+        near = difflib.get_close_matches(name, known, n=3, cutoff=0.4) or list(known)
+        what, advice = f"no effect of this name: {name!r}", f"perhaps {', '.join(near)}"
+        require_of_effect(name in known, "effects", what, advice)
+        once = list(names).count(name) == 1
+        require_of_effect(once, name, "the same effect twice", "name each effect once")
     return tuple(known[name] for name in names)

@@ -18,9 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.errors import EffectError
 from bayes_inertia.maths import quaternion
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import RowByRow, require_of_effect
 from bayes_inertia.physics.effects.scales import torque_scale
 from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.parameters import Normal, scalar, vector
@@ -321,7 +320,7 @@ _NAMES = re.compile(
 
 
 @dataclass(frozen=True)
-class Formula(Effect):
+class Formula(RowByRow):
     """What acts is C d: a matrix of coefficients C times a driver d of the table `DRIVERS`.
 
     Parameters
@@ -373,12 +372,9 @@ class Formula(Effect):
     def __post_init__(self):
         for key, table in (("place", PLACES), ("driver", DRIVERS), ("form", FORMS)):
             given = getattr(self, key)
-            if given not in table and not (key == "driver" and _INPUT.fullmatch(given)):
-                raise EffectError(
-                    f"no {key} {given!r}",
-                    where="formula",
-                    advice=f"choose {', '.join(table)}",
-                )
+            known = given in table or (key == "driver" and bool(_INPUT.fullmatch(given)))
+            advice = f"choose {', '.join(table)}"
+            require_of_effect(known, "formula", f"no {key} {given!r}", advice)
 
     @property
     def name(self) -> str:  # type: ignore[override]
@@ -471,23 +467,15 @@ class Formula(Effect):
         if self._driver.of_one_wheel:
             given["wheel"] = self.wheel, wheels
         for key, (value, most) in given.items():
-            if most and not 0 <= value < most:
-                raise EffectError(
-                    f"there is no {key} {value}", where=self.name, advice=f"0 to {most - 1}"
-                )
-        if not knows(self.place, self.driver):
-            raise EffectError(
-                f"errors of a sensor do not follow {self.driver!r}",
-                where=self.name,
-                advice="choose a driver of rates, momenta, commands or time",
-            )
-        square = self.form not in ("diagonal", "scalar", "cross") or rows == columns
-        if not square or (self.form == "cross" and rows and rows != 3):
-            raise EffectError(
-                f"{rows} rows and {columns} columns of C have no form {self.form!r}",
-                where=self.name,
-                advice="choose full, column or entry",
-            )
+            there = not most or 0 <= value < most
+            require_of_effect(there, self, f"there is no {key} {value}", f"0 to {most - 1}")
+        what = f"errors of a sensor do not follow {self.driver!r}"
+        advice = "choose a driver of rates, momenta, commands or time"
+        require_of_effect(knows(self.place, self.driver), self, what, advice)
+        good = self.form not in ("diagonal", "scalar", "cross") or rows == columns
+        good = good and not (self.form == "cross" and rows and rows != 3)
+        what = f"{rows} rows and {columns} columns of C have no form {self.form!r}"
+        require_of_effect(good, self, what, "choose full, column or entry")
 
     def _labels(self, rows: tuple[str, ...], columns: tuple[str, ...]) -> tuple[str, ...]:
         """Of the coefficients."""
@@ -504,9 +492,6 @@ class Formula(Effect):
 
     def max_step(self, campaign):
         return None if self._driver.abrupt else math.inf
-
-    def looks_between_rows(self, campaign):
-        return False
 
     def _of_driver(self, c: Array, d: Array) -> Array:
         """C d: (m,) of coefficients (k,) and a driver's values."""

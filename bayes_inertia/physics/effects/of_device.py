@@ -17,7 +17,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker
 from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.actuators import KINDS as DEVICE_EFFECTS
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import Effect, require_of_effect
 from bayes_inertia.physics.effects.actuator_errors import (
     ActuatorDelay,
     ActuatorDirection,
@@ -92,13 +92,9 @@ class OfDevice(Effect):
         if match is None:
             return None
         kinds = list(dict.fromkeys(effect.kind for own in KINDS.values() for effect in own))
-        if match["kind"] not in kinds:
-            near = difflib.get_close_matches(match["kind"], kinds, 3, 0.4) or kinds
-            raise EffectError(
-                f"no kind of effect is called {match['kind']!r}",
-                where=name,
-                advice=f"perhaps {', '.join(near)}",
-            )
+        near = difflib.get_close_matches(match["kind"], kinds, 3, 0.4) or kinds
+        what = f"no kind of effect is called {match['kind']!r}"
+        require_of_effect(match["kind"] in kinds, name, what, f"perhaps {', '.join(near)}")
         return cls(match["kind"], tuple((settings or {}).items()), device=match["device"])
 
     @property
@@ -109,12 +105,9 @@ class OfDevice(Effect):
     def in_campaign(self, campaign: Campaign) -> Effect:
         """The effect of the device, with its settings."""
         devices = devices_of(campaign)
-        if self.device not in devices:
-            raise EffectError(
-                f"no device of this campaign is called {self.device!r}",
-                where=self.name,
-                advice=f"devices here: {', '.join(devices)}",
-            )
+        what = f"no device of this campaign is called {self.device!r}"
+        advice = f"devices here: {', '.join(devices)}"
+        require_of_effect(self.device in devices, self, what, advice)
         known = errors_of(self.device, campaign)
         for effect in known:
             if effect.kind == self.error:

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from bayes_inertia.physics.effect import RowByRow
 from bayes_inertia.physics.effects.scales import rate_axes
 from bayes_inertia.physics.parameters import LogNormal, scalar
 from bayes_inertia.physics.random_basis import independent
@@ -14,7 +15,7 @@ from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
 @dataclass(frozen=True)
-class RateBiasSlewDrift(StochasticEffect):
+class RateBiasSlewDrift(RowByRow, StochasticEffect):
     """The rate bias begins each slew at its mean and drifts from there, in each slew otherwise.
 
     A gyro that warms up while it turns; Ferguson names it as the worry of the method. The drift of
@@ -48,9 +49,6 @@ class RateBiasSlewDrift(StochasticEffect):
 
     def coefficient_root(self, p, slew, count):
         return independent(p["sd"], count)
-
-    def looks_between_rows(self, campaign):
-        return False
 
     def rate_output(self, p, slew, trajectory, rate_S):
         return rate_S + (slew.time - slew.time[0])[:, None] * p["coefficients"]

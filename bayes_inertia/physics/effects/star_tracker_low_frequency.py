@@ -11,13 +11,14 @@ import numpy as np
 from bayes_inertia.campaign.sensors import stream_of_device
 from bayes_inertia.campaign.slew import between_fix_groups
 from bayes_inertia.maths import quaternion
+from bayes_inertia.physics.effect import RowByRow
 from bayes_inertia.physics.parameters import LogNormal, scalar
 from bayes_inertia.physics.random_basis import independent
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
 @dataclass(frozen=True)
-class StarTrackerLowFrequency(StochasticEffect):
+class StarTrackerLowFrequency(RowByRow, StochasticEffect):
     """All fixes of a group are turned by one small rotation, each group by another.
 
     A group is a run of fixes without a gap: usually one before and one after each slew. The stars
@@ -72,9 +73,6 @@ class StarTrackerLowFrequency(StochasticEffect):
 
     def coefficient_root(self, p, slew, count):
         return independent(jnp.asarray(self.median) if self.known else p["sd"], count)
-
-    def looks_between_rows(self, campaign):
-        return False
 
     def attitude_output(self, p, slew, trajectory, attitude):
         if slew.fix_group is None:

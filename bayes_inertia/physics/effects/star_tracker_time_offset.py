@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import jax.numpy as jnp
+import numpy as np
 
 from bayes_inertia.campaign.sensors import stream_of_device
 from bayes_inertia.maths import quaternion
@@ -45,7 +46,8 @@ class StarTrackerTimeOffset(Effect):
 
     def looks_between_rows(self, campaign):
         stream = stream_of_device(self.device or campaign.names[1], campaign)
-        return any(stream.of(slew) is not None for slew in campaign.slews)
+        read = (stream.of(slew) for slew in campaign.slews)
+        return any(fixes is not None and np.isfinite(fixes).any() for fixes in read)
 
     def attitude_output(self, p, slew, trajectory, attitude):
         rate, step = trajectory.rate_B, slew.step
