@@ -38,7 +38,7 @@ from bayes_inertia.physics.effect import (
     require_of_effect,
 )
 from bayes_inertia.physics.effects.lost_commands import LostCommands
-from bayes_inertia.physics.integration_plan import integration_plan
+from bayes_inertia.physics.integration_plan import integration_plan, stored_at_most
 from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.packing import Arrays, Data, NuisanceScale, pack
 from bayes_inertia.physics.parameters import (
@@ -432,6 +432,7 @@ def _nuisance_scale(
             sds[:, -free.columns :] = free.sd[:, None]
             wheels = sds.ravel()
     else:
-        wheels = np.array([w.max_momentum or 10.0 * moment * rate for w in campaign.wheels])
+        read, usual = campaign.has_tachometers, 10.0 * moment * rate
+        wheels = np.array([stored_at_most(w, usual, read=read) for w in campaign.wheels])
     local = np.concatenate([rates, attitudes, np.asarray(wheels, dtype=float)])
     return NuisanceScale(on_device(local), on_device(np.array(sensor.bias_sigma if sensor else ())))

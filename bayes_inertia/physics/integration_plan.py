@@ -16,7 +16,7 @@ import numpy as np
 
 from bayes_inertia.campaign.body_rates import rows_read, turning
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import DirectionSensor, StarTracker
+from bayes_inertia.campaign.hardware import DirectionSensor, StarTracker, Wheel
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.physics.actuators.gimballed_rotors import carried_momentum
 from bayes_inertia.physics.effect import LOOKING_BACK, MOVING_HOOKS, Effect
@@ -127,10 +127,20 @@ def motion_scales(campaign: Campaign) -> MotionScales:
             momentum = max(momentum, _largest(stored_B))
             turn = max(turn, slew.duration * float(np.mean(np.linalg.norm(rate_B, axis=1))))
     if any(slew.wheel_momentum is None for slew in campaign.slews):
-        limits = [w.max_momentum or 3.0 * float(moments[-1]) * rate for w in campaign.wheels]
+        usual = 3.0 * float(moments[-1]) * rate
+        limits = [stored_at_most(wheel, usual) for wheel in campaign.wheels]
         momentum += float(np.linalg.norm(limits))
     nutation = momentum / float(np.sqrt(moments[0] * moments[1]))
     return MotionScales(rate + nutation, turn)
+
+
+def stored_at_most(wheel: Wheel, usual: float, *, read: bool = False) -> float:
+    """Momentum that a wheel may hold beside what is `read` of it [N m s].
+
+    Its limit; else the usual one, or that of a fast rotor where nothing is read.
+    """
+    fast = 0.0 if read else NUMERICS.fastest_rotor * wheel.spin_inertia
+    return wheel.max_momentum or max(usual, fast)
 
 
 def _largest(rows: np.ndarray) -> float:

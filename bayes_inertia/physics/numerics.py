@@ -37,6 +37,8 @@ class Numerics:
     tachometer_modes: int = 12
 
     # `integration_plan.py`
+    # [rad/s] of wheels whose limit nobody states: 6000 revolutions a minute is usual, 9500 much.
+    fastest_rotor: float = 1e3
     # Largest error of what a sensor is predicted to read, as a share of its noise.
     error_of_noise: float = 1.0 / 100.0
     # Error as a share of the turn times (f h)^6: the largest of 128 tumbling bodies with and

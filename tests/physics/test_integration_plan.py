@@ -269,3 +269,17 @@ def test_how_a_gyro_is_mounted_changes_nothing_of_the_motion():
     wanted = motion_scales(nutating(time, rate))
     for axes in (np.eye(3)[[1, 2, 0]], skewed):
         np.testing.assert_allclose(motion_scales(nutating(time, rate, axes)), wanted)
+
+
+def test_a_momentum_wheel_that_nothing_measures_may_hold_what_a_rotor_can():
+    """Ten times the body's own momentum was the prior sd: a biased wheel began beyond it."""
+    small, held = small_campaign(), 1.0
+    wheel = replace(small.wheels[0], spin_inertia=2e-3, momentum_sigma=None, max_momentum=None)
+    slews = tuple(
+        replace(s, wheel_torque=s.wheel_torque[:, :1], wheel_momentum=None) for s in small.slews
+    )
+    campaign = replace(small, wheels=(wheel,), slews=slews)
+    assert Model(campaign).data.scale.local[6] > held
+    assert motion_scales(campaign).frequency > held / small.inertia.tensor.max()
+    limited = replace(campaign, wheels=(replace(wheel, max_momentum=0.3),))
+    assert Model(limited).data.scale.local[6] == 0.3
