@@ -135,6 +135,11 @@ class Campaign:
             fits = isinstance(value, kind) or (value is None and key != "inertia")
             what = f"a {type(value).__name__} is no {kind.__name__}"
             require(fits, key, what, f"give one {kind.__name__}")
+        if self.prior is not None:
+            free = np.array([wheel.state != "locked" for wheel in self.wheels], dtype=float)
+            spin = (self.wheel_axes_B * (free * self.spin_inertias)) @ self.wheel_axes_B.T
+            known = self.prior.with_wheel_spin(spin, self.inertia.includes_wheel_spin)
+            object.__setattr__(self, "prior", known)
         advice = "list at least one [[slews]] table"
         require(len(self.slews) > 0, "slews", "the campaign has no slew", advice)
         _require_different("wheels", [wheel.name for wheel in self.wheels])
@@ -250,10 +255,8 @@ class Campaign:
     @property
     def attitude_noise(self) -> float:
         """Noise of the sensor that sees the attitude best [rad]; infinite without one."""
-        more = {
-            name: [s.more[name] for s in self.slews if name in (s.more or {})]
-            for name in self.sensors
-        }
+        each = [slew.more or {} for slew in self.slews]
+        more = {name: [of[name] for of in each if name in of] for name in self.sensors}
         return attitude_noise((x, more[name]) for name, x in self.sensors.items())
 
     @cached_property

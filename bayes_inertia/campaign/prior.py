@@ -50,6 +50,9 @@ class GaussianPrior:
     beyond_sd : (k,) array, optional
         How far the mean may be off beyond the covariance: by what a former result quotes more than
         its model says. It does not move a fit, and is counted in what the fit quotes.
+    includes_wheel_spin : bool, optional
+        Whether its J holds the wheels' spin inertia (J_locked); a campaign that states the other
+        takes it over. None: as `Campaign.inertia` says.
 
     Raises
     ------
@@ -72,6 +75,7 @@ class GaussianPrior:
     upper: np.ndarray | None = None
     logarithmic: tuple[str, ...] = ()
     beyond_sd: np.ndarray | None = None
+    includes_wheel_spin: bool | None = None
 
     def __post_init__(self) -> None:
         names, key = tuple(self.names), "prior"
@@ -217,6 +221,38 @@ class GaussianPrior:
         wider = self.covariance + np.diag((relative * of_each) ** 2)
         return replace(self, covariance=wider)
 
+    def with_wheel_spin(self, spin: np.ndarray, included: bool) -> GaussianPrior:
+        """The same knowledge of J with the wheels' spin inertia, or without it.
+
+        Parameters
+        ----------
+        spin : (3, 3) array
+            What J_locked has more than J [kg m^2].
+        included : bool
+            Whether the result's J holds it.
+
+        Returns
+        -------
+        GaussianPrior
+            Itself where it is so, or does not say.
+
+        Raises
+        ------
+        CampaignError
+            If a moment's logarithm is Gaussian: its sum with something known is not.
+        """
+        if self.includes_wheel_spin in (None, included):
+            return self
+        logarithmic = set(self.logarithmic) & set(ELEMENTS)
+        what, advice = "its J has the wheels' spin inertia otherwise", "state [inertia] likewise"
+        require(not logarithmic, "prior.includes_wheel_spin", what, advice)
+        elements = spin[ROWS_OF_ELEMENTS, COLUMNS_OF_ELEMENTS] * (1.0 if included else -1.0)
+        more = dict(zip(ELEMENTS, elements.tolist(), strict=True))
+        shift = np.array([more.get(name, 0.0) for name in self.names])
+        stated = {key: getattr(self, key) for key in ("mean", "lower", "upper")}
+        moved = {key: value + shift for key, value in stated.items() if value is not None}
+        return replace(self, includes_wheel_spin=included, **moved)
+
     def json(self) -> dict[str, Any]:
         """As it stands in a file.
 
@@ -227,7 +263,9 @@ class GaussianPrior:
         """
         keys = ("names", "mean", "covariance", "lower", "upper", "beyond_sd", "logarithmic")
         stated = {key: value for key in keys if (value := getattr(self, key)) is not None}
-        return json_ready({key: value for key, value in stated.items() if len(value)})
+        spin = {"includes_wheel_spin": self.includes_wheel_spin}
+        known = {key: value for key, value in stated.items() if len(value)}
+        return json_ready(known | (spin if self.includes_wheel_spin is not None else {}))
 
 
 def _require_principal(
@@ -280,6 +318,7 @@ def prior_from_json(content: Mapping[str, Any], where: str) -> GaussianPrior:
             np.array(content["covariance"], float),
             logarithmic=tuple(content.get("logarithmic", ())),
             beyond_sd=content.get("beyond_sd"),
+            includes_wheel_spin=content.get("includes_wheel_spin"),
             **ends,
         )
     except CampaignError as error:
@@ -330,4 +369,4 @@ def _of_summary(content: Mapping[str, Any], where: str) -> Mapping[str, Any]:
         what = "the result is not trusted: it is no prior"
         advice = "read its report, and use a result that is trusted"
         raise CampaignError(what, where=where, advice=advice)
-    return content[SUMMARY_KEY]
+    return {"includes_wheel_spin": content.get("includes_wheel_spin")} | content[SUMMARY_KEY]

@@ -317,10 +317,12 @@ class Posterior:
         at = sums @ theta
         mean = mean + at - theta[:n]
         sd, beyond = np.sqrt(np.diag(covariance)), self._beyond("prior_beyond_sd", n)
+        spin = {"includes_wheel_spin": self.attributes.get("includes_wheel_spin")}
         if not self.trusted:
-            return GaussianPrior(names, mean, covariance * np.outer(wider, wider), beyond_sd=beyond)
+            wider = covariance * np.outer(wider, wider)
+            return GaussianPrior(names, mean, wider, beyond_sd=beyond, **spin)
         beyond = np.sqrt(beyond**2 + sd**2 * np.maximum(wider**2 - 1.0, 0.0))
-        return GaussianPrior(names, at, covariance, beyond_sd=beyond)
+        return GaussianPrior(names, at, covariance, beyond_sd=beyond, **spin)
 
     def _beyond(self, key: str, size: int) -> np.ndarray:
         """What a former result, taken as prior, adds to quoted sds (size,)."""

@@ -234,3 +234,21 @@ def test_where_the_slews_tell_little_the_prior_of_moments_is_the_result():
     seen = {p.name: p for p in bi.observe(fitted).parameters}
     assert seen["Jxx"].share_own_prior + seen["Jxx"].share_other_priors > 0.9
     assert fitted.sd[0] == pytest.approx(1e-6 * truth[0], rel=0.1)
+
+
+def test_a_result_with_the_wheels_spin_is_taken_over_by_a_campaign_without_it(tmp_path):
+    """Else J was off by the spin inertia, several sds of a good result."""
+    content = {"as_prior": PRIOR.json(), "includes_wheel_spin": True}
+    known = bi.prior_in(run_with(tmp_path / "run", content))
+    small = small_campaign()
+    taken = replace(small, prior=known).prior
+    spin = sum(w.spin_inertia * np.outer(w.axis_B, w.axis_B) for w in small.wheels)
+    names = {"Jxx": spin[0, 0], "Jyy": spin[1, 1], "Jzz": spin[2, 2]}
+    shift = [names.get(name, 0.0) for name in PRIOR.names]
+    np.testing.assert_array_equal(taken.mean, PRIOR.mean - shift)
+    assert replace(small, prior=taken).prior == taken
+    locked = replace(small, inertia=replace(small.inertia, includes_wheel_spin=True))
+    np.testing.assert_array_equal(replace(locked, prior=known).prior.mean, PRIOR.mean)
+    assert bi.prior_in(run_with(tmp_path / "again", {"as_prior": taken.json()})) == taken
+    with pytest.raises(bi.CampaignError, match="spin inertia otherwise"):
+        replace(small, prior=replace(known, logarithmic=("Jxx",)))
