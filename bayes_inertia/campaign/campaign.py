@@ -138,12 +138,18 @@ class Campaign:
         if self.prior is not None:
             free = np.array([wheel.state != "locked" for wheel in self.wheels], dtype=float)
             spin = (self.wheel_axes_B * (free * self.spin_inertias)) @ self.wheel_axes_B.T
-            known = self.prior.with_wheel_spin(spin, self.inertia.includes_wheel_spin)
-            object.__setattr__(self, "prior", known)
+            prior = self.prior.with_wheel_spin(spin, self.inertia.includes_wheel_spin)
+            object.__setattr__(self, "prior", prior)
         advice = "list at least one [[slews]] table"
         require(len(self.slews) > 0, "slews", "the campaign has no slew", advice)
         _require_different("wheels", [wheel.name for wheel in self.wheels])
         _require_different("slews", [slew.name for slew in self.slews])
+        self._check_devices()
+        for slew in self.slews:
+            self._check_slew(slew)
+            self._check_inputs(slew)
+
+    def _check_devices(self) -> None:
         for name, sensor in self.more_sensors:
             known = isinstance(sensor, RateSensor | StarTracker | DirectionSensor)
             known = known or hasattr(sensor, "stream")
@@ -165,9 +171,6 @@ class Campaign:
         known = self.reference is None or self.reference in self.sensors
         what, advice = f"no sensor is called {self.reference!r}", f"choose {list(self.sensors)}"
         require(known, "reference", what, advice)
-        for slew in self.slews:
-            self._check_slew(slew)
-            self._check_inputs(slew)
 
     def _check_slew(self, slew: Slew) -> None:
         where = f"slews.{slew.name}"
@@ -466,7 +469,10 @@ def _require_readings(readings: np.ndarray, sensor: Any, key: str) -> None:
 
 
 _MEMBERS = {
-    **{"wheels": Wheel, "dirt": Dirt, "slews": Slew, "changes": Change},
+    "wheels": Wheel,
+    "dirt": Dirt,
+    "slews": Slew,
+    "changes": Change,
     "actuators": Actuator,
 }
 _KINDS = {

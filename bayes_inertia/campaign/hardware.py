@@ -382,10 +382,8 @@ class RateSensor:
         if self.correlated_noise is not None:
             noise = _of_axes(self.correlated_noise, len(axes))
             object.__setattr__(self, "correlated_noise", noise)
-        for key in (
-            *("range", "rate_random_walk", "bias_instability", "bias_instability_time"),
-            "mounting_sigma",
-        ):
+        wandering = ("rate_random_walk", "bias_instability", "bias_instability_time")
+        for key in ("range", *wandering, "mounting_sigma"):
             require_positive(getattr(self, key), f"rate_sensor.{key}", optional=True)
         require(
             (self.bias_instability is None) == (self.bias_instability_time is None),
