@@ -21,6 +21,7 @@ from bayes_inertia.campaign.sensors import RATE, STREAMS
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 from bayes_inertia.faults.quantisation import quantisation_step
+from bayes_inertia.faults.saturated import in_range
 
 
 def reduced(campaign: Campaign, block: int | None = None) -> Campaign:
@@ -97,7 +98,8 @@ def readings_a_mean(campaign: Campaign) -> int:
 
 def _without_saturated(campaign: Campaign) -> Campaign:
     """The campaign without rates beyond the sensor's range: a mean of some would seem inside."""
-    beyond = [np.isfinite(s.rate) & ~campaign.valid_readings(s) for s in campaign.slews]
+    rates = (np.asarray(slew.rate) for slew in campaign.slews)
+    beyond = [np.isfinite(x) & ~in_range(x, campaign.gyro.range) for x in rates]
     if not any(rows.any() for rows in beyond):
         return campaign
     slews = (RATE.masked(s, rows) for s, rows in zip(campaign.slews, beyond, strict=True))

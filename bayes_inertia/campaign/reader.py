@@ -303,9 +303,9 @@ def _slews(
 def _negligible_impulse(channels: Mapping[str, np.ndarray], parsed: Description) -> float:
     """An error of what the wheels store that no reading of the motion can tell [N m s]."""
     inertia = float(np.linalg.eigvalsh(parsed.inertia.tensor)[0])
-    seen = [(parsed.rate_sensor, []), (parsed.star_tracker, [])]
-    read = {name: channels.get(MORE + name) for name, _ in parsed.more_sensors}
-    seen += [(x, [] if read[name] is None else [read[name]]) for name, x in parsed.more_sensors]
+    seen: list[tuple[Any, list]] = [(parsed.rate_sensor, []), (parsed.star_tracker, [])]
+    read = {name: x for name, x in channels.items() if name.startswith(MORE)}
+    seen += [(x, [read[MORE + n]] if MORE + n in read else []) for n, x in parsed.more_sensors]
     time = channels["time"]
     duration = max(float(time[-1] - time[0]), LIMITS.shortest_slew)
     return inertia * min(

@@ -317,7 +317,7 @@ class Posterior:
         at = sums @ theta
         mean = mean + at - theta[:n]
         sd, beyond = np.sqrt(np.diag(covariance)), self._beyond("prior_beyond_sd", n)
-        spin = {"includes_wheel_spin": self.attributes.get("includes_wheel_spin")}
+        spin: dict[str, Any] = {"includes_wheel_spin": self.attributes.get("includes_wheel_spin")}
         if not self.trusted:
             wider = covariance * np.outer(wider, wider)
             return GaussianPrior(names, mean, wider, beyond_sd=beyond, **spin)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.other_spacecraft import by_thrusters
 
 from bayes_inertia.app.diagnosis_json import next_fit_from
 from bayes_inertia.campaign.actuators import KnownTorque, Magnetorquer, Thruster
@@ -17,6 +18,7 @@ from bayes_inertia.physics.effects import LIBRARY, EachSlew, RateSensorDelay, by
 from bayes_inertia.physics.effects.of_device import KINDS, candidates_in, errors_of
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.named_effects import effects_named
+from bayes_inertia.physics.packing import longest_step
 from bayes_inertia.physics.small_campaign import small_campaign
 
 TORQUES = 2e-4 * np.vstack([np.eye(3), -np.eye(3)])
@@ -254,3 +256,13 @@ def test_bad_names_teach(equipped, name, said):
     with pytest.raises(EffectError) as refused:
         Model(equipped, effects_named([name]))
     assert said in str(refused.value)
+
+
+def test_a_late_gyro_beside_thrusters_sees_a_grid_that_straight_lines_follow():
+    """Slow telemetry of a fast motion: between its rows alone a line misses more than the noise."""
+    campaign = by_thrusters()
+    rates = [0.3 * np.sin(s.time[:, None] / [2.0, 3.0, 4.0]) for s in campaign.slews]
+    slews = [replace(s, rate=rate) for s, rate in zip(campaign.slews, rates, strict=True)]
+    fast = replace(campaign, slews=tuple(slews))
+    step = np.asarray(Model(fast, (RateSensorDelay(),)).data.arrays.slews.context.step)
+    assert step.max() <= longest_step(fast) < 1.0

@@ -53,7 +53,8 @@ class RateSensorDelay(Effect):
         return (scalar("tau", unit="s", prior=Normal(0.0, sigma, lower=0.0)),)
 
     def looks_between_rows(self, campaign):
-        return any(s.wheel_torque is not None and s.wheel_torque.any() for s in campaign.slews)
+        torques = (slew.wheel_torque for slew in campaign.slews)
+        return self.told or any(torque is not None and torque.any() for torque in torques)
 
     def rate_output(self, p, slew, trajectory, rate_S):
         return _at(slew, rate_S, slew.time - p["tau"], self.told)
