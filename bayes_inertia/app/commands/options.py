@@ -62,7 +62,7 @@ NoiseOfChannel = Annotated[
         "--noise",
         help="Distribution of a channel's noise: CHANNEL=gaussian or CHANNEL=student_t, with "
         "degrees of freedom as in rate=student_t:6 or rate=student_t:sampled (4 unless given). "
-        f"Channels: {', '.join(CHANNELS)}. May be given several times.",
+        f"Channels: {', '.join(CHANNELS)}, or a further sensor's name. May be given several times.",
     ),
 ]
 SampledNoise = Annotated[
