@@ -64,6 +64,21 @@ class LikelihoodSummary:
         """Jxx to Jyz and the K's."""
         return base_names(self.mean.size)
 
+    @property
+    def prior_matrix(self) -> np.ndarray:
+        """Covariance (n, n) of the prior, in its sds."""
+        correlation = self.prior_correlation
+        return np.eye(self.mean.size) if correlation is None else correlation
+
+    def with_prior_of(self, other: LikelihoodSummary) -> LikelihoodSummary:
+        """The same data with the prior of another summary."""
+        return replace(
+            self,
+            prior_mean=other.prior_mean,
+            prior_sd=other.prior_sd,
+            prior_correlation=other.prior_correlation,
+        )
+
     def json(self) -> dict[str, Any]:
         """As it stands in a file: lists of numbers."""
         content: dict[str, Any] = {k: getattr(self, k) for k in ("campaign", "is_scale_untied")}
@@ -157,9 +172,7 @@ def product(summaries: Sequence[LikelihoodSummary]) -> LikelihoodSummary:
 def with_prior(summary: LikelihoodSummary) -> tuple[np.ndarray, np.ndarray]:
     """Mean (n,) and covariance (n, n) of the posterior that a summary and its prior make."""
     scaled = summary.precision * np.outer(summary.prior_sd, summary.prior_sd)
-    correlation = summary.prior_correlation
-    prior = np.eye(len(scaled)) if correlation is None else np.linalg.inv(correlation)
-    covariance = np.linalg.inv(scaled + prior)
+    covariance = np.linalg.inv(scaled + np.linalg.inv(summary.prior_matrix))
     pull = scaled @ ((summary.mean - summary.prior_mean) / summary.prior_sd)
     scale = summary.prior_sd
     return summary.prior_mean + scale * (covariance @ pull), covariance * np.outer(scale, scale)

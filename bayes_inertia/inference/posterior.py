@@ -260,42 +260,57 @@ class Posterior:
     def likelihood(self) -> LikelihoodSummary | None:
         """What the campaign alone tells of J and K, with the sds that are quoted.
 
-        None where no sd can be quoted.
+        Where J changed during the campaign, it is the one after that. None where no sd can be
+        quoted.
         """
         widened = self._widened()
         if widened is None:
             return None
         estimate: Any = self.tree["estimate"]
-        n = base_count(self.names)
         # Of a logarithmic prior the one that counted in the covariance; not in older files.
         own = "normal_" if "normal_prior_sd" in estimate else ""
-        keys = (f"{own}prior_mean", f"{own}prior_sd")
-        prior_mean, prior_sd = (np.array(estimate[key])[:n] for key in keys)
-        correlation = None
-        if "prior_correlation" in estimate:
-            correlation = np.array(estimate["prior_correlation"])[:n, :n]
+        sd, correlation = np.array(estimate[f"{own}prior_sd"]), np.eye(len(self.names))
+        if correlated := "prior_correlation" in estimate:
+            correlation = np.array(estimate["prior_correlation"])
+        prior_mean, prior = self._at_the_end(
+            np.array(estimate[f"{own}prior_mean"]), correlation * np.outer(sd, sd)
+        )
+        prior_sd = np.sqrt(np.diag(prior))
         mean, wider = widened
-        covariance = self._covariance() * np.outer(wider, wider)
-        name = str(self.attributes.get("campaign"))
-        told = summary_of(name, mean, covariance, prior_mean, prior_sd, correlation)
+        _, covariance = self._at_the_end(np.array(estimate["theta"]), estimate["covariance"])
+        told = summary_of(
+            str(self.attributes.get("campaign")),
+            mean,
+            covariance * np.outer(wider, wider),
+            prior_mean,
+            prior_sd,
+            prior / np.outer(prior_sd, prior_sd) if correlated else None,
+        )
         return replace(told, is_scale_untied=self.is_scale_untied)
 
     def _widened(self) -> tuple[np.ndarray, np.ndarray] | None:
         """J and K as quoted (n,), and by how much the model's sds are widened for that (n,)."""
-        factor, estimate, n = self.quoted_factor, self.tree["estimate"], base_count(self.names)
+        factor, theta, n = (
+            self.quoted_factor,
+            self.tree["estimate"]["theta"],
+            base_count(self.names),
+        )
         if factor is None:
             return None
-        mean, wider = np.array(estimate["theta"])[:n], np.full(n, factor)
+        mean, wider = after_changes_of_J(self.names) @ np.array(theta), np.full(n, factor)
         if self._is_averaged(self.names[0]):
             # Along each parameter, as what is quoted.
-            low, mean, high = np.quantile(self.averaged_samples[:, :n], _NINETY, axis=0)
+            low, middle, high = np.quantile(self.averaged_samples[:, :n], _NINETY, axis=0)
+            mean = middle + (mean - np.array(theta)[:n])
             wider *= np.maximum(1.0, sd_of_interval(low, high) / self.samples[:, :n].std(0))
         return mean, wider
 
-    def _covariance(self) -> np.ndarray:
-        """Covariance (n, n) of J and K, by Laplace's approximation."""
-        n = base_count(self.names)
-        return np.array(self.tree["estimate"]["covariance"])[:n, :n]
+    def _at_the_end(self, mean: np.ndarray, covariance: Any) -> tuple[np.ndarray, np.ndarray]:
+        """J after its changes, and K, (n,) and (n, n), from all parameters."""
+        sums = after_changes_of_J(self.names)
+        told = np.flatnonzero(sums.any(axis=0))
+        sums, covariance = sums[:, told], np.array(covariance)[np.ix_(told, told)]
+        return sums @ mean[told], sums @ covariance @ sums.T
 
     @property
     def as_prior(self) -> GaussianPrior | None:
@@ -310,12 +325,7 @@ class Posterior:
             return None
         n, estimate = base_count(self.names), self.tree["estimate"]
         names, (mean, wider) = tuple(self.names[:n]), widened
-        sums = after_changes_of_J(self.names)
-        told = np.flatnonzero(sums.any(axis=0))
-        sums, theta = sums[:, told], np.array(estimate["theta"])[told]
-        covariance = sums @ np.array(estimate["covariance"])[np.ix_(told, told)] @ sums.T
-        at = sums @ theta
-        mean = mean + at - theta[:n]
+        at, covariance = self._at_the_end(np.array(estimate["theta"]), estimate["covariance"])
         sd, beyond = np.sqrt(np.diag(covariance)), self._beyond("prior_beyond_sd", n)
         spin: dict[str, Any] = {"includes_wheel_spin": self.attributes.get("includes_wheel_spin")}
         if not self.trusted:

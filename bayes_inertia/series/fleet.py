@@ -58,11 +58,22 @@ class Fleet:
 
 @dataclass(frozen=True, eq=False)
 class _Told:
-    """What the craft tell, in the prior sds of the first: roots (craft, n, n), data (craft, n)."""
+    """What the craft tell, in the prior sds of the first: roots (craft, n, n), data (craft, n).
+
+    `prior` (n, n): precision of the fleet's mean.
+    """
 
     roots: np.ndarray
     data: np.ndarray
     unit: np.ndarray
+    prior: np.ndarray
+
+    @classmethod
+    def by(cls, crafts: Sequence[LikelihoodSummary]) -> _Told:
+        """What summaries of crafts tell; the prior of the first is that of the fleet's mean."""
+        first = crafts[0]
+        roots, data = map(np.array, zip(*(craft.whitened(first) for craft in crafts), strict=True))
+        return cls(roots, data, unit_of(first), np.linalg.inv(first.prior_matrix))
 
     def conditional(self, log_spread: np.ndarray) -> _Conditional:
         """Mean and crafts given the spreads (b, n), integrated one after the other."""
@@ -72,7 +83,7 @@ class _Told:
         covariance = self.roots[None] @ across + np.eye(self.unit.size)
         whole = np.linalg.solve(covariance, np.broadcast_to(self.roots, across.shape))
         solved = np.linalg.solve(covariance, self.data[None, ..., None])[..., 0]
-        precision = np.einsum("nki,bnkj->bij", self.roots, whole) + np.eye(self.unit.size)
+        precision = np.einsum("nki,bnkj->bij", self.roots, whole) + self.prior
         pull = np.einsum("nki,bnk->bi", self.roots, solved)
         center = np.linalg.solve(precision, pull[..., None])[..., 0]
         log = 0.5 * np.einsum("bi,bi->b", pull, center)
@@ -112,9 +123,7 @@ def fleet_of(
     The prior of the first craft is the prior of the fleet's mean.
     """
     require_same_parameters(crafts)
-    first = crafts[0]
-    parts = [craft.whitened(first) for craft in crafts]
-    told = _Told(np.array([r for r, _ in parts]), np.array([y for _, y in parts]), unit_of(first))
+    first, told = crafts[0], _Told.by(crafts)
     draws = _sampled_spreads(told, settings)
     at = told.conditional(draws)
     scale, variance = first.prior_sd, (np.exp(draws) * told.unit) ** 2

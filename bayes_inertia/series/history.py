@@ -187,10 +187,7 @@ def history_of(series: Sequence[LikelihoodSummary], changes: Changes = Changes()
         for part in may_change
     }
     likely = tuple(sorted((j for j in jumps if j is not None), key=lambda j: -j.probability))
-    first = series[0]
-    alone, alone_sd = means_and_sds(
-        [replace(s, prior_mean=first.prior_mean, prior_sd=first.prior_sd) for s in series]
-    )
+    alone, alone_sd = means_and_sds([campaign.with_prior_of(series[0]) for campaign in series])
     untied = all(campaign.is_scale_untied for campaign in series)
     return History(names, mean, np.sqrt(spread), alone, alone_sd, likely, walks, untied)
 
@@ -270,7 +267,7 @@ def log_evidence(
     first = series[0]
     unit, size, n = unit_of(first), len(hypotheses), first.mean.size
     mean = np.zeros((size, n))
-    covariance = np.broadcast_to(np.eye(n), (size, n, n)).copy()
+    covariance = np.broadcast_to(first.prior_matrix, (size, n, n)).copy()
     total = np.zeros(size)
     for k, campaign in enumerate(series):
         root, data = campaign.whitened(first)
@@ -300,8 +297,8 @@ def smoothed(
         [np.zeros(n), *(hypothesis.step_variance(k, n) for k in range(campaigns - 1))], axis=0
     )
     earlier = np.minimum.outer(np.arange(campaigns), np.arange(campaigns))
-    variance = 1.0 + grown[earlier] * unit**2
-    prior = np.einsum("klp,pq->kplq", variance, np.eye(n)).reshape(campaigns * n, -1)
+    changed = np.einsum("klp,pq->kplq", grown[earlier] * unit**2, np.eye(n))
+    prior = (changed + first.prior_matrix[:, None]).reshape(campaigns * n, -1)
     root, data = np.zeros_like(prior), np.zeros(campaigns * n)
     for k, campaign in enumerate(series):
         part = slice(k * n, (k + 1) * n)

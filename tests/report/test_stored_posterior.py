@@ -131,9 +131,21 @@ def test_where_nothing_ties_the_size_of_the_tensor_it_shows_ratios(made):
     assert "K1 " in shown
 
 
-def test_the_next_campaign_begins_with_the_tensor_after_its_change(make_case):
+@pytest.fixture
+def changed(make_case) -> Posterior:
+    """A fit with a change of J during the campaign."""
+    return make_case(extra=tuple(f"fuel.change_{name}" for name in ELEMENTS))
+
+
+def test_a_series_goes_on_with_the_tensor_after_its_change(changed):
+    mean, covariance = with_prior(changed.likelihood)
+    np.testing.assert_allclose(mean, changed.as_prior.mean, rtol=1e-6)
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), changed.as_prior.sd, rtol=1e-6)
+
+
+def test_the_next_campaign_begins_with_the_tensor_after_its_change(changed):
     """J of a fit is the one before; the next campaign flies what came after."""
-    posterior = make_case(extra=tuple(f"fuel.change_{name}" for name in ELEMENTS))
+    posterior = changed
     prior, estimate = posterior.as_prior, posterior.tree["estimate"]
     theta, sd = estimate["theta"].values, np.sqrt(np.diag(estimate["covariance"].values))
     np.testing.assert_allclose(prior.mean[:6], theta[:6] + theta[9:], rtol=1e-12)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.told_campaigns import PRIOR_MEAN, PRIOR_SD, campaign_of
@@ -21,13 +23,15 @@ def flown(crafts: int, seed: int, spread: np.ndarray = SPREAD, n: int = 9):
     return truth, [campaign_of(x, rng, f"craft {k}") for k, x in enumerate(truth)]
 
 
-def test_fleet_and_crafts_are_integrated_exactly():
+@pytest.mark.parametrize("correlation", [None, 0.9 * np.ones((9, 9)) + 0.1 * np.eye(9)])
+def test_fleet_and_crafts_are_integrated_exactly(correlation):
     """Against the joint Gaussian of the fleet's mean and three crafts, at two spreads."""
+    prior = np.eye(9) if correlation is None else correlation
     _, told = flown(3, 0)
+    told = [replace(craft, prior_correlation=correlation) for craft in told]
     first, log_spread = told[0], np.log([np.full(9, 3e-3), np.full(9, 1e-2)])
+    result = _Told.by(told).conditional(log_spread)
     parts = [craft.whitened(first) for craft in told]
-    inner = _Told(np.array([r for r, _ in parts]), np.array([y for _, y in parts]), unit_of(first))
-    result = inner.conditional(log_spread)
     data = np.concatenate([y for _, y in parts])
     expected = []
     for spread in np.exp(log_spread) * unit_of(first):
@@ -35,10 +39,10 @@ def test_fleet_and_crafts_are_integrated_exactly():
         roots = np.zeros((27, 27))
         for k, (R, _) in enumerate(parts):
             roots[9 * k : 9 * k + 9, 9 * k : 9 * k + 9] = R
-        covariance = roots @ (own + np.kron(np.ones((3, 3)), np.eye(9))) @ roots.T + np.eye(27)
+        covariance = roots @ (own + np.kron(np.ones((3, 3)), prior)) @ roots.T + np.eye(27)
         solved = np.linalg.solve(covariance, data)
         expected.append(-0.5 * (data @ solved + np.linalg.slogdet(covariance)[1]))
-        across = np.tile(np.eye(9), 3) @ roots.T
+        across = np.tile(prior, 3) @ roots.T
         k = len(expected) - 1
         np.testing.assert_allclose(result.center[k], across @ solved, atol=1e-5)
     np.testing.assert_allclose(np.diff(result.log_density), np.diff(expected), rtol=1e-4)

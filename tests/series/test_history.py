@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.inference.likelihood_summary import product, with_prior
+from bayes_inertia.inference.likelihood_summary import LikelihoodSummary, product, with_prior
 from bayes_inertia.series.history import (
     ChangeHypothesis,
     Changes,
@@ -35,7 +37,8 @@ def dense_log_evidence(series, hypothesis: ChangeHypothesis) -> float:
     grown = np.cumsum(
         [np.ones(n), *(hypothesis.step_variance(k, n) * unit**2 for k in range(m - 1))], axis=0
     )
-    prior = np.block([[np.diag(grown[min(k, j)]) for j in range(m)] for k in range(m)])
+    before = first.prior_matrix - np.eye(n)
+    prior = np.block([[np.diag(grown[min(k, j)]) + before for j in range(m)] for k in range(m)])
     parts = [campaign.whitened(first) for campaign in series]
     root = block_diag(*(R for R, _ in parts))
     data = np.concatenate([y for _, y in parts])
@@ -58,8 +61,33 @@ def test_evidence_of_the_filter_is_that_of_the_joint_gaussian(series, hypothesis
     assert log_evidence(told, [*HYPOTHESES, hypothesis])[-1] == pytest.approx(exact, rel=1e-7)
 
 
-def test_a_constant_series_is_known_as_all_campaigns_together(series):
-    told = series(2)
+def after_a_former_run(told: list[LikelihoodSummary]) -> list[LikelihoodSummary]:
+    """Campaigns of which each had what was known before as its prior."""
+    correlation = 0.9 * np.ones((9, 9)) + 0.1 * np.eye(9)
+    known = [replace(told[0], prior_correlation=correlation)]
+    for campaign in told[1:]:
+        mean, covariance = with_prior(known[-1])
+        sd = np.sqrt(np.diag(covariance))
+        prior = replace(known[-1], prior_mean=mean, prior_sd=sd)
+        prior = replace(prior, prior_correlation=covariance / np.outer(sd, sd))
+        known.append(campaign.with_prior_of(prior))
+    return known
+
+
+def test_correlations_of_the_first_prior_count_and_those_of_later_ones_do_not(series):
+    told = after_a_former_run(series(4, campaigns=4))
+    for hypothesis in HYPOTHESES[:2]:
+        exact = dense_log_evidence(told, hypothesis)
+        assert log_evidence(told, [hypothesis])[0] == pytest.approx(exact, rel=1e-7)
+    history = history_of(told)
+    mean, covariance = with_prior(replace(told[0], mean=told[3].mean, precision=told[3].precision))
+    np.testing.assert_allclose(history.alone[3], mean)
+    np.testing.assert_allclose(history.alone_sd[3], np.sqrt(np.diag(covariance)))
+
+
+@pytest.mark.parametrize("known", [list, after_a_former_run])
+def test_a_constant_series_is_known_as_all_campaigns_together(series, known):
+    told = known(series(2))
     mean, covariance = with_prior(product(told))
     at, joint = smoothed(told, ChangeHypothesis())
     np.testing.assert_allclose(
