@@ -99,7 +99,7 @@ def forecast_of(posterior: Posterior, campaign: Campaign) -> UpdateForecast | No
     # What changed goes along with J draw by draw, which an average over models would part.
     samples = posterior.samples if changes else posterior.averaged_samples
     rows: Any = posterior.summary()["parameters"]
-    flown = np.vstack([[row["mean"] for row in rows.values()], samples])
+    flown = np.vstack([[row["mean"] for row in rows.values()], posterior.widened(samples)])
     new, *draws = flown @ after_changes_of_J(posterior.names).T if changes else flown[:, :n]
     draws = np.array(draws)
     draws = draws[np.linspace(0, len(draws) - 1, LAYOUT.forecast_draws).astype(int)]

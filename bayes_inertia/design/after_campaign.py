@@ -66,7 +66,7 @@ def missions_after(estimate: Estimate, draws: int, seed: int) -> list[Mission]:
     """Missions to expect after a campaign."""
     rng, campaign = np.random.default_rng([seed, 5]), estimate.model.campaign
     n = estimate.model.n_base
-    mean, covariance = estimate.theta[:n], estimate.covariance[:n, :n]
+    mean, covariance = estimate.theta[:n], estimate.quoted_covariance[:n, :n]
     drawn = draw_bodies(
         campaign,
         lambda k: rng.multivariate_normal(mean, covariance, k, method="cholesky"),

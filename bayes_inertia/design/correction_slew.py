@@ -199,7 +199,7 @@ def _quantiles(case: _Case, plan: Plan, mission: Mission) -> tuple[float, float,
 
 def _draws(estimate: Estimate, rng: np.random.Generator, n: int) -> np.ndarray:
     """Draws (n, d) of all parameters from the Laplace approximation, every J physical."""
-    space, mean, covariance = estimate.model.space, estimate.theta, estimate.covariance
+    space, mean, covariance = estimate.model.space, estimate.theta, estimate.quoted_covariance
     thetas = draw_bodies(
         estimate.model.campaign, lambda k: rng.multivariate_normal(mean, covariance, size=k), n
     )

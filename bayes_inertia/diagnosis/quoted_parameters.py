@@ -422,7 +422,7 @@ def quoted_parameters(found: Estimate | Diagnosis) -> QuotedParameters:
     else:
         fit, others, factor = found.final, alternatives_of(found), found.final.dispersion_factor
     quoted = averaged_parameters(_quoted_row(fit), others, factor)
-    beyond = np.diag(fit.prior_beyond_covariance)[: len(quoted.sd)]
+    beyond = np.square(fit.prior_beyond_shifts).sum(axis=0)[: len(quoted.sd)]
     return replace(quoted, sd=np.sqrt(quoted.sd**2 + beyond))
 
 

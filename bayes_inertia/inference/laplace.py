@@ -137,18 +137,23 @@ class Estimate:
         return self.information.free
 
     @cached_property
-    def prior_beyond_covariance(self) -> np.ndarray:
+    def prior_beyond_shifts(self) -> np.ndarray:
         """How far a former result, taken as prior, may move theta beyond what its model says.
 
-        Returns (d, d): to be added where an uncertainty is quoted; zero without such a prior.
+        Returns (k, d): independent shifts of one sd, none without such a prior.
         """
         prior, names = self.model.campaign.prior, self.model.space.names
         if prior is None or prior.beyond_sd is None:
-            return np.zeros_like(self.covariance)
+            return np.zeros((0, len(self.theta)))
         root = prior_root(self.model, self.theta)
         place = [names.index(name) for name in prior.names]
-        moved = (self.covariance @ root.T @ root)[:, place] * prior.beyond_sd
-        return moved @ moved.T
+        return ((self.covariance @ root.T @ root)[:, place] * prior.beyond_sd).T
+
+    @property
+    def quoted_covariance(self) -> np.ndarray:
+        """Covariance (d, d) as it is quoted: with what slews disagree and a former result adds."""
+        shifts = self.prior_beyond_shifts
+        return self.dispersion_factor**2 * self.covariance + shifts.T @ shifts
 
     @property
     def effects_fitted(self) -> tuple[Effect, ...]:

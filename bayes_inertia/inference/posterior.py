@@ -11,6 +11,7 @@ diagnosis also `averaged`: J, K and principal moments, whichever effect of the s
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 from io import BytesIO
@@ -26,6 +27,7 @@ from bayes_inertia.inference.likelihood_summary import LikelihoodSummary, summar
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
+from bayes_inertia.maths.physical_draws import are_physical
 from bayes_inertia.maths.printed import Card, parameter_lines, parameter_text, shown_as
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.parameters import after_changes_of_J, base_count
@@ -323,10 +325,11 @@ class Posterior:
         widened = self._widened()
         if widened is None:
             return None
-        n, estimate = base_count(self.names), self.tree["estimate"]
-        names, (mean, wider) = tuple(self.names[:n]), widened
+        estimate, names = self.tree["estimate"], tuple(self.names[: base_count(self.names)])
+        mean, wider = widened
         at, covariance = self._at_the_end(np.array(estimate["theta"]), estimate["covariance"])
-        sd, beyond = np.sqrt(np.diag(covariance)), self._beyond("prior_beyond_sd", n)
+        sums, sd = after_changes_of_J(self.names), np.sqrt(np.diag(covariance))
+        beyond = self._beyond(lambda theta: theta @ sums.T)
         spin: dict[str, Any] = {"includes_wheel_spin": self.attributes.get("includes_wheel_spin")}
         if not self.trusted:
             wider = covariance * np.outer(wider, wider)
@@ -334,10 +337,34 @@ class Posterior:
         beyond = np.sqrt(beyond**2 + sd**2 * np.maximum(wider**2 - 1.0, 0.0))
         return GaussianPrior(names, at, covariance, beyond_sd=beyond, **spin)
 
-    def _beyond(self, key: str, size: int) -> np.ndarray:
-        """What a former result, taken as prior, adds to quoted sds (size,)."""
-        estimate: Any = self.tree["estimate"]
-        return np.array(estimate[key])[:size] if key in estimate else np.zeros(size)
+    @cached_property
+    def _shifts(self) -> np.ndarray:
+        """How a former result, taken as prior, may move all parameters (k, d), of one sd each."""
+        estimate, key = self.tree["estimate"], "prior_beyond_shifts"
+        return np.array(estimate[key]) if key in estimate else np.zeros((1, len(self.names)))
+
+    def _beyond(self, of: Callable[[np.ndarray], Any]) -> np.ndarray:
+        """What a former result, taken as prior, adds to quoted sds of numbers of draws (n, d)."""
+        at = np.array(self.tree["estimate"]["theta"])[None]
+        return np.linalg.norm(of(at + self._shifts) - of(at), axis=0)
+
+    def widened(self, draws: np.ndarray) -> np.ndarray:
+        """Draws scattered as far as what is quoted.
+
+        Parameters
+        ----------
+        draws : (n, d) array
+            `samples` or `averaged_samples`.
+
+        Returns
+        -------
+        (m, d) array
+            Without tensors that no body can have.
+        """
+        noise = np.random.default_rng(0).standard_normal((len(draws), len(self._shifts)))
+        more = (self.quoted_factor or 1.0) - 1.0
+        wider = draws + more * (draws - draws.mean(axis=0)) + noise @ self._shifts
+        return wider[are_physical(wider[:, :6])]
 
     def summary(self) -> dict[str, Any]:
         """The content of summary.json.
@@ -381,7 +408,7 @@ class Posterior:
             is_averaged=self._is_averaged(name),
             # An sd of the size of J would be the prior's.
             is_prior=self.is_scale_untied and name in ELEMENTS,
-            beyond=float(self._beyond("prior_beyond_sd", i + 1)[i]),
+            beyond=float(self._beyond(lambda theta: theta[:, i])),
         )
         prior_sd = float(estimate["prior_sd"][i])
         contraction = 1.0 - (row["sd"] / prior_sd) ** 2
@@ -442,8 +469,10 @@ class Posterior:
         before = _ratio_draws(np.stack([prior[n].values.ravel() for n in ELEMENTS], axis=-1))
         sampled = _ratio_draws(self.samples[:, :6])
         averaged = "averaged" in self.tree
+        beyond = self._beyond(lambda theta: np.stack([*_ratio_draws(theta[:, :6]).values()], -1))
+        quoted = dict(zip(sampled, beyond.tolist(), strict=True))
         return {
-            name: self._row(values, sampled[name], is_averaged=averaged)
+            name: self._row(values, sampled[name], is_averaged=averaged, beyond=quoted[name])
             | {"unit": "", "prior_sd": float(before[name].std(ddof=1))}
             for name, values in _ratio_draws(self.averaged_samples[:, :6]).items()
         }
@@ -483,7 +512,7 @@ class Posterior:
         derived: Any = self.tree["derived"]
         sampled = derived["principal_moment"].values.reshape(-1, 3)
         estimate: Any = self.tree["estimate"]
-        beyond = self._beyond("prior_beyond_principal_sd", 3)
+        beyond = self._beyond(lambda theta: inertia_tensor.principal_moments(theta[:, :6]))
         rows = {}
         for i, robust in enumerate(estimate["robust_principal_sd"]):
             row = self._row(

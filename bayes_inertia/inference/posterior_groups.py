@@ -214,7 +214,7 @@ def _estimate_group(estimate: Estimate) -> xr.DataTree:
 
 def _joint_prior(estimate: Estimate) -> dict[str, tuple]:
     """The prior as a normal one, with correlations; how far what it may be off moves this fit."""
-    space, prior = estimate.model.space, estimate.model.campaign.prior
+    space, shifts = estimate.model.space, estimate.prior_beyond_shifts
     mean, sd = normal_prior(estimate.model, estimate.theta)
     variables: dict[str, tuple] = {
         "normal_prior_mean": (("parameter",), mean),
@@ -222,11 +222,8 @@ def _joint_prior(estimate: Estimate) -> dict[str, tuple]:
     }
     if space.correlation is not None:
         variables["prior_correlation"] = (("parameter", "parameter_2"), space.correlation)
-    if prior is not None and prior.beyond_sd is not None:
-        covariance = estimate.prior_beyond_covariance
-        variables["prior_beyond_sd"] = (("parameter",), np.sqrt(np.diag(covariance)))
-        principal = principal_sd(estimate, covariance)
-        variables["prior_beyond_principal_sd"] = (("axis",), principal)
+    if len(shifts):
+        variables["prior_beyond_shifts"] = (("known", "parameter"), shifts)
     return variables
 
 

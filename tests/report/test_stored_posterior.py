@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 from support.campaign_files import assert_teaches
 
 from bayes_inertia.app.cli import main
@@ -118,6 +119,33 @@ def test_likelihood_and_prior_make_the_quoted_posterior(made):
 
 def test_a_refused_result_passes_nothing_on(made):
     assert made("thrown").summary()["likelihood"] is None
+
+
+def test_what_a_former_result_quotes_beyond_its_model_is_in_every_quoted_sd(made):
+    """Of elements, principal moments and ratios, and of the draws that a forecast flies."""
+    posterior = made("good")
+    plain, sd = posterior.summary(), 1e-2
+    shifts = np.zeros((2, len(posterior.names)))
+    shifts[0, 0], shifts[1, 6] = sd, 2.0 * sd
+    shifts = xr.DataArray(shifts, dims=("known", "parameter"))
+    posterior.tree["estimate"]["prior_beyond_shifts"] = shifts
+    wider = Posterior(posterior.tree)
+    told, J = wider.summary(), posterior.tree["estimate"]["theta"].values[:6]
+
+    def added(part: str, name: str) -> float:
+        before, after = (content[part][name]["quoted_sd"] for content in (plain, told))
+        return float(np.sqrt(after**2 - before**2))
+
+    assert added("parameters", "Jxx") == pytest.approx(sd)
+    assert added("parameters", "K1") == pytest.approx(2.0 * sd)
+    assert added("parameters", "Jyy") == 0.0
+    trace = J[:3].sum()
+    assert added("ratios", "Jyy/trace") == pytest.approx(J[1] / trace**2 * sd, rel=0.02)
+    assert added("derived", "I3") == pytest.approx(sd, rel=0.1)
+    for k, size in ((0, sd), (6, 2.0 * sd)):
+        spread = np.hypot(posterior.samples[:, k].std(), size)
+        # An sd of 800 draws scatters by 2.5 %.
+        assert wider.widened(posterior.samples)[:, k].std() == pytest.approx(spread, rel=0.1)
 
 
 def test_where_nothing_ties_the_size_of_the_tensor_it_shows_ratios(made):
