@@ -270,7 +270,7 @@ class LinearisedFit:
         """As `normal_equations`, from the rows: they round like what is projected off them."""
         theta, bias, local = self.point.theta, self.point.bias, self.point.local
         _, slope = prior_equations(self.model, theta, self.free)
-        hessian = self._prior_matrix()
+        hessian = block_diag(self.prior_precision, np.eye(local.size))
         gradient = np.concatenate([slope, bias, local.ravel()])
         for s, (columns, r) in enumerate(zip(self._columns_to_project, self.residual, strict=True)):
             index = self.index(s)
@@ -335,7 +335,3 @@ class LinearisedFit:
     def channels(self) -> dict[str, ChannelRows]:
         """Where each channel's numbers are."""
         return channel_rows(self.model)
-
-    def _prior_matrix(self) -> np.ndarray:
-        """Prior precision of everything fitted."""
-        return block_diag(self.prior_precision, np.eye(self.point.local.size))

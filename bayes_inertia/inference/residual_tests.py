@@ -255,32 +255,6 @@ def with_whole_noise(
     return replace(point, local=np.where(standing, 0.0, point.local)), white
 
 
-def hat_traces(
-    information: Information,
-    n_local: int,
-    covariance: np.ndarray,
-    counted: np.ndarray | None = None,
-    *,
-    nuisances: np.ndarray | None = None,
-) -> np.ndarray:
-    """Trace of the hat matrix over each channel's rows.
-
-    `covariance` (unknowns, unknowns) [free]; `counted` (f,) [free]. `nuisances` (n_local,): which
-    of a slew's nuisances are paid for; all by default. The others act all the same. Returns (3,).
-    """
-    total = np.zeros(information.n_data.shape[1])
-    for s, block in enumerate(information.matrix):
-        index = block_index(block.shape[-1] - n_local, n_local, s)
-        if counted is not None:
-            keep = np.concatenate([counted, np.ones(len(index) - len(counted), bool)])
-            index, block = index[keep], block[:, keep][:, :, keep]
-        paid = np.ones(len(index), bool)
-        if nuisances is not None:
-            paid[-n_local:] = nuisances
-        total += np.einsum("cpq,qp->c", block[:, paid], covariance[np.ix_(index, index[paid])])
-    return total
-
-
 def effective_parameters(
     model: Model,
     point: Point,
@@ -289,7 +263,21 @@ def effective_parameters(
     *,
     nuisances: np.ndarray | None = None,
 ) -> np.ndarray:
-    """How many parameters of location each channel pays for (channels,); see `hat_traces`."""
+    """How many parameters of location each channel pays for: the hat matrix's traces over its rows.
+
+    `covariance` (unknowns, unknowns) [free]. `nuisances` (n_local,): which of a slew's nuisances
+    are paid for; all by default. The others act all the same. Returns (channels,).
+    """
     located = np.array([model.space.names[i] not in model.noise.names for i in information.free])
-    counted = None if model.noise.is_stated else located
-    return hat_traces(information, point.n_local, covariance, counted, nuisances=nuisances)
+    n_local = point.n_local
+    total = np.zeros(information.n_data.shape[1])
+    for s, block in enumerate(information.matrix):
+        index = block_index(block.shape[-1] - n_local, n_local, s)
+        if not model.noise.is_stated:
+            keep = np.concatenate([located, np.ones(len(index) - len(located), bool)])
+            index, block = index[keep], block[:, keep][:, :, keep]
+        paid = np.ones(len(index), bool)
+        if nuisances is not None:
+            paid[-n_local:] = nuisances
+        total += np.einsum("cpq,qp->c", block[:, paid], covariance[np.ix_(index, index[paid])])
+    return total

@@ -138,25 +138,17 @@ def _groups(estimate: Estimate) -> dict[str, np.ndarray]:
 
 def _sd_without(estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
     """sd without each slew (slews, f), and without each channel (channels, f): NaN without data."""
-    f, shape, fit = len(estimate.free), estimate.information.n_data.shape, estimate.linearised()
+    f, n_data, fit = len(estimate.free), estimate.information.n_data, estimate.linearised()
 
-    def sd(weights: np.ndarray) -> np.ndarray:
+    def sd(s: slice | int, c: slice | int) -> np.ndarray:
+        weights = np.ones(n_data.shape)
+        weights[s, c] = 0.0
         return np.sqrt(np.diag(inverse(fit.normal_equations(weights)[0]))[:f])
 
-    slews = np.stack(
-        [
-            sd(np.where(np.arange(shape[0])[:, None] == s, 0.0, np.ones(shape)))
-            for s in range(shape[0])
-        ]
-    )
-    measured = estimate.information.n_data.any(axis=0)
-    channels = [
-        sd(np.where(np.arange(len(measured)) == c, 0.0, np.ones(shape)))
-        if known
-        else np.full(f, np.nan)
-        for c, known in enumerate(measured)
-    ]
-    return slews, np.stack(channels)
+    every, unmeasured = slice(None), np.full(f, np.nan)
+    slews = [sd(s, every) for s in range(len(n_data))]
+    known = enumerate(n_data.any(axis=0))
+    return np.stack(slews), np.stack([sd(every, c) if any_ else unmeasured for c, any_ in known])
 
 
 def _followers(estimate: Estimate) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -22,20 +23,6 @@ _CONTROLLER_NOTE = (
     "The fit takes the commands as recorded: nothing is hidden from it. "
     "commands_worth is the sd with the commands ignored (tachometers drive the model) "
     "over the sd with them; 1 means that they add nothing."
-)
-_COPIED_FIELDS = (
-    "unit",
-    "value",
-    "prior_sd",
-    "sd",
-    "robust_sd",
-    "contraction",
-    "verdict",
-    "signal",
-    "signal_of_size",
-    "conditional_sd",
-    "variance_inflation",
-    "inflation",
 )
 
 
@@ -62,13 +49,7 @@ def observability_json(observability: Observability) -> dict[str, Any]:
             }
             for direction in observability.directions
         ],
-        "degeneracies": [
-            {
-                key: getattr(degeneracy, key)
-                for key in ("name", "exact", "in_sd", "parameters", "information_ratio", "says")
-            }
-            for degeneracy in observability.degeneracies
-        ],
+        "degeneracies": [asdict(degeneracy) for degeneracy in observability.degeneracies],
         "windows": {slew: edges for slew, (edges, _) in windows.items()},
         "controller": _CONTROLLER_NOTE,
     }
@@ -82,16 +63,15 @@ def _parameter(
 ) -> dict[str, Any]:
     i, slews = observability.names.index(p.name), observability.slews
     middle = observability.middle_half(p.name)
-    return {key: getattr(p, key) for key in _COPIED_FIELDS} | {
+    fields = {key: value for key, value in vars(p).items() if key != "name"}
+    return fields | {
+        "verdict": p.verdict,
         "says": sentence(observability, p.name),
         "signal_by": _by_slew_and_channel(observability, p.signal_by),
         "share": _by_slew_and_channel(observability, p.share),
-        "share_own_prior": p.share_own_prior,
-        "share_other_priors": p.share_other_priors,
         "sd_without_slew": dict(zip(slews, p.sd_without_slew, strict=True)),
         "sd_without_channel": dict(zip(observability.channels, p.sd_without_channel, strict=True)),
         "partners": [{"with": name, "correlation": r} for name, r in p.partners],
-        "sd_other_drive": p.sd_other_drive,
         "commands_worth": commands_worth(p, observability.drive),
         "middle_half": None
         if middle is None
