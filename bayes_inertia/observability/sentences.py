@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -22,17 +23,20 @@ VERDICTS = {
 }
 
 
-def answer(observability: Observability) -> str:
-    """Which parameters a campaign determines, and which slew alone carries which of them."""
+def answer(observability: Observability, shown: Callable[[str], str] = str) -> str:
+    """Which parameters a campaign determines, and which slew alone carries which of them.
+
+    `shown`: how the name of a parameter is printed.
+    """
     groups: dict[str, list[str]] = {words: [] for words in VERDICTS.values()}
     carried: dict[str, list[str]] = {slew: [] for slew in observability.slews}
     untied = is_size_untied(observability)
     for p in observability.parameters:
         if not (untied and p.name in ELEMENTS):
-            groups[VERDICTS[p.verdict]].append(p.name)
+            groups[VERDICTS[p.verdict]].append(shown(p.name))
         by_slew = p.share.sum(1)
         if len(by_slew) > 1 and by_slew.max() > LIMITS.carried:
-            carried[observability.slews[int(np.argmax(by_slew))]].append(p.name)
+            carried[observability.slews[int(np.argmax(by_slew))]].append(shown(p.name))
     told = [f"{words}: {', '.join(names)}" for words, names in groups.items() if names]
     if untied:
         told.insert(0, "of J only its ratios are determined, its size is the prior's")

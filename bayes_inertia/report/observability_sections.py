@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 from bayes_inertia.observability.against_posterior import PosteriorComparison
 from bayes_inertia.observability.result import (
@@ -37,7 +38,11 @@ def observability_sections(
     }
     reasons = {title: ("", lines) for title, lines in sentences.items() if lines}
     context = {"reasons": reasons, "folded": ("The parameters that are determined",)}
-    told_by = {"answer": answer, "verdict_of": verdict_of, "commands_worth": commands_worth}
+    told_by = {
+        "answer": partial(answer, shown=plain),
+        "verdict_of": verdict_of,
+        "commands_worth": commands_worth,
+    }
     pictures = captioned("observability", draw_observability(observability))
     result = {"o": observability} | told_by
     return [

@@ -30,6 +30,7 @@ from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import Start, idle_slew
+from bayes_inertia.report.formatting import plain
 
 
 @pytest.fixture(scope="module")
@@ -389,8 +390,15 @@ def test_one_outlier_does_not_make_a_slew_count_for_little(flown, observability,
     seen = run_observe(tmp_path / "campaign", tmp_path / "run", both_drives=False)
     clean = np.array([p.sd for p in observability.parameters])
     assert np.all(np.array([p.sd for p in seen.observability.parameters]) < 1.05 * clean)
-    plain = observe(optimizer.estimate(Model(dirty)))
-    assert np.any(np.array([p.sd for p in plain.parameters]) > 1.05 * clean)
+    dusty = observe(optimizer.estimate(Model(dirty)))
+    assert np.any(np.array([p.sd for p in dusty.parameters]) > 1.05 * clean)
+
+
+def test_the_answer_names_parameters_of_further_sensors_as_the_table_does(observability):
+    first, *others = observability.parameters
+    renamed = replace(observability, parameters=(replace(first, name="mems.K3"), *others))
+    assert "mems: K3" in answer(renamed, plain)
+    assert "mems.K3" not in answer(renamed, plain)
 
 
 def test_observe_writes_its_file_once_for_one_campaign(flown, observability, tmp_path, capsys):

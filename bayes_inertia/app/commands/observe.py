@@ -81,10 +81,10 @@ def show_observability(observed: ObservedCampaign, folder: Path) -> None:
     differs.
     """
     from bayes_inertia.observability.sentences import answer, sentence
-    from bayes_inertia.report.formatting import typeset
+    from bayes_inertia.report.formatting import plain, typeset
 
     console, observability = plain_console(), observed.observability
-    console.print(headed(answer(observability)))
+    console.print(headed(answer(observability, plain)))
     print_table(_COLUMNS, _parameter_rows(observability), _COLUMNS[-1:])
     console.print(
         "signal: response of all telemetry to one prior sd; lost: sd over its value if all else "
