@@ -118,7 +118,20 @@ def test_an_ambiguous_set_is_said_with_its_names():
     assert "either a lag or a delay is missing" in verdict_sentence(content, diagnosis)
     rows = [{"effects": [name], "probability": 0.5} for name in ("a_lag", "a_delay")]
     said = verdict_sentence(content | {"averaged_over": rows})
-    assert "a lag 50 %, a delay 50 % is missing" in said
+    assert "what is missing this campaign cannot tell (a lag 50 %, a delay 50 %)" in said
+
+
+@pytest.mark.parametrize(
+    ("names", "begin"),
+    [(["a_lag", "nothing"], "a lag"), (["a_lag", "a_delay", "nothing"], "either a lag or a delay")],
+)
+def test_where_nothing_may_be_missing_no_model_holds_nothing(names, begin):
+    diagnosis = {"verdict": "ambiguous", "ambiguous_with": [names]}
+    said = verdict_sentence(summary(effects=["a_lag"], verdict="ambiguous"), diagnosis)
+    rest = (
+        "may be missing, or nothing: this campaign cannot tell, and with a lag the model explains"
+    )
+    assert f"; {begin} {rest} the data." in said
 
 
 def test_the_sentence_stands_before_the_numbers_of_a_summary():
