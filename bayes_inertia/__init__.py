@@ -132,7 +132,7 @@ _PUBLIC = {
     "Formula": "physics.effects",
     "FormulaSearch": "diagnosis.result",
     "FormulaTerm": "diagnosis.result",
-    "FreeSignal": "diagnosis.free_signal",
+    "FreeSignal": "diagnosis.unexplained",
     "Hypothesis": "diagnosis.result",
     "Investigation": "app.diagnosed_fit",
     "Match": "diagnosis.unexplained",

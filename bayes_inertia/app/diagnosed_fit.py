@@ -26,8 +26,7 @@ from bayes_inertia.diagnosis.quoted_parameters import (
     AlternativeParameters,
     Undetected,
     alternatives_of,
-    free_shapes,
-    tried_effects,
+    fitted_effects,
     undetected_effects,
 )
 from bayes_inertia.diagnosis.residuals import Disagreement, scan_residuals
@@ -325,22 +324,6 @@ def next_fit(investigation: Investigation) -> NextFit:
         diagnosis.base.model.structure.drive,
         investigation.alternatives,
     )
-
-
-def fitted_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
-    """The effects that a full fit after a diagnosis holds, with the settings they were found with.
-
-    Returns: those added, in their order. Where no candidate explains the data, those that no free
-    shape stands for; beside what is named in part, a torque and a rate error of free shape; where
-    names only imitate what is there, these alone.
-    """
-    if diagnosis.verdict == "partial":
-        return (*tried_effects(diagnosis), *free_shapes(diagnosis))
-    if diagnosis.why_unknown == "imitation":
-        return free_shapes(diagnosis)
-    if diagnosis.why_unknown == "misfit":
-        return tried_effects(diagnosis)
-    return diagnosis.effects_added
 
 
 def fit_after_diagnosis(

@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.app.diagnosed_fit import Investigation, NextFit, fitted_effects
+from bayes_inertia.app.diagnosed_fit import Investigation, NextFit
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.design.correction_slew import CorrectionForecast
 from bayes_inertia.design.numerics import NUMERICS as DESIGN_NUMERICS
 from bayes_inertia.design.separating_slew import Separation
-from bayes_inertia.diagnosis.free_signal import FreeSignal
+from bayes_inertia.diagnosis.quoted_parameters import fitted_effects
 from bayes_inertia.diagnosis.residuals import Disagreement, held_out_chi2
 from bayes_inertia.diagnosis.result import AlternativeParameters, Candidate, Diagnosis, Step
-from bayes_inertia.diagnosis.unexplained import UnexplainedSignal, describe
+from bayes_inertia.diagnosis.unexplained import FreeSignal, UnexplainedSignal, describe
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.treatment import DirtTreatment, treatment_from

@@ -115,7 +115,9 @@ def fit(
         say("bounding what could hide", 0, 0)
         # An effect too weak to be found may act: J and K, and the sd to quote, count it.
         alternatives = undetected_alternatives(estimate)
-    posterior = averaged_posterior(posterior, alternatives, settings.seed)
+    n, space = estimate.model.n_base, estimate.model.space
+    ends = space.lower[:n], space.upper[:n]
+    posterior = averaged_posterior(posterior, alternatives, settings.seed, ends)
     return _with_seconds(posterior, perf_counter() - began)
 
 

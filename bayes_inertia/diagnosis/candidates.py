@@ -196,12 +196,8 @@ def best_flexible_mode(
         tried[1] - tried[0]
     ) * np.array(LIMITS.refinement_offsets)
     closer = np.unique(np.clip(closer, tried[0], tried[-1]))
-    closer_gains = _gains(response, fit, scale, closer)
-    best = (
-        closer[np.argmax(closer_gains)]
-        if closer_gains.max() > gains.max()
-        else tried[np.argmax(gains)]
-    )
+    gains = np.append(gains, _gains(response, fit, scale, closer))
+    best = np.append(tried, closer)[np.argmax(gains)]
     columns, projected_gradient, matrix = _normal_equations(response, fit, np.array([best]), scale)
     coupling, gain = _best_coupling(projected_gradient[0], matrix[0])
     tangents = _tangents(coupling)
@@ -371,11 +367,11 @@ def _is_empty(column: np.ndarray | None) -> bool:
 
 
 def flexible_mode_candidate(
-    estimate: Estimate, effects: CandidateEffects, response: TorqueResponse
+    fit: LinearisedFit, effects: CandidateEffects, response: TorqueResponse
 ) -> FlexibleModeCandidate | None:
     """The best flexible mode at a fit; none if its model holds one, or it is no candidate."""
-    mode, model = effects.flexible_mode, estimate.model
+    mode, model = effects.flexible_mode, fit.model
     if mode is None or any(effect.name == FLEXIBLE_MODE for effect in model.effects):
         return None
     sd = mode.parameters(model.campaign)[0].priors[0].sd
-    return best_flexible_mode(FLEXIBLE_MODE, response, estimate.linearised(), sd**2)
+    return best_flexible_mode(FLEXIBLE_MODE, response, fit, sd**2)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.linear_system import (
@@ -98,9 +99,8 @@ def clean_start(
         noise = _noise(fit.estimate, fit.treatment)
         compiled.result()
     estimate = optimizer.with_noise(fit.estimate, noise)
-    if base.campaign is not model.campaign:
-        model = Model(base.campaign, model.effects, model.structure.drive)
-    estimate = _among_candidates(estimate, model)
+    model = _flown(model, base.campaign)
+    estimate = optimizer.move_to(estimate, _flown(model, estimate.model.campaign))
     start = CleanStart(model, estimate, noise, fit.treatment, as_stated, coloured)
     return _noise_or_physics(start, stochastic)
 
@@ -130,12 +130,11 @@ def _noise(estimate: Estimate, treatment: DirtTreatment) -> dict[str, float]:
     return measured
 
 
-def _among_candidates(estimate: Estimate, stated: Model) -> Estimate:
-    """The point of a fit without effects in the model with all candidates."""
-    campaign = estimate.model.campaign
-    if campaign is not stated.campaign:
-        stated = Model(campaign, stated.effects, stated.structure.drive)
-    return optimizer.move_to(estimate, stated)
+def _flown(model: Model, campaign: Campaign) -> Model:
+    """The model of a campaign as it is treated."""
+    if campaign is model.campaign:
+        return model
+    return Model(campaign, model.effects, model.structure.drive)
 
 
 def _noise_or_physics(start: CleanStart, stochastic: Sequence[StochasticEffect]) -> CleanStart:

@@ -39,13 +39,14 @@ from bayes_inertia.physics.slew_context import State
 _RESPONSE_HOOK = {"wheel_torque": "delivered_torque"}
 
 
-def search_formulas(response: TorqueResponse, effects: Sequence[np.ndarray] = ()) -> FormulaSearch:
+def search_formulas(
+    response: TorqueResponse, fit: LinearisedFit, effects: Sequence[np.ndarray] = ()
+) -> FormulaSearch:
     """Weigh every term of the grammar at a fit; what it holds is projected off.
 
     `effects`: columns (slews, numbers, k) of each effect that has a name: a term that one of them
     can make is that effect.
     """
-    fit = response.estimate.linearised()
     named = [_named(columns, fit) for columns in effects]
     return weighed(projected(block, fit, named) for block in blocks(response))
 
@@ -101,8 +102,8 @@ def blocks(
             place = PLACES[name]
             if not _allowed(name, key, wheels, structure.drive):
                 continue
-            if name == "rate_error" and structure.n_base != N_BASE:
-                continue  # Its three components are those of three sensor axes.
+            if name == "rate_error" and campaign.rate_sensor is None:
+                continue
             formula = Formula(name, key, "full", wheel=wheel, rms=rms, middle=middle)
             rows = wheels if place.rows == "wheels" else 3
             columns = _columns(response, name, place.size(campaign) / rms * values, rows)
@@ -191,6 +192,9 @@ def _columns(response: TorqueResponse, place: str, values: np.ndarray, rows: int
         )
         unit = np.einsum("snji,snjk->snik", turn, unit)
     hook = PLACES[place].hook
+    if hook == "rate_output" and response.estimate.model.n_base != N_BASE:
+        # As `Formula` has it: along each of other than three axes the error of the body's.
+        unit = response.estimate.model.campaign.rate_sensor.axes @ unit
     return changes_of(response, {_RESPONSE_HOOK.get(hook, hook): unit}, unit.shape[-1])
 
 

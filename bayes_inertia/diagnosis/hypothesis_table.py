@@ -64,35 +64,24 @@ def smallest_size(powers: np.ndarray, largest: float) -> float:
     return float(min(LIMITS.invisible / np.sqrt(strongest), LIMITS.largest_start * largest))
 
 
-def sizes_with_weights(least: float, largest: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sizes to average evidence over, even in their logarithm.
+def few_sizes(powers: np.ndarray, largest: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Sizes to average evidence over, even in their logarithm, and their weights.
 
-    Returns `sizes, weights` (count + 12,): the last twelve are beyond the prior; the weights add up
-    to one.
+    `powers` (n,): information along the directions of a signal of size one. Returns `sizes,
+    weights`: `count` from what a campaign can just not see on, and few beyond the prior.
 
     Examples
     --------
-    >>> sizes, weights = sizes_with_weights(0.1, 1.0, 4)
-    >>> float(sizes.max().round(6)), float(weights.sum().round(6))
-    (100.0, 1.0)
+    >>> sizes, weights = few_sizes(np.array([9.0]), 1.0, 4)
+    >>> sizes.round(2).tolist(), float(weights.sum().round(6))
+    ([0.1, 0.22, 0.46, 1.0, 2.15, 6.81, 21.54, 68.13], 1.0)
     """
-    stated = np.geomspace(least, largest, count)
-    wider = np.geomspace(largest, LIMITS.widest * largest, LIMITS.wider_sizes + 1)[1:]
+    stated = np.geomspace(smallest_size(powers, largest), largest, count)
+    wider = np.geomspace(largest, LIMITS.widest * largest, LIMITS.wider_sizes + 1)
+    wider = wider[2 :: LIMITS.fewer]
     each = [(1.0 - LIMITS.wrong_prior) / count, LIMITS.wrong_prior / LIMITS.wider_sizes]
-    return np.concatenate([stated, wider]), np.repeat(each, [count, LIMITS.wider_sizes])
-
-
-def few_sizes(powers: np.ndarray, largest: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sizes from what a campaign can just not see, few beyond the prior, and their weights.
-
-    `powers` (n,): information along the directions of a signal of size one.
-    """
-    sizes, weights = sizes_with_weights(smallest_size(powers, largest), largest, count)
-    within, every = slice(-LIMITS.wider_sizes), slice(1 - LIMITS.wider_sizes, None, LIMITS.fewer)
-    return (
-        np.concatenate([sizes[within], sizes[every]]),
-        np.concatenate([weights[within], LIMITS.fewer * weights[every]]),
-    )
+    each[1] = LIMITS.fewer * each[1]
+    return np.concatenate([stated, wider]), np.repeat(each, [count, len(wider)])
 
 
 # What each member of a set stands for.

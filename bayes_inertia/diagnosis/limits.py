@@ -7,6 +7,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from bayes_inertia.errors import SettingsError
 
 
@@ -61,9 +63,19 @@ class Rules:
     def __post_init__(self) -> None:
         for name, (is_allowed, advice) in _ranges().items():
             value = getattr(self, name)
+            value = value.item() if isinstance(value, np.generic) else value
             number = isinstance(value, int | float) and not isinstance(value, bool)
             if not number or not is_allowed(value):
                 raise SettingsError(f"{value!r} is outside its range", where=name, advice=advice)
+            object.__setattr__(self, name, value)
+
+
+def rules_of(given: Rules | None) -> Rules:
+    """The rules given, or the usual ones; `SettingsError` for what is none."""
+    if not isinstance(given, Rules | None):
+        advice = "give Rules, such as Rules(max_effects=2)"
+        raise SettingsError(f"a {type(given).__name__} is no Rules", where="rules", advice=advice)
+    return given or Rules()
 
 
 def _ranges() -> dict[str, tuple[Callable[[float], bool], str]]:

@@ -105,15 +105,16 @@ def linear_model(
     before: float = np.nan,
     mode: FlexibleModeCandidate | None = None,
     log_costs: Mapping[str, float] | None = None,
+    linearised: LinearisedFit | None = None,
 ) -> LinearModel:
     """The linear model at a fit that holds the effects `held`.
 
     `before`: objective of the fit without any effect. `mode`: the flexible mode that the residuals
-    show best, if the fit holds none. `log_costs`: by how much
-    less probable an effect is than others.
+    show best, if the fit holds none. `log_costs`: by how much less probable an effect is than
+    others. `linearised`: the fit, whose rows may be known already.
     """
     scales, own = _scales(estimate), _own(estimate, held)
-    fit = _projecting(estimate, own)
+    fit = (linearised or estimate.linearised()).without(own)
     names = _names(estimate, held, fit.free)
     index = _own(estimate, names)
     columns = fit.parameters[..., index] / scales.slope[index]
@@ -126,7 +127,7 @@ def linear_model(
     gradient = gradient + matrix[:, at] @ amplitude
     block = matrix[np.ix_(at, at)] + np.diag(scales.precision[index[at]])
     linear = 0.5 * gradient[at] @ np.linalg.solve(block, gradient[at])
-    moved = _shift_per_amplitude(fit, columns)
+    moved = _shift_per_amplitude(fit, fit.imitated(columns))
     members = _members(estimate, names, matrix, scales.logarithmic, log_costs or {})
     if mode is not None:
         here = np.arange(len(index), columns.shape[-1])
@@ -219,11 +220,14 @@ def _members(
     return members
 
 
-def _shift_per_amplitude(fit: LinearisedFit, columns: np.ndarray) -> np.ndarray:
-    """How far what is left out moves J and K (9, c) per unit; zero where they are held."""
+def _shift_per_amplitude(fit: LinearisedFit, imitated: np.ndarray) -> np.ndarray:
+    """How far what is left out moves J and K (9, c) per unit; zero where they are held.
+
+    `imitated` (unknowns, c): the share of its columns that the fit imitates.
+    """
     n, free = fit.model.n_base, fit.free
-    out, base = np.zeros((n, columns.shape[-1])), free < n
-    out[free[base]] = (fit.inverse_root.T @ fit.imitated(columns))[: len(free)][base]
+    out, base = np.zeros((n, imitated.shape[1])), free < n
+    out[free[base]] = (fit.inverse_root.T @ imitated)[: len(free)][base]
     return out
 
 
@@ -248,20 +252,17 @@ def parameters_of(linear: LinearModel, given: Given) -> tuple[np.ndarray, np.nda
     """Mean (9,) and covariance (9, 9) of J and K given members, averaged over their sizes."""
     weights = np.exp(given.log_weight - logsumexp(given.log_weight))
     n = len(linear.null)
-    means = given.gradient[:, -n:]
-    mean = weights @ means
-    spread = np.einsum("b,bi,bj->ij", weights, means - mean, means - mean)
-    within = np.einsum("b,bij->ij", weights, given.matrix[:, -n:, -n:])
+    mean, spread, within = mixed(weights, given.gradient[:, -n:], given.matrix[:, -n:, -n:])
     return linear.null + mean, linear.covariance - within + spread
 
 
-def _projecting(estimate: Estimate, own: np.ndarray) -> LinearisedFit:
-    """The fit linearised, some of its free parameters not projected off."""
-    fit = estimate.linearised()
-    if not len(own):
-        return fit
-    others = fit.free[~np.isin(fit.free, own)]
-    return replace(fit, information=fit.information._replace(free=others))
+def mixed(
+    weights: np.ndarray, means: np.ndarray, matrices: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean (n,) of a mixture with weights (b,), the spread (n, n) of its means, its mean matrix."""
+    mean = weights @ means
+    spread = np.einsum("b,bi,bj->ij", weights, means - mean, means - mean)
+    return mean, spread, np.einsum("b,bij->ij", weights, matrices)
 
 
 def random_members(
@@ -341,7 +342,7 @@ def stochastic_candidates(
 def _random(
     effect: StochasticEffect,
     model: Model,
-    signal: _Projected,
+    signal: ProjectedSignal,
     roots: Sequence[CandidateRoots],
     *,
     kept: bool,
@@ -352,8 +353,8 @@ def _random(
     """
     own, largest = forms_of(effect, model, roots), largest_size(effect, model)
     forms = [_signal(signal, root, largest, kept=kept) for root in own.roots]
-    n = signal.signal.gradient.size
-    matrix = signal.signal.matrix.reshape(n, n) if kept else None
+    n = signal.gradient.size
+    matrix = signal.matrix.reshape(n, n) if kept else None
     starts = [
         parameters_at(model, effect, size, shape)
         for form, shape in zip(forms, own.shapes, strict=True)
@@ -364,7 +365,7 @@ def _random(
 
 
 def _free(
-    effect: StochasticEffect, model: Model, signal: _Projected, roots: Sequence[CandidateRoots]
+    effect: StochasticEffect, model: Model, signal: ProjectedSignal, roots: Sequence[CandidateRoots]
 ) -> list[tuple[Signal, float]]:
     """Smooth signals where an effect on knots enters, and such that repeat in every slew."""
     largest = largest_size(effect, model)
@@ -375,39 +376,27 @@ def _free(
     return [(form, -np.log(len(smooth))) for form in forms]
 
 
-class _Projected(NamedTuple):
-    """Coefficients of all slews, and their products (slews, k, c) with the effects' columns."""
-
-    signal: ProjectedSignal
-    cross: np.ndarray
-
-    def repeated(self) -> _Projected:
-        """The same if the coefficients are one draw for all slews."""
-        return _Projected(self.signal.repeated(), self.cross.sum(0, keepdims=True))
-
-
-def _projected(linear: LinearModel, columns: np.ndarray) -> _Projected:
+def _projected(linear: LinearModel, columns: np.ndarray) -> ProjectedSignal:
     """Coefficients of all slews; the last nine of their products are how they move J and K."""
     fit, imitated = linear.fit, imitated_share(linear.fit, columns)
     signal = projected_signal(fit, columns, imitated)
     cross = np.swapaxes(columns, 1, 2) @ linear.columns
     cross -= (imitated.T @ fit.imitated(linear.columns)).reshape(cross.shape)
     gradient = signal.gradient + cross[..., linear.held] @ linear.amplitude
-    n = fit.model.n_base
-    moved, base = np.zeros((n, imitated.shape[1])), fit.free < n
-    moved[fit.free[base]] = (fit.inverse_root.T @ imitated)[: len(base)][base]
-    cross = np.concatenate([cross, moved.T.reshape(*cross.shape[:2], n)], -1)
-    return _Projected(ProjectedSignal(gradient, signal.matrix), cross)
+    moved = _shift_per_amplitude(fit, imitated)
+    cross = np.concatenate([cross, moved.T.reshape(*cross.shape[:2], len(moved))], -1)
+    return ProjectedSignal(gradient, signal.matrix, cross)
 
 
 def _signal(
-    projected: _Projected, root: np.ndarray, largest: float, *, kept: bool = False
+    projected: ProjectedSignal, root: np.ndarray, largest: float, *, kept: bool = False
 ) -> Signal:
     """One form; `root` of each slew (slews, k, k), or of all slews (slews k, slews k)."""
     root = block_diag(*root) if root.ndim == 3 else root
-    n, (gradient, matrix) = len(root), (projected.signal.gradient, projected.signal.matrix)
-    cross = projected.cross.reshape(n, -1)
-    found = signal_of(matrix.reshape(n, n), gradient.ravel(), cross, root, largest)
+    n, cross = len(root), projected.cross
+    assert cross is not None
+    matrix, gradient = projected.matrix.reshape(n, n), projected.gradient.ravel()
+    found = signal_of(matrix, gradient, cross.reshape(n, -1), root, largest)
     return found if kept else replace(found, basis=np.zeros((0, len(found.powers))))
 
 

@@ -22,7 +22,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -34,6 +36,7 @@ from bayes_inertia.diagnosis.hypothesis_table import FixedMember
 from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.linear_system import LinearModel, linear_model, log_evidence_of_each
 from bayes_inertia.diagnosis.result import AlternativeParameters, Diagnosis
+from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import estimate, move_to
 from bayes_inertia.inference.posterior import Posterior, sd_of_interval
@@ -41,7 +44,7 @@ from bayes_inertia.inference.settings import OPEN_VERDICTS
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.numerics import NUMERICS as MATHS_NUMERICS
 from bayes_inertia.maths.physical_draws import draw_physical
-from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.maths.values import AnyArray, array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, FlexibleMode
 from bayes_inertia.physics.forward_model import Model
@@ -260,6 +263,22 @@ def free_shapes(diagnosis: Diagnosis) -> tuple[Effect, ...]:
 _FREE = ("body_torque", "rate_output")
 
 
+def fitted_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
+    """The effects that a full fit after a diagnosis holds, with the settings they were found with.
+
+    Returns: those added, in their order. Where no candidate explains the data, those that no free
+    shape stands for; beside what is named in part, a torque and a rate error of free shape; where
+    names only imitate what is there, these alone.
+    """
+    if diagnosis.verdict == "partial":
+        return (*tried_effects(diagnosis), *free_shapes(diagnosis))
+    if diagnosis.why_unknown == "imitation":
+        return free_shapes(diagnosis)
+    if diagnosis.why_unknown == "misfit":
+        return tried_effects(diagnosis)
+    return diagnosis.effects_added
+
+
 def remainder_alternatives(diagnosis: Diagnosis) -> tuple[AlternativeParameters, ...]:
     """J and K with a torque and a rate error of free shape beside the effects that were tried.
 
@@ -268,31 +287,24 @@ def remainder_alternatives(diagnosis: Diagnosis) -> tuple[AlternativeParameters,
     """
     if diagnosis.verdict != "unknown" or diagnosis.why_unknown != "misfit":
         return ()
-    effects = (*tried_effects(diagnosis), *free_shapes(diagnosis))
-    free = _quoted_row(_refitted(diagnosis.final, effects))
-    return (
-        AlternativeParameters(
-            FREE_SHAPES,
-            "",
-            LIMITS.remainder_probability,
-            free.names,
-            free.mean,
-            free.covariance,
-        ),
-    )
+    free = _quoted_row(_refitted(replace(diagnosis, verdict="partial")))
+    return (replace(free, effect=FREE_SHAPES, probability=LIMITS.remainder_probability),)
 
 
 def averaged_posterior(
-    posterior: Posterior, alternatives: Sequence[AlternativeParameters], seed: int
+    posterior: Posterior,
+    alternatives: Sequence[AlternativeParameters],
+    seed: int,
+    ends: tuple[AnyArray, AnyArray] = (-np.inf, np.inf),
 ) -> Posterior:
     """Average J and K over the effects that may be the true one.
 
     Each draw is kept or gives way to one of an alternative's Gaussian, in proportion to the
     probabilities.
 
-    `alternatives`: J and K with other effects in their place. Returns: with one group `averaged`
-    more, of J, K and principal moments, of which `Posterior.summary` then speaks. The group
-    `posterior` stays that of the effects named.
+    `alternatives`: J and K with other effects in their place. `ends`: lower and upper ones of the
+    prior of J and K (9,). Returns: with one group `averaged` more, of J, K and principal moments,
+    of which `Posterior.summary` then speaks. The group `posterior` stays that of the effects named.
     """
     if not alternatives:
         return posterior
@@ -307,7 +319,11 @@ def averaged_posterior(
     first = max(0.0, 1.0 - sum(probabilities))
     which = rng.choice(len(alternatives) + 1, size=draws.shape[:2], p=[first, *probabilities])
     for k, alternative in enumerate(alternatives, 1):
-        draws[which == k] = _physical_draws(alternative, int(np.sum(which == k)), rng)
+        # An alternative that no body allows, or no prior, has no draws: the fit's own stay.
+        with suppress(CampaignError):
+            draws[which == k] = draw_physical(
+                partial(_drawn, alternative, rng), int(np.sum(which == k)), ends=ends
+            )
     named = posterior.attributes["effects"]
     rows = [{"effects": named, "probability": first, "parameters": given}]
     rows += [_row(named, alternative) for alternative in alternatives]
@@ -353,17 +369,9 @@ def _row(named: Sequence[str], alternative: AlternativeParameters) -> dict[str, 
     }
 
 
-def _physical_draws(
-    alternative: AlternativeParameters, n: int, rng: np.random.Generator
-) -> np.ndarray:
+def _drawn(row: AlternativeParameters, rng: np.random.Generator, n: int) -> np.ndarray:
     """Draws (n, 9) of J and K."""
-    mean, covariance = alternative.mean, alternative.covariance
-    return draw_physical(
-        lambda k: rng.multivariate_normal(mean, covariance, k, method="eigh"),
-        n,
-        where=alternative.effect,
-        advice="hardly any tensor within its uncertainty is one of a body: fly more slews first",
-    )
+    return rng.multivariate_normal(row.mean, row.covariance, n, method="eigh")
 
 
 @array_dataclass
@@ -418,7 +426,7 @@ def quoted_parameters(found: Estimate | Diagnosis) -> QuotedParameters:
     if isinstance(found, Estimate):
         fit, others, factor = found, undetected_alternatives(found), found.dispersion_factor
     elif found.verdict in OPEN_VERDICTS:
-        fit, others, factor = _fit_of_open_verdict(found), alternatives_of(found), 1.0
+        fit, others, factor = _refitted(found), alternatives_of(found), 1.0
     else:
         fit, others, factor = found.final, alternatives_of(found), found.final.dispersion_factor
     quoted = averaged_parameters(_quoted_row(fit), others, factor)
@@ -476,15 +484,6 @@ def _quantile(level: float, shares: np.ndarray, mean: np.ndarray, sd: np.ndarray
     )
 
 
-def _fit_of_open_verdict(diagnosis: Diagnosis) -> Estimate:
-    """The fit that a diagnosis wants in full where something is missing without a name."""
-    if diagnosis.verdict == "partial":
-        return _refitted(diagnosis.final, (*tried_effects(diagnosis), *free_shapes(diagnosis)))
-    if diagnosis.why_unknown == "misfit":
-        return _refitted(diagnosis.final, tried_effects(diagnosis))
-    return _refitted(diagnosis.final, free_shapes(diagnosis))
-
-
 def _quoted_row(fit: Estimate) -> AlternativeParameters:
     """J and K of a fit."""
     n = fit.model.n_base
@@ -492,9 +491,10 @@ def _quoted_row(fit: Estimate) -> AlternativeParameters:
     return AlternativeParameters("", "", 0.0, names, fit.theta[:n], covariance)
 
 
-def _refitted(final: Estimate, effects: tuple[Effect, ...]) -> Estimate:
-    """The fit with these effects from where another ended, each slew counted as it scatters."""
-    model = Model(final.model.campaign, effects, final.model.structure.drive)
+def _refitted(diagnosis: Diagnosis) -> Estimate:
+    """The full fit of an open verdict from where the last ended, each slew as it scatters."""
+    final = diagnosis.final
+    model = Model(final.model.campaign, fitted_effects(diagnosis), final.model.structure.drive)
     known = dict(zip(final.model.space.names, final.theta, strict=True))
     mean = zip(model.space.names, model.space.mean, strict=True)
     return estimate(model, start=np.array([known.get(name, value) for name, value in mean]))

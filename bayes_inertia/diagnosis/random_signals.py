@@ -45,7 +45,7 @@ from bayes_inertia.diagnosis.result import Candidate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.marginal_posterior import prior_roots
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import Effect, require_effects, require_of_effect
 from bayes_inertia.physics.effects import REMAINDERS, STOCHASTIC
 from bayes_inertia.physics.effects.scales import sd_and_time
 from bayes_inertia.physics.effects.tachometer_noise_walk import TachometerNoiseWalk
@@ -74,15 +74,20 @@ class ProjectedSignal:
         g, by slew.
     matrix : (slews, k, slews, k) array
         A: what is fitted in common couples slews.
+    cross : (slews, k, c) array, optional
+        Their products with the columns of effects of a fixed shape.
     """
 
     gradient: np.ndarray
     matrix: np.ndarray
+    cross: np.ndarray | None = None
 
     def repeated(self) -> ProjectedSignal:
         """The same if the coefficients are one draw for all slews."""
         return ProjectedSignal(
-            self.gradient.sum(0, keepdims=True), self.matrix.sum((0, 2))[None, :, None]
+            self.gradient.sum(0, keepdims=True),
+            self.matrix.sum((0, 2))[None, :, None],
+            None if self.cross is None else self.cross.sum(0, keepdims=True),
         )
 
 
@@ -151,6 +156,21 @@ SOURCES = {
 STOCHASTIC_CANDIDATES: tuple[StochasticEffect, ...] = tuple(
     e for e in STOCHASTIC if isinstance(e, StochasticEffect) and e not in REMAINDERS
 )
+
+
+def candidate_kinds(
+    library: Sequence[Effect], stochastic: Sequence[Effect]
+) -> tuple[tuple[Effect, ...], tuple[StochasticEffect, ...]]:
+    """Candidates of a fixed shape, and those without one, whichever list they are given in."""
+    library, stochastic = require_effects(library), require_effects(stochastic)
+    every = (*stochastic, *library)
+    random = {e.name: e for e in every if isinstance(e, StochasticEffect)}
+    for effect in random.values():
+        what = "acts where no random candidate is looked for"
+        advice = f"give one that acts through {', '.join(SOURCES)}, or fit it by its name"
+        require_of_effect(any(map(effect.acts, SOURCES)), effect, what, advice)
+    fixed = (e for e in (*library, *stochastic) if not isinstance(e, StochasticEffect))
+    return tuple(fixed), tuple(random.values())
 
 
 @dataclass(frozen=True)
@@ -259,15 +279,14 @@ def usable(
     ['rate_random_walk']
     """
     fitted = {effect.name for effect in model.structure.effects} | {*stated_terms(model.campaign)}
-    campaign, kept = model.campaign, []
-    for effect in effects:
-        count = effect.coefficient_count(campaign)
-        if count == 0:
-            continue
-        known = not effect.parameters(campaign) or effect.name in fitted
-        if not known and numbers * count <= LIMITS.largest_columns:
-            kept.append(effect)
-    return tuple(kept)
+    campaign = model.campaign
+    return tuple(
+        effect
+        for effect in effects
+        if 0 < numbers * effect.coefficient_count(campaign) <= LIMITS.largest_columns
+        and effect.parameters(campaign)
+        and effect.name not in fitted
+    )
 
 
 def medians(model: Model) -> np.ndarray:

@@ -118,7 +118,7 @@ class BinnedResiduals:
     shift: np.ndarray
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Disagreement:
     """Where residuals are not what noise would leave.
 

@@ -65,13 +65,20 @@ def within_prior(fitted: Estimate, effect: str, rules: Rules, *, tolerance: floa
     """Refit an effect with a wider prior, if the one that it has is exceeded.
 
     `rules`: how far a parameter may lie from where it does nothing. Returns: the same object where
-    the prior is kept to. Priors are widened by powers of two.
+    the prior is kept to.
     """
     for _ in range(LIMITS.rounds_of_prior):
         distance = float(np.abs(_distances(fitted, effect)).max(initial=0.0))
         if distance <= rules.prior_sd_at_most:
             break
-        wide = move_to(fitted, _widened(fitted.model, effect, _power_of_two(distance)))
+        # By powers of two: sizes that differ by noise get one prior.
+        wider, model = float(2.0 ** np.ceil(np.log2(distance))), fitted.model
+        effects = tuple(
+            replace(e, prior_scale=wider * e.prior_scale) if e.name == effect else e
+            for e in model.effects
+        )
+        larger = Model(model.campaign, effects, model.structure.drive, model.noise)
+        wide = move_to(fitted, larger)
         fitted = re_estimate(wide, wide.theta, wide.free, tolerance=tolerance)
     return fitted
 
@@ -92,17 +99,9 @@ def beyond_prior(
             continue
         worst = int(np.argmax(distances))
         k = part.start + worst
-        name = space.names[k].split(".", 1)[1]
-        rows.append(
-            BeyondPrior(
-                effect,
-                name,
-                float(final.theta[k]),
-                space.units[k],
-                float(distances[worst]),
-                scales[effect],
-            )
-        )
+        name, value, size = space.names[k].split(".", 1)[1], final.theta[k], distances[worst]
+        found = float(value), space.units[k], float(size)
+        rows.append(BeyondPrior(effect, name, *found, scales[effect]))
     return tuple(rows)
 
 
@@ -112,19 +111,6 @@ def _distances(fitted: Estimate, effect: str) -> np.ndarray:
     part = space.slice_of(effect)
     distance = (fitted.theta - space.nulls)[part] / space.sd[part]
     return np.where([prior.logarithmic for prior in space.priors[part]], 0.0, distance)
-
-
-def _widened(model: Model, effect: str, factor: float) -> Model:
-    effects = tuple(
-        replace(e, prior_scale=factor * e.prior_scale) if e.name == effect else e
-        for e in model.effects
-    )
-    return Model(model.campaign, effects, model.structure.drive, model.noise)
-
-
-def _power_of_two(distance: float) -> float:
-    """The next one: sizes that differ by noise get one prior."""
-    return float(2.0 ** np.ceil(np.log2(distance)))
 
 
 @dataclass(frozen=True)
@@ -152,7 +138,7 @@ class Candidate:
     log_bayes_factor: float
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class AlternativeEffect:
     """An effect that explains the data about as well as the one added in its place.
 
@@ -163,7 +149,8 @@ class AlternativeEffect:
     log_bayes_factor : float
         Log evidence of its row of the table, less that of the row of the effects named.
     correlation : float
-        Canonical correlation with the effect added: 1 if the data cannot tell them apart.
+        Canonical correlation with the effect added: 1 if the data cannot tell them apart; NaN of
+        what has no fixed shape.
     """
 
     effect: str

@@ -209,8 +209,9 @@ class ScoreTests:
                 else self.p_value(k, self.score(k, gradients))
             )
             smallest = np.minimum(smallest, p)
-        smallest = np.sort(smallest)
-        alarms = np.linspace(0.0, 1.0, draws) + further * smallest
+        # From zero on: of candidates that the campaign cannot see every p-value is one.
+        smallest = np.append(0.0, np.sort(smallest))
+        alarms = np.append(0.0, np.linspace(0.0, 1.0, draws)) + further * smallest
         return float(np.interp(false_alarms, alarms, smallest))
 
 

@@ -17,10 +17,7 @@ import numpy as np
 
 from bayes_inertia.campaign.block_means import without_surplus_rows
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.diagnosis.candidates import (
-    CandidateEffects,
-    candidate_effects,
-)
+from bayes_inertia.diagnosis.candidates import CandidateEffects, candidate_effects
 from bayes_inertia.diagnosis.clean_start import (
     CleanStart,
     at_measured_level,
@@ -29,12 +26,13 @@ from bayes_inertia.diagnosis.clean_start import (
 )
 from bayes_inertia.diagnosis.formulas import search_formulas
 from bayes_inertia.diagnosis.hypothesis_table import Names
-from bayes_inertia.diagnosis.limits import LIMITS, Rules
-from bayes_inertia.diagnosis.linear_system import candidate_of, parameters_of
+from bayes_inertia.diagnosis.limits import LIMITS, Rules, rules_of
+from bayes_inertia.diagnosis.linear_system import candidate_of, mixed, parameters_of
 from bayes_inertia.diagnosis.random_signals import (
     STOCHASTIC_CANDIDATES,
     StochasticCandidate,
     as_candidates,
+    candidate_kinds,
     p_values_decide,
     with_p_values,
 )
@@ -74,6 +72,7 @@ from bayes_inertia.diagnosis.table_search import (
 )
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.laplace import Estimate, model_of
+from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.optimizer import move_to
 from bayes_inertia.inference.settings import NOTHING, OPEN_VERDICTS
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
@@ -291,11 +290,9 @@ def other_rows(table: Table, named: Names) -> tuple[AlternativeParameters, ...]:
 def _together(rows: Sequence[AlternativeParameters]) -> AlternativeParameters:
     """Several rows as one."""
     weights = np.array([row.probability for row in rows])
-    total, weights = float(weights.sum()), weights / weights.sum()
-    means = np.array([row.mean for row in rows])
-    mean = weights @ means
-    spread = np.einsum("k,ki,kj->ij", weights, means - mean, means - mean)
-    within = np.einsum("k,kij->ij", weights, np.array([row.covariance for row in rows]))
+    means, covariances = (np.array([getattr(r, x) for r in rows]) for x in ("mean", "covariance"))
+    total = float(weights.sum())
+    mean, spread, within = mixed(weights / weights.sum(), means, covariances)
     return replace(
         rows[0], effect="others", probability=total, mean=mean, covariance=within + spread
     )
@@ -349,7 +346,7 @@ def diagnose(
     EstimateError
         If the base model cannot be fitted.
     EffectError
-        If two candidates have one name.
+        If two candidates have one name, or one is no effect.
 
     Examples
     --------
@@ -365,16 +362,16 @@ def diagnose(
         campaign, drive = model.campaign, drive or model.structure.drive
     if not as_stated:
         campaign = without_surplus_rows(campaign)
-    own = [e for e in library if isinstance(e, StochasticEffect)]
-    stochastic = tuple({e.name: e for e in (*stochastic, *own)}.values())
-    library = [e for e in library if e not in own]
-    rules, effects = rules or Rules(), candidate_effects(campaign, library)
+    library, stochastic = candidate_kinds(library, stochastic)
+    rules, effects = rules_of(rules), candidate_effects(campaign, library)
     model = Model(campaign, effects.linear, drive)
     say("fitting J and K, measuring the noise", 0, 0)
     begin = clean_start(model, seed=seed, as_stated=as_stated, stochastic=stochastic)
     search = Search(effects, stochastic, rules, seed, say)
     diagnosis = _diagnosed(begin, search)
-    if diagnosis.verdict != "unknown" or diagnosis.treatment.colour is None:
+    # Rounding that repeats readings is no guess.
+    guessed = diagnosis.treatment.colour and "rate" not in diagnosis.treatment.rounded
+    if diagnosis.verdict != "unknown" or not guessed:
         return diagnosis
     # What no effect explains beside correlated noise may be what looks like such noise.
     say("fitting J and K again, with white noise", 0, 0)
@@ -435,7 +432,7 @@ def with_formulas(weighed: Weighed, search: Search) -> tuple[Weighed, FormulaSea
             break
         search.say("weighing formulas", 0, 0)
         known = _columns_of_effects(now.table, found)
-        searches = [search_formulas(response, known) for response in _responses(now)]
+        searches = [search_formulas(*at, known) for at in _responses(now)]
         clearest = max(searches, key=lambda s: s.log_evidence)
         if clearest.log_evidence < -np.log(search.rules.false_alarm_probability):
             break
@@ -481,12 +478,13 @@ def _contested(weighed: Weighed, search: FormulaSearch, rules: Rules) -> bool:
     return search.terms[0].log_weight + single > named - rules.log_evidence_margin
 
 
-def _responses(weighed: Weighed) -> list[TorqueResponse]:
+def _responses(weighed: Weighed) -> list[tuple[TorqueResponse, LinearisedFit]]:
     """Fits at which formulas are looked for: without effects, and with what is named in part."""
-    fits = [weighed.table.refitted[frozenset()].response]
-    fixed = not any(isinstance(e, StochasticEffect) for e in weighed.final.model.effects)
+    first, final = weighed.table.refitted[frozenset()], weighed.final
+    fits = [(first.response, first.linear.fit)]
+    fixed = not any(isinstance(e, StochasticEffect) for e in final.model.effects)
     part = fixed and weighed.reading.named and weighed.reading.verdict in OPEN_VERDICTS
-    return [*fits, torque_response(weighed.final)] if part else fits
+    return [*fits, (torque_response(final), final.linearised())] if part else fits
 
 
 def _columns_of_effects(table: Table, formulas: Collection[str]) -> list[np.ndarray]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -178,16 +178,18 @@ def _weighed(
     names: Names, estimate: Estimate, base: Estimate, search: Search, near: RefittedRow | None
 ) -> RefittedRow:
     """All sets weighed around a fit; as at the nearest fit where that foretold this one."""
-    costs, held = search.effects.log_costs, sorted(names)
+    costs, held, linear = search.effects.log_costs, sorted(names), None
+    at = estimate.linearised()
     if near is not None:
-        linear = linear_model(estimate, held, base.objective, log_costs=costs)
+        linear = linear_model(estimate, held, base.objective, None, costs, at)
         members = [m for m in linear.members if m.name in names]
         own = log_evidence_of(nothing(linear.system), members) + linear.offset
         if abs(own - near.log_evidence.get(names, np.inf)) < LIMITS.linear:
             return replace(near, names=names, estimate=estimate)
     response = torque_response(estimate)
-    mode = flexible_mode_candidate(estimate, search.effects, response)
-    linear = linear_model(estimate, held, base.objective, mode, costs)
+    mode = flexible_mode_candidate(at, search.effects, response)
+    if linear is None or mode is not None:
+        linear = linear_model(estimate, held, base.objective, mode, costs, at)
     random = random_members(linear, response, search.stochastic, driven=not costs)
     largest = min(max(3, len(names) + 1), search.rules.max_effects)
     values = evidence_of_sets(linear.system, linear.members, random, largest, names)
@@ -394,9 +396,9 @@ def _ambiguous_sets(
     """What stands in other rows in place of the effects named; nothing, if nothing does."""
     row, sets = frozenset(named), dict[str, list[str]]()
     least = table.rows[row] * np.exp(-rules.log_evidence_margin)
-    for other, probability in _answers(table):
+    for other, *others in _answers(table):
         lost, gained = [name for name in named if name not in other], sorted(other - row)
-        if probability <= least:
+        if sum(table.rows[each] for each in (other, *others)) <= least:
             continue
         for name in lost[:1] if gained else lost:
             places = sets.setdefault(name, [])
@@ -406,13 +408,11 @@ def _ambiguous_sets(
     return tuple((name, *order[name]) for name in named if name in sets)
 
 
-def _answers(table: Table) -> list[tuple[Names, float]]:
-    """Rows and their probabilities; those that differ in the shape without a name are one."""
-    joined: dict[tuple[Names, bool], tuple[Names, float]] = {}
-    for row, probability in table.rows.items():
-        key = row - SHAPELESS, bool(row & SHAPELESS)
-        first, before = joined.get(key, (row, 0.0))
-        joined[key] = first, before + probability
+def _answers(table: Table) -> list[list[Names]]:
+    """Rows, most probable first; those that differ in the shape without a name are one answer."""
+    joined: dict[tuple[Names, bool], list[Names]] = {}
+    for row in table.rows:
+        joined.setdefault((row - SHAPELESS, bool(row & SHAPELESS)), []).append(row)
     return list(joined.values())
 
 
@@ -436,12 +436,7 @@ def hypotheses_of(table: Table) -> tuple[Hypothesis, ...]:
 
     Shapes without a name are one hypothesis, beside each set of names.
     """
-    groups: dict[tuple[str, Names], list[Names]] = {}
-    for row in table.rows:
-        names = row - SHAPELESS
-        kind = "nameless" if row & SHAPELESS else "effects" if names else "nothing"
-        groups.setdefault((kind, names), []).append(row)
-    rows = [_together(table, kind, names, members) for (kind, names), members in groups.items()]
+    rows = [_together(table, members) for members in _answers(table)]
     rows.sort(key=lambda row: -row.probability)
     kept = [row for row in rows if row.kind == "nothing" or not row.effects]
     kept += [row for row in rows if row not in kept][: LIMITS.listed]
@@ -454,10 +449,12 @@ def hypotheses_of(table: Table) -> tuple[Hypothesis, ...]:
     return tuple(sorted(kept, key=lambda row: -row.probability))
 
 
-def _together(table: Table, kind: str, names: Names, members: list[Names]) -> Hypothesis:
+def _together(table: Table, members: list[Names]) -> Hypothesis:
     """Rows that differ in the shape without a name alone, as one."""
+    names = members[0] - SHAPELESS
+    kind: Any = "nameless" if members[0] & SHAPELESS else "effects" if names else "nothing"
     prior = float(logsumexp([table.log_prior[row] for row in members]))
     joint = logsumexp([table.log_prior[row] + table.log_evidence[row] for row in members])
     probability = sum(table.rows[row] for row in members)
     effects = tuple(sorted(names, key=lambda name: -_single(table, name)))
-    return Hypothesis(kind, effects, prior, float(joint) - prior, float(probability))  # type: ignore[arg-type]
+    return Hypothesis(kind, effects, prior, float(joint) - prior, float(probability))

@@ -26,6 +26,7 @@ from bayes_inertia.maths.device_arrays import repeated
 from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.channels.channel import Channel, SensorAtFit
+from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.packing import Data
 from bayes_inertia.physics.prediction import Structure, acting_in, inertia_in, start_of
 from bayes_inertia.physics.simulator import simulate_slew
@@ -52,8 +53,8 @@ class TorqueResponse:
         Of the fit, relative to the body [N m s].
     transition : (slews, n, 6, 6) array
         Change of attitude [rad, body axes] and rate [rad/s] per change of the start state.
-    inverse_inertia : (3, 3) array
-        From body momentum to body rate [1/(kg m^2)].
+    inverse_inertia : (slews, 3, 3) array
+        From body momentum to body rate [1/(kg m^2)], of each slew.
     """
 
     estimate: Estimate
@@ -70,13 +71,16 @@ class TorqueResponse:
         `torque_B` (slews, n, 3, k) [N m]. Returns (slews, numbers, k).
         """
         kick = np.zeros((*torque_B.shape[:2], 6, torque_B.shape[-1]))
-        kick[:, :, 3:] = np.einsum("ij,snjk->snik", self.inverse_inertia, torque_B)
+        kick[:, :, 3:] = np.einsum("sij,snjk->snik", self.inverse_inertia, torque_B)
         rate_of_change = np.linalg.solve(self.transition, kick)
         step = np.diff(self.time, axis=1)[..., None, None]
         middle = 0.5 * (rate_of_change[:, 1:] + rate_of_change[:, :-1]) * step
         carried = np.concatenate([np.zeros_like(kick[:, :1]), np.cumsum(middle, axis=1)], axis=1)
         moved = self.transition @ carried
-        return self._whitened(moved[:, :, :3], moved[:, :, 3:])
+        turn, rate_B = moved[:, :, :3], moved[:, :, 3:]
+        return -self._of_channels(
+            lambda channel, fit, rows: channel.whitened_motion(fit, turn[rows], rate_B[rows])
+        )
 
     def reading_change(self, channel: str, error: np.ndarray) -> np.ndarray:
         """Compute the size of the change of the whitened residuals by errors of one sensor.
@@ -91,12 +95,6 @@ class TorqueResponse:
             return np.zeros((*fit.factors.shape[:3], error.shape[-1]))
 
         return self._of_channels(change)
-
-    def _whitened(self, turn: np.ndarray, rate_B: np.ndarray) -> np.ndarray:
-        """Changes of attitude and rate (slews, n, 3, k) as changes of the whitened residuals."""
-        return -self._of_channels(
-            lambda channel, fit, rows: channel.whitened_motion(fit, turn[rows], rate_B[rows])
-        )
 
     def _of_channels(
         self, change: Callable[[Channel, SensorAtFit, tuple[np.ndarray, ...]], np.ndarray]
@@ -126,15 +124,28 @@ def torque_response(estimate: Estimate) -> TorqueResponse:
         model.structure, estimate.theta, estimate.point.local, model.data
     )
     transition = np.concatenate([turn, change], axis=-2)
-    J = inertia_tensor.tensor(jnp.asarray(estimate.theta[:6]))
-    axes = jnp.asarray(model.campaign.wheel_axes_B)
-    spin = jnp.asarray(model.campaign.spin_inertias)
-    if model.structure.includes_wheel_spin:
-        J = inertia_tensor.without_wheel_spin(J, axes, spin)
-    if model.structure.drive == "measured":
-        J = inertia_tensor.with_wheel_spin(J, axes, spin)
-    inverse = np.linalg.inv(np.array(J))
+    inverse = _inverse_inertia(model, estimate.theta)
     return TorqueResponse(estimate, time, attitude, rate_B, momentum, transition, inverse)
+
+
+def _inverse_inertia(model: Model, theta: np.ndarray) -> np.ndarray:
+    """J^-1 (slews, 3, 3) by which torques turn the body, after the changes of J that are fitted."""
+    structure, contexts, tensors = model.structure, model.data.contexts, []
+    # An appendage takes part in what is slow.
+    changes = [
+        (effect, p)
+        for effect, p in structure.active_effects(jnp.asarray(theta))
+        if effect.acts("inertia") and not effect.acts("initial_state")
+    ]
+    for k in range(model.n_slews):
+        slew = jax.tree.map(lambda rows, k=k: rows[k], contexts)
+        J = inertia_in(structure, jnp.asarray(theta), slew)
+        for effect, p in changes:
+            J = effect.inertia(p, slew, J)
+        if structure.drive == "measured":
+            J = inertia_tensor.with_wheel_spin(J, slew.wheel_axes_B, slew.spin_inertia)
+        tensors.append(J)
+    return np.linalg.inv(np.array(tensors))
 
 
 def tangents(

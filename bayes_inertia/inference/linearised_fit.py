@@ -11,6 +11,7 @@ serve where columns are projected off the fit; they are evaluated when first ask
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -85,6 +86,16 @@ class LinearisedFit:
     def free(self) -> np.ndarray:
         """Indices (f,) of the parameters that were fitted."""
         return self.information.free
+
+    def without(self, parameters: np.ndarray) -> LinearisedFit:
+        """The same rows where some parameters are not projected off; the object, if none are."""
+        others = self.free[~np.isin(self.free, parameters)]
+        if len(others) == len(self.free):
+            return self
+        fit = replace(self, information=self.information._replace(free=others))
+        # They are worked out once for both.
+        fit.__dict__["rows"] = self.rows
+        return fit
 
     @property
     def n_shared(self) -> int:

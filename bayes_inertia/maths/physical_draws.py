@@ -11,6 +11,7 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import padded_size, repeated
 from bayes_inertia.maths.jax_settings import require_usable_jax
+from bayes_inertia.maths.values import AnyArray
 
 _is_physical = jax.jit(inertia_tensor.is_physical)
 
@@ -40,6 +41,7 @@ def draw_physical(
     n: int,
     *,
     wheel_spin: np.ndarray | None = None,
+    ends: tuple[AnyArray, AnyArray] = (-np.inf, np.inf),
     rounds: int = 10_000,
     where: str = "key inertia",
     advice: str = "reduce relative_sigma or product_sigma",
@@ -52,8 +54,8 @@ def draw_physical(
     `draw`: takes a number n and returns n independent draws, an (n, d) array with d >= 6; the first
     six columns are the elements of J in the order of `inertia_tensor.ELEMENTS` [kg m^2].
     `wheel_spin` (6,): elements of the wheels' spin tensor [kg m^2], where the draws hold J_locked:
-    taken off before J is judged. None where they hold J. `rounds`: after so many rounds hardly any
-    draw can be physical. Returns (n, d).
+    taken off before J is judged. None where they hold J. `ends`: lower and upper ones of a prior's
+    support (d,). `rounds`: after so many rounds hardly any draw can be physical. Returns (n, d).
 
     Examples
     --------
@@ -67,7 +69,8 @@ def draw_physical(
         return rows
     taken_off = 0.0 if wheel_spin is None else wheel_spin
     for _ in range(rounds):
-        bad = ~are_physical(rows[:, :6] - taken_off)
+        outside = (rows < ends[0]) | (rows > ends[1])
+        bad = ~are_physical(rows[:, :6] - taken_off) | outside.any(axis=1)
         if not bad.any():
             return rows
         rows[bad] = draw(int(bad.sum()))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from time import process_time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from bayes_inertia.diagnosis.clean_start import (
 from bayes_inertia.diagnosis.limits import Rules
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.inference import optimizer
+from bayes_inertia.inference.noise_colour import Colour
 from bayes_inertia.inference.treatment import DirtTreatment
 from bayes_inertia.physics.effects import (
     LIBRARY,
@@ -28,6 +31,7 @@ from bayes_inertia.physics.effects import (
     WheelCommandLag,
 )
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.small_campaign import small_campaign
 
 RIGID = tuple(e for e in LIBRARY if e.name != "flexible_mode")
 # What is added first where the bias wanders, and gives way again.
@@ -186,3 +190,17 @@ def test_a_strong_process_of_the_bias_is_named_alone(clean):
     # Its sd is known to a few percent; that the fit is not of another size.
     first = diagnosis.final.model.space.slice_of(name).start
     assert diagnosis.final.theta[first] == pytest.approx(size, rel=0.3)
+
+
+def test_coarse_rounding_is_no_guess_that_a_second_diagnosis_drops(monkeypatch):
+    """It was made twice, with one answer."""
+    module, made = sys.modules[diagnose.__module__], []
+    monkeypatch.setattr(module, "clean_start", lambda *args, **more: None)
+    for rounded, times in ((("rate",), 1), ((), 2)):
+        colour = Colour((), 0.1)
+        treatment = DirtTreatment(rounded=rounded, colour=colour)
+        answer = SimpleNamespace(verdict="unknown", treatment=treatment)
+        monkeypatch.setattr(module, "_diagnosed", lambda *args, a=answer: made.append(a) or a)
+        made.clear()
+        diagnose(small_campaign())
+        assert len(made) == times

@@ -7,6 +7,8 @@ import pytest
 from scipy.special import logsumexp
 
 from bayes_inertia.app.diagnosis_json import next_fit_from
+from bayes_inertia.campaign.actuators import Change
+from bayes_inertia.campaign.hardware import RateSensor
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.diagnosis.formulas import blocks, projected, search_formulas, weighed
 from bayes_inertia.diagnosis.linear_system import linear_model
@@ -52,7 +54,7 @@ def fit():
 
 @pytest.fixture(scope="module")
 def search(fit):
-    return search_formulas(torque_response(fit))
+    return search_formulas(torque_response(fit), fit.linearised())
 
 
 @pytest.mark.slow
@@ -83,7 +85,10 @@ def test_a_law_that_an_effect_can_make_is_no_formula(fit, search):
     effects = WheelFriction(), ViscousTorque()
     linear = linear_model(move_to(fit, Model(fit.model.campaign, effects)))
     columns = [linear.columns[..., member.columns] for member in linear.members]
-    left = {t.formula.name for t in search_formulas(torque_response(fit), columns).terms}
+    left = {
+        t.formula.name
+        for t in search_formulas(torque_response(fit), fit.linearised(), columns).terms
+    }
     same = {
         f"formula_{law}_{form}"
         for law in ("wheel_torque_wheel_signs", "body_torque_rate")
@@ -161,3 +166,31 @@ def test_a_law_outside_the_library_is_named_by_its_formula(
     assert headline(content) == (
         "Something is missing that no effect of the library is. Its formula: body torque = c |ω|²."
     )
+
+
+@pytest.mark.slow
+def test_columns_are_those_of_the_gyro_at_hand_and_of_J_after_its_changes(fit):
+    """Four skewed axes, and a panel that opens before the second slew."""
+    slews, axes = fit.model.campaign.slews, np.vstack([np.eye(3), np.full(3, 3.0**-0.5)])
+    campaign = replace(
+        fit.model.campaign,
+        rate_sensor=RateSensor((2e-5,) * 4, axes=axes, bias_sigma=(2e-6,) * 4),
+        slews=tuple(replace(slew, rate=slew.rate @ axes.T) for slew in slews),
+        changes=(Change("panel", slews[1].start, 0.3),),
+    )
+    plain = estimate(Model(campaign), starts=1)
+    theta = plain.theta.copy()
+    theta[plain.model.space.slice_of("panel")] = [1.5, 0.3, 1.2, 0.1, 0.0, -0.1]
+    opened = replace(plain, point=replace(plain.point, theta=theta))
+    found = {block.formula.name: block for block in blocks(torque_response(opened))}
+    formulas = tuple(found[f.name].formula for f in (FORMULAS[0], FORMULAS[3]))
+    assert {formula.place for formula in formulas} == {"body_torque", "rate_error"}
+    held = move_to(opened, Model(campaign, formulas))
+    sensitivities, space = held.linearised().parameters, held.model.space
+    for formula in formulas:
+        part = space.slice_of(formula.name)
+        exact = sensitivities[..., part] * space.sd[part]
+        columns = found[formula.name].columns
+        for s in range(len(slews)):
+            gap = np.linalg.norm(columns[s] - exact[s])
+            assert gap < 0.02 * np.linalg.norm(exact[s]), (formula.name, s)

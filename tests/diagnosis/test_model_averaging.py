@@ -1,18 +1,23 @@
 """J and K where it is not known which effect is the true one."""
 
+import json
 import math
+import pickle
 
 import numpy as np
 import pytest
+import xarray as xr
 from support.refits import fitted_with
 
 from bayes_inertia.app.diagnosis_json import next_fit_from
 from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.diagnosis.quoted_parameters import averaged_posterior
-from bayes_inertia.diagnosis.result import AlternativeParameters
+from bayes_inertia.diagnosis.residuals import BinnedResiduals, Disagreement
+from bayes_inertia.diagnosis.result import AlternativeEffect, AlternativeParameters
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.settings import Settings
 from bayes_inertia.physics.effects import ConstantTorque
+from bayes_inertia.physics.parameters import BASE_NAMES
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 from bayes_inertia.report.fit_sections import standard_sections
 from bayes_inertia.report.verdict import diagnosis_verdict
@@ -139,3 +144,35 @@ def test_probabilities_that_add_up_to_more_than_one_by_rounding_are_averaged(pla
     assert sum(row.probability for row in rows) > 1.0
     over = averaged_posterior(plain, rows, seed=1).summary()["averaged_over"]
     assert min(row["probability"] for row in over) >= 0.0
+
+
+def test_alternatives_keep_to_the_ends_of_the_prior_and_impossible_ones_have_no_draws():
+    names, draws = BASE_NAMES, np.tile([3.0, 2.5, 2.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0], (2, 4000, 1))
+    variables = {name: (("chain", "draw"), draws[..., i]) for i, name in enumerate(names)}
+    moments = {"principal_moment": (("chain", "draw", "axis"), draws[..., :3])}
+    groups = {"posterior": xr.Dataset(variables), "derived": xr.Dataset(moments)}
+    tree = xr.DataTree.from_dict(groups)
+    tree.attrs["bayes_inertia"] = json.dumps({"effects": ["a"]})
+    rows = [
+        AlternativeParameters(name, "a", 0.3, names, mean, 1e-4 * np.eye(9))
+        for name, mean in (("b", draws[0, 0]), ("c", [9.0, 2.0, 2.0, 0, 0, 0, 1, 1, 1]))
+    ]
+    ends = np.full(9, -np.inf), np.append(np.full(8, np.inf), 1.0)
+    averaged = averaged_posterior(Posterior(tree), rows, 1, ends).tree["averaged"]
+    K3 = averaged["K3"].values
+    assert K3.max() == 1.0
+    # Half of a Gaussian has the sd 0.6 of the whole.
+    assert K3[K3 < 1.0].std() == pytest.approx(0.6e-2, rel=0.1)
+    assert np.mean(K3 < 1.0) == pytest.approx(0.3, abs=4.0 * math.sqrt(0.21 / K3.size))
+    assert averaged["Jxx"].values.max() < 4.0
+
+
+def test_a_copy_of_what_has_no_correlation_is_equal():
+    alternative = AlternativeEffect("nothing", 1.0, math.nan)
+    copy = pickle.loads(pickle.dumps(alternative))
+    assert copy == alternative
+    assert hash(copy) == hash(alternative)
+    binned = BinnedResiduals(("x",), np.zeros((1, 2)), np.full((1, 1, 1), math.nan))
+    where = Disagreement((), 1.0, {"rate": binned}, ("slew 1",))
+    copy = pickle.loads(pickle.dumps(where))
+    assert (copy, hash(copy)) == (where, hash(where))

@@ -6,11 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayes_inertia.app.diagnosed_fit import Investigation, fitted_effects, next_fit
+from bayes_inertia.app.diagnosed_fit import Investigation, next_fit
 from bayes_inertia.app.diagnosis_json import next_fit_from
 from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.diagnosis.quoted_parameters import (
     FREE_SHAPES,
+    fitted_effects,
     free_shapes,
     quoted_parameters,
     remainder_alternatives,

@@ -2,9 +2,10 @@
 
 import math
 
+import numpy as np
 import pytest
 
-from bayes_inertia.diagnosis.limits import Rules
+from bayes_inertia.diagnosis.limits import Rules, rules_of
 from bayes_inertia.errors import SettingsError
 
 
@@ -29,6 +30,15 @@ from bayes_inertia.errors import SettingsError
 def test_a_threshold_outside_its_range_is_an_error_that_names_it(name, value):
     with pytest.raises(SettingsError, match=name):
         Rules(**{name: value})
+
+
+def test_numbers_of_numpy_are_numbers_and_a_dictionary_is_no_rules():
+    assert Rules(max_effects=np.int64(2), misfit_p_value=np.float32(0.5)) == Rules(
+        max_effects=2, misfit_p_value=0.5
+    )
+    assert rules_of(None) == Rules()
+    with pytest.raises(SettingsError, match="a dict is no Rules"):
+        rules_of({"max_effects": 2})
 
 
 def test_the_edges_of_the_ranges_are_inside():

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayes_inertia.app.diagnosed_fit import fitted_effects
 from bayes_inertia.app.diagnosis_json import next_fit_from
 from bayes_inertia.diagnosis.limits import Rules
+from bayes_inertia.diagnosis.quoted_parameters import fitted_effects
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
 from bayes_inertia.inference.treatment import with_measured_noise

@@ -5,9 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_inertia.diagnosis.free_signal import cardinal_splines, infer_signal, signal_basis
 from bayes_inertia.diagnosis.torque_response import torque_response
-from bayes_inertia.diagnosis.unexplained import describe, unexplained_signal
+from bayes_inertia.diagnosis.unexplained import (
+    cardinal_splines,
+    describe,
+    infer_signal,
+    signal_basis,
+    unexplained_signal,
+)
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.forward_model import Model
 
@@ -43,6 +48,17 @@ def test_ringing_about_an_axis(planted):
     truth = -amplitude * np.sin(2.0 * np.pi * 0.3 * found.torque.time)
     inside = np.abs(found.torque.mean[..., 1] - truth) < 2.5 * found.torque.sd[..., 1]
     assert inside.mean() > 0.9
+
+
+@pytest.mark.slow
+def test_ringing_is_rather_a_torque_than_an_error_of_the_rates(planted):
+    at = fitted(planted(seed=1, pump=3e-4))
+    fit, response = at.linearised(), torque_response(at)
+    torque, error = (
+        infer_signal(fit, signal_basis(fit, response, source)).log_evidence
+        for source in ("body torque", "rate sensor")
+    )
+    assert torque > error > 100.0
 
 
 @pytest.mark.slow

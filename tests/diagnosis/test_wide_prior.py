@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_inertia.app.diagnosed_fit import fitted_effects
 from bayes_inertia.app.diagnosis_json import next_fit_from
 from bayes_inertia.diagnosis.hypothesis_table import log_evidence_of_columns
+from bayes_inertia.diagnosis.quoted_parameters import fitted_effects
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.physics.effects import RateSensorMisalignment, WheelCommandLag
 from bayes_inertia.physics.forward_model import Model
