@@ -322,27 +322,20 @@ def candidate_effects(campaign: Campaign, library: Sequence[Effect]) -> Candidat
     """
     library = candidates_in(campaign, library)
     _check_names(library)
-    missing = {
-        effect.name: [
-            column
-            for column in effect.needs
-            if any(_is_empty(getattr(slew, column)) for slew in campaign.slews)
-        ]
-        for effect in library
-    }
-    skipped = tuple(
-        (name, f"needs {', '.join(columns)} in every slew")
-        for name, columns in missing.items()
-        if columns
-    )
-    lacking = {effect.name: part for effect in library if (part := lacks(effect, campaign))}
-    skipped += tuple((name, f"needs {part}") for name, part in lacking.items())
-    usable = [e for e in library if not missing[e.name] and e.name not in lacking]
+    wanted = {effect.name: _wanted(effect, campaign) for effect in library}
+    usable = [effect for effect in library if not wanted[effect.name]]
     return CandidateEffects(
         tuple(effect for effect in usable if not isinstance(effect, FlexibleMode)),
         next((effect for effect in usable if isinstance(effect, FlexibleMode)), None),
-        skipped,
+        tuple((name, f"needs {what}") for name, what in wanted.items() if what),
     )
+
+
+def _wanted(effect: Effect, campaign: Campaign) -> str:
+    """What an effect needs and a campaign does not have; empty if it can act."""
+    slews = campaign.slews
+    empty = [c for c in effect.needs if any(_is_empty(getattr(slew, c)) for slew in slews)]
+    return f"{', '.join(empty)} in every slew" if empty else lacks(effect, campaign)
 
 
 def _check_names(library: Sequence[Effect]) -> None:

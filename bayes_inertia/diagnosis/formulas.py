@@ -194,7 +194,7 @@ def _columns(response: TorqueResponse, place: str, values: np.ndarray, rows: int
     hook = PLACES[place].hook
     if hook == "rate_output" and response.estimate.model.n_base != N_BASE:
         # As `Formula` has it: along each of other than three axes the error of the body's.
-        unit = response.estimate.model.campaign.rate_sensor.axes @ unit
+        unit = response.estimate.model.campaign.gyro.axes @ unit
     return changes_of(response, {_RESPONSE_HOOK.get(hook, hook): unit}, unit.shape[-1])
 
 

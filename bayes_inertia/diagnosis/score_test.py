@@ -177,10 +177,6 @@ class ScoreTests:
         both = np.concatenate([self.indices[j], self.indices[k]])
         return canonical_correlation(self.matrix[np.ix_(both, both)], len(self.indices[j]))
 
-    def correlation_between(self, first: str, second: str) -> float:
-        """Compute the canonical correlation of two candidates given by their names."""
-        return self.canonical_correlation(self.names.index(first), self.names.index(second))
-
     def threshold(
         self,
         false_alarms: float,
@@ -197,7 +193,8 @@ class ScoreTests:
         present. `further`: tests beside these whose p-values are bounds: each is counted with its
         full share.
         """
-        root = _root(self.matrix)
+        values, vectors = np.linalg.eigh(self.matrix)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
         gradients = rng.standard_normal((draws, root.shape[1])) @ root.T
         smallest = np.ones(draws)
         for k in range(len(self.names)):
@@ -213,11 +210,6 @@ class ScoreTests:
         smallest = np.append(0.0, np.sort(smallest))
         alarms = np.append(0.0, np.linspace(0.0, 1.0, draws)) + further * smallest
         return float(np.interp(false_alarms, alarms, smallest))
-
-
-def _root(matrix: np.ndarray) -> np.ndarray:
-    values, vectors = np.linalg.eigh(matrix)
-    return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
 def score_tests(linear: LinearModel, mode: FlexibleModeCandidate | None = None) -> ScoreTests:

@@ -118,8 +118,9 @@ class Weighed:
 def weigh_campaign(begin: CleanStart, search: Search) -> Weighed:
     """Weigh everything that may be missing, until noise and table agree."""
     rng, effects = np.random.default_rng([search.seed, 3]), search.effects
+    count = len(effects.linear) + (effects.flexible_mode is not None) + len(search.stochastic)
     for rounds_left in reversed(range(LIMITS.rounds_of_noise)):
-        search.say(f"weighing {_count(search)} effects and their sets", 0, 0)
+        search.say(f"weighing {count} effects and their sets", 0, 0)
         table = table_of(begin.base, search)
         candidates, threshold = _scored(table, search.rules, rng, effects.log_costs)
         # What was searched for as a formula was significant before.
@@ -153,12 +154,15 @@ def _alternatives(table: Table, reading: Reading, added: str) -> tuple[Alternati
     """What could be there instead of an effect named."""
     own = next((names for names in reading.ambiguous_with if names[0] == added), ())
     tests = _tests(table)
+    place = {name: k for k, name in enumerate(tests.names)}
     found = []
     for other in own[1:]:
-        rows = [row for row in table.rows if added not in row and _stands(other, row, reading)]
+        # Rows with it, or with nothing, in place of the effect named.
+        without = [row for row in table.rows if added not in row]
+        rows = [r for r in without if (r < reading.row if other == NOTHING else other in r)]
         lead = table.log_evidence[rows[0]] - table.log_evidence[reading.row] if rows else -np.inf
-        known = added in tests.names and other in tests.names
-        correlation = tests.correlation_between(added, other) if known else np.nan
+        both = [place[name] for name in (added, other) if name in place]
+        correlation = tests.canonical_correlation(*both) if len(both) == 2 else np.nan
         found.append(AlternativeEffect(other, float(lead), float(correlation)))
     return tuple(found)
 
@@ -167,16 +171,6 @@ def _tests(table: Table) -> ScoreTests:
     """Score tests of all candidates at the fit without effects."""
     first = table.refitted[frozenset()]
     return score_tests(first.linear, first.mode)
-
-
-def _stands(other: str, row: Names, reading: Reading) -> bool:
-    """Whether a row has something, or nothing, in place of an effect named."""
-    return row < reading.row if other == NOTHING else other in row
-
-
-def _count(search: Search) -> int:
-    effects = search.effects
-    return len(effects.linear) + (effects.flexible_mode is not None) + len(search.stochastic)
 
 
 def _scored(
