@@ -128,10 +128,7 @@ def main(arguments: list[str] | None = None) -> None:
     words = sys.argv[1:] if arguments is None else arguments
     # The interpreter would look at every object once more before it ends, for most of a second.
     atexit.register(gc.freeze)
-    with (
-        usable_streams(),
-        ending_soon_on_signals(lambda: how_to_go_on(words)) as interruption,
-    ):
+    with usable_streams(), ending_soon_on_signals(lambda: how_to_go_on(words)) as interruption:
         try:
             code = _exit_code(words)
         except (typer.Abort, KeyboardInterrupt):

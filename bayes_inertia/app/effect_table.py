@@ -15,7 +15,7 @@ from bayes_inertia.physics.effects import LIBRARY
 from bayes_inertia.physics.named_effects import installed_effects
 from bayes_inertia.physics.parameters import LogNormal, Parameter, Prior
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
-from bayes_inertia.report.formatting import listed
+from bayes_inertia.report.formatting import brief, listed
 
 FORMAT = "bayes-inertia-effects/1"
 
@@ -45,7 +45,8 @@ def effect_lines(row: Mapping[str, Any]) -> list[str]:
     for p in row["parameters"]:
         several = f" ({len(p['components'])})" if p["components"] else ""
         unit = f" [{p['unit']}]" if p["unit"] else ""
-        lines.append(f"{p['name']}{several}{unit}: {_prior_text(p['prior'])}, off at {p['null']:g}")
+        off = brief(p["null"])
+        lines.append(f"{p['name']}{several}{unit}: {_prior_text(p['prior'])}, off at {off}")
     return lines
 
 
@@ -82,8 +83,8 @@ def _prior_row(prior: Prior) -> dict[str, Any]:
 
 def _prior_text(prior: Mapping[str, Any]) -> str:
     if prior["kind"] == "lognormal":
-        return f"{prior['median']:.3g}, known to a factor of {np.exp(prior['log_sd']):.2g}"
+        return f"{brief(prior['median'], 3)}, known to a factor of {brief(np.exp(prior['log_sd']))}"
     lower, upper = prior["lower"], prior["upper"]
-    limits = f", at least {lower:.3g}" if lower is not None else ""
-    limits += f", at most {upper:.3g}" if upper is not None else ""
-    return f"{prior['mean']:.3g} ± {prior['scale']:.2g}{limits}"
+    limits = f", at least {brief(lower, 3)}" if lower is not None else ""
+    limits += f", at most {brief(upper, 3)}" if upper is not None else ""
+    return f"{brief(prior['mean'], 3)} ± {brief(prior['scale'])}{limits}"

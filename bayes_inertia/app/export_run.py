@@ -10,20 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.app.layout import LAYOUT
+from bayes_inertia.app.result_folder import finished_posterior
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.design.correction_slew import UpdateForecast, correction_with_update
 from bayes_inertia.design.numerics import NUMERICS as DESIGN_NUMERICS
-from bayes_inertia.files import write_new_files
 from bayes_inertia.flight.spacecraft import spin_tensor, without_spin
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
-from bayes_inertia.physics.parameters import (
-    after_changes_of_J,
-    base_count,
-    changes_of_J,
-)
+from bayes_inertia.physics.parameters import after_changes_of_J, base_count, changes_of_J
 from bayes_inertia.progress import Progress, silent
 from bayes_inertia.report.criteria import (
     criteria_of,
@@ -36,7 +32,6 @@ from bayes_inertia.report.export.formats import (
     ExportedCorrection,
     ExportedParameter,
     ExportedResult,
-    ExportFormat,
 )
 from bayes_inertia.sealing import blaming, is_sealed
 
@@ -57,7 +52,7 @@ def exported_result(
     warning's reasons where the result is not trusted.
     """
     stored = run / "posterior.nc"
-    posterior = Posterior.load(stored)
+    posterior = finished_posterior(run)
     campaign = read_campaign(run / "campaign").without_locked_wheels()
     with blaming(stored, intact=is_sealed(stored, _DAMAGED), advice=_DAMAGED):
         summary = posterior.summary()
@@ -82,12 +77,6 @@ def exported_result(
         correction=correction,
         notes=_notes(summary),
     )
-
-
-def write_export(result: ExportedResult, form: ExportFormat, path: Path) -> Path:
-    """Write a result in one format."""
-    write_new_files(path.parent, {path.name: form.text(result).encode()}, holds="file")
-    return path
 
 
 def forecast_of(posterior: Posterior, campaign: Campaign) -> UpdateForecast | None:

@@ -9,13 +9,13 @@ from typing import Any
 
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.plan_folder import slew_rows
+from bayes_inertia.app.result_folder import finished_posterior
 from bayes_inertia.app.run_folder import campaign_of_run, read_run, run_summary
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.mission import Mission, other_slews
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_file import read_plan
-from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.physics.parameters import base_names
 from bayes_inertia.report.fit_sections import settings_rows
 from bayes_inertia.report.plan_promise import PlanPromise, plan_promise
@@ -24,24 +24,6 @@ from bayes_inertia.sealing import blaming, is_sealed, read_sealed_json, sha256_o
 from bayes_inertia.studies.plan_comparison import compare_plans
 
 _NEW_RUN = "start a new run in another folder"
-
-
-def finished_posterior(folder: Path) -> Posterior:
-    """The posterior of a finished run."""
-    stored = folder / "posterior.nc"
-    if not stored.is_file():
-        if (folder / "run.json").is_file():
-            raise CampaignError(
-                "the run is not finished: it has no posterior.nc",
-                where=str(folder),
-                advice=f"finish it with `bayes-inertia resume {folder}`",
-            )
-        raise CampaignError(
-            "no run here: there is neither run.json nor posterior.nc",
-            where=str(folder),
-            advice="give the folder that `fit -o` or `diagnose -o` wrote",
-        )
-    return Posterior.load(stored)
 
 
 def compare_two_runs(first: Path, second: Path) -> RunComparison:

@@ -22,7 +22,7 @@ from bayes_inertia.app.commands.options import DEMO_FOLDER
 from bayes_inertia.app.layout import LAYOUT
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
-_RUNS = ("fit", "diagnose", "resume", "demo")
+_RUNS = ("fit", "update", "diagnose", "resume", "demo")
 _SHOW_CURSOR = "\x1b[?25h"
 
 

@@ -25,8 +25,6 @@ class Layout:
     # `commands/observe.py`
     # parameters of which is said why they are not determined, the least known first
     weak_parameters_shown: int = 3
-    # Ratio of sds from which the worth of the recorded commands is said.
-    worth_of_commands: float = 1.2
 
     # `compiled_code.py`
     # [bytes] of one version: some thirty shapes. What was not used for longest goes first; JAX

@@ -7,21 +7,16 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from bayes_inertia.app import run_folder
 from bayes_inertia.app.fit_campaign import fit
-from bayes_inertia.app.result_folder import ResultFolder, write_json, write_page
+from bayes_inertia.app.result_folder import ResultFolder, write_json
 from bayes_inertia.app.told_torques import refuse_impossible
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
-from bayes_inertia.errors import (
-    BayesInertiaError,
-    CampaignError,
-    OutputError,
-    library_of_extra,
-)
+from bayes_inertia.errors import BayesInertiaError, CampaignError, OutputError, library_of_extra
 from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.likelihood_summary import (
     LikelihoodSummary,
@@ -36,7 +31,7 @@ from bayes_inertia.physics.parameters import base_names
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.progress import Progress, as_callback, silent, with_bar
 from bayes_inertia.report.criteria import ratios_told
-from bayes_inertia.report.section import Section
+from bayes_inertia.report.formatting import listed
 from bayes_inertia.report.series_sections import (
     fleet_answer,
     fleet_sections,
@@ -285,14 +280,12 @@ def run_history(
     `sources`: folders of runs, of fits of many, or of campaigns, which are fitted in `folder`/runs.
     Returns: the history; what must be known of its numbers, see `series_notes`.
     """
-    told = [
-        one
-        for k, source in enumerate(sources, 1)
-        for one in _told(
-            source, folder / "runs" / f"{k:02d}_{source.resolve().name}", seed, progress
-        )
-    ]
-    usable = _named_apart([summary for _, summary in told if summary is not None])
+    told = []
+    for k, source in enumerate(sources, 1):
+        run = folder / "runs" / f"{k:02d}_{source.resolve().name}"
+        told += _told(source, run, seed, progress)
+    _refuse_twice(told)
+    usable = _named_apart([one.summary for one in told if one.summary is not None])
     if len(usable) < 2:
         raise CampaignError(
             f"{len(usable)} of {len(told)} campaigns have a result that can be used",
@@ -301,12 +294,12 @@ def run_history(
         )
     progress("weighing how J and K may have changed", 0, 0)
     history = history_of(usable)
-    left_out = tuple(name for name, summary in told if summary is None)
+    left_out = tuple(one.campaign for one in told if one.summary is None)
     notes = series_notes(history, left_out)
     content = history_json(history) | {"left_out": left_out, "notes": notes}
-    names = HISTORY, HISTORY_FORMAT, "history"
+    owner = _owner(folder, HISTORY, HISTORY_FORMAT, "history", usable)
     sections = history_sections(history, notes)
-    _write(folder, names, usable, content, sections, "J and K over campaigns")
+    owner.write(json_ready(content), "J and K over campaigns", sections, *sources)
     return history, notes
 
 
@@ -320,9 +313,10 @@ def run_fleet(
     """
     crafts: dict[str, list[LikelihoodSummary]] = {}
     told_by = _of_many(fits)
-    for name, summary in told_by:
-        if summary is not None:
-            crafts.setdefault(name.split("/")[0], []).append(summary)
+    _refuse_twice(told_by)
+    for one in told_by:
+        if one.summary is not None:
+            crafts.setdefault(one.campaign.split("/")[0], []).append(one.summary)
     if len(crafts) < 2:
         raise CampaignError(
             f"holds {len(crafts)} spacecraft with a result that can be used",
@@ -333,45 +327,61 @@ def run_fleet(
     progress("sampling the spread of the fleet", 0, 0)
     fleet = fleet_of(summaries, FleetSettings(seed=seed))
     alone, alone_sd = means_and_sds(summaries)
-    left_out = tuple(name for name, summary in told_by if summary is None)
+    left_out = tuple(one.campaign for one in told_by if one.summary is None)
     notes = series_notes(fleet, left_out)
     content = fleet_json(fleet, alone_sd) | {"left_out": left_out, "notes": notes}
+    owner = _owner(folder, FLEET, FLEET_FORMAT, "fleet", summaries)
     sections = fleet_sections(fleet, alone, alone_sd, notes)
-    names = FLEET, FLEET_FORMAT, "fleet"
-    _write(folder, names, summaries, content, sections, f"Fleet of {len(crafts)} spacecraft")
+    owner.write(json_ready(content), f"Fleet of {len(crafts)} spacecraft", sections, fits)
     return fleet, alone_sd, notes
 
 
-def _write(
+def _owner(
     folder: Path,
-    names: tuple[tuple[str, str], str, str],
+    files: tuple[str, str],
+    form: str,
+    work: str,
     summaries: Sequence[LikelihoodSummary],
-    content: Mapping[str, Any],
-    sections: list[Section],
-    title: str,
-) -> None:
-    (file, page), form, work = names
-    text = json.dumps([summary.json() for summary in summaries])
-    digest = sha256_of(text)
-    owner = ResultFolder(folder, work, file, form, digest, {}, (page,))
-    owner.claim(json_ready(content))
-    write_page(folder / page, title, (), folder, sections, digest)
+) -> ResultFolder:
+    """The claim on a folder of what these summaries tell."""
+    digest = sha256_of(json.dumps([summary.json() for summary in summaries]))
+    return ResultFolder(folder, work, files[0], form, digest, {}, files[1:])
 
 
-def _told(
-    source: Path, run: Path, seed: int, progress: Progress
-) -> list[tuple[str, LikelihoodSummary | None]]:
-    """Names and summaries of one source; a campaign is fitted in the folder of a run."""
+class Told(NamedTuple):
+    """What one fit tells."""
+
+    campaign: str  # its name
+    sha256: str | None  # digest of its telemetry, where the fit states it
+    summary: LikelihoodSummary | None  # None where the result must not be used
+
+
+def _refuse_twice(told: Sequence[Told]) -> None:
+    """Refuse telemetry that would count twice: all sds would be too small."""
+    digests = [one.sha256 for one in told if one.sha256]
+    twice = [one.campaign for one in told if digests.count(one.sha256 or "") > 1]
+    if twice:
+        raise CampaignError(
+            f"the telemetry of {listed(twice)} is the same and would count twice",
+            where="campaigns",
+            advice="give each campaign once",
+        )
+
+
+def _told(source: Path, run: Path, seed: int, progress: Progress) -> list[Told]:
+    """What one source tells; a campaign is fitted in the folder of a run."""
     if (source / "fits.parquet").is_file():
         return _of_many(source)
     if (source / "summary.json").is_file():
         content = read_sealed_json(source / "summary.json", _RESUME)
-        return [(str(content.get("campaign")), _summary(content, source))]
+        name, digest = str(content.get("campaign")), content.get("campaign_sha256")
+        return [Told(name, digest, _summary(content, source))]
     # As `fit` does: impossible data are no campaign of a series.
     refuse_impossible(source)
     run_folder.start(source, run, settings=usual_settings((), seed=seed))
     posterior = run_folder.finish(run, report=False, progress=progress)
-    return [(str(posterior.attributes.get("campaign")), posterior.likelihood)]
+    fitted = posterior.attributes
+    return [Told(str(fitted.get("campaign")), fitted["campaign_sha256"], posterior.likelihood)]
 
 
 def _named_apart(series: list[LikelihoodSummary]) -> list[LikelihoodSummary]:
@@ -396,13 +406,14 @@ def _summary(content: Mapping[str, Any], source: Path) -> LikelihoodSummary | No
     return None if told is None else summary_from_json(told)
 
 
-def _of_many(fits: Path) -> list[tuple[str, LikelihoodSummary | None]]:
+def _of_many(fits: Path) -> list[Told]:
+    """What every campaign of `fit-many` tells."""
     path = fits / "fits.parquet"
     if not path.is_file():
         raise CampaignError("no fits.parquet", where=str(fits), advice="run `fit-many` first")
     pq = library_of_extra("pyarrow.parquet", "parquet", where=str(path))
     return [
-        (row["campaign"], _summary(_likelihood_in(row), fits))
+        Told(row["campaign"], row.get("sha256"), _summary(_likelihood_in(row), fits))
         for row in pq.read_table(path).to_pylist()
     ]
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_inertia.app.result_folder import ResultFolder, write_page
+from bayes_inertia.app.fit_campaign import settled_estimate
+from bayes_inertia.app.result_folder import ResultFolder
 from bayes_inertia.app.run_folder import FORMAT as RUN_FORMAT
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.cleaning import clean_fit
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.observability.against_posterior import (
@@ -28,8 +28,6 @@ from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.progress import Progress, silent
 from bayes_inertia.report.observability_sections import observability_sections
-from bayes_inertia.report.pictures.figure_file import write_png
-from bayes_inertia.report.pictures.observability import draw_observability
 from bayes_inertia.sealing import blaming, is_sealed
 
 FILE, PICTURE, PAGE = "observability.json", "observability.png", "observability.html"
@@ -64,21 +62,19 @@ def run_observe(
     if (folder / "run.json").exists():
         ResultFolder(folder, "run", "run.json", RUN_FORMAT, digest, flat=True).holds_this_work()
     progress("fitting", 0, 0)
-    estimate = optimizer.estimate(Model(flown, instances, drive), seed=seed)
-    # As `fit` does: one outlier would make a slew count for little.
-    estimate = clean_fit(estimate, seed=seed).estimate
+    # As `fit` does: what is asked is asked of the same estimate.
+    estimate, _ = settled_estimate(Model(flown, instances, drive), seed, False, None, progress)
     progress("fitting in the other drive", 0, 0)
     other_drive = _in_other_drive(estimate, seed) if both_drives else None
     progress("asking each slew what it tells", 0, 0)
     observability = observe(estimate, other_drive)
     comparison = _comparison(observability, folder, digest)
     rows = None if comparison is None else comparison_json(comparison)
-    owner.claim(observability_json(observability) | {"seed": seed, "posterior": rows})
     progress("drawing", 0, 0)
-    write_png(draw_observability(observability), folder / PICTURE)
+    content = observability_json(observability) | {"seed": seed, "posterior": rows}
     sections = observability_sections(observability, comparison)
     title = f"Observability of {flown.name}"
-    write_page(folder / PAGE, title, flown.mission, campaign, sections, digest)
+    owner.write(content, title, sections, campaign, mission=flown.mission)
     return ObservedCampaign(observability, comparison)
 
 

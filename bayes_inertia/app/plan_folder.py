@@ -3,37 +3,37 @@
 from __future__ import annotations
 
 import math
-import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from pydantic import Field
+
+from bayes_inertia.app.fit_campaign import settled_estimate
 from bayes_inertia.app.layout import LAYOUT
-from bayes_inertia.app.result_folder import ResultFolder, write_page
+from bayes_inertia.app.result_folder import ResultFolder
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.checked_toml import parse_toml
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
+from bayes_inertia.campaign.schema import Part, Vector3
 from bayes_inertia.design.after_campaign import plan_after
 from bayes_inertia.design.comparison import Contender
 from bayes_inertia.design.designer import Design, design_plan
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.limits import KeepOut, Limits
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.files import write_atomically
+from bayes_inertia.files import read_bytes, text_of, write_atomically
 from bayes_inertia.flight.mission import Mission, devices_at_rest, following_plan
 from bayes_inertia.flight.plan import Plan, paper_like_plan
 from bayes_inertia.flight.plan_file import read_plan, write_plan
-from bayes_inertia.inference.cleaning import clean_fit
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.maths.values import json_ready, picked
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.named_effects import pinned_names
+from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.parameters import base_names
 from bayes_inertia.progress import Progress, silent
 from bayes_inertia.report.formatting import plain
-from bayes_inertia.report.pictures.design import draw_comparison
-from bayes_inertia.report.pictures.figure_file import write_png
 from bayes_inertia.report.plan_sections import comparison_sections, design_sections
 from bayes_inertia.sealing import sha256_of
 from bayes_inertia.studies.engine import Execution
@@ -208,33 +208,49 @@ def _cone(text: str) -> KeepOut:
     return KeepOut(name, (x, y, z), math.radians(angle))
 
 
+class _Cone(Part):
+    name: str = Field(description='name = "Sun"')
+    direction_N: Vector3 = Field(description="direction_N = [x, y, z], in inertial axes")
+    half_angle_deg: float = Field(description="half_angle_deg = 35.0")
+
+
+class _Cones(Part):
+    keep_out: list[_Cone] = Field(description="a table [[keep_out]] for each cone")
+
+
 def _cones_in(path: Path) -> list[KeepOut]:
-    advice = 'write [[keep_out]] with name = "Sun", direction_N = [x, y, z], half_angle_deg = 35'
-    try:
-        cones = []
-        for table in tomllib.loads(path.read_text())["keep_out"]:
-            x, y, z = (float(component) for component in table["direction_N"])
-            cones.append(KeepOut(table["name"], (x, y, z), math.radians(table["half_angle_deg"])))
-        return cones
-    except KeyError as error:
-        missing = f"the key {error.args[0]} is missing"
-        raise CampaignError(missing, where=str(path), advice=advice) from error
-    except (TypeError, ValueError, RecursionError) as error:
-        raise CampaignError(
-            f"no keep-out cones: {error}", where=str(path), advice=advice
-        ) from error
+    label = str(path)
+    cones = parse_toml(text_of(read_bytes(path), label), label, _Cones).keep_out
+    return [
+        KeepOut(cone.name, (x, y, z), math.radians(cone.half_angle_deg))
+        for cone in cones
+        for x, y, z in [cone.direction_N]
+    ]
 
 
 FORMAT, COMPARISON_FORMAT = "bayes-inertia-design/1", "bayes-inertia-compare/1"
 WHEELS_AT_REST = (
-    "The wheels are taken to be at rest at the start: no tachometer of the last slew tells more. "
-    "With --after the fit tells their momentum."
+    "the wheels are taken to be at rest at the start: no tachometer of the last slew tells more; "
+    "with --after the fit tells their momentum"
 )
+
+
+@dataclass(frozen=True)
+class DesignedPlan:
+    """Result of `design` on a folder."""
+
+    design: Design
+    notes: tuple[str, ...]  # what must be known before the plan is flown
+
+    @property
+    def kept(self) -> bool:
+        """Whether the plan, when flown, keeps all limits."""
+        return self.design.kept
 
 
 def run_design(
     campaign: Path, folder: Path, request: DesignRequest, progress: Progress = silent
-) -> Design:
+) -> DesignedPlan:
     """Design a campaign that follows another one; write design.json, plan.toml, .png and .html.
 
     It begins where the campaign ended, with its telemetry period and, unless one is given, its
@@ -243,15 +259,12 @@ def run_design(
     """
     flown, digest = read_campaign(campaign), campaign_sha256(campaign)
     parse_goal(request.goal)
-    names = pinned_names(request.effects)
-    request = replace(request, effects=names)
+    request = replace(request, effects=pinned_names(request.effects))
     results = ("plan.toml", "design.png", "design.html")
     owner = ResultFolder(folder, "design", "design.json", FORMAT, digest, asdict(request), results)
     owner.holds_this_work()
     limits = request.limits(flown)
-    if request.after:
-        progress("fitting the campaign", 0, 0)
-    after = _cleaned(flown, request.seed) if request.after else None
+    after = _fitted(flown, request, progress) if request.after else None
     mission = Mission.of(flown)
     design = design_plan(
         mission,
@@ -261,27 +274,32 @@ def run_design(
         n_slews=request.slews,
         seed=request.seed,
         after=after,
-        effects=names,
+        effects=request.effects,
         progress=progress,
     )
     contenders = compare_plans(
         [design.plan, design.reference], mission, limits=design.limits, progress=progress
     )
     content = design_json(design, contenders, flown) | _start(design.plan, flown, request)
-    if left_out := devices_at_rest(flown):
-        content["left_out"] = left_out
-    owner.claim(content)
-    _write_flyable_plan(design, content, folder / "plan.toml")
-    write_png(draw_comparison(contenders), folder / "design.png")
-    sections = design_sections(content, contenders, design.units)
-    title = f"Next slews after {flown.name}"
-    write_page(folder / "design.html", title, flown.mission, campaign, sections, digest)
-    return design
+    left_out = devices_at_rest(flown)
+    content |= {"left_out": left_out} if left_out else {}
+    unknown = content["start_wheel_momentum_Nms"] and not design.plan.wheel_momentum
+    notes = (*left_out, *((WHEELS_AT_REST,) if unknown else ()))
+    sections = design_sections(content, contenders, design.units, notes)
+    owner.write(
+        content, f"Next slews after {flown.name}", sections, campaign, mission=flown.mission
+    )
+    write_plan(design.plan, folder / "plan.toml", overwrite=True)
+    text = read_bytes(folder / "plan.toml").decode()
+    write_atomically(folder / "plan.toml", _comments(design, notes) + text)
+    return DesignedPlan(design, notes)
 
 
-def _cleaned(flown: Campaign, seed: int) -> Estimate:
-    """The fit of a campaign, dirt kept away as `fit` does."""
-    return clean_fit(estimate(Model(flown), seed=seed), seed=seed).estimate
+def _fitted(flown: Campaign, request: DesignRequest, progress: Progress) -> Estimate:
+    """The estimate that `fit` samples; effects take from what the campaign tells of J and K."""
+    progress("fitting the campaign", 0, 0)
+    model = Model(flown, effects_named(request.effects))
+    return settled_estimate(model, request.seed, False, None, progress)[0]
 
 
 def _start(plan: Plan, flown: Campaign, request: DesignRequest) -> dict[str, Any]:
@@ -303,12 +321,7 @@ def _momentum_source(campaign: Campaign, request: DesignRequest) -> str:
     return "fit" if request.after else "unknown, taken to be zero"
 
 
-def _write_flyable_plan(design: Design, content: Mapping[str, Any], path: Path) -> None:
-    write_plan(design.plan, path, overwrite=True)
-    write_atomically(path, _comments(design, content) + path.read_text())
-
-
-def _comments(design: Design, content: Mapping[str, Any]) -> str:
+def _comments(design: Design, notes: Sequence[str]) -> str:
     """For operators: the plan's slews and margins, as comments of its file."""
     goal = f"{design.goal.says}, {design.value:.3g} {design.goal.unit} expected".rstrip()
     lines = [
@@ -321,14 +334,10 @@ def _comments(design: Design, content: Mapping[str, Any]) -> str:
         times = f"{row['start_s']:12.2f} {row['duration_s']:11.2f}"
         motion = f"{row['angle_deg']:13.1f} {row['rate_deg_s']:14.3f}"
         lines.append(f"# {i + 1:4d} {times} {motion}   {axis}")
-    lines += [
-        "#",
-        "# tightest margins when flown, with noise and J, K drawn from what is known:",
-    ]
+    lines += ["#", "# tightest margins when flown, with noise and J, K drawn from what is known:"]
     tightest = sorted(design.flown, key=lambda m: m.left)[: LAYOUT.margins_of_folder]
     lines += [f"#   {m.says}" for m in tightest]
-    if content["start_wheel_momentum_Nms"] and not design.plan.wheel_momentum:
-        lines += ["#", f"# {WHEELS_AT_REST}"]
+    lines += [line for note in notes for line in ("#", f"# {note}")]
     return "\n".join([*lines, "", ""])
 
 
@@ -364,8 +373,7 @@ def run_compare(
     )
     rows = {c.name: contender_json(c) for c in contenders}
     stated = {"campaign": flown.name, "simulated": simulated, "seed": seed}
-    owner.claim(stated | {"plans": rows})
-    write_png(draw_comparison(contenders), folder / "compare.png")
-    title, sections = f"Plans after {flown.name}", comparison_sections(contenders)
-    write_page(folder / "compare.html", title, flown.mission, campaign, sections, digest)
+    content = stated | {"plans": rows}
+    sections = comparison_sections(contenders)
+    owner.write(content, f"Plans after {flown.name}", sections, campaign, mission=flown.mission)
     return contenders

@@ -22,6 +22,7 @@ from bayes_inertia.sealing import read_sealed_json, sealed
 from bayes_inertia.version import __version__
 
 if TYPE_CHECKING:
+    from bayes_inertia.inference.posterior import Posterior
     from bayes_inertia.report.section import Section
 
 _ADVICE = "choose another folder; nothing was overwritten"
@@ -32,26 +33,31 @@ def write_json(path: Path, content: Mapping[str, Any]) -> Path:
     return write_atomically(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
-def origin(campaign: Path) -> dict[str, str]:
-    """When a result is made, and of which folder: what its page says of its origin."""
-    place = campaign.resolve()
-    name = place.parent.name if place.is_file() else place.name
-    return {"date": datetime.now(UTC).date().isoformat(), "data": name}
+def origin(*sources: Path) -> dict[str, str]:
+    """When a result is made, and of which folders: what its page says of its origin."""
+    places = [source.resolve() for source in sources]
+    names = [place.parent.name if place.is_file() else place.name for place in places]
+    return {"date": datetime.now(UTC).date().isoformat(), "data": ", ".join(names)}
 
 
-def write_page(
-    path: Path,
-    title: str,
-    mission: Sequence[tuple[str, str]],
-    campaign: Path,
-    sections: Sequence[Section],
-    sha256: str,
-) -> Path:
-    """Write the page of a result, with its origin in the head."""
-    from bayes_inertia.report.page import page_facts, render_page
+def finished_posterior(folder: Path) -> Posterior:
+    """The posterior of a finished run."""
+    from bayes_inertia.inference.posterior import Posterior
 
-    facts = page_facts(dict(mission), sha256=sha256, version=__version__, origin=origin(campaign))
-    return write_atomically(path, render_page(title, sections, facts))
+    stored = folder / "posterior.nc"
+    if not stored.is_file():
+        if (folder / "run.json").is_file():
+            raise CampaignError(
+                "the run is not finished: it has no posterior.nc",
+                where=str(folder),
+                advice=f"finish it with `bayes-inertia resume {folder}`",
+            )
+        raise CampaignError(
+            "no run here: there is neither run.json nor posterior.nc",
+            where=str(folder),
+            advice="give the folder that `fit -o` or `diagnose -o` wrote",
+        )
+    return Posterior.load(stored)
 
 
 @dataclass(frozen=True)
@@ -109,6 +115,31 @@ class ResultFolder:
         owner = {"format": self.format, "campaign_sha256": self.campaign_sha256}
         claim = sealed({**owner, **(content or {}), **options})
         write_json(self.path / self.claim_file, claim)
+
+    def write(
+        self,
+        content: Mapping[str, Any],
+        title: str,
+        sections: Sequence[Section],
+        *sources: Path,
+        mission: Sequence[tuple[str, str]] = (),
+    ) -> None:
+        """Write a result: the claim with its content, its first picture, its page.
+
+        `sources`: folders of the data, named in the page's head with `mission` [mission].
+        """
+        from bayes_inertia.report.page import page_facts, render_page
+        from bayes_inertia.report.pictures.figure_file import write_png
+
+        self.claim(content)
+        document = self.path / self.claim_file
+        if (png := document.with_suffix(".png")).name in self.results:
+            write_png(sections[0].pictures[0].figure, png)
+        facts = page_facts(
+            dict(mission), sha256=self.campaign_sha256, version=__version__, origin=origin(*sources)
+        )
+        page = render_page(title, sections, facts)
+        write_atomically(document.with_suffix(".html"), page)
 
     def _free_or_error(self) -> None:
         names = list(self.results)

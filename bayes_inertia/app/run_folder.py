@@ -71,6 +71,8 @@ class Run:
     noise: NoiseModel = field(default_factory=NoiseModel)
     # J and K known before, as `GaussianPrior.json`; None for the campaign's own.
     prior: dict[str, Any] | None = None
+    # Digests of the campaigns that this prior holds.
+    former: tuple[str, ...] = ()
 
     def owner(self, folder: Path) -> ResultFolder:
         """The claim of this run on a folder."""
@@ -90,6 +92,7 @@ class Run:
                 "as_stated": False,
                 "noise": NoiseModel().json(),
                 "prior": None,
+                "former": [],
             },
         )
 
@@ -114,6 +117,7 @@ def read_run(folder: Path) -> Run:
             content.get("as_stated", False),
             noise_model_from_json(content.get("noise", {})),
             content.get("prior"),
+            tuple(content.get("former", ())),
         )
         if run.drive not in (None, "commanded", "measured") or run.kind not in ("fit", "diagnose"):
             raise ValueError(f"drive {run.drive!r}, kind {run.kind!r}")
@@ -142,14 +146,24 @@ def start(
     as_stated: bool = False,
     noise: NoiseModel | None = None,
     prior: GaussianPrior | None = None,
+    former: Sequence[str] = (),
 ) -> Run:
-    """Begin a run in a folder, or find the same run there (then it goes on)."""
+    """Begin a run in a folder, or find the same run there (then it goes on).
+
+    `former`: digests of the campaigns that the prior holds, see `campaigns_in`.
+    """
     names, noise = pinned_names(effects), noise or NoiseModel()
     settings = settings or usual_settings(effects_named(names))
     Model(_with_prior(read_campaign(campaign), prior), effects_named(names), drive, noise)
     digest = campaign_sha256(campaign)
+    if digest in former:
+        raise CampaignError(
+            "the former result holds this telemetry already: it would count twice",
+            where=str(campaign),
+            advice="give a campaign that is not in it",
+        )
     known = None if prior is None else prior.json()
-    run = Run(digest, names, drive, settings, kind, as_stated, noise, known)
+    run = Run(digest, names, drive, settings, kind, as_stated, noise, known, tuple(former))
     owner = run.owner(folder)
     if not owner.holds_this_work():
         with working_in(folder):
@@ -158,6 +172,14 @@ def start(
             copy_campaign(campaign, folder / "campaign")
             owner.claim({"version": __version__, **origin(campaign)})
     return run
+
+
+def campaigns_in(source: Path) -> tuple[str, ...]:
+    """Digests of the campaigns that a former run holds, its own first; none of another file."""
+    if not (source / "run.json").is_file():
+        return ()
+    run = read_run(source)
+    return (run.campaign_sha256, *run.former)
 
 
 def _with_prior(campaign: Campaign, prior: GaussianPrior | None) -> Campaign:

@@ -164,11 +164,7 @@ def determination_of(row: Mapping[str, Any], criteria: Criteria) -> str:
 
 def names_by_determination(rows: Mapping[str, Any], criteria: Criteria) -> dict[str, list[str]]:
     """Names of parameters by how far they are determined."""
-    names: dict[str, list[str]] = {
-        "determined": [],
-        "partly determined": [],
-        "not determined": [],
-    }
+    names: dict[str, list[str]] = {"determined": [], "partly determined": [], "not determined": []}
     for name, row in rows.items():
         names[determination_of(row, criteria)].append(name)
     return names

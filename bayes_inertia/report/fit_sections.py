@@ -19,12 +19,7 @@ from bayes_inertia.report.criteria import (
     ratios_told,
 )
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
-from bayes_inertia.report.formatting import (
-    kind_of,
-    listed,
-    number,
-    plain,
-)
+from bayes_inertia.report.formatting import brief, kind_of, listed, number, plain
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.chains import draw_chains
 from bayes_inertia.report.pictures.correction import draw_correction
@@ -47,12 +42,7 @@ from bayes_inertia.report.verdict import (
     verdict_sentence,
     worst_level,
 )
-from bayes_inertia.report.words import (
-    averaged_over,
-    correlation_sentences,
-    dirt_rows,
-    phrase,
-)
+from bayes_inertia.report.words import averaged_over, correlation_sentences, dirt_rows, phrase
 
 
 def standard_sections(
@@ -137,7 +127,7 @@ def tie_sentences(posterior: Posterior) -> list[str]:
         sd, percent = tie["relative_sd"], 100.0 * tie["relative_sd"]
         if gain is not None:
             found = f"{number(gain['mean'], gain['sd'])} ± {number(gain['sd'], gain['sd'])}"
-            text += f", known to {percent:.2g} % before the fit (gain after it {found})"
+            text += f", known to {brief(percent)} % before the fit (gain after it {found})"
         said.append(text if sd else f"{text}, taken as exact")
     return said
 
@@ -243,10 +233,7 @@ def settings_rows(posterior: Posterior) -> list[tuple[str, str]]:
     return [
         ("campaign", attributes["campaign"]),
         ("campaign digest (SHA-256)", attributes["campaign_sha256"] or "not recorded"),
-        (
-            "slews, data",
-            f"{n_slews(posterior)} slews, {attributes['fit']['n_data']:,} numbers",
-        ),
+        ("slews, data", f"{n_slews(posterior)} slews, {attributes['fit']['n_data']:,} numbers"),
         ("drive", _DRIVE_TEXT[attributes["drive"] if attributes.get("wheels", 3) else "none"]),
         *devices,
         ("effects fitted along", listed(attributes["effects"]) or "none"),

@@ -79,6 +79,18 @@ def two_digits(value: float) -> str:
     return f"{digits} {power_text(int(power))}"
 
 
+def brief(value: float, digits: int = 2) -> str:
+    """A number in a sentence: significant digits, in full above one, never as 1.06e+03.
+
+    >>> brief(1063.2, 3), brief(0.5), brief(-0.0000123), brief(12345.0, 4)
+    ('1,063', '0.5', '−1.2 × 10⁻⁵', '12,345')
+    """
+    if abs(value) >= 10.0**digits:
+        return with_minus_sign(f"{value:,.0f}")
+    text, _, power = f"{value:.{digits}g}".partition("e")
+    return with_minus_sign(f"{text} {power_text(int(power))}" if power else text)
+
+
 def sd_column(sds: Sequence[float]) -> tuple[int, list[str]]:
     """Sds [any units] of one column of a table: the column's power of ten, and its cells.
 

@@ -89,6 +89,10 @@ class Layout:
     most_slews_of_information: int = 6
     sd_factors: tuple[float, ...] = (1, 1.5, 2, 3, 5, 10, 30, 100, 1000, 10000)
 
+    # `pictures/posterior_data.py`
+    # [half slews] between fixes that come during slews too; bursts at rest leave the motion out.
+    longest_pause_of_fixes: float = 0.5
+
     # `pictures/pairs.py`
     cell_pixels: int = 44
     density_shades: int = 12  # of the densities; more cost bytes and show nothing

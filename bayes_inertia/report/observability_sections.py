@@ -3,56 +3,103 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 from bayes_inertia.observability.against_posterior import PosteriorComparison
-from bayes_inertia.observability.result import (
-    Observability,
-    commands_worth,
-)
+from bayes_inertia.observability.result import Observability, commands_worth
 from bayes_inertia.observability.sentences import answer, sentence, verdict_of
 from bayes_inertia.report.formatting import (
+    NOT_GIVEN,
+    brief,
     listed,
     plain,
+    sd_column,
+    sd_head,
     typeset,
+    unit_text,
 )
 from bayes_inertia.report.pictures.observability import draw_observability
-from bayes_inertia.report.section import Section, captioned, packaged
+from bayes_inertia.report.section import Section, Table, captioned, packaged
+
+COLUMNS_SAY = (
+    "Most from: the slew that tells most of the parameter, and its share. Others cost: sd over its "
+    "value were everything else known. Commands worth: sd with the recorded torque commands "
+    "ignored over sd with them."
+)
+_WELL_KNOWN = "The parameters that are determined"
+
+
+def observability_table(observability: Observability) -> Table:
+    """What the campaign tells of each parameter, for page and terminal."""
+    parameters = observability.parameters
+    (before, priors), (power, sds) = (
+        sd_column([getattr(p, key) for p in parameters]) for key in ("prior_sd", "sd")
+    )
+    rows = []
+    for p, prior, sd in zip(parameters, priors, sds, strict=True):
+        by_slew, worth = p.share.sum(1), commands_worth(p, observability.drive)
+        best = int(by_slew.argmax())
+        rows.append(
+            (
+                plain(p.name),
+                unit_text(p.unit),
+                prior,
+                sd,
+                brief(p.prior_sd / p.sd, 3),
+                f"{observability.slews[best]}, {100.0 * by_slew[best]:.0f} %",
+                f"× {p.variance_inflation**0.5:.1f}",
+                NOT_GIVEN if worth is None else f"× {worth:.1f}",
+                verdict_of(observability, p),
+            )
+        )
+    columns = {
+        "parameter": "",
+        "unit": "extra",
+        sd_head("prior sd", before): "n extra",
+        sd_head("sd", power): "n",
+        "times sharper": "n extra",
+        "most from": "",
+        "others cost": "n extra",
+        "commands worth": "n extra",
+        "this campaign": "",
+    }
+    return Table(columns, rows, "many short")
 
 
 def observability_sections(
     observability: Observability, comparison: Sequence[PosteriorComparison] | None = None
 ) -> list[Section]:
     """Information of a campaign on each parameter, the answer first."""
-    warnings = [
-        f"{row.name}: {typeset(warning)}" for row in comparison or () for warning in row.warnings
-    ]
-    told: dict[bool, list[str]] = {False: [], True: []}
-    for p in observability.parameters:
-        told[p.verdict == "determined"].append(typeset(sentence(observability, p.name)))
+    weak = parameter_sentences(observability, weak=True)
     sentences = {
-        "Not fully determined": told[False],
-        "What the campaign cannot tell apart": _undetermined(observability),
-        "Where the posterior differs": warnings,
-        "The parameters that are determined": told[True],
+        "Not fully determined": weak,
+        "What the campaign cannot tell apart": undetermined(observability),
+        "Where the posterior differs": differences(comparison),
+        _WELL_KNOWN: parameter_sentences(observability, weak=False),
     }
     reasons = {title: ("", lines) for title, lines in sentences.items() if lines}
-    context = {"reasons": reasons, "folded": ("The parameters that are determined",)}
-    told_by = {
-        "answer": partial(answer, shown=plain),
-        "verdict_of": verdict_of,
-        "commands_worth": commands_worth,
-    }
-    pictures = captioned("observability", draw_observability(observability))
-    result = {"o": observability} | told_by
+    result = observability_table(observability).section(
+        "Result",
+        captioned("observability", draw_observability(observability)),
+        sentence=answer(observability, plain),
+        level="caution" if weak else "good",
+        notes=(COLUMNS_SAY,),
+    )
+    why = {"reasons": reasons, "folded": (_WELL_KNOWN,)}
     return [
-        Section("Result", packaged("observability.html"), result, pictures),
-        Section("Why not better", packaged("reasons.html"), context),
+        result,
+        Section("Why not better", packaged("reasons.html"), why),
         Section("Settings", packaged("settings.html"), {"rows": _settings(observability)}),
     ]
 
 
-def _undetermined(observability: Observability) -> list[str]:
+def parameter_sentences(observability: Observability, *, weak: bool) -> list[str]:
+    """Why parameters are as uncertain as they are: the weak, the least known first; or others."""
+    told = [p for p in observability.parameters if (p.verdict != "determined") is weak]
+    told = sorted(told, key=lambda p: p.contraction) if weak else told
+    return [typeset(sentence(observability, p.name)) for p in told]
+
+
+def undetermined(observability: Observability) -> list[str]:
     """Directions that stay at their prior, and parameters that trade against each other."""
     directions = [
         f"Least known together: {typeset(direction.says)} "
@@ -61,6 +108,13 @@ def _undetermined(observability: Observability) -> list[str]:
         if direction.verdict_is_prior
     ]
     return directions + [f"{d.name}: {typeset(d.says)}" for d in observability.degeneracies]
+
+
+def differences(comparison: Sequence[PosteriorComparison] | None) -> list[str]:
+    """Where the posterior of the same fit says something else."""
+    return [
+        f"{row.name}: {typeset(warning)}" for row in comparison or () for warning in row.warnings
+    ]
 
 
 def _settings(observability: Observability) -> list[tuple[str, str]]:

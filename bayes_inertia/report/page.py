@@ -72,6 +72,7 @@ def render_page(
     their hashes.
     """
     environment = templates_in("", autoescape=True)
+    environment.filters["uri"] = data_uri
     css = packaged("report.css") + packaged("phone_and_paper.css")
     scripts = list(dict.fromkeys(section.script for section in sections if section.script))
     return environment.from_string(packaged("page.html")).render(
@@ -92,22 +93,12 @@ def _policy_hash(text: str) -> str:
 
 
 def _rendered(environment: Environment, section: Section) -> dict[str, Any]:
-    pictures = [
-        {
-            "uri": data_uri(p),
-            "caption": p.caption,
-            "alt": p.alt,
-            "instead_of_script": p.instead_of_script,
-            "folded": p.folded,
-        }
-        for p in section.pictures
-    ]
     body = environment.from_string(section.template).render(**section.context)
     return {
         "title": section.title,
         "id": re.sub(r"\W+", "-", section.title.lower()).strip("-"),
         "body": Markup(with_column_labels(body)),
-        "pictures": pictures,
+        "pictures": section.pictures,
     }
 
 

@@ -6,12 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bayes_inertia.report.formatting import (
-    NOT_GIVEN,
-    number,
-    unit_powers,
-    unit_text,
-)
+from bayes_inertia.report.formatting import NOT_GIVEN, number, unit_powers, unit_text
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.section import Section, Table, packaged
 from bayes_inertia.report.words import phrase
@@ -72,6 +67,9 @@ class PlanPromise:
         }
 
 
+_OF_THE_RUN = ("unit", "prior_sd", "sd", "quoted_sd")
+
+
 def plan_promise(
     plan: str,
     file: str,
@@ -88,14 +86,7 @@ def plan_promise(
     """
     rows = summary["parameters"]
     parameters = tuple(
-        PromisedParameter(
-            name,
-            rows[name]["unit"],
-            rows[name]["prior_sd"],
-            sd,
-            rows[name]["sd"],
-            rows[name]["quoted_sd"],
-        )
+        PromisedParameter(name, promised_sd=sd, **{key: rows[name][key] for key in _OF_THE_RUN})
         for name, sd in promised_sd.items()
         if name in rows  # K of an axis that the run does not have
     )

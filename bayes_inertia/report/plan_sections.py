@@ -32,18 +32,27 @@ _OF_SLEW = {"slew": "", "about body axis": ""} | dict.fromkeys(
 
 
 def design_sections(
-    content: Mapping[str, Any], contenders: Sequence[Contender], units: Mapping[str, str]
+    content: Mapping[str, Any],
+    contenders: Sequence[Contender],
+    units: Mapping[str, str],
+    notes: Sequence[str] = (),
 ) -> list[Section]:
-    """A designed plan: each parameter's sd now and afterwards, its slews, its limits."""
+    """A designed plan: each parameter's sd now and afterwards, its slews, its limits.
+
+    `notes`: what must be known before it is flown.
+    """
     return [
-        _gain_section(content, contenders, units),
+        _gain_section(content, contenders, units, notes),
         slews_table({"": contenders[0].plan}).section("Slews"),
         _margins_section(content),
     ]
 
 
 def _gain_section(
-    content: Mapping[str, Any], contenders: Sequence[Contender], units: Mapping[str, str]
+    content: Mapping[str, Any],
+    contenders: Sequence[Contender],
+    units: Mapping[str, str],
+    notes: Sequence[str],
 ) -> Section:
     goal, sd, paper = content["goal"], content["expected_sd"], content["reference_sd"]
     now = "the fit of this campaign" if content["after"] else "the prior"
@@ -62,7 +71,7 @@ def _gain_section(
         notes=(
             f"Now: {now}. Paper's slews: such slews in the same time and limits. Sds if the model "
             "and the stated noise are right.",
-            *(f"{note[0].upper()}{note[1:]}." for note in content.get("left_out", ())),
+            *(f"{note[0].upper()}{note[1:]}." for note in notes),
         ),
     )
 

@@ -191,11 +191,7 @@ def plot_rates(posterior: Posterior, slew: int | str = 0, *, ax: Axes | None = N
 
 @_on_axes
 def plot_residuals(
-    posterior: Posterior,
-    slew: int | str = 0,
-    channel: str = "rate",
-    *,
-    ax: Axes | None = None,
+    posterior: Posterior, slew: int | str = 0, channel: str = "rate", *, ax: Axes | None = None
 ) -> Axes:
     """Measured less predicted of one slew, in stated sigmas.
 
@@ -250,7 +246,7 @@ def plot_attitude(posterior: Posterior, *, after: bool = True, ax: Axes | None =
     values = np.where(here[..., None], arcsec(misfit.angle_B), np.nan)
     attitude_panel(ax, values, misfit.slews, label_slews=True)
     ax.axhline(0.0, color=style.MUTED, lw=0.6, zorder=0.5)
-    ax.set(ylabel="misfit [arcsec]", title="after the slew" if after else "before the slew")
+    ax.set(ylabel="misfit [arcsec]", title=misfit.sides[after])
     return ax
 
 

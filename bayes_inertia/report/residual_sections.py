@@ -16,9 +16,7 @@ import numpy as np
 
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.report.criteria import (
-    criteria_of,
-)
+from bayes_inertia.report.criteria import criteria_of
 from bayes_inertia.report.formatting import channel_name
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.attitude import draw_attitude

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bayes_inertia.report.criteria import ratios_told
+from bayes_inertia.report.formatting import kind_of
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.words import phrase
 
@@ -115,7 +116,8 @@ class RunComparison:
     @property
     def J_and_K(self) -> tuple[ParameterDifference, ...]:
         """Those of J and K that both runs have."""
-        return tuple(p for p in self.parameters if p.name[0] in "JK" and p.in_sd is not None)
+        kinds = ("moment of inertia", "product of inertia", "K")
+        return tuple(p for p in self.parameters if kind_of(p.name) in kinds and p.in_sd is not None)
 
     @property
     def lettered(self) -> dict[str, ComparedRun]:

@@ -73,10 +73,7 @@ def history_sections(history: History, notes: Sequence[str] = ()) -> list[Sectio
         sentence=history_answer(history),
         level="caution" if possible else "good",
         more=f"Probability that it wanders from campaign to campaign: {chances}.",
-        notes=(
-            *(phrase("plans", "jump", history, jump) for jump in possible),
-            *notes,
-        ),
+        notes=(*(phrase("plans", "jump", history, jump) for jump in possible), *notes),
     )
     return [result]
 

@@ -20,7 +20,14 @@ from bayes_inertia.report.criteria import (
     ratios_told,
     sd_in_print,
 )
-from bayes_inertia.report.formatting import channel_name, kind_of, listed, two_digits, unit_text
+from bayes_inertia.report.formatting import (
+    brief,
+    channel_name,
+    kind_of,
+    listed,
+    two_digits,
+    unit_text,
+)
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.words import averaged_over, dirt_sentences, phrase, sentences
 
@@ -190,7 +197,7 @@ def _misfit(summary: Mapping[str, Any]) -> list[str]:
     too_large, too_small = misfit_channels(summary["fit"], criteria_of(summary))
     reduced = summary["fit"]["reduced_chi2"]
     return [
-        f"{channel_name(channel)} (reduced χ² {reduced.get(channel, reduced['total']):.3g})"
+        f"{channel_name(channel)} (reduced χ² {brief(reduced.get(channel, reduced['total']), 3)})"
         for channel in too_large or too_small
     ]
 

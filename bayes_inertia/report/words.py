@@ -64,10 +64,7 @@ def averaged_over(summary: Mapping[str, Any]) -> str:
     rows = summary.get("averaged_over", [])
     in_all = set.intersection(*(set(row["effects"]) for row in rows)) if rows else set()
     cases = [
-        (
-            listed([plain(name) for name in row["effects"] if name not in in_all]),
-            row["probability"],
-        )
+        (listed([plain(name) for name in row["effects"] if name not in in_all]), row["probability"])
         for row in rows
     ]
     by_size = [cases[0], *sorted(cases[1:], key=lambda case: -case[1])] if cases else []
@@ -261,6 +258,7 @@ _OF_CRITERIA = (
     *("interval_90", "sd_in_print", "whiteness_text"),
 )
 _OF_FORMATTING = (
+    "brief",
     "listed",
     "number",
     "p_value_text",

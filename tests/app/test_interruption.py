@@ -96,6 +96,7 @@ def test_what_to_do_next_is_said_of_the_folder(tmp_path):
     for words in (
         ["fit", "c", "-o", str(run)],
         ["diagnose", "c", f"--out={run}"],
+        ["update", "former", "c", "-o", str(run)],
         ["resume", "--no-report", str(run)],
         ["demo", f"-o{tmp_path}"],
     ):

@@ -96,7 +96,7 @@ def test_a_design(printed):
         active=("rate",),
         kept=True,
     )
-    show_design(design, FOLDER, {"start_wheel_momentum_Nms": [0.0]})
+    show_design(SimpleNamespace(design=design, notes=("at rest",)), FOLDER)
     assert "[deg/s²]" in printed()
 
 
@@ -140,6 +140,27 @@ def test_fits_of_a_fleet(printed):
     out = printed()
     assert "3.31234" in out
     assert "0.00012" in out
+
+
+@pytest.mark.parametrize(
+    ("quoted", "unknown"),
+    [
+        (("Jxx", "K1", "K2", "K3", "K4"), ("K5",)),
+        (("Jxx",), ("K1",)),
+        (("Jxx/trace",), ("Jxx", "K1")),
+    ],
+    ids=["four-axis gyro", "no gyro", "free body"],
+)
+def test_fits_of_spacecraft_of_other_kinds(quoted, unknown, printed):
+    """Each quoted moment and K has a column; what no campaign tells has none."""
+    row = {"campaign": "a", "trusted": True, "reduced_chi2_total": 1.0}
+    for name in quoted:
+        row |= {name: 0.5, f"{name}_quoted_sd": 1e-3}
+    for name in unknown:
+        row |= {name: 0.5, f"{name}_quoted_sd": None}
+    show_fits(WorkResult((row,), ()), FOLDER)
+    heads = printed().splitlines()[0].split()
+    assert heads == ["campaign", "use", *quoted, "χ²"]
 
 
 @pytest.mark.slow

@@ -70,9 +70,9 @@ def test_a_run_of_an_older_version_is_named(runs, tmp_path, capsys):
     assert "run_1: the run was made by an older version" in capsys.readouterr().err
 
 
-def fits_in(folder, likelihoods: dict[str, object]):
+def fits_in(folder, likelihoods: dict[str, object], **more):
     folder.mkdir()
-    rows = {
+    rows = more | {
         "campaign": list(likelihoods),
         "likelihood": list(map(json.dumps, likelihoods.values())),
     }
@@ -121,3 +121,24 @@ def test_campaigns_of_free_bodies_say_whose_sds_these_are(untied, tmp_path, caps
     assert (said in " ".join(capsys.readouterr().out.split())) == untied
     assert (said in (out / "history.html").read_text()) == untied
     assert len(json.loads((out / "history.json").read_text())["notes"]) == untied
+
+
+def test_the_same_telemetry_counts_once(runs, tmp_path, capsys):
+    """Twice in a product of likelihoods, it would make every sd too small by a root of two."""
+    for folder in runs[:2]:
+        content = json.loads((folder / "summary.json").read_text())
+        write_json(folder / "summary.json", sealed(content | {"campaign_sha256": "ab"}))
+    assert call("history", *runs, "-o", tmp_path / "history") == 2
+    assert "the telemetry of a and b is the same and would count twice" in capsys.readouterr().err
+    assert call("history", *runs[1:], "-o", tmp_path / "history") == 0
+    told = campaign_of(PRIOR_MEAN, np.random.default_rng(6)).json()
+    fits = fits_in(tmp_path / "fits", {"one/a": told, "other/a": told}, sha256=["ab", "ab"])
+    assert call("fleet", fits, "-o", tmp_path / "fleet") == 2
+    assert "one/a and other/a" in capsys.readouterr().err
+
+
+def test_a_page_names_the_data_it_is_of(tmp_path):
+    told = campaign_of(PRIOR_MEAN, np.random.default_rng(6)).json()
+    fits = fits_in(tmp_path / "fits", {"one/a": told, "other/a": told})
+    assert call("fleet", fits, "-o", tmp_path / "answer") == 0
+    assert "data <b>fits</b>" in (tmp_path / "answer" / "fleet.html").read_text()

@@ -35,6 +35,20 @@ def made(n: int, seed: int, shrink: float = 1.0) -> Study:
     )
 
 
+@pytest.mark.parametrize(
+    ("what", "option", "value"),
+    [
+        ("calibration", "--campaigns", "5"),
+        ("calibration", "--plan", "paper"),
+        (EXAMPLE, "--fits", "5"),
+        (EXAMPLE, "--cases", "weak"),
+    ],
+)
+def test_an_option_of_the_other_study_is_refused(what, option, value, tmp_path, capsys):
+    assert run("study", what, "-o", tmp_path / "out", option, value) == 2
+    assert f"{option}: the study that is asked for does not take it" in capsys.readouterr().err
+
+
 def test_sound_uncertainties_are_rarely_called_too_small():
     """At most the 1 % that is meant, within Monte Carlo error; sds 15 % too small are found."""
     trials = 1000

@@ -99,7 +99,7 @@ def test_a_design_with_its_units_and_hostile_margins(printed):
         active=("keep-out [Sun]",),
         kept=False,
     )
-    show_design(design, FOLDER, {"start_wheel_momentum_Nms": [0.0]})
+    show_design(SimpleNamespace(design=design, notes=("at rest",)), FOLDER)
     out = printed()
     for text in ("angle [deg]", "rate [deg/s]", "ramps [deg/s²]", "starts [s]", "lasts [s]"):
         assert text in out
@@ -164,7 +164,7 @@ def test_observability_of_hostile_names(printed):
         "prior [deg] holds",
         "All 1 parameters are determined; slew [yaw 1] carries effect [x].gain.",
         "slew [yaw 1], 70 %",
-        "sd without the recorded commands: effect [x].gain × 2",
+        "70 % × 2.0 × 2.0 determined",
     ):
         assert text in out
 

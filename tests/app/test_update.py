@@ -12,6 +12,8 @@ from support.commands import run
 
 import bayes_inertia as bi
 from bayes_inertia.app import run_folder
+from bayes_inertia.app.result_folder import write_json
+from bayes_inertia.sealing import sealed
 
 EXAMPLE = Path(bi.__file__).parent / "example"
 J_AND_K = ("Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz", "K1", "K2", "K3")
@@ -44,6 +46,23 @@ def test_a_run_keeps_the_prior_it_began_with(folders, tmp_path):
         run_folder.start(folders["b"], tmp_path / "run", prior=prior.inflated(1e-3))
     with pytest.raises(bi.OutputError, match="holds a run with other prior"):
         run_folder.start(folders["b"], tmp_path / "run")
+
+
+def test_telemetry_that_a_former_result_holds_is_refused(folders, tmp_path, capsys):
+    prior = bi.GaussianPrior(("Jxx",), [3.3], [[1e-6]])
+    former: tuple[str, ...] = ()
+    for name in ("a", "b"):
+        run_folder.start(folders[name], tmp_path / name, prior=prior, former=former)
+        former = run_folder.campaigns_in(tmp_path / name)
+        write_json(tmp_path / name / "summary.json", sealed({"as_prior": prior.json()}))
+        assert run("update", tmp_path / name, folders["a"], "-o", tmp_path / "out") == 2
+        assert "holds this telemetry already: it would count twice" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_nothing_is_inflated_without_a_former_result(folders, tmp_path, capsys):
+    assert run("fit", folders["a"], "-o", tmp_path / "out", "--inflate", "1e-3") == 2
+    assert "--inflate: there is no former result to inflate; add --prior" in capsys.readouterr().err
 
 
 @pytest.mark.slow

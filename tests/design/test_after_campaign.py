@@ -116,6 +116,18 @@ def test_design_after_a_campaign_begins_with_the_wheels_turning(flight, captured
     assert captured.base.wheel_momentum == ()
 
 
+@pytest.mark.slow
+def test_what_a_design_fits_along_takes_from_what_the_campaign_tells(flight, captured, tmp_path):
+    """Without it the campaign would seem to tell more of J and K than it does."""
+    write_campaign(flight.campaign, tmp_path / "campaign")
+    request = DesignRequest(after=True, effects=("constant_torque",))
+    with pytest.raises(Captured):
+        run_design(tmp_path / "campaign", tmp_path / "run", request)
+    assert [effect.name for effect in captured.after.model.effects] == ["constant_torque"]
+    plain = optimizer.estimate(Model(captured.after.model.campaign))
+    assert (captured.after.sd[:6] / plain.sd[:6]).max() > 1.01
+
+
 def in_alternate_rows(campaign):
     """The campaign with the rate about x in even rows, those about y and z in odd ones."""
     slews = []
@@ -163,9 +175,8 @@ def test_a_design_says_where_it_takes_the_wheels_to_be_at_rest(
     monkeypatch.setattr(plan_folder, "design_plan", small)
     write_campaign(flight.campaign, tmp_path / "campaign")
     folder = tmp_path / "run"
-    design = run_design(tmp_path / "campaign", folder, DesignRequest(slews=1))
-    show_design(design, folder, json.loads((folder / "design.json").read_text()))
-    said = "The wheels are taken to be at rest at the start"
+    show_design(run_design(tmp_path / "campaign", folder, DesignRequest(slews=1)), folder)
+    said = "the wheels are taken to be at rest at the start"
     assert said in " ".join(capsys.readouterr().out.split())
     assert said in (folder / "plan.toml").read_text()
     content = json.loads((folder / "design.json").read_text())

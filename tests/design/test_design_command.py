@@ -94,6 +94,11 @@ def test_keep_out_cones_from_a_file(tmp_path):
         KeepOut("Earth", (0.0, 0.0, -1.0), 65 * DEGREE),
         KeepOut("Sun", (1.0, 0.0, 0.0), 30 * DEGREE),
     )
-    path.write_text("[[keep_out]]\nname = 3\n")
+    path.write_text('[[keep_out]]\nname = "Sun"\n')
     with pytest.raises(CampaignError, match="direction_N"):
+        keep_outs([str(path)])
+    path.write_text(
+        '[[keep_out]]\nname = "Sun"\ndirection_N = [0, 0, 1]\nhalf_angle_deg = 5\nframe = "body"\n'
+    )
+    with pytest.raises(CampaignError, match="frame"):
         keep_outs([str(path)])

@@ -56,6 +56,15 @@ def test_noticeable_differences_come_first():
     )
 
 
+def test_a_device_is_no_element_of_J():
+    gain = {"Jets.gain": row(1.0, 0.01)}
+    first = compared("a", "1", Jxx=row(3.0, 0.03), **gain)
+    second = compared("b", "2", Jxx=row(3.0, 0.03), **{"Jets.gain": row(2.0, 0.01)})
+    comparison = compare_runs(first, second)
+    assert [p.name for p in comparison.J_and_K] == ["Jxx"]
+    assert comparison.sentence.startswith("J and K of both runs agree")
+
+
 @pytest.mark.parametrize(
     ("trusted", "says"),
     [

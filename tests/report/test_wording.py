@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+import bayes_inertia
 from bayes_inertia.inference.limits import criteria
 from bayes_inertia.report.criteria import Criteria, channel_verdict, criteria_of, determination
 from bayes_inertia.report.fit_sections import settings_rows
@@ -23,6 +24,17 @@ def page_of(template: str, **context) -> str:
     """The text of a section's body."""
     body = templates_in("").from_string(packaged(template)).render(**context)
     return re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", body))
+
+
+def test_a_number_is_never_written_as_on_a_calculator():
+    said = phrase("plans", "gain", "sd of Jxx", "", 1e-6, 1.06e-3, True)
+    assert "1,060 times smaller" in said
+    step = {"added": "wheel_friction", "held_out_before": None}
+    step |= {"reduced_chi2_before": {"total": 2.35e5}, "reduced_chi2_after": {"total": 1.0}}
+    assert "from 235,000 to 1." in phrase("diagnosis", "step_text", step, [])
+    folder = Path(bayes_inertia.__file__).parent / "report"
+    for template in (*folder.glob("*.html"), *folder.glob("words/*.txt")):
+        assert not re.search(r"\dg\W", template.read_text()), template.name
 
 
 def test_what_is_said_of_stated_probabilities_is_what_was_measured():

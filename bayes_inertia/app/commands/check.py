@@ -29,6 +29,7 @@ from bayes_inertia.version import versions
 
 if TYPE_CHECKING:
     from bayes_inertia.campaign.campaign import Campaign
+    from bayes_inertia.campaign.slew import Slew
     from bayes_inertia.conventions.check import ConventionsCheck
 
 FORMAT, INSTALLATION_FORMAT = "bayes-inertia-check/1", "bayes-inertia-installation/1"
@@ -65,11 +66,12 @@ def campaign_json(campaign: Campaign) -> dict[str, Any]:
     from bayes_inertia.maths.values import json_ready
 
     inertia, sensor = campaign.inertia, campaign.rate_sensor
+    turning = campaign.with_body_rates.slews
     return json_ready(
         {
             "format": FORMAT,
             "campaign": campaign.name,
-            "slews": [_slew_row(campaign, k) for k in range(len(campaign.slews))],
+            "slews": [_slew_row(*each) for each in zip(campaign.slews, turning, strict=True)],
             "wheels": [wheel.name for wheel in campaign.wheels],
             "inertia_kgm2": inertia.tensor,
             "inertia_sd_kgm2": inertia.sd,
@@ -115,10 +117,9 @@ def _gain_in_words(device: Any) -> str:
     return f"{kind}, gain known {gain}"
 
 
-def _slew_row(campaign: Campaign, k: int) -> dict[str, Any]:
-    """A slew in numbers; the peak rate is that of the body, None where nothing tells it."""
-    slew, seen = campaign.slews[k], campaign.with_body_rates
-    _, rates = seen.slews[k].complete_rates()
+def _slew_row(slew: Slew, turning: Slew) -> dict[str, Any]:
+    """A slew in numbers; the peak rate is that of the body (`turning`), None where unknown."""
+    _, rates = turning.complete_rates()
     return {
         "name": slew.name,
         "rows": len(slew.time),
@@ -134,51 +135,36 @@ def _slew_row(campaign: Campaign, k: int) -> dict[str, Any]:
 def show_campaign(campaign: Campaign) -> None:
     """Print what a campaign contains, and what can be done with it."""
     from bayes_inertia.campaign.hardware import RateSensor
-    from bayes_inertia.report.words import dirt_sentences
+    from bayes_inertia.report.words import dirt_sentences, sentences
 
-    console = plain_console()
+    console, content, most = plain_console(), campaign_json(campaign), LAYOUT.slews_shown
     slews, wheels = len(campaign.slews), len(campaign.wheels)
-    console.print(headed(campaign.name, f": {slews} slews, {wheels or 'no'} wheels"))
+    count = f"{slews} slew{'s' if slews > 1 else ''}, {wheels or 'no'} wheel"
+    console.print(headed(campaign.name, f": {count}{'s' if wheels != 1 else ''}"))
     columns = len(_COLUMNS) - (0 if wheels else 2)
-    shown = (_slew_row(campaign, k) for k in range(min(slews, LAYOUT.slews_shown)))
-    print_table(_COLUMNS[:columns], (_slew_cells(row)[:columns] for row in shown))
-    if slews > LAYOUT.slews_shown:
-        console.print(f"... and {slews - LAYOUT.slews_shown} slews more (all of them with --json)")
-    if campaign.more_sensors or campaign.actuators or campaign.changes:
-        said = (f"{name} ({what})" for name, what in _devices(campaign))
-        console.print(f"devices: {', '.join(said)}")
-    moments = ", ".join(f"{m:.4g}" for m in np.linalg.eigvalsh(campaign.inertia.tensor))
-    kind = "with" if campaign.inertia.includes_wheel_spin else "without"
-    spin = f" ({kind} the wheels' spin inertia)" if wheels else ""
-    console.print(f"stated principal moments: {moments} kg m²{spin}")
-    if campaign.prior is not None:
-        console.print(
-            f"known before, in place of what is stated: {', '.join(campaign.prior.names)}"
-        )
-    drives = ", ".join(_possible_drives(campaign))
-    if wheels:
-        console.print(
-            f"possible drives: {drives or 'none: add wheel_torque or wheel_momentum columns'}"
-        )
-    if campaign.star_tracker is None and all(
-        isinstance(sensor, RateSensor) for _, sensor in campaign.more_sensors
-    ):
-        console.print(
-            "no star tracker: attitude is not compared, "
-            "start and final attitude errors stay unknown"
-        )
-    for sentence in dirt_sentences([record.json() for record in campaign.dirt]):
-        console.print(sentence)
+    print_table(_COLUMNS[:columns], (_slew_cells(row)[:columns] for row in content["slews"][:most]))
+    further = [sensor for _, sensor in campaign.more_sensors]
+    angles = campaign.star_tracker or not all(isinstance(each, RateSensor) for each in further)
+    told = {
+        "devices": bool(further or campaign.actuators or campaign.changes),
+        "angles": bool(angles),
+        "prior": campaign.prior.names if campaign.prior else (),
+        "dirt": dirt_sentences(content["dirt"]),
+    }
+    for line in sentences("commands", "campaign", content, most, told):
+        console.print(line)
 
 
 def _slew_cells(row: dict[str, Any]) -> tuple[str, ...]:
+    from bayes_inertia.report.formatting import brief
+
     peak = row["peak_rate_radps"]
     return (
         row["name"],
         str(row["rows"]),
-        f"{row['step_s']:.4g}",
-        f"{row['duration_s']:.4g}",
-        "none" if peak is None else f"{np.degrees(peak):.3g}",
+        brief(row["step_s"], 4),
+        brief(row["duration_s"], 4),
+        "none" if peak is None else brief(np.degrees(peak), 3),
         str(row["fixes"]),
         "yes" if row["commands"] else "no",
         "yes" if row["wheel_momentum"] else "no",
@@ -197,8 +183,7 @@ _CHECKING = "holding the telemetry against the laws of motion"
 # Keys in a doubt's words, such as columns.rate.names or wheels.x.max_torque.
 _KEY = re.compile(r"\b(?:columns|wheels|rate_sensor)\.[\w.-]*\w")
 _CampaignOrNone = Annotated[
-    Path | None,
-    typer.Argument(help="Campaign folder; without it the installation is looked at."),
+    Path | None, typer.Argument(help="Campaign folder; without it the installation is looked at.")
 ]
 
 
@@ -295,9 +280,6 @@ def show_check(check: ConventionsCheck, campaign: Path, mapping_lines: Sequence[
         console.print(f"next: bayes-inertia fit {campaign} -o RUN", soft_wrap=True)
 
 
-_STOCHASTIC = "effects_without_fixed_shape"
-
-
 def installation_json(progress: Progress = silent) -> dict[str, Any]:
     """Versions, the device that computes, a self-test, and the library of effects."""
     progress("loading JAX", 0, 0)
@@ -317,25 +299,21 @@ def installation_json(progress: Progress = silent) -> dict[str, Any]:
         "self_test_passed": drift < LAYOUT.energy_drift_allowed,
         "compiled_code": _compiled_code(),
         "effects": [effect.name for effect in LIBRARY],
-        _STOCHASTIC: [effect.name for effect in STOCHASTIC],
+        "effects_without_fixed_shape": [effect.name for effect in STOCHASTIC],
     }
 
 
 def show_installation(content: Mapping[str, Any]) -> None:
     """Print what this installation consists of, and whether it works."""
+    from bayes_inertia.report.formatting import brief
+    from bayes_inertia.report.words import sentences
+
     console, passed = plain_console(), content["self_test_passed"]
-    drift = f"energy of a free tumble constant to {content['energy_drift']:.1g}"
+    drift = f"energy of a free tumble constant to {brief(content['energy_drift'], 1)}"
     says = "self-test passed" if passed else "self-test FAILED: do not use this installation"
     console.print(headed(says, f" ({drift})", style="bold green" if passed else "bold red"))
-    bits = "64-bit" if content["double_precision"] else "32-bit: do not use it"
-    for what, value in (
-        ("packages", ", ".join(f"{name} {of}" for name, of in content["versions"].items())),
-        ("computing on", f"{', '.join(content['devices'])}, {bits}"),
-        ("compiled code", content["compiled_code"]),
-        ("effects", ", ".join(content["effects"])),
-        ("stochastic effects", ", ".join(content[_STOCHASTIC])),
-    ):
-        console.print(f"{what}: {value}")
+    for line in sentences("commands", "installation", content):
+        console.print(line)
 
 
 def _compiled_code() -> str:

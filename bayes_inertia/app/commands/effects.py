@@ -92,6 +92,8 @@ def _list(effects: tuple[Effect, ...], campaign: Campaign, as_json: bool) -> Non
 
 def show_checked_effect(checked: CheckedEffect) -> None:
     """Print what was proven of an effect."""
+    from bayes_inertia.report.formatting import brief
+
     console = plain_console()
     console.print(headed(f"{checked.name}: keeps the contract", style="bold green"))
     for line in (
@@ -106,6 +108,6 @@ def show_checked_effect(checked: CheckedEffect) -> None:
     console.print("every parameter leaves a trace [noise sigmas per prior sd, all samples]:")
     for drive, sizes in checked.fingerprint.items():
         for name, size in sizes.items():
-            console.print(indented(f"{name}, {drive} drive: {size:.3g}"))
+            console.print(indented(f"{name}, {drive} drive: {brief(size, 3)}"))
     for warning in checked.warnings:
         console.print(headed("warning", f": {warning}", style="bold yellow"))

@@ -71,18 +71,17 @@ def report_command(
 def _report(run: Path, plan: Path | None, out: Path | None, as_json: bool) -> Path:
     with progress_bar() as progress:
         progress("reading the run", 0, 0)
-        from bayes_inertia.app.finished_runs import finished_posterior, promise_of_plan
-        from bayes_inertia.app.run_folder import run_page, run_summary, write_run_report
+        from bayes_inertia.app.finished_runs import promise_of_plan
+        from bayes_inertia.app.result_folder import finished_posterior
+        from bayes_inertia.app.run_folder import run_page, run_summary
         from bayes_inertia.sealing import is_sealed
 
         posterior = finished_posterior(run)
         intact, summary = is_sealed(run / "posterior.nc", ""), run_summary(posterior, run)
         progress("drawing the report", 0, 0)
         promise = None if plan is None else promise_of_plan(run, plan, summary)
-        if out is None:
-            path = write_run_report(posterior, run, intact=intact, promise=promise)
-        else:
-            path = _new_page(out, run_page(posterior, run, intact=intact, promise=promise))
+        page = run_page(posterior, run, intact=intact, promise=promise)
+        path = _written(page, out, run / "report.html")
     sentence = summary["verdict_sentence"]
     document = {
         "report": str(path),
@@ -111,17 +110,12 @@ def _compare(first: Path, second: Path, out: Path | None, as_json: bool) -> Path
     with progress_bar() as progress:
         progress("reading the runs", 0, 0)
         from bayes_inertia.app.finished_runs import compare_two_runs
-        from bayes_inertia.files import write_atomically
         from bayes_inertia.report.comparison_sections import comparison_page
         from bayes_inertia.report.run_comparison import comparison_json
 
         comparison = compare_two_runs(first, second)
         progress("drawing the page", 0, 0)
-        page = comparison_page(comparison)
-        if out is None:
-            path = write_atomically(second / "comparison.html", page)
-        else:
-            path = _new_page(out, page)
+        path = _written(comparison_page(comparison), out, second / "comparison.html")
     if not as_json:
         plain_console().print(f"A: {first}; B: {second}", soft_wrap=True)
     document = {"format": COMPARISON_FORMAT, "report": str(path)} | comparison_json(comparison)
@@ -129,12 +123,14 @@ def _compare(first: Path, second: Path, out: Path | None, as_json: bool) -> Path
     return path
 
 
-def _new_page(path: Path, page: str) -> Path:
-    """A page that replaces no other file."""
-    from bayes_inertia.files import write_new_files
+def _written(text: str, out: Path | None, usual: Path) -> Path:
+    """Where a text was written: to a file of the user's choice, which replaces no other one."""
+    from bayes_inertia.files import write_atomically, write_new_files
 
-    write_new_files(path.parent, {path.name: page.encode("utf-8")}, holds="file")
-    return path
+    if out is None:
+        return write_atomically(usual, text)
+    write_new_files(out.parent, {out.name: text.encode("utf-8")}, holds="file")
+    return out
 
 
 def _say(document: dict[str, Any], sentence: str, path: Path, as_json: bool) -> None:
@@ -173,7 +169,7 @@ def export_command(
     """
     with progress_bar() as progress:
         progress("reading the run", 0, 0)
-        from bayes_inertia.app.export_run import exported_result, write_export
+        from bayes_inertia.app.export_run import exported_result
         from bayes_inertia.report.export.formats import EXPORT_FORMATS
 
         form = EXPORT_FORMATS[to]
@@ -187,6 +183,6 @@ def export_command(
     if out is None:
         typer.echo(form.text(result), nl=False)
     else:
-        say(f"wrote {write_export(result, form, out)}")
+        say(f"wrote {_written(form.text(result), out, out)}")
     if not result.trusted:
         raise typer.Exit(3)

@@ -38,6 +38,7 @@ from bayes_inertia.app.terminal import (
     print_table,
     progress_bar,
 )
+from bayes_inertia.errors import SettingsError
 from bayes_inertia.sealing import SEAL_KEY
 
 if TYPE_CHECKING:
@@ -73,7 +74,6 @@ def fit_command(
             refuse_or_warn(campaign, progress, names_in(effects))
 
         from bayes_inertia.app import run_folder
-        from bayes_inertia.campaign.prior import prior_in
         from bayes_inertia.inference.settings import usual_settings
         from bayes_inertia.physics.channel_noise import noise_model_from_text
         from bayes_inertia.physics.named_effects import effects_named, remainders
@@ -87,10 +87,26 @@ def fit_command(
             settings=usual_settings(effects_named(names), seed=seed),
             as_stated=as_stated,
             noise=noise_model_from_text(noise or [], names_in(sample_noise)),
-            prior=None if prior is None else prior_in(prior).inflated(inflate),
+            **_known_before(prior, inflate),
         )
         posterior = run_folder.finish(out, report=report, progress=progress)
     show_run(posterior, out, report, as_json=as_json, open_page=open_page)
+
+
+def _known_before(former: Path | None, inflate: float) -> dict[str, Any]:
+    """The prior of a run, and the campaigns that it holds; none without a former result."""
+    from bayes_inertia.app.run_folder import campaigns_in
+    from bayes_inertia.campaign.prior import prior_in
+
+    if former is not None:
+        return {"prior": prior_in(former).inflated(inflate), "former": campaigns_in(former)}
+    if inflate:
+        raise SettingsError(
+            "there is no former result to inflate",
+            where="--inflate",
+            advice="add --prior RUN, or state wider sigmas in campaign.toml",
+        )
+    return {}
 
 
 FormerRun = Annotated[

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -14,6 +14,7 @@ from bayes_inertia.app.commands.options import AsJson
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
     headed,
+    indented,
     plain_console,
     print_json,
     print_table,
@@ -115,8 +116,8 @@ def show_import(imported: ImportedCampaign) -> None:
     slews, place = len(imported.cut.windows), f": {imported.folder}"
     console.print(headed(f"imported {slews} slews", place, style="bold green"), soft_wrap=True)
     console.print(f"times count from {zero_of_clock(imported.logs)}")
-    _show_streams(console, imported)
-    _show_slews(console, imported)
+    _show_streams(imported)
+    _show_slews(imported)
     _show_noise(console, imported.noises)
     for sentence in dirt_sentences([record.json() for record in imported.campaign.dirt]):
         console.print(sentence)
@@ -130,19 +131,25 @@ def show_import(imported: ImportedCampaign) -> None:
     )
 
 
-def _show_streams(console: Console, imported: ImportedCampaign) -> None:
+def _show_streams(imported: ImportedCampaign) -> None:
     rows = []
     for key, stream in imported.logs.streams.items():
         names = [Path(file).name for file in stream.files]
         more = f" and {len(names) - 1} more" if len(names) > 1 else ""
         rows.append((key, str(len(stream.time)), f"{stream.step:.4g}", names[0] + more))
     print_table(("stream", "readings", "step [s]", "files"), rows, ("files",))
-    for stream in imported.logs.streams.values():
-        for note in stream.notes:
-            console.print(f"  {stream.holds}: {note}")
+    _say("imported_streams", imported.logs.streams)
 
 
-def _show_slews(console: Console, imported: ImportedCampaign) -> None:
+def _say(what: str, *values: Any) -> None:
+    """Print sentences on an import."""
+    from bayes_inertia.report.words import sentences
+
+    for line in sentences("commands", what, *values):
+        plain_console().print(indented(line))
+
+
+def _show_slews(imported: ImportedCampaign) -> None:
     cut = imported.cut
     rows = (
         (
@@ -157,26 +164,7 @@ def _show_slews(console: Console, imported: ImportedCampaign) -> None:
     print_table(
         ("slew", "from [s]", "to [s]", "before (fixes)", "after (fixes)", "turned [deg]"), rows
     )
-    if len(cut.windows) > LAYOUT.slews_shown:
-        console.print(f"... and {len(cut.windows) - LAYOUT.slews_shown} slews more")
-    for window in cut.windows:
-        if "attitude" in imported.logs.streams and window.fixes is not None:
-            for fixes, side in zip(window.fixes, ("before", "after"), strict=True):
-                if not fixes:
-                    console.print(f"{window.name}: no star-tracker fix in the rest {side} it")
-    dropped = [part for part in cut.dropped if part.end - part.start >= LAYOUT.shortest_span_s]
-    for reason in dict.fromkeys(part.reason for part in dropped):
-        parts = [part for part in dropped if part.reason == reason]
-        seconds = sum(part.end - part.start for part in parts)
-        spans = ", ".join(
-            f"{part.start:.0f} to {part.end:.0f}" for part in parts[: LAYOUT.spans_shown]
-        )
-        more = (
-            f" and {len(parts) - LAYOUT.spans_shown} more"
-            if len(parts) > LAYOUT.spans_shown
-            else ""
-        )
-        console.print(f"left out, {reason}: {seconds:.0f} s ({spans} s{more})")
+    _say("imported_slews", cut, "attitude" in imported.logs.streams, LAYOUT)
 
 
 def _rests(window: SlewWindow) -> tuple[str, str]:
@@ -204,12 +192,7 @@ def _show_noise(console: Console, noises: tuple[RestNoise, ...]) -> None:
         seen, unit = _numbers(noise.seen, power), unit_text(noise.unit, power)
         rows.append((noise.key, stated, seen, unit))
     print_table(("noise per sample", "stated", "at rest", "unit"), rows)
-    for noise in noises:
-        of = f" (rounding to steps of {noise.step:.2g} {noise.unit})" if noise.step else ""
-        if noise.differs:
-            console.print(f"  {noise.key}: the rests show another noise: {noise.toml()}{of}")
-        if noise.stated is None:
-            console.print(f"  {noise.key}: to use these readings, state {noise.toml()}{of}")
+    _say("imported_noises", noises)
 
 
 def _numbers(values: tuple[float, ...], power: int) -> str:

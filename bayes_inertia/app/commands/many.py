@@ -36,14 +36,13 @@ from bayes_inertia.app.terminal import (
     say,
     show_result,
 )
+from bayes_inertia.errors import SettingsError
 
 if TYPE_CHECKING:
     from bayes_inertia.app.study_folder import Study
     from bayes_inertia.report.section import Table
     from bayes_inertia.studies.calibration import Calibration
     from bayes_inertia.studies.work import WorkResult
-
-_SHOWN = ("Jxx", "Jyy", "Jzz", "K1", "K2", "K3")
 
 
 def fit_many_command(
@@ -94,18 +93,23 @@ def fit_many_command(
 def show_fits(result: WorkResult, folder: Path) -> None:
     """Print a row a campaign."""
     from bayes_inertia.app.many_folder import campaign_of
+    from bayes_inertia.report.formatting import kind_of
 
-    console = plain_console()
+    console, told = plain_console(), ("moment of inertia", "K")
+    # Of a spacecraft without a rate sensor no K, and where nothing ties the size of J its ratios.
+    quoted = (key for row in result.rows for key, sd in row.items() if sd and key.endswith(_SD))
+    names = [key.removesuffix(_SD) for key in dict.fromkeys(quoted)]
+    names = [name for name in names if kind_of(name) in told]
     cells = (
         (
             row["campaign"],
             "yes" if row["trusted"] else "NO",
-            *(_cell(row, name) for name in _SHOWN),
+            *(_cell(row, name) for name in names),
             f"{row['reduced_chi2_total']:.3f}",
         )
         for row in result.rows
     )
-    print_table(("campaign", "use", *_SHOWN, "χ²"), cells)
+    print_table(("campaign", "use", *names, "χ²"), cells, names[6:])
     for row in result.rows:
         if not row["trusted"]:
             console.print(f"{row['campaign']}: {row['reasons']}")
@@ -123,7 +127,7 @@ def show_fits(result: WorkResult, folder: Path) -> None:
 def _cell(row: dict[str, Any], name: str) -> str:
     from bayes_inertia.report.formatting import NOT_GIVEN, exponent, number, unit_text
 
-    sd = row.get(f"{name}_quoted_sd")  # None of K that the gyro does not have
+    sd = row.get(f"{name}{_SD}")  # None of K that the gyro does not have
     if sd is None:
         return NOT_GIVEN
     power = exponent(row[name], sd)
@@ -131,7 +135,20 @@ def _cell(row: dict[str, Any], name: str) -> str:
     return f"{number(row[name], sd, power)}\n± {number(sd, sd, power)}{scale}"
 
 
+_SD = "_quoted_sd"  # behind a parameter's name, in a row
 _CALIBRATION = "calibration"
+
+
+PlanFlown = Annotated[str | None, typer.Option(help=f"Plan file, {PAPER_HELP}, as without it.")]
+CampaignCount = Annotated[
+    int | None, typer.Option(help="Campaigns to simulate and fit; 200 without it.", min=2)
+]
+FitCount = Annotated[
+    int | None, typer.Option(help="Fits of a calibration, of all cases; 1000 without it.", min=1)
+]
+CaseNames = Annotated[
+    str, typer.Option(help="Cases of a calibration, separated by commas; all without it.")
+]
 
 
 def study_command(
@@ -139,12 +156,10 @@ def study_command(
         Path, typer.Argument(metavar="CAMPAIGN|calibration", help="Campaign folder, or a word.")
     ],
     out: OutputFolder,
-    plan: Annotated[str, typer.Option(help=f"Plan file, {PAPER_HELP}.")] = "paper",
-    campaigns: Annotated[int, typer.Option(help="Campaigns to simulate and fit.", min=2)] = 200,
-    fits: Annotated[int, typer.Option(help="Fits of a calibration, of all cases.", min=1)] = 1000,
-    cases: Annotated[
-        str, typer.Option(help="Cases of a calibration, separated by commas; all without it.")
-    ] = "",
+    plan: PlanFlown = None,
+    campaigns: CampaignCount = None,
+    fits: FitCount = None,
+    cases: CaseNames = "",
     engine: EngineName = None,
     scheduler: SchedulerAddress = None,
     jobs: Jobs = 1,
@@ -162,6 +177,7 @@ def study_command(
 
     A study that was killed goes on with the same command. Exit code 3 if uncertainties do not hold.
     """
+    from bayes_inertia.app.plan_folder import PAPER
     from bayes_inertia.app.study_folder import run_calibration, run_study
     from bayes_inertia.studies.engine import Execution
 
@@ -169,16 +185,29 @@ def study_command(
     show: Callable[[Any, Path], None]
     if what == Path(_CALIBRATION) and not (what / "campaign.toml").is_file():
         name, show, wrong = "calibration", show_calibration, attrgetter("rejected")
-        run = partial(run_calibration, out, fits=fits, cases=names_in(cases), seed=seed)
+        run = partial(run_calibration, out, fits=fits or 1000, cases=names_in(cases), seed=seed)
+        foreign: dict[str, Any] = {"--plan": plan, "--campaigns": campaigns}
     else:
         name, show, wrong = "study", show_study, attrgetter("too_small")
-        run = partial(run_study, what, out, plan, campaigns=campaigns, seed=seed)
+        run = partial(run_study, what, out, plan or PAPER, campaigns=campaigns or 200, seed=seed)
+        foreign = {"--fits": fits, "--cases": cases}
+    _refuse_given(foreign)
     with progress_bar() as progress:
         progress("flying and fitting the first campaigns", 0, 0)
         found: Any = run(execution=Execution(engine, jobs, scheduler, progress, say))
     show_result(out / f"{name}.json", as_json, False, show, found, out)
     if wrong(found) or found.failures:
         raise typer.Exit(3)
+
+
+def _refuse_given(foreign: dict[str, Any]) -> None:
+    """Refuse options of the other study."""
+    if given := [option for option, value in foreign.items() if value]:
+        raise SettingsError(
+            "the study that is asked for does not take it",
+            where=", ".join(given),
+            advice="leave it out; `study --help` says which study takes it",
+        )
 
 
 def show_study(study: Study, folder: Path) -> None:

@@ -68,8 +68,7 @@ NoiseOfChannel = Annotated[
 SampledNoise = Annotated[
     str,
     typer.Option(
-        "--sample-noise",
-        help="Channels whose noise level is estimated along, separated by commas.",
+        "--sample-noise", help="Channels whose noise level is estimated along, separated by commas."
     ),
 ]
 PriorRun = Annotated[

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -35,6 +34,7 @@ from bayes_inertia.app.terminal import (
 )
 
 if TYPE_CHECKING:
+    from bayes_inertia.app.plan_folder import DesignedPlan
     from bayes_inertia.design.comparison import Contender
     from bayes_inertia.design.designer import Design
 
@@ -113,20 +113,13 @@ def design_command(
         observe_command(campaign, out, effects, None, seed, True, open_page, as_json)
         raise typer.Exit(2)
     with progress_bar() as progress:
-        design = run_design(campaign, out, request, progress)
-    content = json.loads((out / "design.json").read_text())
-    show_result(out / "design.json", as_json, open_page, show_design, design, out, content, after)
-    raise typer.Exit(0 if design.kept else 3)
+        designed = run_design(campaign, out, request, progress)
+    show_result(out / "design.json", as_json, open_page, show_design, designed, out, after)
+    raise typer.Exit(0 if designed.kept else 3)
 
 
-def show_design(
-    design: Design, folder: Path, content: Mapping[str, Any], after: bool = False
-) -> None:
-    """Print a designed plan: what each parameter gains or loses, its slews, its margins.
-
-    `content`: of its design.json.
-    """
-    from bayes_inertia.app.plan_folder import WHEELS_AT_REST
+def show_design(designed: DesignedPlan, folder: Path, after: bool = False) -> None:
+    """Print a designed plan: what each parameter gains or loses, its slews, its margins."""
     from bayes_inertia.report.plan_sections import (
         gain_answer,
         gain_table,
@@ -134,7 +127,8 @@ def show_design(
         worse_than_paper,
     )
 
-    console, goal, sd, paper = plain_console(), design.goal, design.sd, design.reference_sd
+    console, design = plain_console(), designed.design
+    goal, sd, paper = design.goal, design.sd, design.reference_sd
     reached = design.value, design.reference_value
     console.print(headed(gain_answer(goal.says, goal.unit, *reached, design.kept)))
     console.print(worse_than_paper(sd, paper))
@@ -145,10 +139,8 @@ def show_design(
     slews = slews_table({"": design.plan})
     print_table(slews.columns, slews.rows)
     _show_margins(console, design)
-    for note in content.get("left_out", ()):
+    for note in designed.notes:
         console.print(headed("note", f": {note}", style="bold yellow"))
-    if content["start_wheel_momentum_Nms"] and not design.plan.wheel_momentum:
-        console.print(WHEELS_AT_REST)
     console.print(
         "wrote design.json, design.png, design.html and plan.toml (for `simulate --plan`) in "
         f"{folder}"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.formatting import arcsec
@@ -17,7 +16,7 @@ from bayes_inertia.report.pictures import posterior_data, style
 def draw_attitude(posterior: Posterior) -> Figure | None:
     """Attitude misfit at every fix, in arcsec (above) and in stated sigmas (below).
 
-    Left: before the slew, right: after it.
+    Left: before the slew, right: after it; its halves where fixes come all the time.
     Small marks are single fixes, large ones their mean with its standard error.
     """
     misfit = posterior_data.attitude_misfit(posterior)
@@ -38,34 +37,17 @@ def draw_attitude(posterior: Posterior) -> Figure | None:
                 axes.set(ylim=(-limit, limit), xlabel="slew")
             else:
                 largest = 1.08 * float(np.nanmax(np.abs(values)))
-                axes.set(
-                    ylim=(-largest, largest), title="after the slew" if after else "before the slew"
-                )
+                axes.set(ylim=(-largest, largest), title=misfit.sides[c])
                 axes.axhline(0.0, color=style.MUTED, lw=0.6, zorder=0.5)
             if c == 0:
                 axes.set_ylabel(label)
-    _legend(figure)
-    return figure
-
-
-def _legend(figure: Figure) -> None:
     handles = [
-        Line2D(
-            [],
-            [],
-            color=style.color(i),
-            marker=style.MARKERS[i],
-            ms=5,
-            ls="",
-            label=f"about body {a}",
-        )
-        for i, a in enumerate("xyz")
+        *style.component_marks("xyz", "about body "),
+        style.mark("single fix", style.MUTED, ".", ms=4),
+        style.mark("mean ± standard error", style.INK, lw=1.4, ls="-"),
     ]
-    handles += [
-        Line2D([], [], color=style.MUTED, marker=".", ms=4, ls="", label="single fix"),
-        Line2D([], [], color=style.INK, lw=1.4, label="mean ± standard error"),
-    ]
-    figure.legend(handles=handles, loc="upper left", ncols=5, bbox_to_anchor=(0.01, 1.0))
+    style.legend(figure, handles)
+    return figure
 
 
 def attitude_panel(axes: Axes, values: np.ndarray, slews: list[str], *, label_slews: bool) -> None:

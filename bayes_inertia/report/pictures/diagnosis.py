@@ -6,11 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from bayes_inertia.report.formatting import channel_name, plain, tenths
@@ -32,28 +30,16 @@ def draw_disagreement(
         for w in windows
     ]
     chosen = most_disagreeing_slews(cells, windows)
-    rows, columns = style.grid_shape(len(chosen))
     components = [name for part in cells["channels"].values() for name in part["components"]]
     height = 0.5 + 0.19 * len(components)
-    figure, places = style.grid(
-        1.05 + rows * (height + 0.35),
-        rows,
-        columns,
-        left=1.2,
-        right=0.15,
-        top=0.75,
-        gap_x=0.25,
-        gap_y=0.55,
+    names = [cells["slews"][s] for s in chosen]
+    figure, panels, columns = style.slew_panels(
+        names, 1.05, height + 0.35, left=1.2, top=0.75, gap_x=0.25, gap_y=0.55
     )
-    for k, s in enumerate(chosen):
-        axes = figure.add_axes(places[k])
+    for k, (axes, s) in enumerate(zip(panels, chosen, strict=True)):
         _map_panel(axes, cells, windows, s)
-        axes.set_title(cells["slews"][s])
-        axes.set_yticks(np.arange(len(components)))
-        axes.set_yticklabels(components if k % columns == 0 else [])
+        axes.set_yticks(np.arange(len(components)), [] if k % columns else components)
         axes.tick_params(length=0, axis="y")
-        if k >= len(chosen) - columns:
-            axes.set_xlabel("time in slew [s]")
     _map_legend(figure)
     return figure
 
@@ -133,16 +119,9 @@ def _map_legend(figure: Figure) -> None:
         Patch(fc=_NOT_MEASURED, ec=style.PALE, label="not measured"),
         Patch(fc="none", ec=style.INK, lw=1.2, label="noise does not explain this (p < 0.05)"),
     ]
-    figure.legend(
-        handles=handles,
-        loc="upper left",
-        ncols=7,
-        bbox_to_anchor=(0.01, 1.0),
-        columnspacing=1.2,
-        title="mean of measured − predicted",
-        title_fontsize=8.5,
-        alignment="left",
-    )
+    title = "mean of measured − predicted"
+    how: dict[str, Any] = {"columnspacing": 1.2, "title_fontsize": 8.5, "alignment": "left"}
+    style.legend(figure, handles, title=title, **how)
 
 
 @style.styled
@@ -158,9 +137,9 @@ def draw_candidates(
     handles = [
         Patch(fc=style.VERMILLION, hatch="////", ec="white", label="named"),
         Patch(fc=style.BLUE, label="significant by itself, before anything was added"),
-        Line2D([], [], color=style.INK, ls=(0, (4, 2)), lw=1.0, label="significance"),
+        style.mark("significance", style.INK, ls=(0, (4, 2)), lw=1.0),
     ]
-    figure.legend(handles=handles, loc="upper left", ncols=3, bbox_to_anchor=(0.01, 1.0))
+    style.legend(figure, handles)
     return figure
 
 
@@ -284,10 +263,10 @@ def draw_shifts(steps: Sequence[Mapping[str, Any]]) -> Figure:
     for place, name in zip(places, last, strict=False):
         _shift_panel(figure.add_axes(place), name, first[name], last[name])
     handles = [
-        Line2D([], [], marker="s", color=style.MUTED, ls="-", label="base model ± sd"),
-        Line2D([], [], marker="o", color=style.BLUE, ls="-", label="with the effects added ± sd"),
+        style.mark("base model ± sd", style.MUTED, "s", ls="-"),
+        style.mark("with the effects added ± sd", style.BLUE, "o", ls="-"),
     ]
-    figure.legend(handles=handles, loc="upper left", ncols=2, bbox_to_anchor=(0.01, 1.0))
+    style.legend(figure, handles)
     return figure
 
 
@@ -319,15 +298,14 @@ def draw_signal(signal: Mapping[str, Any], *, whole_band: bool = False) -> Figur
     time, mean, sd = (np.array(signal[key], float) for key in ("time", "mean", "sd"))
     power = np.sqrt(np.mean(mean**2, axis=(1, 2)))
     chosen = sorted(np.argsort(-power, kind="stable")[: LAYOUT.most_slews_drawn].tolist())
-    rows, columns = style.grid_shape(len(chosen))
-    figure, places = style.grid(
-        0.75 + 1.75 * rows, rows, columns, left=0.85, top=0.7, gap_x=0.35, gap_y=0.55
-    )
     band = float(np.quantile(2.0 * sd, 0.9) if whole_band else np.median(sd))
     top = 1.25 * max(float(np.abs(mean).max()), band)
     scale = style.scale(signal["source"], signal["unit"], 0.0, top)
-    for k, s in enumerate(chosen):
-        axes = figure.add_axes(places[k])
+    names = [signal["slews"][s] for s in chosen]
+    figure, panels, columns = style.slew_panels(
+        names, 0.75, 1.75, left=0.85, top=0.7, gap_x=0.35, gap_y=0.55
+    )
+    for k, (axes, s) in enumerate(zip(panels, chosen, strict=True)):
         axes.axhline(0.0, color=style.PALE, lw=0.8, zorder=0)
         for i in range(mean.shape[-1]):
             low, high = mean[s, :, i] - 2.0 * sd[s, :, i], mean[s, :, i] + 2.0 * sd[s, :, i]
@@ -338,17 +316,9 @@ def draw_signal(signal: Mapping[str, Any], *, whole_band: bool = False) -> Figur
                 time[s], scale(mean[s, :, i]), color=style.color(i), ls=style.DASHES[i % 6], lw=1.2
             )
         axes.set(ylim=(-top / scale.factor, top / scale.factor), xlim=(time[s][0], time[s][-1]))
-        axes.set_title(signal["slews"][s])
-        if k % columns == 0:
-            axes.set_ylabel(scale.label)
-        else:
-            axes.tick_params(labelleft=False)
-        if k >= len(chosen) - columns:
-            axes.set_xlabel("time in slew [s]")
-    handles: list[Artist] = [
-        Line2D([], [], color=style.color(i), ls=style.DASHES[i % 6], label=c)
-        for i, c in enumerate(signal["components"])
-    ]
-    handles.append(Patch(fc=style.PALE, label="±2 sd"))
-    figure.legend(handles=handles, loc="upper left", ncols=7, bbox_to_anchor=(0.01, 1.0))
+        axes.tick_params(labelleft=k % columns == 0)
+    for axes in panels[::columns]:
+        axes.set_ylabel(scale.label)
+    handles = [*style.component_lines(signal["components"]), Patch(fc=style.PALE, label="±2 sd")]
+    style.legend(figure, handles)
     return figure

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from bayes_inertia.observability.result import InformationArrival, Observability, in_windows
+from bayes_inertia.report.formatting import brief
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
 
@@ -103,7 +104,7 @@ def _inflation(axes: Axes, observability: Observability) -> None:
         axes.text(
             start,
             y,
-            f"  ×{np.sqrt(p.variance_inflation):.2g}",
+            f"  ×{brief(np.sqrt(p.variance_inflation))}",
             va="center",
             fontsize=7.5,
             color=style.MUTED,

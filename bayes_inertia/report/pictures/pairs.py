@@ -6,19 +6,14 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
+from matplotlib.collections import EllipseCollection, PatchCollection
 from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from scipy.ndimage import gaussian_filter
 
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.report.formatting import (
-    common_exponents,
-    unit_text,
-    with_minus_sign,
-)
+from bayes_inertia.report.formatting import common_exponents, number, unit_text, with_minus_sign
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
 
@@ -31,7 +26,11 @@ def draw_pairs(posterior: Posterior, max_parameters: int = 16) -> Figure:
     figure = Figure(figsize=(size, size * 0.98))
     bottom = 0.05 if d <= LAYOUT.most_upright_labels else 0.09
     pairs_panel(figure.add_axes((0.15, bottom, 0.84, 0.95 - bottom)), posterior, max_parameters)
-    _legend(figure)
+    handles = [
+        Patch(fc=style.BLUE, alpha=0.5, label="posterior draws"),
+        style.mark("90 % (model)", style.BLUE, ls="-"),
+    ]
+    style.legend(figure, handles, loc="upper right", bbox_to_anchor=None)
     figure.text(0.005, 0.985, "name [unit]\nmiddle ± half width of the cells", va="top", fontsize=7)
     return figure
 
@@ -41,25 +40,17 @@ def pairs_panel(axes: Axes, posterior: Posterior, max_parameters: int) -> None:
     index = _chosen(posterior.samples, max_parameters)
     draws = posterior.samples[:, index]
     names = [posterior.names[i] for i in index]
-    covariance = np.atleast_2d(np.cov(draws.T))
-    half = LAYOUT.cell_half_width_sd * np.sqrt(np.diag(covariance))
+    half = LAYOUT.cell_half_width_sd * draws.std(0, ddof=1)
     z = (draws - draws.mean(0)) / half
     d = len(names)
     _densities(axes, z)
     _diagonal(axes, z)
-    _ellipses(axes, covariance / np.outer(half, half), color=style.BLUE, ls="-")
-    _correlations(axes, np.atleast_2d(np.corrcoef(draws.T)))
+    correlation = np.atleast_2d(np.corrcoef(draws.T))
+    _ellipses(axes, correlation)
+    _correlations(axes, correlation)
     _labels(axes, names, _row_labels(posterior, names, draws.mean(0), half))
     axes.set(xlim=(-0.02, d + 0.02), ylim=(d + 0.02, -0.02), xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
-
-
-def _legend(figure: Figure) -> None:
-    handles = [
-        Patch(fc=style.BLUE, alpha=0.5, label="posterior draws"),
-        Line2D([], [], color=style.BLUE, label="90 % (model)"),
-    ]
-    figure.legend(handles=handles, loc="upper right", ncols=3)
 
 
 def _chosen(samples: np.ndarray, max_parameters: int) -> list[int]:
@@ -100,8 +91,8 @@ def _densities(axes: Axes, z: np.ndarray) -> None:
         aspect="auto",
         zorder=1,
     )
-    frame = [_box(row, column) for row in range(d) for column in range(row + 1)]
-    axes.add_collection(LineCollection(frame, colors=style.PALE, linewidths=0.6, zorder=2))
+    frames = [_square(row, column) for row in range(d) for column in range(row + 1)]
+    axes.add_collection(PatchCollection(frames, fc="none", ec=style.PALE, lw=0.6, zorder=2))
 
 
 def _blues() -> Colormap:
@@ -112,11 +103,6 @@ def _blues() -> Colormap:
     ).with_extremes(bad="#ffffff")
 
 
-def _box(row: int, column: int) -> np.ndarray:
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]], float)
-    return np.column_stack([_place(corners[:, 0], column), _place(corners[:, 1], row, flip=True)])
-
-
 def _diagonal(axes: Axes, z: np.ndarray) -> None:
     for i in range(z.shape[1]):
         x, p = style.density(z[:, i], -1.0, 1.0, 80)
@@ -125,23 +111,24 @@ def _diagonal(axes: Axes, z: np.ndarray) -> None:
         axes.plot(_place(x, i), _place(heights, i, flip=True), color=style.BLUE, lw=1.0)
 
 
-def _ellipses(axes: Axes, covariance: np.ndarray, **line: Any) -> None:
-    """90 % ellipses of all pairs in cell units."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 61)
-    radius = float(np.sqrt(2.0 * np.log(10.0)))  # of a bivariate normal
-    circle = radius * np.stack([np.cos(angle), np.sin(angle)])
-    paths = []
-    for row in range(len(covariance)):
-        for column in range(row):
-            pair = covariance[np.ix_([column, row], [column, row])]
-            values, vectors = np.linalg.eigh(pair)
-            x, y = vectors @ (np.sqrt(np.maximum(values, 0.0))[:, None] * circle)
-            paths.append(np.column_stack([_place(x, column), _place(y, row, flip=True)]))
-    axes.add_collection(
-        LineCollection(
-            paths, colors=line["color"], linestyles=[line["ls"]], linewidths=1.0, zorder=3
-        )
+def _ellipses(axes: Axes, correlation: np.ndarray) -> None:
+    """Ellipses of all pairs that hold 90 % of a bivariate normal distribution."""
+    rows, columns = np.tril_indices(len(correlation), -1)
+    r = np.clip(correlation[rows, columns], -1.0, 1.0)
+    size = np.sqrt(2.0 * np.log(10.0)) * (1.0 - LAYOUT.cell_gap) / LAYOUT.cell_half_width_sd
+    ellipses = EllipseCollection(
+        size * np.sqrt(1.0 + r),
+        size * np.sqrt(1.0 - r),
+        np.full(len(r), -45.0),  # rows count downwards
+        units="xy",
+        offsets=np.column_stack([columns, rows]) + 0.5,
+        offset_transform=axes.transData,
+        facecolors="none",
+        edgecolors=style.BLUE,
+        linewidths=1.0,
+        zorder=3,
     )
+    axes.add_collection(ellipses)
 
 
 def _correlations(axes: Axes, correlation: np.ndarray) -> None:
@@ -176,11 +163,6 @@ def _square(row: int, column: int) -> Rectangle:
     )
 
 
-def _short(value: float, half: float) -> str:
-    decimals = int(np.clip(1 - np.floor(np.log10(half)), 0, 9))
-    return f"{value:.{decimals}f}" if decimals <= 6 else f"{value:.4g}"
-
-
 def _row_labels(
     posterior: Posterior, names: list[str], mean: np.ndarray, half: np.ndarray
 ) -> list[str]:
@@ -190,9 +172,9 @@ def _row_labels(
     labels = []
     for name, unit, middle, width in zip(names, units, mean, half, strict=True):
         scale = 10.0 ** powers[name]
-        spanned = f"{_short(middle / scale, width / scale)} ± {width / scale:.1g}"
+        spanned = f"{number(middle / scale, width / scale)} ± {width / scale:.1g}"
         shown = unit_text(unit, powers[name])
-        labels.append(f"{_broken(name)} [{shown}]\n{with_minus_sign(spanned)}")
+        labels.append(f"{_broken(name)} [{shown}]\n{spanned}")
     return labels
 
 

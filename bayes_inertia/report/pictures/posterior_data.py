@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.report.layout import LAYOUT
 
 
 def values_of(posterior: Posterior, group: str, name: str) -> np.ndarray:
@@ -86,6 +87,14 @@ class AttitudeMisfit:
     angle_B: np.ndarray
     whitened: np.ndarray  # (slews, fixes, 3) the same in stated sigmas
     after: np.ndarray  # (slews, fixes) whether the fix lies in the second half of its slew
+    throughout: bool  # whether fixes come during the slews too, not before and after them alone
+
+    @property
+    def sides(self) -> tuple[str, str]:
+        """The two halves of a slew, as they are called over a panel."""
+        if self.throughout:
+            return "first half of the slew", "second half of the slew"
+        return "before the slew", "after the slew"
 
 
 def attitude_misfit(posterior: Posterior) -> AttitudeMisfit | None:
@@ -111,6 +120,8 @@ def attitude_misfit(posterior: Posterior) -> AttitudeMisfit | None:
         axis=0,
     )
     middle = 0.5 * np.nanmax(time_in_slew(posterior, "time"), 1)
+    pauses = np.diff(time) / middle[:, None]
+    steady = np.isfinite(pauses).any() and np.nanmax(pauses) < LAYOUT.longest_pause_of_fixes
     whitened = values_of(posterior, "estimate", "residual_attitude").reshape(angle.shape)
     return AttitudeMisfit(
         slews=[str(slew) for slew in values_of(posterior, "observed_data", "slew")],
@@ -118,6 +129,7 @@ def attitude_misfit(posterior: Posterior) -> AttitudeMisfit | None:
         angle_B=angle,
         whitened=np.where(valid[..., None], whitened, np.nan),
         after=time > middle[:, None],
+        throughout=bool(steady),
     )
 
 

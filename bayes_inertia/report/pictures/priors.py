@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bayes_inertia.inference.posterior import Posterior
@@ -33,14 +32,12 @@ def draw_priors(posterior: Posterior) -> Figure:
         prior_panel(figure.add_axes(cell), posterior, name, summary[name])
     handles = [
         Patch(fc=style.BLUE, alpha=0.35, ec=style.BLUE, label="posterior"),
-        Line2D([], [], color=style.MUTED, ls=(0, (4, 2)), label="prior"),
-        Line2D([], [], color=style.BLUE, lw=3, label="mean ± sd (model)"),
+        style.mark("prior", style.MUTED, ls=(0, (4, 2))),
+        style.mark("mean ± sd (model)", style.BLUE, lw=3, ls="-"),
     ]
     if any(_is_widened(row) for row in summary.values()):
-        handles.append(
-            Line2D([], [], color=style.ORANGE, lw=3, marker="|", ms=9, label="mean ± quoted sd")
-        )
-    figure.legend(handles=handles, loc="upper left", ncols=4, bbox_to_anchor=(0.01, 1.0))
+        handles.append(style.mark("mean ± quoted sd", style.ORANGE, "|", lw=3, ms=9, ls="-"))
+    style.legend(figure, handles)
     return figure
 
 

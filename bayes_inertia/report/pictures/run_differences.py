@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
@@ -40,8 +39,8 @@ def draw_run_differences(parameters: Sequence[ParameterDifference]) -> Figure | 
     axes.set_yticks(rows, [p.name for p in parameters])
     axes.set_xlabel("difference from A [combined sd]")
     handles = [
-        Line2D([], [], marker="s", color=style.MUTED, label="A ± sd"),
-        Line2D([], [], marker="o", color=style.BLUE, label="B ± sd"),
+        style.mark("A ± sd", style.MUTED, "s", ls="-"),
+        style.mark("B ± sd", style.BLUE, "o", ls="-"),
     ]
-    figure.legend(handles=handles, loc="upper left", ncols=2, bbox_to_anchor=(0.01, 1.0))
+    style.legend(figure, handles)
     return figure

@@ -7,7 +7,7 @@ rc context, and pictures use the object API only.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from itertools import pairwise
@@ -15,8 +15,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from bayes_inertia.report.formatting import unit_text
 from bayes_inertia.report.layout import LAYOUT
@@ -131,6 +133,44 @@ def grid_shape(n: int) -> tuple[int, int]:
     return -(-n // columns), columns
 
 
+def slew_panels(
+    slews: Sequence[str], head: float, height: float, **gaps: float
+) -> tuple[Figure, list[Axes], int]:
+    """A figure with a named panel for each slew, and how many stand in a row.
+
+    `head` of the figure and `height` of a row [in]; `gaps`: see `grid`.
+    """
+    rows, columns = grid_shape(len(slews))
+    figure, cells = grid(head + height * rows, rows, columns, **gaps)
+    panels = [figure.add_axes(cell) for cell in cells[: len(slews)]]
+    for k, (axes, name) in enumerate(zip(panels, slews, strict=True)):
+        axes.set_title(name)
+        if k >= len(slews) - columns:
+            axes.set_xlabel("time in slew [s]")
+    return figure, panels, columns
+
+
+def mark(label: str, color: str, marker: str = "", **line: Any) -> Line2D:
+    """A line of a legend, or a mark; both with `ls`."""
+    return Line2D([], [], color=color, label=label, marker=marker, **{"ls": "", **line})
+
+
+def component_marks(names: Sequence[str], prefix: str = "") -> list[Artist]:
+    """Marks of a legend, one a component."""
+    return [mark(f"{prefix}{n}", color(i), MARKERS[i % 6], ms=4) for i, n in enumerate(names)]
+
+
+def component_lines(names: Sequence[str], prefix: str = "") -> list[Artist]:
+    """Lines of a legend, one a component."""
+    return [mark(f"{prefix}{n}", color(i), ls=DASHES[i % 6]) for i, n in enumerate(names)]
+
+
+def legend(figure: Figure, handles: Sequence[Artist], ncols: int = 7, **how: Any) -> None:
+    """A legend along the upper edge of a figure."""
+    place = {"loc": "upper left", "bbox_to_anchor": (0.01, 1.0)}
+    figure.legend(handles=handles, ncols=ncols, **(place | how))
+
+
 def envelope(
     x: np.ndarray, y: np.ndarray, limit: int = LAYOUT.most_line_points
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -185,6 +225,11 @@ def sigma_guides(axes: Axes, levels: tuple[int, ...] = (1, 2, 3)) -> None:
         grey = {1: "#c9c9c9", 2: "#9a9a9a", 3: "#555555"}.get(level, MUTED)
         for sign in (-1, 1):
             axes.axhline(sign * level, color=grey, lw=0.7, ls=(0, (4, 3)), zorder=3)
+
+
+def sigma_mark() -> Line2D:
+    """The line of a legend that explains `sigma_guides`."""
+    return mark("±1, 2, 3 σ", "#555555", lw=0.7, ls=(0, (4, 3)))
 
 
 def symmetric_limit(values: np.ndarray, smallest: float = 4.2) -> float:

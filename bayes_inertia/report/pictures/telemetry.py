@@ -6,10 +6,8 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bayes_inertia.inference.posterior import Posterior
@@ -55,48 +53,31 @@ def draw_rates(posterior: Posterior, slews: Sequence[int] | None = None) -> Figu
     if channel is None:
         return None
     chosen = range(len(channel.slews)) if slews is None else slews
-    rows, columns = style.grid_shape(len(chosen))
-    figure, cells = style.grid(
-        0.6 + 2.9 * rows, rows, columns, left=0.7, top=0.7, gap_x=0.6, gap_y=0.55
+    names = [channel.slews[s] for s in chosen]
+    figure, panels, columns = style.slew_panels(
+        names, 0.6, 2.9, left=0.7, top=0.7, gap_x=0.6, gap_y=0.55
     )
-    span = max(
-        (
-            np.abs(channel.measured[s][np.isfinite(channel.measured[s])]).max(initial=1e-12)
-            for s in chosen
-        ),
-        default=1.0,
-    )
-    scale = style.scale("rate", "rad/s", 0.0, float(span))
-    for k, s in enumerate(chosen):
-        left, bottom, width, height = cells[k]
-        above = figure.add_axes((left, bottom + 0.44 * height, width, 0.56 * height))
-        below = figure.add_axes((left, bottom, width, 0.38 * height), sharex=above)
+    span = float(np.nanmax(np.abs(channel.measured[list(chosen)]), initial=1e-12))
+    scale = style.scale("rate", "rad/s", 0.0, span)
+    for k, (below, s) in enumerate(zip(panels, chosen, strict=True)):
+        left, bottom, width, height = below.get_position().bounds
+        above = figure.add_axes((left, bottom + 0.44 * height, width, 0.56 * height), sharex=below)
+        below.set_position((left, bottom, width, 0.38 * height))
+        below.set_title("")
         rate_panel(above, channel, s, scale)
         residual_panel(below, channel, s)
         above.tick_params(labelbottom=False)
         if k % columns == 0:
             above.set_ylabel(scale.label)
             below.set_ylabel("residual [σ]")
-        if k >= len(chosen) - columns:
-            below.set_xlabel("time in slew [s]")
-    _rates_legend(figure, channel.components)
-    return figure
-
-
-def _rates_legend(figure: Figure, components: Sequence[str]) -> None:
-    handles: list[Artist] = [
-        Line2D([], [], color=style.color(i), ls=style.DASHES[i], label=f"simulated, {c}")
-        for i, c in enumerate(components)
-    ]
-    measured = Line2D([], [], color=style.MUTED, marker=".", ms=4, ls="", label="measured")
-    handles += [
-        measured,
+    handles = [
+        *style.component_lines(channel.components, "simulated, "),
+        style.mark("measured", style.MUTED, ".", ms=4),
         Patch(fc=style.PALE, label="90 % predicted"),
-        Line2D([], [], color="#555555", lw=0.7, ls=(0, (4, 3)), label="±1, 2, 3 σ"),
+        style.sigma_mark(),
     ]
-    figure.legend(
-        handles=handles, loc="upper left", ncols=6, bbox_to_anchor=(0.01, 1.0), columnspacing=1.2
-    )
+    style.legend(figure, handles, 6, columnspacing=1.2)
+    return figure
 
 
 def rate_panel(
@@ -169,22 +150,13 @@ def draw_residuals(
     if channel is None:
         return None
     chosen = range(len(channel.slews)) if slews is None else slews
-    rows, columns = style.grid_shape(len(chosen))
-    figure, cells = style.grid(
-        0.6 + 1.75 * rows, rows, columns, left=0.95, top=0.7, gap_x=0.6, gap_y=0.5
+    names = [channel.slews[s] for s in chosen]
+    figure, panels, columns = style.slew_panels(
+        names, 0.6, 1.75, left=0.95, top=0.7, gap_x=0.6, gap_y=0.5
     )
-    for k, s in enumerate(chosen):
-        axes = figure.add_axes(cells[k])
+    for axes, s in zip(panels, chosen, strict=True):
         residual_panel(axes, channel, s)
-        axes.set_title(channel.slews[s])
-        if k % columns == 0:
-            axes.set_ylabel(f"{channel_name(name)}\nresidual [σ]")
-        if k >= len(chosen) - columns:
-            axes.set_xlabel("time in slew [s]")
-    handles = [
-        Line2D([], [], color=style.color(i), marker=style.MARKERS[i % 6], ms=4, ls="", label=c)
-        for i, c in enumerate(channel.components)
-    ]
-    handles.append(Line2D([], [], color="#555555", lw=0.7, ls=(0, (4, 3)), label="±1, 2, 3 σ"))
-    figure.legend(handles=handles, loc="upper left", ncols=7, bbox_to_anchor=(0.01, 1.0))
+    for axes in panels[::columns]:
+        axes.set_ylabel(f"{channel_name(name)}\nresidual [σ]")
+    style.legend(figure, [*style.component_marks(channel.components), style.sigma_mark()])
     return figure
