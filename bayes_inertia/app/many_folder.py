@@ -380,8 +380,8 @@ def _told(source: Path, run: Path, seed: int, progress: Progress) -> list[Told]:
     refuse_impossible(source)
     run_folder.start(source, run, settings=usual_settings((), seed=seed))
     posterior = run_folder.finish(run, report=False, progress=progress)
-    fitted = posterior.attributes
-    return [Told(str(fitted.get("campaign")), fitted["campaign_sha256"], posterior.likelihood)]
+    digest = campaign_sha256(source)
+    return [Told(str(posterior.attributes.get("campaign")), digest, posterior.likelihood)]
 
 
 def _named_apart(series: list[LikelihoodSummary]) -> list[LikelihoodSummary]:

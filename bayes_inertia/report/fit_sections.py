@@ -275,6 +275,7 @@ def result_sections(
         "J / trace J": _tensor(ratios_told(summary), "/trace"),
         "J": _tensor(rows),
         "K": [[row] for name, row in rows.items() if kind_of(name) == "K"],
+        **_further_K(summary),
     }
     context = {
         "level": level,
@@ -302,6 +303,16 @@ def level_of(summary: Mapping[str, Any], verdicts: list[Verdict]) -> Level:
     if not summary["trusted"]:
         return "bad"
     return worst_level([verdict.level for verdict in verdicts])
+
+
+def _further_K(summary: Mapping[str, Any]) -> dict[str, list[list[Any]]]:
+    """Columns of the scale factors of further rate sensors, by their symbol."""
+    columns: dict[str, list[list[Any]]] = {}
+    for name, row in summary["parameters"].items():
+        sensor, dot, parameter = name.rpartition(".")
+        if dot and kind_of(parameter) == "K" and sensor not in summary["effects"]:
+            columns.setdefault(f"K of {sensor}", []).append([row])
+    return columns
 
 
 def _tensor(rows: Mapping[str, Any], of: str = "") -> list[list[Any]]:

@@ -6,7 +6,6 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,6 +26,7 @@ from bayes_inertia.design.limits import Limits
 from bayes_inertia.errors import CampaignError, EffectError, OutputError
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.inference.settings import Settings
+from bayes_inertia.report.section import Picture, Section
 from bayes_inertia.sealing import SEAL_KEY, sealed
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
@@ -175,29 +175,18 @@ def designed(*_, **__) -> Design:
 def quick(monkeypatch):
     """Designs, comparisons and observations that take no time."""
     monkeypatch.setattr(plan_folder, "design_plan", designed)
-    for module in (plan_folder, plan_folder):
-        monkeypatch.setattr(
-            module, "compare_plans", lambda *_, **__: (contender("a"), contender("b"))
-        )
-    monkeypatch.setattr(observe_folder.optimizer, "estimate", lambda *_, **__: None)
-    monkeypatch.setattr(
-        observe_folder, "clean_fit", lambda estimate, **_: SimpleNamespace(estimate=estimate)
-    )
+    pair = contender("a"), contender("b")
+    monkeypatch.setattr(plan_folder, "compare_plans", lambda *_, **__: pair)
+    monkeypatch.setattr(observe_folder, "settled_estimate", lambda *_, **__: (None, None))
     monkeypatch.setattr(observe_folder, "observe", lambda *_: None)
     monkeypatch.setattr(observe_folder, "observability_json", lambda _: {"drive": "commanded"})
-    figure = Figure()
-    for module, name in (
-        (plan_folder, "draw_comparison"),
-        (plan_folder, "draw_comparison"),
-        (observe_folder, "draw_observability"),
-    ):
-        monkeypatch.setattr(module, name, lambda _: figure)
+    section = Section("Result", "", pictures=(Picture(Figure(), "", ""),))
     for module, name in (
         (plan_folder, "design_sections"),
         (plan_folder, "comparison_sections"),
         (observe_folder, "observability_sections"),
     ):
-        monkeypatch.setattr(module, name, lambda *_: [])
+        monkeypatch.setattr(module, name, lambda *_: [section])
 
 
 def run_design(folder: Path, seed: int = 0) -> None:
