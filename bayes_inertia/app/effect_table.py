@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.maths.values import json_ready
+from bayes_inertia.maths.values import json_ready, picked
 from bayes_inertia.physics.effect import BODY_HOOKS, LOOKING_BACK, Effect
 from bayes_inertia.physics.effects import LIBRARY
 from bayes_inertia.physics.named_effects import installed_effects
@@ -66,10 +66,8 @@ def _row(effect: Effect, campaign: Campaign) -> dict[str, Any]:
 
 def _parameter_row(p: Parameter) -> dict[str, Any]:
     return {
-        "name": p.name,
+        **picked(p, "name", "unit", "null"),
         "components": list(p.names) if p.components else [],
-        "unit": p.unit,
-        "null": p.null,
         "prior": _prior_row(p.priors[0]),
     }
 

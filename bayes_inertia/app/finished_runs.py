@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.plan_folder import slew_rows
@@ -118,13 +119,8 @@ def _same_slews(designed: list[dict[str, Any]], planned: list[dict[str, Any]]) -
     """Whether two lists of slews, as `slew_rows` gives them, are equal to rounding."""
     if len(designed) != len(planned):
         return False
-    return all(
-        math.isclose(x, y, rel_tol=LAYOUT.same_slew, abs_tol=LAYOUT.same_slew)
-        for a, b in zip(designed, planned, strict=True)
-        for key in b
-        for x, y in zip(_numbers(a[key]), _numbers(b[key]), strict=True)
+    told, flown = (
+        [x for slew in slews for key in planned[0] for x in np.ravel(slew[key])]
+        for slews in (designed, planned)
     )
-
-
-def _numbers(value: Any) -> list[float]:
-    return list(value) if isinstance(value, list) else [value]
+    return np.allclose(told, flown, rtol=LAYOUT.same_slew, atol=LAYOUT.same_slew)

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bayes_inertia.report.formatting import common_exponents, probability
+from bayes_inertia.report.formatting import common_exponents, kind_of, probability
 from bayes_inertia.report.layout import LAYOUT
 
 
@@ -168,6 +168,26 @@ def names_by_determination(rows: Mapping[str, Any], criteria: Criteria) -> dict[
     for name, row in rows.items():
         names[determination_of(row, criteria)].append(name)
     return names
+
+
+def relative_sd(row: Mapping[str, Any]) -> float:
+    """The sd in print over the size of the mean."""
+    return sd_in_print(row) / abs(row["mean"]) if row["mean"] else math.inf
+
+
+def worst_rows(summary: Mapping[str, Any]) -> dict[str, Mapping[str, Any] | None]:
+    """The rows of the moment, product of inertia and K that are known worst, of those that are."""
+    rows, criteria = summary["parameters"], criteria_of(summary)
+    known = {n: r for n, r in rows.items() if determination_of(r, criteria) != "not determined"}
+    worst = {}
+    for label, kind, size in (
+        ("J", "moment of inertia", relative_sd),
+        ("products", "product of inertia", sd_in_print),
+        ("K", "K", relative_sd),
+    ):
+        members = [row for name, row in known.items() if kind_of(name) == kind]
+        worst[label] = max(members, key=size, default=None)
+    return worst
 
 
 def interval_90(row: Mapping[str, Any]) -> tuple[float, float] | None:

@@ -103,9 +103,7 @@ def plot_telemetry(slew: Slew, channel: str = "rate", *, ax: Axes | None = None)
     assert ax is not None
     mark = "." if np.isnan(values).any() else ""
     for i, component in enumerate(values.T):
-        ax.plot(
-            slew.time, component, color=style.color(i), marker=mark, ms=3, ls=style.DASHES[i % 6]
-        )
+        ax.plot(slew.time, component, **style.line(i), marker=mark, ms=3)
     title, unit = words.get(channel, (channel, ""))
     ax.set(xlabel="time in slew [s]", ylabel=f"{title} [{unit}]" if unit else title)
     ax.set_title(slew.name)

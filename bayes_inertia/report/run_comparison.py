@@ -11,12 +11,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from bayes_inertia.maths.values import picked
 from bayes_inertia.report.criteria import ratios_told
 from bayes_inertia.report.formatting import kind_of
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.words import phrase
 
 _ROW_KEYS = ("mean", "sd", "quoted_sd")
+_RUN_KEYS = ("campaign", "verdict_sentence", "trusted", "gates")
 
 
 @dataclass(frozen=True)
@@ -76,14 +78,8 @@ class ParameterDifference:
             None if row is None else {key: row[key] for key in _ROW_KEYS}
             for row in (self.first, self.second)
         )
-        return {
-            "unit": self.unit,
-            "first": first,
-            "second": second,
-            "difference": self.difference,
-            "combined_sd": self.combined_sd,
-            "difference_in_sd": self.in_sd,
-        }
+        told = picked(self, "unit", "difference", "combined_sd")
+        return told | {"first": first, "second": second, "difference_in_sd": self.in_sd}
 
 
 @dataclass(frozen=True)
@@ -166,13 +162,7 @@ def comparison_json(comparison: RunComparison) -> dict[str, Any]:
         "sentence": comparison.sentence,
         "same_telemetry": comparison.same_telemetry,
         "runs": [
-            {
-                "run": run.folder,
-                "campaign": run.summary["campaign"],
-                "verdict_sentence": run.summary["verdict_sentence"],
-                "trusted": run.summary["trusted"],
-                "gates": run.summary["gates"],
-            }
+            {"run": run.folder} | {key: run.summary[key] for key in _RUN_KEYS}
             for run in (comparison.first, comparison.second)
         ],
         "parameters": {p.name: p.json() for p in comparison.parameters},

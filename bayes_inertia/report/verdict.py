@@ -6,7 +6,6 @@ explains the data. The numbers are the quoted sds; a result that quotes none giv
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -18,15 +17,10 @@ from bayes_inertia.report.criteria import (
     criteria_of,
     names_by_determination,
     ratios_told,
-    sd_in_print,
 )
 from bayes_inertia.report.formatting import (
     brief,
     channel_name,
-    kind_of,
-    listed,
-    two_digits,
-    unit_text,
 )
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.words import averaged_over, dirt_sentences, phrase, sentences
@@ -208,49 +202,5 @@ def _undetermined(summary: Mapping[str, Any]) -> list[str]:
     return [n for n in names if n not in ELEMENTS] if ratios_told(summary) else names
 
 
-def _accuracy(summary: Mapping[str, Any]) -> str:
-    """Worst sd of moments, products and scale factors each."""
-    rows, criteria = summary["parameters"], criteria_of(summary)
-    undetermined = names_by_determination(rows, criteria)["not determined"]
-    known = {name: row for name, row in rows.items() if name not in undetermined}
-    kinds = (
-        ("J", "moment of inertia", _relative_sd, _percent),
-        ("products of inertia", "product of inertia", sd_in_print, _in_unit),
-        ("K", "K", _relative_sd, _percent),
-    )
-    said = [_ratios_to(summary)] if ratios_told(summary) else []
-    for label, kind, size, text in kinds:
-        members = [row for name, row in known.items() if kind_of(name) == kind]
-        if members:
-            said.append(f"{label} to {text(max(members, key=size))}")
-    if not said:
-        return "J and K are not determined"
-    worst_of = "the worst of each" if len(said) > 1 else "the worst element"
-    # What tells the absolute size of J, where it is taken as exact; versions before knew wheels.
-    wheels = [{"device": "wheels", "relative_sd": 0.0}] if summary.get("wheels") else []
-    ties = [t["device"] for t in summary.get("scale_of_J", wheels) if not t["relative_sd"]]
-    scale = f"; J on the scale of the stated {listed(ties)}" if ties else ""
-    return f"{', '.join(said)} (1 sd, {worst_of}{scale})"
-
-
-def _ratios_to(summary: Mapping[str, Any]) -> str:
-    """Worst sd of J over its trace; its size is the prior's."""
-    worst = max(sd_in_print(row) for name, row in summary["ratios"].items() if "trace" in name)
-    size = "nothing ties the size of J, which stays the prior's"
-    return f"J / trace J to {two_digits(100.0 * worst)} % ({size})"
-
-
-def _relative_sd(row: Mapping[str, Any]) -> float:
-    return sd_in_print(row) / abs(row["mean"]) if row["mean"] else math.inf
-
-
-def _percent(row: Mapping[str, Any]) -> str:
-    return f"{two_digits(100.0 * _relative_sd(row))} %"
-
-
-def _in_unit(row: Mapping[str, Any]) -> str:
-    return f"{two_digits(sd_in_print(row))} {unit_text(row['unit'])}"
-
-
 # What the words of the answer ask for, each only where they need it.
-_FUNCTIONS = {"accuracy": _accuracy, "misfit": _misfit, "undetermined": _undetermined}
+_FUNCTIONS = {"misfit": _misfit, "undetermined": _undetermined}

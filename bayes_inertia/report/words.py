@@ -11,6 +11,7 @@ import operator
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache, partial
+from inspect import getmembers, isfunction
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -252,22 +253,7 @@ def _in_order(channels: Iterable[str]) -> list[str]:
     return [name for name in dict.fromkeys((*CHANNELS, *sorted(hit))) if name in hit]
 
 
-# What templates know beside their values; of criteria and formatting, functions of the same name.
-_OF_CRITERIA = (
-    *("channel_verdict", "contraction", "contraction_text", "determination_of", "discount_text"),
-    *("interval_90", "sd_in_print", "whiteness_text"),
-)
-_OF_FORMATTING = (
-    "brief",
-    "listed",
-    "number",
-    "p_value_text",
-    "plain",
-    "tenths",
-    "two_digits",
-    "typeset",
-    "with_minus_sign",
-)
+# What templates know beside their values; as filters, functions of criteria and formatting too.
 _GLOBALS: Mapping[str, Any] = {
     "layout": LAYOUT,
     "NOTHING": NOTHING,
@@ -291,6 +277,8 @@ def _digits(value: float, form: str) -> str:
 
 
 _FILTERS: Mapping[str, Callable[..., Any]] = {
+    **dict(getmembers(criteria, isfunction)),
+    **dict(getmembers(formatting, isfunction)),
     "arcsec": formatting.arcsec_text,
     "channel": formatting.channel_name,
     "digits": _digits,
@@ -307,6 +295,4 @@ _FILTERS: Mapping[str, Callable[..., Any]] = {
     "unit": formatting.unit_text,
     "value": formatting.value_text,
     "vector": formatting.vector_text,
-    **{name: getattr(criteria, name) for name in _OF_CRITERIA},
-    **{name: getattr(formatting, name) for name in _OF_FORMATTING},
 }

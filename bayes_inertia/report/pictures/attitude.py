@@ -65,27 +65,20 @@ def attitude_panel(axes: Axes, values: np.ndarray, slews: list[str], *, label_sl
 
 def _fixes(axes: Axes, x: float, fixes: np.ndarray, body_axis: int) -> None:
     """The fixes of one slew about one body axis, side by side, and their mean."""
-    axes.plot(
-        x + np.linspace(-0.07, 0.07, fixes.size),
-        fixes,
-        ls="",
-        marker=style.MARKERS[body_axis],
-        ms=2.2,
-        mew=0,
-        color=style.color(body_axis),
-        alpha=0.5,
-        rasterized=True,
-    )
+    places = x + np.linspace(-0.07, 0.07, fixes.size)
+    axes.plot(places, fixes, **style.dots(body_axis), ms=2.2, alpha=0.5)
     mean = fixes.mean()
     error = fixes.std(ddof=1) / np.sqrt(fixes.size) if fixes.size > 1 else 0.0
-    axes.plot([x, x], [mean - error, mean + error], color=style.INK, lw=1.4, zorder=4)
-    axes.plot(
-        [x],
-        [mean],
-        marker=style.MARKERS[body_axis],
+    axes.errorbar(
+        x,
+        mean,
+        error,
+        fmt=style.MARKERS[body_axis],
         ms=5,
         color=style.color(body_axis),
         mec=style.INK,
         mew=0.6,
-        zorder=5,
+        ecolor=style.INK,
+        elinewidth=1.4,
+        zorder=4,
     )

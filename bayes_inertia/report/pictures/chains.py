@@ -30,14 +30,7 @@ def draw_chains(posterior: Posterior) -> Figure:
     lp = by_ensemble(posterior, "sample_stats", "lp")
     trace_panel(height, lp - lp.max(), "below the highest draw [nat]", diagnostics["discarded"])
     height.set_title("log posterior")
-    figure.legend(
-        [trace.lines[i] for i in range(n)],
-        [f"ensemble {i + 1}" for i in range(n)],
-        loc="upper left",
-        ncols=min(n, 8),
-        bbox_to_anchor=(0.005, 1.0),
-        fontsize=8,
-    )
+    style.legend(figure, style.component_lines([f"ensemble {i + 1}" for i in range(n)]), 8)
     return figure
 
 
@@ -67,7 +60,7 @@ def trace_panel(axes: Axes, values: np.ndarray, label: str, discarded: int) -> N
     step = discarded + np.arange(values.shape[-1])
     for i, walkers in enumerate(values):
         x, y = style.envelope(step, walkers.mean(0), 800)
-        axes.plot(x, y, color=style.color(i), ls=style.DASHES[i % 6], lw=1.2)
+        axes.plot(x, y, **style.line(i), lw=1.2)
     for i, walkers in enumerate(values):
         keep = slice(None, None, max(1, len(step) // 400))
         low, high = np.quantile(walkers[:, keep], [0.05, 0.95], axis=0)
@@ -84,9 +77,7 @@ def rank_panel(axes: Axes, values: np.ndarray, tau: float) -> None:
     edges = np.linspace(0.0, 1.0, LAYOUT.chain_bins + 1)
     for i, ensemble in enumerate(ranks):
         share = np.histogram(ensemble, edges)[0] * LAYOUT.chain_bins / ensemble.size
-        axes.stairs(
-            share, edges, color=style.color(i), ls=style.DASHES[i % 6], lw=1.1, baseline=None
-        )
+        axes.stairs(share, edges, **style.line(i), lw=1.1, baseline=None)
     effective = ranks.shape[1] / max(tau, 1.0)
     half = 2.576 * np.sqrt((LAYOUT.chain_bins - 1) / effective)
     axes.axhspan(1.0 - half, 1.0 + half, color=style.PALE, alpha=0.6, lw=0, zorder=0)

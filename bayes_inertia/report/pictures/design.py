@@ -91,14 +91,8 @@ def _slews(axes: Axes, contenders: Sequence[Contender], colors: Sequence[str]) -
         for slew, start in zip(plan.slews, plan.starts, strict=True):
             begin = (start + plan.rest_before) / 60.0
             axes.barh(y, slew.motion_time / 60.0, left=begin, height=0.5, color=colors[y])
-            axes.text(
-                begin,
-                y - 0.3,
-                f"{np.degrees(slew.angle):.0f}° {_axis(slew.axis_B)}",
-                fontsize=7.0,
-                va="bottom",
-                color=style.MUTED,
-            )
+            turn = f"{np.degrees(slew.angle):.0f}° {_axis(slew.axis_B)}"
+            style.note(axes, begin, y - 0.3, turn, fontsize=7.0, va="bottom")
         axes.plot([0.0, contender.total_time / 60.0], [y, y], color=style.PALE, lw=1.0, zorder=0)
     axes.set(
         yticks=range(len(contenders)),
@@ -133,14 +127,7 @@ def _costs(axes: Axes, contenders: Sequence[Contender], colors: Sequence[str]) -
         for k, key in enumerate(sorted(shares)):
             place, alpha = y + 0.32 * (k - 0.5 * (len(shares) - 1)), 0.5 if key == "torque" else 1.0
             axes.barh(place, shares[key], height=0.28, color=colors[y], alpha=alpha)
-            text = axes.text(
-                shares[key] + 1.5,
-                place,
-                f"{key} {shares[key]:.0f} %",
-                va="center",
-                fontsize=7.5,
-                color=style.MUTED,
-            )
+            text = style.note(axes, shares[key] + 1.5, place, f"{key} {shares[key]:.0f} %")
             text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
     axes.axvline(100.0, color=style.MUTED, ls=(0, (4, 2)), zorder=0)
     axes.set(xlim=(0.0, 150.0), xlabel="largest use of a limit [%]")

@@ -186,24 +186,10 @@ def _bayes_factors(axes: Axes, log_factors: Sequence[float], significant: np.nda
     """The log Bayes factors, as a column of numbers to the right of the bars."""
     right = axes.get_yaxis_transform()
     for i, log_factor in enumerate(log_factors):
-        axes.text(
-            1.02,
-            i,
-            tenths(log_factor),
-            transform=right,
-            va="center",
-            fontsize=8,
-            color=style.INK if significant[i] else style.MUTED,
-        )
-    axes.text(
-        1.02,
-        len(log_factors) - 0.2,
-        "log Bayes factor\n(first order)",
-        transform=right,
-        va="bottom",
-        fontsize=8,
-        color=style.MUTED,
-    )
+        color = style.INK if significant[i] else style.MUTED
+        style.note(axes, 1.02, i, tenths(log_factor), transform=right, fontsize=8, color=color)
+    head, above = "log Bayes factor\n(first order)", len(log_factors) - 0.2
+    style.note(axes, 1.02, above, head, transform=right, fontsize=8, va="bottom")
 
 
 @style.styled
@@ -312,9 +298,7 @@ def draw_signal(signal: Mapping[str, Any], *, whole_band: bool = False) -> Figur
             axes.fill_between(
                 time[s], scale(low), scale(high), color=style.color(i), alpha=0.18, lw=0
             )
-            axes.plot(
-                time[s], scale(mean[s, :, i]), color=style.color(i), ls=style.DASHES[i % 6], lw=1.2
-            )
+            axes.plot(time[s], scale(mean[s, :, i]), **style.line(i), lw=1.2)
         axes.set(ylim=(-top / scale.factor, top / scale.factor), xlim=(time[s][0], time[s][-1]))
         axes.tick_params(labelleft=k % columns == 0)
     for axes in panels[::columns]:

@@ -101,23 +101,12 @@ def _inflation(axes: Axes, observability: Observability) -> None:
                 lw=0,
             )
             start += length
-        axes.text(
-            start,
-            y,
-            f"  ×{brief(np.sqrt(p.variance_inflation))}",
-            va="center",
-            fontsize=7.5,
-            color=style.MUTED,
-        )
+        style.note(axes, start, y, f"  ×{brief(np.sqrt(p.variance_inflation))}")
     axes.tick_params(axis="y", labelleft=False)
     most = max(0.5 * np.log10(max(p.variance_inflation, 1.0)) for p in observability.parameters)
     axes.set(xlim=(0.0, 1.2 * max(most, 0.1)), xlabel="the sd is so many times larger for it")
     powers = [factor for factor in LAYOUT.sd_factors if np.log10(factor) <= 1.2 * max(most, 0.1)]
     axes.set_xticks(np.log10(powers), [f"×{factor:g}" for factor in powers])
-    _group_legend(axes, groups)
-
-
-def _group_legend(axes: Axes, groups: list[str]) -> None:
     handles = [
         Patch(fc=style.COLORS[k % 6], hatch="///" if k % 2 else None, ec="white", label=g)
         for k, g in enumerate(groups)
@@ -147,7 +136,7 @@ def _times(
                 * observability[name].sd ** 2
             )
             highest = max(highest, float(share.max()))
-            axes.stairs(share, edges, color=style.COLORS[k], ls=style.DASHES[k], lw=1.2, label=name)
+            axes.stairs(share, edges, **style.line(k), lw=1.2, label=name)
         axes.set(xlabel="time in the slew [s]")
         axes.set_title(arrival.slew)
         axes.locator_params(axis="x", nbins=3)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -69,16 +71,8 @@ def prior_panel(axes: Axes, posterior: Posterior, name: str, row: dict) -> None:
     axes.locator_params(axis="x", nbins=5)
     if zoomed:
         _strip(axes, (mean - prior_mean) / prior_sd)
-    axes.text(
-        0.99,
-        0.74,
-        _gain_text(prior_sd / quoted),
-        transform=axes.transAxes,
-        ha="right",
-        va="top",
-        fontsize=7.5,
-        color=style.MUTED,
-    )
+    gain = _gain_text(prior_sd / quoted)
+    style.note(axes, 0.99, 0.74, gain, transform=axes.transAxes, ha="right", va="top")
 
 
 def _is_widened(row: dict) -> bool:
@@ -119,32 +113,10 @@ def _strip(axes: Axes, place: float) -> None:
     """The prior over +-3.2 sd, and the posterior's place in it [prior sd]."""
     z = np.linspace(-3.2, 3.2, 60)
     bottom, top = LAYOUT.prior_strip_height
-    x = 0.5 + z / 6.4
-    axes.fill_between(
-        x,
-        bottom,
-        bottom + (top - bottom) * np.exp(-0.5 * z**2),
-        transform=axes.transAxes,
-        color=style.PALE,
-        lw=0,
-    )
-    axes.plot(
-        x,
-        bottom + (top - bottom) * np.exp(-0.5 * z**2),
-        transform=axes.transAxes,
-        color=style.MUTED,
-        ls=(0, (4, 2)),
-        lw=0.8,
-    )
+    x, height = 0.5 + z / 6.4, bottom + (top - bottom) * np.exp(-0.5 * z**2)
+    within: dict[str, Any] = {"transform": axes.transAxes}
+    axes.fill_between(x, bottom, height, color=style.PALE, lw=0, **within)
+    axes.plot(x, height, color=style.MUTED, ls=(0, (4, 2)), lw=0.8, **within)
     mark = 0.5 + np.clip(place, -3.2, 3.2) / 6.4
-    axes.plot([mark, mark], [bottom, top], transform=axes.transAxes, color=style.BLUE, lw=1.6)
-    axes.text(
-        0.0,
-        top,
-        "prior\n±3 sd",
-        transform=axes.transAxes,
-        ha="left",
-        va="top",
-        fontsize=6.5,
-        color=style.MUTED,
-    )
+    axes.plot([mark, mark], [bottom, top], color=style.BLUE, lw=1.6, **within)
+    style.note(axes, 0.0, top, "prior\n±3 sd", va="top", fontsize=6.5, **within)

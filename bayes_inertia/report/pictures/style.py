@@ -19,6 +19,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.text import Text
 
 from bayes_inertia.report.formatting import unit_text
 from bayes_inertia.report.layout import LAYOUT
@@ -85,6 +86,16 @@ def color(i: int) -> str:
     True
     """
     return COLORS[i % len(COLORS)]
+
+
+def line(i: int) -> dict[str, Any]:
+    """How the line of a component is drawn."""
+    return {"color": color(i), "ls": DASHES[i % 6]}
+
+
+def dots(i: int) -> dict[str, Any]:
+    """How the many dots of a component are drawn."""
+    return {"color": color(i), "marker": MARKERS[i % 6], "ls": "", "mew": 0, "rasterized": True}
 
 
 @dataclass(frozen=True)
@@ -162,13 +173,18 @@ def component_marks(names: Sequence[str], prefix: str = "") -> list[Artist]:
 
 def component_lines(names: Sequence[str], prefix: str = "") -> list[Artist]:
     """Lines of a legend, one a component."""
-    return [mark(f"{prefix}{n}", color(i), ls=DASHES[i % 6]) for i, n in enumerate(names)]
+    return [mark(f"{prefix}{n}", **line(i)) for i, n in enumerate(names)]
 
 
 def legend(figure: Figure, handles: Sequence[Artist], ncols: int = 7, **how: Any) -> None:
     """A legend along the upper edge of a figure."""
     place = {"loc": "upper left", "bbox_to_anchor": (0.01, 1.0)}
     figure.legend(handles=handles, ncols=ncols, **(place | how))
+
+
+def note(axes: Axes, x: float, y: float, text: str, **how: Any) -> Text:
+    """A small text beside what it is about."""
+    return axes.text(x, y, text, **{"color": MUTED, "fontsize": 7.5, "va": "center", **how})
 
 
 def envelope(

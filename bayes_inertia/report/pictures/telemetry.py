@@ -86,16 +86,10 @@ def rate_panel(
     """Draw measured and predicted rates of one slew."""
     time = channel.time[s]
     for i in range(len(channel.components)):
-        measured, predicted, spread = (
-            channel.measured[s, :, i],
-            channel.predicted[s, :, i],
-            channel.spread[s, :, i],
-        )
-        x, y = style.envelope(time, measured, LAYOUT.most_dots)
-        axes.plot(
-            x, scale(y), ".", ms=1.8, color=style.color(i), alpha=0.45, mew=0, rasterized=True
-        )
-        reach = LAYOUT.sds_of_90_percent * spread
+        x, y = style.envelope(time, channel.measured[s, :, i], LAYOUT.most_dots)
+        axes.plot(x, scale(y), **(style.dots(i) | {"marker": "."}), ms=1.8, alpha=0.45)
+        predicted = channel.predicted[s, :, i]
+        reach = LAYOUT.sds_of_90_percent * channel.spread[s, :, i]
         _, high = style.envelope(time, predicted + reach)
         x, low = style.envelope(time, predicted - reach)
         if len(low) == len(high):
@@ -103,15 +97,7 @@ def rate_panel(
                 x, scale(low), scale(high), color=style.color(i), alpha=0.2, lw=0, rasterized=True
             )
         x, y = style.envelope(time, predicted, 600)
-        axes.plot(
-            x,
-            scale(y),
-            color=style.color(i),
-            ls=style.DASHES[i % 6],
-            lw=1.4,
-            zorder=4,
-            rasterized=True,
-        )
+        axes.plot(x, scale(y), **style.line(i), lw=1.4, zorder=4, rasterized=True)
     axes.axhline(0.0, color=style.PALE, lw=0.6, zorder=0)
     axes.set_title(channel.slews[s])
 
@@ -121,17 +107,8 @@ def residual_panel(axes: Axes, channel: posterior_data.ChannelSeries, s: int) ->
     style.sigma_guides(axes)
     rows = thinned_rows(channel.residual[s], LAYOUT.most_dots)
     for i in range(channel.residual.shape[-1]):
-        axes.plot(
-            channel.time[s, rows],
-            channel.residual[s, rows, i],
-            ls="",
-            marker=style.MARKERS[i % 6],
-            ms=1.9,
-            mew=0,
-            color=style.color(i),
-            alpha=0.65,
-            rasterized=True,
-        )
+        shown = channel.residual[s, rows, i]
+        axes.plot(channel.time[s, rows], shown, **style.dots(i), ms=1.9, alpha=0.65)
     limit = style.symmetric_limit(channel.residual[s])
     finite = channel.time[s][np.isfinite(channel.time[s])]
     axes.set(ylim=(-limit, limit))
