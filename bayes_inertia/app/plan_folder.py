@@ -33,7 +33,7 @@ from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.parameters import base_names
 from bayes_inertia.progress import Progress, silent
-from bayes_inertia.report.formatting import plain
+from bayes_inertia.report.formatting import brief, plain
 from bayes_inertia.report.plan_sections import comparison_sections, design_sections
 from bayes_inertia.sealing import sha256_of
 from bayes_inertia.studies.engine import Execution
@@ -323,7 +323,7 @@ def _momentum_source(campaign: Campaign, request: DesignRequest) -> str:
 
 def _comments(design: Design, notes: Sequence[str]) -> str:
     """For operators: the plan's slews and margins, as comments of its file."""
-    goal = f"{design.goal.says}, {design.value:.3g} {design.goal.unit} expected".rstrip()
+    goal = f"{design.goal.says}, {brief(design.value, 3)} {design.goal.unit} expected".rstrip()
     lines = [
         f"# {design.plan.name}: {goal}",
         "#",

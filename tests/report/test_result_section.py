@@ -55,7 +55,7 @@ def test_the_card_shows_the_tensor_in_rows_with_the_quoted_sds(made):
 def test_the_card_shows_the_scale_factors_of_every_rate_sensor(made, monkeypatch):
     posterior = made("good")
     summary = posterior.summary()
-    rows = {name: summary["parameters"]["K1"] for name in ("mems.K1", "mems.K2", "my_effect.K1")}
+    rows = dict.fromkeys(("mems.K1", "mems.K2", "my_effect.K1"), summary["parameters"]["K1"])
     summary |= {"parameters": summary["parameters"] | rows, "effects": ["my_effect"]}
     monkeypatch.setattr(type(posterior), "summary", lambda _: summary)
     card, _ = result_sections(posterior)

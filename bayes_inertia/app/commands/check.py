@@ -99,7 +99,7 @@ def _devices(campaign: Campaign) -> list[tuple[str, str]]:
         ),
         *((device.name, _gain_in_words(device)) for device in campaign.actuators),
         *(
-            (x.name, f"{x.part} changes at {x.time:.6g} s, by {100 * x.sigma_fraction:.2g} % or so")
+            (x.name, f"{x.part} changes at {x.time:.6g} s, by {_percent(x.sigma_fraction)} or so")
             for x in campaign.changes
         ),
     ]
@@ -113,8 +113,14 @@ def _axes_in_words(kind: str, name: str, campaign: Campaign) -> str:
 
 def _gain_in_words(device: Any) -> str:
     kind = re.sub(r"(?<!^)([A-Z])", r" \1", type(device).__name__).lower()
-    gain = f"to {100 * device.gain_sigma:.2g} %" if device.gain_sigma else "exactly"
+    gain = f"to {_percent(device.gain_sigma)}" if device.gain_sigma else "exactly"
     return f"{kind}, gain known {gain}"
+
+
+def _percent(fraction: float) -> str:
+    from bayes_inertia.report.formatting import brief
+
+    return f"{brief(100 * fraction)} %"
 
 
 def _slew_row(slew: Slew, turning: Slew) -> dict[str, Any]:

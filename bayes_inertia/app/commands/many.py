@@ -247,12 +247,13 @@ def show_study(study: Study, folder: Path) -> None:
 
 def show_calibration(calibration: Calibration, folder: Path) -> None:
     """Print coverage and p-values of every case and quantity."""
+    from bayes_inertia.report.formatting import p_value_text
     from bayes_inertia.studies.calibration import QUANTITIES
 
     console = plain_console()
     names = ", ".join(f"{name} ({case})" for case, name in calibration.rejected)
     verdict = f"Posteriors are WRONG in {names}." if names else "No quantity is rejected."
-    rule = f" {calibration.fits} fits, p below {calibration.limit:.1g} would reject."
+    rule = f" {calibration.fits} fits, p below {p_value_text(calibration.limit)} would reject."
     console.print(headed(verdict, rule, style="bold red" if names else "bold green"))
     for case in calibration.cases:
         console.print(f"{case.name} ({case.says}): {len(case.ranks)} fits")
@@ -261,7 +262,7 @@ def show_calibration(calibration: Calibration, folder: Path) -> None:
             shares = [f"{100.0 * coverage.share:.1f} %" for coverage in case.coverage(k)]
             z, p = case.z[:, k], case.p_values[k]
             mark = " !" if p < calibration.limit else ""
-            cells = [f"{z.mean():+.3f}", f"{(z**2).mean():.3f}", f"{p:.2g}{mark}"]
+            cells = [f"{z.mean():+.3f}", f"{(z**2).mean():.3f}", f"{p_value_text(p)}{mark}"]
             rows.append((name, *shares, *cells))
         print_table(("", "in 50 %", "in 90 %", "in 95 %", "mean z", "mean z²", "p of ranks"), rows)
     if calibration.failures:

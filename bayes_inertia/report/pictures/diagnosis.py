@@ -11,7 +11,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
-from bayes_inertia.report.formatting import channel_name, plain, tenths
+from bayes_inertia.report.formatting import brief, channel_name, plain, tenths
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
 
@@ -217,7 +217,7 @@ def draw_misfit_by_step(steps: Sequence[Mapping[str, Any]]) -> Figure:
     axes.set_xticks(range(len(stages)), stages)
     low, high = axes.get_ylim()
     ticks = [tick for tick in LAYOUT.misfit_ticks if low <= tick <= high]
-    axes.set_yticks(ticks, [f"{t:,.4g}" if t < 1e4 else f"{t:.0e}" for t in ticks])
+    axes.set_yticks(ticks, [brief(tick, 4) for tick in ticks])
     axes.minorticks_off()
     axes.set_ylabel("reduced χ²")
     axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))

@@ -13,7 +13,13 @@ from matplotlib.patches import Patch, Rectangle
 from scipy.ndimage import gaussian_filter
 
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.report.formatting import common_exponents, number, unit_text, with_minus_sign
+from bayes_inertia.report.formatting import (
+    brief,
+    common_exponents,
+    number,
+    unit_text,
+    with_minus_sign,
+)
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
 
@@ -172,7 +178,7 @@ def _row_labels(
     labels = []
     for name, unit, middle, width in zip(names, units, mean, half, strict=True):
         scale = 10.0 ** powers[name]
-        spanned = f"{number(middle / scale, width / scale)} ± {width / scale:.1g}"
+        spanned = f"{number(middle / scale, width / scale)} ± {brief(width / scale, 1)}"
         shown = unit_text(unit, powers[name])
         labels.append(f"{_broken(name)} [{shown}]\n{spanned}")
     return labels
