@@ -33,6 +33,7 @@ from bayes_inertia.report.export.formats import (
     ExportedParameter,
     ExportedResult,
 )
+from bayes_inertia.report.words import sentences
 from bayes_inertia.sealing import blaming, is_sealed
 
 _DAMAGED = "start a new run in another folder"
@@ -62,6 +63,7 @@ def exported_result(
         correction = _exported_correction(posterior, campaign) if with_correction else None
         locked = bool(summary.get("includes_wheel_spin", campaign.inertia.includes_wheel_spin))
         means = jnp.array([p.new for p in parameters[:6]])
+        changes = changes_of_J(summary["parameters"])
         J = without_spin(np.array(inertia_tensor.tensor(means)), locked, campaign.wheels)
     return ExportedResult(
         campaign=str(summary["campaign"] or campaign.name),
@@ -75,7 +77,7 @@ def exported_result(
         inertia_B=J,
         inertia_locked_B=J + spin_tensor(campaign.wheels),
         correction=correction,
-        notes=_notes(summary),
+        notes=tuple(sentences("commands", "export_notes", summary, _known(summary), changes)),
     )
 
 
@@ -114,23 +116,20 @@ def _quoted_covariance(posterior: Posterior, parameters: Sequence[ExportedParame
 
 
 def _parameters(posterior: Posterior, summary: dict[str, Any]) -> tuple[ExportedParameter, ...]:
-    criteria, tree = criteria_of(summary), posterior.tree
+    criteria = criteria_of(summary)
     rows, known = summary["parameters"], _known(summary)
     trace = sum(rows[name]["mean"] for name in ELEMENTS[:3])
-    prior_means: Any = tree["estimate"]["prior_mean"]
+    prior_means: Any = posterior.tree["estimate"]["prior_mean"]
     exported = []
     for i, (name, row) in enumerate(rows.items()):
         told = known[name]
         size = 1.0 if told is row else trace
         low, high = (size * end for end in interval_90(told) or (told["q05"], told["q95"]))
-        # The prior of an effect's parameter may be one of its logarithm.
-        drawn: Any = tree["prior"][name]
-        old = float(prior_means[i]) if i < base_count(posterior.names) else float(np.median(drawn))
         exported.append(
             ExportedParameter(
                 name=name,
                 unit=row["unit"],
-                old=old,
+                old=float(prior_means[i]),
                 old_sd=row["prior_sd"],
                 new=size * told["mean"],
                 sd=size * sd_in_print(told),
@@ -146,23 +145,6 @@ def _known(summary: dict[str, Any]) -> dict[str, Any]:
     """The row of each parameter; of J without a size of its own, that of its ratio to the trace."""
     ratios = ratios_told(summary)
     return {n: ratios.get(f"{n}/trace", row) for n, row in summary["parameters"].items()}
-
-
-def _notes(summary: dict[str, Any]) -> tuple[str, ...]:
-    notes = []
-    if ratios_told(summary):
-        notes.append(
-            "nothing ties the size of J, it stays the prior's: only ratios J / trace J are found; "
-            "sd, interval and covariance of J are theirs, at this trace"
-        )
-    if any(row["quoted_sd"] is None for row in _known(summary).values()):
-        notes.append("no sd can be quoted: sd and interval are the model's own, and too small")
-    if changes := [f"{x}.change_Jxx ... change_Jyz" for x in changes_of_J(summary["parameters"])]:
-        notes.append(
-            "J changed during the campaign and is that before the change; now it is J + "
-            f"{' + '.join(changes)}"
-        )
-    return tuple(notes)
 
 
 def _source(summary: dict[str, Any]) -> str:

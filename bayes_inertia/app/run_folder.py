@@ -176,9 +176,10 @@ def start(
 
 def campaigns_in(source: Path) -> tuple[str, ...]:
     """Digests of the campaigns that a former run holds, its own first; none of another file."""
-    if not (source / "run.json").is_file():
+    folder = source.parent if source.name == "summary.json" else source
+    if not (folder / "run.json").is_file():
         return ()
-    run = read_run(source)
+    run = read_run(folder)
     return (run.campaign_sha256, *run.former)
 
 
@@ -213,33 +214,22 @@ def _finish(folder: Path, run: Run, report: bool, progress: Progress | None) -> 
 
 def _posterior(folder: Path, run: Run, progress: Progress | None) -> Posterior:
     """Posterior of the effects that the run names, or that its diagnosis does."""
-    campaign, chains = campaign_of_run(folder, run), folder / "chains"
+    campaign = campaign_of_run(folder, run)
+    asked: dict[str, Any] = {
+        "drive": run.drive,
+        "settings": run.settings,
+        "chains": folder / "chains",
+        "as_stated": run.as_stated,
+        "progress": progress,
+    }
     if run.kind == "diagnose":
         content = _diagnosed(folder, campaign, run, progress)
         # Always from the file's content, so that a run that was killed gives the same bits.
         with blaming_diagnosis(folder, content):
             choice = next_fit_from(content, _candidates(folder, run))
-        return fit_after_diagnosis(
-            campaign,
-            choice,
-            drive=run.drive,
-            settings=run.settings,
-            chains=chains,
-            campaign_sha256=run.campaign_sha256,
-            as_stated=run.as_stated,
-            progress=progress,
-        )
-    return fit(
-        campaign,
-        effects=effects_of_run(folder, run),
-        drive=run.drive,
-        settings=run.settings,
-        chains=chains,
-        context=FitContext(run.campaign_sha256),
-        as_stated=run.as_stated,
-        noise=run.noise,
-        progress=progress,
-    )
+        return fit_after_diagnosis(campaign, choice, campaign_sha256=run.campaign_sha256, **asked)
+    effects, context = effects_of_run(folder, run), FitContext(run.campaign_sha256)
+    return fit(campaign, effects=effects, context=context, noise=run.noise, **asked)
 
 
 def campaign_of_run(folder: Path, run: Run) -> Campaign:

@@ -165,12 +165,8 @@ def _picture(posterior: Posterior, name: str) -> Picture:
         "unit": variable.attrs["units"],
         "source": variable.attrs.get("quantity", plain(name)),
     }
-    caption = (
-        f"{title[0].upper()}{title[1:]}: mean (lines) and ±2 sd (bands) of the posterior, "
-        "sizes included that the data leave open."
-    )
-    figure = draw_signal(signal, whole_band=True)
-    return Picture(figure, caption, f"{title} over time, slew by slew")
+    (picture,) = captioned("signal", draw_signal(signal, whole_band=True), title)
+    return picture
 
 
 def parameters_section(posterior: Posterior) -> Section:

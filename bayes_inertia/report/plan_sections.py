@@ -24,7 +24,7 @@ from bayes_inertia.report.formatting import (
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.design import draw_comparison
 from bayes_inertia.report.section import Section, Table, captioned
-from bayes_inertia.report.words import phrase
+from bayes_inertia.report.words import phrase, sentences
 
 _OF_SLEW = {"slew": "", "about body axis": ""} | dict.fromkeys(
     ("angle [deg]", "rate [deg/s]", "ramps [deg/s²]", "starts [s]", "lasts [s]"), "n"
@@ -55,7 +55,6 @@ def _gain_section(
     notes: Sequence[str],
 ) -> Section:
     goal, sd, paper = content["goal"], content["expected_sd"], content["reference_sd"]
-    now = "the fit of this campaign" if content["after"] else "the prior"
     return gain_table(content["sd_before"], sd, paper, units).section(
         "Result",
         captioned("plan", draw_comparison(contenders)),
@@ -68,11 +67,7 @@ def _gain_section(
         ),
         level="good" if content["kept"] else "bad",
         more=worse_than_paper(sd, paper),
-        notes=(
-            f"Now: {now}. Paper's slews: such slews in the same time and limits. Sds if the model "
-            "and the stated noise are right.",
-            *(f"{note[0].upper()}{note[1:]}." for note in notes),
-        ),
+        notes=sentences("plans", "gain_notes", content["after"], notes),
     )
 
 
@@ -133,24 +128,14 @@ def _margins_section(content: Mapping[str, Any]) -> Section:
     """Margins of the flown plan, tightest first."""
     margins = sorted(content["flown_margins"], key=lambda m: m["left"])
     rows = [(m["says"], "kept" if m["kept"] else "BROKEN") for m in margins]
-    active = listed(content["active_limits"]) or "none"
-    notes = (
-        "Flown with noise, J and K drawn from what is known. "
-        f"Limits that hold the design back: {active}.",
-    )
+    notes = sentences("plans", "margin_notes", content["active_limits"])
     return Table({"limit, the tightest first": "", "": ""}, rows).section("Limits", notes=notes)
 
 
 def comparison_sections(contenders: Sequence[Contender]) -> list[Section]:
     """Plans side by side: what they give, what they cost, what they fly."""
-    notes = ["Expected sds, each plan flown alone from the prior."]
-    simulated = [c.achieved for c in contenders if c.achieved is not None]
-    if simulated:
-        count = len(simulated[0].errors)
-        notes.append(
-            f"In brackets: scatter about the truth in {count} simulated campaigns a plan, ± its "
-            "standard error."
-        )
+    simulated = [len(c.achieved.errors) for c in contenders if c.achieved is not None]
+    notes = sentences("plans", "sd_notes", simulated)
     answer, worse = comparison_answer(contenders)
     pictures = captioned("plans", draw_comparison(contenders))
     one = len(contenders) == 1

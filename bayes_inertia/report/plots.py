@@ -66,7 +66,8 @@ def _series(posterior: Posterior, channel: str) -> posterior_data.ChannelSeries:
     """A channel that the fit predicts at every row."""
     series = posterior_data.channel_series(posterior, channel)
     if series is None:
-        known = ", ".join(map(str, posterior.tree["posterior_predictive"].data_vars))
+        names = map(str, posterior.tree["posterior_predictive"].data_vars)
+        known = ", ".join(n for n in names if posterior_data.channel_series(posterior, n))
         raise SettingsError(
             f"the fit predicts no {channel} row by row",
             where="channel",

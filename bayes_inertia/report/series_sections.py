@@ -11,7 +11,7 @@ from bayes_inertia.report.formatting import listed, number, unit_text
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.series import draw_fleet, draw_history
 from bayes_inertia.report.section import Section, Table, captioned
-from bayes_inertia.report.words import phrase
+from bayes_inertia.report.words import phrase, sentences
 from bayes_inertia.series.fleet import Fleet
 from bayes_inertia.series.history import History
 
@@ -54,13 +54,7 @@ def history_table(history: History) -> Table:
 
 def series_notes(series: History | Fleet, left_out: Sequence[str]) -> tuple[str, ...]:
     """What must be known of the numbers; `left_out`: campaigns without a usable result."""
-    untied = (
-        "nothing ties the size of J: sds of J, and how it changes or differs in size, are the "
-        "prior's; only its ratios are known better"
-    )
-    unused = f"left out, because their result must not be used: {listed(left_out)}"
-    notes = ((untied, series.is_scale_untied), (unused, left_out))
-    return tuple(note for note, holds in notes if holds)
+    return tuple(sentences("plans", "series_notes", series.is_scale_untied, left_out))
 
 
 def history_sections(history: History, notes: Sequence[str] = ()) -> list[Section]:

@@ -18,10 +18,7 @@ from bayes_inertia.report.criteria import (
     names_by_determination,
     ratios_told,
 )
-from bayes_inertia.report.formatting import (
-    brief,
-    channel_name,
-)
+from bayes_inertia.report.formatting import brief, channel_name
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.words import averaged_over, dirt_sentences, phrase, sentences
 

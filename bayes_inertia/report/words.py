@@ -43,7 +43,7 @@ def correlation_sentences(names: Sequence[str], matrix: Sequence[Sequence[float]
     'Jxx and K1 are hard to tell apart (correlation −0.95): rais'
     """
     pairs = [
-        (matrix[i][j], names[j], name)
+        (matrix[i][j], plain(names[j]), plain(name))
         for i, name in enumerate(names)
         for j in range(i)
         if abs(matrix[i][j]) > LAYOUT.strong_correlation

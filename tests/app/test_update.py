@@ -54,6 +54,7 @@ def test_telemetry_that_a_former_result_holds_is_refused(folders, tmp_path, caps
     for name in ("a", "b"):
         run_folder.start(folders[name], tmp_path / name, prior=prior, former=former)
         former = run_folder.campaigns_in(tmp_path / name)
+        assert run_folder.campaigns_in(tmp_path / name / "summary.json") == former
         write_json(tmp_path / name / "summary.json", sealed({"as_prior": prior.json()}))
         assert run("update", tmp_path / name, folders["a"], "-o", tmp_path / "out") == 2
         assert "holds this telemetry already: it would count twice" in capsys.readouterr().err

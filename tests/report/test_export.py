@@ -81,6 +81,13 @@ def test_both_tensors_differ_by_the_wheels_spin(result):
     assert result.inertia_B[0, 1] == result.parameter("Jxy").new
 
 
+def test_old_is_what_the_prior_states(run, result):
+    """No median of draws, whose Monte Carlo error would be a change."""
+    stated = Posterior.load(run / "posterior.nc").tree["estimate"]["prior_mean"].values
+    assert len(stated) > 9
+    assert [p.old for p in result.parameters] == stated.tolist()
+
+
 def test_the_command_knows_the_formats_of_the_table():
     assert set(FormatName.__args__) == set(EXPORT_FORMATS)
 

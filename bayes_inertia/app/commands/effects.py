@@ -93,17 +93,11 @@ def _list(effects: tuple[Effect, ...], campaign: Campaign, as_json: bool) -> Non
 def show_checked_effect(checked: CheckedEffect) -> None:
     """Print what was proven of an effect."""
     from bayes_inertia.report.formatting import brief
+    from bayes_inertia.report.words import sentences
 
     console = plain_console()
     console.print(headed(f"{checked.name}: keeps the contract", style="bold green"))
-    for line in (
-        "declaration: a frozen, hashable class with a name, SI units, priors and null values",
-        "at its null values it changes nothing (1e-12)",
-        "a batch of parameters gives what one after the other gives (1e-9)",
-        "pure: evaluated again, without compilation, it gives the same (1e-9)",
-        "telemetry and derivatives are finite over draws of the prior",
-        "derivatives agree with differences",
-    ):
+    for line in sentences("commands", "checked_effect"):
         console.print(indented(line))
     console.print("every parameter leaves a trace [noise sigmas per prior sd, all samples]:")
     for drive, sizes in checked.fingerprint.items():

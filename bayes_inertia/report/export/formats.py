@@ -41,7 +41,6 @@ _COLUMNS = (
 class ExportFormat:
     """One format."""
 
-    says: str  # what the file holds
     text: Callable[[ExportedResult], str]  # from an `ExportedResult` to the content of the file
     # Whether the forecast of the correction slew is shown; it takes seconds to make.
     shows_correction: bool = False
@@ -138,21 +137,13 @@ def json_text(result: ExportedResult) -> str:
     return json.dumps(json_ready(content), indent=1, allow_nan=False) + "\n"
 
 
-def _of(template: str) -> Callable[[ExportedResult], str]:
-    return partial(templated, template)
-
-
 EXPORT_FORMATS: Mapping[str, ExportFormat] = {
-    "acm": ExportFormat("CCSDS attitude comprehensive message: J, K, covariance", _of("acm.txt")),
-    "apm": ExportFormat("inertia block of a CCSDS attitude parameter message", _of("apm.txt")),
-    "json": ExportFormat("everything, all digits", json_text, shows_correction=True),
-    "csv": ExportFormat("sheet for an upload: old, new, change", csv_text, shows_correction=True),
-    "matlab": ExportFormat("script that defines a struct", _of("matlab.txt")),
-    "latex": ExportFormat("table of the parameters", _of("latex.txt")),
-    "basilisk": ExportFormat(
-        "Python lines for the hub of a Basilisk spacecraft", _of("basilisk.txt")
-    ),
-    "42": ExportFormat("lines of a spacecraft file of NASA 42", _of("42.txt")),
+    "json": ExportFormat(json_text, shows_correction=True),
+    "csv": ExportFormat(csv_text, shows_correction=True),
+    **{
+        name: ExportFormat(partial(templated, f"{name}.txt"))
+        for name in ("acm", "apm", "matlab", "latex", "basilisk", "42")
+    },
 }
 
 
