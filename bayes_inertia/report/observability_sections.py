@@ -20,11 +20,11 @@ from bayes_inertia.report.formatting import (
 from bayes_inertia.report.pictures.observability import draw_observability
 from bayes_inertia.report.section import Section, Table, captioned, packaged
 
-COLUMNS_SAY = (
-    "Most from: the slew that tells most of the parameter, and its share. Others cost: sd over its "
-    "value were everything else known. Commands worth: sd with the recorded torque commands "
-    "ignored over sd with them."
-)
+_COLUMNS_SAY = {
+    "most from": "the slew that tells most of the parameter, and its share",
+    "others cost": "sd over its value were everything else known",
+    "commands worth": "sd with the recorded torque commands ignored over sd with them",
+}
 _WELL_KNOWN = "The parameters that are determined"
 
 
@@ -60,9 +60,17 @@ def observability_table(observability: Observability) -> Table:
         "most from": "",
         "others cost": "n extra",
         "commands worth": "n extra",
-        "this campaign": "",
+        "how far determined": "",
     }
-    return Table(columns, rows, "many short")
+    table = Table(columns, rows, "many short")
+    one_drive = all(row[-2] == NOT_GIVEN for row in rows)
+    return table.without("commands worth") if one_drive else table
+
+
+def columns_say(table: Table) -> str:
+    """What the columns of `observability_table` mean."""
+    told = ((head, said) for head, said in _COLUMNS_SAY.items() if head in table.columns)
+    return " ".join(f"{head.capitalize()}: {said}." for head, said in told)
 
 
 def observability_sections(
@@ -77,12 +85,13 @@ def observability_sections(
         _WELL_KNOWN: parameter_sentences(observability, weak=False),
     }
     reasons = {title: ("", lines) for title, lines in sentences.items() if lines}
-    result = observability_table(observability).section(
+    table = observability_table(observability)
+    result = table.section(
         "Result",
         captioned("observability", draw_observability(observability)),
         sentence=answer(observability, plain),
         level="caution" if weak else "good",
-        notes=(COLUMNS_SAY,),
+        notes=(columns_say(table),),
     )
     why = {"reasons": reasons, "folded": (_WELL_KNOWN,)}
     return [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from typing import Any
 from urllib.parse import quote
@@ -92,6 +92,12 @@ class Table:
     rows: Sequence[Sequence[str]]
     kind: str = "narrow"  # classes of the whole
     marked: Sequence[int] = ()  # rows whose last cell stands out
+
+    def without(self, *heads: str) -> Table:
+        """The table without some columns."""
+        kept = [k for k, head in enumerate(self.columns) if head not in heads]
+        columns = {head: kind for head, kind in self.columns.items() if head not in heads}
+        return replace(self, columns=columns, rows=[[row[k] for k in kept] for row in self.rows])
 
     def section(
         self,

@@ -170,6 +170,7 @@ def test_observability(printed):
     observability = observe(estimate(Model(campaign, effects_named(["wheel_misalignment"]))))
     show_observability(SimpleNamespace(observability=observability, comparison=()), FOLDER)
     out = printed()
-    for text in ("no: mostly", "more, in observability.json", "10⁻³ kg m²"):
+    for text in ("determined", "mostly the", "more, in observability.json", "× 10⁻³"):
         assert text in out
     assert "e+0" not in out
+    assert "determi\n" not in out

@@ -72,7 +72,7 @@ def show_observability(observed: ObservedCampaign, folder: Path) -> None:
     from bayes_inertia.observability.sentences import answer
     from bayes_inertia.report.formatting import plain
     from bayes_inertia.report.observability_sections import (
-        COLUMNS_SAY,
+        columns_say,
         differences,
         observability_table,
         parameter_sentences,
@@ -81,9 +81,10 @@ def show_observability(observed: ObservedCampaign, folder: Path) -> None:
 
     console, observability = plain_console(), observed.observability
     console.print(headed(answer(observability, plain)))
-    table = observability_table(observability)
+    # In 80 columns; both sds are there.
+    table = observability_table(observability).without("times sharper")
     print_table(table.columns, table.rows, list(table.columns)[-1:])
-    console.print(COLUMNS_SAY)
+    console.print(columns_say(table))
     weak = parameter_sentences(observability, weak=True)
     for said in (*weak[: LAYOUT.weak_parameters_shown], *undetermined(observability)):
         console.print(indented(said))
