@@ -17,7 +17,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.checked_toml import parse_toml
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.campaign.schema import Part, Vector3
-from bayes_inertia.design.after_campaign import plan_after
+from bayes_inertia.design.after_campaign import mission_after, plan_after
 from bayes_inertia.design.comparison import Contender
 from bayes_inertia.design.designer import Design, design_plan
 from bayes_inertia.design.goals import parse_goal
@@ -277,8 +277,9 @@ def run_design(
         effects=request.effects,
         progress=progress,
     )
+    known = mission if after is None else mission_after(mission, after)
     contenders = compare_plans(
-        [design.plan, design.reference], mission, limits=design.limits, progress=progress
+        [design.plan, design.reference], known, limits=design.limits, progress=progress
     )
     content = design_json(design, contenders, flown) | _start(design.plan, flown, request)
     left_out = devices_at_rest(flown)

@@ -12,12 +12,17 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import axis_names
-from bayes_inertia.design.after_campaign import draw_bodies, plan_after
+from bayes_inertia.design.after_campaign import (
+    changed_inertia,
+    known_after,
+    plan_after,
+)
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.flight.closed_loop_flights import PROGRAMS, predict_correction_slew
 from bayes_inertia.flight.mission import Mission, following_plan, spacecraft_at
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.flight.plan import Plan, PlannedSlew
+from bayes_inertia.flight.simulated_campaigns import draw_bodies
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft, axes_of_control
 from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.laplace import Estimate
@@ -25,7 +30,6 @@ from bayes_inertia.maths.values import AnyArray, array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import ParameterSpace
-from bayes_inertia.physics.slew_input import idle_slew
 
 Values = dict[str, dict[str, AnyArray]]
 
@@ -93,14 +97,8 @@ def correction_forecast(
     mission, cases = _mission_and_cases(base, final, effects, thetas, seed)
     orbit = Orbit() if any(effect.needs for effect in effects) else None
     plan = replace(plan_after(final), orbit=orbit)
-    forecasts = []
-    for axis in np.eye(3):
-        one = replace(plan, slews=(PlannedSlew(tuple(axis), NUMERICS.corrected_turn),))
-        forecasts.append([_quantiles(case, one, mission)[1:] for case in cases])
-    if not np.isfinite(forecasts).all():
-        return None
-    worst = int(np.argmax([f[1][0] for f in forecasts]))
-    return CorrectionForecast("xyz"[worst], *forecasts[worst])
+    axis, found = _about_the_worst_axis(cases, plan, mission, judged=1)
+    return CorrectionForecast(axis, *(case[1:] for case in found)) if axis else None
 
 
 def correction_with_update(
@@ -114,16 +112,24 @@ def correction_with_update(
         return None
     crafts = [replace(spacecraft_at(campaign, x), bias=(0.0, 0.0, 0.0)) for x in (old, new)]
     mission = Mission(crafts[1], campaign.inertia)
+    cases = [_Case(draws, {}, craft) for craft in crafts]
+    axis, found = _about_the_worst_axis(cases, following_plan(campaign), mission, judged=0)
+    return UpdateForecast(axis, *found) if axis else None
+
+
+def _about_the_worst_axis(
+    cases: Sequence[_Case], plan: Plan, mission: Mission, *, judged: int
+) -> tuple[str, list[tuple[float, float, float]]]:
+    """The body axis with the largest median of one case, and the quantiles of all cases.
+
+    `judged`: which case. Returns no axis where a flight went astray.
+    """
     forecasts = []
     for axis in np.eye(3):
-        one = replace(
-            following_plan(campaign), slews=(PlannedSlew(tuple(axis), NUMERICS.corrected_turn),)
-        )
-        forecasts.append([_quantiles(_Case(draws, {}, craft), one, mission) for craft in crafts])
-    if not np.isfinite(forecasts).all():
-        return None
-    worst = int(np.argmax([before[1] for before, _ in forecasts]))
-    return UpdateForecast("xyz"[worst], *forecasts[worst])
+        one = replace(plan, slews=(PlannedSlew(tuple(axis), NUMERICS.corrected_turn),))
+        forecasts.append([_quantiles(case, one, mission) for case in cases])
+    worst = int(np.argmax([found[judged][1] for found in forecasts]))
+    return "xyz"[worst] if np.isfinite(forecasts).all() else "", forecasts[worst]
 
 
 def _can_slew(campaign: Campaign) -> bool:
@@ -133,13 +139,17 @@ def _can_slew(campaign: Campaign) -> bool:
 
 
 def _fully_fitted_effects(estimate: Estimate) -> tuple[Effect, ...]:
-    """The effects of which all parameters were fitted; without those of devices that do not fly."""
+    """The effects of which all parameters were fitted.
+
+    Without those of devices that do not fly, and without changes of J: draws have the J after them.
+    """
     space, flying = estimate.model.space, ("", *estimate.model.campaign.names)
     held = {i for i in range(space.size) if i not in estimate.free}
     return tuple(
         effect
         for effect in estimate.model.effects
         if effect.device in flying
+        and not changed_inertia(effect, estimate.model.campaign)
         and not set(range(*space.slice_of(effect.name).indices(space.size))) & held
     )
 
@@ -154,14 +164,13 @@ def _mission_and_cases(
     """Sensors, wheels and effects that fly, and the three cases of `CorrectionForecast`."""
     campaign, model = final.model.campaign, final.model
     old, new = (
-        replace(spacecraft_at(campaign, estimate.theta), bias=(0.0, 0.0, 0.0))
+        replace(spacecraft_at(campaign, known_after(estimate)[0]), bias=(0.0, 0.0, 0.0))
         for estimate in (base, final)
     )
     fitted = _parameters_afterwards(model, effects, final.theta[None])
     at_estimate = {name: {k: x[0] for k, x in p.items()} for name, p in fitted.items()}
     afterwards = tuple(effect.afterwards() for effect in effects)
     acting = replace(new, effects=afterwards, values=at_estimate)
-    new = replace(new, inertia_B=_inertia_afterwards(new.inertia_B, effects, at_estimate))
     # The base model is flown with the effects at their null: all cases share compiled code.
     plain, true = thetas
     nulls = np.tile(model.space.nulls, (len(plain), 1))
@@ -169,21 +178,6 @@ def _mission_and_cases(
     undisturbed = _parameters_afterwards(model, effects, nulls)
     cases = _Case(plain, undisturbed, old), _Case(true, disturbed, old), _Case(true, disturbed, new)
     return Mission(acting, campaign.inertia), cases
-
-
-def _inertia_afterwards(
-    inertia_B: AnyArray, effects: tuple[Effect, ...], values: Values
-) -> np.ndarray:
-    """The tensor (3, 3) to fly with after the campaign [kg m^2].
-
-    Where an effect changed it on the way, it is the one after the change.
-    """
-    for effect in effects:
-        after = effect.afterwards()
-        if after != effect:
-            context = idle_slew(np.array([0.0, 1.0])).context
-            inertia_B = np.asarray(after.inertia(values[effect.name], context, inertia_B))
-    return inertia_B
 
 
 def _quantiles(case: _Case, plan: Plan, mission: Mission) -> tuple[float, float, float]:
@@ -198,10 +192,15 @@ def _quantiles(case: _Case, plan: Plan, mission: Mission) -> tuple[float, float,
 
 
 def _draws(estimate: Estimate, rng: np.random.Generator, n: int) -> np.ndarray:
-    """Draws (n, d) of all parameters from the Laplace approximation, every J physical."""
-    space, mean, covariance = estimate.model.space, estimate.theta, estimate.quoted_covariance
+    """Draws (n, d) of what the fit quotes of all parameters, every J physical."""
+    space, (mean, covariance) = estimate.model.space, known_after(estimate)
+    covariance = covariance[: len(mean), : len(mean)]
     thetas = draw_bodies(
-        estimate.model.campaign, lambda k: rng.multivariate_normal(mean, covariance, size=k), n
+        estimate.model.campaign,
+        lambda k: rng.multivariate_normal(mean, covariance, size=k),
+        n,
+        where="the estimate",
+        advice="hardly any tensor within its uncertainty is one of a body: fly more slews first",
     )
     margin = 1e-9 * space.sd
     thetas[:, 6:] = np.clip(thetas, space.lower + margin, space.upper - margin)[:, 6:]

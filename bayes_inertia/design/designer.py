@@ -13,13 +13,14 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import optimize
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.design.after_campaign import forecast_after, missions_after, plan_after
+from bayes_inertia.campaign.hardware import members, require
+from bayes_inertia.design.after_campaign import forecast_after, mission_after, plan_after
 from bayes_inertia.design.expected_accuracy import likely_missions
 from bayes_inertia.design.feasibility import require_feasible
 from bayes_inertia.design.feasible_region import FeasibleRegion, draw_variables, region_within
@@ -30,7 +31,7 @@ from bayes_inertia.design.margins import Margin, broken_limits, flown_margins, p
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.errors import DesignError
-from bayes_inertia.flight.mission import Mission, following_plan, spacecraft_at
+from bayes_inertia.flight.mission import Mission, following_plan
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.flight.planned_motion import planned_slews, slew_arrays
@@ -302,8 +303,15 @@ def design_plan(
     (1470 s too few); allow more time, or fewer slews
     """
     began, parsed_goal, seed = time.perf_counter(), parse_goal(goal), whole_number(seed, "seed")
+    n_slews, starts = whole_number(n_slews, "n_slews", 1), whole_number(starts, "starts", 1)
+    candidates, draws = whole_number(candidates, "candidates", 1), whole_number(draws, "draws", 1)
     limits = limits or Limits(rate=math.radians(1.0) / (1.0 - Limits().rate_reserve))
+    _require_kind("limits", limits, Limits)
+    _require_kind("base", base, Plan)
+    _require_kind("after", after, Estimate)
+    effects = members("effects", effects, str)
     mission, base, after = _begin(mission, base, after)
+    mission = mission if after is None else mission_after(mission, after)
     say = as_callback(progress)
     say("preparing the forecast", 0, 0)
     base = replace(base, start_attitude=limits.start_attitude or base.start_attitude)
@@ -328,12 +336,22 @@ def design_plan(
     return replace(design, seconds=time.perf_counter() - began)
 
 
+def _require_kind(key: str, value: Any, kind: type, *, optional: bool = True) -> None:
+    """`CampaignError` for an argument of another kind."""
+    good = isinstance(value, kind) or (optional and value is None)
+    what, advice = f"a {type(value).__name__} is no {kind.__name__}", f"give a {kind.__name__}"
+    require(good, key, what, advice)
+
+
 def _begin(
     source: Mission | Campaign | Model | Estimate, base: Plan | None, after: Estimate | None
 ) -> tuple[Mission, Plan, Estimate | None]:
     """The mission, where its plan begins, and the fit that counts, of whatever was given."""
     if isinstance(source, Mission):
-        return source, base or paper_like_plan(), after
+        paper, wheels = paper_like_plan(), len(source.spacecraft.wheels)
+        if wheels != len(paper.wheel_momentum):
+            paper = replace(paper, wheel_momentum=())
+        return source, base or paper, after
     if isinstance(source, Estimate):
         after = after or source
     campaign = model_of(source).campaign
@@ -379,6 +397,8 @@ def next_slew(
         design = next_slew(estimate, Limits(rate=0.02, total_time=120.0), "cross_terms")
         design.plan.slews
     """
+    _require_kind("estimate", estimate, Estimate, optional=False)
+    _require_kind("limits", limits, Limits)
     campaign = estimate.model.campaign
     if parse_goal(goal).kind == "separate":
         raise DesignError(
@@ -389,13 +409,12 @@ def next_slew(
     longest = max(slew.duration for slew in campaign.slews)
     limits = limits or Limits(rate=1.1 * campaign.largest_rate(), total_time=2.0 * longest)
     return design_plan(
-        Mission(spacecraft_at(campaign, estimate.theta), campaign.inertia, campaign.prior),
+        estimate,
         goal,
         limits,
         base=plan_after(estimate),
         n_slews=1,
         seed=seed,
-        after=estimate,
     )
 
 
@@ -469,7 +488,7 @@ def set_up_design(
     before; what it tells counts.
     """
     spacecraft = mission.spacecraft
-    region = _region(mission, goal, limits, after)
+    region = _region(mission, goal, limits)
     if limits.total_time is None:
         like = paper_like_reference(base, region, n_slews, math.inf)
         limits = replace(limits, total_time=like.starts[-1] + like.durations[-1])
@@ -480,11 +499,8 @@ def set_up_design(
     fitted = effects_named(tuple(dict.fromkeys((*goal.effects, *effects))))
     goal = replace(goal, effects=tuple(e.name for e in fitted[: len(goal.effects)]))
     forecast = prepare_forecast(reference, mission, fitted)
-    if after is None:
-        missions = likely_missions(reference, mission, draws, seed)
-    else:
-        missions = missions_after(after, draws, seed)
-        forecast = forecast_after(forecast, after)
+    forecast = forecast if after is None else forecast_after(forecast, after)
+    missions = likely_missions(reference, mission, draws, seed)
     rest = planned_model(reference, mission, fitted).expected
     n_base = len(mission.theta)
     thetas = np.array([np.concatenate([truth.theta, rest[n_base:]]) for truth in missions])
@@ -494,12 +510,11 @@ def set_up_design(
     )
 
 
-def _region(mission: Mission, goal: Goal, limits: Limits, after: Estimate | None) -> FeasibleRegion:
+def _region(mission: Mission, goal: Goal, limits: Limits) -> FeasibleRegion:
     """Where a goal's plans may lie, or `CampaignError` where the goal is not for the spacecraft."""
     n_base = len(mission.theta)
     require_goal(goal, n_base)
-    known = mission.base.sd if after is None else after.sd
-    largest = float(np.max(known[6:n_base], initial=0.0))
+    largest = float(np.max(mission.base.sd[6:n_base], initial=0.0))
     return region_within(limits, hardware_limits(mission.spacecraft), scale_factor_sigma=largest)
 
 
@@ -554,7 +569,7 @@ def best_plan(
             nearest = max(nearest, (slacks[binding], binding, plan), key=lambda n: n[0])
     slack, binding, plan = nearest
     margins = planned_margins(plan, spacecraft, limits)
-    said = [margin.says for margin in margins if _kind_of(margin.limit) == binding]
+    said = [m.says for m in margins if m.limit.startswith(binding.removeprefix("wheel "))]
     what = "no plan was found that keeps it; the nearest misses it, with its reserve, by"
     raise DesignError(
         f"{what} {-100 * slack:.2g} %" + (f" ({said[0]})" if said else ""),
@@ -587,14 +602,3 @@ def rounded_slews(slews: Sequence[PlannedSlew], problem: PlanProblem) -> tuple[P
 def _rounded_down(value: float, digits: int) -> float:
     """A value [rad, or with time] rounded down to digits after the point in degrees."""
     return math.radians(math.floor(math.degrees(value) * 10**digits + 1e-9) / 10**digits)
-
-
-def _kind_of(limit: str) -> str:
-    """A margin's name as `constraint_slacks` calls its kind.
-
-    >>> _kind_of("torque of wheel_x"), _kind_of("keep-out Sun"), _kind_of("rate")
-    ('wheel torque', 'keep-out', 'rate')
-    """
-    first = limit.partition(" of ")[0].partition(" ")[0]
-    of_wheels = {"torque": "wheel torque", "momentum": "wheel momentum"}
-    return of_wheels.get(first, first if first in ("keep-out", "reach") else limit)

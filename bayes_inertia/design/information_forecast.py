@@ -35,7 +35,6 @@ from bayes_inertia.flight.planned_motion import (
 )
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.spacecraft import Spacecraft
-from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import AnyArray, array_dataclass
 from bayes_inertia.physics.channels import Channel
@@ -133,9 +132,11 @@ def prepare_forecast(plan: Plan, mission: Mission, effects: tuple[Effect, ...] =
     9
     """
     model, craft = planned_model(plan, mission, effects), mission.spacecraft
-    environment = orbit_environment(plan.orbit, 2.0 * model.campaign.span[1])
-    if plan.orbit is None:
-        environment = last_environment(model.campaign)
+    environment = (
+        last_environment(model.campaign)
+        if plan.orbit is None
+        else orbit_environment(plan.orbit, 2.0 * model.campaign.span[1])
+    )
     conditions = conditions_of(model, craft, environment, first=0, start_time=0.0)
     together, sd = model.space.whitening, model.space.sd
     prior = np.diag(sd**-2.0) if together is None else (together / sd).T @ (together / sd)
@@ -202,36 +203,18 @@ def conditions_of(
     )
 
 
-def with_noise_of(
-    conditions: FlightConditions, structure: Structure, estimate: Estimate
-) -> FlightConditions:
-    """Conditions under which readings count as those of a fit did, by channel: its `discount`.
-
-    `structure`: of the model whose conditions they are.
-    """
-    names = (channel.name for channel in estimate.model.channels)
-    share = dict(zip(names, estimate.discount.mean(axis=0), strict=True))
-    factors = (
-        np.sqrt(share.get(channel.name, 1.0)) * of_channel
-        for channel, of_channel in zip(structure.channels, conditions.factors, strict=True)
-    )
-    return conditions._replace(factors=tuple(factors))
-
-
-def orbit_environment(orbit: Orbit | None, duration: float) -> EnvironmentTable:
+def orbit_environment(orbit: Orbit, duration: float) -> EnvironmentTable:
     """The environment along an orbit.
 
     `duration` [s].
 
     Examples
     --------
-    >>> orbit_environment(None, 100.0).values.position_N.shape
+    >>> orbit_environment(Orbit(), 100.0).values.position_N.shape
     (200, 3)
     """
     time = np.linspace(0.0, duration, NUMERICS.orbit_points)
-    none = np.zeros((len(time), 3))
-    nothing = Environment(*(none for _ in Environment._fields))
-    return EnvironmentTable(time, nothing if orbit is None else orbit.environment(time))
+    return EnvironmentTable(time, orbit.environment(time))
 
 
 def last_environment(campaign: Campaign) -> EnvironmentTable:

@@ -132,15 +132,11 @@ class _Slew(NamedTuple):
             return effect.wheel_torque(p, context, t, state), quaternion.to_inertial(q, torque_B)
 
         rows = (path.time, path.attitude, path.rate_B, path.wheel_momentum, self.environment)
-        held = None if path.inputs is None else jax.tree.map(lambda x: x[:-1], path.inputs)
-        if held is None or not effect.inputs:
-            both = jax.vmap(lambda *row: instant((*row, None)))(*rows)
-            begin, end = (jax.tree.map(lambda x, k=k: x[k], both) for k in (_FIRST, _LAST))
-        else:
-            begin, end = (
-                jax.vmap(instant)((*jax.tree.map(lambda x, k=k: x[k], rows), held))
-                for k in (_FIRST, _LAST)
-            )
+        held = jax.tree.map(lambda x: x[:-1], path.inputs)
+        begin, end = (
+            jax.vmap(instant)((*jax.tree.map(lambda x, k=k: x[k], rows), held))
+            for k in (_FIRST, _LAST)
+        )
         return tuple(0.5 * (a + b) for a, b in zip(begin, end, strict=True))
 
     def reported(self, k: int, theta: Array, bias: Array, local: Array, path: Trajectory) -> Array:

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import block_diag
 
-from bayes_inertia.design.after_campaign import plan_after
+from bayes_inertia.design.after_campaign import as_loud, mission_after, plan_after
 from bayes_inertia.design.feasibility import require_three_axes
 from bayes_inertia.design.feasible_region import draw_variables, region_within
 from bayes_inertia.design.goals import Goal
@@ -28,21 +28,20 @@ from bayes_inertia.design.information_forecast import (
     conditions_of,
     forecast_of,
     last_environment,
-    with_noise_of,
 )
 from bayes_inertia.design.limits import Limits, hardware_limits
 from bayes_inertia.design.margins import Margin, broken_limits, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.errors import CampaignError, EffectError
-from bayes_inertia.flight.mission import spacecraft_at
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import PlannedSlew
 from bayes_inertia.flight.planned_motion import planned_slews
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.objective import marginal_information, prior_equations
 from bayes_inertia.maths.linear_algebra import canonical_correlation, inverse
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import Effect, require_effects
 from bayes_inertia.physics.forward_model import Model
 
 
@@ -108,8 +107,9 @@ def separating_slew(
         a, b = effects_named(["wheel_command_lag", "wheel_torque_gain"])
         separation = separating_slew(estimate, a, b)
     """
+    a, b = require_effects((a, b))
     campaign = estimate.model.campaign
-    spacecraft = spacecraft_at(campaign, estimate.theta)
+    spacecraft = mission_after(Mission.of(campaign), estimate).spacecraft
     require_three_axes(spacecraft, CampaignError)
     longest = max(slew.duration for slew in campaign.slews)
     limits = limits or Limits(rate=1.1 * campaign.largest_rate(), total_time=2.0 * longest)
@@ -218,7 +218,7 @@ def forecast_separation(estimate: Estimate, a: Effect, b: Effect) -> tuple[Forec
     along. Returns also (d,): the estimate, with both effects at their null.
     """
     campaign = estimate.model.campaign
-    craft = spacecraft_at(campaign, estimate.theta)
+    craft = mission_after(Mission.of(campaign), estimate).spacecraft
     for effect in (a, b):
         _require_flying(effect, craft)
     fitted = _names_of_fitted_effects(estimate) - {a.name, b.name}
@@ -233,12 +233,13 @@ def forecast_separation(estimate: Estimate, a: Effect, b: Effect) -> tuple[Forec
         # A prior that ends at the null has a slope there; beside the data it counts by its width.
         prior[part, part] = np.diag(model.space.sd[part] ** -2.0)
     plan = plan_after(estimate)
-    commanded = model
-    if model.structure.drive != "commanded" and campaign.wheels:
+    flown = as_loud(campaign, estimate)
+    if campaign.wheels and model.structure.drive != "commanded":
         # Commands of zero, so that the commanded drive can be set up.
         wheels = len(campaign.wheels)
         still = (replace(s, wheel_torque=np.zeros((len(s.time), wheels))) for s in campaign.slews)
-        commanded = Model(replace(campaign, slews=tuple(still)), (*kept, a, b), "commanded")
+        flown = replace(flown, slews=tuple(still))
+    commanded = Model(flown, (*kept, a, b), "commanded")
     conditions = conditions_of(
         commanded,
         craft,
@@ -246,7 +247,6 @@ def forecast_separation(estimate: Estimate, a: Effect, b: Effect) -> tuple[Forec
         first=len(campaign.slews),
         start_time=campaign.span[1] + plan.pause,
     )
-    conditions = with_noise_of(conditions, commanded.structure, estimate)
     return forecast_of(commanded, craft, plan, conditions, information + prior), theta
 
 

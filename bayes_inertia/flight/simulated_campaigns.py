@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from bayes_inertia.flight.mission import Mission, prior_mean, spacecraft_at
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_flight import Flight, fly
 from bayes_inertia.flight.planned_telemetry import planned_campaign
-from bayes_inertia.flight.spacecraft import Controller, Spacecraft, spin_tensor
+from bayes_inertia.flight.spacecraft import Controller, Spacecraft, spin_tensor, without_spin
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.maths.values import whole_number
@@ -288,18 +288,31 @@ def draw_spacecraft(
 
 def _drawn_base(template: Campaign, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """J (3, 3) [kg m^2] without the wheels' spin, drawn from the prior; K where it is joint."""
-    prior, space = template.inertia, None
-    if template.prior is not None:
-        space = base_space(prior, template.rate_sensor, template.prior)
-    spin = spin_tensor(template.wheels) if prior.includes_wheel_spin else np.zeros((3, 3))
-    mean, sd = prior.elements, prior.sd
-    spin_elements = np.asarray(inertia_tensor.elements(jnp.asarray(spin)))
-    drawn = draw_physical(
-        lambda n: rng.normal(mean, sd, (n, 6)) if space is None else space.draw(rng, n),
-        1,
-        wheel_spin=spin_elements,
-    )[0]
-    return np.array(inertia_tensor.tensor(drawn[:6])) - spin, drawn[6:]
+    prior, joint = template.inertia, template.prior
+
+    def draw(n: int) -> np.ndarray:
+        if joint is None:
+            return rng.normal(prior.elements, prior.sd, (n, 6))
+        return base_space(prior, template.rate_sensor, joint).draw(rng, n)
+
+    drawn = draw_bodies(template, draw, 1)[0]
+    J = np.array(inertia_tensor.tensor(drawn[:6]))
+    return without_spin(J, prior.includes_wheel_spin, template.wheels), drawn[6:]
+
+
+def draw_bodies(
+    campaign: Campaign, draw: Callable[[int], np.ndarray], n: int, **said: Any
+) -> np.ndarray:
+    """Draws of J and what follows it, every J one that a body can have.
+
+    `campaign`: it tells whether the draws hold J or J_locked. `draw`: takes a number k and returns
+    k draws (k, d); J's six elements [kg m^2] come first. `said`: see `draw_physical`. Returns (n,
+    d).
+    """
+    spin = None
+    if campaign.inertia.includes_wheel_spin:
+        spin = np.asarray(inertia_tensor.elements(jnp.asarray(spin_tensor(campaign.wheels))))
+    return draw_physical(draw, n, wheel_spin=spin, **said)
 
 
 def vary_plan(
