@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 from bayes_inertia.design.feasible_region import FeasibleRegion
 from bayes_inertia.design.limits import Limits
-from bayes_inertia.design.margins import broken_limits, planned_margins
+from bayes_inertia.design.margins import Margin, broken_limits, planned_margins
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.errors import BayesInertiaError, DesignError
 from bayes_inertia.flight.plan import Plan, PlannedSlew
@@ -22,10 +23,16 @@ def require_feasible(
     smallest = PlannedSlew((1.0, 0.0, 0.0), region.angles[0], region.rate, region.acceleration)
     _require_time(replace(base, slews=(smallest,) * n_slews), limits)
     still = replace(smallest, angle=NUMERICS.negligible_angle)
-    _require_start(replace(base, slews=(still,)), spacecraft, limits)
+    at_start = replace(base, slews=(still,))
+    margins = planned_margins(at_start, spacecraft, limits)
+    what = "broken before the first slew"
+    advice = "start in another attitude, or with slower wheels"
+    _require_rest(margins, ("keep-out", "momentum", "reach"), what, "start", advice)
     if limits.end_attitude is not None:
-        at_end = replace(base, start_attitude=limits.end_attitude, slews=(still,))
-        _require_end(at_end, spacecraft, limits)
+        at_end = replace(at_start, start_attitude=limits.end_attitude)
+        what, advice = "the end attitude itself breaks a limit", "end in another attitude"
+        margins = planned_margins(at_end, spacecraft, limits)
+        _require_rest(margins, ("keep-out",), what, "limit end attitude", advice)
 
 
 def require_three_axes(spacecraft: Spacecraft, error: type[BayesInertiaError]) -> None:
@@ -55,26 +62,9 @@ def _require_time(shortest: Plan, limits: Limits) -> None:
     )
 
 
-def _require_start(at_start: Plan, spacecraft: Spacecraft, limits: Limits) -> None:
-    """An error where the start itself breaks a limit."""
-    without_attitudes = replace(limits, end_attitude=None, start_attitude=None)
-    margins = planned_margins(at_start, spacecraft, without_attitudes)
-    for margin in broken_limits(
-        [m for m in margins if m.limit.startswith(("keep-out", "momentum", "reach"))]
-    ):
-        raise DesignError(
-            f"broken before the first slew: {margin.says}",
-            where="start",
-            advice="start in another attitude, or with slower wheels",
-        )
-
-
-def _require_end(at_end: Plan, spacecraft: Spacecraft, limits: Limits) -> None:
-    """An error where the end attitude lies in a keep-out cone."""
-    margins = planned_margins(at_end, spacecraft, Limits(keep_out=limits.keep_out))
-    for margin in broken_limits([m for m in margins if m.limit.startswith("keep-out")]):
-        raise DesignError(
-            f"the end attitude itself breaks a limit: {margin.says}",
-            where="limit end attitude",
-            advice="end in another attitude",
-        )
+def _require_rest(
+    margins: Sequence[Margin], kinds: tuple[str, ...], what: str, where: str, advice: str
+) -> None:
+    """An error where a rest itself breaks a limit of one of these kinds."""
+    for margin in broken_limits([m for m in margins if m.limit.startswith(kinds)]):
+        raise DesignError(f"{what}: {margin.says}", where=where, advice=advice)

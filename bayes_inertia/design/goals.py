@@ -101,7 +101,7 @@ def parse_goal(text: str | Goal) -> Goal:
     """
     if isinstance(text, Goal):
         return text
-    kind, _, effects = text.partition(":")
+    kind, _, effects = str(text).partition(":")
     return Goal(kind.strip(), tuple(name.strip() for name in effects.split(",") if name.strip()))
 
 

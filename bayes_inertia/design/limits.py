@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bayes_inertia.campaign.hardware import members
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.flight.plan import direction, require_one, unit_quaternion
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.maths.values import Vector
 
@@ -48,25 +48,12 @@ class KeepOut:
     half_angle: float
 
     def __post_init__(self) -> None:
-        direction = np.asarray(self.direction_N, dtype=float)
-        if (
-            direction.shape != (3,)
-            or not np.all(np.isfinite(direction))
-            or not np.linalg.norm(direction) > 0.0
-        ):
-            raise CampaignError(
-                f"{self.direction_N!r} is no direction",
-                where=f"keep-out {self.name}",
-                advice="give three inertial components, not all zero",
-            )
-        if not 0.0 < self.half_angle < math.pi:
-            raise CampaignError(
-                f"{math.degrees(self.half_angle):.6g} deg is no cone",
-                where=f"keep-out {self.name}",
-                advice="give a half angle below 180 deg",
-            )
-        unit = direction / np.linalg.norm(direction)
-        object.__setattr__(self, "direction_N", tuple(unit.tolist()))
+        key = f"keep_out.{self.name}"
+        unit = direction(self.direction_N, f"{key}.direction_N")
+        what, advice = "is no half of a cone's angle", "give a half angle below pi rad (180 deg)"
+        within = self.half_angle, f"{key}.half_angle", what, advice
+        require_one(*within, fits=lambda x: 0.0 < x < math.pi)
+        object.__setattr__(self, "direction_N", unit)
 
 
 @dataclass(frozen=True)
@@ -122,23 +109,16 @@ class Limits:
     def __post_init__(self) -> None:
         object.__setattr__(self, "keep_out", members("keep_out", self.keep_out, KeepOut))
         for key in ("rate", "angle", "acceleration", "total_time", "tolerance"):
-            value = getattr(self, key)
-            if value is not None and not (math.isfinite(value) and value > 0.0):
-                raise CampaignError(
-                    f"{value!r} is not positive",
-                    where=f"limit {key}",
-                    advice="give a positive number in SI units, or leave it out",
-                )
+            if getattr(self, key) is not None or key == "tolerance":
+                require_one(getattr(self, key), f"limits.{key}")
         for key in ("rate_reserve", "wheel_reserve"):
-            if not 0.0 <= getattr(self, key) < 1.0:
-                raise CampaignError(
-                    f"{getattr(self, key)!r} is no fraction",
-                    where=f"limit {key}",
-                    advice="give a number from 0 to below 1",
-                )
+            what, advice = "is no fraction", "give a number from 0 to below 1"
+            reserve = getattr(self, key), f"limits.{key}", what, advice
+            require_one(*reserve, fits=lambda x: 0.0 <= x < 1.0)
         for key in ("start_attitude", "end_attitude"):
             if getattr(self, key) is not None:
-                object.__setattr__(self, key, _unit_quaternion(getattr(self, key), key))
+                attitude = unit_quaternion(getattr(self, key), f"limits.{key}")
+                object.__setattr__(self, key, attitude)
 
     def to_json(self) -> dict[str, Any]:
         """The limits as plain values.
@@ -155,19 +135,6 @@ class Limits:
                 for c in self.keep_out
             ]
         }
-
-
-def _unit_quaternion(value: Quaternion, key: str) -> Quaternion:
-    """The quaternion with unit length to rounding; an error where it is far from it."""
-    attitude = np.asarray(value, dtype=float)
-    if attitude.shape != (4,) or abs(np.linalg.norm(attitude) - 1.0) > 1e-3:
-        raise CampaignError(
-            f"{value!r} is no unit quaternion",
-            where=f"limit {key}",
-            advice="give four numbers, scalar last",
-        )
-    q1, q2, q3, q4 = (attitude / np.linalg.norm(attitude)).tolist()
-    return (q1, q2, q3, q4)
 
 
 class HardwareLimits(NamedTuple):

@@ -11,16 +11,18 @@ from __future__ import annotations
 
 import math
 import operator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import accumulate
-from typing import Literal, get_args
+from numbers import Real
+from typing import Any, Literal, get_args
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from scipy.spatial.transform import Rotation
 
-from bayes_inertia.campaign.hardware import members, numbers, require, require_positive
+from bayes_inertia.campaign.hardware import members, numbers, require, unit_length
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.maths.values import Vector
@@ -78,6 +80,39 @@ def angle_and_rate(
     return peak * (turned - missing), peak * (up - fallen)
 
 
+def direction(value: Any, key: str) -> tuple[float, ...]:
+    """Three numbers, not all zero, as a unit vector."""
+    axis = numbers(value, key)
+    is_direction = axis.shape == (3,) and 0.0 < float(np.linalg.norm(axis)) < math.inf
+    what = f"{value!r} is no direction"
+    require(is_direction, key, what, "give three numbers, not all zero")
+    return tuple(unit_length(axis).tolist())
+
+
+def unit_quaternion(value: Any, key: str) -> tuple[float, float, float, float]:
+    """Four numbers of unit length to a thousandth, scalar last, at unit length."""
+    attitude = numbers(value, key)
+    is_unit = attitude.shape == (4,) and abs(float(np.linalg.norm(attitude)) - 1.0) < 1e-3
+    what = f"{value!r} is no unit quaternion"
+    require(is_unit, key, what, "give four numbers, scalar last")
+    x, y, z, w = unit_length(attitude).tolist()
+    return (x, y, z, w)
+
+
+def require_one(
+    value: Any,
+    key: str,
+    what: str = "is not positive",
+    advice: str = "give a positive number in SI units",
+    *,
+    fits: Callable[[float], bool] = lambda x: x > 0.0,
+) -> None:
+    """`CampaignError` unless a value is a single finite number that fits."""
+    is_number = isinstance(value, Real) or getattr(value, "shape", None) == ()
+    good = is_number and math.isfinite(value) and fits(value)
+    require(good, key, f"{value!r} {what}", advice)
+
+
 @dataclass(frozen=True)
 class PlannedSlew:
     """One slew about a body-fixed axis.
@@ -118,11 +153,10 @@ class PlannedSlew:
     duration: float | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "axis_B", _unit_axis(self.axis_B))
-        for key in ("angle", "rate", "acceleration"):
-            require_positive(getattr(self, key), f"slews.{key}")
-        if self.duration is not None:
-            require_positive(self.duration, "slews.duration")
+        object.__setattr__(self, "axis_B", direction(self.axis_B, "slews.axis"))
+        for key in ("angle", "rate", "acceleration", "duration"):
+            if getattr(self, key) is not None or key != "duration":
+                require_one(getattr(self, key), f"slews.{key}")
         what = f"{self.profile!r} is unknown"
         advice = f"choose {' or '.join(get_args(Profile))}"
         require(self.profile in get_args(Profile), "slews.profile", what, advice)
@@ -135,29 +169,6 @@ class PlannedSlew:
         if peak == 0.0:  # Too small for a number.
             return math.inf
         return self.angle / peak + factor * peak / self.acceleration
-
-
-def _unit_axis(axis_B: Vector) -> tuple[float, ...]:
-    """The axis as a unit vector."""
-    axis = numbers(axis_B, "slews.axis")
-    is_direction = (
-        axis.shape == (3,) and bool(np.all(np.isfinite(axis))) and bool(np.linalg.norm(axis) > 0.0)
-    )
-    what = f"{axis_B!r} is no direction"
-    advice = "give three numbers, not all zero"
-    require(is_direction, "slews.axis", what, advice)
-    return _normalised(axis)
-
-
-def _normalised(vector: np.ndarray) -> tuple[float, ...]:
-    """A vector (n,) at unit length.
-
-    What has unit length to rounding stays as it is, so that reading what was written changes no
-    digit.
-    """
-    norm = float(np.linalg.norm(vector))
-    unit = vector if abs(norm - 1.0) < 1e-15 else vector / norm
-    return tuple(unit.tolist())
 
 
 @dataclass(frozen=True)
@@ -229,23 +240,17 @@ class Plan:
         object.__setattr__(self, "wheel_momentum", tuple(momentum.tolist()))
         require(len(self.slews) > 0, "slews", "the plan has no slew", "add at least one [[slews]]")
         self._check_times()
-        attitude = numbers(self.start_attitude, "start_attitude")
-        norm = float(np.linalg.norm(attitude)) if attitude.shape == (4,) else math.nan
-        what = "no unit quaternion"
-        advice = "give four numbers, scalar last"
-        require(abs(norm - 1.0) < 1e-3, "start_attitude", what, advice)
-        object.__setattr__(self, "start_attitude", _normalised(attitude))
+        attitude = unit_quaternion(self.start_attitude, "start_attitude")
+        object.__setattr__(self, "start_attitude", attitude)
         object.__setattr__(self, "durations", tuple(self._duration(slew) for slew in self.slews))
 
     def _check_times(self) -> None:
         """Raise for times that do not fit each other or the telemetry period."""
         for key in ("telemetry_period", "rest_before", "fix_spacing", "settle", "rest_after"):
-            require_positive(getattr(self, key), key)
+            require_one(getattr(self, key), key)
         for key in ("first_fix", "pause"):
-            value = getattr(self, key)
-            time = numbers(value, key)
-            is_time = time.ndim == 0 and bool(np.isfinite(time) and time >= 0.0)
-            require(is_time, key, f"{value!r} is no time, or negative", "give seconds")
+            what = "is no time, or negative"
+            require_one(getattr(self, key), key, what, "give seconds", fits=lambda x: x >= 0.0)
         for key in ("rest_before", "fix_spacing"):
             periods = getattr(self, key) / self.telemetry_period
             what = f"{getattr(self, key)!r} s is no multiple of telemetry_period"

@@ -16,9 +16,10 @@ from bayes_inertia.campaign.hardware import (
     RateSensor,
     StarTracker,
     Wheel,
+    numbers,
     one_an_axis,
 )
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.flight.plan import require_one
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import ActiveEffects, Effect, require_of_effect
@@ -41,7 +42,7 @@ class Spacecraft:
         Its axes and noise, and what was known of K and bias before flight; None without one.
     star_tracker : StarTracker, optional
         None for a spacecraft without one.
-    bias : tuple of 3 floats, optional
+    bias : tuple of float, optional
         True rate bias [rad/s]; None draws it from the sensor's prior in every flight.
     effects : tuple of Effect
         What else acts.
@@ -91,6 +92,8 @@ class Spacecraft:
         axes = len(self.rate_sensor.axes) if self.rate_sensor else 0
         factors = one_an_axis(self.scale_factor, axes, "scale_factor") if axes else ()
         object.__setattr__(self, "scale_factor", factors)
+        if self.bias is not None and axes:
+            object.__setattr__(self, "bias", one_an_axis(self.bias, axes, "bias"))
         object.__setattr__(self, "wheels", tuple(self.wheels))
         object.__setattr__(self, "effects", tuple(self.effects))
         for effect in self.effects:
@@ -177,14 +180,10 @@ class Controller:
     rest_attitude_sigma: float = 5e-5
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "inertia_B", np.array(self.inertia_B, dtype=float))
+        inertia_B = numbers(self.inertia_B, "controller.inertia_B")
+        object.__setattr__(self, "inertia_B", inertia_B)
         for key in ("bandwidth", "damping"):
-            if not getattr(self, key) > 0.0:
-                raise CampaignError(
-                    f"{getattr(self, key)!r} is not positive",
-                    where=f"controller {key}",
-                    advice="give a positive number",
-                )
+            require_one(getattr(self, key), f"controller.{key}")
 
     @classmethod
     def from_prior(

@@ -13,8 +13,10 @@ the simulator's inner loop uses them because XLA fuses scalars twice as well as 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from bayes_inertia.maths import jax_settings as jax_settings
@@ -73,7 +75,8 @@ def rate_of_components(q: ComponentSequence, rate_B: ComponentSequence) -> tuple
     return (*vector, -0.5 * (q[0] * rate_B[0] + q[1] * rate_B[1] + q[2] * rate_B[2]))
 
 
-def _split(array: Array) -> list[Array]:
+def _split(array: Any) -> list[Any]:
+    array = array if hasattr(array, "shape") else np.asarray(array, dtype=float)
     return [array[..., i] for i in range(array.shape[-1])]
 
 

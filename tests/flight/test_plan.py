@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -12,8 +13,10 @@ import pytest
 import bayes_inertia
 import bayes_inertia as bi
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.flight.mission import most_like_mission
+from bayes_inertia.flight.mission import Mission, most_like_mission
 from bayes_inertia.flight.plan import PlannedSlew, angle_and_rate, paper_like_plan
+from bayes_inertia.flight.planned_telemetry import planned_paths
+from bayes_inertia.physics.small_campaign import small_campaign
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 
@@ -57,6 +60,10 @@ def test_paper_like_plan_is_the_one_flown_in_basilisk():
 SLEW = PlannedSlew((1.0, 0.0, 0.0), 0.5)
 
 
+def design(**settings):
+    return bi.design_plan(most_like_mission(), **settings)
+
+
 @pytest.mark.parametrize(
     ("make", "says"),
     [
@@ -70,6 +77,23 @@ SLEW = PlannedSlew((1.0, 0.0, 0.0), 0.5)
             lambda: bi.Limits(keep_out=bi.KeepOut("Sun", (0, 0, 1), 0.5)),
             "keep_out: a KeepOut is no",
         ),
+        (lambda: PlannedSlew((1, 0, 0), [0.5, 0.5]), r"slews.angle: \[0.5, 0.5\] is not positive"),
+        (lambda: PlannedSlew((1, 0, 0), 0.5, duration="9"), "slews.duration: '9' is not positive"),
+        (lambda: bi.Plan("one", (SLEW,), settle="1"), "settle: '1' is not positive"),
+        (lambda: bi.Controller(np.eye(3), bandwidth="1"), "controller.bandwidth: '1' is not"),
+        (lambda: bi.Limits(rate="1"), "limits.rate: '1' is not positive"),
+        (lambda: bi.Limits(tolerance=None), "limits.tolerance: None is not positive"),
+        (lambda: bi.Limits(wheel_reserve="0.2"), "limits.wheel_reserve: '0.2' is no fraction"),
+        (
+            lambda: bi.Limits(end_attitude=(math.nan, 0, 0, 1)),
+            "end_attitude: .* no unit",
+        ),
+        (lambda: bi.KeepOut("Sun", "up", 0.5), "keep_out.Sun.direction_N: no array of numbers"),
+        (lambda: bi.KeepOut("Sun", (0, 0, 1), "30"), "keep_out.Sun.half_angle: '30' is no half"),
+        (lambda: design(goal=None), "unknown goal 'None'; choose"),
+        (lambda: design(limits={"rate": 0.01}), "limits: a dict is no Limits; give a Limits"),
+        (lambda: design(effects="wheel_friction"), "effects: a str is no list"),
+        (lambda: bi.next_slew(most_like_mission()), "estimate: a Mission is no Estimate"),
         (lambda: bi.Goal(None), "unknown goal None; choose"),
         (lambda: bi.compare_plans(bi.Plan("one", (SLEW,)), None), "plans: a Plan is no list"),
         (
@@ -81,6 +105,21 @@ SLEW = PlannedSlew((1.0, 0.0, 0.0), 0.5)
 def test_what_is_no_plan_or_spacecraft_is_said_with_its_key(make, says):
     with pytest.raises(bi.CampaignError, match=says):
         make()
+
+
+@pytest.mark.parametrize("key", ["n_slews", "candidates", "starts", "draws"])
+@pytest.mark.parametrize("count", [0, 2.0, "2"])
+def test_a_design_refuses_what_is_no_count(key, count):
+    with pytest.raises(bi.SettingsError, match=f"{key}: is .*; give a whole number, 1 or more"):
+        design(**{key: count})
+
+
+def test_a_plan_with_momenta_of_other_wheels_is_refused():
+    campaign = small_campaign()
+    plan = bi.Plan("one", (SLEW,), wheel_momentum=(0.1,))
+    craft = Mission.of(replace(campaign, rate_sensor=None)).spacecraft
+    with pytest.raises(bi.CampaignError, match="wheel_momentum_Nms: 1 momenta for 3 wheels"):
+        planned_paths(plan, craft)
 
 
 @pytest.mark.parametrize("seed", [-1, 0.5, "one"])

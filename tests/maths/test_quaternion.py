@@ -27,6 +27,8 @@ def test_quaternion_algebra_agrees_with_scipy():
     )
     np.testing.assert_allclose(quaternion.to_inertial(P, v), p.apply(v), atol=1e-14)
     np.testing.assert_allclose(quaternion.to_body(P, v), p.inv().apply(v), atol=1e-14)
+    of_lists = quaternion.to_body(np.asarray(P).tolist(), np.asarray(v).tolist())
+    np.testing.assert_allclose(of_lists, quaternion.to_body(P, v), atol=1e-14)
     np.testing.assert_allclose(quaternion.log(P), p.as_rotvec(), atol=1e-13)
     np.testing.assert_allclose(
         Rotation.from_quat(np.asarray(quaternion.exp(jnp.asarray(v)))).as_matrix(),
