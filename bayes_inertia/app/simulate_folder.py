@@ -16,7 +16,6 @@ from bayes_inertia.flight.mission import Mission, devices_at_rest, most_like_mis
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.plan_file import read_plan
 from bayes_inertia.flight.simulated_campaigns import draw_spacecraft, simulate, simulate_again
-from bayes_inertia.physics.stated_noise import stated_terms
 
 _AS_THEY_WERE = "turned by what its devices did"
 _FOLLOWED = (
@@ -66,12 +65,12 @@ def run_simulate(
     if plan is None and (why := why_no_plans(given)):
         flown = simulate_again(given, folder, seed, draw=draw, hidden=hidden)
         said = f"{why}: this campaign's own slews were flown again, {_AS_THEY_WERE}"
-        return SimulatedFlight(flown, spacecraft, (said, *_undrawn(given)))
+        return SimulatedFlight(flown, spacecraft, (said,))
     (chosen,) = plans_named([plan or PAPER], given).values()
     mission = _drawn_mission(given, seed) if draw else Mission.of(given)
     flight = simulate(chosen, mission, folder, seed, hidden=hidden)
     followed = () if mission.spacecraft.flies_by_gyro else (_FOLLOWED,)
-    notes = (*followed, *_undrawn(given), *devices_at_rest(given))
+    notes = (*followed, *devices_at_rest(given))
     return SimulatedFlight(flight.campaign, spacecraft, notes)
 
 
@@ -80,10 +79,3 @@ def _drawn_mission(campaign: Campaign, seed: int) -> Mission:
     rng = np.random.default_rng([seed, 3])
     craft = replace(draw_spacecraft(campaign, rng), bias=None)
     return Mission(craft, campaign.inertia, campaign.prior)
-
-
-def _undrawn(campaign: Campaign) -> tuple[str, ...]:
-    """Noise that the campaign states and a simulation leaves out."""
-    said = ", ".join(stated_terms(campaign))
-    what = "noise that the campaign states and the simulation does not draw"
-    return (f"{what}: {said}",) if said else ()

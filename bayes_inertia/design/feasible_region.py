@@ -17,7 +17,7 @@ from bayes_inertia.design.limits import HardwareLimits, Limits
 from bayes_inertia.design.margins import demands
 from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.flight.planned_motion import PlannedMotion, PlanTimes, RigidBody, SlewArrays
-from bayes_inertia.flight.steering import Jets, share_of_reach
+from bayes_inertia.flight.steering import share_of_reach
 from bayes_inertia.maths.values import AnyArray
 
 
@@ -136,7 +136,7 @@ def draw_variables(
     turning_B = axis @ np.asarray(body.inertia_B)
     needed = np.abs(turning_B @ np.asarray(body.allocation).T)
     most = np.min(region.torque / needed, axis=-1, initial=np.inf)
-    if any(isinstance(device, Jets) for device in (body.devices or {}).values()):
+    if any(not device.carries_momentum for device in (body.devices or {}).values()):
         up, down = (np.asarray(share_of_reach(s * turning_B, region.reach)) for s in (1.0, -1.0))
         most = 1.0 / np.maximum(up, down)
     strongest = np.minimum(0.9 * most, region.acceleration)

@@ -18,7 +18,9 @@ from jax import Array
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import Numbers, require
+from bayes_inertia.campaign.hardware import Numbers
+from bayes_inertia.campaign.sensors.rate import RATE
+from bayes_inertia.campaign.slew import Slew, between_fix_groups
 from bayes_inertia.flight.closed_loop import (
     ClosedLoop,
     ControlLaw,
@@ -30,7 +32,8 @@ from bayes_inertia.flight.closed_loop import (
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan
-from bayes_inertia.flight.planned_telemetry import planned_campaign
+from bayes_inertia.flight.planned_motion import plan_start
+from bayes_inertia.flight.planned_telemetry import planned_campaign, wandering_noise, white_share
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft, allocation, without_spin
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import filled, on_device, repeated
@@ -83,7 +86,7 @@ def closed_loop_inputs(
             starts,
         ),
         law=control_law(craft, controller),
-        noise=sensor_noise((len(plan.slews),), craft, controller, plan, grid.n_rows, rng),
+        noise=sensor_noise(planned, controller, plan, grid.n_rows, rng),
         active=craft.active_effects,
         substeps=grid.substeps,
     )
@@ -188,10 +191,7 @@ def start_states(
     `controller`: says how still and how well aimed the rest before a slew is.
     """
     G, attitudes = spacecraft.wheel_axes_B, Rotation.from_quat(plan.attitudes[:-1])
-    h = np.array(plan.wheel_momentum or np.zeros(len(spacecraft.wheels)))
-    what = f"{len(h)} momenta for {len(spacecraft.wheels)} wheels"
-    one_each = len(h) == len(spacecraft.wheels)
-    require(one_each, "wheel_momentum_Nms", what, "give one a wheel")
+    h = plan_start(plan, len(spacecraft.wheels)).wheel_momentum
     total_N = attitudes[0].apply(G @ h)  # scipy's rotation takes body vectors to inertial ones
     left = attitudes.apply(total_N, inverse=True) - G @ h
     momentum = h + left @ allocation(spacecraft.wheels).T
@@ -224,36 +224,51 @@ def rate_bias(spacecraft: Spacecraft, rng: np.random.Generator | None = None) ->
 
 
 def sensor_noise(
-    batch: tuple[int, ...],
-    spacecraft: Spacecraft,
+    planned: Campaign,
     controller: Controller,
     plan: Plan,
     n_rows: int,
     rng: np.random.Generator | None = None,
+    draws: int | None = None,
 ) -> SensorNoise:
-    """White noise of all sensors.
+    """Noise of the gyro, the star tracker and the tachometers, by slew.
 
-    `controller`: says how long readings at rest are averaged for the bias.
+    `planned`: its slews are those that are flown. `controller`: says how long readings at rest are
+    averaged for the bias. `draws`: so many flights of its only slew, in place of slews.
     """
-    sensor, tracker, wheels = spacecraft.gyro, spacecraft.star_tracker, spacecraft.wheels
+    sensor, tracker, wheels = planned.gyro, planned.star_tracker, planned.wheels
+    batch = len(planned.slews) if draws is None else draws
 
     def white(*shape: int) -> np.ndarray:
-        return np.zeros((*batch, *shape)) if rng is None else rng.normal(size=(*batch, *shape))
+        return np.zeros((batch, *shape)) if rng is None else rng.normal(size=(batch, *shape))
 
     momentum = white(n_rows, len(wheels)) * np.array([w.momentum_sigma or 0.0 for w in wheels])
-    attitude = np.zeros((*batch, n_rows, 3))
+    attitude = np.zeros((batch, n_rows, 3))
     if tracker is not None:
         boresight_B = np.array(tracker.boresight_B)
         rotation = white(n_rows, 3)
         roll = (rotation @ boresight_B)[..., None] * boresight_B
         attitude = tracker.sigma_cross * (rotation - roll) + tracker.sigma_roll * roll
     readings = max(1.0, controller.snapshot_time / plan.telemetry_period)
-    return SensorNoise(
-        rate=jnp.asarray(white(n_rows, 3) * sensor.sigma),
-        momentum=jnp.asarray(momentum),
-        attitude=jnp.asarray(attitude),
-        bias_snapshot=jnp.asarray(white(3) * np.array(sensor.sigma) / math.sqrt(readings)),
-    )
+    rate = white(n_rows, 3) * (white_share(planned, RATE) * np.array(sensor.sigma))
+    snapshot = white(3) * np.array(sensor.sigma) / math.sqrt(readings)
+    many = () if draws is None else (draws,)
+    if (wander := wandering_noise(planned, RATE, rng, many)) is not None:
+        for k, values in enumerate(wander if draws is None else np.moveaxis(wander[0], 1, 0)):
+            rate[k, : len(values)] += values
+            snapshot[k] += values[0]
+    if rng is not None and tracker is not None and tracker.low_frequency_sigma:
+        for k in range(batch):
+            group = _fix_groups(plan, planned.slews[k if draws is None else 0])
+            offsets = tracker.low_frequency_sigma * rng.normal(size=(group.max() + 1, 3))
+            attitude[k, : len(group)] += offsets[group]
+    return SensorNoise(*map(jnp.asarray, (rate, momentum, attitude, snapshot)))
+
+
+def _fix_groups(plan: Plan, slew: Slew) -> np.ndarray:
+    """Of each row (n,) of a planned slew: the group of fixes that it belongs to."""
+    fixed = np.isin(np.arange(len(slew.time)), plan.fix_rows(plan.starts.index(slew.start)))
+    return np.searchsorted(between_fix_groups(slew, fixed), slew.time)
 
 
 def control_law(spacecraft: Spacecraft, controller: Controller) -> ControlLaw:
@@ -314,7 +329,8 @@ def predict_final_errors(
     thetas = np.atleast_2d(np.asarray(thetas, dtype=float))
     rng = None if seed is None else np.random.default_rng(seed)
     craft, n = mission.spacecraft, len(thetas)
-    grid = integration_grid(planned_campaign(plan, mission).subset([index]), craft.effects)
+    planned = planned_campaign(plan, mission).subset([index])
+    grid = integration_grid(planned, craft.effects)
     plant = _plants(thetas, plan, mission, controller, index, rng)
     tracked = craft.star_tracker is not None
     active = _active_in_draws(values, mission, n)
@@ -324,7 +340,7 @@ def predict_final_errors(
         slew_schedule(plan, index, grid.n_rows, tracked=tracked),
         plant,
         control_law(craft, controller),
-        sensor_noise((n,) if rng else (1,), craft, controller, plan, grid.n_rows, rng),
+        sensor_noise(planned, controller, plan, grid.n_rows, rng, n if rng else 1),
         active.values,
     )
     return np.asarray(errors)

@@ -89,6 +89,7 @@ def flown_again(
     J and K are at the mean of the prior, or with `draw` one draw of it. Slews begin as they did.
     """
     require_shape(effects)
+    campaign = campaign.without_locked_wheels()
     rng, model = np.random.default_rng(seed), Model(campaign, effects)
     theta = np.array(model.space.mean)
     theta[model.n_base :] = model.space.nulls[model.n_base :]

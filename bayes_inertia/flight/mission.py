@@ -42,6 +42,10 @@ from bayes_inertia.physics.parameters import ParameterSpace
 
 # Further sensors whose readings can be foreseen.
 _FLYING = (RateSensor, StarTracker, DirectionSensor)
+_WITHOUT_COMMANDS = (
+    "torques of the wheels count as told, which this campaign's telemetry does not tell: "
+    "a fit without them may be less sharp, above all with slow tachometers"
+)
 
 
 def prior_mean(campaign: Campaign) -> np.ndarray:
@@ -104,9 +108,8 @@ def _device_in_place_of_wheels(campaign: Campaign) -> FlyingDevice | None:
 
 def reading_periods(campaign: Campaign) -> dict[str, float]:
     """Time from one reading to the next [s] of each sensor whose readings are a series."""
-    streams: dict[str, SensorStream] = {campaign.names[0]: RATE} if campaign.rate_sensor else {}
-    streams |= {s.name: s for s in series_of(campaign) if s.name in dict(campaign.more_sensors)}
-    steps = {name: _steps(campaign, stream) for name, stream in streams.items()}
+    named = ((campaign.names[0] if s == RATE else s.name, s) for s in series_of(campaign))
+    steps = {name: _steps(campaign, stream) for name, stream in named}
     return {name: _usual(x) for name, x in steps.items() if len(x)}
 
 
@@ -133,7 +136,7 @@ def _seen_last(campaign: Campaign) -> dict[str, tuple[float, ...]]:
 
 
 def devices_at_rest(campaign: Campaign) -> tuple[str, ...]:
-    """What of a campaign's devices and changes no plan flies, in a sentence; none if all fly.
+    """What of a campaign's devices and changes no plan flies, or flies otherwise, in sentences.
 
     Examples
     --------
@@ -147,13 +150,15 @@ def devices_at_rest(campaign: Campaign) -> tuple[str, ...]:
     names += [name for name, x in campaign.more_sensors if not isinstance(x, _FLYING)]
     names += [x.name for x in (*campaign.actuators, *campaign.changes) if x.name != flying]
     turns = f"{flying} turn{'s' if craft.device else ''} the spacecraft, all sensors fly; "
-    return (f"{turns}left out: {', '.join(names)}",) if names else ()
+    said = [f"{turns}left out: {', '.join(names)}"] if names else []
+    told = campaign.has_commands or not craft.wheels
+    return tuple(said if told else [*said, _WITHOUT_COMMANDS])
 
 
 def following_plan(campaign: Campaign, wheel_momentum: np.ndarray | None = None) -> Plan:
     """A plan of one slew, yet to be chosen, that begins where a campaign ended.
 
-    It has the campaign's telemetry period and the usual rests.
+    It has the campaign's telemetry period, its fixes as far apart, and the usual rests.
 
     `wheel_momentum` (wheels,): wheel momentum relative to the body at the campaign's end [N m s].
     It is used where no tachometer tells. None: the wheels are then taken to be at rest. Returns: it
@@ -171,30 +176,30 @@ def following_plan(campaign: Campaign, wheel_momentum: np.ndarray | None = None)
         wheel_momentum = last.wheel_momentum[np.isfinite(last.wheel_momentum).all(1)][-1]
     momentum = () if wheel_momentum is None else tuple(np.asarray(wheel_momentum).tolist())
     base = Plan("next", (PlannedSlew((1.0, 0.0, 0.0), 1.0),), attitude, momentum)
-    in_motion = _fixes_in_motion(campaign)
+    between, throughout = _fix_spacing(campaign)
     rest, spacing = (
-        max(1, round(x / period)) * period
-        for x in (base.rest_before, in_motion or base.fix_spacing)
+        max(1, round(x / period)) * period for x in (base.rest_before, between or base.fix_spacing)
     )
     return replace(
         base,
         telemetry_period=period,
         rest_before=rest,
         fix_spacing=spacing,
-        first_fix=0.0 if in_motion else min(base.first_fix, 0.5 * rest),
-        fixes_in_motion=in_motion is not None,
+        first_fix=0.0 if throughout else min(base.first_fix, 0.5 * rest),
+        fixes_in_motion=throughout,
     )
 
 
-def _fixes_in_motion(campaign: Campaign) -> float | None:
-    """Time between fixes [s] where the last slew has them throughout; None where it rests."""
+def _fix_spacing(campaign: Campaign) -> tuple[float, bool]:
+    """Time between fixes [s] in the last slew, 0 without two; whether it has them throughout."""
     last = campaign.slews[-1]
     times = last.time[last.fixes]
-    if len(times) < 3:
-        return None
-    spacing = float(np.median(np.diff(times)))
-    throughout = np.diff(times).max() <= NUMERICS.longest_gap_of_fixes * spacing
-    return spacing if throughout and np.ptp(times) > 0.5 * last.duration else None
+    steps = np.diff(times)
+    if not len(steps):
+        return 0.0, False
+    spacing = float(np.median(steps))
+    throughout = len(steps) > 1 and steps.max() <= NUMERICS.longest_gap_of_fixes * spacing
+    return spacing, bool(throughout and np.ptp(times) > 0.5 * last.duration)
 
 
 def other_slews(plan: Plan, campaign: Campaign) -> str:

@@ -10,7 +10,9 @@ import jax
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.sensors.momentum import MOMENTUM
 from bayes_inertia.campaign.sensors.rate import RATE
+from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import MORE
 from bayes_inertia.errors import EffectError
@@ -244,14 +246,19 @@ def _telemetry(plan: Plan, craft: Spacecraft, i: int, slew: Slew, flown: Any) ->
     """Telemetry of slew i."""
     n = len(slew.time)
     fixes = None if craft.star_tracker is None else plan.at_fixes(i, flown.fixes[i, :n])
-    tachometers = craft.wheels and all(w.momentum_sigma is not None for w in craft.wheels)
     return replace(
         slew,
-        rate=np.where(np.isfinite(RATE.values(slew)), flown.rate[i, :n], np.nan),
+        rate=_where_read(RATE, slew, flown.rate[i, :n]),
         attitude=fixes,
         wheel_torque=flown.command[i, :n] if craft.wheels else None,
-        wheel_momentum=flown.momentum[i, :n] if tachometers else None,
+        wheel_momentum=_where_read(MOMENTUM, slew, flown.momentum[i, :n]),
     )
+
+
+def _where_read(stream: SensorStream, slew: Slew, values: np.ndarray) -> np.ndarray | None:
+    """Values (rows, columns) where a planned slew has readings, NaN elsewhere; None without any."""
+    planned = stream.of(slew)
+    return None if planned is None else np.where(np.isfinite(planned), values, np.nan)
 
 
 def _true_path(i: int, slew: Slew, flown: Any) -> Trajectory:

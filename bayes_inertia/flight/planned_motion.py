@@ -21,10 +21,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.campaign.hardware import require
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan, PlannedSlew, Profile, angle_and_rate, peak_and_ramp
 from bayes_inertia.flight.spacecraft import Spacecraft, allocation
-from bayes_inertia.flight.steering import Gimbals, Jets, device_input
+from bayes_inertia.flight.steering import Gimbals, Jets
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.jax_settings import require_usable_jax
 from bayes_inertia.maths.values import AnyArray
@@ -100,8 +101,10 @@ def planned_slews(slews: SlewArrays) -> tuple[PlannedSlew, ...]:
 
 
 def plan_start(plan: Plan, wheels: int) -> PlanStart:
-    """Start of a plan."""
+    """Start of a plan of a spacecraft with so many wheels."""
     momentum = np.array(plan.wheel_momentum or np.zeros(wheels))
+    what, advice = f"{len(momentum)} momenta for {wheels} wheels", "give one a wheel"
+    require(len(momentum) == wheels, "wheel_momentum_Nms", what, advice)
     return PlanStart(np.array(plan.start_attitude), momentum)
 
 
@@ -141,7 +144,13 @@ def rigid_body(spacecraft: Spacecraft) -> RigidBody:
     if device is None:
         return RigidBody(spacecraft.inertia_B, spacecraft.wheel_axes_B, shares, spin)
     still = np.zeros_like(shares)
-    return RigidBody(spacecraft.inertia_B, spacecraft.wheel_axes_B, still, spin, device.arrays)
+    return RigidBody(
+        spacecraft.inertia_B,
+        spacecraft.wheel_axes_B,
+        still,
+        spin,
+        {device.record.name: device.array},
+    )
 
 
 def motion_of_plan(plan: Plan, body: RigidBody) -> PlannedMotion:
@@ -218,8 +227,8 @@ def driven_path(
     wanted_B, inputs = jnp.zeros_like(rate_B), {}
     momentum_B = rate_B @ body.inertia_B + total_wheel @ body.wheel_axes_B.T
     for name, device in (body.devices or {}).items():
-        if isinstance(device, Gimbals):
-            at_start = body.wheel_axes_B @ origin.wheel_momentum + device.carried_B(device.start)[0]
+        if device.carries_momentum:
+            at_start = body.wheel_axes_B @ origin.wheel_momentum + device.at_start_B
             total_N = quaternion.to_inertial(origin.attitude, at_start)
             wanted_B = quaternion.to_body(attitude, jnp.broadcast_to(total_N, rate_B.shape))
             wanted_B = wanted_B - momentum_B
@@ -230,7 +239,7 @@ def driven_path(
             mean = 0.5 * (to_inertial[1:] + to_inertial[:-1])
             held = jnp.linalg.solve(mean, torque_N[..., None])[..., 0]
             wanted_B = jnp.concatenate([held, jnp.zeros_like(held[:1])])
-        inputs[name] = device_input(device, wanted_B)
+        inputs[name] = device.inputs(wanted_B)
     path = Trajectory(
         time, attitude, rate_B, wheel, jnp.zeros((len(time), 0)), inputs if inputs else None
     )

@@ -13,10 +13,11 @@ import numpy as np
 from jax import Array
 from scipy.spatial.transform import Rotation
 
-from bayes_inertia.campaign.actuators import GimballedRotors
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker, require
 from bayes_inertia.campaign.inputs import InputStream
+from bayes_inertia.campaign.sensors.momentum import MOMENTUM
+from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import MORE
 from bayes_inertia.flight.mission import Mission
@@ -30,15 +31,17 @@ from bayes_inertia.flight.planned_motion import (
     rigid_body,
 )
 from bayes_inertia.flight.spacecraft import Spacecraft
-from bayes_inertia.flight.steering import FlyingDevice, unreached
+from bayes_inertia.flight.steering import FlyingDevice
 from bayes_inertia.maths.device_arrays import repeated
 from bayes_inertia.maths.jax_settings import require_usable_jax
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.prediction import predict_all
+from bayes_inertia.physics.processes import Process, RowTimes, StateSpace
 from bayes_inertia.physics.slew_context import Trajectory
 from bayes_inertia.physics.slew_input import Start
+from bayes_inertia.physics.stated_noise import stated_noise, stated_reading_noise
 
 
 class PlannedPath(NamedTuple):
@@ -98,13 +101,13 @@ def _planned_slew(
     optional = _surroundings(plan, craft, i, time)
     if craft.star_tracker is not None:
         optional["attitude"] = attitude
-    still = np.zeros((len(time), len(wheels))) if wheels else None
+    still = np.zeros((len(time), len(wheels)))
     planned = Slew(
         name=f"slew {i + 1}",
         start=plan.starts[i],
         time=time,
-        wheel_torque=still,
-        wheel_momentum=still,
+        wheel_torque=still if wheels else None,
+        wheel_momentum=_by_tachometers(plan, craft, still),
         axis_B=slew.axis_B,
         angle=slew.angle,
         **optional,
@@ -150,10 +153,21 @@ def _readings(
         if seen_N is None:
             seen_N = slew.magnetic_field_N if given is None else given.values[0]
         readings = Rotation.from_quat(attitude).inv().apply(seen_N)
+    return _in_read_rows(plan, craft, name, readings)
+
+
+def _in_read_rows(plan: Plan, craft: Spacecraft, name: str, values: np.ndarray) -> np.ndarray:
+    """Values (rows, columns) where a sensor is read, NaN in other rows."""
     period = craft.periods.get(name, plan.telemetry_period)
     every = max(1, round(period / plan.telemetry_period))
-    rows = np.arange(len(readings)) % every == 0
-    return np.where(rows[:, None], readings, np.nan)
+    return np.where((np.arange(len(values)) % every == 0)[:, None], values, np.nan)
+
+
+def _by_tachometers(plan: Plan, craft: Spacecraft, momentum: np.ndarray) -> np.ndarray | None:
+    """Momentum (rows, wheels) of wheels with a tachometer where that is read; None without any."""
+    sensed = [wheel.momentum_sigma is not None for wheel in craft.wheels]
+    told = np.where(sensed, momentum, np.nan)
+    return _in_read_rows(plan, craft, MOMENTUM.name, told) if any(sensed) else None
 
 
 @jax.jit
@@ -189,19 +203,19 @@ def _require_reached(device: FlyingDevice, motion: Trajectory, wanted_B: Any) ->
     unit = "N m s" if device.carries_momentum else "N m"
     wanted = np.reshape(np.asarray(wanted_B), (-1, 3))
     largest = float(np.linalg.norm(wanted, axis=1).max())
-    for name, arrays in device.arrays.items():
-        given = jnp.reshape((motion.inputs or {})[name], (-1, len(device.start)))
-        missing = unreached(arrays, given, wanted)
-        what = f"it gives {missing:.3g} less than the {largest:.3g} {unit} that slews ask for"
-        advice = "turn more slowly, or by smaller angles"
-        require(missing <= FLIGHT.unreached * largest, f"actuators.{name}", what, advice)
+    name = device.record.name
+    inputs = jnp.reshape((motion.inputs or {})[name], (-1, len(device.start)))
+    missing = float(np.abs(np.asarray(device.array.given_B(inputs)) - wanted).max())
+    what = f"it gives {missing:.3g} less than the {largest:.3g} {unit} that slews ask for"
+    advice = "turn more slowly, or by smaller angles"
+    require(missing <= FLIGHT.unreached * largest, f"actuators.{name}", what, advice)
 
 
 def _driven(plan: Plan, craft: Spacecraft, i: int, slew: Slew, path: PlannedPath) -> Slew:
     """Planned slew i with what drives it, and fixes only where there will be some."""
     inputs, changed = dict(slew.inputs or {}), {}
     if slew.wheel_torque is not None:
-        told: Any = path.motion.wheel_momentum
+        told = _by_tachometers(plan, craft, np.asarray(path.motion.wheel_momentum))
         changed = {"wheel_torque": path.wheel_torque, "wheel_momentum": told}
     if (device := craft.device) is not None:
         values: Any = (path.motion.inputs or {})[device.record.name]
@@ -244,29 +258,92 @@ def model_readings(
     """Of each channel, by the field of `Slew`: times and readings of each slew, with noise.
 
     `theta` (d,); `bias` (axes,) whitened; `rng`: None for no noise. Readings stand where the
-    model's campaign has some. Noise is that of the sensors: `with_noisy_inputs` draws the rest.
+    model's campaign has some. Noise is that of the sensors, what is stated to wander included:
+    `with_noisy_inputs` draws the rest.
     """
     exact = tuple(
-        replace(x, angle_sigma=0.0) if isinstance(x, GimballedRotors) else x
+        replace(x, angle_sigma=0.0) if getattr(x, "angle_sigma", 0.0) else x
         for x in model.campaign.actuators
     )
     campaign = replace(model.campaign, actuators=exact)
     arrays = model.data.arrays._replace(reference=starts)
-    local = np.zeros((model.n_slews, model.structure.n_local))
     data = replace(model.data, arrays=arrays)
+    local = _stated_coefficients(model, rng)
     seen = jax.jit(predict_all, static_argnums=0)(model.structure, theta, local, bias, data)
     told = {}
     for channel, given, values in zip(model.channels, arrays.telemetry.readings, seen, strict=True):
         valid, row = np.asarray(given.valid), np.asarray(given.row)
         noise = channel.noise(campaign, theta, "commanded")
         unit = np.zeros(valid.shape) if rng is None else rng.standard_normal(valid.shape)
-        noisy = np.asarray(channel.moved(np.asarray(values), channel.drawn(noise, unit)))
+        change = channel.drawn(noise, unit * white_share(campaign, channel.stream))
+        if (wander := wandering_noise(campaign, channel.stream, rng)) is not None:
+            rows = [x[np.minimum(at, len(x) - 1)] for x, at in zip(wander, row, strict=True)]
+            change = change + np.stack(rows)
+        noisy = np.asarray(channel.moved(np.asarray(values), change))
         there = valid.any(axis=-1)
         told[channel.stream.field or MORE + channel.name] = [
             (slew.time[row[k][there[k]]], noisy[k][there[k]])
             for k, slew in enumerate(model.campaign.slews)
         ]
     return told
+
+
+def _stated_coefficients(model: Model, rng: np.random.Generator | None) -> np.ndarray:
+    """Whitened nuisances (slews, n_local): drawn of what trackers are stated to wander, else 0."""
+    structure, stated = model.structure, stated_noise(model.campaign, ())
+    local, start = np.zeros((model.n_slews, structure.n_local)), structure.n_start
+    for effect, count in zip(structure.effects, structure.coefficients, strict=False):
+        if rng is not None and effect in stated:
+            drawn = rng.standard_normal((len(local), count))
+            local[:, start : start + count] = drawn
+        start += count
+    return local
+
+
+def white_share(campaign: Campaign, stream: SensorStream) -> np.ndarray | float:
+    """Share (components,) of the sigma of one reading that is white noise."""
+    correlated = stream.correlated(campaign)
+    return 1.0 if correlated is None else np.sqrt(1.0 - np.array(correlated.share))
+
+
+def wandering_noise(
+    campaign: Campaign,
+    stream: SensorStream,
+    rng: np.random.Generator | None,
+    draws: tuple[int, ...] = (),
+) -> list[np.ndarray] | None:
+    """What the noise of one sensor holds beside white noise, (rows, ..., components) of each slew.
+
+    Of each draw one process that goes on through the campaign; None without any. A random walk is
+    zero in the middle of the campaign: the bias is that of then.
+    """
+    every = [x for x in stated_reading_noise(campaign, ()) if x.channel == stream.name]
+    if (correlated := stream.correlated(campaign)) is not None:
+        size = np.sqrt(correlated.share) * np.array(stream.sigma(campaign), float)
+        every.append(Process(stream.name, size, np.array(correlated.time)))
+    if rng is None or not every:
+        return None
+    clock = [slew.start + slew.time - slew.time[0] for slew in campaign.slews]
+    times = np.concatenate([*clock, [0.5 * sum(campaign.span)]])
+    shape = (*draws, len(stream.components(campaign)))
+    drawn = np.sum([_drawn(process, times, shape, rng) for process in every], axis=0)
+    return np.split(drawn[:-1], np.cumsum([len(x) for x in clock])[:-1])
+
+
+def _drawn(
+    process: Process, times: np.ndarray, shape: tuple[int, ...], rng: np.random.Generator
+) -> np.ndarray:
+    """A process (n, ..., components) at times (n,) [s]; a walk is zero at the last one."""
+    order = np.argsort(times, kind="stable")
+    rows = RowTimes(times[order][None], np.zeros(1))
+    states = StateSpace(*(np.asarray(x)[0] for x in process.in_rows(rows, np.ones(shape[-1]))))
+    values = rng.standard_normal((len(times), *shape))
+    values[0] *= np.sqrt(states.start)
+    for k in range(len(times) - 1):
+        values[k + 1] = states.decay[k] * values[k] + np.sqrt(states.fresh[k]) * values[k + 1]
+    drawn = np.empty_like(values)
+    drawn[order] = values
+    return drawn - drawn[-1] if process.walks else drawn
 
 
 def with_noisy_inputs(slew: Slew, campaign: Campaign, rng: np.random.Generator | None) -> Slew:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -26,7 +25,7 @@ from bayes_inertia.flight.plan import PlannedSlew
 from bayes_inertia.flight.plan_file import read_plan, write_plan
 from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.flight.planned_telemetry import planned_campaign
-from bayes_inertia.flight.steering import device_input, directions_B
+from bayes_inertia.flight.steering import directions_B
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.small_campaign import small_campaign
@@ -57,9 +56,9 @@ def test_the_input_of_a_device_turns_the_model_as_planned(kind):
 
 
 def test_thrusters_give_the_torque_that_is_asked_for_with_levels_they_can_have():
-    device = spacecraft_of(by_thrusters()).device.arrays["jets"]
+    device = spacecraft_of(by_thrusters()).device.array
     wanted_B = np.random.default_rng(3).normal(size=(20, 3)) * 0.3
-    levels = np.asarray(device_input(device, jnp.asarray(wanted_B)))
+    levels = np.asarray(device.inputs(jnp.asarray(wanted_B)))
     assert levels.min() >= 0.0
     assert levels.max() <= 1.0
     np.testing.assert_allclose(levels @ THRUSTERS, wanted_B, atol=1e-9)
@@ -71,7 +70,7 @@ def test_what_a_device_can_give_is_the_most_over_all_its_inputs():
         device = spacecraft_of(campaign).device
         if device.carries_momentum:
             angles = rng.uniform(-np.pi, np.pi, (4000, len(ROTORS)))
-            given = np.asarray(jax.vmap(device.arrays["cmg"].carried_B)(angles)[0])
+            given = np.asarray(device.array.given_B(angles))
         else:
             given = rng.integers(0, 2, (4000, len(THRUSTERS))) @ THRUSTERS
         reached = (given @ directions_B().T).max(axis=0)
