@@ -303,15 +303,8 @@ def design_plan(
     (1470 s too few); allow more time, or fewer slews
     """
     began, parsed_goal, seed = time.perf_counter(), parse_goal(goal), whole_number(seed, "seed")
-    n_slews, starts = whole_number(n_slews, "n_slews", 1), whole_number(starts, "starts", 1)
-    candidates, draws = whole_number(candidates, "candidates", 1), whole_number(draws, "draws", 1)
-    limits = limits or Limits(rate=math.radians(1.0) / (1.0 - Limits().rate_reserve))
-    _require_kind("limits", limits, Limits)
-    _require_kind("base", base, Plan)
-    _require_kind("after", after, Estimate)
-    effects = members("effects", effects, str)
+    limits = _checked(limits, base, after, (n_slews, candidates, starts, draws))
     mission, base, after = _begin(mission, base, after)
-    mission = mission if after is None else mission_after(mission, after)
     say = as_callback(progress)
     say("preparing the forecast", 0, 0)
     base = replace(base, start_attitude=limits.start_attitude or base.start_attitude)
@@ -324,7 +317,7 @@ def design_plan(
         seed=seed,
         draws=draws,
         after=after,
-        effects=effects,
+        effects=members("effects", effects, str),
     )
     say(f"scoring {candidates} random plans", 0, 0)
     x, log_values, least_slacks = random_plans(setup.problem, n_slews, candidates, seed)
@@ -334,6 +327,18 @@ def design_plan(
     say("flying the plan", 0, 0)
     design = _judged(plan, setup, seed, log_values[least_slacks >= 0.0], history)
     return replace(design, seconds=time.perf_counter() - began)
+
+
+def _checked(
+    limits: Limits | None, base: Plan | None, after: Estimate | None, counts: tuple[int, ...]
+) -> Limits:
+    """The limits, if any; an error for what is no count, or of another kind."""
+    for key, count in zip(("n_slews", "candidates", "starts", "draws"), counts, strict=True):
+        whole_number(count, key, 1)
+    _require_kind("limits", limits, Limits)
+    _require_kind("base", base, Plan)
+    _require_kind("after", after, Estimate)
+    return limits or Limits(rate=math.radians(1.0) / (1.0 - Limits().rate_reserve))
 
 
 def _require_kind(key: str, value: Any, kind: type, *, optional: bool = True) -> None:
@@ -346,17 +351,20 @@ def _require_kind(key: str, value: Any, kind: type, *, optional: bool = True) ->
 def _begin(
     source: Mission | Campaign | Model | Estimate, base: Plan | None, after: Estimate | None
 ) -> tuple[Mission, Plan, Estimate | None]:
-    """The mission, where its plan begins, and the fit that counts, of whatever was given."""
+    """The mission, where its plan begins, and the fit that counts, of whatever was given.
+
+    After a fit J, K and noise are those that it found.
+    """
     if isinstance(source, Mission):
-        paper, wheels = paper_like_plan(), len(source.spacecraft.wheels)
-        if wheels != len(paper.wheel_momentum):
-            paper = replace(paper, wheel_momentum=())
-        return source, base or paper, after
-    if isinstance(source, Estimate):
-        after = after or source
-    campaign = model_of(source).campaign
-    plan = following_plan(campaign) if after is None else plan_after(after)
-    return Mission.of(campaign), base or plan, after
+        mission, plan = source, paper_like_plan()
+        if len(mission.spacecraft.wheels) != len(plan.wheel_momentum):
+            plan = replace(plan, wheel_momentum=())
+    else:
+        after = after or (source if isinstance(source, Estimate) else None)
+        campaign = model_of(source).campaign
+        mission = Mission.of(campaign)
+        plan = following_plan(campaign) if after is None else plan_after(after)
+    return mission if after is None else mission_after(mission, after), base or plan, after
 
 
 def next_slew(

@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -22,6 +23,7 @@ from bayes_inertia.flight.planned_motion import PlannedMotion, motion_of_plan, r
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.flight.steering import share_of_reach
 from bayes_inertia.maths import quaternion
+from bayes_inertia.maths.device_arrays import repeated
 from bayes_inertia.maths.values import AnyArray
 
 
@@ -151,51 +153,48 @@ def planned_margins(plan: Plan, spacecraft: Spacecraft, limits: Limits) -> tuple
     >>> [margin.limit for margin in found if not margin.kept]
     ['rate']
     """
-    used = demands(
-        motion_of_plan(plan, rigid_body(spacecraft)),
-        np.array([slew.angle * np.array(slew.axis_B) for slew in plan.slews]),
-        np.array([slew.acceleration for slew in plan.slews]),
-        hardware_limits(spacecraft).boresight_B,
-        np.array([cone.direction_N for cone in limits.keep_out]).reshape(-1, 3),
-        hardware_limits(spacecraft).reach,
-    )
-    total = plan.starts[-1] + plan.durations[-1]
-    values = {k: np.asarray(v) for k, v in used.items()} | {"time": np.array(total)}
-    return _margins(values, plan.attitudes, spacecraft, limits)
+    return _margins_of(motion_of_plan(plan, rigid_body(spacecraft)), plan, spacecraft, limits)
 
 
 def flown_margins(flight: Flight, limits: Limits) -> tuple[Margin, ...]:
     """Margins of a flight: peaks over all rows of its truth and its commands.
 
-    `flight`: A plan that was flown in the closed loop. `limits`: what had to be respected beside
-    the hardware's own limits. Returns: one for each limit that there is. Start and end attitude are
-    those of the plan: what a slew misses is corrected afterwards.
+    `flight`: A plan that was flown. `limits`: what had to be respected beside the hardware's own
+    limits. Returns: one for each limit that there is. Start and end attitude are those of the plan:
+    what a slew misses is corrected afterwards; a device follows the plan.
     """
-    campaign = flight.campaign
-    rests = np.stack([*(path.attitude[0] for path in flight.truth), flight.truth[-1].attitude[-1]])
-    cones = np.array([cone.direction_N for cone in limits.keep_out]).reshape(-1, 3)
-    boresight_N = np.asarray(
-        quaternion.to_inertial(
-            jnp.asarray(rests),
-            jnp.broadcast_to(hardware_limits(flight.spacecraft).boresight_B, (len(rests), 3)),
-        )
+    n = max(len(path.time) for path in flight.truth)
+
+    def in_one(*of_slews: AnyArray) -> np.ndarray:
+        return np.stack([repeated(np.asarray(x), n, 0) for x in of_slews])
+
+    rests = [*(path.attitude[0] for path in flight.truth), flight.truth[-1].attitude[-1]]
+    none = np.zeros((1, len(flight.spacecraft.wheels)))
+    torques = (slew.wheel_torque for slew in flight.campaign.slews)
+    motion = motion_of_plan(flight.plan, rigid_body(flight.spacecraft))._replace(
+        path=jax.tree.map(in_one, *flight.truth),
+        wheel_torque=in_one(*(none if x is None else x for x in torques)),
+        rest_attitudes=np.stack(rests),
     )
-    none = np.zeros((1, 0))
-    torques = [none if x is None else x for x in (slew.wheel_torque for slew in campaign.slews)]
-    used = {
-        "torque": np.stack([np.abs(torque).max(0) for torque in torques]),
-        "momentum": np.stack([np.abs(path.wheel_momentum).max(0) for path in flight.truth]),
-        "rate": np.array([np.linalg.norm(path.rate_B, axis=1).max() for path in flight.truth]),
-        "angle": np.array([slew.angle for slew in flight.plan.slews]),
-        "acceleration": np.array([slew.acceleration for slew in flight.plan.slews]),
-        "time": np.array(campaign.slews[-1].start + campaign.slews[-1].duration),
-        "distance": np.arccos(np.clip(boresight_N @ cones.T, -1.0, 1.0)),
-    }
-    if flight.spacecraft.device is not None:  # it follows the plan
-        motion = motion_of_plan(flight.plan, rigid_body(flight.spacecraft))
-        reach = hardware_limits(flight.spacecraft).reach
-        used["reach"] = np.asarray(used_reach(motion, reach))
-    return _margins(used, flight.plan.attitudes, flight.spacecraft, limits)
+    return _margins_of(motion, flight.plan, flight.spacecraft, limits)
+
+
+def _margins_of(
+    motion: PlannedMotion, plan: Plan, spacecraft: Spacecraft, limits: Limits
+) -> tuple[Margin, ...]:
+    """Margins of a motion, planned or flown, of a plan's slews."""
+    hardware = hardware_limits(spacecraft)
+    used = demands(
+        motion,
+        np.array([slew.angle * np.array(slew.axis_B) for slew in plan.slews]),
+        np.array([slew.acceleration for slew in plan.slews]),
+        hardware.boresight_B,
+        np.array([cone.direction_N for cone in limits.keep_out]).reshape(-1, 3),
+        hardware.reach,
+    )
+    total = plan.starts[-1] + plan.durations[-1]
+    values = {k: np.asarray(v) for k, v in used.items()} | {"time": np.array(total)}
+    return _margins(values, plan.attitudes, spacecraft, limits)
 
 
 def broken_limits(margins: Sequence[Margin]) -> tuple[Margin, ...]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import operator
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -286,10 +288,7 @@ def _rotation(slew: Slew, rate_B: np.ndarray | None) -> Rotation | None:
     if rate_B is None:
         return None
     steps = 0.5 * (rate_B[1:] + rate_B[:-1]) * np.diff(slew.time)[:, None]
-    rotation = Rotation.identity()
-    for step in Rotation.from_rotvec(steps):
-        rotation = rotation * step
-    return rotation
+    return reduce(operator.mul, Rotation.from_rotvec(steps), Rotation.identity())
 
 
 @dataclass(frozen=True)

@@ -135,7 +135,7 @@ class Spacecraft:
     @property
     def wheel_axes_B(self) -> np.ndarray:
         """G (3, wheels): unit spin axes as columns."""
-        return np.array([w.axis_B for w in self.wheels]).reshape(-1, 3).T
+        return _as_columns([w.axis_B for w in self.wheels])
 
 
 @array_dataclass
@@ -302,8 +302,11 @@ def axes_of_control(wheels: Sequence[Wheel]) -> int:
 
 def _driven_axes_B(wheels: Sequence[Wheel]) -> np.ndarray:
     """Spin axes (3, wheels) as columns, zero for a wheel that no motor drives."""
-    driven = [w.axis_B if w.state == "running" else (0.0, 0.0, 0.0) for w in wheels]
-    return np.array(driven).reshape(-1, 3).T
+    return _as_columns([w.axis_B if w.state == "running" else (0.0, 0.0, 0.0) for w in wheels])
+
+
+def _as_columns(vectors: Sequence[Sequence[float]]) -> np.ndarray:
+    return np.array(vectors).reshape(-1, 3).T
 
 
 def spin_tensor(wheels: Sequence[Wheel]) -> np.ndarray:
@@ -316,10 +319,8 @@ def spin_tensor(wheels: Sequence[Wheel]) -> np.ndarray:
     >>> spin_tensor([Wheel("x", (1., 0., 0.), 1e-3)])[0, 0].item()
     0.001
     """
-    axes = np.array([w.axis_B for w in wheels]).reshape(-1, 3).T
-    return np.array(
-        inertia_tensor.wheel_spin_tensor(axes, np.array([w.spin_inertia for w in wheels]))
-    )
+    axes, spin = _as_columns([w.axis_B for w in wheels]), [w.spin_inertia for w in wheels]
+    return np.array(inertia_tensor.wheel_spin_tensor(axes, np.array(spin)))
 
 
 def without_spin(
