@@ -351,10 +351,7 @@ def _require_kind(key: str, value: Any, kind: type, *, optional: bool = True) ->
 def _begin(
     source: Mission | Campaign | Model | Estimate, base: Plan | None, after: Estimate | None
 ) -> tuple[Mission, Plan, Estimate | None]:
-    """The mission, where its plan begins, and the fit that counts, of whatever was given.
-
-    After a fit J, K and noise are those that it found.
-    """
+    """The mission, where its plan begins, and the fit that counts, of whatever was given."""
     if isinstance(source, Mission):
         mission, plan = source, paper_like_plan()
         if len(mission.spacecraft.wheels) != len(plan.wheel_momentum):
@@ -364,7 +361,7 @@ def _begin(
         campaign = model_of(source).campaign
         mission = Mission.of(campaign)
         plan = following_plan(campaign) if after is None else plan_after(after)
-    return mission if after is None else mission_after(mission, after), base or plan, after
+    return mission, base or plan, after
 
 
 def next_slew(
@@ -493,8 +490,9 @@ def set_up_design(
 
     `limits`: what it must respect; without a total time, that of slews like the paper's is taken.
     `base`: start, telemetry and rests; its slews are not used. `after`: the fit of a campaign flown
-    before; what it tells counts.
+    before; what it tells counts, and J, K and noise are as it found them.
     """
+    mission = mission if after is None else mission_after(mission, after)
     spacecraft = mission.spacecraft
     region = _region(mission, goal, limits)
     if limits.total_time is None:
