@@ -137,7 +137,7 @@ class _Slew(NamedTuple):
             jax.vmap(instant)((*jax.tree.map(lambda x, k=k: x[k], rows), held))
             for k in (_FIRST, _LAST)
         )
-        return tuple(0.5 * (a + b) for a, b in zip(begin, end, strict=True))
+        return jax.tree.map(lambda a, b: 0.5 * (a + b), begin, end)
 
     def reported(self, k: int, theta: Array, bias: Array, local: Array, path: Trajectory) -> Array:
         """What the k-th sensor reports along a motion near the planned one, without noise."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -165,16 +166,17 @@ def flown_margins(flight: Flight, limits: Limits) -> tuple[Margin, ...]:
     """
     n = max(len(path.time) for path in flight.truth)
 
-    def in_one(*of_slews: AnyArray) -> np.ndarray:
+    def in_one(*of_slews: AnyArray) -> Any:
         return np.stack([repeated(np.asarray(x), n, 0) for x in of_slews])
 
-    rests = [*(path.attitude[0] for path in flight.truth), flight.truth[-1].attitude[-1]]
+    first = [path.attitude[0] for path in flight.truth]
+    rests: Any = np.stack([*first, flight.truth[-1].attitude[-1]])
     none = np.zeros((1, len(flight.spacecraft.wheels)))
     torques = (slew.wheel_torque for slew in flight.campaign.slews)
     motion = motion_of_plan(flight.plan, rigid_body(flight.spacecraft))._replace(
         path=jax.tree.map(in_one, *flight.truth),
         wheel_torque=in_one(*(none if x is None else x for x in torques)),
-        rest_attitudes=np.stack(rests),
+        rest_attitudes=rests,
     )
     return _margins_of(motion, flight.plan, flight.spacecraft, limits)
 

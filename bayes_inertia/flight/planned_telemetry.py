@@ -213,7 +213,8 @@ def _require_reached(device: FlyingDevice, motion: Trajectory, wanted_B: Any) ->
 
 def _driven(plan: Plan, craft: Spacecraft, i: int, slew: Slew, path: PlannedPath) -> Slew:
     """Planned slew i with what drives it, and fixes only where there will be some."""
-    inputs, changed = dict(slew.inputs or {}), {}
+    inputs: dict[str, Any] = dict(slew.inputs or {})
+    changed: dict[str, Any] = {}
     if slew.wheel_torque is not None:
         told = _by_tachometers(plan, craft, np.asarray(path.motion.wheel_momentum))
         changed = {"wheel_torque": path.wheel_torque, "wheel_momentum": told}
@@ -261,11 +262,9 @@ def model_readings(
     model's campaign has some. Noise is that of the sensors, what is stated to wander included:
     `with_noisy_inputs` draws the rest.
     """
-    exact = tuple(
-        replace(x, angle_sigma=0.0) if getattr(x, "angle_sigma", 0.0) else x
-        for x in model.campaign.actuators
-    )
-    campaign = replace(model.campaign, actuators=exact)
+    devices: tuple[Any, ...] = model.campaign.actuators
+    exact = (replace(x, angle_sigma=0.0) if hasattr(x, "angle_sigma") else x for x in devices)
+    campaign = replace(model.campaign, actuators=tuple(exact))
     arrays = model.data.arrays._replace(reference=starts)
     data = replace(model.data, arrays=arrays)
     local = _stated_coefficients(model, rng)
