@@ -591,7 +591,7 @@ def rounded_slews(slews: Sequence[PlannedSlew], problem: PlanProblem) -> tuple[P
     """
     out = [
         PlannedSlew(
-            (round(x, 3), round(y, 3), round(z, 3)),
+            (round(x, 3) + 0.0, round(y, 3) + 0.0, round(z, 3) + 0.0),
             max(_rounded_down(slew.angle, 1), math.radians(0.1)),
             _rounded_down(slew.rate, 3) or slew.rate,
             _rounded_down(slew.acceleration, 4) or slew.acceleration,

@@ -7,6 +7,7 @@ from dataclasses import field, replace
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
@@ -31,6 +32,7 @@ from bayes_inertia.flight.planned_telemetry import (
     with_readings,
 )
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
+from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.values import array_dataclass, whole_number
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
@@ -51,7 +53,8 @@ class Flight:
     mission : Mission
         With what it was flown; its spacecraft's bias is the one that was drawn.
     final_error_B : (slews, 3) array
-        Rotation vector from the target to the final attitude [rad].
+        Rotation vector from the target to the final attitude [rad]; NaN where effects act on a
+        spacecraft that follows its plan.
     measured_error_B : (slews, 3) array
         The same from the star tracker's fixes after the slew [rad]; NaN without star tracker.
     peak_torque : (slews, wheels) array
@@ -167,18 +170,29 @@ def _follow(
     told, theta = _readings(planned, mission, truth, rng)
     slews = [with_readings(slew, k, told) for k, slew in enumerate(planned.slews)]
     slews = [with_noisy_inputs(slew, planned, rng) for slew in slews]
-    nothing = np.zeros((len(truth), 3))
+    # What effects make of the motion only readings tell.
+    final = np.full((len(truth), 3), np.nan if craft.effects else 0.0)
     return Flight(
         campaign=replace(planned, slews=tuple(slews)),
         plan=plan,
         mission=mission,
-        final_error_B=nothing,
-        measured_error_B=nothing if craft.star_tracker else np.full_like(nothing, np.nan),
+        final_error_B=final,
+        measured_error_B=np.stack([_measured_error_B(plan, k, s) for k, s in enumerate(slews)]),
         peak_torque=_peaks([path.wheel_torque for path in paths], craft, "max_torque"),
         peak_momentum=_peaks([path.wheel_momentum for path in truth], craft, "max_momentum"),
         truth=truth,
         parameters=theta,
     )
+
+
+def _measured_error_B(plan: Plan, k: int, slew: Slew) -> np.ndarray:
+    """Mean rotation vector (3,) from the target of slew k to the fixes after it [rad]."""
+    rows = np.flatnonzero(slew.fixes)
+    if slew.attitude is None or not len(rows):
+        return np.full(3, np.nan)
+    after = slew.attitude[rows[rows >= min(plan.fixes(k)[1][0], rows[-1])]]
+    error_B = quaternion.error(jnp.asarray(plan.attitudes[k + 1]), jnp.asarray(after))
+    return np.asarray(error_B).mean(axis=0)
 
 
 def _readings(

@@ -27,7 +27,7 @@ from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft, spin_tensor, without_spin
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.physical_draws import draw_physical
-from bayes_inertia.maths.values import whole_number
+from bayes_inertia.maths.values import json_ready, whole_number
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import base_space
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
@@ -234,7 +234,7 @@ def truth_of(flight: Flight, seed: int | None = None) -> dict[str, Any]:
             "q0": path.attitude[0].tolist(),
             "w0": path.rate_B[0].tolist(),
             "h0_rel": path.wheel_momentum[0].tolist(),
-            "final_error_B_rad": error.tolist(),
+            "final_error_B_rad": json_ready(error),
         }
         for path, error in zip(flight.truth, flight.final_error_B, strict=True)
     ]

@@ -25,6 +25,7 @@ from bayes_inertia.flight.plan import PlannedSlew
 from bayes_inertia.flight.plan_file import read_plan, write_plan
 from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.flight.planned_telemetry import planned_campaign
+from bayes_inertia.flight.simulated_campaigns import truth_of, with_hidden_effects
 from bayes_inertia.flight.steering import directions_B
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.forward_model import Model
@@ -115,6 +116,20 @@ def test_every_sensor_of_the_campaign_tells_of_a_flight(kind, tmp_path):
     assert read == [c.name for c in Model(campaign).channels if c.is_read(campaign)]
     theta = np.array([flight.parameters[name] for name in model.space.names])
     np.testing.assert_allclose(theta[: model.n_base], mission.theta)
+
+
+@pytest.mark.slow
+def test_a_flight_that_follows_its_plan_is_measured_where_effects_leave_it():
+    """It said that every slew ended on its target."""
+    campaign = gyroless()
+    plan = plan_of(campaign)
+    still = fly(plan, Mission.of(campaign), 4)
+    pushed = with_hidden_effects(Mission.of(campaign), plan, ["constant_torque.torque=1e-4,0,0"], 1)
+    flight = fly(plan, pushed, 4)
+    assert np.all(still.final_error_B == 0.0)
+    assert np.all(np.isnan(flight.final_error_B))
+    assert truth_of(flight)["slews"][0]["final_error_B_rad"] == [None, None, None]
+    assert still.correction_slews.max() < 1e-3 < flight.correction_slews.min()
 
 
 @pytest.mark.slow
