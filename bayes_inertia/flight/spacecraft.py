@@ -185,43 +185,6 @@ class Controller:
         for key in ("bandwidth", "damping"):
             require_one(getattr(self, key), f"controller.{key}")
 
-    @classmethod
-    def from_prior(
-        cls,
-        prior: InertiaPrior,
-        sensor: RateSensor | None,
-        wheels: Sequence[Wheel] = (),
-        **settings: float,
-    ) -> Controller:
-        """A controller that believes what was known before flight.
-
-        Parameters
-        ----------
-        prior : InertiaPrior
-            Its tensor is believed, less the wheels' spin if that is included.
-        sensor : RateSensor or None
-            Its nominal K is believed.
-        wheels : sequence of Wheel
-            Reaction wheels.
-        **settings : float
-            Further fields, such as `bandwidth`.
-
-        Returns
-        -------
-        Controller
-            See `Mission.controller` for a shorter way.
-
-        Examples
-        --------
-        >>> Controller.from_prior(most_like_prior(), RateSensor(sigma=2e-5)).scale_factor
-        (1.0, 1.0, 1.0)
-        """
-        return cls(
-            without_spin(prior.tensor, prior.includes_wheel_spin, wheels),
-            sensor.scale_factor if sensor else (),
-            **settings,
-        )
-
 
 def most_like_spacecraft() -> Spacecraft:
     """A microsatellite like MOST in Ferguson's simulations.
