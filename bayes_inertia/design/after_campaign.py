@@ -95,7 +95,8 @@ def as_loud(hardware: Any, estimate: Estimate) -> Any:
 def mission_after(mission: Mission, estimate: Estimate) -> Mission:
     """The mission as the fit of a campaign leaves it: J and K as found, noise as loud as found."""
     theta, covariance = known_after(estimate)
-    found = np.flatnonzero(np.diag(covariance)[: len(mission.theta)])
+    n_base = min(len(mission.theta), estimate.model.n_base)
+    found = np.flatnonzero(np.diag(covariance)[:n_base])
     names = tuple(estimate.model.space.names[i] for i in found)
     known = GaussianPrior(names, theta[found], covariance[np.ix_(found, found)])
     craft = as_loud(mission.spacecraft, estimate)

@@ -293,8 +293,7 @@ def _stated_coefficients(model: Model, rng: np.random.Generator | None) -> np.nd
     local, start = np.zeros((model.n_slews, structure.n_local)), structure.n_start
     for effect, count in zip(structure.effects, structure.coefficients, strict=False):
         if rng is not None and effect in stated:
-            drawn = rng.standard_normal((len(local), count))
-            local[:, start : start + count] = drawn
+            local[:, start : start + count] = rng.standard_normal((len(local), count))
         start += count
     return local
 
