@@ -109,8 +109,9 @@ def separating_slew(
     """
     a, b = require_effects((a, b))
     campaign = estimate.model.campaign
-    spacecraft = mission_after(Mission.of(campaign), estimate).spacecraft
-    require_three_axes(spacecraft, CampaignError)
+    mission = Mission.of(campaign)
+    require_three_axes(mission.spacecraft, CampaignError)
+    spacecraft = mission_after(mission, estimate).spacecraft
     longest = max(slew.duration for slew in campaign.slews)
     limits = limits or Limits(rate=1.1 * campaign.largest_rate(), total_time=2.0 * longest)
     forecast, theta = forecast_separation(estimate, a, b)
