@@ -40,7 +40,6 @@ _NAMED = {"time": ("time", "time")} | {
     key: (stream.quantity, stream.field) for key, stream in STREAMS.items() if key != "attitude"
 }
 _OTHER_ORDERS = tuple(permutations(range(3)))[1:]
-_FLIPPED = tuple(product((1.0, -1.0), repeat=3))[1:]  # Signs of three axes, one flipped at least.
 
 
 def mistakes(campaign: Campaign, columns: Columns) -> list[Mistake]:
@@ -141,7 +140,7 @@ def _rate_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
     if not np.allclose(axes, np.eye(3), atol=1e-3):
         yield axes_mistake(axes, np.eye(3), 2, "the rates are along body axes already")
     for order in permutations(range(3)):
-        for signs in _FLIPPED:
+        for signs in _flipped_signs():
             words, rarity = f"the rates are along the axes {_axes_in_words(order, signs)}", 4
             if order == (0, 1, 2) and signs.count(-1.0) == 1:
                 words, rarity = f"rate sensor axis {signs.index(-1.0) + 1} has the other sign", 3
@@ -149,6 +148,11 @@ def _rate_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
                 words, rarity = "all rates have the other sign", 3
             exchanged = np.diag(signs) @ np.eye(3)[list(order)]
             yield axes_mistake(axes, exchanged @ axes, rarity, words)
+
+
+def _flipped_signs() -> list[tuple[float, ...]]:
+    """Signs of three axes, one flipped at least."""
+    return list(product((1.0, -1.0), repeat=3))[1:]
 
 
 def _axes_in_words(order: Sequence[int], signs: Sequence[float]) -> str:
@@ -205,7 +209,7 @@ def signed(names: Sequence[str], what: str) -> Iterator[OtherColumns]:
 
 def along_other_axes(names: Sequence[str], what: str) -> Iterator[OtherColumns]:
     """Columns of a vector that are along turned axes: in another order and with other signs."""
-    for order, signs in product(_OTHER_ORDERS, _FLIPPED):
+    for order, signs in product(_OTHER_ORDERS, _flipped_signs()):
         other = list(names)
         for name, k, sign in zip(names, order, signs, strict=True):
             other[k] = name if sign > 0.0 else negated_name(name)

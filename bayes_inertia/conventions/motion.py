@@ -65,10 +65,14 @@ def matrix_to_start(q: np.ndarray) -> np.ndarray:
     >>> np.abs(matrix_to_start(np.array([0., 0., .5**.5, .5**.5])) @ [1., 0., 0.]).round(6).tolist()
     [0.0, 1.0, 0.0]
     """
-    # It takes long to load.
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_quat(q).as_matrix()
+    # By hand: scipy takes long to load, and `check` needs no more of it.
+    x, y, z, w = np.moveaxis(q, -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:

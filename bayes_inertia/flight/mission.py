@@ -316,18 +316,23 @@ class Mission:
     known: GaussianPrior | None = None
 
     @classmethod
-    def of(cls, campaign: Campaign) -> Mission:
+    def of(cls, campaign: Campaign | Mission) -> Mission:
         """The mission that a campaign's hardware and prior describe.
 
         Parameters
         ----------
-        campaign : Campaign
-            What was flown.
+        campaign : Campaign or Mission
+            What was flown; a mission is handed back.
 
         Returns
         -------
         Mission
             Its spacecraft has J and K at the mean of their prior, and no effects.
+
+        Raises
+        ------
+        CampaignError
+            If it is neither.
 
         Examples
         --------
@@ -335,6 +340,10 @@ class Mission:
         >>> Mission.of(small_campaign()).spacecraft.scale_factor
         (1.0, 1.0, 1.0)
         """
+        if isinstance(campaign, Mission):
+            return campaign
+        what = f"a {type(campaign).__name__} is no campaign and no mission"
+        require(isinstance(campaign, Campaign), "mission", what, "give a Campaign or a Mission")
         craft = spacecraft_at(campaign, prior_mean(campaign))
         return cls(craft, campaign.inertia, campaign.prior)
 

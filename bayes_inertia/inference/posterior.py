@@ -202,7 +202,8 @@ class Posterior:
         # In memory: HDF5 can end the process where the disk has no room.
         content = BytesIO()
         self.tree.to_netcdf(content, engine="h5netcdf")
-        return write_sealed(Path(path), content.getbuffer())
+        with content.getbuffer() as written:
+            return write_sealed(Path(path), written)
 
     @property
     def names(self) -> list[str]:

@@ -126,7 +126,8 @@ def save_chain(chain: Backend, path: Path) -> None:
         group.attrs.update({"version": emcee.__version__, "has_blobs": False, **sizes})
         for i, part in enumerate(chain.random_state or ()):
             group.attrs[f"random_state_{i}"] = part
-    write_sealed(path, content.getbuffer())
+    with content.getbuffer() as written:
+        write_sealed(path, written)
 
 
 @array_dataclass

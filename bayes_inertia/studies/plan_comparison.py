@@ -12,6 +12,7 @@ from typing import Any
 import joblib
 import numpy as np
 
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import members
 from bayes_inertia.design.comparison import Contender, assess_plan
 from bayes_inertia.design.limits import Limits
@@ -93,7 +94,7 @@ def fit_simulated_campaigns(
 @with_bar
 def compare_plans(
     plans: Sequence[Plan] | Mapping[str, Plan],
-    mission: Mission,
+    mission: Mission | Campaign,
     *,
     limits: Limits | None = None,
     simulated: int = 0,
@@ -111,8 +112,8 @@ def compare_plans(
     ----------
     plans : sequence of Plan, or mapping of str to Plan
         Under their own names, or under those given.
-    mission : Mission
-        Wheels and sensors, J to expect, and how well it is known.
+    mission : Mission or Campaign
+        Wheels and sensors, J to expect, and how well it is known; or a campaign that states them.
     limits : Limits, optional
         None for those of the hardware alone.
     simulated : int, optional
@@ -161,7 +162,7 @@ def compare_plans(
             where="plans",
             advice="give each its own name",
         )
-    mean = mission.at_prior_mean()
+    mean = Mission.of(mission).at_prior_mean()
     mean = replace(mean, spacecraft=replace(mean.spacecraft, bias=None))
     limits = limits or Limits()
     if not simulated:

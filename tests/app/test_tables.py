@@ -162,7 +162,7 @@ def test_observability_of_hostile_names(printed):
         assert text in out
     for text in (
         "prior [deg] holds",
-        "All 1 parameters are determined; slew [yaw 1] carries effect [x].gain.",
+        "All 1 parameters are determined; slew [yaw 1] carries effect [x]: gain.",
         "slew [yaw 1], 70 %",
         "70 % × 2.0 × 2.0 determined",
     ):

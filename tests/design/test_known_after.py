@@ -25,7 +25,7 @@ def fitted(model, theta, sd, **said):
         "free": np.arange(d),
         "joint_covariance": np.diag(np.concatenate([np.square(sd), np.ones(b)])),
         "dispersion_factor": 1.0,
-        "prior_beyond_covariance": np.zeros((d, d)),
+        "prior_beyond_shifts": np.zeros((0, d)),
         "discount": np.ones((model.n_slews, len(model.channels))),
     }
     return SimpleNamespace(**(found | said))

@@ -16,6 +16,8 @@ from bayes_inertia.flight.mission import Mission, most_like_mission
 from bayes_inertia.flight.plan import PlannedSlew, angle_and_rate, paper_like_plan
 from bayes_inertia.flight.planned_telemetry import planned_paths
 from bayes_inertia.physics.small_campaign import small_campaign
+from bayes_inertia.studies import plan_comparison
+from bayes_inertia.studies.plan_comparison import compare_plans
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 
@@ -128,3 +130,14 @@ def test_a_flight_refuses_what_is_no_seed(seed, tmp_path):
         bi.fly(plan, most_like_mission(), seed)
     with pytest.raises(bi.SettingsError, match=r"seed: is .*; give a whole number"):
         bi.simulate(plan, most_like_mission(), tmp_path, seed)
+
+
+def test_plans_are_compared_for_a_campaign_as_for_its_mission(monkeypatch):
+    monkeypatch.setattr(
+        plan_comparison, "assess_plan", lambda name, plan, mission, *_, **__: mission
+    )
+    campaign = small_campaign()
+    (of_campaign,) = compare_plans([paper_like_plan()], campaign)
+    assert (of_campaign,) == compare_plans([paper_like_plan()], Mission.of(campaign))
+    with pytest.raises(bi.CampaignError, match="no campaign and no mission"):
+        compare_plans([paper_like_plan()], "campaign.toml")

@@ -101,7 +101,11 @@ def test_the_tensor_is_right_and_good_rates_are_no_outliers(slow):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "noise", [ChannelNoise("student_t", degrees=30.0), ChannelNoise(scale_sampled=True)]
+    "noise",
+    [
+        ChannelNoise("student_t", degrees=30.0),
+        pytest.param(ChannelNoise(scale_sampled=True), marks=pytest.mark.long),
+    ],
 )
 def test_noise_that_is_not_as_stated_is_judged_as_well(slow, noise):
     rate = bi.estimate(Model(slow, noise=NoiseModel(rate=noise)), starts=1).tests["rate"]
