@@ -55,6 +55,22 @@ def prior_mean(campaign: Campaign) -> np.ndarray:
     return np.array(base_space(campaign.inertia, campaign.rate_sensor, campaign.prior).mean)
 
 
+def _known_after_changes(campaign: Campaign) -> GaussianPrior | None:
+    """J and K before their fit, J after the changes that the campaign dates; None without either.
+
+    The sizes of the changes are unknown: J is as much less known.
+    """
+    if not campaign.changes:
+        return campaign.prior
+    space = base_space(campaign.inertia, campaign.rate_sensor, campaign.prior)
+    correlation = np.eye(space.size) if space.correlation is None else space.correlation
+    covariance = correlation * np.outer(space.sd, space.sd)
+    fractions = [change.sigma_fraction for change in campaign.changes]
+    changed = np.linalg.norm(fractions) * campaign.scale_of_motion()[2]
+    covariance[:6, :6] += changed**2 * np.eye(6)
+    return GaussianPrior(tuple(space.names), space.mean, covariance)
+
+
 def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
     """The spacecraft that a campaign's parameters describe, with the campaign's hardware.
 
@@ -345,7 +361,7 @@ class Mission:
         what = f"a {type(campaign).__name__} is no campaign and no mission"
         require(isinstance(campaign, Campaign), "mission", what, "give a Campaign or a Mission")
         craft = spacecraft_at(campaign, prior_mean(campaign))
-        return cls(craft, campaign.inertia, campaign.prior)
+        return cls(craft, campaign.inertia, _known_after_changes(campaign))
 
     @property
     def base(self) -> ParameterSpace:

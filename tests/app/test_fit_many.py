@@ -156,6 +156,7 @@ def test_requests_that_cannot_be_are_refused(fleet, fitted, tmp_path, capsys):
     assert "no such folder" in capsys.readouterr().err
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_real_campaign(tmp_path):
     shutil.copytree(EXAMPLE, tmp_path / "fleet" / "one")

@@ -163,6 +163,7 @@ def test_fits_of_spacecraft_of_other_kinds(quoted, unknown, printed):
     assert heads == ["campaign", "use", *quoted, "χ²"]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_observability(printed):
     campaign = small_campaign()

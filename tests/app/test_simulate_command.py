@@ -75,6 +75,7 @@ def test_simulate_says_what_a_spacecraft_lacks(campaign, tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_spacecraft_that_no_plan_flies_flies_its_own_slews_again(tmp_path, capsys):
     assert run("new", "--like", "torquers", tmp_path / "given", "--seed", "1") == 0

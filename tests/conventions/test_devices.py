@@ -112,6 +112,7 @@ def test_without_the_torque_no_key_of_it_is_named(by_torque):
     assert not any("jets" in change.key for change in check.changes)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_torque_along_inertial_axes_is_named(by_torque):
     check = checked(by_torque, 'frame = "body"', 'frame = "inertial"', torques_of)
@@ -121,6 +122,7 @@ def test_a_torque_along_inertial_axes_is_named(by_torque):
     )
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_wrong_sign_of_a_gimbal_angle_is_named(example, tmp_path):
     """The example's wheels, as pairs of rotors whose gimbals tilt against each other."""

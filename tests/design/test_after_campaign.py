@@ -116,6 +116,7 @@ def test_design_after_a_campaign_begins_with_the_wheels_turning(flight, captured
     assert captured.base.wheel_momentum == ()
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_what_a_design_fits_along_takes_from_what_the_campaign_tells(flight, captured, tmp_path):
     """Without it the campaign would seem to tell more of J and K than it does."""

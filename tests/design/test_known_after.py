@@ -70,3 +70,13 @@ def test_a_mission_after_a_fit_is_as_uncertain_and_as_loud_as_the_fit_quotes():
     assert tracker.sigma_roll == 2.0 * campaign.star_tracker.sigma_roll
     wheels = zip(found.spacecraft.wheels, campaign.wheels, strict=True)
     assert all(a.momentum_sigma == 2.0 * b.momentum_sigma for a, b in wheels)
+
+
+def test_a_dated_change_makes_J_less_known_before_any_fit():
+    campaign = small_campaign()
+    change = Change("fuel", campaign.slews[-1].start, sigma_fraction=0.05)
+    before, after = (Mission.of(c).base for c in (campaign, replace(campaign, changes=(change,))))
+    added = 0.05 * campaign.scale_of_motion()[2]
+    np.testing.assert_allclose(after.sd[:6], np.hypot(before.sd[:6], added))
+    np.testing.assert_allclose(after.sd[6:], before.sd[6:])
+    np.testing.assert_allclose(after.mean, before.mean)

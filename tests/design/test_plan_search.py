@@ -51,6 +51,7 @@ def test_gradient_of_the_criterion_is_that_of_finite_differences(mission):
     )  # the smooth largest of three against the largest
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_end_attitude_is_reached_by_the_last_slew(mission):
     end = np.array([0.5, -0.5, 0.5, 0.5])

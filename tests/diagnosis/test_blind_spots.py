@@ -91,6 +91,7 @@ def test_odds_beyond_the_largest_float_are_probabilities():
     assert row.probability == pytest.approx(1.0)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_what_a_former_result_quotes_beyond_its_model_is_quoted_again():
     """As `fit` does in its summary."""

@@ -57,6 +57,7 @@ def search(fit):
     return search_formulas(torque_response(fit), fit.linearised())
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_columns_are_the_derivatives_of_the_model(fit):
     """The linear response against sensitivities of a model that holds the formulas."""
@@ -168,6 +169,7 @@ def test_a_law_outside_the_library_is_named_by_its_formula(
     )
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_columns_are_those_of_the_gyro_at_hand_and_of_J_after_its_changes(fit):
     """Four skewed axes, and a panel that opens before the second slew."""

@@ -146,6 +146,7 @@ def test_probabilities_that_add_up_to_more_than_one_by_rounding_are_averaged(pla
     assert min(row["probability"] for row in over) >= 0.0
 
 
+@pytest.mark.slow
 def test_alternatives_keep_to_the_ends_of_the_prior_and_impossible_ones_have_no_draws():
     names, draws = BASE_NAMES, np.tile([3.0, 2.5, 2.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0], (2, 4000, 1))
     variables = {name: (("chain", "draw"), draws[..., i]) for i, name in enumerate(names)}

@@ -89,6 +89,7 @@ def test_a_drift_of_its_own_in_each_slew_is_named_and_measured(
     assert [e.name for e in next_fit_from(content).effects] == ["rate_bias_slew_drift"]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_loud_noise_is_measured_and_nothing_physical_is_named(
     clean, few_candidates, content_of, check_contract

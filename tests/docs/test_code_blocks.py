@@ -86,7 +86,7 @@ def of_language(language: str):
         pytest.param(
             block,
             id=block.place,
-            marks=pytest.mark.slow if block.place.startswith(SLOW) else (),
+            marks=(pytest.mark.slow, pytest.mark.long) if block.place.startswith(SLOW) else (),
         )
         for block in blocks
     ]

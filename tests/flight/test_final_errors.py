@@ -37,6 +37,7 @@ def novice(mission) -> Controller:
     return mission.controller()
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_correction_slews_shrink_with_knowledge_of_the_scale_factors(mission, craft, novice):
     """Ferguson's 38 degree slew: 1000s of arc seconds before the estimate; K decides, not J."""

@@ -62,6 +62,7 @@ def test_white_noise_alone_draws_nothing_more():
     assert wandering_noise(small_campaign(), RATE, np.random.default_rng(1)) is None
 
 
+@pytest.mark.slow
 def test_a_flight_has_the_noise_that_is_stated_to_wander(mission):
     """Its mean in a slew is far from the white noise's, 2e-5 rad/s over 20, and 5 arcseconds."""
     craft = mission.spacecraft

@@ -44,6 +44,7 @@ def wandered(small_flown):
     return estimate(model, starts=1, discount=False)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_signal_is_where_it_is_whatever_the_slews_own_clock_says(wandered):
     old = wandered.model
@@ -96,6 +97,7 @@ def dense_log_integral(fitted, theta) -> float:
     return float(-0.5 * unexplained @ unexplained - np.sum(np.log(np.abs(np.diag(root)))))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_integral_is_that_of_the_dense_gaussian(wandered):
     model, learnt = wandered.model, list(wandered.model.structure.hyperparameters)

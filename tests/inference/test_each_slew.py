@@ -56,6 +56,7 @@ def results(found, model):
     return density - density[0], np.asarray(drawn.local), information, jax.tree.leaves(s)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.parametrize(("effects", "drive"), CASES)
 def test_padding_changes_nothing_but_rounding(odd, unpadded, effects, drive):

@@ -57,6 +57,7 @@ def test_residuals_and_result_stay(fits):
     assert np.all(np.abs(after.theta - before.theta) < 0.5 * before.sd)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_no_delay_is_seen_in_a_right_campaign(fits):
     scores = []
@@ -69,6 +70,7 @@ def test_no_delay_is_seen_in_a_right_campaign(fits):
     assert abs(scores[1]) < 3.0
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_noise_is_taken_out_once(fits):
     assert with_likely_inputs(fits[1]) is fits[1]

@@ -24,6 +24,7 @@ def perfect(flying):
     ]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_errors_are_as_large_as_the_posterior_says(perfect):
     """z = (estimate - truth) / sd over campaigns and parameters: mean 0, variance 1; all nine
@@ -79,6 +80,7 @@ def coloured(campaign, size, seed):
     )
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_coloured_misfit_is_discounted_and_the_sd_says_so(flying):
     """Wander that the stated noise ignores: without the discount errors are several sds, with it

@@ -181,6 +181,7 @@ def test_a_slew_without_any_rate_reading_or_fix_is_simulated_but_weighs_nothing(
     assert all(np.all(np.isfinite(channel)) for channel in r)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_without_a_star_tracker_there_are_no_attitude_residuals(flown):
     campaign = replace(

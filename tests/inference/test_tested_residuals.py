@@ -46,6 +46,7 @@ def with_bias(flown):
     return wandering_bias(flown.campaign, np.random.default_rng(5))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_wandering_bias_that_is_estimated_leaves_white_residuals(with_bias):
     estimate = fitted(with_bias, RateBiasInstability())

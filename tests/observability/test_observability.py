@@ -285,6 +285,7 @@ def test_a_resting_wheel_a_plane_of_slews_and_a_missing_star_tracker_are_stated(
     assert stated.information_ratio < 0.1
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_coefficients_of_an_effect_are_no_noise_of_tachometers(flown):
     seen = observe(optimizer.estimate(Model(flown.campaign, by_name(["torque_noise"])), starts=1))

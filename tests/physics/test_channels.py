@@ -181,6 +181,7 @@ def test_what_is_no_sensor_is_refused(flown):
         replace(flown.campaign, more_sensors=(("x", 1.0),))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_sizes_of_random_effects_are_learnt_beside_further_sensors(more):
     model = Model(more, (RateBiasSlewDrift(),))

@@ -227,7 +227,9 @@ class NotADataclass(Torque):
         (Impure(), "pure"),
         (NotFinite(), "telemetry is not finite"),
         pytest.param(
-            DerivativeNotFinite(), "a derivative is not finite at its null", marks=pytest.mark.slow
+            DerivativeNotFinite(),
+            "a derivative is not finite at its null",
+            marks=(pytest.mark.slow, pytest.mark.long),
         ),
         (DoubledName(), "'torque_x'.*used twice"),
         (Degrees(), "not in SI units"),

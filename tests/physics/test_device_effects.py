@@ -97,6 +97,7 @@ def test_the_axes_of_the_reference_are_the_bodys(equipped):
         replace(equipped, reference="gyro")
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_an_error_of_a_sensor_shows_in_its_readings_alone(equipped):
     devices = ("fog", "mems", "tracker 2", "sun", "magnetometer", "torquers", "jets", "push")
