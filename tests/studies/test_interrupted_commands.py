@@ -57,7 +57,7 @@ def started(folder: Path, engine: str, jobs: int) -> psutil.Popen:
 @pytest.mark.parametrize(
     ("engine", "jobs", "number", "code"),
     [
-        ("process", 1, signal.SIGINT, 130),
+        pytest.param("process", 1, signal.SIGINT, 130, marks=pytest.mark.long),
         pytest.param("joblib", 2, signal.SIGTERM, 143, marks=pytest.mark.long),
         ("joblib", 2, signal.SIGKILL, -9),
         pytest.param("dask", 2, signal.SIGINT, 130, marks=pytest.mark.long),
