@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any, Literal, get_args
@@ -104,19 +104,24 @@ def one_an_axis(value: Any, axes: int, key: str, *, positive: bool = False) -> N
 
 def require_positive(value: Any, key: str, *, optional: bool = False) -> None:
     """Raise an error unless a number is finite and positive."""
-    good = _is_number(value) and 0.0 < value < math.inf
-    known = good or (optional and value is None)
-    require(known, key, f"{value!r} is not positive", "give a positive number in SI units")
+    if value is not None or not optional:
+        advice = "give a positive number in SI units"
+        require_number(value, key, "is not positive", advice, lambda x: x > 0.0)
 
 
 def require_sd(value: Any, key: str) -> None:
     """Raise an error unless a number is an sd, or 0 where nothing is in doubt."""
-    good = _is_number(value) and 0.0 <= value < math.inf
-    require(good, key, f"{value!r} is no sd", "give a number, 0 where nothing is in doubt")
+    advice = "give a number, 0 where nothing is in doubt"
+    require_number(value, key, "is no sd", advice, lambda x: x >= 0.0)
 
 
-def _is_number(value: Any) -> bool:
-    return np.ndim(value) == 0 and np.asarray(value).dtype.kind in "biuf"
+def require_number(
+    value: Any, key: str, what: str, advice: str, fits: Callable[[float], bool]
+) -> None:
+    """Raise an error unless this is one finite number that fits; `what`: it is otherwise."""
+    is_number = np.ndim(value) == 0 and np.asarray(value).dtype.kind in "biuf"
+    good = is_number and math.isfinite(value) and fits(value)
+    require(good, key, f"{value!r} {what}", advice)
 
 
 @array_dataclass

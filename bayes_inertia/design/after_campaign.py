@@ -19,6 +19,7 @@ from bayes_inertia.flight.plan import Plan
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.linear_algebra import inverse
+from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_input import idle_slew
@@ -55,15 +56,15 @@ def known_after(estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
     its model: slews that disagree, and what a former result quoted so. Returns theta (d,) and (d +
     b, d + b); zero for parameters held.
     """
-    model, theta = estimate.model, jnp.asarray(estimate.theta)
+    model, theta = estimate.model, estimate.theta
     d, b = len(theta), model.n_bias
     place = np.concatenate([estimate.free, d + np.arange(b)]).astype(int)
     known = np.zeros((d + b, d + b))
     n = len(place)
     known[np.ix_(place, place)] = estimate.dispersion_factor**2 * estimate.joint_covariance[:n, :n]
     known[:d, :d] += estimate.prior_beyond_shifts.T @ estimate.prior_beyond_shifts
-    slope = block_diag(jax.jacfwd(lambda x: _after_changes(model, x))(theta), np.eye(b))
-    return np.array(_after_changes(model, theta)), slope @ known @ slope.T
+    slope = block_diag(jax.jacfwd(lambda x: after_changes(model, x))(jnp.asarray(theta)), np.eye(b))
+    return np.array(after_changes(model, theta)), slope @ known @ slope.T
 
 
 def changed_inertia(effect: Effect, campaign: Campaign) -> bool:
@@ -74,8 +75,9 @@ def changed_inertia(effect: Effect, campaign: Campaign) -> bool:
     return after.parameters(campaign) == effect.parameters(campaign)
 
 
-def _after_changes(model: Model, theta: Array) -> Array:
+def after_changes(model: Model, theta: AnyArray) -> Array:
     """Parameters (d,) with the J that slews after the campaign have."""
+    theta = jnp.asarray(theta)
     J, context = inertia_tensor.tensor(theta[:6]), idle_slew(np.array([0.0, 1.0])).context
     for effect, p in model.structure.active_effects(theta):
         if changed_inertia(effect, model.campaign):

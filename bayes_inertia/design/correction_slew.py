@@ -13,6 +13,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import axis_names
 from bayes_inertia.design.after_campaign import (
+    after_changes,
     changed_inertia,
     known_after,
     plan_after,
@@ -163,10 +164,8 @@ def _mission_and_cases(
 ) -> tuple[Mission, tuple[_Case, _Case, _Case]]:
     """Sensors, wheels and effects that fly, and the three cases of `CorrectionForecast`."""
     campaign, model = final.model.campaign, final.model
-    old, new = (
-        replace(spacecraft_at(campaign, known_after(estimate)[0]), bias=(0.0, 0.0, 0.0))
-        for estimate in (base, final)
-    )
+    ends = [np.array(after_changes(x.model, x.theta)) for x in (base, final)]
+    old, new = (replace(spacecraft_at(campaign, x), bias=(0.0, 0.0, 0.0)) for x in ends)
     fitted = _parameters_afterwards(model, effects, final.theta[None])
     at_estimate = {name: {k: x[0] for k, x in p.items()} for name, p in fitted.items()}
     afterwards = tuple(effect.afterwards() for effect in effects)

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bayes_inertia.campaign.hardware import members
-from bayes_inertia.flight.plan import direction, require_one, unit_quaternion
+from bayes_inertia.campaign.hardware import members, require_number, require_positive
+from bayes_inertia.flight.plan import direction, unit_quaternion
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.maths.values import Vector
 
@@ -52,7 +52,7 @@ class KeepOut:
         unit = direction(self.direction_N, f"{key}.direction_N")
         what, advice = "is no half of a cone's angle", "give a half angle below pi rad (180 deg)"
         within = self.half_angle, f"{key}.half_angle", what, advice
-        require_one(*within, fits=lambda x: 0.0 < x < math.pi)
+        require_number(*within, lambda x: 0.0 < x < math.pi)
         object.__setattr__(self, "direction_N", unit)
 
 
@@ -109,12 +109,11 @@ class Limits:
     def __post_init__(self) -> None:
         object.__setattr__(self, "keep_out", members("keep_out", self.keep_out, KeepOut))
         for key in ("rate", "angle", "acceleration", "total_time", "tolerance"):
-            if getattr(self, key) is not None or key == "tolerance":
-                require_one(getattr(self, key), f"limits.{key}")
+            require_positive(getattr(self, key), f"limits.{key}", optional=key != "tolerance")
         for key in ("rate_reserve", "wheel_reserve"):
             what, advice = "is no fraction", "give a number from 0 to below 1"
             reserve = getattr(self, key), f"limits.{key}", what, advice
-            require_one(*reserve, fits=lambda x: 0.0 <= x < 1.0)
+            require_number(*reserve, lambda x: 0.0 <= x < 1.0)
         for key in ("start_attitude", "end_attitude"):
             if getattr(self, key) is not None:
                 attitude = unit_quaternion(getattr(self, key), f"limits.{key}")

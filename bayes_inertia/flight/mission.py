@@ -39,6 +39,7 @@ from bayes_inertia.flight.spacecraft import (
 )
 from bayes_inertia.flight.steering import FlyingDevice, flying_device
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.physics.actuators import effects_of
 from bayes_inertia.physics.forward_model import base_space
 from bayes_inertia.physics.parameters import ParameterSpace
 
@@ -65,9 +66,10 @@ def _known_after_changes(campaign: Campaign) -> GaussianPrior | None:
     space = base_space(campaign.inertia, campaign.rate_sensor, campaign.prior)
     correlation = np.eye(space.size) if space.correlation is None else space.correlation
     covariance = correlation * np.outer(space.sd, space.sd)
-    fractions = [change.sigma_fraction for change in campaign.changes]
-    changed = np.linalg.norm(fractions) * campaign.scale_of_motion()[2]
-    covariance[:6, :6] += changed**2 * np.eye(6)
+    for effect in effects_of(campaign):
+        if effect.acts("inertia"):
+            (change,) = effect.parameters(campaign)
+            covariance[:6, :6] += np.diag([prior.sd**2 for prior in change.priors])
     return GaussianPrior(tuple(space.names), space.mean, covariance)
 
 

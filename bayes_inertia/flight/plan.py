@@ -11,10 +11,8 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import accumulate
-from numbers import Real
 from typing import Any, Literal, get_args
 
 import jax.numpy as jnp
@@ -22,7 +20,14 @@ import numpy as np
 from jax import Array
 from scipy.spatial.transform import Rotation
 
-from bayes_inertia.campaign.hardware import members, numbers, require, unit_length
+from bayes_inertia.campaign.hardware import (
+    members,
+    numbers,
+    require,
+    require_number,
+    require_positive,
+    unit_length,
+)
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.maths.values import Vector
@@ -99,20 +104,6 @@ def unit_quaternion(value: Any, key: str) -> tuple[float, float, float, float]:
     return (x, y, z, w)
 
 
-def require_one(
-    value: Any,
-    key: str,
-    what: str = "is not positive",
-    advice: str = "give a positive number in SI units",
-    *,
-    fits: Callable[[float], bool] = lambda x: x > 0.0,
-) -> None:
-    """`CampaignError` unless a value is a single finite number that fits."""
-    is_number = isinstance(value, Real) or getattr(value, "shape", None) == ()
-    good = is_number and math.isfinite(value) and fits(value)
-    require(good, key, f"{value!r} {what}", advice)
-
-
 @dataclass(frozen=True)
 class PlannedSlew:
     """One slew about a body-fixed axis.
@@ -155,8 +146,7 @@ class PlannedSlew:
     def __post_init__(self) -> None:
         object.__setattr__(self, "axis_B", direction(self.axis_B, "slews.axis"))
         for key in ("angle", "rate", "acceleration", "duration"):
-            if getattr(self, key) is not None or key != "duration":
-                require_one(getattr(self, key), f"slews.{key}")
+            require_positive(getattr(self, key), f"slews.{key}", optional=key == "duration")
         what = f"{self.profile!r} is unknown"
         advice = f"choose {' or '.join(get_args(Profile))}"
         require(self.profile in get_args(Profile), "slews.profile", what, advice)
@@ -247,10 +237,10 @@ class Plan:
     def _check_times(self) -> None:
         """Raise for times that do not fit each other or the telemetry period."""
         for key in ("telemetry_period", "rest_before", "fix_spacing", "settle", "rest_after"):
-            require_one(getattr(self, key), key)
+            require_positive(getattr(self, key), key)
         for key in ("first_fix", "pause"):
             what = "is no time, or negative"
-            require_one(getattr(self, key), key, what, "give seconds", fits=lambda x: x >= 0.0)
+            require_number(getattr(self, key), key, what, "give seconds", lambda x: x >= 0.0)
         for key in ("rest_before", "fix_spacing"):
             periods = getattr(self, key) / self.telemetry_period
             what = f"{getattr(self, key)!r} s is no multiple of telemetry_period"

@@ -18,8 +18,8 @@ from bayes_inertia.campaign.hardware import (
     Wheel,
     numbers,
     one_an_axis,
+    require_positive,
 )
-from bayes_inertia.flight.plan import require_one
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import ActiveEffects, Effect, require_of_effect
@@ -183,7 +183,7 @@ class Controller:
         inertia_B = numbers(self.inertia_B, "controller.inertia_B")
         object.__setattr__(self, "inertia_B", inertia_B)
         for key in ("bandwidth", "damping"):
-            require_one(getattr(self, key), f"controller.{key}")
+            require_positive(getattr(self, key), f"controller.{key}")
 
 
 def most_like_spacecraft() -> Spacecraft:

@@ -19,7 +19,7 @@ from bayes_inertia.campaign.writer import content_of, files_of
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.faults.held import held_readings
 from bayes_inertia.faults.known_offsets import known_offset
-from bayes_inertia.files import read_bytes, text_of, write_new_files
+from bayes_inertia.files import path_of, read_bytes, text_of, write_new_files
 from bayes_inertia.importing import imported_folder, mapped_lines
 from bayes_inertia.importing.common_clock import Logs
 from bayes_inertia.importing.cut_picture import cut_picture
@@ -103,8 +103,8 @@ def import_logs(
         imported.campaign.name, len(imported.campaign.slews)
     """
     say = progress or silent
-    paths = sorted({_path(file, "files") for file in _listed(files)})
-    mapping, folder = _path(mapping, "mapping"), _path(folder, "folder")
+    paths = sorted({path_of(file, "key files") for file in _listed(files)})
+    mapping, folder = path_of(mapping, "key mapping"), path_of(folder, "key folder")
     label, data = str(mapping), read_bytes(mapping)
     parsed = parse_mapping(text_of(data, label), label)
     _refuse_occupied(folder, data)
@@ -142,13 +142,6 @@ def import_logs(
 def _listed(files: Any) -> tuple[Any, ...]:
     """Files as a list; one alone counts as one."""
     return (files,) if isinstance(files, str | os.PathLike) else members("files", files, object)
-
-
-def _path(given: Any, key: str) -> Path:
-    if not isinstance(given, str | os.PathLike):
-        what = f"a {type(given).__name__} is no path"
-        raise CampaignError(what, where=f"key {key}", advice="give a text or a Path")
-    return Path(given)
 
 
 def _read_back(

@@ -150,12 +150,6 @@ class Estimate:
         return ((self.covariance @ root.T @ root)[:, place] * prior.beyond_sd).T
 
     @property
-    def quoted_covariance(self) -> np.ndarray:
-        """Covariance (d, d) as it is quoted: with what slews disagree and a former result adds."""
-        shifts = self.prior_beyond_shifts
-        return self.dispersion_factor**2 * self.covariance + shifts.T @ shifts
-
-    @property
     def effects_fitted(self) -> tuple[Effect, ...]:
         """The model's effects of which a parameter is free."""
         names = {self.model.space.names[i].split(".")[0] for i in self.free}

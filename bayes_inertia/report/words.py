@@ -266,22 +266,12 @@ _GLOBALS: Mapping[str, Any] = {
 } | {name: getattr(formatting, name) for name in ("exponent", "power_text", "sd_column", "sd_head")}
 
 
-def _digits(value: float, form: str) -> str:
-    """A number in a format of Python's, a large one without an exponent.
-
-    >>> _digits(12.3, ".2g"), _digits(1060.4, ".3g")
-    ('12', '1,060')
-    """
-    text = format(value, form)
-    return f"{value:,.0f}" if "e+" in text else text
-
-
 _FILTERS: Mapping[str, Callable[..., Any]] = {
     **dict(getmembers(criteria, isfunction)),
     **dict(getmembers(formatting, isfunction)),
     "arcsec": formatting.arcsec_text,
     "channel": formatting.channel_name,
-    "digits": _digits,
+    "digits": format,
     "either": lambda names: either_or([plain(name) for name in names]),
     "elements": _elements,
     "farthest_alternative": _farthest_alternative,

@@ -95,9 +95,10 @@ def by_name(names: Sequence[str]) -> tuple[Effect, ...]:
     for name in names:
         with suppress(KeyError):
             known.setdefault(name, OfDevice.of_name(name) or Formula.of_name(name))
-        near = difflib.get_close_matches(name, known, n=3, cutoff=0.4) or list(known)
-        what, advice = f"no effect of this name: {name!r}", f"perhaps {', '.join(near)}"
-        require_of_effect(name in known, "effects", what, advice)
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=3, cutoff=0.4) or list(known)
+            what, advice = f"no effect of this name: {name!r}", f"perhaps {', '.join(near)}"
+            require_of_effect(False, "effects", what, advice)
         once = list(names).count(name) == 1
         require_of_effect(once, name, "the same effect twice", "name each effect once")
     return tuple(known[name] for name in names)

@@ -92,9 +92,10 @@ class OfDevice(Effect):
         if match is None:
             return None
         kinds = list(dict.fromkeys(effect.kind for own in KINDS.values() for effect in own))
-        near = difflib.get_close_matches(match["kind"], kinds, 3, 0.4) or kinds
-        what = f"no kind of effect is called {match['kind']!r}"
-        require_of_effect(match["kind"] in kinds, name, what, f"perhaps {', '.join(near)}")
+        if match["kind"] not in kinds:
+            near = difflib.get_close_matches(match["kind"], kinds, 3, 0.4) or kinds
+            what = f"no kind of effect is called {match['kind']!r}"
+            require_of_effect(False, name, what, f"perhaps {', '.join(near)}")
         return cls(match["kind"], tuple((settings or {}).items()), device=match["device"])
 
     @property
