@@ -26,6 +26,12 @@ class Layout:
     # parameters of which is said why they are not determined, the least known first
     weak_parameters_shown: int = 3
 
+    # `commands/many.py`
+    # Campaigns of a study: an achieved sd is then known to 5 %.
+    campaigns_of_study: int = 200
+    # Fits of a calibration, over all cases: a coverage of 90 % is then known to 1 %.
+    fits_of_calibration: int = 1000
+
     # `compiled_code.py`
     # [bytes] of one version: some thirty shapes. What was not used for longest goes first; JAX
     # looks at every entry when it writes one, so that a larger cache would be slow.

@@ -27,6 +27,7 @@ from bayes_inertia.app.commands.options import (
     Seed,
     names_in,
 )
+from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
     headed,
     plain_console,
@@ -141,10 +142,16 @@ _CALIBRATION = "calibration"
 
 PlanFlown = Annotated[str | None, typer.Option(help=f"Plan file, {PAPER_HELP}, as without it.")]
 CampaignCount = Annotated[
-    int | None, typer.Option(help="Campaigns to simulate and fit; 200 without it.", min=2)
+    int | None,
+    typer.Option(
+        help=f"Campaigns to simulate and fit; {LAYOUT.campaigns_of_study} without it.", min=2
+    ),
 ]
 FitCount = Annotated[
-    int | None, typer.Option(help="Fits of a calibration, of all cases; 1000 without it.", min=1)
+    int | None,
+    typer.Option(
+        help=f"Fits of a calibration, of all cases; {LAYOUT.fits_of_calibration} without it.", min=1
+    ),
 ]
 CaseNames = Annotated[
     str, typer.Option(help="Cases of a calibration, separated by commas; all without it.")
@@ -185,11 +192,13 @@ def study_command(
     show: Callable[[Any, Path], None]
     if what == Path(_CALIBRATION) and not (what / "campaign.toml").is_file():
         name, show, wrong = "calibration", show_calibration, attrgetter("rejected")
-        run = partial(run_calibration, out, fits=fits or 1000, cases=names_in(cases), seed=seed)
+        count = fits or LAYOUT.fits_of_calibration
+        run = partial(run_calibration, out, fits=count, cases=names_in(cases), seed=seed)
         foreign: dict[str, Any] = {"--plan": plan, "--campaigns": campaigns}
     else:
         name, show, wrong = "study", show_study, attrgetter("too_small")
-        run = partial(run_study, what, out, plan or PAPER, campaigns=campaigns or 200, seed=seed)
+        count = campaigns or LAYOUT.campaigns_of_study
+        run = partial(run_study, what, out, plan or PAPER, campaigns=count, seed=seed)
         foreign = {"--fits": fits, "--cases": cases}
     _refuse_given(foreign)
     with progress_bar() as progress:
