@@ -63,7 +63,7 @@ default_role = "code"
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True  # "library=LIBRARY", not all its members.
-autodoc_default_options = {"members": True, "show-inheritance": False}
+autodoc_default_options = {"members": True}
 autosummary_generate = False
 numpydoc_show_class_members = False
 nitpicky = True
@@ -71,8 +71,6 @@ nitpicky = True
 # network.
 DEFAULT_LINKS.clear()
 nitpick_ignore_regex = [("py:.*", r"(?!bayes_inertia).*")]
-# A base that only effects of the package have.
-nitpick_ignore = [("py:class", "bayes_inertia.physics.stochastic_effect.ReadingNoise")]
 numpydoc_xref_param_type = True
 numpydoc_xref_ignore = "all"
 numpydoc_xref_aliases = {name: f"bayes_inertia.{name}" for name in bayes_inertia.__all__}
