@@ -21,7 +21,6 @@ import typer
 from bayes_inertia.app.commands.campaigns import new_command, simulate_command
 from bayes_inertia.app.commands.check import check_command, doctor_command
 from bayes_inertia.app.commands.effects import effects_command
-from bayes_inertia.app.commands.examples import example_of
 from bayes_inertia.app.commands.finished import export_command, report_command
 from bayes_inertia.app.commands.fit import (
     demo_command,
@@ -38,6 +37,7 @@ from bayes_inertia.app.commands.many import (
     study_command,
 )
 from bayes_inertia.app.commands.observe import observe_command
+from bayes_inertia.app.commands.options import described, example_of
 from bayes_inertia.app.commands.plans import compare_command, design_command
 from bayes_inertia.app.compiled_code import compiled_code_kept
 from bayes_inertia.app.interruption import ending_soon_on_signals, how_to_go_on
@@ -80,9 +80,9 @@ def command_line() -> typer.Typer:
         # Units such as [deg/s] in the help would be taken for markup.
         rich_markup_mode=None,
     )
-    app.callback()(_options)
+    app.callback()(described("", _options))
     for name, command in COMMANDS.items():
-        app.command(name, epilog=example_of(name))(command)
+        app.command(name, epilog=example_of(name))(described(name, command))
     return app
 
 
@@ -100,22 +100,8 @@ def _options(
             "--version", help="Say the version and exit.", callback=_show_version, is_eager=True
         ),
     ] = False,
-    cache: Annotated[
-        bool,
-        typer.Option(
-            "--cache/--no-cache",
-            help="Keep compiled code between runs, in the user's cache folder "
-            "(BAYES_INERTIA_CACHE: another folder, or off).",
-        ),
-    ] = True,
-    quiet: Annotated[
-        bool,
-        typer.Option(
-            "--quiet",
-            "-q",
-            help="Print errors alone, and what --json asks for; may stand anywhere.",
-        ),
-    ] = False,
+    cache: bool = True,
+    quiet: bool = False,
 ) -> None:
     # Many small programs one after another: a GPU takes two to five times as long for them.
     os.environ.setdefault("JAX_PLATFORMS", "cpu")

@@ -26,10 +26,10 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 import sys
 from support.cheap_tasks import Slow, work_of
 from bayes_inertia.app import cli
-from bayes_inertia.app.commands.options import OutputFolder
+from pathlib import Path
 from bayes_inertia.studies.engine import Execution
 
-def study(engine: str, jobs: int, out: OutputFolder) -> None:
+def study(engine: str, jobs: int, out: Path) -> None:
     def progress(what, done, of):
         print(done, flush=True)
     Execution(engine, jobs, None, progress).run(work_of(400, Slow(0.1)), out)
@@ -44,7 +44,7 @@ def started(folder: Path, engine: str, jobs: int) -> psutil.Popen:
     path = [str(Path(__file__).parents[1]), *sys.path]
     words = [sys.executable, "-c", f"import sys; sys.path[:0] = {path!r}\n" + DRIVER]
     driver = psutil.Popen(
-        [*words, "study", engine, str(jobs), "-o", str(folder)],
+        [*words, "study", "--engine", engine, "--jobs", str(jobs), "-o", str(folder)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

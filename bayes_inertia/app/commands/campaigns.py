@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import json
-from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from bayes_inertia.app.commands.options import PAPER_HELP, AsJson, OutputFolder, Seed
+from bayes_inertia.app.commands.options import LIKE
 from bayes_inertia.app.terminal import plain_console, print_json, progress_bar, say
 from bayes_inertia.errors import SettingsError
 from bayes_inertia.files import text_of, write_new_files
@@ -18,21 +15,9 @@ if TYPE_CHECKING:
     from bayes_inertia.app.simulate_folder import SimulatedFlight
 
 FORMAT, SIMULATE_FORMAT = "bayes-inertia-new/1", "bayes-inertia-simulate/1"
-_TEMPLATES = files("bayes_inertia") / "templates"
-_FILES = sorted(each.name for each in _TEMPLATES.iterdir())
-
-NewFolder = Annotated[Path, typer.Argument(help="Folder for the campaign; made if absent.")]
-Like = Annotated[
-    str,
-    typer.Option(
-        help=f"Which spacecraft: {', '.join(name.removesuffix('.toml') for name in _FILES)}."
-    ),
-]
 
 
-def new_command(
-    folder: NewFolder, like: Like = "microsat", seed: Seed = 1, as_json: AsJson = False
-) -> None:
+def new_command(folder: Path, like: str = "microsat", seed: int = 1, as_json: bool = False) -> None:
     """Write a commented campaign to begin with: a spacecraft like yours, and a simulated flight.
 
     Every key stands in campaign.toml with its unit. `check`, `doctor` and `fit` work at once; what
@@ -59,8 +44,7 @@ def new_command(
 
 def templates() -> dict[str, str]:
     """The text of each commented campaign, by its name."""
-    texts = {name: text_of((_TEMPLATES / name).read_bytes(), name) for name in _FILES}
-    return {name.removesuffix(".toml"): text for name, text in texts.items()}
+    return {name: text_of(file.read_bytes(), file.name) for name, file in LIKE.items()}
 
 
 def template(name: str) -> str:
@@ -75,39 +59,14 @@ def template(name: str) -> str:
     return known[name]
 
 
-PlanToFly = Annotated[
-    str | None, typer.Option(help=f"Plan to fly (TOML), {PAPER_HELP}, as without it.")
-]
-SpacecraftOf = Annotated[
-    Path | None,
-    typer.Option(
-        help="Campaign whose spacecraft flies: its wheels, sensors and noise, J and K at the mean "
-        "of its prior. One that nothing turns as a plan asks (a spinner, torquers alone) repeats "
-        "its own slews. Without it, a MOST-like spacecraft."
-    ),
-]
-DrawTruth = Annotated[
-    bool, typer.Option("--draw", help="Draw J and K from the campaign's prior instead.")
-]
-HiddenEffects = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--hide",
-        "--effects",
-        help="Hidden effect, as name or name.parameter=value[,value...]; may be repeated. One "
-        "of your own: FILE.py:Class or FILE.py:Class.parameter=value.",
-    ),
-]
-
-
 def simulate_command(
-    out: OutputFolder,
-    plan: PlanToFly = None,
-    campaign: SpacecraftOf = None,
-    draw: DrawTruth = False,
-    hide: HiddenEffects = None,
-    seed: Seed = 0,
-    as_json: AsJson = False,
+    out: Path,
+    plan: str | None = None,
+    campaign: Path | None = None,
+    draw: bool = False,
+    hide: list[str] | None = None,
+    seed: int = 0,
+    as_json: bool = False,
 ) -> None:
     """Fly a plan with a simulated spacecraft: yours, or a MOST-like one.
 

@@ -7,12 +7,11 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import typer
 
-from bayes_inertia.app.commands.options import Anyway, AsJson, CampaignFolder
 from bayes_inertia.app.compiled_code import size_of
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
@@ -46,9 +45,7 @@ _COLUMNS = (
 )
 
 
-def check_command(
-    campaign: CampaignFolder, anyway: Anyway = False, as_json: AsJson = False
-) -> None:
+def check_command(campaign: Path, anyway: bool = False, as_json: bool = False) -> None:
     """Read a campaign, check it and its conventions, and say what it contains."""
     from bayes_inertia.campaign.reader import read_campaign
 
@@ -188,12 +185,9 @@ _WORDS = {"consistent": ("agrees", 0), "doubtful": ("doubtful", 3), "wrong": ("w
 _CHECKING = "holding the telemetry against the laws of motion"
 # Keys in a doubt's words, such as columns.rate.names or wheels.x.max_torque.
 _KEY = re.compile(r"\b(?:columns|wheels|rate_sensor)\.[\w.-]*\w")
-_CampaignOrNone = Annotated[
-    Path | None, typer.Argument(help="Campaign folder; without it the installation is looked at.")
-]
 
 
-def doctor_command(campaign: _CampaignOrNone = None, as_json: AsJson = False) -> None:
+def doctor_command(campaign: Path | None = None, as_json: bool = False) -> None:
     """Hold a campaign's conventions against physics; without a campaign, check the installation.
 
     Units, signs, orders, frames and clocks are those of the data, or the change that makes them so

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from bayes_inertia.app.commands.options import AsJson
 from bayes_inertia.app.terminal import headed, indented, plain_console, print_json, say
 
 if TYPE_CHECKING:
@@ -19,21 +16,7 @@ CHECK_FORMAT = "bayes-inertia-effects-check/1"
 
 
 def effects_command(
-    campaign: Annotated[
-        Path | None,
-        typer.Option(
-            help="List for this campaign: each of its devices, with default priors on its scale. "
-            "Without it a small campaign stands for it."
-        ),
-    ] = None,
-    check: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FILE.py",
-            help="Prove that the effects of a file (or FILE.py:Class) keep the contract.",
-        ),
-    ] = None,
-    as_json: AsJson = False,
+    campaign: Path | None = None, check: str | None = None, as_json: bool = False
 ) -> None:
     """List the effects: parameters, units, priors, and where they act.
 

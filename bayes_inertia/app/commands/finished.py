@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
-from bayes_inertia.app.commands.options import AsJson, OpenPage
 from bayes_inertia.app.terminal import (
     open_in_browser,
     plain_console,
@@ -24,32 +23,14 @@ if TYPE_CHECKING:
 FORMAT = "bayes-inertia-report/1"
 COMPARISON_FORMAT = "bayes-inertia-run-comparison/1"
 
-FlownPlan = Annotated[
-    Path | None,
-    typer.Option(
-        "--plan",
-        help="Plan that was flown (TOML): its promised sds beside those that the run achieved.",
-    ),
-]
-
 
 def report_command(
-    run: Annotated[Path, typer.Argument(help="Folder of a finished run.")],
-    other: Annotated[
-        Path | None, typer.Argument(help="A second run, to be put beside the first.")
-    ] = None,
-    plan: FlownPlan = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--out",
-            help="Page to write. Without it: report.html in the run, or comparison.html in the "
-            "second of two runs.",
-        ),
-    ] = None,
-    open_page: OpenPage = False,
-    as_json: AsJson = False,
+    run: Path,
+    other: Path | None = None,
+    plan: Path | None = None,
+    out: Path | None = None,
+    open_page: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Write report.html again, compare two runs, or hold a run against its plan.
 
@@ -146,18 +127,7 @@ FormatName = Literal["acm", "apm", "json", "csv", "matlab", "latex", "basilisk",
 
 
 def export_command(
-    run: Annotated[Path, typer.Argument(help="Folder of a finished run.")],
-    to: Annotated[FormatName, typer.Option("--to", help="The format.")],
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="File to write; without it, stdout.")
-    ] = None,
-    even_untrusted: Annotated[
-        bool,
-        typer.Option(
-            "--even-untrusted",
-            help="Export a result that must not be used as it stands, with a warning in the file.",
-        ),
-    ] = False,
+    run: Path, to: FormatName, out: Path | None = None, even_untrusted: bool = False
 ) -> None:
     """Write a result for another tool.
 

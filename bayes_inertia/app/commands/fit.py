@@ -2,33 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 from rich.text import Text
 
-from bayes_inertia.app.commands.options import (
-    DEMO_FOLDER,
-    Anyway,
-    AsJson,
-    AsStated,
-    CampaignFolder,
-    DriveName,
-    EffectNames,
-    FurtherCandidates,
-    Inflate,
-    NoiseOfChannel,
-    OpenPage,
-    OutputFolder,
-    PriorRun,
-    Remainder,
-    SampledNoise,
-    Seed,
-    WithReport,
-    names_in,
-)
+from bayes_inertia.app.commands.options import DEMO_FOLDER, FitOptions, names_in
 from bayes_inertia.app.terminal import (
     headed,
     indented,
@@ -46,51 +28,57 @@ if TYPE_CHECKING:
 
 
 def fit_command(
-    campaign: CampaignFolder,
-    out: OutputFolder,
-    effects: EffectNames = "",
-    drive: DriveName = None,
-    seed: Seed = 0,
-    report: WithReport = True,
-    open_page: OpenPage = False,
-    anyway: Anyway = False,
-    as_stated: AsStated = False,
-    noise: NoiseOfChannel = None,
-    sample_noise: SampledNoise = "",
-    remainder: Remainder = None,
-    prior: PriorRun = None,
-    inflate: Inflate = 0.0,
-    as_json: AsJson = False,
+    campaign: Path,
+    out: Path,
+    asked: FitOptions,
+    noise: list[str] | None = None,
+    sample_noise: str = "",
+    remainder: Literal["torque", "rate", "both"] | None = None,
+    prior: Path | None = None,
+    inflate: float = 0.0,
 ) -> None:
     """Estimate J, K and active effects.
 
     Writes posterior.nc, summary.json and report.html.
     """
-    from bayes_inertia.app.commands.check import refuse_or_warn
 
-    with progress_bar() as progress:
-        # Before anything heavy is loaded: seconds against minutes.
-        if not anyway:
-            refuse_or_warn(campaign, progress, names_in(effects))
-
-        from bayes_inertia.app import run_folder
+    def chosen(names: list[str]) -> dict[str, Any]:
         from bayes_inertia.inference.settings import usual_settings
         from bayes_inertia.physics.channel_noise import noise_model_from_text
         from bayes_inertia.physics.named_effects import effects_named, remainders
 
-        names = [*names_in(effects), *(effect.name for effect in remainders(remainder))]
-        run_folder.start(
-            campaign,
-            out,
-            effects=names,
-            drive=drive,
-            settings=usual_settings(effects_named(names), seed=seed),
-            as_stated=as_stated,
-            noise=noise_model_from_text(noise or [], names_in(sample_noise)),
+        names += [effect.name for effect in remainders(remainder)]
+        return {
+            "effects": names,
+            "settings": usual_settings(effects_named(names), seed=asked.seed),
+            "noise": noise_model_from_text(noise or [], names_in(sample_noise)),
             **_known_before(prior, inflate),
-        )
-        posterior = run_folder.finish(out, report=report, progress=progress)
-    show_run(posterior, out, report, as_json=as_json, open_page=open_page)
+        }
+
+    _run(campaign, out, asked, chosen)
+
+
+def _run(
+    campaign: Path,
+    out: Path,
+    asked: FitOptions,
+    chosen: Callable[[list[str]], dict[str, Any]],
+) -> None:
+    """Start, finish and show a run; `chosen`: what else it is begun with, by the effects named."""
+    from bayes_inertia.app.commands.check import refuse_or_warn
+
+    with progress_bar() as progress:
+        names = names_in(asked.effects)
+        # Before anything heavy is loaded: seconds against minutes.
+        if not asked.anyway:
+            refuse_or_warn(campaign, progress, names)
+
+        from bayes_inertia.app import run_folder
+
+        how = {"drive": asked.drive, "as_stated": asked.as_stated, **chosen(names)}
+        run_folder.start(campaign, out, **how)
+        posterior = run_folder.finish(out, report=asked.report, progress=progress)
+    show_run(posterior, out, asked.report, as_json=asked.as_json, open_page=asked.open_page)
 
 
 def _known_before(former: Path | None, inflate: float) -> dict[str, Any]:
@@ -109,96 +97,39 @@ def _known_before(former: Path | None, inflate: float) -> dict[str, Any]:
     return {}
 
 
-FormerRun = Annotated[
-    Path, typer.Argument(help="Folder of a finished run that is trusted, of `fit` or `update`.")
-]
-
-
 def update_command(
-    run: FormerRun,
-    campaign: CampaignFolder,
-    out: OutputFolder,
-    inflate: Inflate = 0.0,
-    effects: EffectNames = "",
-    drive: DriveName = None,
-    seed: Seed = 0,
-    report: WithReport = True,
-    open_page: OpenPage = False,
-    anyway: Anyway = False,
-    as_json: AsJson = False,
+    run: Path, campaign: Path, out: Path, asked: FitOptions, inflate: float = 0.0
 ) -> None:
     """Add a campaign to a former result, as if both were fitted together.
 
     The former posterior of J and K is the prior; rate bias, start states and effects of each
     campaign are its own. Writes what `fit` writes.
     """
-    fit_command(
-        campaign,
-        out,
-        effects=effects,
-        drive=drive,
-        seed=seed,
-        report=report,
-        open_page=open_page,
-        anyway=anyway,
-        prior=run,
-        inflate=inflate,
-        as_json=as_json,
-    )
+    fit_command(campaign, out, asked, prior=run, inflate=inflate)
 
 
-def diagnose_command(
-    campaign: CampaignFolder,
-    out: OutputFolder,
-    effects: FurtherCandidates = "",
-    drive: DriveName = None,
-    seed: Seed = 0,
-    report: WithReport = True,
-    open_page: OpenPage = False,
-    anyway: Anyway = False,
-    as_stated: AsStated = False,
-    as_json: AsJson = False,
-) -> None:
+def diagnose_command(campaign: Path, out: Path, asked: FitOptions) -> None:
     """Find which physical effect is missing, and fit it along.
 
     Writes diagnosis.json, then what `fit` writes.
     """
-    from dataclasses import replace
 
-    from bayes_inertia.app.commands.check import refuse_or_warn
-
-    with progress_bar() as progress:
-        # Before anything heavy is loaded: seconds against minutes.
-        if not anyway:
-            refuse_or_warn(campaign, progress, names_in(effects))
-
-        from bayes_inertia.app import run_folder
+    def chosen(names: list[str]) -> dict[str, Any]:
         from bayes_inertia.inference.settings import STOCHASTIC_SETTINGS
 
-        run_folder.start(
-            campaign,
-            out,
-            effects=names_in(effects),
-            drive=drive,
-            settings=replace(STOCHASTIC_SETTINGS, seed=seed),
-            kind="diagnose",
-            as_stated=as_stated,
-        )
-        posterior = run_folder.finish(out, report=report, progress=progress)
-    show_run(posterior, out, report, as_json=as_json, open_page=open_page)
+        settings = replace(STOCHASTIC_SETTINGS, seed=asked.seed)
+        return {"effects": names, "settings": settings, "kind": "diagnose"}
+
+    _run(campaign, out, asked, chosen)
 
 
 def resume_command(
-    run: Annotated[Path, typer.Argument(help="Folder of a run that was interrupted.")],
-    report: WithReport = True,
-    open_page: OpenPage = False,
-    as_json: AsJson = False,
+    run: Path, report: bool = True, open_page: bool = False, as_json: bool = False
 ) -> None:
     """Go on with an interrupted fit or diagnosis.
 
     The result is bit for bit as if it had never stopped.
     """
-
     with progress_bar() as progress:
         from bayes_inertia.app import run_folder
 
@@ -207,10 +138,7 @@ def resume_command(
 
 
 def demo_command(
-    out: OutputFolder = DEMO_FOLDER,
-    seed: Seed = 1,
-    open_page: OpenPage = False,
-    as_json: AsJson = False,
+    out: Path = DEMO_FOLDER, seed: int = 1, open_page: bool = False, as_json: bool = False
 ) -> None:
     """Simulate a campaign of five slews, fit it, write the report."""
     with progress_bar() as progress:

@@ -5,12 +5,10 @@ from __future__ import annotations
 import shlex
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import typer
 
-from bayes_inertia.app.commands.options import AsJson
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
     headed,
@@ -32,20 +30,13 @@ if TYPE_CHECKING:
 
 START_FORMAT = "bayes-inertia-import-start/1"
 
-RawFiles = Annotated[list[Path], typer.Argument(help="Raw logs, of any format.")]
-Using = Annotated[Path | None, typer.Option(help="The mapping that says what the logs hold.")]
-Start = Annotated[
-    Path | None, typer.Option(help="Write a mapping to fill in here, from the logs' columns.")
-]
-Out = Annotated[Path | None, typer.Option("-o", "--out", help="The campaign folder to write.")]
-
 
 def import_command(
-    raw: RawFiles,
-    using: Using = None,
-    start: Start = None,
-    out: Out = None,
-    as_json: AsJson = False,
+    raw: list[Path],
+    using: Path | None = None,
+    start: Path | None = None,
+    out: Path | None = None,
+    as_json: bool = False,
 ) -> None:
     """Turn raw logs of any mission into a campaign folder.
 

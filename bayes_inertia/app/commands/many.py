@@ -8,25 +8,11 @@ from collections.abc import Callable
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from bayes_inertia.app.commands.options import (
-    PAPER_HELP,
-    Anyway,
-    AsJson,
-    AsStated,
-    DriveName,
-    EffectNames,
-    EngineName,
-    Jobs,
-    OpenPage,
-    OutputFolder,
-    SchedulerAddress,
-    Seed,
-    names_in,
-)
+from bayes_inertia.app.commands.options import DriveName, EngineName, names_in
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
     headed,
@@ -47,17 +33,17 @@ if TYPE_CHECKING:
 
 
 def fit_many_command(
-    folder: Annotated[Path, typer.Argument(help="Folder of campaign folders, at any depth.")],
-    out: OutputFolder,
-    engine: EngineName = None,
-    scheduler: SchedulerAddress = None,
-    jobs: Jobs = 1,
-    effects: EffectNames = "",
-    drive: DriveName = None,
-    seed: Seed = 0,
-    anyway: Anyway = False,
-    as_stated: AsStated = False,
-    as_json: AsJson = False,
+    folder: Path,
+    out: Path,
+    engine: EngineName | None = None,
+    scheduler: str | None = None,
+    jobs: int = 1,
+    effects: str = "",
+    drive: DriveName | None = None,
+    seed: int = 0,
+    anyway: bool = False,
+    as_stated: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Fit every campaign in a folder: a fleet, or a mission's years.
 
@@ -140,38 +126,18 @@ _SD = "_quoted_sd"  # behind a parameter's name, in a row
 _CALIBRATION = "calibration"
 
 
-PlanFlown = Annotated[str | None, typer.Option(help=f"Plan file, {PAPER_HELP}, as without it.")]
-CampaignCount = Annotated[
-    int | None,
-    typer.Option(
-        help=f"Campaigns to simulate and fit; {LAYOUT.campaigns_of_study} without it.", min=2
-    ),
-]
-FitCount = Annotated[
-    int | None,
-    typer.Option(
-        help=f"Fits of a calibration, of all cases; {LAYOUT.fits_of_calibration} without it.", min=1
-    ),
-]
-CaseNames = Annotated[
-    str, typer.Option(help="Cases of a calibration, separated by commas; all without it.")
-]
-
-
 def study_command(
-    what: Annotated[
-        Path, typer.Argument(metavar="CAMPAIGN|calibration", help="Campaign folder, or a word.")
-    ],
-    out: OutputFolder,
-    plan: PlanFlown = None,
-    campaigns: CampaignCount = None,
-    fits: FitCount = None,
-    cases: CaseNames = "",
-    engine: EngineName = None,
-    scheduler: SchedulerAddress = None,
-    jobs: Jobs = 1,
-    seed: Seed = 0,
-    as_json: AsJson = False,
+    what: Path,
+    out: Path,
+    plan: str | None = None,
+    campaigns: int | None = None,
+    fits: int | None = None,
+    cases: str = "",
+    engine: EngineName | None = None,
+    scheduler: str | None = None,
+    jobs: int = 1,
+    seed: int = 0,
+    as_json: bool = False,
 ) -> None:
     """Do stated uncertainties hold in simulated campaigns?
 
@@ -281,17 +247,11 @@ def show_calibration(calibration: Calibration, folder: Path) -> None:
 
 
 def history_command(
-    sources: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Runs, campaigns or a folder of `fit-many`, in the order flown. Campaigns are "
-            "fitted first."
-        ),
-    ],
-    out: OutputFolder,
-    seed: Seed = 0,
-    open_page: OpenPage = False,
-    as_json: AsJson = False,
+    sources: list[Path],
+    out: Path,
+    seed: int = 0,
+    open_page: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Say whether J and K changed from campaign to campaign: when, by how much, how probable.
 
@@ -308,17 +268,7 @@ def history_command(
 
 
 def fleet_command(
-    fits: Annotated[
-        Path,
-        typer.Argument(
-            help="Folder that `fit-many` wrote; the first folder of a campaign's path is its "
-            "spacecraft."
-        ),
-    ],
-    out: OutputFolder,
-    seed: Seed = 0,
-    open_page: OpenPage = False,
-    as_json: AsJson = False,
+    fits: Path, out: Path, seed: int = 0, open_page: bool = False, as_json: bool = False
 ) -> None:
     """Say what sister spacecraft have in common, and know each better by it.
 

@@ -3,20 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from bayes_inertia.app.commands.options import (
-    AsJson,
-    CampaignFolder,
-    DriveName,
-    EffectNames,
-    OpenPage,
-    OutputFolder,
-    Seed,
-    names_in,
-)
+from bayes_inertia.app.commands.options import DriveName, names_in
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
     headed,
@@ -32,19 +21,14 @@ if TYPE_CHECKING:
 
 
 def observe_command(
-    campaign: CampaignFolder,
-    out: OutputFolder,
-    effects: EffectNames = "",
-    drive: DriveName = None,
-    seed: Seed = 0,
-    both_drives: Annotated[
-        bool,
-        typer.Option(
-            help="Also estimate in the other drive: what are the recorded commands worth?"
-        ),
-    ] = True,
-    open_page: OpenPage = False,
-    as_json: AsJson = False,
+    campaign: Path,
+    out: Path,
+    effects: str = "",
+    drive: DriveName | None = None,
+    seed: int = 0,
+    both_drives: bool = True,
+    open_page: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Say how well each parameter is determined, and why not better.
 

@@ -1,111 +1,109 @@
-"""Arguments and options that several commands share."""
+"""Arguments and options of all commands: their types, and what `vocabulary.toml` says of them."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass
+from functools import wraps
+from importlib.resources import files
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
+from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.campaign.sensors import CHANNELS
+from bayes_inertia.files import vocabulary
 
-CampaignFolder = Annotated[Path, typer.Argument(help="Campaign folder (with campaign.toml).")]
-OutputFolder = Annotated[Path, typer.Option("-o", "--out", help="Folder for the results.")]
-Seed = Annotated[int, typer.Option(help="One integer that reproduces everything.", min=0)]
-EffectNames = Annotated[
-    str,
-    typer.Option(
-        help="Effects to fit along, separated by commas; `effects` lists their names. One of your "
-        "own is called FILE.py:Class or package.module:Class. Settings follow a colon: "
-        "inertia_change:from_slew=5, flexible_mode:frequency=0.12:damping=0.01."
-    ),
-]
-FurtherCandidates = Annotated[
-    str,
-    typer.Option(
-        "--effects",
-        help="Effects to try beyond the library, separated by commas: FILE.py:Class, "
-        "package.module:Class, or a name that `effects` lists; or one of the library with "
-        "settings, such as flexible_mode:frequency=0.12, which then stands for it.",
-    ),
-]
-DriveName = Annotated[
-    Literal["commanded", "measured"] | None,
-    typer.Option(help="Drive the model with torque commands or with tachometers."),
-]
-WithReport = Annotated[bool, typer.Option(help="Also write report.html.")]
-OpenPage = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
-Anyway = Annotated[
-    bool,
-    typer.Option(
-        "--anyway", help="Go on although the data are impossible under the stated conventions."
-    ),
-]
-Remainder = Annotated[
-    Literal["torque", "rate", "both"] | None,
-    typer.Option(
-        help="Integrate out a torque, an error of the rate sensor, or both, of free shape and "
-        "learnt size: J and K stay honest although the model is incomplete."
-    ),
-]
-AsStated = Annotated[
-    bool,
-    typer.Option(
-        "--as-stated",
-        help="Take telemetry and noise as they are stated: leave no outlier out, measure no noise.",
-    ),
-]
-NoiseOfChannel = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--noise",
-        help="Distribution of a channel's noise: CHANNEL=gaussian or CHANNEL=student_t, with "
-        "degrees of freedom as in rate=student_t:6 or rate=student_t:sampled (4 unless given). "
-        f"Channels: {', '.join(CHANNELS)}, or a further sensor's name. May be given several times.",
-    ),
-]
-SampledNoise = Annotated[
-    str,
-    typer.Option(
-        "--sample-noise", help="Channels whose noise level is estimated along, separated by commas."
-    ),
-]
-PriorRun = Annotated[
-    Path | None,
-    typer.Option(
-        "--prior",
-        help="J and K as a former result has them: the folder of a finished run of this spacecraft "
-        "or of a sister, or a JSON file with names, mean and covariance.",
-    ),
-]
-Inflate = Annotated[
-    float,
-    typer.Option(
-        help="How much J and K may have changed since that result: an sd, as a fraction of the "
-        "mean moment of inertia and of K, such as 1e-3.",
-        min=0.0,
-    ),
-]
-AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
-Jobs = Annotated[int, typer.Option(help="Processes.", min=1)]
-EngineName = Annotated[
-    Literal["process", "joblib", "dask"] | None,
-    typer.Option(
-        "--engine",
-        help="Where tasks run: in this process, in --jobs processes, or on a dask cluster. "
-        "Without it --jobs decides between the first two.",
-    ),
-]
-SchedulerAddress = Annotated[
-    str | None,
-    typer.Option("--scheduler", help="Address of a dask scheduler, such as tcp://host:8786."),
-]
+DriveName = Literal["commanded", "measured"]
+EngineName = Literal["process", "joblib", "dask"]
 
 # Where `demo` works unless told otherwise.
 DEMO_FOLDER = Path("demo_run")
-# The word that stands for a plan of the paper's five slews.
-PAPER_HELP = "or the word paper for five slews like the paper's"
+TEMPLATES = files("bayes_inertia") / "templates"
+# By the name of a spacecraft, the file of its commented campaign.
+LIKE = {file.name.removesuffix(".toml"): file for file in sorted(TEMPLATES.iterdir(), key=str)}
+_FILLED_IN = {
+    "campaigns_of_study": LAYOUT.campaigns_of_study,
+    "fits_of_calibration": LAYOUT.fits_of_calibration,
+    "channels": ", ".join(CHANNELS),
+    # The word that stands for a plan of the paper's five slews.
+    "paper": "or the word paper for five slews like the paper's",
+    "templates": ", ".join(LIKE),
+}
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """Options that `fit`, `update` and `diagnose` share."""
+
+    effects: str = ""
+    drive: DriveName | None = None
+    seed: int = 0
+    report: bool = True
+    open_page: bool = False
+    anyway: bool = False
+    as_stated: bool = False
+    as_json: bool = False
+
+
+def described(name: str, command: Callable[..., None]) -> Callable[..., None]:
+    """A command as Typer takes it: each parameter with what `vocabulary.toml` says of it.
+
+    A parameter that is a dataclass stands for its fields, which are options of the command.
+    """
+    groups: dict[str, Any] = {}
+    parameters: list[Parameter] = []
+    for parameter in signature(command, eval_str=True).parameters.values():
+        kind = parameter.annotation
+        if is_dataclass(kind):
+            groups[parameter.name] = kind
+        parameters += _parameters(kind) if is_dataclass(kind) else [parameter]
+
+    @wraps(command)
+    def run(**given: Any) -> None:
+        for key, kind in groups.items():
+            given[key] = kind(**{field.name: given.pop(field.name) for field in fields(kind)})
+        command(**given)
+
+    told: Any = run
+    told.__signature__ = Signature([_with_help(name, parameter) for parameter in parameters])
+    return run
+
+
+def _parameters(kind: Any) -> list[Parameter]:
+    """The parameters that make a dataclass."""
+    return list(signature(kind, eval_str=True).parameters.values())
+
+
+def _with_help(command: str, parameter: Parameter) -> Parameter:
+    """A parameter whose type bears its help, flags and limits; as it is where nothing is said."""
+    words = vocabulary("app")
+    said = (words["options"] | words["of"].get(command, {})).get(parameter.name)
+    if said is None:
+        return parameter
+    told = {"help": said} if isinstance(said, str) else dict(said)
+    flags, argument = told.pop("flags", ()), told.pop("argument", False)
+    told["help"] = told["help"].format(**_FILLED_IN)
+    form: Any = Annotated
+    kind = typer.Argument if argument else typer.Option
+    return parameter.replace(annotation=form[parameter.annotation, kind(*flags, **told)])
+
+
+EXAMPLES: dict[str, list[str]] = vocabulary("app")["examples"]
+
+
+def example_of(command: str) -> str:
+    """The end of a command's help.
+
+    >>> "bayes-inertia check campaign" in example_of("check")
+    True
+    """
+    lines = "\n".join(f"  bayes-inertia {words}" for words in EXAMPLES[command])
+    # The sign \\b keeps the help from filling the lines.
+    return f"\b\nExample:\n{lines}\n\n`bayes-inertia --help` lists --quiet and --no-cache."
 
 
 def names_in(text: str) -> list[str]:

@@ -4,25 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 from rich.console import Console
 from rich.text import Text
 
-from bayes_inertia.app.commands.options import (
-    PAPER_HELP,
-    AsJson,
-    CampaignFolder,
-    EffectNames,
-    EngineName,
-    Jobs,
-    OpenPage,
-    OutputFolder,
-    SchedulerAddress,
-    Seed,
-    names_in,
-)
+from bayes_inertia.app.commands.options import EngineName, names_in
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
     headed,
@@ -38,59 +26,23 @@ if TYPE_CHECKING:
     from bayes_inertia.design.comparison import Contender
     from bayes_inertia.design.designer import Design
 
-GoalOption = Annotated[
-    str,
-    typer.Option(
-        help="cross_terms, inertia, scale_factors, correction_slew or separate:effect_a,effect_b."
-    ),
-]
-SlewCount = Annotated[int, typer.Option(help="How many slews.", min=1, max=20)]
-TotalTime = Annotated[
-    float | None,
-    typer.Option(
-        help="From first to last telemetry [s]; without it, what slews like the paper's take."
-    ),
-]
-MaxRate = Annotated[
-    float | None,
-    typer.Option(help="Largest true rate [deg/s]; without it, plan with the campaign's own."),
-]
-MaxAngle = Annotated[float | None, typer.Option(help="Largest angle of a slew [deg].")]
-MaxAcceleration = Annotated[
-    float | None,
-    typer.Option(help="Largest angular acceleration [deg/s^2]; without it, what the wheels allow."),
-]
-KeepOuts = Annotated[
-    list[str] | None,
-    typer.Option(
-        help="Cone that the star tracker avoids at rest: name,x,y,z,half_angle_deg (inertial), "
-        "or a TOML file; may be repeated."
-    ),
-]
-EndAttitude = Annotated[
-    str | None, typer.Option(help="Attitude to end in: q1,q2,q3,q4, scalar last.")
-]
-AfterCampaign = Annotated[
-    bool, typer.Option(help="Count what the campaign's telemetry tells already.")
-]
-
 
 def design_command(
-    campaign: CampaignFolder,
-    out: OutputFolder,
-    goal: GoalOption = "cross_terms",
-    slews: SlewCount = 5,
-    total_time: TotalTime = None,
-    max_rate: MaxRate = None,
-    max_angle: MaxAngle = None,
-    max_acceleration: MaxAcceleration = None,
-    keep_out: KeepOuts = None,
-    end_attitude: EndAttitude = None,
-    after: AfterCampaign = False,
-    effects: EffectNames = "",
-    seed: Seed = 0,
-    open_page: OpenPage = False,
-    as_json: AsJson = False,
+    campaign: Path,
+    out: Path,
+    goal: str = "cross_terms",
+    slews: int = 5,
+    total_time: float | None = None,
+    max_rate: float | None = None,
+    max_angle: float | None = None,
+    max_acceleration: float | None = None,
+    keep_out: list[str] | None = None,
+    end_attitude: str | None = None,
+    after: bool = False,
+    effects: str = "",
+    seed: int = 0,
+    open_page: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Design the slews to fly next.
 
@@ -159,18 +111,16 @@ def _show_margins(console: Console, design: Design) -> None:
 
 
 def compare_command(
-    campaign: CampaignFolder,
-    plans: Annotated[list[str], typer.Argument(help=f"Plan files, {PAPER_HELP}.")],
-    out: OutputFolder,
-    simulated: Annotated[
-        int, typer.Option(help="Campaigns to simulate and fit for each plan.", min=0)
-    ] = 0,
-    engine: EngineName = None,
-    scheduler: SchedulerAddress = None,
-    jobs: Jobs = 1,
-    seed: Seed = 0,
-    open_page: OpenPage = False,
-    as_json: AsJson = False,
+    campaign: Path,
+    plans: list[str],
+    out: Path,
+    simulated: int = 0,
+    engine: EngineName | None = None,
+    scheduler: str | None = None,
+    jobs: int = 1,
+    seed: int = 0,
+    open_page: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Compare plans by uncertainty, time, momentum and torque.
 
