@@ -9,6 +9,7 @@ import numpy as np
 from scipy import stats
 
 from bayes_inertia.errors import EstimateError
+from bayes_inertia.files import vocabulary
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.physical_draws import are_physical
@@ -69,29 +70,17 @@ def _compare(
     odd = abs(skewness) > LIMITS.max_skewness + LIMITS.monte_carlo_errors * np.sqrt(
         6.0 / effective
     ) or abs(kurtosis) > LIMITS.max_kurtosis + LIMITS.monte_carlo_errors * np.sqrt(24.0 / effective)
-    warnings = []
-    if p.verdict in ("prior", "weakly"):
-        warnings.append("prior-dominated: both numbers say mostly what was known before")
-    if differs:
-        warnings.append(
-            f"the posterior differs from the prediction: sd {ratio:.3g} times, "
-            f"mean moved by {shift:+.2g} predicted sd; use the posterior's"
-        )
-    if (
-        unphysical > LIMITS.unphysical_share_named
-        and p.name in inertia_tensor.ELEMENTS
-        and (differs or odd)
-    ):
-        warnings.append(
-            f"truncated by physics: {100 * unphysical:.2g} % of the predicted Gaussian "
-            "are tensors that no body has"
-        )
-    if odd:
-        warnings.append(
-            f"non-Gaussian: skewness {skewness:+.2g}, excess kurtosis {kurtosis:+.2g}; "
-            "quote quantiles, not an sd"
-        )
-    return PosteriorComparison(p.name, p.sd, sd, ratio, shift, skewness, kurtosis, tuple(warnings))
+    of_J = p.name in inertia_tensor.ELEMENTS
+    holds = {
+        "prior": p.verdict in ("prior", "weakly"),
+        "posterior": differs,
+        "truncated": unphysical > LIMITS.unphysical_share_named and of_J and (differs or odd),
+        "odd": odd,
+    }
+    told = {"ratio": ratio, "shift": shift, "skewness": skewness, "kurtosis": kurtosis}
+    says, told["percent"] = vocabulary("observability")["differs"], 100 * unphysical
+    warnings = tuple(says[key].format(**told) for key, so in holds.items() if so)
+    return PosteriorComparison(p.name, p.sd, sd, ratio, shift, skewness, kurtosis, warnings)
 
 
 def _unphysical_share(observability: Observability, draws: int = 20_000) -> float:

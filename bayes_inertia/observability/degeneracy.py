@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.files import vocabulary
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.objective import prior_equations, prior_rows
 from bayes_inertia.maths import inertia_tensor
@@ -23,6 +24,7 @@ from bayes_inertia.observability.limits import LIMITS
 from bayes_inertia.physics.actuators import ties_of_scale
 
 _GAIN_PREFIX = "wheel_torque_gain."
+_SAYS = vocabulary("observability")["degenerate"]
 
 
 @dataclass(frozen=True)
@@ -170,15 +172,9 @@ def _ratio(estimate: Estimate, direction: np.ndarray, part: np.ndarray) -> float
 def _common_gain(estimate: Estimate) -> Degeneracy:
     gains = [name for name in _free_names(estimate) if name.startswith(_GAIN_PREFIX)]
     model = estimate.model
-    says = (
-        "With wheels only, J and a gain common to all wheels are exactly degenerate: "
-        "scaling J, the wheels' torques and their momenta together changes no measurement. "
-    )
+    says = _SAYS["common_gain"]
     if len(gains) < len(model.campaign.wheels) or model.structure.drive == "measured":
-        says += (
-            "The fit takes the wheels' calibration as known: an error of 1 % common to all of them "
-            "is an error of 1 % in all of J that no sd contains."
-        )
+        says += _SAYS["gain_taken"]
         return Degeneracy("common wheel gain", True, False, inertia_tensor.ELEMENTS, None, says)
     J_part = _scale_direction(estimate)
     direction = J_part.copy()
@@ -190,19 +186,7 @@ def _common_gain(estimate: Estimate) -> Degeneracy:
         estimate.information.n_data[:, 2].any()
     )
     told = has_tachometers and not exact
-    if told:
-        says += (
-            "Here the tachometers tell the gain of the torques "
-            f"(information left: {ratio:.2g} of that with known gains), "
-            "but a scale error common to the tachometers takes its place, "
-            "and no sd contains that one."
-        )
-    else:
-        says += (
-            "The fitted gains show it: "
-            f"along that direction {ratio:.1g} of the information is left, "
-            "and the size of J is known only as well as the gains' and its own prior."
-        )
+    says += _SAYS["gain_told" if told else "gain_shown"].format(ratio=ratio)
     concerned = (*inertia_tensor.ELEMENTS, *gains)
     return Degeneracy("common wheel gain", exact, not told, concerned, ratio, says)
 
@@ -217,21 +201,14 @@ def _size_of_J(estimate: Estimate, ties: Sequence[Mapping[str, Any]]) -> Degener
             f"{tie['by']} of {tie['device']}, {sd or 'taken as exact'}"
             for tie, sd in zip(ties, known, strict=True)
         )
-        says = (
-            f"The size of J is tied by the {said}: an error common to all of it is that error "
-            "of all of J. What is taken as exact is in no sd."
-        )
+        says = _SAYS["size_tied"].format(ties=said)
         concerned = (*inertia_tensor.ELEMENTS, *(f"{tie['device']}.gain" for tie in ties))
         concerned = tuple(name for name in _free_names(estimate) if name in concerned)
         return Degeneracy("size of J", False, any(known), concerned, None, says)
     part, information = _scale_direction(estimate), data_information(estimate)
     typical = float(np.trace(information[:6, :6]) * (part @ part) / 6.0)
     ratio = float(max(part @ information @ part, 0.0) / typical) if typical > 0 else 0.0
-    says = (
-        "Nothing of known size turns the body: it shows the ratios of J's elements "
-        "and never their size, which stays as the prior says."
-    )
-    exact = ratio < LIMITS.exact_below
+    exact, says = ratio < LIMITS.exact_below, _SAYS["size_untied"]
     return Degeneracy("size of J", exact, True, inertia_tensor.ELEMENTS, ratio, says)
 
 
@@ -241,11 +218,7 @@ def _resting_wheels(estimate: Estimate) -> list[Degeneracy]:
         if not _rests(estimate.model.campaign, k):
             continue
         fitted = tuple(n for n in _free_names(estimate) if n.endswith(f"_{wheel.name}"))
-        says = (
-            f"Wheel {wheel.name} never changes its momentum: "
-            "nothing here depends on its torque gain, lag or friction; "
-            "what is fitted of them is the prior."
-        )
+        says = _SAYS["resting_wheel"].format(wheel=wheel.name)
         resting.append(Degeneracy("wheel at rest", True, True, fitted, None, says))
     return resting
 
@@ -271,23 +244,12 @@ def _unturned_axes(estimate: Estimate) -> list[Degeneracy]:
     if turned == 3 or rms[0] == 0.0:
         return []
     exact = bool(rms[min(turned, 2)] < noise)
-    if turned <= 1:
-        axis = ", ".join(f"{x:+.3f}" for x in axes_B[:, 0])
-        says = (
-            f"All slews turn about one body axis ({axis}): "
-            "they show the three components of J times that axis, "
-            "and nothing of the other three combinations of J; "
-            "scale factors of sensor axes across it are not seen either."
-        )
-        hidden = _hidden_by_rest_about(estimate, axes_B[:, 1:])
-        return [Degeneracy("single axis", exact, True, hidden, None, says)]
-    axis = ", ".join(f"{x:+.3f}" for x in axes_B[:, 2])
-    says = (
-        "All slews turn about axes in one plane: "
-        f"the moment of inertia about its normal ({axis}) is not seen."
-    )
-    hidden = _hidden_by_rest_about(estimate, axes_B[:, 2:])
-    return [Degeneracy("single plane", exact, True, hidden, None, says)]
+    # The axis that is turned about, or the one across the plane of those that are.
+    name, told, rest = ("single axis", 0, 1) if turned <= 1 else ("single plane", 2, 2)
+    axis = ", ".join(f"{x:+.3f}" for x in axes_B[:, told])
+    hidden = _hidden_by_rest_about(estimate, axes_B[:, rest:])
+    says = _SAYS[name.replace(" ", "_")].format(axis=axis)
+    return [Degeneracy(name, exact, True, hidden, None, says)]
 
 
 def _hidden_by_rest_about(estimate: Estimate, axes_B: np.ndarray) -> tuple[str, ...]:
@@ -313,12 +275,7 @@ def _no_attitude(estimate: Estimate) -> list[Degeneracy]:
     if estimate.information.n_data[:, tell].any():
         return []
     ratio = _left_with_free_inertia(estimate)
-    says = (
-        "There is no star tracker fix: nothing measures the angle turned, "
-        "and a scale common to the rate sensor's axes trades against J, "
-        f"apart from gyroscopic terms: with J free, {ratio:.1g} of the information "
-        "on that scale is left."
-    )
+    says = _SAYS["no_attitude"].format(ratio=ratio)
     space = estimate.model.space
     concerned = space.names[: space.n_base]
     return [Degeneracy("no attitude", ratio < LIMITS.exact_below, True, concerned, ratio, says)]

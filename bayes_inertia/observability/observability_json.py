@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_inertia.files import vocabulary
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.observability.result import (
     Observability,
@@ -17,13 +18,6 @@ from bayes_inertia.observability.result import (
 from bayes_inertia.observability.sentences import sentence
 
 FORMAT = "bayes-inertia-observability/1"
-_CONTROLLER_NOTE = (
-    "A controller commands whatever torque keeps a slew on its profile, "
-    "so that a wrong J hardly shows in the motion. "
-    "The fit takes the commands as recorded: nothing is hidden from it. "
-    "commands_worth is the sd with the commands ignored (tachometers drive the model) "
-    "over the sd with them; 1 means that they add nothing."
-)
 
 
 def observability_json(observability: Observability) -> dict[str, Any]:
@@ -51,7 +45,7 @@ def observability_json(observability: Observability) -> dict[str, Any]:
         ],
         "degeneracies": [asdict(degeneracy) for degeneracy in observability.degeneracies],
         "windows": {slew: edges for slew, (edges, _) in windows.items()},
-        "controller": _CONTROLLER_NOTE,
+        "controller": vocabulary("observability")["sentences"]["controller"],
     }
     return json_ready(content)
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from bayes_inertia.files import vocabulary
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
 from bayes_inertia.observability.limits import LIMITS
 from bayes_inertia.observability.result import (
@@ -15,6 +16,7 @@ from bayes_inertia.observability.result import (
     commands_worth,
 )
 
+_SAYS = vocabulary("observability")["sentences"]
 VERDICTS = {
     "determined": "determined",
     "partly": "partly determined",
@@ -63,33 +65,24 @@ def sentence(observability: Observability, name: str) -> str:
     """Why a parameter is as uncertain as it is."""
     p = observability[name]
     if p.signal < 1.0:
-        return (
-            f"{name} is the prior: a change by its whole prior sd moves all telemetry "
-            f"by {p.signal:.2g} sigma, less than the noise."
-        )
-    gain = p.prior_sd / p.sd
-    verdict = {
-        "prior": "is the prior, although the telemetry responds",
-        "weakly": f"is mostly the prior, {_factor(gain)} times sharper than it",
-        "partly": f"is partly determined, {_factor(gain)} times sharper than the prior",
-        "determined": f"is determined, {_factor(gain)} times sharper than the prior",
-    }[p.verdict]
+        return _SAYS["invisible"].format(name=name, signal=p.signal)
+    verdict = _SAYS[p.verdict].format(gain=_factor(p.prior_sd / p.sd))
     parts = [f"{name} {verdict} (signal {_factor(p.signal)} sigma)", _lost(p)]
     middle = observability.middle_half(name)
     if middle and p.verdict != "prior":
         _, begin, end = middle
         source = _source(p, observability)
-        parts.append(f"{source}, half of that slew's part between {begin:.4g} and {end:.4g} s")
+        parts.append(_SAYS["half"].format(source=source, begin=begin, end=end))
     worth = commands_worth(p, observability.drive)
     if worth is not None and worth > LIMITS.mentioned_sd_ratio:
-        parts.append(f"without the recorded commands its sd would be {_factor(worth)} times larger")
+        parts.append(_SAYS["without_commands"].format(times=_factor(worth)))
     return "; ".join(parts) + "."
 
 
 def _lost(p: ParameterObservability) -> str:
     """To which other unknowns information is lost."""
     if p.variance_inflation < LIMITS.lost_variance_inflation:
-        return "almost nothing is lost to other unknowns"
+        return _SAYS["nothing_lost"]
     logs = {group: math.log(max(factor, 1.0)) for group, factor in p.inflation.items()}
     worst = [
         group
@@ -100,10 +93,7 @@ def _lost(p: ParameterObservability) -> str:
         f"{_group_without(p.name, group)} (× {_factor(math.sqrt(p.inflation[group]))})"
         for group in worst[: LIMITS.most_groups]
     )
-    return (
-        f"its sd is {_factor(math.sqrt(p.variance_inflation))} times what it would be "
-        f"with all else known, mostly through {named}"
-    )
+    return _SAYS["lost"].format(times=_factor(math.sqrt(p.variance_inflation)), named=named)
 
 
 def _factor(value: float) -> str:
@@ -130,13 +120,8 @@ def _source(p: ParameterObservability, observability: Observability) -> str:
     by_slew, by_channel = p.share.sum(1), p.share.sum(0)
     best, most = int(np.argmax(by_slew)), int(np.argmax(by_channel))
     slew, channel = observability.slews[best], observability.channels[most]
-    prior = p.share_own_prior + p.share_other_priors
+    prior, told = p.share_own_prior + p.share_other_priors, {"slew": slew, "channel": channel}
     if prior > 0.5:
-        return (
-            f"{100 * prior:.0f} % of what is known is prior knowledge; "
-            f"of the slews {slew} tells most, through the {channel} channel"
-        )
-    return (
-        f"{100 * by_slew[best]:.0f} % of what is known comes from {slew}, "
-        f"{100 * by_channel[most]:.0f} % from the {channel} channel"
-    )
+        return _SAYS["from_prior"].format(percent=100 * prior, **told)
+    through = 100 * by_channel[most]
+    return _SAYS["from_slew"].format(percent=100 * by_slew[best], through=through, **told)

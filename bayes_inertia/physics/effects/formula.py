@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.files import vocabulary
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.effect import RowByRow, require_of_effect
 from bayes_inertia.physics.effects.scales import torque_scale
@@ -125,24 +126,12 @@ PLACES: Mapping[str, Place] = {
 }
 
 
-def _one(slew, t, state, wheel):
-    return jnp.ones(1)
-
-
-def _time_in_slew(slew, t, state, wheel):
-    return jnp.reshape(t, (1,))
-
-
-def _campaign_time(slew, t, state, wheel):
-    return jnp.reshape(slew.start + t - slew.middle, (1,))
-
-
 def _norm(v):
     # Smooth where the body rests.
     return jnp.sqrt(v @ v + 1e-24)
 
 
-def _commanded(slew, t, state=None, wheel=0):
+def _commanded(slew, t):
     row = jnp.clip(jnp.searchsorted(slew.time, t, side="right") - 1, 0, len(slew.time) - 1)
     return slew.torque[row]
 
@@ -156,112 +145,45 @@ def _down(state):
     return -position / jnp.maximum(jnp.linalg.norm(position), 1.0)
 
 
-def _gyroscopic(slew, t, state, wheel):
-    return jnp.cross(state.rate_B, slew.wheel_axes_B @ state.wheel_momentum)
-
-
-def _sign(slew, t, state, wheel):
-    # As smooth as `wheel_friction`.
-    return jnp.tanh(state.wheel_momentum / slew.spin_inertia)
-
-
-def _products(slew, t, state, wheel):
-    x, y, z = state.rate_B
+def _products(rate_B):
+    x, y, z = rate_B
     return jnp.stack([y * z, x * z, x * y])
 
 
-_FIELD, _POSITION = ("magnetic_field_N",), ("position_N",)
-_MOMENTUM = {"N m": 1, "s": 1}
+# Of (slew, t, state, wheel).
+_VALUES: Mapping[str, Callable[[SlewContext, Array, State, int], Array]] = {
+    "constant": lambda s, t, x, w: jnp.ones(1),
+    "time_in_slew": lambda s, t, x, w: jnp.reshape(t, (1,)),
+    "campaign_time": lambda s, t, x, w: jnp.reshape(s.start + t - s.middle, (1,)),
+    "speed": lambda s, t, x, w: _norm(x.rate_B)[None],
+    "speed_squared": lambda s, t, x, w: (x.rate_B @ x.rate_B)[None],
+    "rate": lambda s, t, x, w: x.rate_B,
+    "rate_times_speed": lambda s, t, x, w: _norm(x.rate_B) * x.rate_B,
+    "rate_squares": lambda s, t, x, w: x.rate_B**2,
+    "rate_products": lambda s, t, x, w: _products(x.rate_B),
+    "momentum": lambda s, t, x, w: s.wheel_axes_B @ x.wheel_momentum,
+    "gyroscopic": lambda s, t, x, w: jnp.cross(x.rate_B, s.wheel_axes_B @ x.wheel_momentum),
+    "command": lambda s, t, x, w: s.wheel_axes_B @ _commanded(s, t),
+    "field": lambda s, t, x, w: _field(x),
+    "field_change": lambda s, t, x, w: jnp.cross(x.rate_B, _field(x)),
+    "eddy": lambda s, t, x, w: jnp.cross(_field(x), jnp.cross(x.rate_B, _field(x))),
+    "nadir": lambda s, t, x, w: _down(x),
+    "wheel_momenta": lambda s, t, x, w: x.wheel_momentum,
+    "wheel_speeds": lambda s, t, x, w: jnp.abs(x.wheel_momentum),
+    "wheel_squares": lambda s, t, x, w: x.wheel_momentum**2,
+    "wheel_signed_squares": lambda s, t, x, w: jnp.abs(x.wheel_momentum) * x.wheel_momentum,
+    # As smooth as `wheel_friction`.
+    "wheel_signs": lambda s, t, x, w: jnp.tanh(x.wheel_momentum / s.spin_inertia),
+    "wheel_commands": lambda s, t, x, w: _commanded(s, t),
+    "wheel_efforts": lambda s, t, x, w: jnp.abs(_commanded(s, t)),
+    "wheel_rates": lambda s, t, x, w: s.wheel_axes_B.T @ x.rate_B,
+    "momentum_times_rate": lambda s, t, x, w: x.wheel_momentum[w] * x.rate_B,
+    "momentum_times_field": lambda s, t, x, w: x.wheel_momentum[w] * _field(x),
+    "command_times_field": lambda s, t, x, w: _commanded(s, t)[w] * _field(x),
+}
 DRIVERS: Mapping[str, Driver] = {
-    "constant": Driver("1", _one, {}, "one", words="constant in the body"),
-    "time_in_slew": Driver("t", _time_in_slew, {"s": 1}, "one", words="time in the slew"),
-    "campaign_time": Driver(
-        "t_campaign", _campaign_time, {"s": 1}, "one", words="time in the campaign"
-    ),
-    "speed": Driver("|ω|", lambda s, t, x, w: _norm(x.rate_B)[None], {"s": -1}, "one"),
-    "speed_squared": Driver(
-        "|ω|²",
-        lambda s, t, x, w: (x.rate_B @ x.rate_B)[None],
-        {"s": -2},
-        "one",
-        words="square of the body rate",
-    ),
-    "rate": Driver("ω", lambda s, t, x, w: x.rate_B, {"s": -1}, words="body rate"),
-    "rate_times_speed": Driver("|ω| ω", lambda s, t, x, w: _norm(x.rate_B) * x.rate_B, {"s": -2}),
-    "rate_squares": Driver(
-        "ω²", lambda s, t, x, w: x.rate_B**2, {"s": -2}, words="squares of body rates"
-    ),
-    "rate_products": Driver(
-        "(ω_y ω_z, ω_x ω_z, ω_x ω_y)", _products, {"s": -2}, words="products of body rates"
-    ),
-    "momentum": Driver("h", lambda s, t, x, w: s.wheel_axes_B @ x.wheel_momentum, _MOMENTUM),
-    "gyroscopic": Driver("ω × h", _gyroscopic, {"N m": 1}),
-    "command": Driver(
-        "u", lambda s, t, x, w: s.wheel_axes_B @ _commanded(s, t), {"N m": 1}, commands=True
-    ),
-    "field": Driver(
-        "B", lambda s, t, x, w: _field(x), {"T": 1}, needs=_FIELD, words="magnetic field"
-    ),
-    "field_change": Driver(
-        "ω × B", lambda s, t, x, w: jnp.cross(x.rate_B, _field(x)), {"T": 1, "s": -1}, needs=_FIELD
-    ),
-    "eddy": Driver(
-        "B × (ω × B)",
-        lambda s, t, x, w: jnp.cross(_field(x), jnp.cross(x.rate_B, _field(x))),
-        {"T": 2, "s": -1},
-        needs=_FIELD,
-    ),
-    "nadir": Driver("down", lambda s, t, x, w: _down(x), {}, needs=_POSITION),
-    "wheel_momenta": Driver(
-        "h_w", lambda s, t, x, w: x.wheel_momentum, _MOMENTUM, "wheels", words="wheel momentum"
-    ),
-    "wheel_speeds": Driver(
-        "|h_w|", lambda s, t, x, w: jnp.abs(x.wheel_momentum), _MOMENTUM, "wheels"
-    ),
-    "wheel_squares": Driver(
-        "h_w²",
-        lambda s, t, x, w: x.wheel_momentum**2,
-        {"N m": 2, "s": 2},
-        "wheels",
-        words="square of the wheel momentum",
-    ),
-    "wheel_signed_squares": Driver(
-        "|h_w| h_w",
-        lambda s, t, x, w: jnp.abs(x.wheel_momentum) * x.wheel_momentum,
-        {"N m": 2, "s": 2},
-        "wheels",
-    ),
-    "wheel_signs": Driver("sign h_w", _sign, {}, "wheels", switches=True),
-    "wheel_commands": Driver(
-        "u_w", _commanded, {"N m": 1}, "wheels", commands=True, words="commanded wheel torque"
-    ),
-    "wheel_efforts": Driver(
-        "|u_w|", lambda s, t, x, w: jnp.abs(_commanded(s, t)), {"N m": 1}, "wheels", commands=True
-    ),
-    "wheel_rates": Driver(
-        "ω along the wheel", lambda s, t, x, w: s.wheel_axes_B.T @ x.rate_B, {"s": -1}, "wheels"
-    ),
-    "momentum_times_rate": Driver(
-        "h_{w} ω",
-        lambda s, t, x, w: x.wheel_momentum[w] * x.rate_B,
-        {"N m": 1},
-        of_one_wheel=True,
-    ),
-    "momentum_times_field": Driver(
-        "h_{w} B",
-        lambda s, t, x, w: x.wheel_momentum[w] * _field(x),
-        {"N m": 1, "s": 1, "T": 1},
-        needs=_FIELD,
-        of_one_wheel=True,
-    ),
-    "command_times_field": Driver(
-        "u_{w} B",
-        lambda s, t, x, w: _commanded(s, t)[w] * _field(x),
-        {"N m": 1, "T": 1},
-        needs=_FIELD,
-        of_one_wheel=True,
-        commands=True,
-    ),
+    key: Driver(value=_VALUES[key], **row | {"needs": tuple(row.get("needs", ()))})
+    for key, row in vocabulary("physics")["drivers"].items()
 }
 
 # Kinds of inputs: one number; a vector in body axes; one in inertial axes.
