@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -22,7 +22,7 @@ from bayes_inertia.physics.effect import (
     Effect,
     guarded,
     has_hash,
-    require_of_effect,
+    require_rule,
 )
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.numerics import NUMERICS
@@ -108,12 +108,8 @@ def check_effect(effect: Effect, campaign: Campaign | None = None) -> CheckedEff
         drive: _in_drive(effect, campaign, drive, thorough=i == 0) for i, drive in enumerate(drives)
     }
     for name in fingerprint[drives[0]]:
-        require_of_effect(
-            max(sizes[name] for sizes in fingerprint.values()) > 1e-6,
-            effect,
-            f"the parameter {name} changes nothing in the telemetry anywhere in its prior",
-            "check that a hook uses it, and that this campaign can show it (pass one that can)",
-        )
+        shows = max(sizes[name] for sizes in fingerprint.values()) > 1e-6
+        require_rule(shows, effect, "changes_telemetry", name=name)
     model = Model(campaign, (effect,), drives[0])
     return CheckedEffect(effect.name, fingerprint, _jumps(effect, model))
 
@@ -248,15 +244,11 @@ def _in_drive(effect: Effect, campaign: Campaign, drive: Drive, thorough: bool) 
     )
     without = np.array(_flat(undisturbed)) / bench.sigma
     bad = ~np.isfinite(telemetry).all(axis=1)
-    what = f"telemetry is not finite at {_show(points[np.argmax(bad)])}"
-    advice = "keep every hook finite over the whole prior, and at the null"
-    require_of_effect(not bad.any(), effect, what, advice)
+    require_rule(not bad.any(), effect, "finite", where=_show(points[np.argmax(bad)]))
     size = max(1.0, float(np.abs(without).max()))
     # Without parameters nothing switches an effect off.
     gap = float(np.abs(telemetry[0] - without).max()) / size if points.shape[1] else 0.0
-    what = f"at its null values it changes the telemetry by {gap:.1g} of its size ({drive} drive)"
-    advice = "make every hook the identity there"
-    require_of_effect(gap <= 1e-12, effect, what, advice)
+    require_rule(gap <= 1e-12, effect, "null", gap=gap, drive=drive)
     trial = _Trial(effect, bench, points, telemetry, pushed)
     if thorough:
         _check_style(trial, size)
@@ -279,18 +271,14 @@ def _check_style(trial: _Trial, size: float) -> None:
         effect, "predicting a batch", lambda: np.array(_compiled(jax.vmap(bench))(trial.points))
     )
     gap = float(np.abs(batch - trial.telemetry).max()) / size
-    what = f"a batch differs from a loop by {gap:.1g}"
-    advice = "hooks must be pure, for one slew and one parameter vector, without axes of their own"
-    require_of_effect(gap <= 1e-9, effect, what, advice)
+    require_rule(gap <= 1e-9, effect, "batches", gap=gap)
     plain = guarded(
         effect,
         "predicting without compilation",
         lambda: np.array(bench(jnp.asarray(trial.points[1]))),
     )
     gap = float(np.abs(plain - trial.telemetry[1]).max()) / size
-    what = f"a second evaluation, not compiled, differs by {gap:.1g}"
-    advice = "hooks must be pure: arguments and frozen fields only, no branch on tracing"
-    require_of_effect(gap <= 1e-9, effect, what, advice)
+    require_rule(gap <= 1e-9, effect, "pure", gap=gap)
 
 
 def _check_derivatives(trial: _Trial) -> dict[str, float]:
@@ -304,9 +292,7 @@ def _check_derivatives(trial: _Trial) -> dict[str, float]:
     )
     bad = ~np.isfinite(jacobian).all(axis=(1, 2))
     where = "its null values" if bad[0] else _show(points[np.argmax(bad)])
-    what = f"a derivative is not finite at {where}"
-    advice = "guard divisions, roots and norms with jnp.where on both sides"
-    require_of_effect(not bad.any(), effect, what, advice)
+    require_rule(not bad.any(), effect, "finite_derivatives", where=where)
     sizes = np.linalg.norm(jacobian, axis=2).max(axis=0)
     rng = np.random.default_rng(NUMERICS.checked_seed + 1)
     for i in range(min(3, len(points))):
@@ -335,15 +321,8 @@ def _compare_with_difference(
     telemetry = trial.telemetry
     rounding = 1e-14 * float(np.abs(telemetry).max()) * np.sqrt(telemetry.shape[1]) / step
     where = "its null values" if at_null else _show(x)
-    what = (
-        "the derivative differs from a finite difference "
-        f"by {gap / max(largest, 1e-300):.1g} of its size at {where}"
-    )
-    advice = (
-        "avoid stop_gradient, rounding and lookups by value; "
-        "where a formula has a corner, smooth it"
-    )
-    require_of_effect(gap <= allowed + rounding, trial.effect, what, advice)
+    told = {"gap": gap / max(largest, 1e-300), "where": where}
+    require_rule(gap <= allowed + rounding, trial.effect, "derivatives", **told)
 
 
 def _compiled(function: Callable) -> Callable:
@@ -373,25 +352,18 @@ def check_coefficients(effect: Effect, model: Model, points: np.ndarray) -> None
     """
     if not isinstance(effect, StochasticEffect):
         return
-    what = "coefficient_count(campaign) is 0"
-    advice = "pass a campaign in which it acts"
-    require_of_effect(bool(model.structure.coefficients), effect, what, advice)
+    require_rule(bool(model.structure.coefficients), effect, "has_coefficients")
     roots = guarded(
         effect, "coefficient_root(p, slew, count)", lambda: _roots(effect, model, points)
     )
     count = roots.shape[-1]
     own = model.space.slice_of(effect.name)
     has_parameters = own.stop > own.start
-    what = "at its null values the covariance of the coefficients is not zero"
-    advice = "let the root vanish there"
-    require_of_effect(not has_parameters or not np.any(roots[0]), effect, what, advice)
+    vanishes = not has_parameters or not np.any(roots[0])
+    require_rule(vanishes, effect, "null_of_coefficients")
     for k, root in enumerate(roots[1:].reshape(-1, count, count)):
-        what = f"coefficient_root is not finite (draw {k} of the prior)"
-        advice = "keep it finite over the whole prior"
-        require_of_effect(bool(np.isfinite(root).all()), effect, what, advice)
-        what = "the covariance of the coefficients is not positive definite"
-        advice = "leave out coefficients that others determine, or give each a variance"
-        require_of_effect(_is_definite(root @ root.T), effect, what, advice)
+        require_rule(bool(np.isfinite(root).all()), effect, "finite_root", k=k)
+        require_rule(_is_definite(root @ root.T), effect, "definite")
     _check_across_slews(effect, model, points[-1])
 
 
@@ -410,18 +382,13 @@ def _check_across_slews(effect: StochasticEffect, model: Model, theta: np.ndarra
     covariance = np.asarray(given)
     (blocks,) = jax.vmap(lambda slew: prior_blocks(active, counts, slew))(slews)
     size = blocks.shape[0] * blocks.shape[-1]
-    what = f"covariance_across_slews has the shape {covariance.shape}"
-    advice = f"return {size} rows and columns: the coefficients of one block, slew by slew"
-    require_of_effect(covariance.shape == (size, size), effect, what, advice)
+    told = {"shape": covariance.shape, "size": size}
+    require_rule(covariance.shape == (size, size), effect, "across_shape", **told)
     scale = max(float(np.abs(covariance).max()), 1e-300)
     rounding = NUMERICS.covariance_rounding * scale
     symmetric = np.abs(covariance - covariance.T).max() <= rounding
-    require_of_effect(
-        bool(symmetric and np.linalg.eigvalsh(covariance).min() >= -rounding * size),
-        effect,
-        "covariance_across_slews is no covariance",
-        "return a symmetric matrix without negative eigenvalues",
-    )
+    good = bool(symmetric and np.linalg.eigvalsh(covariance).min() >= -rounding * size)
+    require_rule(good, effect, "across_covariance")
 
 
 def _alone(
@@ -469,57 +436,34 @@ def check_declaration(effect: Effect, campaign: Campaign) -> None:
     >>> from bayes_inertia.physics.small_campaign import small_campaign
     >>> check_declaration(ConstantTorque(), small_campaign())
     """
-    for good, what, advice in _declared(effect, campaign):
-        require_of_effect(good, effect, what, advice)
-
-
-# Whether all is well, what is wrong, what to do: asked one after the other, for what comes later
-# relies on what was before.
-_Checks = Iterator[tuple[bool, str, str]]
-
-
-def _declared(effect: Effect, campaign: Campaign) -> _Checks:
-    """Checks of a class, then of its parameters."""
-    yield from _of_class(effect)
+    _check_class(effect)
     parameters = guarded(effect, "parameters(campaign)", lambda: effect.parameters(campaign))
     some = isinstance(parameters, tuple) and all(isinstance(p, Parameter) for p in parameters)
     some = some and (len(parameters) > 0 or isinstance(effect, StochasticEffect))
-    what = "parameters(campaign) is not a non-empty tuple of Parameter"
-    yield some, what, "return (scalar(...), vector(...))"
-    what = "parameters(campaign) differs from call to call"
-    same = parameters == effect.parameters(campaign)
-    yield same, what, "let it depend on fields and campaign only"
+    require_rule(some, effect, "parameters")
+    require_rule(parameters == effect.parameters(campaign), effect, "same_parameters")
     names = Counter(p.name for p in parameters), Counter(n for p in parameters for n in p.names)
     doubled = sorted({name for count in names for name in count if count[name] > 1})
-    what = f"the parameter name {doubled[:1]} is used twice"
-    yield not doubled, what, "give each parameter and component its own name"
+    require_rule(not doubled, effect, "names", doubled=doubled[:1])
     for parameter in parameters:
-        yield from _of_parameter(parameter)
+        _check_parameter(effect, parameter)
 
 
-def _of_class(effect: Effect) -> _Checks:
-    advice = "derive from bayes_inertia.physics.effect.Effect and pass an instance"
-    yield isinstance(effect, Effect), "this is not an instance of Effect", advice
+def _check_class(effect: Effect) -> None:
+    require_rule(isinstance(effect, Effect), effect, "instance")
     options = vars(type(effect)).get("__dataclass_params__")
-    frozen = options is not None and options.frozen
-    advice = "decorate it with @dataclass(frozen=True)"
-    yield frozen, "the class is not a frozen dataclass", advice
+    require_rule(options is not None and options.frozen, effect, "frozen")
     name = effect.kind if effect.device else effect.name
     named = isinstance(name, str) and name.isidentifier() and name != Effect.name
-    advice = "set the class attribute `name` to an identifier"
-    yield named, f"{effect.name!r} is no name for an effect", advice
-    advice = "use numbers, strings and tuples as fields, not arrays or lists"
-    yield has_hash(effect), "the instance cannot be hashed", advice
+    require_rule(named, effect, "identifier", name=effect.name)
+    require_rule(has_hash(effect), effect, "hashable")
 
 
-def _of_parameter(p: Parameter) -> _Checks:
-    advice = 'state it as text, "" for a pure number'
-    yield isinstance(p.unit, str), f"{p.name} has no unit", advice
+def _check_parameter(effect: Effect, p: Parameter) -> None:
+    require_rule(isinstance(p.unit, str), effect, "unit", name=p.name)
     words = set(p.unit.replace("/", " ").replace("^", " ").split())
-    si = not words & _NOT_SI
-    yield si, f"{p.name} is in {p.unit}, not in SI units and radians", "convert it"
-    what = f"{p.name} has {len(p.priors)} priors for {len(p.names)} components"
-    yield len(p.priors) == len(p.names), what, "give one prior a component"
+    require_rule(not words & _NOT_SI, effect, "si", name=p.name, unit=p.unit)
+    told = {"name": p.name, "priors": len(p.priors), "components": len(p.names), "null": p.null}
+    require_rule(len(p.priors) == len(p.names), effect, "priors", **told)
     inside = all(prior.lower <= p.null <= prior.upper and np.isfinite(p.null) for prior in p.priors)
-    what = f"the null value {p.null} of {p.name} lies outside its prior"
-    yield inside, what, "a null must be a possible value"
+    require_rule(inside, effect, "possible_null", **told)

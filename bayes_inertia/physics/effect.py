@@ -19,6 +19,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from bayes_inertia.errors import BayesInertiaError, EffectError
+from bayes_inertia.files import vocabulary
 from bayes_inertia.physics.parameters import Parameter
 from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory
 from bayes_inertia.physics.slew_input import InputRows
@@ -583,8 +584,8 @@ def shaped(effect: Effect, hook: str, given: Any, like: Array) -> Array:
     bayes_inertia.errors.EffectError: no_effect: body_torque returned a float, not an array ...
     """
     own = jnp.shape(given) if hasattr(given, "shape") else f"a {type(given).__name__}"
-    what = f"{hook} returned {own}, not an array of shape {like.shape}"
-    require_of_effect(own == like.shape, effect, what, "return one number an axis or wheel")
+    told = {"hook": hook, "own": own, "like": like.shape}
+    require_rule(own == like.shape, effect, "hook_shape", **told)
     return given
 
 
@@ -602,8 +603,7 @@ def require_effects(given: Any) -> tuple[Effect, ...]:
         if not (listed and isinstance(effect, Effect)):
             what = f"{effect!r} is no {'effect' if listed else 'list of effects'}"
             raise EffectError(what, where="effects", advice=advice)
-        advice = "use numbers, strings and tuples as fields, not arrays or lists"
-        require_of_effect(has_hash(effect), effect, "the instance cannot be hashed", advice)
+        require_rule(has_hash(effect), effect, "hashable")
     return effects
 
 
@@ -626,9 +626,30 @@ def require_of_effect(condition: bool, effect: Any, what: str, advice: str) -> N
     bayes_inertia.errors.EffectError: no_effect: it does nothing; override a hook
     """
     if not condition:
-        named = isinstance(effect, str | Path)
-        where = str(effect if named else getattr(effect, "name", type(effect).__name__))
-        raise EffectError(what, where=where, advice=advice)
+        raise EffectError(what, where=_place(effect), advice=advice)
+
+
+def require_rule(condition: bool, effect: Any, rule: str, **told: Any) -> None:
+    """Raise unless a rule of the contract is kept; `told`: what its words leave open.
+
+    >>> require_rule(False, Effect(), "unit", name="tau")
+    Traceback (most recent call last):
+    bayes_inertia.errors.EffectError: no_effect: tau has no unit; state it as text, "" for a ...
+    """
+    if not condition:
+        raise broken(effect, rule, **told)
+
+
+def broken(effect: Any, rule: str, **told: Any) -> EffectError:
+    """The error of an effect, or of what it is called, that breaks a rule of the contract."""
+    what, advice = (text.format(**told) for text in vocabulary("physics")["contract"][rule])
+    return EffectError(what, where=_place(effect), advice=advice)
+
+
+def _place(effect: Any) -> str:
+    """An effect as messages call it."""
+    named = isinstance(effect, str | Path)
+    return str(effect if named else getattr(effect, "name", type(effect).__name__))
 
 
 def guarded(effect: Effect, step_name: str, call: Callable[[], Any]) -> Any:

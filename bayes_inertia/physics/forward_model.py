@@ -35,7 +35,7 @@ from bayes_inertia.physics.effect import (
     Effect,
     guarded,
     require_effects,
-    require_of_effect,
+    require_rule,
 )
 from bayes_inertia.physics.effects.lost_commands import LostCommands
 from bayes_inertia.physics.integration_plan import integration_plan, stored_at_most
@@ -245,19 +245,15 @@ def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> Non
     names = [NOISE_OWNER, *dict(campaign.more_sensors), *(e.name for e in effects)]
     for e in effects:
         what = "two effects of one name" if e.name not in campaign.sensors else "a sensor's name"
-        require_of_effect(names.count(e.name) == 1, e, what, "give each its own name, and once")
+        require_rule(names.count(e.name) == 1, e, "one_of_each", what=what)
     for effect in effects:
         empty = isinstance(effect, StochasticEffect) and not effect.coefficient_count(campaign)
-        what = "acts on nothing that this campaign has: its coefficient_count is 0"
-        require_of_effect(not empty, effect, what, "leave the effect out")
+        require_rule(not empty, effect, "acts_somewhere")
         sensed = campaign.rate_sensor is not None or not effect.acts("rate_output")
-        what = "needs a rate sensor, and this campaign has none"
-        require_of_effect(sensed, effect, what, "leave the effect out")
+        require_rule(sensed, effect, "rate_sensor")
         for column in effect.needs:
             known = all(getattr(s, column) is not None for s in campaign.slews)
-            what = f"needs the {column} columns of every slew"
-            advice = "add them to the campaign or leave the effect out"
-            require_of_effect(known, effect, what, advice)
+            require_rule(known, effect, "columns", column=column)
 
 
 def lacks(effect: Effect, campaign: Campaign) -> str:

@@ -26,10 +26,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from bayes_inertia.errors import EffectError
 from bayes_inertia.files import read_bytes, text_of
 from bayes_inertia.physics.check_effect import check_declaration
-from bayes_inertia.physics.effect import Effect, guarded, require_of_effect
+from bayes_inertia.physics.effect import Effect, broken, guarded, require_rule
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, STOCHASTIC, by_name
 from bayes_inertia.physics.effects.of_device import with_settings
 from bayes_inertia.physics.forward_model import Model
@@ -113,14 +112,11 @@ def load_effect(reference: EffectReference) -> Effect:
 
 def effects_in_file(path: Path) -> tuple[Effect, ...]:
     """All effects that a file defines, in its order."""
-    advice = "give FILE.py or FILE.py:Class"
-    require_of_effect(path.suffix == ".py", path, "not a Python file", advice)
+    require_rule(path.suffix == ".py", path, "python_file")
     reference = EffectReference(str(path), "")
     module = _module(reference)
     names = _classes_of(module)
-    advice = "derive a frozen dataclass from bayes_inertia.Effect; "
-    advice += "analyses/naming/outside_effect.py is an example"
-    require_of_effect(bool(names), path, "defines no effect", advice)
+    require_rule(bool(names), path, "defines_effects")
     return tuple(_instance(getattr(module, n), EffectReference(str(path), n)) for n in names)
 
 
@@ -145,11 +141,7 @@ def _module(reference: EffectReference) -> ModuleType:
     try:
         module = importlib.import_module(reference.source)
     except Exception as error:
-        raise EffectError(
-            f"cannot be imported ({type(error).__name__}: {_first_line(error)})",
-            where=reference.source,
-            advice="install the package beside bayes_inertia, or give FILE.py:Class",
-        ) from error
+        raise broken(reference.source, "importable", why=_reason(error)) from error
     if reference.digest and module.__file__ is not None:
         _require_same(reference, _digest(read_bytes(Path(module.__file__))))
     return module
@@ -158,8 +150,7 @@ def _module(reference: EffectReference) -> ModuleType:
 def _module_of_file(reference: EffectReference) -> ModuleType:
     path = Path(reference.source)
     wanted = "; this run was begun with it" if reference.digest else ""
-    advice = "give the path of the effect's file"
-    require_of_effect(path.is_file(), path, f"no such file{wanted}", advice)
+    require_rule(path.is_file(), path, "file_there", wanted=wanted)
     data = read_bytes(path)
     digest = _digest(data)
     if reference.digest:
@@ -169,7 +160,7 @@ def _module_of_file(reference: EffectReference) -> ModuleType:
     if name in sys.modules:
         return sys.modules[name]
     spec = importlib.util.spec_from_file_location(name, path)
-    require_of_effect(spec is not None, path, "not a Python file", "give FILE.py:Class")
+    require_rule(spec is not None, path, "python_file")
     assert spec is not None
     module = importlib.util.module_from_spec(spec)
     # As Python's own import does it: dataclasses look their module up.
@@ -187,20 +178,13 @@ def _run(text: str, path: Path, module: ModuleType) -> None:
     try:
         exec(compile(text, str(path), "exec"), module.__dict__)
     except SyntaxError as error:
-        raise EffectError(
-            f"is not Python: {error.msg}",
-            where=f"{path}, line {error.lineno}",
-            advice="correct the line",
-        ) from error
+        where = f"{path}, line {error.lineno}"
+        raise broken(where, "is_python", why=error.msg) from error
     except Exception as error:
         frames = traceback.extract_tb(error.__traceback__)
         lines = [frame.lineno for frame in frames if frame.filename == str(path)]
         where = f"{path}, line {lines[-1]}" if lines else str(path)
-        raise EffectError(
-            f"fails: {type(error).__name__}: {_first_line(error)}",
-            where=where,
-            advice=f"`python {path.name}` must run without an error",
-        ) from error
+        raise broken(where, "runs", why=_reason(error), file=path.name) from error
 
 
 @contextmanager
@@ -229,9 +213,7 @@ def _raise_no_such_class(reference: EffectReference, module: ModuleType) -> None
     names = _classes_of(module)
     near = difflib.get_close_matches(reference.attribute, names, 1) or names
     advice = f"perhaps {', '.join(near)}" if near else "it defines no effect at all"
-    raise EffectError(
-        f"no class {reference.attribute!r} there", where=reference.source, advice=advice
-    )
+    raise broken(reference.source, "class_there", name=reference.attribute, near=advice)
 
 
 def _instance(value: Any, reference: EffectReference) -> Effect:
@@ -239,25 +221,23 @@ def _instance(value: Any, reference: EffectReference) -> Effect:
         return value
     where = f"{reference.source}:{reference.attribute}"
     is_class = isinstance(value, type) and issubclass(value, Effect)
-    require_of_effect(is_class, where, "is no effect", "derive it from bayes_inertia.Effect")
+    require_rule(is_class, where, "is_effect")
     try:
         return value()
     except Exception as error:
-        raise EffectError(
-            f"cannot be made without arguments ({_first_line(error)})",
-            where=where,
-            advice="give every field a default, or name an instance that the file makes",
-        ) from error
+        raise broken(where, "made_without_arguments", why=_first_line(error)) from error
 
 
 def _require_same(reference: EffectReference, digest: str) -> None:
-    what = "was changed since this run was begun with it"
-    advice = "put the file back as it was, or start a new run in another folder"
-    require_of_effect(digest == reference.digest, reference.source, what, advice)
+    require_rule(digest == reference.digest, reference.source, "unchanged")
 
 
 def _digest(data: bytes) -> str:
     return sha256_of(data)[:16]  # as many as `_REFERENCE` takes
+
+
+def _reason(error: BaseException) -> str:
+    return f"{type(error).__name__}: {_first_line(error)}"
 
 
 def _first_line(error: BaseException) -> str:
@@ -278,12 +258,11 @@ def effects_named(names: Sequence[str]) -> tuple[Effect, ...]:
     """
     listed = isinstance(names, Iterable) and not isinstance(names, str)
     listed = listed and all(isinstance(name, str) for name in names)
-    require_of_effect(listed, "effects", f"{names!r} is no list of names", "give names in a list")
+    require_rule(listed, "effects", "list_of_names", given=names)
     effects = tuple(_effect_named(name) for name in names)
     every = [effect.name for effect in effects]
     for name in every:
-        once = every.count(name) == 1
-        require_of_effect(once, name, "the same effect twice", "name each effect once")
+        require_rule(every.count(name) == 1, name, "once")
     return effects
 
 
@@ -333,8 +312,7 @@ def _effect_named(name: str) -> Effect:
     alike = _of_library(str(effect.name))
     # The library's own class with other settings is no other effect.
     own = alike is None or type(alike) is type(effect)
-    what = f"the library has an effect called {effect.name!r} too"
-    require_of_effect(own, str(reference), what, "give the class another `name`")
+    require_rule(own, str(reference), "own_name", name=effect.name)
     return with_settings(effect, settings)
 
 

@@ -27,7 +27,7 @@ from bayes_inertia.physics.effect import (
     MOVING_HOOKS,
     ActiveEffects,
     Effect,
-    require_of_effect,
+    require_rule,
 )
 from bayes_inertia.physics.packing import Data, Nuisances, NuisanceScale, Telemetry
 from bayes_inertia.physics.parameters import N_BASE
@@ -57,8 +57,7 @@ def coefficient_counts(campaign: Campaign, effects: tuple[Effect, ...]) -> tuple
     for effect in effects:
         count = effect.coefficient_count(campaign) if isinstance(effect, StochasticEffect) else 0
         whole = isinstance(count, int | np.integer) and count >= 0
-        what = f"coefficient_count(campaign) is {count!r}"
-        require_of_effect(whole, effect, what, "return a whole number, 0 or more")
+        require_rule(whole, effect, "whole_count", count=count)
         counts.append(int(count))
     return tuple(counts) if any(counts) else ()
 
@@ -115,9 +114,8 @@ def _blocks(
     root = jnp.asarray(effect.coefficient_root(p, slew, count))
     blocks = root if root.ndim == 3 else root[None]
     square = blocks.ndim == 3 and blocks.shape[1] == blocks.shape[2]
-    what = f"coefficient_root has the shape {root.shape} for {count} coefficients"
-    advice = "return one row and one column a coefficient, or the blocks of a diagonal"
-    require_of_effect(square and len(blocks) * blocks.shape[1] == count, effect, what, advice)
+    whole = square and len(blocks) * blocks.shape[1] == count
+    require_rule(whole, effect, "root_shape", shape=root.shape, count=count)
     return blocks
 
 

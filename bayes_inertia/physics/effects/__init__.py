@@ -11,7 +11,7 @@ import difflib
 from collections.abc import Sequence
 from contextlib import suppress
 
-from bayes_inertia.physics.effect import Effect, require_of_effect
+from bayes_inertia.physics.effect import Effect, require_of_effect, require_rule
 from bayes_inertia.physics.effects.constant_torque import ConstantTorque
 from bayes_inertia.physics.effects.each_slew import EachSlew as EachSlew
 from bayes_inertia.physics.effects.flexible_mode import FlexibleMode
@@ -99,6 +99,5 @@ def by_name(names: Sequence[str]) -> tuple[Effect, ...]:
             near = difflib.get_close_matches(name, known, n=3, cutoff=0.4) or list(known)
             what, advice = f"no effect of this name: {name!r}", f"perhaps {', '.join(near)}"
             require_of_effect(False, "effects", what, advice)
-        once = list(names).count(name) == 1
-        require_of_effect(once, name, "the same effect twice", "name each effect once")
+        require_rule(list(names).count(name) == 1, name, "once")
     return tuple(known[name] for name in names)
