@@ -91,11 +91,11 @@ def _wrong_type(kind: str, key: str, value: Any, message: str) -> tuple[str, str
         "list_type": (f"{shown} is not a list", brackets),
         "too_short": (f"{shown} has too few elements", length),
         "too_long": (f"{shown} has too many elements", length),
-        "model_type": (
-            f"{shown} is not a table of keys",
-            f"write [{key}] and its keys below, or {key} = {{ ... }}",
-        ),
     }
+    known["model_type"] = known["dict_type"] = (
+        f"{shown} is not a table of keys",
+        f"write [{key}] and its keys below, or {key} = {{ ... }}",
+    )
     return known.get(kind, (f"{shown} is not accepted", message))
 
 
@@ -178,11 +178,12 @@ class _Wording:
         if near:
             return f'did you mean "{near[0]}"?'
         elsewhere = [
-            part
+            _table_of(part, form)
             for part, field in self.form.model_fields.items()
-            if any(lower in form.model_fields for form in _inner_forms(field.annotation))
+            for form in _inner_forms(field.annotation)
+            if lower in form.model_fields
         ]
-        hint = f"it belongs to [{elsewhere[0]}]; " if elsewhere else ""
+        hint = f"it belongs to {elsewhere[0]}; " if elsewhere else ""
         return f"{hint}known here: {', '.join(known)}"
 
     def _path(self, loc: tuple) -> str:
@@ -208,6 +209,14 @@ def table_label(table: Any) -> str:
         return ""
     label = table.get("name", table.get("holds"))
     return label if isinstance(label, str) else ""
+
+
+def _table_of(part: str, form: type[BaseModel]) -> str:
+    """The header of a table, with the key that tells its form from others."""
+    for tag in ("type", "holds"):
+        if tag in form.model_fields:
+            return f'[[{part}]] with {tag} = "{get_args(form.model_fields[tag].annotation)[0]}"'
+    return f"[{part}]"
 
 
 def _is_tag(part: str, form: type[BaseModel]) -> bool:

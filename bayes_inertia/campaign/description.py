@@ -1,12 +1,13 @@
-"""What `campaign.toml` says, in one form for both formats: hardware, columns, tables of slews."""
+"""What `campaign.toml` says: hardware, columns, tables of slews."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from bayes_inertia.campaign.actuators import Actuator, Change, Magnetorquer
+from bayes_inertia.campaign.format_2 import OfStream, SlewPart
 from bayes_inertia.campaign.hardware import (
     DirectionSensor,
     InertiaPrior,
@@ -14,7 +15,7 @@ from bayes_inertia.campaign.hardware import (
     StarTracker,
     Wheel,
 )
-from bayes_inertia.campaign.schema import PriorPart, StreamColumns, TimeColumn
+from bayes_inertia.campaign.schema import PriorPart, TimeColumn
 from bayes_inertia.errors import CampaignError
 
 # Where a slew has what is called otherwise.
@@ -29,11 +30,11 @@ FIELDS: Mapping[str, str] = {
 class Entry:
     """What some columns of the tables hold."""
 
-    key: str  # Its kind, as an entry of `[columns]` of format 1: "rate", "wheel_torque", ...
+    key: str  # Its kind: "rate", "wheel_torque", "attitude", "direction", "magnetic_field", ...
     # Of `Slew`, where it goes; "more.NAME" for a further sensor, "inputs.NAME" for a device
     field: str
-    columns: Any  # Its names, unit, sense and clock: one of the forms of `[columns]`
-    # Its key in the description, such as "columns.rate"; one a column where each has its own
+    columns: Any  # Its names, unit, sense and clock: a form of `OfStream`
+    # Its key in the file, such as "sensors.gyro.rate"; one a column where each has its own
     paths: tuple[str, ...]
     # The wheels that the columns are of, counted from 0; empty: all, in their order
     wheels: tuple[int, ...] = ()
@@ -45,33 +46,13 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class SlewTables:
-    """One of `[[slews]]`: the table of each entry, by the entry's path, under `file` or `files`."""
-
-    name: str
-    start: float
-    axis: Sequence[float] | None
-    angle_deg: float | None
-    key: str
-    files: Mapping[str, str]
-
-    def file_of(self, entry: Entry) -> str | None:
-        """The table that holds an entry; None if this slew has none."""
-        return self.files.get(entry.path)
-
-    def tables(self) -> list[str]:
-        """The tables of the slew, each once."""
-        return list(dict.fromkeys(self.files.values()))
-
-
-@dataclass(frozen=True)
 class Description:
-    """The content of a `campaign.toml` of either format."""
+    """The content of a `campaign.toml`."""
 
     name: str  # The campaign
     time: TimeColumn  # The time of every entry that has no other
     entries: tuple[Entry, ...]  # What the tables hold
-    slews: tuple[SlewTables, ...]  # In which tables
+    slews: tuple[SlewPart, ...]  # In which tables
     inertia: InertiaPrior
     wheels: tuple[Wheel, ...]
     rate_sensor: RateSensor | None
@@ -85,12 +66,17 @@ class Description:
     changes: tuple[Change, ...] = ()
     # A file of two-line elements, and UTC at time zero of the campaign
     orbit: tuple[str, str] | None = None
-    # What this file calls a table of format 1, such as "wheels"; empty in format 1
+    # What a file of format 2 calls a table of format 1, such as "wheels"; empty in format 1
     devices: Mapping[str, str] = field(default_factory=dict)
 
     def clock(self, entry: Entry) -> TimeColumn:
         """The time of an entry."""
         return self.time if entry.columns.time is None else entry.columns.time
+
+    def tables(self, slew: SlewPart) -> list[str]:
+        """The tables of a slew, each once."""
+        given = (slew.file_of(entry.columns) for entry in self.entries)
+        return list(dict.fromkeys(file for file in given if file is not None))
 
 
 AS_CAMPAIGN = (
@@ -125,7 +111,7 @@ def stated_keys(part: Any) -> dict[str, Any]:
 
 def built(kind: Any, part: Any, label: str, was: str = "", now: str = "", **more: Any) -> Any:
     """Hardware of a part; errors say `now` where the record's own key is `was`."""
-    stated = {k: v for k, v in stated_keys(part).items() if not isinstance(v, StreamColumns)}
+    stated = {k: v for k, v in stated_keys(part).items() if not isinstance(v, OfStream)}
     is_sensor = kind in (RateSensor, StarTracker, DirectionSensor)
     left_out = ("type", "name", "reference") if is_sensor else ("type",)
     renamed = _RENAMED | ({"axes": "axes_B"} if kind is Magnetorquer else {})

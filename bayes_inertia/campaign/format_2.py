@@ -1,28 +1,26 @@
-"""The form of `campaign.toml` of format 2: actuators, sensors and environment, each a stream."""
+"""The form of `campaign.toml`: actuators, sensors and environment, each a stream."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Len
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from bayes_inertia.campaign import schema
 from bayes_inertia.campaign.hardware import WheelState
 
 
-def _listed(value: Any) -> Any:
-    return [value] if isinstance(value, int | float) and not isinstance(value, bool) else value
+class OfStream(schema.Part):
+    """Columns of a stream, or of the one table of a slew; their own clock.
 
-
-OneOrMore = Annotated[list[float], Len(1), BeforeValidator(_listed)]
-
-
-class OfStream(schema.StreamColumns):
-    """Columns of a stream; of the one table of a slew where no stream is named."""
+    The true time of a reading is its stamp plus `offset_s` [s], of the columns and of their time.
+    """
 
     stream: str | None = None
+    offset_s: float = 0.0
+    time: schema.TimeColumn | None = None
 
 
 class OfWheel(OfStream):
@@ -31,19 +29,26 @@ class OfWheel(OfStream):
     names: schema.Names1 = Field(description='names = ["..."], the column of this wheel')
 
 
-class WheelTorque(OfWheel, schema.TorqueColumns):
+class WheelTorque(OfWheel):
     """`torque` of a wheel."""
 
+    unit: Annotated[str, schema.UnitOf("wheel_torque")]
+    acts_on: Literal["wheel", "body"]
 
-class WheelMomentum(OfWheel, schema.MomentumColumns):
+
+class WheelMomentum(OfWheel):
     """`momentum` of a wheel by its tachometer."""
 
+    unit: Annotated[str, schema.UnitOf("wheel_momentum")]
+    relative_to: Literal["body"]
     sigma: float | None = None  # noise of a reading [N m s]
 
 
-class WheelSpeed(OfWheel, schema.SpeedColumns):
+class WheelSpeed(OfWheel):
     """`speed` of a wheel by its tachometer."""
 
+    unit: Annotated[str, schema.UnitOf("wheel_speed")]
+    relative_to: Literal["body"]
     sigma: float | None = None  # noise of a reading [rad/s]
 
 
@@ -75,15 +80,19 @@ class TorqueInput(InputColumns):
     frame: Literal["body", "inertial"]
 
 
-class TorqueDevice(schema.Part):
+class GainedDevice(schema.NamedPart):
+    """One of `[[actuators]]` beside wheels, of a gain that may be uncertain."""
+
+    gain_sigma: float = 0.0
+
+
+class TorqueDevice(GainedDevice):
     """One of `[[actuators]]`: a torque that telemetry tells, whatever makes it."""
 
     type: Literal["torque"]
-    name: str = Field(description='name = "..."')
     torque: TorqueInput = Field(
-        description='torque = { stream = "...", names = [...], unit = "N m", frame = "body" }'
+        description='torque = { names = [...], unit = "N m", frame = "body" }'
     )
-    gain_sigma: float = 0.0
 
 
 class DipoleInput(InputColumns):
@@ -93,16 +102,12 @@ class DipoleInput(InputColumns):
     unit: Annotated[str, schema.UnitOf("dipole")]
 
 
-class MagnetorquerDevice(schema.Part):
+class MagnetorquerDevice(GainedDevice):
     """One of `[[actuators]]`: magnetorquers of one gain."""
 
     type: Literal["magnetorquer"]
-    name: str = Field(description='name = "..."')
-    dipole: DipoleInput = Field(
-        description='dipole = { stream = "...", names = [...], unit = "A m^2" }'
-    )
-    axes: Annotated[list[schema.Vector3], Len(1)] | None = None
-    gain_sigma: float = 0.0
+    dipole: DipoleInput = Field(description='dipole = { names = [...], unit = "A m^2" }')
+    axes: schema.Vectors | None = None
 
 
 class LevelInput(InputColumns):
@@ -120,18 +125,16 @@ class OnTimeInput(OfStream):
     between: Literal["on_time"] = "on_time"
 
 
-class ThrusterDevice(schema.Part):
+class ThrusterDevice(GainedDevice):
     """One of `[[actuators]]`: thrusters, by their torques at full thrust."""
 
     type: Literal["thruster"]
-    name: str = Field(description='name = "..."')
-    torques: Annotated[list[schema.Vector3], Len(1)] = Field(
+    torques: schema.Vectors = Field(
         description="torques = the torque of each thruster at full thrust about the centre of "
         "mass, body axes [N m], such as [[0.05, 0.0, 0.0], ...]"
     )
     on_time: OnTimeInput | None = None
     level: LevelInput | None = None
-    gain_sigma: float = 0.0
     each_gain_sigma: float = 0.0
     direction_sigma: float = 0.0
 
@@ -145,71 +148,58 @@ class GimbalInput(InputColumns):
     sigma: float = 0.0  # [rad]
 
 
-class RotorsDevice(schema.Part):
+class RotorsDevice(GainedDevice):
     """One of `[[actuators]]`: rotors of constant speed on gimbals (control-moment gyros)."""
 
     type: Literal["gimballed_rotors"]
-    name: str = Field(description='name = "..."')
-    momentum: OneOrMore = Field(
+    momentum: schema.OneOrMore = Field(
         description="momentum = the momentum of each rotor [N m s], one number or one a rotor"
     )
-    gimbal_axes: Annotated[list[schema.Vector3], Len(1)] = Field(
+    gimbal_axes: schema.Vectors = Field(
         description="gimbal_axes = the unit vector of each gimbal's axis, body axes"
     )
-    spin_axes_at_zero: Annotated[list[schema.Vector3], Len(1)] = Field(
+    spin_axes_at_zero: schema.Vectors = Field(
         description="spin_axes_at_zero = the unit vector of each spin axis at gimbal angle zero"
     )
-    gimbal_angle: GimbalInput = Field(
-        description='gimbal_angle = { stream = "...", names = [...], unit = "rad" }'
-    )
-    gain_sigma: float = 0.0
+    gimbal_angle: GimbalInput = Field(description='gimbal_angle = { names = [...], unit = "rad" }')
 
 
-class DeviceRate(OfStream, schema.RateColumns):
+class RateColumns(OfStream):
     """`rate` of a rate sensor."""
 
-    names: schema.Names = Field(description='names = ["...", ...], one column a sensor axis')
+    names: schema.Names = Field(description=_NAMES + "one column a sensor axis")
+    unit: Annotated[str, schema.UnitOf("rate")]
 
 
-class RateDevice(schema.Part):
-    """One of `[[sensors]]`: a rate sensor of one axis or more."""
+class ReferenceDevice(schema.NamedPart):
+    """One of `[[sensors]]` whose axes may be those of the body."""
 
-    type: Literal["rate"]
-    name: str = Field(description='name = "..."')
-    rate: DeviceRate = Field(
-        description='rate = { stream = "...", names = ["...", ...], unit = "rad/s" }'
-    )
-    sigma: OneOrMore = Field(
-        description="sigma = the white noise per sample [rad/s], one number or one an axis"
-    )
-    axes: Annotated[list[schema.Vector3], Len(1)] | None = None
-    range: float | None = None
-    scale_factor: OneOrMore | None = None
-    scale_factor_sigma: OneOrMore | None = None
-    bias: OneOrMore | None = None
-    bias_sigma: OneOrMore | None = None
-    rate_random_walk: float | None = None
-    bias_instability: float | None = None
-    bias_instability_time: float | None = None
     mounting_sigma: float | None = None
     reference: bool = False  # of frames
 
 
-class DeviceAttitude(OfStream, schema.AttitudeColumns):
-    """`attitude` of a star tracker."""
+class RateDevice(ReferenceDevice, schema.RateSensorPart[schema.Vectors, schema.OneOrMore]):
+    """One of `[[sensors]]`: a rate sensor of one axis or more."""
+
+    type: Literal["rate"]
+    rate: RateColumns = Field(
+        description='rate = { names = ["...", ...], unit = "rad/s" }, one column a sensor axis'
+    )
 
 
-class AttitudeDevice(schema.StarTrackerPart):
-    """One of `[[sensors]]`: a star tracker."""
+class AttitudeColumns(OfStream):
+    """`attitude` of a star tracker: a quaternion, with the place of its scalar and its sense."""
+
+    names: schema.Names4 = Field(description=_NAMES + "the four elements of the quaternion")
+    scalar: Literal["first", "last"]
+    maps: Literal["inertial_to_body", "body_to_inertial"]
+
+
+class AttitudeDevice(ReferenceDevice, schema.StarTrackerPart):
+    """One of `[[sensors]]`: a star tracker; without columns it has no fix."""
 
     type: Literal["attitude"]
-    name: str = Field(description='name = "..."')
-    attitude: DeviceAttitude = Field(
-        description='attitude = { stream = "...", names = ["q1", "q2", "q3", "q4"], scalar = ..., '
-        "maps = ... }"
-    )
-    mounting_sigma: float | None = None
-    reference: bool = False
+    attitude: AttitudeColumns | None = None
 
 
 class DirectionColumns(OfStream):
@@ -229,16 +219,15 @@ class ReferenceColumns(OfStream):
     between: Literal["line"] = "line"
 
 
-class DirectionDevice(schema.Part):
+class DirectionDevice(schema.NamedPart):
     """One of `[[sensors]]`: a Sun sensor, magnetometer or horizon sensor."""
 
     type: Literal["direction"]
-    name: str = Field(description='name = "..."')
-    sigma: OneOrMore = Field(
+    sigma: schema.OneOrMore = Field(
         description="sigma = the white noise of a reading: of a direction [rad], of a field [T]"
     )
     direction: DirectionColumns = Field(
-        description='direction = { stream = "...", names = ["...", "...", "..."], '
+        description='direction = { names = ["...", "...", "..."], '
         'frame = "body" }, of a field with unit = "T"'
     )
     reference_N: schema.Vector3 | None = None
@@ -249,12 +238,23 @@ class DirectionDevice(schema.Part):
     mounting_sigma: float | None = None
 
 
-class FieldVector(OfStream, schema.MagneticFieldColumns):
+class InertialVector(OfStream):
+    """`vector` of the environment."""
+
+    names: schema.Names3 = Field(description=_NAMES + "along the inertial axes")
+    frame: Literal["inertial"]
+
+
+class FieldVector(InertialVector):
     """`vector` of a magnetic field."""
 
+    unit: Annotated[str, schema.UnitOf("magnetic_field")]
 
-class PositionVector(OfStream, schema.PositionColumns):
+
+class PositionVector(InertialVector):
     """`vector` of a position."""
+
+    unit: Annotated[str, schema.UnitOf("position")]
 
 
 class FieldDevice(schema.Part):
@@ -263,8 +263,7 @@ class FieldDevice(schema.Part):
     type: Literal["magnetic_field"]
     name: str = "magnetic field"
     vector: FieldVector = Field(
-        description='vector = { stream = "...", names = ["...", "...", "..."], unit = "T", '
-        'frame = "inertial" }'
+        description='vector = { names = ["...", "...", "..."], unit = "T", frame = "inertial" }'
     )
 
 
@@ -274,8 +273,7 @@ class PositionDevice(schema.Part):
     type: Literal["position"]
     name: str = "position"
     vector: PositionVector = Field(
-        description='vector = { stream = "...", names = ["...", "...", "..."], unit = "m", '
-        'frame = "inertial" }'
+        description='vector = { names = ["...", "...", "..."], unit = "m", frame = "inertial" }'
     )
 
 
@@ -296,29 +294,33 @@ Sensor = Annotated[RateDevice | AttitudeDevice | DirectionDevice, Field(discrimi
 Environment = Annotated[FieldDevice | PositionDevice | OrbitDevice, Field(discriminator="type")]
 
 
-class ChangePart(schema.Part):
+class ChangePart(schema.NamedPart):
     """One of `[[changes]]`: what changed, and when; either `slew` or `time` is given."""
 
-    name: str = Field(description='name = "..."')
     part: Literal["inertia"]
     slew: str | None = None
     time: float | None = None
     sigma_fraction: float = 0.03
 
 
-class Slew2Part(schema.Part):
+class SlewPart(schema.NamedPart):
     """One `[[slews]]`; either `file` or `files` is given."""
 
-    name: str = Field(description='name = "..."')
-    start: float = Field(description="start = the time of the first row in the campaign [s]")
     file: str | None = None
     files: str | dict[str, str] | None = None
+    start: float = Field(description="start = the time of the first row in the campaign [s]")
     axis: schema.Vector3 | None = None
     angle_deg: float | None = None
 
+    def file_of(self, columns: OfStream) -> str | None:
+        """The table that holds some columns; None if this slew has none."""
+        if isinstance(self.files, dict):
+            return self.files.get(columns.stream or "")
+        return self.file or (self.files or "").replace("{stream}", columns.stream or "")
 
-class Campaign2Part(schema.Part):
-    """The whole of `campaign.toml` of format 2."""
+
+class CampaignPart(schema.NamedPart):
+    """The whole of `campaign.toml`."""
 
     # What to do with a key of the other format.
     other_format: ClassVar[Mapping[str, str]] = {
@@ -330,7 +332,6 @@ class Campaign2Part(schema.Part):
     }
 
     format: Literal["bayes-inertia-campaign/2"]
-    name: str = Field(description='name = "..."')
     inertia: schema.InertiaPart = Field(
         description="[inertia] with tensor, relative_sigma, product_sigma, includes_wheel_spin"
     )
@@ -338,7 +339,7 @@ class Campaign2Part(schema.Part):
     sensors: Annotated[list[Sensor], Len(1)] = Field(
         description="one [[sensors]] a sensor, with name, type and its stream"
     )
-    slews: Annotated[list[Slew2Part], Len(1)] = Field(
+    slews: Annotated[list[SlewPart], Len(1)] = Field(
         description='one [[slews]] a slew, with name, start and files = "slew_01_{stream}.csv"'
     )
     actuators: list[Actuator] = Field(default=[])

@@ -1,20 +1,21 @@
-"""From the text of `campaign.toml`, of either format, to what it says."""
+"""From the text of `campaign.toml` to what it says."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
-from bayes_inertia.campaign import actuators, format_2
+from bayes_inertia.campaign import actuators, format_1, format_2
 from bayes_inertia.campaign.checked_toml import checked_document, toml_document
 from bayes_inertia.campaign.description import (
     FIELDS,
     Description,
     Entry,
-    SlewTables,
     built,
     stated_keys,
 )
+from bayes_inertia.campaign.format_2 import SlewPart
 from bayes_inertia.campaign.hardware import (
     DirectionSensor,
     InertiaPrior,
@@ -22,13 +23,7 @@ from bayes_inertia.campaign.hardware import (
     StarTracker,
     Wheel,
 )
-from bayes_inertia.campaign.schema import (
-    FORMAT_2,
-    CampaignPart,
-    SlewPart,
-    check_consistency,
-    refuse,
-)
+from bayes_inertia.campaign.schema import FORMAT_2, refuse
 from bayes_inertia.campaign.sensors import FIRST
 from bayes_inertia.errors import CampaignError
 
@@ -36,50 +31,73 @@ from bayes_inertia.errors import CampaignError
 def parse_description(text: str, label: str) -> Description:
     """The content of a `campaign.toml` of either format, every key checked."""
     document = toml_document(text, label)
-    parsed: CampaignPart | format_2.Campaign2Part
     if document.get("format") == FORMAT_2:
-        parsed = checked_document(document, label, format_2.Campaign2Part)
-        devices = described(parsed, label)
-    else:
-        parsed = checked_document(document, label, CampaignPart)
-        check_consistency(parsed, label)
-        devices = upgraded(parsed, label)
+        return _described(document, label)
+    checked_document(document, label, format_1.Tables)
+    try:
+        upgraded = format_1.upgrade(document)
+    except CampaignError as error:
+        raise error.inside(label) from None
+    said = format_1.keys_as_written(upgraded)
+    try:
+        description = _described(upgraded, label)
+    except CampaignError as error:
+        what, where, advice = map(said, (error.what, error.where, error.advice))
+        raise CampaignError(what, where=where, advice=advice) from None
+    entries = (
+        replace(entry, paths=tuple(dict.fromkeys(map(said, entry.paths))))
+        for entry in description.entries
+    )
+    return replace(description, entries=tuple(entries), devices={})
+
+
+def _described(document: dict[str, Any], label: str) -> Description:
+    """The content of a document of format 2."""
+    parsed = checked_document(document, label, format_2.CampaignPart)
+    _require_different(parsed, label)
+    of_kinds = reversed([part for part in parsed.sensors if part.type in FIRST])
+    first: dict[str, Any] = {part.type: part for part in of_kinds}
+    wheels = [part for part in parsed.actuators if isinstance(part, format_2.WheelDevice)]
+    others = [part for part in parsed.actuators if not isinstance(part, format_2.WheelDevice)]
     description = Description(
         name=parsed.name,
+        time=parsed.time,
+        entries=(
+            *_sensor_entries(parsed, first),
+            *_wheel_entries(wheels, label),
+            *(_input_entry(part, label) for part in others),
+            *_environment_entries(parsed),
+        ),
+        slews=tuple(parsed.slews),
         inertia=built(InertiaPrior, parsed.inertia, label),
+        wheels=tuple(_wheel(part, label) for part in wheels),
         mission=() if parsed.mission is None else tuple(stated_keys(parsed.mission).items()),
         prior=parsed.prior,
-        **devices,
+        reference=_reference(parsed, label),
+        actuators=tuple(_actuator(part, label) for part in others),
+        changes=tuple(_change(part, parsed.slews, label) for part in parsed.changes),
+        orbit=_orbit(parsed, label),
+        **_sensors(parsed, first, label),
     )
     _check_told_once(description.entries, label)
-    for slew in description.slews:
+    for slew in parsed.slews:
+        _check_tables(slew, description.entries, label)
         _check_names(slew, description, label)
     return description
 
 
-def upgraded(parsed: CampaignPart, label: str) -> dict[str, Any]:
-    """Devices, columns and tables of a file of format 1, as fields of a description."""
-    entries = tuple(
-        Entry(key, FIELDS.get(key, key), columns, (f"columns.{key}",))
-        for key, columns in parsed.columns.given().items()
-        if key != "time"
-    )
-    tracker = parsed.star_tracker
+def _sensors(parsed: format_2.CampaignPart, first: Mapping[str, Any], label: str) -> dict[str, Any]:
+    """The hardware of all sensors, as fields of a description, and how the file calls it."""
+    built_of = {part.name: _sensor(part, label) for part in parsed.sensors}
+    named = {kind: part.name for kind, part in first.items()}
+    usual = zip(FIRST, Description.names, strict=True)
     return {
-        "time": parsed.columns.time,
-        "entries": entries,
-        "slews": tuple(_tables_of(part, entries) for part in parsed.slews),
-        "wheels": tuple(built(Wheel, part, label) for part in parsed.wheels),
-        "rate_sensor": built(RateSensor, parsed.rate_sensor, label),
-        "star_tracker": None if tracker is None else built(StarTracker, tracker, label),
+        **{FIRST[k]: built_of[named[k]] if k in named else None for k in FIRST},
+        "more_sensors": tuple(x for x in built_of.items() if x[0] not in named.values()),
+        "names": tuple(named.get(kind, name) for kind, name in usual),
+        "devices": {"wheels": "actuators"}
+        | {FIRST[kind]: f"sensors.{name}" for kind, name in named.items()},
     }
-
-
-def _tables_of(part: SlewPart, entries: Sequence[Entry]) -> SlewTables:
-    files = {entry.path: part.file_of(entry.key) for entry in entries}
-    given = {path: file for path, file in files.items() if file is not None}
-    key = "file" if part.files is None else "files"
-    return SlewTables(part.name, part.start, part.axis, part.angle_deg, key, given)
 
 
 def _check_told_once(entries: Sequence[Entry], label: str) -> None:
@@ -94,12 +112,12 @@ def _check_told_once(entries: Sequence[Entry], label: str) -> None:
                 refuse(label, path, f"{other} is given too", advice)
 
 
-def _check_names(slew: SlewTables, description: Description, label: str) -> None:
+def _check_names(slew: SlewPart, description: Description, label: str) -> None:
     """In one table each column has one meaning; only columns of time may be shared."""
     used: dict[tuple[str | None, str], str] = {}
     times: dict[tuple[str | None, str], str] = {}
     for entry in description.entries:
-        file = slew.file_of(entry)
+        file = slew.file_of(entry.columns)
         own = entry.columns.time is not None
         times[file, description.clock(entry).names[0]] = f"{entry.path}.time" if own else "time"
         for k, name in enumerate(entry.columns.names):
@@ -113,59 +131,18 @@ def _check_names(slew: SlewTables, description: Description, label: str) -> None
 
 
 def _refuse_twice(label: str, path: str, name: str, other: str) -> None:
-    what = f"the column {name!r} is already used by {other.removeprefix('columns.')}"
+    what = f"the column {name!r} is already used by {other}"
     refuse(label, f"{path}.names", what, "name each column once")
 
 
-def described(parsed: format_2.Campaign2Part, label: str) -> dict[str, Any]:
-    """Devices, columns and tables of a file of format 2, as fields of a description."""
-    _require_different(parsed, label)
-    wheels = [part for part in parsed.actuators if isinstance(part, format_2.WheelDevice)]
-    others = [part for part in parsed.actuators if not isinstance(part, format_2.WheelDevice)]
-    of_kinds = reversed([part for part in parsed.sensors if part.type in FIRST])
-    first: dict[str, Any] = {part.type: part for part in of_kinds}
-    sensors = [(part, _sensor(part, label)) for part in parsed.sensors]
-    hardware = {FIRST[p.type]: sensor for p, sensor in sensors if p is first.get(p.type)}
-    called = dict(zip(FIRST, Description.names, strict=True))
-    called |= {kind: part.name for kind, part in first.items()}
-    entries = (
-        *_sensor_entries(parsed, first),
-        *_wheel_entries(wheels, label),
-        *(_input_entry(part, label) for part in others),
-        *(
-            Entry(part.type, FIELDS[part.type], part.vector, (f"environment.{part.name}.vector",))
-            for part in parsed.environment
-            if not isinstance(part, format_2.OrbitDevice)
-        ),
-    )
-    return {
-        "time": parsed.time,
-        "entries": entries,
-        "slews": tuple(_tables_of_2(part, entries, label) for part in parsed.slews),
-        "wheels": tuple(_wheel(part, label) for part in wheels),
-        **dict.fromkeys(FIRST.values()),
-        **hardware,
-        "more_sensors": tuple(
-            (p.name, sensor) for p, sensor in sensors if p is not first.get(p.type)
-        ),
-        "names": tuple(called.values()),
-        "reference": _reference(parsed, label),
-        "actuators": tuple(_actuator(part, label) for part in others),
-        "changes": tuple(_change(part, parsed.slews, label) for part in parsed.changes),
-        "orbit": _orbit(parsed, label),
-        "devices": {"wheels": "actuators"}
-        | {FIRST[kind]: f"sensors.{part.name}" for kind, part in first.items()},
-    }
-
-
-def _require_different(parsed: format_2.Campaign2Part, label: str) -> None:
+def _require_different(parsed: format_2.CampaignPart, label: str) -> None:
     for key in ("actuators", "sensors", "environment", "changes", "slews"):
         names = [part.name for part in getattr(parsed, key)]
         for name in (name for name in names if names.count(name) > 1):
             refuse(label, f"{key}.{name}", "the name is used twice", "give each its own name")
 
 
-def _reference(parsed: format_2.Campaign2Part, label: str) -> str | None:
+def _reference(parsed: format_2.CampaignPart, label: str) -> str | None:
     """The sensor that says it is the reference of frames."""
     stated = [
         s for s in parsed.sensors if not isinstance(s, format_2.DirectionDevice) and s.reference
@@ -181,7 +158,7 @@ def _reference(parsed: format_2.Campaign2Part, label: str) -> str | None:
     return stated[0].name if stated else None
 
 
-def _orbit(parsed: format_2.Campaign2Part, label: str) -> tuple[str, str] | None:
+def _orbit(parsed: format_2.CampaignPart, label: str) -> tuple[str, str] | None:
     """The file of two-line elements and the epoch, if position and field come from them."""
     orbits = [part for part in parsed.environment if isinstance(part, format_2.OrbitDevice)]
     if not orbits:
@@ -225,19 +202,28 @@ def _direction_sensor(part: format_2.DirectionDevice, label: str, place: str) ->
     return built(DirectionSensor, part, label, "sensors.direction", place, unit=is_field)
 
 
-def _sensor_entries(parsed: format_2.Campaign2Part, first: Mapping[str, Any]) -> list[Entry]:
+def _sensor_entries(parsed: format_2.CampaignPart, first: Mapping[str, Any]) -> list[Entry]:
     entries = []
     for part in parsed.sensors:
         key = part.type
         field = key if part is first.get(key) else f"more.{part.name}"
         path = f"sensors.{part.name}"
-        entries.append(Entry(key, field, getattr(part, key), (f"{path}.{key}",)))
+        if getattr(part, key) is not None:
+            entries.append(Entry(key, field, getattr(part, key), (f"{path}.{key}",)))
         if isinstance(part, format_2.DirectionDevice) and part.reference is not None:
             seen = Entry(
                 "magnetic_field", f"inputs.{part.name}", part.reference, (f"{path}.reference",)
             )
             entries.append(seen)
     return entries
+
+
+def _environment_entries(parsed: format_2.CampaignPart) -> list[Entry]:
+    return [
+        Entry(part.type, FIELDS[part.type], part.vector, (f"environment.{part.name}.vector",))
+        for part in parsed.environment
+        if not isinstance(part, format_2.OrbitDevice)
+    ]
 
 
 def _actuator(part: format_2.OtherActuator, label: str) -> actuators.Actuator:
@@ -247,7 +233,7 @@ def _actuator(part: format_2.OtherActuator, label: str) -> actuators.Actuator:
         more = {"frame": part.torque.frame}
     if isinstance(part, format_2.RotorsDevice):
         more = {"angle_sigma": part.gimbal_angle.sigma}
-    device = built(_ACTUATORS[type(part)], part, label, **more)
+    device = built(_RECORDS[part.type], part, label, **more)
     entry = _input_entry(part, label)
     names, columns = entry.columns.names, device.columns
     if len(names) != columns:
@@ -256,9 +242,7 @@ def _actuator(part: format_2.OtherActuator, label: str) -> actuators.Actuator:
     return device
 
 
-def _change(
-    part: format_2.ChangePart, slews: Sequence[format_2.Slew2Part], label: str
-) -> actuators.Change:
+def _change(part: format_2.ChangePart, slews: Sequence[SlewPart], label: str) -> actuators.Change:
     """A change, dated by the first slew after it or by a time."""
     place = f"changes.{part.name}"
     if (part.slew is None) == (part.time is None):
@@ -279,13 +263,8 @@ def _change(
         raise error.inside(label) from None
 
 
-# Record of each kind of device, and what its input is measured in.
-_ACTUATORS: Mapping[type, Any] = {
-    format_2.TorqueDevice: actuators.KnownTorque,
-    format_2.MagnetorquerDevice: actuators.Magnetorquer,
-    format_2.ThrusterDevice: actuators.Thruster,
-    format_2.RotorsDevice: actuators.GimballedRotors,
-}
+# Record of each type of device, and what its input is measured in.
+_RECORDS: Mapping[str, Any] = {told.type: kind for kind, told in actuators.DEVICE_INPUTS.items()}
 # Thrusters may be told by on-times, too.
 _QUANTITIES: Mapping[str, str] = {"on_time": "time"} | {
     told.key: told.quantity for told in actuators.DEVICE_INPUTS.values()
@@ -356,51 +335,39 @@ def _check_wheels(wheels: Sequence[format_2.WheelDevice], label: str) -> None:
 _TEMPLATE = 'write files = "slew_01_{stream}.csv", or files = { gyro = "gyro_01.csv", ... }'
 
 
-def _tables_of_2(part: format_2.Slew2Part, entries: Sequence[Entry], label: str) -> SlewTables:
-    """The table of each entry: one for all, or that of its stream."""
+def _check_tables(part: SlewPart, entries: Sequence[Entry], label: str) -> None:
+    """One table for all entries, or that of the stream of each."""
     place = f"slews.{part.name}"
     if part.file is None and part.files is None:
         advice = f'add file = the table of the slew, such as "slew_01.csv", or {_TEMPLATE}'
-        refuse(label, f"{place}.files", "missing key", advice)
+        refuse(label, f"{place}.file", "missing key", advice)
     if part.file is not None and part.files is not None:
         advice = "keep file (one table) or files (one table a stream)"
         refuse(label, f"{place}.files", "file is given too", advice)
     if isinstance(part.files, str) and "{stream}" not in part.files:
         what = f"{part.files!r} does not say where the stream's name goes"
         refuse(label, f"{place}.files", what, f"{_TEMPLATE}; one table of all is file = ...")
-    files = {}
-    for entry in entries:
-        stream = entry.columns.stream
-        if part.files is not None and stream is None:
+    for entry in entries if part.files is not None else ():
+        if entry.columns.stream is None:
             advice = f"add stream = what {{stream}} in the files of {part.name} stands for"
             refuse(label, f"{entry.path}.stream", "missing key", advice)
-        if part.file is not None:
-            files[entry.path] = part.file
-        elif isinstance(part.files, str):
-            files[entry.path] = part.files.replace("{stream}", stream)
-        elif part.files is not None and stream in part.files:
-            files[entry.path] = part.files[stream]
-    _check_streams(part, entries, files, label)
-    key = "file" if part.files is None else "files"
-    return SlewTables(part.name, part.start, part.axis, part.angle_deg, key, files)
+    _check_streams(part, entries, label)
 
 
-def _check_streams(
-    part: format_2.Slew2Part, entries: Sequence[Entry], files: Mapping[str, str], label: str
-) -> None:
+def _check_streams(part: SlewPart, entries: Sequence[Entry], label: str) -> None:
     """Only streams that a device has, and those of what every slew needs."""
     known = list(dict.fromkeys(entry.columns.stream for entry in entries))
     for stream in part.files if isinstance(part.files, dict) else ():
         if stream not in known:
-            what, advice = "no device has this stream", f"known here: {', '.join(known)}"
+            what, advice = "nothing is read from this table", f"known here: {', '.join(known)}"
             refuse(label, f"slews.{part.name}.files.{stream}", what, advice)
-    sensed = [e for e in entries if e.paths[0].startswith("sensors.") and e.path in files]
-    if not sensed:
+    read = [entry for entry in entries if part.file_of(entry.columns) is not None]
+    if not any(entry.path.startswith("sensors.") for entry in read):
         advice = "add the table of a sensor, or leave the slew out"
         refuse(label, f"slews.{part.name}.files", "no sensor has a table", advice)
     for entry in entries:
         needed = entry.field == "rate" or entry.field.startswith("inputs.")
-        if needed and entry.path not in files:
+        if needed and entry not in read:
             place = f"slews.{part.name}.files.{entry.columns.stream}"
             advice = f"add the table of {entry.path}, or leave the slew out"
             refuse(label, place, "missing key", advice)

@@ -14,8 +14,9 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.commands import with_known_torques, without_impossible_torques
-from bayes_inertia.campaign.description import AS_CAMPAIGN, Description, SlewTables
+from bayes_inertia.campaign.description import AS_CAMPAIGN, Description
 from bayes_inertia.campaign.environment import slews_with_orbit
+from bayes_inertia.campaign.format_2 import SlewPart
 from bayes_inertia.campaign.hardware import attitude_noise, rate_noise, require
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.inspection import with_dirt_masked
@@ -187,7 +188,7 @@ def _files(path: str | Path) -> list[tuple[str, bytes]]:
     content = read_bytes(description)
     parsed = parse_description(text_of(content, str(description)), str(description))
     tables = _table_paths(parsed, description)
-    files = [file for part in parsed.slews for file in part.tables()]
+    files = [file for part in parsed.slews for file in parsed.tables(part)]
     read = [("campaign.toml", content), *((file, read_bytes(tables[file])) for file in files)]
     orbit = _orbit_path(parsed, description)
     read += [] if parsed.orbit is None or orbit is None else [(parsed.orbit[0], read_bytes(orbit))]
@@ -211,8 +212,9 @@ def _table_paths(parsed: Description, description: Path) -> dict[str, Path]:
     paths: dict[str, Path] = {}
     owners: dict[Path, str] = {}
     for part in parsed.slews:
-        for file in part.tables():
-            where = f"{description}, key slews.{part.name}.{part.key}"
+        for file in parsed.tables(part):
+            key = "file" if part.files is None else "files"
+            where = f"{description}, key slews.{part.name}.{key}"
             paths[file] = path = table_path(description.parent, file, where)
             # Only formats with groups can hold several slews in one file.
             single = path.suffix.lower() in (".csv", ".parquet")
@@ -223,15 +225,15 @@ def _table_paths(parsed: Description, description: Path) -> dict[str, Path]:
     return paths
 
 
-def _tables(part: SlewTables, table: _TableReader, parsed: Description) -> dict[str, Table]:
+def _tables(part: SlewPart, table: _TableReader, parsed: Description) -> dict[str, Table]:
     """The tables of a slew by their names in the description, with the columns that count."""
     names: dict[str, dict[str, None]] = {}
     for stream in streams_of(part, parsed):
         names.setdefault(stream.file, {}).update(dict.fromkeys(stream.columns))
     tables = {file: table(file, list(columns), part.name) for file, columns in names.items()}
-    read = [entry for entry in parsed.entries if part.file_of(entry)]
+    read = [entry for entry in parsed.entries if part.file_of(entry.columns)]
     first = min(read, key=lambda entry: entry.field != "rate")
-    rated = tables[part.file_of(first) or ""]
+    rated = tables[part.file_of(first.columns) or ""]
     if rated.rows < 2:
         what = f"{rated.rows} row(s) of telemetry"
         advice = "a slew needs at least two"
@@ -252,7 +254,7 @@ def _streams(slew: int, table: _TableReader, parsed: Description) -> list[Stream
 
 
 def _channels(
-    part: SlewTables, streams: Sequence[StreamRows], parsed: Description
+    part: SlewPart, streams: Sequence[StreamRows], parsed: Description
 ) -> tuple[dict[str, np.ndarray], list[_TimedDirt]]:
     """The channels of a slew on one list of times, and faults of its rows with their times."""
     spin_inertias = np.array([wheel.spin_inertia for wheel in parsed.wheels])
@@ -278,7 +280,7 @@ def _channels(
 
 
 def _slews(
-    part: SlewTables,
+    part: SlewPart,
     channels: dict[str, np.ndarray],
     inputs: dict[str, InputStream],
     parsed: Description,

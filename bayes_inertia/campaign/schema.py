@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import numpy as np
 from annotated_types import Len
@@ -55,14 +55,15 @@ FORMAT = "bayes-inertia-campaign/1"
 FORMAT_2 = "bayes-inertia-campaign/2"
 
 
-def _spread(value: Any) -> Any:
-    """One number as three, anything else as it is."""
-    return [value] * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
+def _one(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 Vector3 = Annotated[list[float], Len(3, 3)]
+Vectors = Annotated[list[Vector3], Len(1)]
 Matrix33 = Annotated[list[Vector3], Len(3, 3)]
-OneOrThree = Annotated[Vector3, BeforeValidator(_spread)]
+OneOrThree = Annotated[Vector3, BeforeValidator(lambda x: [x] * 3 if _one(x) else x)]
+OneOrMore = Annotated[list[float], Len(1), BeforeValidator(lambda x: [x] if _one(x) else x)]
 End = Annotated[float, Field(allow_inf_nan=True)]
 Names = Annotated[list[str], Len(1)]
 Names1 = Annotated[list[str], Len(1, 1)]
@@ -84,6 +85,12 @@ class Part(BaseModel):
     """A table of keys of the description: no other keys, no other types."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
+
+
+class NamedPart(Part):
+    """One of several tables of keys."""
+
+    name: str = Field(description='name = "..."')
 
 
 class MissionPart(Part):
@@ -112,10 +119,9 @@ class InertiaPart(Part):
     )
 
 
-class WheelPart(Part):
+class WheelPart(NamedPart):
     """One `[[wheels]]`."""
 
-    name: str = Field(description='name = "..."')
     axis: Vector3 = Field(
         description="axis = the unit spin axis in body axes, such as [1.0, 0.0, 0.0]"
     )
@@ -127,25 +133,25 @@ class WheelPart(Part):
     momentum_sigma: float | None = None
 
 
-class RateSensorPart(Part):
-    """`[rate_sensor]`: only `sigma` has no default."""
+class RateSensorPart[Axes, Numbers](Part):
+    """A rate sensor, by its rows of axes and its numbers an axis: only `sigma` has no default."""
 
-    sigma: OneOrThree = Field(
-        description="sigma = the white noise per sample [rad/s], one number or three"
+    sigma: Numbers = Field(
+        description="sigma = the white noise per sample [rad/s], one number or one an axis"
     )
-    axes: Matrix33 | None = None
+    axes: Axes | None = None
     range: float | None = None
-    scale_factor: OneOrThree | None = None
-    scale_factor_sigma: OneOrThree | None = None
-    bias: OneOrThree | None = None
-    bias_sigma: OneOrThree | None = None
+    scale_factor: Numbers | None = None
+    scale_factor_sigma: Numbers | None = None
+    bias: Numbers | None = None
+    bias_sigma: Numbers | None = None
     rate_random_walk: float | None = None
     bias_instability: float | None = None
     bias_instability_time: float | None = None
 
 
 class StarTrackerPart(Part):
-    """`[star_tracker]`."""
+    """A star tracker."""
 
     boresight: Vector3 = Field(description="boresight = a unit vector in body axes")
     sigma_cross: float = Field(description="sigma_cross = the noise across the boresight [rad]")
@@ -154,132 +160,13 @@ class StarTrackerPart(Part):
 
 
 class TimeColumn(Part):
-    """`time` of `[columns]`, and of an entry that has its own."""
+    """`[time]` of a campaign, and `time` of columns that have their own."""
 
     names: Names1 = Field(description='names = ["..."], one column')
     unit: Annotated[str, UnitOf("time")]
     offset_s: float = 0.0
     # Whether the sensor samples at regular times although the stamps jitter about them.
     regular: bool = False
-
-
-class StreamColumns(Part):
-    """Keys of every entry of `[columns]`: its own clock.
-
-    The true time of a reading is its stamp plus `offset_s` [s], of the entry and of its time.
-    """
-
-    offset_s: float = 0.0
-    time: TimeColumn | None = None
-
-
-class TorqueColumns(StreamColumns):
-    """`wheel_torque` of `[columns]`: one column a wheel."""
-
-    names: Names = Field(description='names = ["...", ...], one column a wheel')
-    unit: Annotated[str, UnitOf("wheel_torque")]
-    acts_on: Literal["wheel", "body"]
-
-
-class MomentumColumns(StreamColumns):
-    """`wheel_momentum` of `[columns]`: one column a wheel."""
-
-    names: Names = Field(description='names = ["...", ...], one column a wheel')
-    unit: Annotated[str, UnitOf("wheel_momentum")]
-    relative_to: Literal["body"]
-
-
-class SpeedColumns(StreamColumns):
-    """`wheel_speed` of `[columns]`: one column a wheel."""
-
-    names: Names = Field(description='names = ["...", ...], one column a wheel')
-    unit: Annotated[str, UnitOf("wheel_speed")]
-    relative_to: Literal["body"]
-
-
-class RateColumns(StreamColumns):
-    """`rate` of `[columns]`: one column a sensor axis."""
-
-    names: Names3 = Field(description='names = ["...", "...", "..."], one column a sensor axis')
-    unit: Annotated[str, UnitOf("rate")]
-
-
-class AttitudeColumns(StreamColumns):
-    """`attitude` of `[columns]`: a quaternion, with the place of its scalar and its sense."""
-
-    names: Names4 = Field(
-        description='names = ["...", "...", "...", "..."], the four elements of the quaternion'
-    )
-    scalar: Literal["first", "last"]
-    maps: Literal["inertial_to_body", "body_to_inertial"]
-
-
-class MagneticFieldColumns(StreamColumns):
-    """`magnetic_field` of `[columns]`."""
-
-    names: Names3 = Field(description='names = ["...", "...", "..."], along the inertial axes')
-    unit: Annotated[str, UnitOf("magnetic_field")]
-    frame: Literal["inertial"]
-
-
-class PositionColumns(StreamColumns):
-    """`position` of `[columns]`."""
-
-    names: Names3 = Field(description='names = ["...", "...", "..."], along the inertial axes')
-    unit: Annotated[str, UnitOf("position")]
-    frame: Literal["inertial"]
-
-
-class ColumnsPart(Part):
-    """`[columns]`: which columns of the tables hold what, in which unit and sense."""
-
-    time: TimeColumn = Field(description='time = { names = ["..."], unit = "s" }')
-    rate: RateColumns = Field(
-        description='rate = { names = ["...", "...", "..."], unit = "rad/s" }'
-    )
-    wheel_torque: TorqueColumns | None = None
-    wheel_momentum: MomentumColumns | None = None
-    wheel_speed: SpeedColumns | None = None
-    attitude: AttitudeColumns | None = None
-    magnetic_field: MagneticFieldColumns | None = None
-    position: PositionColumns | None = None
-
-    def given(self) -> dict[str, Any]:
-        """The entries that the campaign has, by key."""
-        return {
-            key: entry
-            for key in type(self).model_fields
-            if (entry := getattr(self, key)) is not None
-        }
-
-
-class FilesPart(Part):
-    """`files` of one of `[[slews]]`: the table of each entry of `[columns]`."""
-
-    rate: str = Field(description='rate = the table of the rates, such as "slew_01_rate.csv"')
-    wheel_torque: str | None = None
-    wheel_momentum: str | None = None
-    wheel_speed: str | None = None
-    attitude: str | None = None
-    magnetic_field: str | None = None
-    position: str | None = None
-
-
-class SlewPart(Part):
-    """One `[[slews]]`; either `file` or `files` is given."""
-
-    name: str = Field(description='name = "..."')
-    file: str | None = Field(
-        default=None, description='file = the table of the slew, such as "slew_01.csv"'
-    )
-    files: FilesPart | None = None
-    start: float = Field(description="start = the time of the first row in the campaign [s]")
-    axis: Vector3 | None = None
-    angle_deg: float | None = None
-
-    def file_of(self, key: str) -> str | None:
-        """The table that holds an entry of `[columns]`; None if this slew has none."""
-        return self.file if self.files is None else getattr(self.files, key)
 
 
 class InflatePart(Part):
@@ -313,75 +200,6 @@ class PriorPart(Part):
         return self.model_dump(exclude={"from_", "inflate"}, exclude_none=True)
 
 
-class CampaignPart(Part):
-    """The whole of `campaign.toml`."""
-
-    # What to do with a key of the other format.
-    other_format: ClassVar[Mapping[str, str]] = dict.fromkeys(
-        ("actuators", "sensors", "environment", "changes", "time"),
-        f'it is of format 2: write format = "{FORMAT_2}", and [[sensors]], [[actuators]] in place '
-        "of [columns]",
-    )
-
-    # A file of format 2 has another form; here its name stands for messages.
-    format: Literal["bayes-inertia-campaign/1", "bayes-inertia-campaign/2"]
-    name: str = Field(description='name = "..."')
-    inertia: InertiaPart = Field(
-        description="[inertia] with tensor, relative_sigma, product_sigma, includes_wheel_spin"
-    )
-    rate_sensor: RateSensorPart = Field(description="[rate_sensor] with at least sigma")
-    columns: ColumnsPart = Field(description="[columns] with at least time and rate")
-    slews: Annotated[list[SlewPart], Len(1)] = Field(
-        description="one [[slews]] a slew, with name, file, start"
-    )
-    wheels: list[WheelPart] = Field(default=[])
-    star_tracker: StarTrackerPart | None = None
-    mission: MissionPart | None = None
-    prior: PriorPart | None = None
-
-
-_WHEEL_KEYS = ("wheel_torque", "wheel_momentum", "wheel_speed")
-
-
-def check_consistency(campaign: CampaignPart, label: str) -> None:
-    """Refuse entries that contradict each other or the hardware."""
-    _check_wheels(campaign, label)
-    given = campaign.columns.given()
-    if "attitude" in given and campaign.star_tracker is None:
-        what = "attitude columns without a star tracker"
-        advice = "add [star_tracker] with its sigmas, or leave the columns out"
-        refuse(label, "columns.attitude", what, advice)
-    for slew in campaign.slews:
-        _check_files(slew, campaign, label)
-
-
 def refuse(label: str, key: str, what: str, advice: str) -> NoReturn:
     """Raise an error that names a key of the description in the file `label`."""
     raise CampaignError(what, where=f"{label}, key {key}", advice=advice)
-
-
-def _check_wheels(campaign: CampaignPart, label: str) -> None:
-    """One column a wheel."""
-    given = campaign.columns.given()
-    for key in _WHEEL_KEYS:
-        if key in given and len(given[key].names) != len(campaign.wheels):
-            what = f"{len(given[key].names)} column(s) for {len(campaign.wheels)} [[wheels]]"
-            advice = "name one column a wheel, in the same order"
-            refuse(label, f"columns.{key}.names", what, advice)
-
-
-def _check_files(slew: SlewPart, campaign: CampaignPart, label: str) -> None:
-    """Either `file` or `files`, and only tables of entries that `[columns]` has."""
-    place = f"slews.{slew.name}"
-    if slew.file is None and slew.files is None:
-        advice = 'add file = the table of the slew, such as "slew_01.csv"'
-        refuse(label, f"{place}.file", "missing key", f"{advice}, or files = {{ rate = ... }}")
-    if slew.file is not None and slew.files is not None:
-        what = "file is given too"
-        advice = "keep file (one table) or files (one table for each entry of [columns])"
-        refuse(label, f"{place}.files", what, advice)
-    for key in () if slew.files is None else type(slew.files).model_fields:
-        if slew.file_of(key) is not None and key not in campaign.columns.given():
-            what = f"[columns] has no {key}"
-            advice = f"say under columns.{key} which columns hold it"
-            refuse(label, f"{place}.files.{key}", what, advice)

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayes_inertia.campaign import schema
-from bayes_inertia.campaign.description import Description, Entry, SlewTables
+from bayes_inertia.campaign.description import Description, Entry
+from bayes_inertia.campaign.format_2 import FieldVector, PositionVector, SlewPart, WheelTorque
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.sensors import BY_KEY, KINDS_BY_KEY
@@ -52,11 +53,11 @@ class Stream:
         return all(entry.field.startswith(INPUTS) for entry in self.entries)
 
 
-def streams_of(slew: SlewTables, description: Description) -> list[Stream]:
+def streams_of(slew: SlewPart, description: Description) -> list[Stream]:
     """The streams of a slew, in the order of the description."""
     found: dict[tuple[str, str, str, bool, float], tuple[schema.TimeColumn, list[Entry]]] = {}
     for entry in description.entries:
-        file = slew.file_of(entry)
+        file = slew.file_of(entry.columns)
         if file is None:
             continue
         time = description.clock(entry)
@@ -330,7 +331,7 @@ def _input(table: Table, stream: Stream, entry: Entry) -> InputStream:
         raise CampaignError(error.what, where=where, advice=error.advice) from None
 
 
-def _torque(table: Table, entry: schema.TorqueColumns, time: np.ndarray) -> np.ndarray:
+def _torque(table: Table, entry: WheelTorque, time: np.ndarray) -> np.ndarray:
     refuse_empty_columns(table, entry.names)
     values = schema.to_si(table.stack(entry.names), "wheel_torque", entry.unit)
     missing = np.isnan(values).any(axis=1)
@@ -344,9 +345,7 @@ def _torque(table: Table, entry: schema.TorqueColumns, time: np.ndarray) -> np.n
     return 0.0 - values if entry.acts_on == "body" else values
 
 
-def _environment(
-    table: Table, entry: schema.MagneticFieldColumns | schema.PositionColumns, key: str
-) -> np.ndarray | None:
+def _environment(table: Table, entry: FieldVector | PositionVector, key: str) -> np.ndarray | None:
     if all_empty(table, entry.names):
         return None
     refuse_half_empty_rows(table, entry.names, "fill all three cells, or leave all three empty")

@@ -114,12 +114,12 @@ def content_of(campaign: Campaign) -> tuple[str, dict[str, Table]]:
         return _content_2(campaign, channels)
     files = numbered(len(campaign.slews), "slew_{}.csv")
     slews = list(zip(campaign.slews, files, strict=True))
+    first = zip(FIRST.values(), campaign.names, strict=True)
     parts = {
         **_head(campaign, FORMAT),
         # A wheel that is not running is said in format 2.
         "wheels": [keys_of(wheel) | {"state": None} for wheel in campaign.wheels],
-        "rate_sensor": keys_of(campaign.rate_sensor),
-        "star_tracker": keys_of(campaign.star_tracker),
+        **{table: _named(campaign, table, name) for table, name in first},
         "columns": {"time": _TIME}
         | {channel.key: {"names": channel.names, **channel.sense} for channel in channels},
         "slews": [_slew(slew, file, channels) for slew, file in slews],
@@ -143,6 +143,13 @@ def _content_2(campaign: Campaign, channels: Sequence[Written]) -> tuple[str, di
         "slews": slews,
     }
     return toml_text(parts), tables
+
+
+def _named(campaign: Campaign, table: str, name: str) -> dict[str, Any]:
+    """The table of the first sensor of a kind in format 1, with its name where that is its own."""
+    stated = keys_of(getattr(campaign, table))
+    usual = name == table.replace("_", " ")
+    return stated if usual or not stated else {"name": name, **stated}
 
 
 def _head(campaign: Campaign, form: str) -> dict[str, Any]:

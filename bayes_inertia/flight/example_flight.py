@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.actuators import Magnetorquer, Thruster
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.description import Description, Entry, SlewTables
+from bayes_inertia.campaign.description import Description, Entry
+from bayes_inertia.campaign.format_2 import SlewPart
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.parsed_description import parse_description
 from bayes_inertia.campaign.schema import UNITS
@@ -144,7 +145,7 @@ def _planned(parsed: Description, rng: np.random.Generator) -> tuple[Campaign, S
 
 
 def _planned_slew(
-    parsed: Description, part: SlewTables, duration: float, first: Rotation
+    parsed: Description, part: SlewPart, duration: float, first: Rotation
 ) -> tuple[Slew, np.ndarray]:
     """A slew that begins at an attitude, and its rate then (3,) [rad/s]."""
     assert part.axis is not None
@@ -251,13 +252,13 @@ def _told_beside(slew: Slew) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 def _add_columns(
     tables: dict[str, Table],
     parsed: Description,
-    part: SlewTables,
+    part: SlewPart,
     entry: Entry,
     time: np.ndarray,
     values: np.ndarray,
 ) -> None:
     """Put an entry into its table, in the units of the description."""
-    file, clock = part.files[entry.path], parsed.clock(entry)
+    file, clock = part.file_of(entry.columns) or "", parsed.clock(entry)
     unit = getattr(entry.columns, "unit", None)
     quantity = "magnetic_field" if entry.key == "direction" else entry.key
     if entry.key == "wheel_speed":

@@ -18,7 +18,7 @@ MAPPING_FORMAT = "bayes-inertia-mapping/1"
 Numbers = float | Annotated[list[float], Len(1)]
 
 
-class MappedRateSensor(schema.RateSensorPart):
+class MappedRateSensor(schema.RateSensorPart[schema.Matrix33, schema.OneOrThree]):
     """`[rate_sensor]`: `sigma` may be left out, to be told what the rests show."""
 
     sigma: schema.OneOrThree | None = None  # type: ignore[assignment]

@@ -169,7 +169,7 @@ BAD_TOML = [
     (
         "two sigmas",
         [("sigma = 2e-5", "sigma = [1e-5, 1e-5]")],
-        ["key rate_sensor.sigma", "3 items"],
+        ["key rate_sensor.sigma", "3 axes"],
     ),
     ("text sigma", [("sigma = 2e-5", 'sigma = "2e-5"')], ["key rate_sensor.sigma", "'2e-5'"]),
     ("tensor of two rows", [(", [0.0, 0.0, 2.0]]", "]")], ["key inertia.tensor", "3 items"]),
@@ -219,7 +219,7 @@ BAD_TOML = [
     (
         "attitude without tracker",
         [(TOML[TOML.index("[star_tracker]") : TOML.index("[columns]")], "")],
-        ["key columns.attitude", "[star_tracker]"],
+        ["key star_tracker.boresight", "missing"],
     ),
     (
         "speed and momentum",
@@ -240,7 +240,7 @@ BAD_TOML = [
     (
         "column in two roles",
         [('"wx", "wy"', '"h1", "wy"')],
-        ["key columns.wheel_momentum.names", "'h1'", "used by rate"],
+        ["key columns.wheel_momentum.names", "'h1'", "used by columns.rate"],
     ),
     (
         "negative sigma",

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from support.campaign_files import CSV, assert_same, assert_teaches, edited, make, refusal
 from support.campaign_files import FORMAT_2 as TOML
+from support.campaign_files import TOML as FORMAT_1
 
 from bayes_inertia.app.commands.check import campaign_json
 from bayes_inertia.campaign.actuators import (
@@ -18,10 +20,11 @@ from bayes_inertia.campaign.actuators import (
     Thruster,
 )
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.format_1 import upgrade
 from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_campaign
-from bayes_inertia.campaign.writer import write_campaign
+from bayes_inertia.campaign.writer import toml_text, write_campaign
 from bayes_inertia.physics.actuators import effects_of
 
 TORQUERS = """
@@ -256,7 +259,7 @@ BAD = [
     ("no sigma", [("sigma_roll = 1e-4\n", "")], ["sensors.tracker.sigma_roll", "[rad]"]),
     ("negative", [("sigma_roll = 1e-4", "sigma_roll = -1.0")], ["sensors.tracker.sigma_roll"]),
     ("name twice", [('name = "y"', 'name = "x"')], ["actuators.x", "twice"]),
-    ("no file", [('file = "a.csv"\n', "")], ["slews.first.files", "{stream}"]),
+    ("no file", [('file = "a.csv"\n', "")], ["slews.first.file", "{stream}"]),
     ("both", [('"a.csv"', '"a.csv"\nfiles = "a_{stream}.csv"')], ["slews.first.files"]),
     ("no place", [('file = "a.csv"', 'files = "a.csv"')], ["slews.first.files", "stream"]),
     ("no table", [('file = "a.csv"', 'files = "c_{stream}.csv"')], ["slews.first", "c_all.csv"]),
@@ -293,6 +296,23 @@ def test_bad_devices_name_file_and_key(tmp_path, changes, named):
     error = refusal(streams(tmp_path / "in", edited(TOML + TORQUERS + MEMS, *changes)))
     assert error is not None
     assert_teaches(error, ["campaign.toml", *named])
+
+
+def test_a_table_of_format_1_has_no_columns_of_its_own(tmp_path):
+    """The keys that the upgrade gives it would be overwritten."""
+    wheel = "spin_inertia = 0.002"
+    for key in ("torque = { names = ['u9'] }", "type = 'torque'"):
+        error = refusal(make(tmp_path / key[:4], edited(FORMAT_1, (wheel, f"{wheel}\n{key}"))))
+        assert_teaches(error, [f"key wheels.y.{key.split()[0]}", "format 2"])
+
+
+def test_an_upgrade_keeps_the_document_and_says_the_same(tmp_path):
+    content = tomllib.loads(FORMAT_1)
+    upgraded = upgrade(content)
+    assert content == tomllib.loads(FORMAT_1)
+    folder = make(tmp_path / "one", FORMAT_1)
+    other = make(tmp_path / "two", toml_text(upgraded))
+    assert_same(read_campaign(folder), read_campaign(other))
 
 
 def test_keys_of_format_2_in_format_1_are_told(tmp_path):
@@ -393,6 +413,8 @@ def test_what_is_written_reads_back_to_the_bit(tmp_path, gyroless):
 
 
 def test_a_campaign_of_format_1_is_written_as_before(tmp_path):
-    folder = write_campaign(read_campaign(make(tmp_path / "in", TOML)), tmp_path / "out")
+    campaign = read_campaign(make(tmp_path / "in", TOML))
+    folder = write_campaign(campaign, tmp_path / "out")
+    assert read_campaign(folder).names == campaign.names == ("gyro", "tracker")
     assert (folder / "campaign.toml").read_text().startswith('format = "bayes-inertia-campaign/1"')
     assert (folder / "slew_01.csv").read_text().count("\n") == CSV.count("\n")

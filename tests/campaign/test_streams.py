@@ -126,8 +126,8 @@ BAD = [
     (("files = {", 'file = "a.csv"\nfiles = {'), ["key slews.first.files", "file is given too"]),
     ((FILES, ""), ["key slews.first.file", "missing"]),
     (('rate = "rate.csv", ', ""), ["key slews.first.files.rate", "missing"]),
-    (('attitude = "tr', 'atitude = "tr'), ["slews.first.files.atitude", '"attitude"']),
-    (('magnetic_field = "f', 'position = "f'), ["slews.first.files.position", "no position"]),
+    (('attitude = "tr', 'atitude = "tr'), ["slews.first.files.atitude", "here: rate, attitude"]),
+    (('magnetic_field = "f', 'position = "f'), ["slews.first.files.position", "nothing is read"]),
     (('"rate.csv"', '"none.csv"'), ["key slews.first.files", "none.csv"]),
     (('"rate.csv"', '"b.csv"'), ["key slews.second.file", "two slews"]),
     (('"rate.csv"', '"../rate.csv"'), ["key slews.first.files"]),
@@ -135,7 +135,7 @@ BAD = [
     (('"rad/s" }', '"rad/s", offset = 1.0 }'), ["key columns.rate.offset", '"offset_s"']),
     (
         ('"rad/s" }', '"rad/s", time = { names = ["wx"], unit = "s" } }'),
-        ["key columns.rate.names", "'wx' is already used by rate.time"],
+        ["key columns.rate.names", "'wx' is already used by columns.rate.time"],
     ),
     (
         ('"rad/s" }', '"rad/s", time = { names = ["tt"], unit = "s" } }'),

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.format_2 import WheelSpeed
 from bayes_inertia.campaign.hardware import unattainable
-from bayes_inertia.campaign.schema import SpeedColumns, to_si
+from bayes_inertia.campaign.schema import to_si
 from bayes_inertia.campaign.sensors.sensor_stream import SensorStream, refuse_empty_columns
 from bayes_inertia.tables.table import Table
 
@@ -29,7 +30,7 @@ class MomentumStream(SensorStream):
         """Speeds become momentum by the spin inertias."""
         refuse_empty_columns(table, entry.names)
         values = table.stack(entry.names)
-        if isinstance(entry, SpeedColumns):
+        if isinstance(entry, WheelSpeed):
             return to_si(values, "wheel_speed", entry.unit) * spin_inertias
         return to_si(values, "wheel_momentum", entry.unit)
 
