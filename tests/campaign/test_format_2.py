@@ -306,6 +306,14 @@ def test_a_table_of_format_1_has_no_columns_of_its_own(tmp_path):
         assert_teaches(error, [f"key wheels.y.{key.split()[0]}", "format 2"])
 
 
+def test_format_1_takes_a_gyro_of_two_axes(tmp_path):
+    text = edited(FORMAT_1, ('"wx", "wy", "wz"', '"wx", "wy"'))
+    text = edited(text, ("sigma = 2e-5", "axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]\nsigma = 2e-5"))
+    campaign = read_campaign(make(tmp_path, text))
+    assert campaign.gyro.sigma == (2e-5, 2e-5)
+    assert campaign.slews[0].rate.shape == (4, 2)
+
+
 def test_an_upgrade_keeps_the_document_and_says_the_same(tmp_path):
     content = tomllib.loads(FORMAT_1)
     upgraded = upgrade(content)
