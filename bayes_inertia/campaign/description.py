@@ -36,7 +36,7 @@ class Entry:
     columns: Any  # Its names, unit, sense and clock: a form of `OfStream`
     # Its key in the file, such as "sensors.gyro.rate"; one a column where each has its own
     paths: tuple[str, ...]
-    # The wheels that the columns are of, counted from 0; empty: all, in their order
+    # The wheels that the columns are of, counted from 0; empty: of none
     wheels: tuple[int, ...] = ()
 
     @property

@@ -44,10 +44,7 @@ def parse_description(text: str, label: str) -> Description:
     except CampaignError as error:
         what, where, advice = map(said, (error.what, error.where, error.advice))
         raise CampaignError(what, where=where, advice=advice) from None
-    entries = (
-        replace(entry, paths=tuple(dict.fromkeys(map(said, entry.paths))))
-        for entry in description.entries
-    )
+    entries = (replace(entry, paths=tuple(map(said, entry.paths))) for entry in description.entries)
     return replace(description, entries=tuple(entries), devices={})
 
 

@@ -288,7 +288,7 @@ def stream_from_table(
         if entry.field.startswith(INPUTS):
             continue
         sensor = sensor_of(entry)
-        wheels = list(entry.wheels) or list(range(len(spin_inertias)))
+        wheels = list(entry.wheels)
         if sensor is not None:
             values = sensor.read(table, entry.columns, spin_inertias[wheels])
         elif entry.key == "wheel_torque":

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.files import by_word, vocabulary
+from bayes_inertia.files import by_word, refused_by_system, vocabulary
 from bayes_inertia.tables import array_tables
 from bayes_inertia.tables.aem_file import aem_segments, is_aem, read_aem, refuse_other_messages
 from bayes_inertia.tables.array_files import FileArrays
@@ -156,13 +156,11 @@ def file_format(path: Path) -> str:
 
 
 def _head(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            return file.read(LIMITS.head_bytes)
-    except OSError as error:
-        raise CampaignError(
-            f"cannot be opened ({error.strerror})", where=str(path), advice="check the path"
-        ) from error
+    with (
+        refused_by_system(CampaignError, "cannot be opened", path, "check the path"),
+        path.open("rb") as file,
+    ):
+        return file.read(LIMITS.head_bytes)
 
 
 def _is_npz(path: Path) -> bool:

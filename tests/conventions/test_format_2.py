@@ -124,6 +124,12 @@ def test_what_a_locked_wheel_reads_does_not_count(folder, tmp_path):
     assert [change.key for change in wrong.changes if change.proposal == 1][:3] == [
         f"actuators.{wheel.name}.momentum.unit" for wheel in campaign.wheels
     ]
+    running = (*campaign.wheels, replace(spare, state="running"))
+    alone = [replace(slew, more=None) for slew in slews]
+    one = replace(locked, wheels=running, more_sensors=(), slews=alone)
+    of_format_1 = write_campaign(one, tmp_path / "one")
+    name = 'name = "spare"'
+    assert checked(of_format_1, name, f'{name}\nstate = "locked"').verdict == "consistent"
 
 
 def test_a_noise_that_shares_a_wrong_unit_is_mended_where_it_stands(folder, tmp_path):
