@@ -39,11 +39,18 @@ def checked_document[Form: BaseModel](
 ) -> Form:
     """The content of a TOML file in its form."""
     try:
+        return formed(document, form)
+    except CampaignError as error:
+        raise error.inside(label) from None
+
+
+def formed[Form: BaseModel](document: dict[str, Any], form: type[Form]) -> Form:
+    """A document in its form; errors do not know the file."""
+    try:
         return form.model_validate(document)
     except ValidationError as error:
         problems: list[Any] = list(error.errors(include_url=False))
-        problem = min(problems, key=_urgency)
-        raise _Wording(form, document).error(problem, label) from None
+        raise _Wording(form, document).error(min(problems, key=_urgency)) from None
 
 
 def _syntax_error(error: Exception, text: str, label: str) -> CampaignError:
@@ -106,7 +113,7 @@ class _Wording:
     form: type[BaseModel]
     document: dict[str, Any]
 
-    def error(self, problem: dict, label: str) -> CampaignError:
+    def error(self, problem: dict) -> CampaignError:
         """The error that names the key of a problem that pydantic reports."""
         kind, loc, value = problem["type"], problem["loc"], problem["input"]
         if kind in ("union_tag_not_found", "union_tag_invalid"):
@@ -127,7 +134,7 @@ class _Wording:
             advice = only.format(*choices) or "write one of these exactly"
         else:
             what, advice = _wrong_type(kind, key, value, problem["msg"])
-        return CampaignError(what, where=f"{label}, key {self._path(loc)}", advice=advice)
+        return CampaignError(what, where=f"key {self._path(loc)}", advice=advice)
 
     def _missing(self, key: str, loc: tuple) -> tuple[str, str]:
         choices = self._choices(loc)

@@ -6,15 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from bayes_inertia.campaign.actuators import Actuator, Change, Magnetorquer
-from bayes_inertia.campaign.format_2 import OfStream, SlewPart
-from bayes_inertia.campaign.hardware import (
-    DirectionSensor,
-    InertiaPrior,
-    RateSensor,
-    StarTracker,
-    Wheel,
-)
+from bayes_inertia.campaign.actuators import Actuator, Change
+from bayes_inertia.campaign.format_2 import SlewPart
+from bayes_inertia.campaign.hardware import InertiaPrior, RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.schema import PriorPart, TimeColumn
 from bayes_inertia.errors import CampaignError
 
@@ -43,6 +37,10 @@ class Entry:
     def path(self) -> str:
         """Its key in the description, or the first of them."""
         return self.paths[0]
+
+    def path_of(self, column: int) -> str:
+        """The key of one of its columns."""
+        return self.paths[column if self.wheels else 0]
 
 
 @dataclass(frozen=True)
@@ -85,21 +83,14 @@ AS_CAMPAIGN = (
 )
 """What a `Campaign` has as its description does."""
 
-# Fields of hardware that the description calls otherwise.
-_RENAMED = {
-    "axis": "axis_B",
-    "boresight": "boresight_B",
-    "torques": "torque_B",
-    "gimbal_axes": "gimbal_axes_B",
-    "spin_axes_at_zero": "spin_axes_at_zero_B",
-}
-_KEY_OF_FIELD = {field: key for key, field in _RENAMED.items()} | {"axes_B": "axes"}
+# A field in body axes that the description does not call the same without its "_B".
+_KEY, _FIELD = "torques", "torque_B"
 
 
 def keys_of(hardware: Any) -> dict[str, Any]:
     """The fields of hardware, as keys of the description; none of None."""
     stated = {} if hardware is None else vars(hardware)
-    return {_KEY_OF_FIELD.get(field, field): value for field, value in stated.items()}
+    return {_KEY if f == _FIELD else f.removesuffix("_B"): value for f, value in stated.items()}
 
 
 def stated_keys(part: Any) -> dict[str, Any]:
@@ -109,15 +100,14 @@ def stated_keys(part: Any) -> dict[str, Any]:
     }
 
 
-def built(kind: Any, part: Any, label: str, was: str = "", now: str = "", **more: Any) -> Any:
+def built(kind: Any, part: Any, was: str = "", now: str = "", **more: Any) -> Any:
     """Hardware of a part; errors say `now` where the record's own key is `was`."""
-    stated = {k: v for k, v in stated_keys(part).items() if not isinstance(v, OfStream)}
-    is_sensor = kind in (RateSensor, StarTracker, DirectionSensor)
-    left_out = ("type", "name", "reference") if is_sensor else ("type",)
-    renamed = _RENAMED | ({"axes": "axes_B"} if kind is Magnetorquer else {})
-    given = {renamed.get(k, k): v for k, v in stated.items() if k not in left_out}
+    known, given = kind.__dataclass_fields__, more
+    for key, value in stated_keys(part).items():
+        in_body_axes = _FIELD if key == _KEY else f"{key}_B"
+        given |= {f: value for f in (key, in_body_axes) if f in known}
     try:
-        return kind(**given, **more)
+        return kind(**given)
     except CampaignError as error:
-        where = f"{label}, {error.where.replace(was, now) if was else error.where}"
+        where = error.where.replace(was, now) if was else error.where
         raise CampaignError(error.what, where=where, advice=error.advice) from None

@@ -113,7 +113,7 @@ def _with(table: Mapping[str, Any], path: str, **more: Any) -> dict[str, Any]:
 
 def keys_as_written(upgraded: Mapping[str, Any]) -> Callable[[str], str]:
     """From a text about a document that `upgrade` returns to one in the keys of its file."""
-    keys = {"actuators": "wheels", ", key time": ", key columns.time"}
+    keys = {"actuators": "wheels", "key time": "key columns.time"}
     keys |= {f"environment.{key}.vector": f"columns.{key}" for key in _ENVIRONMENT}
     for wheel in upgraded["actuators"]:
         place = f"actuators.{wheel.get('name')}"

@@ -7,14 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from bayes_inertia.campaign import actuators, format_1, format_2
-from bayes_inertia.campaign.checked_toml import checked_document, toml_document
-from bayes_inertia.campaign.description import (
-    FIELDS,
-    Description,
-    Entry,
-    built,
-    stated_keys,
-)
+from bayes_inertia.campaign.checked_toml import formed, toml_document
+from bayes_inertia.campaign.description import FIELDS, Description, Entry, built, stated_keys
 from bayes_inertia.campaign.format_2 import SlewPart
 from bayes_inertia.campaign.hardware import (
     DirectionSensor,
@@ -22,8 +16,9 @@ from bayes_inertia.campaign.hardware import (
     RateSensor,
     StarTracker,
     Wheel,
+    require,
 )
-from bayes_inertia.campaign.schema import FORMAT_2, refuse
+from bayes_inertia.campaign.schema import FORMAT_2
 from bayes_inertia.campaign.sensors import FIRST
 from bayes_inertia.errors import CampaignError
 
@@ -31,27 +26,30 @@ from bayes_inertia.errors import CampaignError
 def parse_description(text: str, label: str) -> Description:
     """The content of a `campaign.toml` of either format, every key checked."""
     document = toml_document(text, label)
-    if document.get("format") == FORMAT_2:
-        return _described(document, label)
-    checked_document(document, label, format_1.Tables)
     try:
-        upgraded = format_1.upgrade(document)
+        return _described(document) if document.get("format") == FORMAT_2 else _upgraded(document)
     except CampaignError as error:
         raise error.inside(label) from None
-    said = format_1.keys_as_written(upgraded)
+
+
+def _upgraded(document: dict[str, Any]) -> Description:
+    """The content of a document of format 1; errors and entries have its own keys."""
+    formed(document, format_1.Tables)
+    document = format_1.upgrade(document)
+    said = format_1.keys_as_written(document)
     try:
-        description = _described(upgraded, label)
+        description = _described(document)
     except CampaignError as error:
         what, where, advice = map(said, (error.what, error.where, error.advice))
         raise CampaignError(what, where=where, advice=advice) from None
-    entries = (replace(entry, paths=tuple(map(said, entry.paths))) for entry in description.entries)
+    entries = (replace(e, paths=tuple(map(said, e.paths))) for e in description.entries)
     return replace(description, entries=tuple(entries), devices={})
 
 
-def _described(document: dict[str, Any], label: str) -> Description:
+def _described(document: dict[str, Any]) -> Description:
     """The content of a document of format 2."""
-    parsed = checked_document(document, label, format_2.CampaignPart)
-    _require_different(parsed, label)
+    parsed = formed(document, format_2.CampaignPart)
+    _require_different(parsed)
     of_kinds = reversed([part for part in parsed.sensors if part.type in FIRST])
     first: dict[str, Any] = {part.type: part for part in of_kinds}
     wheels = [part for part in parsed.actuators if isinstance(part, format_2.WheelDevice)]
@@ -61,31 +59,39 @@ def _described(document: dict[str, Any], label: str) -> Description:
         time=parsed.time,
         entries=(
             *_sensor_entries(parsed, first),
-            *_wheel_entries(wheels, label),
-            *(_input_entry(part, label) for part in others),
+            *_wheel_entries(wheels),
+            *map(_input_entry, others),
             *_environment_entries(parsed),
         ),
         slews=tuple(parsed.slews),
-        inertia=built(InertiaPrior, parsed.inertia, label),
-        wheels=tuple(_wheel(part, label) for part in wheels),
+        inertia=built(InertiaPrior, parsed.inertia),
+        wheels=tuple(map(_wheel, wheels)),
         mission=() if parsed.mission is None else tuple(stated_keys(parsed.mission).items()),
         prior=parsed.prior,
-        reference=_reference(parsed, label),
-        actuators=tuple(_actuator(part, label) for part in others),
-        changes=tuple(_change(part, parsed.slews, label) for part in parsed.changes),
-        orbit=_orbit(parsed, label),
-        **_sensors(parsed, first, label),
+        reference=_reference(parsed),
+        actuators=tuple(map(_actuator, others)),
+        changes=tuple(_change(part, parsed.slews) for part in parsed.changes),
+        orbit=_orbit(parsed),
+        **_sensors(parsed, first),
     )
-    _check_told_once(description.entries, label)
+    _check_told_once(description.entries)
     for slew in parsed.slews:
-        _check_tables(slew, description.entries, label)
-        _check_names(slew, description, label)
+        _check_tables(slew, description.entries)
+        _check_names(slew, description)
     return description
 
 
-def _sensors(parsed: format_2.CampaignPart, first: Mapping[str, Any], label: str) -> dict[str, Any]:
+def _require_different(parsed: format_2.CampaignPart) -> None:
+    for key in ("actuators", "sensors", "environment", "changes", "slews"):
+        names = [part.name for part in getattr(parsed, key)]
+        for name in names:
+            what, advice = "the name is used twice", "give each its own name"
+            require(names.count(name) == 1, f"{key}.{name}", what, advice)
+
+
+def _sensors(parsed: format_2.CampaignPart, first: Mapping[str, Any]) -> dict[str, Any]:
     """The hardware of all sensors, as fields of a description, and how the file calls it."""
-    built_of = {part.name: _sensor(part, label) for part in parsed.sensors}
+    built_of = {part.name: _sensor(part) for part in parsed.sensors}
     named = {kind: part.name for kind, part in first.items()}
     usual = zip(FIRST, Description.names, strict=True)
     return {
@@ -97,19 +103,18 @@ def _sensors(parsed: format_2.CampaignPart, first: Mapping[str, Any], label: str
     }
 
 
-def _check_told_once(entries: Sequence[Entry], label: str) -> None:
+def _check_told_once(entries: Sequence[Entry]) -> None:
     """One entry for each quantity, of a wheel for each wheel."""
     told: dict[tuple[str, int], str] = {}
     for entry in entries:
         for k, wheel in enumerate(entry.wheels or (0,)):
-            path = entry.paths[min(k, len(entry.paths) - 1)]
+            path = entry.path_of(k)
             other = told.setdefault((entry.field, wheel), path)
             advice = "keep one of the two, they are the same measurement"
-            if other != path:
-                refuse(label, path, f"{other} is given too", advice)
+            require(other == path, path, f"{other} is given too", advice)
 
 
-def _check_names(slew: SlewPart, description: Description, label: str) -> None:
+def _check_names(slew: SlewPart, description: Description) -> None:
     """In one table each column has one meaning; only columns of time may be shared."""
     used: dict[tuple[str | None, str], str] = {}
     times: dict[tuple[str | None, str], str] = {}
@@ -118,85 +123,67 @@ def _check_names(slew: SlewPart, description: Description, label: str) -> None:
         own = entry.columns.time is not None
         times[file, description.clock(entry).names[0]] = f"{entry.path}.time" if own else "time"
         for k, name in enumerate(entry.columns.names):
-            path = entry.paths[min(k, len(entry.paths) - 1)]
-            if (file, name) in used:
-                _refuse_twice(label, path, name, used[file, name])
-            used[file, name] = path
-    for place, path in times.items():
-        if place in used:
-            _refuse_twice(label, used[place], place[1], path)
+            _require_unused((file, name), used, entry.path_of(k))
+            used[file, name] = entry.path_of(k)
+    for place, path in used.items():
+        _require_unused(place, times, path)
 
 
-def _refuse_twice(label: str, path: str, name: str, other: str) -> None:
-    what = f"the column {name!r} is already used by {other}"
-    refuse(label, f"{path}.names", what, "name each column once")
+def _require_unused(place: tuple[Any, str], used: Mapping[tuple[Any, str], str], path: str) -> None:
+    what = f"the column {place[1]!r} is already used by {used.get(place)}"
+    require(place not in used, f"{path}.names", what, "name each column once")
 
 
-def _require_different(parsed: format_2.CampaignPart, label: str) -> None:
-    for key in ("actuators", "sensors", "environment", "changes", "slews"):
-        names = [part.name for part in getattr(parsed, key)]
-        for name in (name for name in names if names.count(name) > 1):
-            refuse(label, f"{key}.{name}", "the name is used twice", "give each its own name")
-
-
-def _reference(parsed: format_2.CampaignPart, label: str) -> str | None:
+def _reference(parsed: format_2.CampaignPart) -> str | None:
     """The sensor that says it is the reference of frames."""
-    stated = [
-        s for s in parsed.sensors if not isinstance(s, format_2.DirectionDevice) and s.reference
-    ]
-    for part in stated[1:]:
-        what = f"{stated[0].name} is the reference of frames too"
-        refuse(label, f"sensors.{part.name}.reference", what, "keep one: its axes are the body's")
-    for part in stated:
-        if part.mounting_sigma is not None:
-            advice = "leave mounting_sigma out: its axes are the body's"
-            what = "the reference of frames sits as it is stated"
-            refuse(label, f"sensors.{part.name}.mounting_sigma", what, advice)
-    return stated[0].name if stated else None
+    given = [s for s in parsed.sensors if isinstance(s, format_2.ReferenceDevice) and s.reference]
+    for part in given:
+        place, what = f"sensors.{part.name}", f"{given[0].name} is the reference of frames too"
+        only = part is given[0]
+        require(only, f"{place}.reference", what, "keep one: its axes are the body's")
+        what = "the reference of frames sits as it is stated"
+        advice = "leave mounting_sigma out: its axes are the body's"
+        require(part.mounting_sigma is None, f"{place}.mounting_sigma", what, advice)
+    return given[0].name if given else None
 
 
-def _orbit(parsed: format_2.CampaignPart, label: str) -> tuple[str, str] | None:
+def _orbit(parsed: format_2.CampaignPart) -> tuple[str, str] | None:
     """The file of two-line elements and the epoch, if position and field come from them."""
     orbits = [part for part in parsed.environment if isinstance(part, format_2.OrbitDevice)]
-    if not orbits:
-        return None
-    if len(parsed.environment) > 1:
-        what = "position and magnetic field are given twice"
-        advice = "keep the orbit alone, or the columns"
-        refuse(label, f"environment.{orbits[0].name}", what, advice)
-    return orbits[0].tle, orbits[0].epoch
+    for part in orbits:
+        what, advice = "position and magnetic field are given twice", "keep the orbit or columns"
+        require(len(parsed.environment) == 1, f"environment.{part.name}", what, advice)
+    return (orbits[0].tle, orbits[0].epoch) if orbits else None
 
 
-def _sensor(
-    part: format_2.RateDevice | format_2.AttitudeDevice | format_2.DirectionDevice, label: str
-) -> Any:
+def _sensor(part: format_2.RateDevice | format_2.AttitudeDevice | format_2.DirectionDevice) -> Any:
     """The hardware of a sensor."""
     place = f"sensors.{part.name}"
     if isinstance(part, format_2.DirectionDevice):
-        return _direction_sensor(part, label, place)
+        return _direction_sensor(part, place)
     if isinstance(part, format_2.AttitudeDevice):
-        return built(StarTracker, part, label, "star_tracker", place)
-    axes = 3 if part.axes is None else len(part.axes)
-    if len(part.rate.names) != axes:
-        what = f"{len(part.rate.names)} column(s) for {axes} axes"
-        refuse(label, f"{place}.rate.names", what, "name one column an axis, in the same order")
-    return built(RateSensor, part, label, "rate_sensor", place)
+        return built(StarTracker, part, "star_tracker", place)
+    names, axes = len(part.rate.names), 3 if part.axes is None else len(part.axes)
+    what, advice = f"{names} column(s) for {axes} axes", "name one column an axis, in their order"
+    require(names == axes, f"{place}.rate.names", what, advice)
+    return built(RateSensor, part, "rate_sensor", place)
 
 
-def _direction_sensor(part: format_2.DirectionDevice, label: str, place: str) -> DirectionSensor:
+def _direction_sensor(part: format_2.DirectionDevice, place: str) -> DirectionSensor:
     """A sensor of directions, or of a field where its columns have a unit."""
-    unit, reference = part.direction.unit, part.reference
-    if reference is not None and part.reference_N is not None:
-        advice = "keep reference_N where it does not change, reference where it does"
-        refuse(label, f"{place}.reference", "reference_N is given too", advice)
-    if reference is not None and (unit is None) != (reference.unit is None):
-        advice = "give both in a unit such as T (a field), or none (a direction)"
-        refuse(label, f"{place}.reference.unit", "only one of reading and reference has it", advice)
-    if unit is None and reference is None and part.reference_N is None:
-        advice = "add reference_N = what it sees in inertial axes, or reference = { ... }"
-        refuse(label, f"{place}.reference_N", "missing key", advice)
+    unit, reference, fixed = part.direction.unit, part.reference, part.reference_N
+    advice = "keep reference_N where it does not change, reference where it does"
+    alone = reference is None or fixed is None
+    require(alone, f"{place}.reference", "reference_N is given too", advice)
+    what = "only one of reading and reference has it"
+    advice = "give both in a unit such as T (a field), or none (a direction)"
+    alike = reference is None or (unit is None) == (reference.unit is None)
+    require(alike, f"{place}.reference.unit", what, advice)
+    advice = "add reference_N = what it sees in inertial axes, or reference = { ... }"
+    known = unit is not None or reference is not None or fixed is not None
+    require(known, f"{place}.reference_N", "missing key", advice)
     is_field = "" if unit is None else "T"
-    return built(DirectionSensor, part, label, "sensors.direction", place, unit=is_field)
+    return built(DirectionSensor, part, "sensors.direction", place, unit=is_field)
 
 
 def _sensor_entries(parsed: format_2.CampaignPart, first: Mapping[str, Any]) -> list[Entry]:
@@ -208,10 +195,8 @@ def _sensor_entries(parsed: format_2.CampaignPart, first: Mapping[str, Any]) -> 
         if getattr(part, key) is not None:
             entries.append(Entry(key, field, getattr(part, key), (f"{path}.{key}",)))
         if isinstance(part, format_2.DirectionDevice) and part.reference is not None:
-            seen = Entry(
-                "magnetic_field", f"inputs.{part.name}", part.reference, (f"{path}.reference",)
-            )
-            entries.append(seen)
+            place, field = (f"{path}.reference",), f"inputs.{part.name}"
+            entries.append(Entry("magnetic_field", field, part.reference, place))
     return entries
 
 
@@ -223,41 +208,35 @@ def _environment_entries(parsed: format_2.CampaignPart) -> list[Entry]:
     ]
 
 
-def _actuator(part: format_2.OtherActuator, label: str) -> actuators.Actuator:
+def _actuator(part: format_2.OtherActuator) -> actuators.Actuator:
     """A device beside wheels."""
     more: dict[str, Any] = {}
     if isinstance(part, format_2.TorqueDevice):
         more = {"frame": part.torque.frame}
     if isinstance(part, format_2.RotorsDevice):
         more = {"angle_sigma": part.gimbal_angle.sigma}
-    device = built(_RECORDS[part.type], part, label, **more)
-    entry = _input_entry(part, label)
-    names, columns = entry.columns.names, device.columns
-    if len(names) != columns:
-        what = f"{len(names)} column(s) for {columns} of the device"
-        refuse(label, f"{entry.path}.names", what, "name one column each, in the same order")
+    device = built(_RECORDS[part.type], part, **more)
+    entry = _input_entry(part)
+    names, columns = len(entry.columns.names), device.columns
+    what, advice = f"{names} column(s) for {columns} of the device", "name one each, in their order"
+    require(names == columns, f"{entry.path}.names", what, advice)
     return device
 
 
-def _change(part: format_2.ChangePart, slews: Sequence[SlewPart], label: str) -> actuators.Change:
+def _change(part: format_2.ChangePart, slews: Sequence[SlewPart]) -> actuators.Change:
     """A change, dated by the first slew after it or by a time."""
-    place = f"changes.{part.name}"
-    if (part.slew is None) == (part.time is None):
-        advice = "write slew = the name of the first slew after it, or time on the campaign's clock"
-        refuse(label, f"{place}.slew", "give one of slew and time", advice)
-    starts = {slew.name: slew.start for slew in slews}
-    if part.slew is not None and part.slew not in starts:
-        advice = f"slews here: {', '.join(starts)}"
-        refuse(label, f"{place}.slew", f"no slew is called {part.slew!r}", advice)
+    place, starts = f"changes.{part.name}", {slew.name: slew.start for slew in slews}
+    advice = "write slew = the name of the first slew after it, or time on the campaign's clock"
+    one = (part.slew is None) != (part.time is None)
+    require(one, f"{place}.slew", "give one of slew and time", advice)
+    what, advice = f"no slew is called {part.slew!r}", f"slews here: {', '.join(starts)}"
+    require(part.slew is None or part.slew in starts, f"{place}.slew", what, advice)
     time = part.time if part.time is not None else starts[part.slew or ""]
-    if not min(starts.values()) < time <= max(starts.values()):
-        advice = "give the first slew after the change; at least one must come before it"
-        key = "time" if part.slew is None else "slew"
-        refuse(label, f"{place}.{key}", "all slews are on one side of the change", advice)
-    try:
-        return actuators.Change(part.name, time, part.sigma_fraction, part.part)
-    except CampaignError as error:
-        raise error.inside(label) from None
+    what = "all slews are on one side of the change"
+    advice = "give the first slew after the change; at least one must come before it"
+    inside = min(starts.values()) < time <= max(starts.values())
+    require(inside, f"{place}.{'time' if part.slew is None else 'slew'}", what, advice)
+    return actuators.Change(part.name, time, part.sigma_fraction, part.part)
 
 
 # Record of each type of device, and what its input is measured in.
@@ -268,32 +247,29 @@ _QUANTITIES: Mapping[str, str] = {"on_time": "time"} | {
 }
 
 
-def _input_entry(part: format_2.OtherActuator, label: str) -> Entry:
+def _input_entry(part: format_2.OtherActuator) -> Entry:
     """The one stream of a device beside wheels."""
     place = f"actuators.{part.name}"
     keys = [key for key in _QUANTITIES if getattr(part, key, None) is not None]
-    if not keys:
-        advice = 'add on_time = { stream = "...", names = [...], unit = "s" }, or level = { ... }'
-        refuse(label, f"{place}.on_time", "missing key", advice)
-    if len(keys) > 1:
-        refuse(label, f"{place}.{keys[1]}", f"{keys[0]} is given too", "keep one of the two")
+    advice = 'add on_time = { names = [...], unit = "s" }, or level = { ... }'
+    require(len(keys) > 0, f"{place}.on_time", "missing key", advice)
+    require(len(keys) == 1, f"{place}.{keys[-1]}", f"{keys[0]} is given too", "keep one of the two")
     key = keys[0]
     return Entry(_QUANTITIES[key], f"inputs.{part.name}", getattr(part, key), (f"{place}.{key}",))
 
 
-def _wheel(part: format_2.WheelDevice, label: str) -> Wheel:
+def _wheel(part: format_2.WheelDevice) -> Wheel:
     place, more = f"actuators.{part.name}", {}
     if part.momentum is not None and part.momentum.sigma is not None:
         more = {"momentum_sigma": part.momentum.sigma}
     if part.speed is not None and part.speed.sigma is not None:
         more = {"momentum_sigma": part.speed.sigma * part.spin_inertia}
-    if more and part.momentum_sigma is not None:
-        advice = "keep sigma of momentum or speed"
-        refuse(label, f"{place}.momentum_sigma", "the noise is given twice", advice)
-    return built(Wheel, part, label, f"wheels.{part.name}", place, **more)
+    once, advice = not more or part.momentum_sigma is None, "keep sigma of momentum or speed"
+    require(once, f"{place}.momentum_sigma", "the noise is given twice", advice)
+    return built(Wheel, part, f"wheels.{part.name}", place, **more)
 
 
-def _wheel_entries(wheels: Sequence[format_2.WheelDevice], label: str) -> list[Entry]:
+def _wheel_entries(wheels: Sequence[format_2.WheelDevice]) -> list[Entry]:
     """Commands and tachometers; wheels that say the same of their columns share an entry."""
     entries = []
     for kind in ("torque", "momentum", "speed"):
@@ -310,61 +286,59 @@ def _wheel_entries(wheels: Sequence[format_2.WheelDevice], label: str) -> list[E
             key = f"wheel_{kind}"
             where = tuple(i for i, _ in members)
             entries.append(Entry(key, FIELDS.get(key, key), columns, paths, where))
-    _check_wheels(wheels, label)
+    _check_wheels(wheels)
     return entries
 
 
-def _check_wheels(wheels: Sequence[format_2.WheelDevice], label: str) -> None:
+def _check_wheels(wheels: Sequence[format_2.WheelDevice]) -> None:
     """Commands of all wheels or none, in one table."""
     commanded = [(part.name, part.torque.stream) for part in wheels if part.torque is not None]
     for part in wheels:
-        place = f"actuators.{part.name}"
-        if part.torque is None and commanded and part.state not in ("locked", "free"):
-            what = f"missing key, but {commanded[0][0]} has it"
-            advice = "give the commands of every wheel, or leave all out: tachometers drive then"
-            refuse(label, f"{place}.torque", what, advice)
-        if part.torque is not None and part.torque.stream != commanded[0][1]:
-            what = f"another table than that of {commanded[0][0]}"
-            advice = "put the commands of all wheels into one table, a row for each time"
-            refuse(label, f"{place}.torque.stream", what, advice)
+        place, (first, stream) = f"actuators.{part.name}.torque", (*commanded, ("", None))[0]
+        told = part.torque is not None or part.state in ("locked", "free") or not commanded
+        what = f"missing key, but {first} has it"
+        advice = "give the commands of every wheel, or leave all out: tachometers drive then"
+        require(told, place, what, advice)
+        what = f"another table than that of {first}"
+        advice = "put the commands of all wheels into one table, a row for each time"
+        alike = part.torque is None or part.torque.stream == stream
+        require(alike, f"{place}.stream", what, advice)
 
 
 _TEMPLATE = 'write files = "slew_01_{stream}.csv", or files = { gyro = "gyro_01.csv", ... }'
 
 
-def _check_tables(part: SlewPart, entries: Sequence[Entry], label: str) -> None:
+def _check_tables(part: SlewPart, entries: Sequence[Entry]) -> None:
     """One table for all entries, or that of the stream of each."""
-    place = f"slews.{part.name}"
-    if part.file is None and part.files is None:
-        advice = f'add file = the table of the slew, such as "slew_01.csv", or {_TEMPLATE}'
-        refuse(label, f"{place}.file", "missing key", advice)
-    if part.file is not None and part.files is not None:
-        advice = "keep file (one table) or files (one table a stream)"
-        refuse(label, f"{place}.files", "file is given too", advice)
-    if isinstance(part.files, str) and "{stream}" not in part.files:
-        what = f"{part.files!r} does not say where the stream's name goes"
-        refuse(label, f"{place}.files", what, f"{_TEMPLATE}; one table of all is file = ...")
-    for entry in entries if part.files is not None else ():
-        if entry.columns.stream is None:
-            advice = f"add stream = what {{stream}} in the files of {part.name} stands for"
-            refuse(label, f"{entry.path}.stream", "missing key", advice)
-    _check_streams(part, entries, label)
+    place, files = f"slews.{part.name}", part.files
+    advice = f'add file = the table of the slew, such as "slew_01.csv", or {_TEMPLATE}'
+    given = part.file is not None or files is not None
+    require(given, f"{place}.file", "missing key", advice)
+    advice = "keep file (one table) or files (one table a stream)"
+    once = part.file is None or files is None
+    require(once, f"{place}.files", "file is given too", advice)
+    what = f"{files!r} does not say where the stream's name goes"
+    named = not isinstance(files, str) or "{stream}" in files
+    require(named, f"{place}.files", what, f"{_TEMPLATE}; one table of all is file = ...")
+    advice = f"add stream = what {{stream}} in the files of {part.name} stands for"
+    for entry in entries:
+        known = files is None or entry.columns.stream is not None
+        require(known, f"{entry.path}.stream", "missing key", advice)
+    _check_streams(part, entries, f"{place}.files")
 
 
-def _check_streams(part: SlewPart, entries: Sequence[Entry], label: str) -> None:
+def _check_streams(part: SlewPart, entries: Sequence[Entry], place: str) -> None:
     """Only streams that a device has, and those of what every slew needs."""
     known = list(dict.fromkeys(entry.columns.stream for entry in entries))
     for stream in part.files if isinstance(part.files, dict) else ():
-        if stream not in known:
-            what, advice = "nothing is read from this table", f"known here: {', '.join(known)}"
-            refuse(label, f"slews.{part.name}.files.{stream}", what, advice)
+        what, advice = "nothing is read from this table", f"known here: {', '.join(known)}"
+        require(stream in known, f"{place}.{stream}", what, advice)
     read = [entry for entry in entries if part.file_of(entry.columns) is not None]
-    if not any(entry.path.startswith("sensors.") for entry in read):
-        advice = "add the table of a sensor, or leave the slew out"
-        refuse(label, f"slews.{part.name}.files", "no sensor has a table", advice)
+    sensed = any(entry.path.startswith("sensors.") for entry in read)
+    advice = "add the table of a sensor, or leave the slew out"
+    require(sensed, place, "no sensor has a table", advice)
     for entry in entries:
-        needed = entry.field == "rate" or entry.field.startswith("inputs.")
-        if needed and entry not in read:
-            place = f"slews.{part.name}.files.{entry.columns.stream}"
-            advice = f"add the table of {entry.path}, or leave the slew out"
-            refuse(label, place, "missing key", advice)
+        optional = entry.field != "rate" and not entry.field.startswith("inputs.")
+        advice = f"add the table of {entry.path}, or leave the slew out"
+        there = optional or entry in read
+        require(there, f"{place}.{entry.columns.stream}", "missing key", advice)

@@ -9,14 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any
 
 import numpy as np
 from annotated_types import Len
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic_core import core_schema
-
-from bayes_inertia.errors import CampaignError
 
 UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
@@ -198,8 +196,3 @@ class PriorPart(Part):
     def stated(self) -> dict[str, Any]:
         """What stands here itself, not in another file."""
         return self.model_dump(exclude={"from_", "inflate"}, exclude_none=True)
-
-
-def refuse(label: str, key: str, what: str, advice: str) -> NoReturn:
-    """Raise an error that names a key of the description in the file `label`."""
-    raise CampaignError(what, where=f"{label}, key {key}", advice=advice)

@@ -57,17 +57,17 @@ class AemSegment:
     names: tuple[str, ...] = ()
     label: str = ""  # The file and the segment, as messages name them
 
-    def error(self, what: str, advice: str) -> CampaignError:
-        """What is wrong with the segment."""
-        return CampaignError(what, where=self.label, advice=advice)
+    def require(self, condition: bool, what: str, advice: str) -> None:
+        """Raise an error that names the segment, unless a condition holds."""
+        if not condition:
+            raise CampaignError(what, where=self.label, advice=advice)
 
 
 def segment_table(segment: AemSegment) -> Table:
     """The table of a segment, with what the segment says of its numbers."""
     _check_keywords(segment)
     names = segment.names or _names_of_type(segment)
-    if not segment.rows:
-        raise segment.error("a segment has no attitudes", "export it again")
+    segment.require(bool(segment.rows), "a segment has no attitudes", "export it again")
     for index, row in enumerate(segment.rows):
         if len(row) != len(names) + 1:
             where = f"line {segment.lines[index]}" if segment.lines else f"attitude {index + 1}"
@@ -115,20 +115,17 @@ def joined_segments(tables: Sequence[Table]) -> Table:
 
 
 def _check_keywords(segment: AemSegment) -> None:
-    if segment.version not in ("1.0", "2.0"):
-        raise segment.error(
-            f"version {segment.version!r} of the AEM is not known", "export version 1.0 or 2.0"
-        )
+    what = f"version {segment.version!r} of the AEM is not known"
+    segment.require(segment.version in ("1.0", "2.0"), what, "export version 1.0 or 2.0")
     needed = ["REF_FRAME_A", "REF_FRAME_B", "TIME_SYSTEM", "ATTITUDE_TYPE"]
     needed += ["ATTITUDE_DIR"] if segment.version == "1.0" else []
     for key in needed:
-        if not segment.metadata.get(key):
-            raise segment.error(f"the metadata lack {key}", f"add the line {key} = ...")
+        stated = bool(segment.metadata.get(key))
+        segment.require(stated, f"the metadata lack {key}", f"add the line {key} = ...")
     for key in segment.metadata:
-        if key not in _WITH_MEANING and key not in _WITHOUT_MEANING:
-            what = f"the keyword {key} is not one of an AEM, and could change what the numbers mean"
-            advice = "remove the line if it does not"
-            raise segment.error(what, advice)
+        what = f"the keyword {key} is not one of an AEM, and could change what the numbers mean"
+        known = key in _WITH_MEANING | _WITHOUT_MEANING
+        segment.require(known, what, "remove the line if it does not")
 
 
 def _type(segment: AemSegment) -> str:
@@ -147,19 +144,18 @@ def _names_of_type(segment: AemSegment) -> tuple[str, ...]:
         dots = tuple(f"{name}_DOT" for name in own)
         more = {"": (), "/DERIVATIVE": dots, "/RATE": rates, "/ANGVEL": rates}
         names |= {f"{kind}{suffix}": (*own, *further) for suffix, further in more.items()}
-    if _type(segment) not in names:
-        raise _unread_type(segment, f"export one of {', '.join(names)}")
+    _require_type(segment, _type(segment) in names, f"export one of {', '.join(names)}")
     return names[_type(segment)]
 
 
-def _unread_type(segment: AemSegment, advice: str) -> CampaignError:
-    """The refusal of a type, with the reason."""
+def _require_type(segment: AemSegment, is_read: bool, advice: str) -> None:
+    """Refuse a type that is not read, with the reason."""
     stated = segment.metadata["ATTITUDE_TYPE"]
     why = ""
     if "NUTATION" in stated.upper():
         why = ": its angles are those of a nutation about the momentum, not those of the body"
         advice = "export QUATERNION or EULER_ANGLE"
-    return segment.error(f"ATTITUDE_TYPE = {stated} is not read{why}", advice)
+    segment.require(is_read, f"ATTITUDE_TYPE = {stated} is not read{why}", advice)
 
 
 def _unit_of(name: str) -> str:
@@ -211,35 +207,31 @@ def _attitude(
 def _check_quaternions(segment: AemSegment, names: Sequence[str]) -> None:
     """Refuse attitudes that are no quaternions, or whose scalar could stand anywhere."""
     meta = segment.metadata
-    if not _type(segment).startswith("QUATERNION"):
-        raise _unread_type(segment, "export QUATERNION, EULER_ANGLE or SPIN")
-    if not set(_QUATERNION) <= set(names):
-        what = "the attitudes are no quaternions although ATTITUDE_TYPE says so"
-        advice = "export the message again"
-        raise segment.error(what, advice)
-    if meta.get("QUATERNION_TYPE", "last").lower() not in ("first", "last"):
-        what = f"QUATERNION_TYPE = {meta['QUATERNION_TYPE']} is neither FIRST nor LAST"
-        advice = "write where the scalar QC stands"
-        raise segment.error(what, advice)
+    is_read = _type(segment).startswith("QUATERNION")
+    _require_type(segment, is_read, "export QUATERNION, EULER_ANGLE or SPIN")
+    what = "the attitudes are no quaternions although ATTITUDE_TYPE says so"
+    segment.require(set(_QUATERNION) <= set(names), what, "export the message again")
+    stated = meta.get("QUATERNION_TYPE", "last")
+    what = f"QUATERNION_TYPE = {stated} is neither FIRST nor LAST"
+    known = stated.lower() in ("first", "last")
+    segment.require(known, what, "write where the scalar QC stands")
+    what = "the metadata lack QUATERNION_TYPE, so nothing says where the scalar stands"
+    advice = "add QUATERNION_TYPE = FIRST or LAST to the metadata"
     # XML names each component.
-    if not segment.names and not _scalar(segment):
-        what = "the metadata lack QUATERNION_TYPE, so nothing says where the scalar stands"
-        advice = "add QUATERNION_TYPE = FIRST or LAST to the metadata"
-        raise segment.error(what, advice)
+    segment.require(bool(segment.names or _scalar(segment)), what, advice)
 
 
 def _spin_angles(segment: AemSegment, columns: Mapping[str, Column]) -> dict[str, Column]:
     """Columns with the angles of the turns Z, X, Z that spin axis and phase are (504.0-B)."""
-    if segment.metadata.get("ATTITUDE_DIR", "A2B").upper() == "B2A":
-        raise segment.error(
-            "ATTITUDE_TYPE = SPIN with ATTITUDE_DIR = B2A does not say in which frame the spin "
-            "axis stands",
-            "export ATTITUDE_DIR = A2B, or QUATERNION",
-        )
-    if not set(_SPIN[:3]) <= set(columns):
-        what = f"ATTITUDE_TYPE = SPIN without {', '.join(_SPIN[:3])}"
-        advice = "export the message again, or as QUATERNION"
-        raise segment.error(what, advice)
+    what = (
+        "ATTITUDE_TYPE = SPIN with ATTITUDE_DIR = B2A does not say in which frame the spin axis "
+        "stands"
+    )
+    forward = segment.metadata.get("ATTITUDE_DIR", "A2B").upper() != "B2A"
+    segment.require(forward, what, "export ATTITUDE_DIR = A2B, or QUATERNION")
+    what = f"ATTITUDE_TYPE = SPIN without {', '.join(_SPIN[:3])}"
+    whole = set(_SPIN[:3]) <= set(columns)
+    segment.require(whole, what, "export the message again, or as QUATERNION")
     alpha, delta, phase = Table(segment.label, dict(columns)).stack(_SPIN[:3]).T
     turns = (alpha + 90.0, 90.0 - delta, phase)
     rest = {name: column for name, column in columns.items() if name not in _SPIN[:3]}
@@ -251,42 +243,35 @@ def _frames(segment: AemSegment) -> tuple[str, str]:
     meta = segment.metadata
     start, end = meta["REF_FRAME_A"], meta["REF_FRAME_B"]
     for frame in (start, end):
-        if _ROTATING.fullmatch(frame.upper()):
-            what = f"the frame {frame} turns in inertial space"
-            advice = "export the attitude from an inertial frame such as EME2000 or ICRF"
-            raise segment.error(what, advice)
-    direction = meta.get("ATTITUDE_DIR", "A2B").upper()
-    if direction not in ("A2B", "B2A"):
-        what = f"ATTITUDE_DIR = {meta['ATTITUDE_DIR']} is neither A2B nor B2A"
-        advice = "write the direction of the rotation"
-        raise segment.error(what, advice)
-    return (start, end) if direction == "A2B" else (end, start)
+        what = f"the frame {frame} turns in inertial space"
+        advice = "export the attitude from an inertial frame such as EME2000 or ICRF"
+        segment.require(not _ROTATING.fullmatch(frame.upper()), what, advice)
+    stated = meta.get("ATTITUDE_DIR", "A2B")
+    what = f"ATTITUDE_DIR = {stated} is neither A2B nor B2A"
+    known = stated.upper() in ("A2B", "B2A")
+    segment.require(known, what, "write the direction of the rotation")
+    return (start, end) if stated.upper() == "A2B" else (end, start)
 
 
 def _angles(segment: AemSegment, names: Sequence[str]) -> tuple[tuple[str, ...], str]:
     """Columns of the angles in the order of the rotations, and the axes of these."""
     stated = segment.metadata.get("EULER_ROT_SEQ", "").upper().strip("'\"")
     letters = [_AXES.get(letter, "") for letter in stated]
-    if len(letters) != 3 or not all(letters) or letters[1] in (letters[0], letters[2]):
-        what = f"EULER_ROT_SEQ = {stated or 'nothing'} names no three rotations"
-        advice = "write three axes such as ZYX, the first rotation first"
-        raise segment.error(what, advice)
+    three = len(letters) == 3 and all(letters) and letters[1] not in (letters[0], letters[2])
+    what = f"EULER_ROT_SEQ = {stated or 'nothing'} names no three rotations"
+    segment.require(three, what, "write three axes such as ZYX, the first rotation first")
     sequence = "".join(letters)
     if set(_ANGLES) <= set(names):
         return _ANGLES, sequence
     by_axis = tuple(f"{letter}_ANGLE" for letter in letters)
-    if len(set(letters)) < 3 or not set(by_axis) <= set(names):
-        raise segment.error(
-            f"angles about X, Y and Z cannot be those of the sequence {sequence}",
-            "export quaternions, or version 2.0, whose angles stand in the order of the rotations",
-        )
+    what = f"angles about X, Y and Z cannot be those of the sequence {sequence}"
+    advice = "export quaternions, or version 2.0, whose angles stand in the order of the rotations"
+    segment.require(len(set(letters)) == 3 and set(by_axis) <= set(names), what, advice)
     return by_axis, sequence
 
 
 def _time_kind(segment: AemSegment) -> str:
     system = segment.metadata["TIME_SYSTEM"].upper()
-    if system not in _TIME_SYSTEMS:
-        what = f"TIME_SYSTEM = {system} cannot be put beside other clocks"
-        advice = f"export one of {', '.join(_TIME_SYSTEMS)}"
-        raise segment.error(what, advice)
+    what = f"TIME_SYSTEM = {system} cannot be put beside other clocks"
+    segment.require(system in _TIME_SYSTEMS, what, f"export one of {', '.join(_TIME_SYSTEMS)}")
     return _TIME_SYSTEMS[system]
