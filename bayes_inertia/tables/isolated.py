@@ -26,7 +26,6 @@ from pathlib import Path
 from typing import Literal
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.files import refused_by_system
 from bayes_inertia.tables import array_files
 from bayes_inertia.tables.array_files import FileArrays
 from bayes_inertia.tables.limits import LIMITS
@@ -76,8 +75,12 @@ def check_readable(path: Path, kind: CheckKind, advice: str) -> None:
 
 def _size_and_change(path: Path) -> tuple[int, int]:
     """Bytes of a file, and when it was changed [ns]."""
-    with refused_by_system(CampaignError, "cannot be opened", path, "check the path"):
+    try:
         state = path.stat()
+    except OSError as error:
+        raise CampaignError(
+            f"cannot be opened ({error.strerror})", where=str(path), advice="check the path"
+        ) from error
     return state.st_size, state.st_mtime_ns
 
 
