@@ -38,9 +38,7 @@ def reduced(campaign: Campaign, block: int | None = None) -> Campaign:
     if any(slew.lost_command is not None for slew in campaign.slews):
         return campaign  # Only rows at equal steps show which commands are unknown.
     given, campaign = campaign, _without_saturated(campaign)
-    length = longest_block(campaign) if block is None else block
-    while length > 1 and block is None and _kept(campaign, length) < LIMITS.least_kept_by_blocks:
-        length //= 2
+    length = _whole(campaign, longest_block(campaign)) if block is None else block
     if length < 2:
         return given
     noise, sensor = 1.0 / np.sqrt(length), campaign.gyro
@@ -90,10 +88,7 @@ def readings_a_mean(campaign: Campaign) -> int:
     if any(step > LIMITS.coarse_rounding * s for step, s in pairs):
         return 1
     campaign = _without_saturated(campaign)
-    length = min(longest_block(campaign), rows // LIMITS.fewest_blocks)
-    while length > 1 and _kept(campaign, length) < LIMITS.least_kept_by_blocks:
-        length //= 2
-    return length
+    return _whole(campaign, min(longest_block(campaign), rows // LIMITS.fewest_blocks))
 
 
 def _without_saturated(campaign: Campaign) -> Campaign:
@@ -126,11 +121,17 @@ def longest_block(campaign: Campaign) -> int:
     return max(1, min(int(allowed.sum()), rows // LIMITS.block_neighbours))
 
 
-def _kept(campaign: Campaign, length: int) -> float:
-    """The share of rows with rates that stand in whole blocks."""
-    blocks = [len(_blocks(slew, length)) for slew in campaign.slews]
-    rows = [int(np.isfinite(np.asarray(s.rate)).any(axis=1).sum()) for s in campaign.slews]
-    return length * sum(blocks) / max(1, sum(rows))
+def _whole(campaign: Campaign, length: int) -> int:
+    """A length, halved until enough rows with rates stand in whole blocks."""
+    rated = (np.isfinite(np.asarray(slew.rate)).any(axis=1).sum() for slew in campaign.slews)
+    rows, least = max(1, int(sum(rated))), LIMITS.least_kept_by_blocks
+    while length > 1 and length * _count(campaign, length) / rows < least:
+        length //= 2
+    return length
+
+
+def _count(campaign: Campaign, length: int) -> int:
+    return sum(len(_blocks(slew, length)) for slew in campaign.slews)
 
 
 def _blocks(slew: Slew, length: int) -> np.ndarray:

@@ -25,7 +25,7 @@ from bayes_inertia.campaign.hardware import (
 )
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.prior import GaussianPrior
-from bayes_inertia.campaign.slew import Slew, bad_quaternion
+from bayes_inertia.campaign.slew import Slew, require_quaternions
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.saturated import in_range
 from bayes_inertia.maths.printed import Card, parameter_lines, shown_as
@@ -462,10 +462,8 @@ def _require_readings(readings: np.ndarray, sensor: Any, key: str) -> None:
     what = f"{columns} columns for a {type(sensor).__name__} of {wanted}"
     advice = "give one column a sensor axis, four a quaternion, three a direction"
     require(wanted in (None, columns), key, what, advice)
-    problem = bad_quaternion(readings) if isinstance(sensor, StarTracker) else None
-    row, what = problem or (0, "")
-    advice = "repair the row or leave all four cells empty"
-    require(problem is None, key, f"{what} (row {row + 1})", advice)
+    if isinstance(sensor, StarTracker):
+        require_quaternions(readings, key)
 
 
 _MEMBERS = {

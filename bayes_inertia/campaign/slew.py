@@ -11,7 +11,6 @@ import numpy as np
 from bayes_inertia.campaign.hardware import numbers, one_an_axis, require, unit_length, unit_vector
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.limits import LIMITS
-from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.printed import Card, shown_as
 from bayes_inertia.maths.values import Vector, array_dataclass
 
@@ -145,7 +144,8 @@ class Slew:
         if self.lost_command is not None:
             object.__setattr__(self, "lost_command", self._lost_pieces(where))
         if self.attitude is not None:
-            object.__setattr__(self, "attitude", _normalised(self.attitude, f"{where}.attitude"))
+            require_quaternions(self.attitude, f"{where}.attitude")
+            object.__setattr__(self, "attitude", unit_length(self.attitude))
         if self.axis_B is not None:
             object.__setattr__(self, "axis_B", unit_vector(self.axis_B, f"{where}.axis"))
 
@@ -308,15 +308,12 @@ def _channel(value: Any, rows: int, width: int | None, key: str) -> np.ndarray:
     return array
 
 
-def _normalised(attitude: np.ndarray, key: str) -> np.ndarray:
-    """Quaternions (n, 4) of length 1, or `CampaignError`."""
+def require_quaternions(attitude: np.ndarray, key: str) -> None:
+    """Raise `CampaignError` unless rows (n, 4) are empty or unit quaternions."""
     problem = bad_quaternion(attitude)
-    if problem is not None:
-        row, what = problem
-        what = f"{what} (row {row + 1}: {attitude[row].tolist()})"
-        advice = "repair the row or leave all four cells empty"
-        raise CampaignError(what, where=f"key {key}", advice=advice)
-    return unit_length(attitude)
+    row, what = problem or (0, "")
+    what = f"{what} (row {row + 1}: {attitude[row].tolist()})"
+    require(problem is None, key, what, "repair the row or leave all four cells empty")
 
 
 def between_fix_groups(slew: Slew, fixed: np.ndarray) -> np.ndarray:
