@@ -15,17 +15,16 @@ import argparse
 
 import numpy as np
 from scipy import stats
+from scipy.special import logsumexp
 
 from analyses import made_rows, results_of, rows_of
 from analyses.naming.fixed_shape_campaigns import draw
 from bayes_inertia.diagnosis.clean_start import clean_start
-from bayes_inertia.diagnosis.linear_system import (
-    linear_model,
-    random_members,
-    stochastic_candidates,
-)
+from bayes_inertia.diagnosis.hypothesis_table import log_evidence_of_random
+from bayes_inertia.diagnosis.linear_system import linear_model, random_members
 from bayes_inertia.diagnosis.random_signals import (
     STOCHASTIC_CANDIDATES,
+    random_candidates,
     with_p_values,
 )
 from bayes_inertia.diagnosis.torque_response import torque_response
@@ -40,14 +39,15 @@ def clean_campaign(index: int, tachometers: bool) -> dict:
     """Log Bayes factors and p-values of the random effects in one clean campaign."""
     seed = np.random.SeedSequence(777, spawn_key=(index, int(tachometers)))
     campaign = draw(seed, (), {}, tachometers).campaign
-    begin = clean_start(Model(campaign), seed=index, stochastic=STOCHASTIC_CANDIDATES)
+    begin = clean_start(Model(campaign), seed=index)
     response, effects = torque_response(begin.base), STOCHASTIC_CANDIDATES
     linear = linear_model(begin.base)
     members = random_members(linear, response, effects, nameless=False)
-    weighed = stochastic_candidates(linear, begin.base, effects)
+    alone = {frozenset([m.name]): float(logsumexp(log_evidence_of_random(m))) for m in members}
+    weighed = random_candidates(members, alone)
     weighed = with_p_values(weighed, members, np.random.default_rng(index))
     evidence = {c.effect: round(c.log_bayes_factor, 4) for c in weighed}
-    p_value = round(weighed[0].p_value, 5)
+    p_value = round(max(weighed, key=lambda c: c.log_bayes_factor).p_value, 5)
     return {"tachometers": tachometers, "index": index, "evidence": evidence, "p_value": p_value}
 
 

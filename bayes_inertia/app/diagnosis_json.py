@@ -20,7 +20,7 @@ from bayes_inertia.design.separating_slew import Separation
 from bayes_inertia.diagnosis.quoted_parameters import fitted_effects
 from bayes_inertia.diagnosis.residuals import Disagreement, held_out_chi2
 from bayes_inertia.diagnosis.result import AlternativeParameters, Candidate, Diagnosis, Step
-from bayes_inertia.diagnosis.unexplained import FreeSignal, UnexplainedSignal, describe
+from bayes_inertia.diagnosis.unexplained import FreeSignal, UnexplainedSignal
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.treatment import DirtTreatment, treatment_from
@@ -29,6 +29,7 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, STOCHASTIC
 from bayes_inertia.physics.effects.formula import Formula
 from bayes_inertia.physics.effects.of_device import OfDevice
+from bayes_inertia.report.words import phrase
 from bayes_inertia.sealing import SEAL_KEY, blaming, read_sealed_json
 
 FORMAT = "bayes-inertia-diagnosis/1"
@@ -173,7 +174,7 @@ def _slew_starts(disagreement: Disagreement) -> dict[str, float]:
 
 def _unknown(unknown: UnexplainedSignal) -> dict[str, Any]:
     return {
-        "description": describe(unknown),
+        "description": phrase("diagnosis", "equivalent_signal", unknown),
         "axis": unknown.axis_B,
         **picked(unknown, "frequency_hz", "torque_rms", "source", "axis_share"),
         "explained": unknown.torque.explained,

@@ -198,8 +198,9 @@ def best_flexible_mode(
     closer = np.unique(np.clip(closer, tried[0], tried[-1]))
     gains = np.append(gains, _gains(response, fit, scale, closer))
     best = np.append(tried, closer)[np.argmax(gains)]
-    columns, projected_gradient, matrix = _normal_equations(response, fit, np.array([best]), scale)
-    coupling, gain = _best_coupling(projected_gradient[0], matrix[0])
+    columns = oscillator_columns(response, np.array([best]), scale)
+    matrix, gradient = fit.projected(columns)
+    coupling, gain = _best_coupling(gradient, matrix)
     tangents = _tangents(coupling)
     return FlexibleModeCandidate(
         name=name,
@@ -217,34 +218,28 @@ def _gains(
     response: TorqueResponse, fit: LinearisedFit, scale: float, tried: np.ndarray
 ) -> np.ndarray:
     """Gain of the best coupling at each frequency, over an even set of directions."""
-    products = _products(_directions())
-    gains = []
+    gains, k = [], len(PAIRS)
     step = LIMITS.frequencies_at_a_time
     for part in np.split(tried, np.arange(step, len(tried), step)):
-        _, projected_gradient, matrix = _normal_equations(response, fit, part, scale)
-        along = np.maximum(projected_gradient @ products.T - 0.5, 0.0)
-        power = np.einsum("da,fab,db->fd", products, matrix, products, optimize=True)
-        gains.append(np.max(along**2 / np.maximum(power, 1e-300), axis=1))
+        columns = oscillator_columns(response, part, scale)
+        imitated = fit.imitated(columns)
+        gradient = fit.projected_gradient(columns, imitated).reshape(-1, k)
+        by_mode, imitated = (x.reshape(*x.shape[:-1], -1, k) for x in (columns, imitated))
+        matrix = np.einsum("snfa,snfb->fab", by_mode, by_mode, optimize=True)
+        matrix -= np.einsum("ufa,ufb->fab", imitated, imitated)
+        along, power = _along_directions(gradient, matrix)
+        gains.append(np.max(along**2 / power, axis=1))
     return np.concatenate(gains)
 
 
-def _normal_equations(
-    response: TorqueResponse, fit: LinearisedFit, tried: np.ndarray, scale: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Columns (slews, numbers, 6 f) of modes of f frequencies, and their normal equations.
+def _along_directions(gradient: np.ndarray, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slope and curvature (f, directions) along each of an even set of directions, per mode.
 
-    These are each one's projected gradient (f, 6) and normal matrix (f, 6, 6).
+    `gradient` (f, 6), `matrix` (f, 6, 6): of the products of the coupling's components.
     """
-    f, k = len(tried), len(PAIRS)
-    columns = oscillator_columns(response, tried, scale)
-    imitated = fit.imitated(columns)
-    projected_gradient = fit.projected_gradient(columns, imitated).reshape(f, k)
-    imitated = imitated.reshape(-1, f, k)
-    by_mode = columns.reshape(*columns.shape[:2], f, k)
-    matrix = np.einsum("snfa,snfb->fab", by_mode, by_mode, optimize=True) - np.einsum(
-        "ufa,ufb->fab", imitated, imitated
-    )
-    return columns, projected_gradient, matrix
+    products = _products(_directions())
+    power = np.einsum("da,fab,db->fd", products, matrix, products, optimize=True)
+    return np.maximum(gradient @ products.T - 0.5, 0.0), np.maximum(power, 1e-300)
 
 
 def _best_coupling(projected_gradient: np.ndarray, matrix: np.ndarray) -> tuple[np.ndarray, float]:
@@ -252,12 +247,9 @@ def _best_coupling(projected_gradient: np.ndarray, matrix: np.ndarray) -> tuple[
 
     p are the products of the coupling delta.
     """
-    directions = _directions()
-    products = _products(directions)
-    along = np.maximum(projected_gradient @ products.T - 0.5, 0.0)
-    power = np.einsum("da,ab,db->d", products, matrix, products)
-    k = int(np.argmax(along**2 / np.maximum(power, 1e-300)))
-    start = directions[k] * np.sqrt(along[k] / max(power[k], 1e-300))
+    (along,), (power,) = _along_directions(projected_gradient[None], matrix[None])
+    k = int(np.argmax(along**2 / power))
+    start = _directions()[k] * np.sqrt(along[k] / power[k])
 
     def loss(delta: np.ndarray) -> tuple[float, np.ndarray]:
         p, left = _products(delta), projected_gradient - matrix @ _products(delta)

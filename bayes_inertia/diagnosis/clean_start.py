@@ -1,14 +1,15 @@
-"""What is dirt and what may be physics: decided before the table is made, and again after it.
+"""What is dirt and what may be physics: measured before a table is made, and again beside its best
+row.
 
 Outliers are local, and rounding is seen in the readings: both are treated at once. The level of the
 noise comes from fast differences. Correlated noise can look like a slow missing effect, and the
-other way round: the two compete. Where one effect explains the residuals better than any noise that
-is alike everywhere, physics goes first, and what it leaves is looked at again.
+other way round: where residuals show any, there is a start with it and one without, each with a
+table of its own, and the evidence of both decides (`search`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -17,14 +18,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.diagnosis.limits import LIMITS
-from bayes_inertia.diagnosis.linear_system import (
-    LinearModel,
-    linear_model,
-    log_evidence_of_each,
-    stochastic_candidates,
-)
-from bayes_inertia.diagnosis.random_signals import SOURCES, StochasticCandidate
-from bayes_inertia.diagnosis.table_search import with_stochastic
+from bayes_inertia.diagnosis.score_test import log_evidence_of_fit
 from bayes_inertia.diagnosis.torque_response import tangents
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import (
@@ -39,14 +33,13 @@ from bayes_inertia.inference.cleaning import (
 from bayes_inertia.inference.input_noise import with_likely_inputs
 from bayes_inertia.inference.laplace import Estimate, plain_series
 from bayes_inertia.inference.likelihood import padded_sensitivities, residuals
-from bayes_inertia.inference.noise_colour import Colour, ColourOfAxis, colour_of
+from bayes_inertia.inference.noise_colour import Colour, colour_of
 from bayes_inertia.inference.noise_level import noise_factors
-from bayes_inertia.inference.noise_model import log_normalisation, whitening
+from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.rounding import level_of_rounded, rounding_steps
 from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
 @dataclass(frozen=True)
@@ -65,8 +58,6 @@ class CleanStart:
         What was done to the campaign; its level is in `noise`.
     as_stated : bool
         Whether only the level of the noise is measured.
-    coloured : bool
-        Whether noise may be correlated in time.
     """
 
     stated: Model
@@ -74,21 +65,10 @@ class CleanStart:
     noise: Mapping[str, float]
     treatment: DirtTreatment
     as_stated: bool = False
-    coloured: bool = True
 
 
-def clean_start(
-    model: Model,
-    *,
-    seed: int = 0,
-    as_stated: bool = False,
-    coloured: bool = True,
-    stochastic: Sequence[StochasticEffect] = (),
-) -> CleanStart:
-    """Fit the model without effects, dirt kept away.
-
-    `stochastic`: candidates without a fixed shape: correlated noise must explain more than they do.
-    """
+def clean_start(model: Model, *, seed: int = 0, as_stated: bool = False) -> CleanStart:
+    """Fit the model without effects, dirt kept away; its noise is white."""
     with ThreadPoolExecutor(1) as pool:
         compiled = pool.submit(precompile, model)
         base = Model(model.campaign, (), model.structure.drive)
@@ -101,8 +81,7 @@ def clean_start(
     estimate = optimizer.with_noise(fit.estimate, noise)
     model = _flown(model, base.campaign)
     estimate = optimizer.move_to(estimate, _flown(model, estimate.model.campaign))
-    start = CleanStart(model, estimate, noise, fit.treatment, as_stated, coloured)
-    return _noise_or_physics(start, stochastic)
+    return CleanStart(model, estimate, noise, fit.treatment, as_stated)
 
 
 def _without_local_dirt(fit: CleanFit, stated: Model) -> CleanFit:
@@ -137,153 +116,81 @@ def _flown(model: Model, campaign: Campaign) -> Model:
     return Model(campaign, model.effects, model.structure.drive)
 
 
-def _noise_or_physics(start: CleanStart, stochastic: Sequence[StochasticEffect]) -> CleanStart:
-    """The start with correlated noise, if that explains more than any candidate could.
+def with_correlated_noise(start: CleanStart, *fits: Estimate) -> CleanStart | None:
+    """The start with the correlated noise that residuals show, of the first fit that shows any.
 
-    Where an effect without a fixed shape explains the most, noise stays white to the end.
+    It is measured until fit and noise agree: a fit that takes the noise for white explains part of
+    what is slow in it. Returns: none where noise is white, or has a colour already.
     """
-    colour = None
-    if start.coloured and not start.as_stated and start.treatment.colour is None:
-        colour = colour_seen(start.base, slow=True)
+    if start.as_stated or start.treatment.colour is not None:
+        return None
+    colour = next(filter(None, (colour_seen(fit, slow=True) for fit in fits)), None)
     if colour is None:
-        return start
-    linear = linear_model(start.base)
-    best = max(log_evidence_of_each(linear).values(), default=0.0)
-    coloured = _coloured(start, colour)
-    gain = _log_evidence(coloured.base) - _log_evidence(start.base)
-    weighed = _refitted_if_strong(start, stochastic, linear)
-    if _most(weighed, colour) > max(best, gain):
-        return replace(start, coloured=False)
-    return coloured if gain > max(best, 0.0) else start
-
-
-def _refitted_if_strong(
-    start: CleanStart, effects: Sequence[StochasticEffect], linear: LinearModel
-) -> list[StochasticCandidate]:
-    """Effects without a fixed shape; the best one of the rates, if strong, weighed as noise is.
-
-    What a strong process does between its knots tells most of what it is.
-    """
-    weighed = list(stochastic_candidates(linear, start.base, effects))
-    best = weighed[0].log_bayes_factor if weighed else 0.0
-    least = max(LIMITS.strong, LIMITS.share_of_best * best)
-    of_rates = (c for c in weighed if c.source == SOURCES["rate_output"])
-    found = next((c for c in of_rates if c.log_bayes_factor >= least), None)
-    if found is not None:
-        (effect,) = (e for e in effects if e.name == found.effect)
-        fit = with_stochastic(start.base, effect, found.start)
-        _, fit = at_measured_level(start, fit)
-        value = _log_evidence(fit, len(found.start)) - _log_evidence(start.base)
-        # A fit takes slews as independent: what a process gains between them the knots tell.
-        value = max(found.log_bayes_factor, value)
-        weighed[weighed.index(found)] = replace(found, log_bayes_factor=value)
-    return weighed
-
-
-def _most(weighed: Sequence[StochasticCandidate], colour: Colour) -> float:
-    """The largest log evidence among effects without a fixed shape; at least zero.
-
-    A process of the rates that lasts for few readings is what correlated noise is.
-    """
-    shortest = LIMITS.readings_of_noise * colour.spacing
-    slow = (
-        c
-        for c in weighed
-        if c.source != SOURCES["rate_output"] or not c.start[1:] or c.start[1] > shortest
-    )
-    return max([0.0, *(c.log_bayes_factor for c in slow if c.effect)])
-
-
-def _coloured(start: CleanStart, colour: Colour) -> CleanStart:
-    """The start with correlated noise, measured until fit and noise agree.
-
-    A fit that takes the noise for white explains part of what is slow in it.
-    """
-    slews = start.base.model.campaign.slews
-    for _ in range(LIMITS.rounds_of_colour):
-        coloured = _restarted(start, replace(start.treatment, colour=colour))
-        again = colour_of(slews, _in_stated_sigmas(coloured, coloured.base), slow=True)
-        if again is None or _is_alike(again, colour):
+        return None
+    coloured = _restarted(start, replace(start.treatment, colour=colour), start.base)
+    for _ in range(LIMITS.rounds_of_noise):
+        again = measured_again(coloured, coloured.base)
+        if again is None:
             break
-        colour = again
+        coloured = again
     return coloured
 
 
-def _restarted(start: CleanStart, treatment: DirtTreatment) -> CleanStart:
-    """The base fit with another treatment."""
-    base, noise = _with_treatment(start, start.base, treatment)
+def _restarted(start: CleanStart, treatment: DirtTreatment, fit: Estimate) -> CleanStart:
+    """The start with another treatment, its noise at the level that a fit leaves."""
+    base = _treated(start, start.base, treatment)
+    fit = base if fit is start.base else _treated(start, fit, treatment)
+    noise = _noise(fit, treatment)
+    base = optimizer.with_noise(base, noise)
     return replace(start, base=base, noise=noise, treatment=treatment)
 
 
-def _with_treatment(
-    start: CleanStart, estimate: Estimate, treatment: DirtTreatment
-) -> tuple[Estimate, dict[str, float]]:
-    """An estimate with another treatment, and the level of its noise, measured anew."""
+def _treated(start: CleanStart, estimate: Estimate, treatment: DirtTreatment) -> Estimate:
+    """An estimate with another treatment, its noise at the level that is stated."""
     campaign = treated(start.stated.campaign, treatment, start.stated.structure.drive)
-    calm = optimizer.with_noise(estimate, dict.fromkeys(start.noise, 1.0))
-    estimate = refitted(calm, campaign)
-    noise = _noise(estimate, treatment)
-    return optimizer.with_noise(estimate, noise), noise
+    return refitted(optimizer.with_noise(estimate, dict.fromkeys(start.noise, 1.0)), campaign)
 
 
-def _log_evidence(estimate: Estimate, numbers: int = 0) -> float:
-    """Log posterior density with the norms of the noise, less what the shape of the noise costs.
+def log_evidence_of_noise(estimate: Estimate) -> float:
+    """Log evidence of a fit, less what the shape of correlated noise costs.
 
-    `numbers`: that give it its shape, beside those of its colour.
+    A reading that is left out counts as one spread over an SI unit, far beyond any noise.
     """
-    if RATE.correlated(estimate.model.campaign) is not None:
-        numbers += LIMITS.numbers_of_colour
-    cost = 0.5 * numbers * float(np.log(LIMITS.readings_a_number))
-    return log_normalisation(estimate.model, estimate.white) - estimate.objective - cost
+    numbers = LIMITS.numbers_of_colour * (RATE.correlated(estimate.model.campaign) is not None)
+    return log_evidence_of_fit(estimate) - 0.5 * numbers * float(np.log(LIMITS.readings_a_number))
 
 
-def measured_again(
-    start: CleanStart, final: Estimate, weighed: Sequence[StochasticCandidate] = ()
-) -> CleanStart | None:
+def measured_again(start: CleanStart, final: Estimate) -> CleanStart | None:
     """What dirt is once effects are named: they are not in the way any more.
 
-    `weighed`: what has no fixed shape, at that fit: correlated noise must explain more than it
-    does. Returns: the start at other noise or with other masks; None where nothing changed.
+    Returns: the start at other noise or with other masks; None where nothing changed.
     """
-    if start.as_stated:
-        return None if final is start.base else _at_level_of(start, final)
-    colour = _colour_after(start, final, weighed)
-    if colour is not start.treatment.colour:
-        if colour is None:
-            return _restarted(start, replace(start.treatment, colour=None))
-        return _coloured(start, colour)
-    if final is start.base:
+    treatment = start.treatment
+    if not start.as_stated:
+        treatment = replace(treatment, colour=_colour_at(start, final))
+        if final is not start.base:
+            masked = masks_at(final, start.stated.campaign, start.treatment)
+            treatment = replace(treatment, masked=masked)
+    if treatment != start.treatment:
+        return _restarted(start, treatment, final)
+    if final is start.base or (noise := _noise(final, treatment)) == start.noise:
         return None
-    masked = masks_at(final, start.stated.campaign, start.treatment)
-    if masked == start.treatment.masked:
-        return _at_level_of(start, final)
-    treatment = replace(start.treatment, masked=masked)
-    cleaned, _ = _with_treatment(start, final, treatment)
-    again = _restarted(start, treatment)
-    return _at_level_of(again, cleaned) or again
+    return replace(start, base=optimizer.with_noise(start.base, noise), noise=noise)
 
 
-def _colour_after(
-    start: CleanStart, final: Estimate, weighed: Sequence[StochasticCandidate]
-) -> Colour | None:
-    """Correlated noise in what effects leave; the very object where it is as before."""
-    before = start.treatment.colour
-    if (
-        not start.coloured
-        or "rate" in start.treatment.rounded
-        or (before is not None and final is start.base)
-    ):
-        return before
-    if before is None:
-        colour = colour_seen(final, slow=True)
-        if colour is None:
-            return None
-        coloured, _ = _with_treatment(start, final, replace(start.treatment, colour=colour))
-        gain = _log_evidence(coloured) - _log_evidence(final)
-        return colour if gain > _most(weighed, colour) else None
-    slews = final.model.campaign.slews
-    colour = colour_of(slews, _in_stated_sigmas(start, final), slow=True)
-    return before if colour is not None and _is_alike(colour, before) else colour
+def _colour_at(start: CleanStart, final: Estimate) -> Colour | None:
+    """Correlated noise as a fit leaves it, if that explains more than the one measured before."""
+    colour, slews = start.treatment.colour, final.model.campaign.slews
+    if colour is None or "rate" in start.treatment.rounded:
+        return colour
+    again = colour_of(slews, _in_stated_sigmas(start, final), slow=True)
+    if again is None:
+        return colour
+    treatment = replace(start.treatment, colour=again)
+    fit = _treated(start, final, treatment)
+    fit = optimizer.with_noise(fit, _noise(fit, treatment))
+    gain = log_evidence_of_noise(fit) - log_evidence_of_noise(final)
+    return again if gain > LIMITS.linear else colour
 
 
 def _in_stated_sigmas(start: CleanStart, final: Estimate) -> list[np.ndarray]:
@@ -291,22 +198,6 @@ def _in_stated_sigmas(start: CleanStart, final: Estimate) -> list[np.ndarray]:
     stated = np.array(RATE.sigma(start.stated.campaign))
     ratio = np.array(RATE.sigma(final.model.campaign)) / stated if len(stated) else 1.0
     return [series * ratio for series in plain_series(final)["rate"]]
-
-
-def _is_alike(colour: Colour, other: Colour) -> bool:
-    """Whether two colours are one within what can be told."""
-    for one, two in zip(colour.axes, other.axes, strict=True):
-        sd = abs(np.log(one.sd / two.sd))
-        slow = abs(np.log(_slow_power(one) / _slow_power(two)))
-        if sd > np.log(LIMITS.same_sd) or slow > np.log(LIMITS.same_power):
-            return False
-    return True
-
-
-def _slow_power(axis: ColourOfAxis) -> float:
-    """Power of the noise of one axis at rest of frequency."""
-    lasting = (1.0 + axis.correlation) / (1.0 - axis.correlation)
-    return axis.sd**2 * (1.0 - axis.share + axis.share * lasting)
 
 
 def at_measured_level(start: CleanStart, final: Estimate) -> tuple[CleanStart, Estimate]:
@@ -326,14 +217,6 @@ def at_measured_level(start: CleanStart, final: Estimate) -> tuple[CleanStart, E
     if at_level is final:
         at_level = optimizer.re_estimate(final, final.theta, final.free)
     return replace(start, noise=noise), at_level
-
-
-def _at_level_of(start: CleanStart, final: Estimate) -> CleanStart | None:
-    """The start at the level of noise that a fit leaves; None where it is at that."""
-    noise = _noise(final, start.treatment)
-    if noise == start.noise:
-        return None
-    return replace(start, base=optimizer.with_noise(start.base, noise), noise=noise)
 
 
 def precompile(model: Model) -> None:

@@ -172,13 +172,12 @@ def _input_along(response: TorqueResponse, name: str) -> np.ndarray:
     found = []
     for slew, grid in zip(response.estimate.model.campaign.slews, response.time, strict=True):
         edges, first, last = slew.inputs[name].pieces()  # type: ignore[index]
-        t = slew.time[0] + grid
-        piece = np.searchsorted(edges, t, side="right")
-        begin, end = np.append(-np.inf, edges)[piece], np.append(edges, np.inf)[piece]
-        inside = np.isfinite(begin) & np.isfinite(end)
-        length = np.where(inside, end - begin, 1.0)
-        share = np.where(inside, t - np.where(inside, begin, 0.0), 0.0) / length
-        found.append(first[piece] + share[:, None] * (last[piece] - first[piece]))
+        # Each edge twice, with the value before it and the one after it.
+        bends, at = np.repeat(edges, 2), slew.time[0] + grid
+        values = np.hstack([last[:-1], first[1:]]).reshape(-1, first.shape[1])
+        if not len(edges):
+            bends, values = np.zeros(1), first
+        found.append(np.stack([np.interp(at, bends, x) for x in values.T], -1))
     return np.stack(found)
 
 

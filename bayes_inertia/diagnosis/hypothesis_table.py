@@ -193,8 +193,6 @@ class RandomMember:
         Forms that it may have, each as probable: correlation times, kernels.
     log_odds : (signals,) array
         Log prior odds of these.
-    source : str
-        Where it enters.
     starts : (b, h) array or None
         Parameters of the effect at each of its forms and sizes; none of a shape without a name.
     matrix : (n, n) array or None
@@ -204,9 +202,14 @@ class RandomMember:
     name: str
     signals: Sequence[Signal]
     log_odds: np.ndarray
-    source: str = ""
     starts: np.ndarray | None = None
     matrix: np.ndarray | None = None
+
+    @property
+    def likely_start(self) -> np.ndarray:
+        """Parameters (h,) of the effect where its evidence is largest."""
+        assert self.starts is not None
+        return self.starts[np.argmax(log_evidence_of_random(self))]
 
 
 class Given(NamedTuple):

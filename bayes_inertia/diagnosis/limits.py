@@ -81,6 +81,7 @@ def rules_of(given: Rules | None) -> Rules:
 def _ranges() -> dict[str, tuple[Callable[[float], bool], str]]:
     """What each threshold may be, and the advice where it is not."""
     probability = (lambda x: 0.0 < x < 1.0), "give a probability between 0 and 1, such as 0.02"
+    odds = (lambda x: 0.0 <= x < float("inf")), "give 0 or more; 3 is evidence of 20 to 1"
     count = (lambda x: isinstance(x, int) and x >= 1), "give a whole number, 1 or more"
     return {
         "false_alarm_probability": probability,
@@ -88,10 +89,7 @@ def _ranges() -> dict[str, tuple[Callable[[float], bool], str]]:
         "max_refits": count,
         "max_effects": count,
         "imitation_correlation": ((lambda x: 0.0 <= x <= 1.0), "give a share from 0 to 1"),
-        "log_evidence_margin": (
-            (lambda x: 0.0 <= x < float("inf")),
-            "give 0 or more; 3 is evidence of 20 to 1",
-        ),
+        "log_evidence_margin": odds,
         "prior_sd_at_most": ((lambda x: x > 0.0), "give a positive number of prior sds"),
     }
 
@@ -170,21 +168,8 @@ class Limits:
     readings_a_number: float = 100.0
     # Numbers of a colour: share and time of three axes.
     numbers_of_colour: int = 6
-    # Noise remembers so many readings at most; what lasts longer may be an effect.
-    readings_of_noise: float = 16.0
-    # So often correlated noise is measured again after a fit with it.
-    rounds_of_colour: int = 3
     # So often the level of the noise is measured again beside a process without a shape.
     rounds_of_level: int = 4
-    # Log evidence above which a process of the rates is refitted: between knots it tells
-    # more.
-    strong: float = 15.0
-    # Share of the best candidate's log evidence from which that is worth a fit.
-    share_of_best: float = 0.7
-    # Two colours are one if their sds differ by less than this factor ...
-    same_sd: float = 1.1
-    # ... and their slowest powers by less than this one.
-    same_power: float = 1.5
     # Flexible mode
     # Damping ratio of the modes tried: of bare metal; a fit finds its own.
     damping_ratio: float = 0.005
@@ -232,7 +217,7 @@ class Limits:
     bins: int = 60
     # More windows only cost time: the shortest are left out first.
     windows: int = 20_000
-    # What has no name: the equivalent signal, and its words
+    # What has no name: the equivalent signal
     # Knots of a signal in a slew, at most, to save time.
     knots: int = 200
     # Numbers of one basis: 160 MB.
@@ -265,14 +250,6 @@ class Limits:
     half_width: float = 3.0
     # Log evidence below which two laws are as good.
     tied: float = 3.0
-    # Angle to a body axis within which a direction has its name [deg].
-    named_axis: float = 15.0
-    # Share of the power above which the torque has one axis.
-    one_axis_share: float = 0.8
-    # Share of the misfit above which what the torque goes along with is mentioned.
-    mentioned_share: float = 0.3
-    # rms before the wheels act over rms afterwards below which the ringing begins with them.
-    quiet_ratio: float = 0.4
 
 
 LIMITS = Limits()

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from itertools import chain
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -26,7 +26,6 @@ from bayes_inertia.diagnosis.hypothesis_table import (
     System,
     fixed_member,
     log_evidence_of,
-    log_evidence_of_random,
     nothing,
     signal_of,
 )
@@ -36,25 +35,17 @@ from bayes_inertia.diagnosis.random_signals import (
     SOURCES,
     CandidateRoots,
     ProjectedSignal,
-    StochasticCandidate,
     TachometerShape,
     dense,
     forms_of,
-    imitated_share,
     largest_size,
     parameters_at,
     projected_signal,
     roots_at,
     smooth_roots,
-    source_of,
     usable,
 )
-from bayes_inertia.diagnosis.torque_response import (
-    PROGRAMS,
-    TorqueResponse,
-    coefficient_columns,
-    torque_response,
-)
+from bayes_inertia.diagnosis.torque_response import PROGRAMS, TorqueResponse, coefficient_columns
 from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
@@ -113,27 +104,27 @@ def linear_model(
     show best, if the fit holds none. `log_costs`: by how much less probable an effect is than
     others. `linearised`: the fit, whose rows may be known already.
     """
-    scales, own = _scales(estimate), _own(estimate, held)
+    slope, distance, precision, logarithmic = _scales(estimate)
+    own = _own(estimate, *held)
     fit = (linearised or estimate.linearised()).without(own)
     names = _names(estimate, held, fit.free)
-    index = _own(estimate, names)
-    columns = fit.parameters[..., index] / scales.slope[index]
+    index = _own(estimate, *names)
+    columns = fit.parameters[..., index] / slope[index]
     if mode is not None:
         columns = np.concatenate([columns, mode.columns], -1)
     matrix, gradient = fit.projected(columns)
     at = np.flatnonzero(np.isin(index, own))
-    amplitude = scales.amplitude[index[at]]
+    amplitude = distance[index[at]]
     # The data are those before the effects were fitted.
     gradient = gradient + matrix[:, at] @ amplitude
-    block = matrix[np.ix_(at, at)] + np.diag(scales.precision[index[at]])
+    block = matrix[np.ix_(at, at)] + np.diag(precision[index[at]])
     linear = 0.5 * gradient[at] @ np.linalg.solve(block, gradient[at])
-    moved = _shift_per_amplitude(fit, fit.imitated(columns))
-    members = _members(estimate, names, matrix, scales.logarithmic, log_costs or {})
+    root = _root_of_parameters(fit)
+    moved = root @ fit.imitated(columns)
+    members = _members(estimate, names, matrix, logarithmic, log_costs or {})
     if mode is not None:
-        here = np.arange(len(index), columns.shape[-1])
-        members.append(
-            fixed_member(mode.name, here, here[:0], matrix, log_cost=np.log(mode.trials))
-        )
+        here, cost = np.arange(len(index), columns.shape[-1]), np.log(mode.trials)
+        members.append(fixed_member(mode.name, here, here[:0], matrix, log_cost=cost))
     return LinearModel(
         fit=fit,
         system=_with_parameters(matrix, gradient, moved),
@@ -143,24 +134,16 @@ def linear_model(
         amplitude=amplitude,
         offset=before - estimate.objective - float(linear) if len(at) else 0.0,
         null=estimate.theta[: len(moved)] + moved[:, at] @ amplitude,
-        covariance=_covariance(fit),
+        covariance=root @ root.T,
     )
 
 
-class _Scales(NamedTuple):
-    """Of all parameters of a model, in sds of the priors as stated.
+def _scales(estimate: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of all parameters of a model (d,), in sds of the priors as stated.
 
-    `slope` (d,): of the distance per unit; `amplitude` (d,): the distance from null; `precision`
-    (d,): of the prior that was used; `logarithmic` (d,): whether it gives a shape.
+    Returns: slope of the distance per unit; the distance from null; precision of the prior that was
+    used; whether a parameter is logarithmic: gives a shape.
     """
-
-    slope: np.ndarray
-    amplitude: np.ndarray
-    precision: np.ndarray
-    logarithmic: np.ndarray
-
-
-def _scales(estimate: Estimate) -> _Scales:
     space = estimate.model.space
     slope, distance = prior_rows(estimate.model, estimate.theta)
     wider = np.ones(space.size)
@@ -168,24 +151,19 @@ def _scales(estimate: Estimate) -> _Scales:
         wider[space.slice_of(effect.name)] = effect.prior_scale
     logarithmic = np.array([prior.logarithmic for prior in space.priors])
     wider[logarithmic] = 1.0
-    return _Scales(slope * wider, distance * wider, wider**-2.0, logarithmic)
+    return slope * wider, distance * wider, wider**-2.0, logarithmic
 
 
-def _part(estimate: Estimate, name: str) -> np.ndarray:
-    """Where an effect's parameters stand."""
-    part = estimate.model.space.slice_of(name)
-    return np.arange(part.start, part.stop)
-
-
-def _own(estimate: Estimate, held: Sequence[str]) -> np.ndarray:
+def _own(estimate: Estimate, *names: str) -> np.ndarray:
     """Where the parameters of effects stand, one after the other."""
-    return np.concatenate([np.array([], int), *(_part(estimate, name) for name in held)])
+    space = estimate.model.space
+    every = np.arange(space.size)
+    return np.concatenate([every[:0], *(every[space.slice_of(name)] for name in names)])
 
 
 def _names(estimate: Estimate, held: Sequence[str], projected: np.ndarray) -> list[str]:
     """Effects with parameters that are not projected off."""
-    names = [effect.name for effect in estimate.model.effects]
-    parts = {name: _part(estimate, name) for name in names}
+    parts = {effect.name: _own(estimate, effect.name) for effect in estimate.model.effects}
     return [
         name
         for name, part in parts.items()
@@ -203,49 +181,31 @@ def _members(
     """The effects of a fixed shape, their columns one after the other."""
     space, members, first = estimate.model.space, [], 0
     for name in names:
-        part = _part(estimate, name)
+        part = _own(estimate, name)
         here, shape = np.arange(first, first + len(part)), logarithmic[part]
         sided = len(part) == 1 and space.lower[part[0]] == space.nulls[part[0]]
-        members.append(
-            fixed_member(
-                name,
-                here[~shape],
-                here[shape],
-                matrix,
-                one_sided=bool(sided),
-                log_cost=log_costs.get(name, 0.0),
-            )
-        )
+        own, cost = (here[~shape], here[shape]), log_costs.get(name, 0.0)
+        members.append(fixed_member(name, *own, matrix, one_sided=bool(sided), log_cost=cost))
         first += len(part)
     return members
 
 
-def _shift_per_amplitude(fit: LinearisedFit, imitated: np.ndarray) -> np.ndarray:
-    """How far what is left out moves J and K (9, c) per unit; zero where they are held.
+def _root_of_parameters(fit: LinearisedFit) -> np.ndarray:
+    """R (9, unknowns), R R^T the covariance of J and K if nothing acts; zero where they are held.
 
-    `imitated` (unknowns, c): the share of its columns that the fit imitates.
+    R times what the fit imitates of a column is how far the column's amplitude moves J and K.
     """
-    n, free = fit.model.n_base, fit.free
-    out, base = np.zeros((n, imitated.shape[1])), free < n
-    out[free[base]] = (fit.inverse_root.T @ imitated)[: len(free)][base]
-    return out
+    base = fit.free < fit.model.n_base
+    root = np.zeros((fit.model.n_base, len(fit.inverse_root)))
+    root[fit.free[base]] = fit.inverse_root.T[: len(base)][base]
+    return root
 
 
 def _with_parameters(matrix: np.ndarray, gradient: np.ndarray, moved: np.ndarray) -> System:
     """S and u with J and K, which amplitudes move (9, c), as further columns."""
-    return System(
-        np.block([[matrix, moved.T], [moved, np.zeros((len(moved), len(moved)))]]),
-        np.concatenate([gradient, np.zeros(len(moved))]),
-    )
-
-
-def _covariance(fit: LinearisedFit) -> np.ndarray:
-    """Covariance (9, 9) of J and K if nothing acts; zero where they are held."""
-    n = fit.model.n_base
-    covariance, base = np.zeros((n, n)), fit.free[fit.free < n]
-    whole = fit.inverse_root.T @ fit.inverse_root
-    covariance[np.ix_(base, base)] = whole[: len(base), : len(base)]
-    return covariance
+    of_both = np.zeros((len(moved), len(moved)))
+    whole = np.block([[matrix, moved.T], [moved, of_both]])
+    return System(whole, np.append(gradient, of_both[0]))
 
 
 def parameters_of(linear: LinearModel, given: Given) -> tuple[np.ndarray, np.ndarray]:
@@ -285,9 +245,9 @@ def random_members(
     model = Model(fit.model.campaign, both, fit.model.structure.drive)
     roots = [roots_at(model, x) for x in LIMITS.shapes]
     members: list[RandomMember] = []
-    unnamed: dict[str, list[tuple[Signal, float]]] = {}
+    unnamed: dict[str, list[list[Signal]]] = {}
     for i, effect in enumerate(both):
-        source = source_of(effect)
+        source = next(name for hook, name in SOURCES.items() if effect.acts(hook))
         if isinstance(effect, TachometerShape) and source in unnamed:
             continue
         columns = coefficient_columns(response, effect)
@@ -299,13 +259,12 @@ def random_members(
             members.append(_random(effect, model, signal, own, kept=kept))
         if nameless and own[0].blocks.shape[-1] > 1 and source not in unnamed:
             unnamed[source] = _free(effect, model, signal, own)
-    if nameless:
-        for source, forms in (_driven(linear, response) if driven else {}).items():
-            unnamed.setdefault(source, []).extend((x, -np.log(len(forms))) for x in forms)
-    members += [
-        RandomMember(NAMELESS[s], [x for x, _ in forms], np.array([w for _, w in forms]), s)
-        for s, forms in unnamed.items()
-    ]
+    for source, forms in (_driven(linear, response) if nameless and driven else {}).items():
+        unnamed.setdefault(source, []).append(forms)
+    for source, groups in unnamed.items():
+        # Smooth, repeated, in proportion to something known: each kind is as probable.
+        odds = np.concatenate([np.full(len(forms), -np.log(len(forms))) for forms in groups])
+        members.append(RandomMember(NAMELESS[source], [*chain(*groups)], odds))
     return tuple(members)
 
 
@@ -315,28 +274,10 @@ def _numbers(roots: Sequence[CandidateRoots], effects: Sequence[StochasticEffect
     return len(effects) * len(roots) * (slews * blocks * size) ** 2
 
 
-def candidate_of(member: RandomMember, log_bayes_factor: float) -> StochasticCandidate:
-    """A member as a candidate, begun where its evidence is largest."""
-    start: tuple[float, ...] = ()
-    if member.starts is not None:
-        start = tuple(member.starts[np.argmax(log_evidence_of_random(member))].tolist())
-    name = "" if member.name in NAMELESS.values() else member.name
-    return StochasticCandidate(name, member.source, log_bayes_factor, start)
-
-
 def log_evidence_of_each(linear: LinearModel) -> dict[str, float]:
     """Log evidence of every effect of a fixed shape against nothing."""
     begin = nothing(linear.system)
     return {member.name: log_evidence_of(begin, [member]) for member in linear.members}
-
-
-def stochastic_candidates(
-    linear: LinearModel, estimate: Estimate, effects: Sequence[StochasticEffect]
-) -> tuple[StochasticCandidate, ...]:
-    """Weigh effects without a fixed shape at a fit, best evidence first."""
-    members = random_members(linear, torque_response(estimate), effects, nameless=False)
-    found = [candidate_of(m, float(logsumexp(log_evidence_of_random(m)))) for m in members]
-    return tuple(sorted(found, key=lambda c: -c.log_bayes_factor))
 
 
 def _random(
@@ -360,32 +301,29 @@ def _random(
         for form, shape in zip(forms, own.shapes, strict=True)
         for size in form.sizes
     ]
-    source = source_of(effect)
-    return RandomMember(effect.name, forms, own.log_odds, source, np.array(starts), matrix)
+    return RandomMember(effect.name, forms, own.log_odds, np.array(starts), matrix)
 
 
 def _free(
     effect: StochasticEffect, model: Model, signal: ProjectedSignal, roots: Sequence[CandidateRoots]
-) -> list[tuple[Signal, float]]:
+) -> list[list[Signal]]:
     """Smooth signals where an effect on knots enters, and such that repeat in every slew."""
     largest = largest_size(effect, model)
     smooth = smooth_roots(roots[LIMITS.shapes.index(0.0)].blocks)
     same = signal.repeated()
-    forms = [_signal(signal, dense(root), largest) for root in smooth]
-    forms += [_signal(same, dense(root[:1]), largest) for root in smooth]
-    return [(form, -np.log(len(smooth))) for form in forms]
+    return [
+        [_signal(signal, dense(root), largest) for root in smooth],
+        [_signal(same, dense(root[:1]), largest) for root in smooth],
+    ]
 
 
 def _projected(linear: LinearModel, columns: np.ndarray) -> ProjectedSignal:
     """Coefficients of all slews; the last nine of their products are how they move J and K."""
-    fit, imitated = linear.fit, imitated_share(linear.fit, columns)
-    signal = projected_signal(fit, columns, imitated)
-    cross = np.swapaxes(columns, 1, 2) @ linear.columns
-    cross -= (imitated.T @ fit.imitated(linear.columns)).reshape(cross.shape)
-    gradient = signal.gradient + cross[..., linear.held] @ linear.amplitude
-    moved = _shift_per_amplitude(fit, imitated)
-    cross = np.concatenate([cross, moved.T.reshape(*cross.shape[:2], len(moved))], -1)
-    return ProjectedSignal(gradient, signal.matrix, cross)
+    signal, imitated = projected_signal(linear.fit, columns, linear.columns)
+    gradient = signal.gradient + signal.cross[..., linear.held] @ linear.amplitude
+    moved = _root_of_parameters(linear.fit) @ imitated
+    moved = moved.T.reshape(*gradient.shape, len(moved))
+    return ProjectedSignal(gradient, signal.matrix, np.concatenate([signal.cross, moved], -1))
 
 
 def _signal(
@@ -394,7 +332,6 @@ def _signal(
     """One form; `root` of each slew (slews, k, k), or of all slews (slews k, slews k)."""
     root = block_diag(*root) if root.ndim == 3 else root
     n, cross = len(root), projected.cross
-    assert cross is not None
     matrix, gradient = projected.matrix.reshape(n, n), projected.gradient.ravel()
     found = signal_of(matrix, gradient, cross.reshape(n, -1), root, largest)
     return found if kept else replace(found, basis=np.zeros((0, len(found.powers))))

@@ -238,28 +238,7 @@ def _alternative(
 FREE_SHAPES = "nameless_torque_and_rate_error"
 
 
-def tried_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
-    """The effects that a diagnosis tried before it said "unknown".
-
-    Returns: in the order in which they were added, without random ones that a free shape stands
-    for, and without a flexible mode: its states cost most of a fit, and what it stands for is not
-    known.
-    """
-    return tuple(
-        e
-        for e in diagnosis.effects_added
-        if not isinstance(e, FlexibleMode)
-        and not (isinstance(e, StochasticEffect) and any(map(e.acts, _FREE)))
-    )
-
-
-def free_shapes(diagnosis: Diagnosis) -> tuple[Effect, ...]:
-    """A torque and a rate error of free shape; without a rate sensor the torque alone."""
-    campaign = diagnosis.base.model.campaign
-    return tuple(effect for effect in REMAINDERS if effect.coefficient_count(campaign))
-
-
-# Hooks in which free shapes act.
+# Hooks in which a torque and a rate error of free shape act.
 _FREE = ("body_torque", "rate_output")
 
 
@@ -267,16 +246,23 @@ def fitted_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
     """The effects that a full fit after a diagnosis holds, with the settings they were found with.
 
     Returns: those added, in their order. Where no candidate explains the data, those that no free
-    shape stands for; beside what is named in part, a torque and a rate error of free shape; where
-    names only imitate what is there, these alone.
+    shape stands for, without a flexible mode: its states cost most of a fit, and what it stands for
+    is not known; beside what is named in part, a torque and a rate error of free shape (without a
+    rate sensor the torque alone); where names only imitate what is there, these alone.
     """
+    if diagnosis.verdict not in OPEN_VERDICTS:
+        return diagnosis.effects_added
+    campaign = diagnosis.base.model.campaign
+    free = tuple(effect for effect in REMAINDERS if effect.coefficient_count(campaign))
+    tried = tuple(
+        e
+        for e in diagnosis.effects_added
+        if not isinstance(e, FlexibleMode)
+        and not (isinstance(e, StochasticEffect) and any(map(e.acts, _FREE)))
+    )
     if diagnosis.verdict == "partial":
-        return (*tried_effects(diagnosis), *free_shapes(diagnosis))
-    if diagnosis.why_unknown == "imitation":
-        return free_shapes(diagnosis)
-    if diagnosis.why_unknown == "misfit":
-        return tried_effects(diagnosis)
-    return diagnosis.effects_added
+        return (*tried, *free)
+    return free if diagnosis.why_unknown == "imitation" else tried
 
 
 def remainder_alternatives(diagnosis: Diagnosis) -> tuple[AlternativeParameters, ...]:

@@ -36,6 +36,7 @@ from jax import Array
 from scipy.special import logsumexp
 
 from bayes_inertia.diagnosis.hypothesis_table import (
+    Names,
     RandomMember,
     draw_coefficients,
     log_evidence_of_random,
@@ -74,52 +75,45 @@ class ProjectedSignal:
         g, by slew.
     matrix : (slews, k, slews, k) array
         A: what is fitted in common couples slews.
-    cross : (slews, k, c) array, optional
+    cross : (slews, k, c) array
         Their products with the columns of effects of a fixed shape.
     """
 
     gradient: np.ndarray
     matrix: np.ndarray
-    cross: np.ndarray | None = None
+    cross: np.ndarray
 
     def repeated(self) -> ProjectedSignal:
         """The same if the coefficients are one draw for all slews."""
         return ProjectedSignal(
             self.gradient.sum(0, keepdims=True),
             self.matrix.sum((0, 2))[None, :, None],
-            None if self.cross is None else self.cross.sum(0, keepdims=True),
+            self.cross.sum(0, keepdims=True),
         )
 
 
 def projected_signal(
-    fit: LinearisedFit, columns: np.ndarray, imitated: np.ndarray | None = None
-) -> ProjectedSignal:
+    fit: LinearisedFit, columns: np.ndarray, others: np.ndarray
+) -> tuple[ProjectedSignal, np.ndarray]:
     """Project everything fitted off a signal.
 
-    `imitated` (unknowns, slews k). `columns` (slews, numbers, k): changes of its whitened residuals
-    by the coefficients of each slew.
+    `columns` (slews, numbers, k): changes of its whitened residuals by the coefficients of each
+    slew. `others` (slews, numbers, c): columns of effects of a fixed shape. Returns: the signal;
+    the share (unknowns, slews k) of each slew's columns that the fit imitates.
     """
     slews, _, k = columns.shape
     gradient, matrix = np.zeros((slews, k)), np.zeros((slews, k, slews, k))
+    imitated = np.zeros((len(fit.inverse_root), slews, k))
     for s, own in enumerate(columns):
         gradient[s] = own.T @ fit.residual[s]
         matrix[s, :, s] = own.T @ own
-    imitated = imitated_share(fit, columns) if imitated is None else imitated
+        imitated[fit.index(s), s] = fit.columns[s].T @ own
+    imitated = fit.inverse_root @ imitated.reshape(len(imitated), -1)
     matrix -= (imitated.T @ imitated).reshape(matrix.shape)
     fitted = (imitated.T @ fit.whitened_gradient).reshape(slews, k)
-    return ProjectedSignal(fitted - gradient, matrix)
-
-
-def imitated_share(fit: LinearisedFit, columns: np.ndarray) -> np.ndarray:
-    """The share of each slew's columns that the fit imitates.
-
-    `columns` (slews, numbers, k). Returns (unknowns, slews k).
-    """
-    slews, _, k = columns.shape
-    coupled = np.zeros((len(fit.inverse_root), slews, k))
-    for s, own in enumerate(columns):
-        coupled[fit.index(s), s] = fit.columns[s].T @ own
-    return fit.inverse_root @ coupled.reshape(len(coupled), -1)
+    cross = np.swapaxes(columns, 1, 2) @ others
+    cross -= (imitated.T @ fit.imitated(others)).reshape(cross.shape)
+    return ProjectedSignal(fitted - gradient, matrix, cross), imitated
 
 
 def p_values_of_largest(
@@ -173,84 +167,41 @@ def candidate_kinds(
     return tuple(fixed), tuple(random.values())
 
 
-@dataclass(frozen=True)
-class StochasticCandidate:
-    """An effect without a fixed shape, or a shape without a name, weighed at a fit.
+def random_candidates(
+    members: Sequence[RandomMember], log_evidence: Mapping[Names, float]
+) -> tuple[Candidate, ...]:
+    """List the effects without a fixed shape; their evidence is that of their rows of the table.
 
-    Parameters
-    ----------
-    effect : str
-        Name of the effect; empty for a shape without a name.
-    source : str
-        Where it enters: "body torque", "rate sensor", "star tracker", ...
-    log_bayes_factor : float
-        Log evidence against nothing, to first order.
-    start : tuple of float
-        The effect's parameters where the evidence is largest; empty without a name.
-    simulated_p_value : float or None
-        Probability that any effect without a fixed shape has such evidence where there is none;
-        None if that was not simulated.
+    Degrees of freedom are their parameters, a score is twice the log evidence, a p-value an upper
+    bound by Markov's inequality: the expectation of a Bayes factor is one.
     """
-
-    effect: str
-    source: str
-    log_bayes_factor: float
-    start: tuple[float, ...] = ()
-    simulated_p_value: float | None = None
-
-    @property
-    def p_value(self) -> float:
-        """Probability of such evidence where nothing is random.
-
-        If it was not simulated an upper bound by Markov's inequality: the expectation of a Bayes
-        factor is one.
-
-        >>> round(StochasticCandidate("rate_random_walk", "rate sensor", 7.0).p_value, 4)
-        0.0009
-        """
-        if self.simulated_p_value is not None:
-            return self.simulated_p_value
-        return float(np.exp(-max(self.log_bayes_factor, 0.0)))
+    rows = []
+    for member in members:
+        if member.starts is not None:
+            value = log_evidence[frozenset([member.name])]
+            score, dof = 2.0 * max(value, 0.0), member.starts.shape[1]
+            rows.append(Candidate(member.name, dof, score, float(np.exp(-0.5 * score)), value))
+    return tuple(rows)
 
 
-def as_candidates(weighed: Sequence[StochasticCandidate]) -> tuple[Candidate, ...]:
-    """The rows of effects without a fixed shape among those of the library.
-
-    Returns: their degrees of freedom are the parameters, their score is twice the log evidence.
-    """
-    return tuple(
-        Candidate(
-            effect=c.effect,
-            dof=len(c.start),
-            score=max(2.0 * c.log_bayes_factor, 0.0),
-            p_value=c.p_value,
-            log_bayes_factor=c.log_bayes_factor,
-        )
-        for c in weighed
-        if c.effect
-    )
-
-
-def p_values_decide(weighed: Sequence[StochasticCandidate]) -> bool:
+def p_values_decide(weighed: Sequence[Candidate]) -> bool:
     """Whether bounds of the p-values leave open what is significant.
 
     Returns: false where the largest evidence is weak, or so clear that its bound is enough.
 
     Examples
     --------
-    >>> of = [StochasticCandidate("torque_noise", "body torque", x) for x in (0.5, 5.0, 50.0)]
+    >>> of = [Candidate("torque_noise", 2, 2.0 * x, 0.1, x) for x in (0.5, 5.0, 50.0)]
     >>> [p_values_decide([candidate]) for candidate in of]
     [False, True, False]
     """
-    largest = max((c.log_bayes_factor for c in weighed if c.effect), default=0.0)
+    largest = max((c.log_bayes_factor for c in weighed), default=0.0)
     return LIMITS.weak < largest < LIMITS.clear
 
 
 def with_p_values(
-    weighed: Sequence[StochasticCandidate],
-    members: Sequence[RandomMember],
-    rng: np.random.Generator,
-) -> tuple[StochasticCandidate, ...]:
+    weighed: Sequence[Candidate], members: Sequence[RandomMember], rng: np.random.Generator
+) -> tuple[Candidate, ...]:
     """Simulate how probable such evidence is where nothing is random.
 
     `members`: at the fit. Returns: the same with p-values; in campaigns of very many slews they
@@ -260,9 +211,7 @@ def with_p_values(
     if not effects or any(member.matrix is None for member in effects):
         return tuple(weighed)
     p_values = p_values_of_largest(effects, np.array([c.log_bayes_factor for c in weighed]), rng)
-    return tuple(
-        replace(c, simulated_p_value=float(p)) for c, p in zip(weighed, p_values, strict=True)
-    )
+    return tuple(replace(c, p_value=float(p)) for c, p in zip(weighed, p_values, strict=True))
 
 
 def usable(
@@ -289,20 +238,10 @@ def usable(
     )
 
 
-def medians(model: Model) -> np.ndarray:
-    """The centre of the prior of all parameters.
-
-    Returns (d,).
-    """
-    alone = model.space.marginals()
-    mean, logarithmic = np.asarray(alone["mean"]), np.asarray(alone["logarithmic"])
-    return np.where(logarithmic, np.exp(np.where(logarithmic, mean, 0.0)), mean)
-
-
 def parameters_at(model: Model, effect: Effect, size: float, shape: float) -> np.ndarray:
     """An effect's parameters: so many medians in size, so many prior sds from them in shape."""
     part = model.space.slice_of(effect.name)
-    values = medians(model)[part]
+    values = model.space.mean[part]
     values[0] *= size
     values[1:] *= np.exp(shape * np.asarray(model.space.marginals()["scale"])[part][1:])
     return values
@@ -310,7 +249,7 @@ def parameters_at(model: Model, effect: Effect, size: float, shape: float) -> np
 
 def roots_at(model: Model, shape: float) -> list[CandidateRoots]:
     """Roots of all random effects of a model, of size one, so many prior sds from their times."""
-    theta = medians(model)
+    theta = model.space.mean
     for effect in model.effects:
         part = model.space.slice_of(effect.name)
         theta[part] = parameters_at(model, effect, 1.0, shape)
@@ -353,7 +292,7 @@ def forms_of(effect: StochasticEffect, model: Model, roots: Sequence[CandidateRo
     odds = -0.5 * np.minimum(shapes, LIMITS.longest_in_slew) ** 2
     if lasts:
         long = (shapes == shapes[-1]) | (shapes >= LIMITS.longest_in_slew)
-        other = [dense(own.anew) for own, kept in zip(roots, long, strict=False) if kept]
+        other = [own.anew for own, kept in zip(roots, long, strict=False) if kept]
     elif roots[0].blocks.shape[-1] == 1 and effect.acts("rate_output"):
         long = np.full(len(shapes), True)
         other = [own.repeated for own in roots[: len(shapes)]]
@@ -367,11 +306,6 @@ def largest_size(effect: StochasticEffect, model: Model) -> float:
     """The largest size that the prior of an effect has, in medians."""
     scale = np.asarray(model.space.marginals()["scale"])[model.space.slice_of(effect.name).start]
     return float(np.exp(LIMITS.largest_random_size * scale))
-
-
-def source_of(effect: StochasticEffect) -> str:
-    """Where an effect enters."""
-    return next(name for hook, name in SOURCES.items() if effect.acts(hook))
 
 
 def smooth_roots(blocks: np.ndarray) -> list[np.ndarray]:
@@ -402,26 +336,21 @@ class CandidateRoots:
     across: np.ndarray | None = None
 
     @property
-    def each(self) -> np.ndarray:
-        """Of each slew (slews, b m, b m), where slews are independent."""
-        return dense(self.blocks)
-
-    @property
     def anew(self) -> np.ndarray:
-        """Of the process less its first value in each slew (slews, b, m, m)."""
-        return self.blocks - self.blocks[..., :1, :]
+        """Of the process less its first value in each slew (slews, b m, b m)."""
+        return dense(self.blocks - self.blocks[..., :1, :])
 
     @property
     def repeated(self) -> np.ndarray:
         """Of all slews (slews b m, slews b m), where one draw is that of each of them."""
         slews = len(self.blocks)
-        return np.kron(np.ones((slews, 1)) * np.eye(1, slews), self.each[0])
+        return np.kron(np.ones((slews, 1)) * np.eye(1, slews), dense(self.blocks)[0])
 
     @property
     def best(self) -> np.ndarray:
         """Of all slews (slews b m, slews b m) where they are one process, else of each."""
         if self.across is None:
-            return self.each
+            return dense(self.blocks)
         n, b, m, _ = self.blocks.shape
         across = self.across.reshape(n, m, n, m)
         return np.einsum("smtk,ij->simtjk", across, np.eye(b)).reshape(n * b * m, n * b * m)

@@ -22,6 +22,7 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.residual_tests import ChannelTest, channel_tests
 from bayes_inertia.inference.rounding import has_one_error, rounding_steps
+from bayes_inertia.inference.slew_shares import eliminated
 from bayes_inertia.maths.linear_algebra import solve
 from bayes_inertia.maths.values import array_dataclass
 
@@ -38,19 +39,14 @@ def correlations(tests: ScoreTests) -> dict[tuple[str, str], float]:
 
 def final_tests(estimate: Estimate) -> dict[str, ChannelTest]:
     """Test the residuals against the noise as used: stated noise times what was measured of it."""
-    scale = np.sqrt(estimate.discount)
-    tested, info = estimate.tested_residuals, estimate.information
-    series = {
-        c: [s * x for s, x in zip(scale[:, i], tested.series[c], strict=True)]
-        for i, c in enumerate(tested.series)
-    }
-    # Slews of one noise are added before they are scaled, as they always were.
-    relative = estimate.discount / estimate.discount[0]
-    chi2 = (tested.chi2 * relative).sum(0) * scale[0] ** 2
-    dof = info.n_data.sum(0) - tested.parameters
+    # A diagnosis measures one level for all slews.
+    tested, scale = estimate.tested_residuals, np.sqrt(estimate.discount[0])
+    scales = dict(zip(tested.series, scale, strict=True))
+    series = {c: [scales[c] * x for x in slews] for c, slews in tested.series.items()}
+    dof = estimate.information.n_data.sum(0) - tested.parameters
     steps = rounding_steps(estimate.model.campaign)
-    largest = dict(zip(tested.series, scale.max(0), strict=True))
-    rounded = [c for c, of_components in steps.items() if has_one_error(largest[c] * of_components)]
+    rounded = [c for c, of_components in steps.items() if has_one_error(scales[c] * of_components)]
+    chi2 = tested.chi2.sum(0) * scale**2
     return channel_tests(estimate.model.channels, series, chi2, dof, rounded)
 
 
@@ -163,19 +159,13 @@ def scan_residuals(
         shift, energy = (x[..., 0] for x in scores)
         p_value = np.maximum(null.sf(0.5 * np.maximum(shift, energy) ** 2), 1e-300)
         smallest = min(smallest, float(p_value.min()))
-        windows += _significant_windows(estimate, fit, name, scan, shift, energy, p_value)
+        windows += _significant_windows(fit, name, scan, shift, energy, p_value)
     return Disagreement(
         tuple(sorted(windows, key=lambda w: (w.p_value, -w.score))),
         smallest,
-        {name: _binned(estimate, fit, name, noise) for name in scans},
+        {name: _binned(fit, name, noise) for name in scans},
         tuple(slew.name for slew in estimate.model.campaign.slews),
     )
-
-
-def component_names(estimate: Estimate, channel: str) -> tuple[str, ...]:
-    """Name the components of a channel."""
-    campaign = estimate.model.campaign
-    return stream_named(channel, campaign).components(campaign)
 
 
 def _largest_scores(
@@ -200,7 +190,6 @@ def _largest_scores(
 
 
 def _significant_windows(
-    estimate: Estimate,
     fit: LinearisedFit,
     name: str,
     scan: ChannelScan,
@@ -209,14 +198,16 @@ def _significant_windows(
     p_value: np.ndarray,
 ) -> list[Window]:
     """The most significant windows of each slew of one channel that do not overlap."""
-    channel, components = fit.channels[name], component_names(estimate, name)
+    channel, campaign = fit.channels[name], fit.model.campaign
+    components = stream_named(name, campaign).components(campaign)
     score = np.maximum(shift, energy)
     windows = []
-    for s, slew in enumerate(estimate.model.campaign.slews):
+    for s, slew in enumerate(campaign.slews):
         covered = np.zeros(channel.valid.shape[1], bool)
         significant = np.argwhere(p_value[s] < LIMITS.significant)
         for w, c in sorted(significant, key=lambda i: -score[s][tuple(i)]):
-            first, last = _measured_rows(channel, s, c, scan.start[w], scan.stop[w])
+            measured = np.flatnonzero(channel.valid[s, : scan.stop[w], c])
+            first, last = measured[measured >= scan.start[w]][[0, -1]]
             if covered[first : last + 1].any():
                 continue
             covered[first : last + 1] = True
@@ -235,15 +226,7 @@ def _significant_windows(
     return windows
 
 
-def _measured_rows(channel: ChannelRows, s: int, c: int, start: int, stop: int) -> tuple[int, int]:
-    """First and last row of a window where component c of slew s was measured."""
-    inside = start + np.flatnonzero(channel.valid[s, start:stop, c])
-    return int(inside[0]), int(inside[-1])
-
-
-def _binned(
-    estimate: Estimate, fit: LinearisedFit, name: str, noise: np.ndarray
-) -> BinnedResiduals:
+def _binned(fit: LinearisedFit, name: str, noise: np.ndarray) -> BinnedResiduals:
     """Mean residuals of one channel in even bins over each slew."""
     channel = fit.channels[name]
     scaled = channel.shaped(fit.settled_residual) / channel.shaped(noise)
@@ -252,17 +235,16 @@ def _binned(
     edges = np.stack(
         [np.linspace(t[0], t[-1] * (1 + 1e-12) + 1e-12, LIMITS.bins + 1) for t in times]
     )
-    shift = np.full((slews, components, LIMITS.bins), np.nan)
-    for s in range(slews):
-        place = np.clip(
-            np.searchsorted(edges[s], channel.time[s], side="right") - 1, 0, LIMITS.bins - 1
-        )
-        for c in range(components):
-            ok = channel.valid[s, :, c]
-            n = np.bincount(place[ok], minlength=LIMITS.bins)
-            total = np.bincount(place[ok], scaled[s, ok, c], minlength=LIMITS.bins)
-            shift[s, c] = np.where(n > 0, total / np.sqrt(np.maximum(n, 1)), np.nan)
-    return BinnedResiduals(component_names(estimate, name), edges, shift)
+    bins = LIMITS.bins
+    count, total = np.zeros((2, slews, components, bins))
+    for s, (edge, time, valid) in enumerate(zip(edges, channel.time, channel.valid, strict=True)):
+        place = np.clip(np.searchsorted(edge, time, side="right") - 1, 0, bins - 1)
+        place = (place[:, None] + bins * np.arange(components))[valid]
+        for of_slew, each in ((count, np.ones(len(place))), (total, scaled[s][valid])):
+            of_slew[s] = np.bincount(place, each, components * bins).reshape(components, bins)
+    shift = np.where(count > 0, total / np.sqrt(np.maximum(count, 1)), np.nan)
+    names = stream_named(name, fit.model.campaign).components(fit.model.campaign)
+    return BinnedResiduals(names, edges, shift)
 
 
 def scan_windows(rows: int, shortest: int) -> tuple[np.ndarray, np.ndarray]:
@@ -417,14 +399,9 @@ def _prediction_chi2(fit: LinearisedFit, s: int) -> tuple[float, float]:
 
     The prediction is itself uncertain: the others leave theta and bias open to some degree.
     """
-    info, shared = fit.information, fit.n_shared
     step, known = fit.shares.without(s)
-    A, g = info.matrix[s].sum(0), info.gradient[s].sum(0)
-    linear = g[:shared] + A[:shared, :shared] @ step
-    local = g[shared:] + A[shared:, :shared] @ step + fit.point.local[s]
-    stiffness = A[shared:, shared:] + np.eye(fit.n_local)
-    chi2 = info.chi2[s].sum() + step @ (g[:shared] + linear) - local @ solve(stiffness, local)
-    following = solve(stiffness, A[shared:, :shared])
-    gradient = linear - following.T @ local
-    information = A[:shared, :shared] - A[:shared, shared:] @ following
-    return chi2, gradient @ solve(information + known, gradient)
+    own = eliminated(fit.information, fit.point.local, fit.n_shared)
+    gradient = own.gradient[s] + own.matrix[s] @ step
+    left = fit.information.chi2[s].sum() - own.pull[s] @ own.pull[s]
+    chi2 = left + step @ (own.gradient[s] + gradient)
+    return chi2, gradient @ solve(own.matrix[s] + known, gradient)

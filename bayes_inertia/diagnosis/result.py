@@ -29,9 +29,6 @@ from bayes_inertia.physics.forward_model import Model
 if TYPE_CHECKING:
     import pandas as pd
 
-# Answers in the table of a notebook: less probable ones are in `hypotheses`.
-_SHOWN_ANSWERS = 8
-
 
 @dataclass(frozen=True)
 class BeyondPrior:
@@ -327,7 +324,7 @@ def _card(diagnosis: Diagnosis) -> Card:
     campaign = diagnosis.final.model.campaign.name
     rows = tuple(
         (" and ".join(h.effects) or h.kind, f"{h.probability:.1%}", f"{h.log_evidence:.1f}")
-        for h in diagnosis.hypotheses[:_SHOWN_ANSWERS]
+        for h in diagnosis.hypotheses[: LIMITS.listed]
     )
     answers = ", ".join(f"{name} {share}" for name, share, _ in rows[:3])
     verdict = ", ".join(part for part in (diagnosis.verdict, named) if part)

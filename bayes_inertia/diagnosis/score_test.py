@@ -22,11 +22,7 @@ from bayes_inertia.diagnosis.linear_system import LinearModel
 from bayes_inertia.diagnosis.result import Candidate
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.noise_model import log_normalisation
-from bayes_inertia.inference.objective import (
-    negative_log_posterior,
-    prior_equations,
-    prior_rows,
-)
+from bayes_inertia.inference.objective import negative_log_posterior, prior_equations
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.linear_algebra import canonical_correlation, inverse_root
 from bayes_inertia.maths.numerics import NUMERICS as MATHS_NUMERICS
@@ -43,18 +39,10 @@ def log_evidence_of_fit(estimate: Estimate) -> float:
     """
     if not np.isfinite(estimate.objective):
         return -np.inf
-    slope, _ = prior_rows(estimate.model, estimate.theta)
-    priors = float(np.log(np.abs(slope[estimate.free])).sum())
-    if estimate.model.space.whitening is not None:
-        precision, _ = prior_equations(estimate.model, estimate.theta, estimate.free)
-        priors = 0.5 * float(np.linalg.slogdet(precision)[1])
-    half_log_det = 0.5 * float(np.linalg.slogdet(estimate.hessian)[1])
-    return (
-        log_normalisation(estimate.model, estimate.white)
-        - estimate.objective
-        + priors
-        - half_log_det
-    )
+    precision, _ = prior_equations(estimate.model, estimate.theta, estimate.free)
+    priors, of_fit = (float(np.linalg.slogdet(x)[1]) for x in (precision, estimate.hessian))
+    norms = log_normalisation(estimate.model, estimate.white)
+    return norms - estimate.objective + 0.5 * (priors - of_fit)
 
 
 class Sampled(NamedTuple):

@@ -10,10 +10,11 @@ read off there.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import logsumexp
 
 from bayes_inertia.campaign.block_means import without_surplus_rows
 from bayes_inertia.campaign.campaign import Campaign
@@ -22,18 +23,19 @@ from bayes_inertia.diagnosis.clean_start import (
     CleanStart,
     at_measured_level,
     clean_start,
+    log_evidence_of_noise,
     measured_again,
+    with_correlated_noise,
 )
 from bayes_inertia.diagnosis.formulas import search_formulas
 from bayes_inertia.diagnosis.hypothesis_table import Names
 from bayes_inertia.diagnosis.limits import LIMITS, Rules, rules_of
-from bayes_inertia.diagnosis.linear_system import candidate_of, mixed, parameters_of
+from bayes_inertia.diagnosis.linear_system import mixed, parameters_of
 from bayes_inertia.diagnosis.random_signals import (
     STOCHASTIC_CANDIDATES,
-    StochasticCandidate,
-    as_candidates,
     candidate_kinds,
     p_values_decide,
+    random_candidates,
     with_p_values,
 )
 from bayes_inertia.diagnosis.residuals import correlations, final_tests, is_explained
@@ -129,7 +131,7 @@ def weigh_campaign(begin: CleanStart, search: Search) -> Weighed:
         fixed = fixed_part(reading.row, table.refitted)
         final = fit_of(table, fixed, begin.base, search)
         search.say("measuring the noise again", 0, 0)
-        again = measured_again(begin, final, _beside(table, fixed))
+        again = measured_again(begin, final)
         if again is None or not rounds_left:
             break
         begin = again
@@ -174,10 +176,7 @@ def _tests(table: Table) -> ScoreTests:
 
 
 def _scored(
-    table: Table,
-    rules: Rules,
-    rng: np.random.Generator,
-    log_costs: Mapping[str, float],
+    table: Table, rules: Rules, rng: np.random.Generator, log_costs: Mapping[str, float]
 ) -> tuple[tuple[Candidate, ...], float]:
     """All candidates at the fit without effects, and the threshold of their p-values.
 
@@ -191,22 +190,10 @@ def _scored(
         replace(c, p_value=min(1.0, c.p_value * float(np.exp(log_costs.get(c.effect, 0.0)))))
         for c in ranked_candidates(tests, first.log_evidence)
     )
-    random = _beside(table, frozenset())
+    random = random_candidates(first.random, first.log_evidence)
     if not any(c.p_value < threshold for c in ranked) and p_values_decide(random):
         random = with_p_values(random, first.random, rng.spawn(1)[0])
-    rows = (*ranked, *as_candidates(random))
-    return tuple(sorted(rows, key=lambda row: -row.log_bayes_factor)), threshold
-
-
-def _beside(table: Table, fixed: Names) -> tuple[StochasticCandidate, ...]:
-    """Random signals beside a set of effects, best evidence first."""
-    found = []
-    for member in table.refitted[frozenset()].random:
-        row = fixed | {member.name}
-        if row not in table.log_evidence:
-            continue
-        found.append(candidate_of(member, table.log_evidence[row] - table.log_evidence[fixed]))
-    return tuple(sorted(found, key=lambda c: -c.log_bayes_factor))
+    return tuple(sorted((*ranked, *random), key=lambda row: -row.log_bayes_factor)), threshold
 
 
 def _steps(
@@ -240,13 +227,13 @@ def _with_random(
     takes a part of it there may be needless beside it. Returns: the table with the evidence of
     these fits, and the fits by what stands beside the random effect.
     """
-    (found,) = (c for c in _beside(table, fixed) if c.effect == effect.name)
-    whole = with_stochastic(before, effect, found.start)
+    (member,) = (m for m in table.refitted[frozenset()].random if m.name == effect.name)
+    start = member.likely_start
+    whole = with_stochastic(before, effect, start)
     fits, own = {fixed: whole}, frozenset([effect.name])
     for kept in {frozenset[str](), *(fixed - {name} for name in fixed)} - {fixed}:
         if kept | own in table.log_evidence:
-            start = {effect.name: found.start}
-            fits[kept] = without_effects(whole, fixed - kept, base, start)
+            fits[kept] = without_effects(whole, fixed - kept, base, {effect.name: start})
     evidence = {kept: log_evidence_of_fit(fit) for kept, fit in fits.items()}
     first = table.log_evidence[fixed | own] - evidence[fixed]
     gained = {k: first + e - table.log_evidence[k | own] for k, e in evidence.items()}
@@ -360,26 +347,23 @@ def diagnose(
     rules, effects = rules_of(rules), candidate_effects(campaign, library)
     model = Model(campaign, effects.linear, drive)
     say("fitting J and K, measuring the noise", 0, 0)
-    begin = clean_start(model, seed=seed, as_stated=as_stated, stochastic=stochastic)
-    search = Search(effects, stochastic, rules, seed, say)
-    diagnosis = _diagnosed(begin, search)
-    # Rounding that repeats readings is no guess.
-    guessed = diagnosis.treatment.colour and "rate" not in diagnosis.treatment.rounded
-    if diagnosis.verdict != "unknown" or not guessed:
-        return diagnosis
-    # What no effect explains beside correlated noise may be what looks like such noise.
-    say("fitting J and K again, with white noise", 0, 0)
-    return _diagnosed(clean_start(model, seed=seed, coloured=False), search)
+    begin = clean_start(model, seed=seed, as_stated=as_stated)
+    return _diagnosed(begin, Search(effects, stochastic, rules, seed, say))
 
 
 def _diagnosed(begin: CleanStart, search: Search) -> Diagnosis:
-    """The verdict of a table from a clean start."""
-    weighed, formulas = with_formulas(weigh_campaign(begin, search), search)
+    """The verdict of the table whose noise, white or correlated, is more probable."""
+    found = [weigh_campaign(begin, search)]
+    search.say("measuring correlated noise", 0, 0)
+    coloured = with_correlated_noise(begin, begin.base, found[0].final)
+    if coloured is not None:
+        found.append(weigh_campaign(coloured, search))
+    weighed, formulas = with_formulas(max(found, key=_log_evidence), search)
     table, reading, noise = weighed.table, weighed.reading, dict(weighed.begin.noise)
+    added = tuple(step.added for step in weighed.steps)
+    told = reading._replace(named=() if reading.verdict == "unknown" else added)
     return Diagnosis(
-        verdict=reading.verdict,
-        named=() if reading.verdict == "unknown" else tuple(s.added for s in weighed.steps),
-        ambiguous_with=reading.ambiguous_with,
+        **told._asdict(),
         candidates=weighed.candidates,
         threshold=weighed.threshold,
         steps=weighed.steps,
@@ -390,14 +374,23 @@ def _diagnosed(begin: CleanStart, search: Search) -> Diagnosis:
         rules=search.rules,
         skipped=search.effects.skipped,
         correlations=correlations(_tests(table)),
-        why_unknown=reading.why_unknown,
-        nameless_lead=reading.nameless_lead,
-        nameless_source=reading.nameless_source,
         treatment=replace(weighed.begin.treatment, level=noise),
         hypotheses=_checked(table, search.seed),
         other_rows=other_rows(table, reading.row),
         formulas=formulas,
     )
+
+
+def _log_evidence(weighed: Weighed) -> float:
+    """Log evidence of the noise of a table: of all its rows, or of the fit of the best.
+
+    What a strong process does between its knots only a fit tells; what it does between slews, only
+    the table.
+    """
+    table, base, final = weighed.table, weighed.begin.base, weighed.final
+    joint = [table.log_evidence[row] + table.log_prior[row] for row in table.rows]
+    of_rows = log_evidence_of_noise(base) + float(logsumexp(joint))
+    return max(of_rows, log_evidence_of_noise(final) + table.log_prior[weighed.reading.row])
 
 
 def _checked(table: Table, seed: int) -> tuple[Hypothesis, ...]:
@@ -425,7 +418,8 @@ def with_formulas(weighed: Weighed, search: Search) -> tuple[Weighed, FormulaSea
         if now.reading.verdict == "consistent" or (found and now.reading.verdict == "named"):
             break
         search.say("weighing formulas", 0, 0)
-        known = _columns_of_effects(now.table, found)
+        linear = now.table.refitted[frozenset()].linear
+        known = [linear.columns[..., m.columns] for m in linear.members if m.name not in found]
         searches = [search_formulas(*at, known) for at in _responses(now)]
         clearest = max(searches, key=lambda s: s.log_evidence)
         if clearest.log_evidence < -np.log(search.rules.false_alarm_probability):
@@ -433,7 +427,8 @@ def with_formulas(weighed: Weighed, search: Search) -> tuple[Weighed, FormulaSea
         contested = _contested(now, clearest, search.rules)
         if contested or _may_be_shapeless(now.reading):
             first = first or clearest
-        best = {term.formula.name: term for s in searches for term in _best(s, search.rules)}
+        equals = (s.equals(search.rules.log_evidence_margin) for s in searches)
+        best = {t.formula.name: t for terms in equals for t in terms[: LIMITS.formulas_refitted]}
         if not contested or best.keys() <= found.keys():
             break
         found |= best
@@ -450,11 +445,6 @@ def with_formulas(weighed: Weighed, search: Search) -> tuple[Weighed, FormulaSea
     named = found.keys() & set(now.reading.named)
     reading = now.reading._replace(verdict="formula") if named else now.reading
     return replace(now, reading=reading), first
-
-
-def _best(search: FormulaSearch, rules: Rules) -> tuple[FormulaTerm, ...]:
-    """The formulas of a search that are refitted."""
-    return search.equals(rules.log_evidence_margin)[: LIMITS.formulas_refitted]
 
 
 def _may_be_shapeless(reading: Reading) -> bool:
@@ -479,13 +469,6 @@ def _responses(weighed: Weighed) -> list[tuple[TorqueResponse, LinearisedFit]]:
     fixed = not any(isinstance(e, StochasticEffect) for e in final.model.effects)
     part = fixed and weighed.reading.named and weighed.reading.verdict in OPEN_VERDICTS
     return [*fits, (torque_response(final), final.linearised())] if part else fits
-
-
-def _columns_of_effects(table: Table, formulas: Collection[str]) -> list[np.ndarray]:
-    """Columns (slews, numbers, k) of each effect that has a name, at the fit without effects."""
-    linear = table.refitted[frozenset()].linear
-    members = [m for m in linear.members if m.name not in formulas]
-    return [linear.columns[..., member.columns] for member in members]
 
 
 def _with_candidates(begin: CleanStart, effects: CandidateEffects) -> CleanStart:

@@ -49,7 +49,7 @@ from bayes_inertia.physics.stochastic_effect import StochasticEffect
 from bayes_inertia.progress import Progress
 
 
-def with_stochastic(before: Estimate, effect: StochasticEffect, start: Sequence[float]) -> Estimate:
+def with_stochastic(before: Estimate, effect: StochasticEffect, start: np.ndarray) -> Estimate:
     """Fit one effect without a fixed shape more; effects that were not fitted are left out.
 
     Returns: of a model that holds what is fitted and nothing else.
@@ -67,7 +67,7 @@ def with_stochastic(before: Estimate, effect: StochasticEffect, start: Sequence[
 
 
 def without_effects(
-    fitted: Estimate, names: Collection[str], before: Estimate, start: Mapping[str, Sequence[float]]
+    fitted: Estimate, names: Collection[str], before: Estimate, start: Mapping[str, np.ndarray]
 ) -> Estimate:
     """Fit again with some effects held at their null, in the same model.
 

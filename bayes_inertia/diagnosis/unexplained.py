@@ -1,9 +1,9 @@
 """What no candidate explains: the equivalent disturbance torque over time, and what it looks like.
 
-The torque is inferred with its band from an estimate's residuals. Its axis, spectrum and what it
-goes along with are put into a sentence an engineer can act on. Where no torque explains the
-residuals, the same is tried with an error of the sensors, so that nobody looks for a torque that is
-not there.
+The torque is inferred from an estimate's residuals, with its band, its axis, its spectrum and what
+it goes along with: a report makes of these a sentence an engineer can act on. Where no torque
+explains the residuals, the same is tried with an error of the sensors, so that nobody looks for a
+torque that is not there.
 
 A signal in every slew (a torque on the body or the wheels, an error of a sensor) is given by its
 values at knots, a cubic spline between. To first order it moves the residuals linearly. The values
@@ -36,6 +36,7 @@ from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, changes_of, torque_response
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
+from bayes_inertia.inference.residual_tests import effective_parameters
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effects.formula import driver_of
 from bayes_inertia.physics.effects.scales import torque_scale
@@ -205,7 +206,8 @@ def infer_signal(fit: LinearisedFit, basis: SignalBasis) -> FreeSignal:
     means, variances, effective = smooth.solution(log_size)
     signal = np.stack([B @ m for B, m in zip(basis.columns, means, strict=True)])
     left = fit.settled_residual - fit.unfitted(signal)
-    dof = np.count_nonzero(fit.valid) - _effective_parameters(fit)
+    taken = effective_parameters(fit.model, fit.point, fit.information, fit.covariance)
+    dof = np.count_nonzero(fit.valid) - taken.sum()
     shape = (len(means), basis.time.shape[1], basis.components)
     return FreeSignal(
         source=basis.source,
@@ -350,15 +352,6 @@ def _best_size(smooth: _SmoothPrior) -> tuple[float, float]:
     return -float(optimum.fun), float(optimum.x)
 
 
-def _effective_parameters(fit: LinearisedFit) -> float:
-    """Of the fit itself: trace of its hat matrix."""
-    traces = [
-        np.einsum("np,pq,nq->", J, fit.covariance_of(s), J, optimize=True)
-        for s, J in enumerate(fit.columns)
-    ]
-    return float(sum(traces))
-
-
 @dataclass(frozen=True)
 class Match:
     """A torque in proportion to something known, along any axes.
@@ -442,6 +435,20 @@ class UnexplainedSignal:
         ringing = self.spectrum.line and self.source == "body torque" and not known
         return self.spectrum.peak if ringing else None
 
+    @property
+    def follows(self) -> Match | None:
+        """What the torque is proportional to.
+
+        The best by evidence, if that is not worse than a torque of any shape.
+        """
+        least = max((m.log_evidence for m in self.matches), default=np.inf) - LIMITS.tied
+        # Squares of rates are nearly constant in a campaign of like slews: the simpler word wins a
+        # near tie.
+        steady = (m for m in self.matches if m.driver == "constant" and m.log_evidence > least)
+        best = next(iter((*steady, *self.matches)), None)
+        known = best and best.log_evidence > self.torque.log_evidence - LIMITS.tied
+        return best if known else None
+
 
 def unexplained_signal(estimate: Estimate) -> UnexplainedSignal:
     """Infer the equivalent torque of what an estimate leaves unexplained.
@@ -452,8 +459,9 @@ def unexplained_signal(estimate: Estimate) -> UnexplainedSignal:
     Returns: the torque, or the sensor's error, and what it looks like.
     """
     fit, response = estimate.linearised(), torque_response(estimate)
-    torque = _inferred(fit, response, "body torque")
-    assert torque is not None
+    basis = signal_basis(fit, response, "body torque")
+    assert basis is not None
+    torque = infer_signal(fit, basis)
     better = _better_signal(fit, response, torque)
     axis_B, share = _main_axis(torque.mean)
     along = torque.mean @ axis_B
@@ -484,15 +492,10 @@ def _better_signal(
     if torque.p_left > LIMITS.sufficient:
         return None
     sources = ("rate sensor", "wheel torque", "tachometers")
-    signals = [_inferred(fit, response, source) for source in sources]
-    found = (signal for signal in signals if signal is not None)
+    bases = (signal_basis(fit, response, source) for source in sources)
+    found = (infer_signal(fit, basis) for basis in bases if basis is not None)
     best = max(found, key=lambda s: s.log_evidence, default=torque)
     return best if best.log_evidence > torque.log_evidence + LIMITS.sensor_margin else None
-
-
-def _inferred(fit: LinearisedFit, response: TorqueResponse, source: str) -> FreeSignal | None:
-    basis = signal_basis(fit, response, source)
-    return infer_signal(fit, basis) if basis is not None else None
 
 
 def _main_axis(vectors: np.ndarray) -> tuple[np.ndarray, float]:
@@ -587,106 +590,3 @@ def spectrum_of(time: np.ndarray, signal: np.ndarray) -> Spectrum:
     concentrated = power[near].sum() > LIMITS.line_share * power.sum()
     swinging = float(np.mean(swings**2)) > 0.5 * float(np.mean(signal**2))
     return Spectrum(frequency, power, peak, bool(fast.any() and concentrated and swinging))
-
-
-def describe(signal: UnexplainedSignal) -> str:
-    """Put a signal into a sentence.
-
-    Returns: where it comes from, its axis, what it follows and its size; no full stop.
-    """
-    if signal.source == "nothing smooth":
-        removed = f"{100.0 * signal.torque.explained:.0f} %"
-        return (
-            f"no torque explains it (one that varies smoothly removes {removed} of the misfit), "
-            "nor does a smooth error of the rate sensor: look at single readings"
-        )
-    if signal.better_signal is not None:
-        return _other_source(signal.source, signal.better_signal)
-    if signal.frequency_hz is not None:
-        return _ringing(signal)
-    return _torque(signal)
-
-
-def _other_source(source: str, signal: FreeSignal) -> str:
-    """A signal that is no torque on the body."""
-    size = f"{signal.rms:.2g} {signal.unit} rms"
-    if source == "wheel torque":
-        return (
-            f"a torque between wheels and body that was not commanded ({size}): "
-            "the wheels do not deliver what they are told"
-        )
-    name = "rate sensor's" if source == "rate sensor" else "tachometers'"
-    return f"no torque explains it: it is in the sensors, an error of the {name} readings ({size})"
-
-
-def _ringing(signal: UnexplainedSignal) -> str:
-    """A torque with a line in its spectrum."""
-    axis, size = axis_name(signal.axis_B, signed=False), f"{signal.torque_rms:.2g} N m rms"
-    said = f"{signal.frequency_hz:.2g} Hz ringing about {axis}"
-    if signal.quiet_before is None:
-        return f"{said} ({size}): appendage, slosh or a wheel's imbalance"
-    if signal.quiet_before < LIMITS.quiet_ratio:
-        return f"{said} that begins when the wheels act ({size}): appendage or slosh"
-    return (
-        f"{said} all the time, also before the wheels act ({size}): "
-        "something that runs by itself, such as a wheel's imbalance or a pump"
-    )
-
-
-def _torque(signal: UnexplainedSignal) -> str:
-    """A torque without a line in its spectrum."""
-    size = f"{signal.torque_rms:.2g} N m rms"
-    one_axis = signal.axis_share > LIMITS.one_axis_share
-    axis = f"about {axis_name(signal.axis_B)}" if one_axis else "about changing axes"
-    driver = _driver(signal)
-    if driver == "constant":
-        return f"a torque constant {axis} in all slews ({size})"
-    if driver is not None:
-        words = driver_of(driver).words
-        follows = "growing with" if words.startswith("time") else "proportional to"
-        return f"a torque {axis}, {follows} the {words} ({size})"
-    best = signal.matches[0] if signal.matches else None
-    nearest = (
-        f"; it goes along best with the {best.name} ({100.0 * best.share:.0f} % of it)"
-        if best is not None and best.share > LIMITS.mentioned_share
-        else ""
-    )
-    return (
-        f"a torque {axis} that changes within about {float(f'{signal.torque.length:.2g}'):g} s, "
-        f"without a line in its spectrum ({size}){nearest}"
-    )
-
-
-def _driver(signal: UnexplainedSignal) -> str | None:
-    """What the torque is proportional to.
-
-    The best by evidence, if that is not worse than a torque of any shape.
-    """
-    of_all = {match.driver: match.log_evidence for match in signal.matches}
-    if not of_all:
-        return None
-    best = max(of_all, key=of_all.__getitem__)
-    # Squares of rates are nearly constant in a campaign of like slews: the simpler word wins a near
-    # tie.
-    steady = of_all.get("constant", -np.inf) > of_all[best] - LIMITS.tied
-    chosen = "constant" if steady else best
-    return chosen if of_all[chosen] > signal.torque.log_evidence - LIMITS.tied else None
-
-
-def axis_name(axis_B: np.ndarray, *, signed: bool = True) -> str:
-    """Put a direction into words.
-
-    `axis_B` (3,). Returns: "+x" where it is within 15 degrees of a body axis, its components
-    elsewhere.
-
-    Examples
-    --------
-    >>> axis_name(np.array([0.0, -0.99, 0.1])), axis_name(np.array([0.6, 0.8, 0.0]))
-    ('-y', '(0.60, 0.80, 0.00)')
-    >>> axis_name(np.array([0.0, -1.0, 0.0]), signed=False)
-    'y'
-    """
-    i = int(np.argmax(np.abs(axis_B)))
-    if abs(axis_B[i]) > np.cos(np.radians(LIMITS.named_axis)):
-        return ("-" if axis_B[i] < 0 else "+") * signed + "xyz"[i]
-    return "(" + ", ".join(f"{x + 0.0:.2f}" for x in np.round(axis_B, 2)) + ")"

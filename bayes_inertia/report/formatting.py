@@ -67,6 +67,20 @@ def kind_of(name: str) -> str:
     return name.rstrip("0123456789")
 
 
+def axis_name(axis_B: Sequence[float], *, signed: bool = True) -> str:
+    """A direction (3,): "+x" within 15 degrees of a body axis, its components elsewhere.
+
+    >>> axis_name([0.0, -0.99, 0.1]), axis_name([0.6, 0.8, 0.0])
+    ('-y', '(0.60, 0.80, 0.00)')
+    >>> axis_name([0.0, -1.0, 0.0], signed=False)
+    'y'
+    """
+    i = max(range(3), key=lambda k: abs(axis_B[k]))
+    if abs(axis_B[i]) > math.cos(math.radians(LAYOUT.named_axis)):
+        return ("-" if axis_B[i] < 0 else "+") * signed + "xyz"[i]
+    return "(" + ", ".join(f"{round(x, 2) + 0.0:.2f}" for x in axis_B) + ")"
+
+
 def two_digits(value: float) -> str:
     """Two significant digits, with a power of ten where the number is small.
 

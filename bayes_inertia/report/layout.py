@@ -14,6 +14,12 @@ class Layout:
     negligible_probability: float = 0.01
     most_answers_told: int = 4
     nearly_certain: float = 0.99
+    # Share of the power above which a torque without a name has one axis.
+    one_axis_share: float = 0.8
+    # Share of the misfit above which what such a torque goes along with is mentioned.
+    mentioned_share: float = 0.3
+    # rms before the wheels act over rms afterwards below which a ringing begins with them.
+    quiet_ratio: float = 0.4
 
     # `diagnosis_sections.py`
     most_alike_listed: int = 8
@@ -43,6 +49,7 @@ class Layout:
     rests_on_one_slew: float = 3.0
 
     # `formatting.py`
+    named_axis: float = 15.0  # [deg] to a body axis within which a direction has its name
     smallest_plain: float = 1e-3  # smaller numbers are written with a power of ten
     smallest_p_value: float = 1e-100
 

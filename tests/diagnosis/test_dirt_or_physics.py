@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from time import process_time
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +16,7 @@ from bayes_inertia.diagnosis.clean_start import (
     at_measured_level,
     clean_start,
     measured_again,
+    with_correlated_noise,
 )
 from bayes_inertia.diagnosis.limits import Rules
 from bayes_inertia.diagnosis.search import diagnose
@@ -31,7 +30,6 @@ from bayes_inertia.physics.effects import (
     WheelCommandLag,
 )
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.small_campaign import small_campaign
 
 RIGID = tuple(e for e in LIBRARY if e.name != "flexible_mode")
 # What is added first where the bias wanders, and gives way again.
@@ -102,11 +100,12 @@ def test_a_fit_that_stopped_early_is_brought_to_its_end(flown):
 @pytest.mark.slow
 @pytest.mark.parametrize("hidden", HIDDEN)
 def test_no_effect_is_taken_for_dirt(flight, hidden):
-    start = begun(flight(*HIDDEN[hidden]))
+    campaign = flight(*HIDDEN[hidden])
+    start = begun(campaign)
     assert not start.treatment.masked
-    assert start.treatment.colour is None
     assert not start.treatment.rounded
     assert set(start.noise.values()) == {1.0}
+    assert not diagnose(campaign, library=RIGID).dirt
 
 
 @pytest.mark.long
@@ -139,7 +138,7 @@ def test_a_lag_beside_correlated_noise_is_named_and_the_noise_listed(flight):
     assert (diagnosis.verdict, diagnosis.named) == ("named", ("wheel_command_lag",))
     assert kinds(diagnosis) == {("coloured", "rate", "modelled")}
     # Taken as white, the noise is not explained.
-    begin = begun(campaign, coloured=False)
+    begin = begun(campaign)
     assert begin.treatment.colour is None
     assert begin.base.tests["rate"].p_white < 1e-6
 
@@ -192,15 +191,11 @@ def test_a_strong_process_of_the_bias_is_named_alone(clean):
     assert diagnosis.final.theta[first] == pytest.approx(size, rel=0.3)
 
 
-def test_coarse_rounding_is_no_guess_that_a_second_diagnosis_drops(monkeypatch):
-    """It was made twice, with one answer."""
-    module, made = sys.modules[diagnose.__module__], []
-    monkeypatch.setattr(module, "clean_start", lambda *args, **more: None)
-    for rounded, times in ((("rate",), 1), ((), 2)):
-        colour = Colour((), 0.1)
-        treatment = DirtTreatment(rounded=rounded, colour=colour)
-        answer = SimpleNamespace(verdict="unknown", treatment=treatment)
-        monkeypatch.setattr(module, "_diagnosed", lambda *args, a=answer: made.append(a) or a)
-        made.clear()
-        diagnose(small_campaign())
-        assert len(made) == times
+def test_noise_whose_colour_is_known_has_one_table(flown):
+    """Coarse rounding is no guess, and telemetry taken as stated has white noise."""
+    fit = optimizer.estimate(Model(coloured(flown.campaign, 0.9)), starts=1, discount=False)
+    noise, rounded = dict.fromkeys(CHANNELS, 1.0), DirtTreatment((), {}, Colour((), 0.1), ("rate",))
+    white = CleanStart(fit.model, fit, noise, DirtTreatment())
+    assert with_correlated_noise(white, fit).treatment.colour is not None
+    assert with_correlated_noise(replace(white, treatment=rounded), fit) is None
+    assert with_correlated_noise(replace(white, as_stated=True), fit) is None

@@ -47,7 +47,13 @@ def fit_of(fitted, data):
         columns=fitted,
         residual=data,
         index=indices,
+        imitated=lambda others: np.zeros((size, others.shape[-1])),
     )
+
+
+def projected(fit, columns):
+    """The signal, beside no effect of a fixed shape."""
+    return projected_signal(fit, columns, columns[..., :0])[0]
 
 
 def drawn(rng, fitted, columns, size):
@@ -59,7 +65,7 @@ def drawn(rng, fitted, columns, size):
 
 def evidence(fitted, columns, data, unit=1.0, largest=LARGEST):
     roots = [unit * scale * np.eye(SLEWS * K) for scale in (1.0, 2.0)]
-    signal = projected_signal(fit_of(fitted, data), columns)
+    signal = projected(fit_of(fitted, data), columns)
     return weighed(signal, roots, np.array([1.0, 0.5]), largest)
 
 
@@ -109,7 +115,7 @@ def test_a_signal_that_repeats_is_told_from_one_that_does_not(design):
     for same in (True, False):
         coefficients = rng.normal(size=(1 if same else SLEWS, K)) * np.ones((SLEWS, 1))
         data = drawn(rng, fitted, columns, 0.0) + np.einsum("snk,sk->sn", columns, coefficients)
-        signal = projected_signal(fit_of(fitted, data), columns)
+        signal = projected(fit_of(fitted, data), columns)
         once = weighed(signal.repeated(), [np.eye(K)])
         each = weighed(signal, [np.eye(SLEWS * K)])
         leads.append(once - each)
@@ -129,7 +135,7 @@ def test_a_process_that_goes_on_between_slews_is_told_from_one_that_does_not(des
             z = rng.normal(size=SLEWS * K)
             coefficients = ((joint @ z) if goes_on else z).reshape(SLEWS, K)
             data = drawn(rng, fitted, columns, 0.0) + np.einsum("snk,sk->sn", columns, coefficients)
-            signal = projected_signal(fit_of(fitted, data), columns)
+            signal = projected(fit_of(fitted, data), columns)
             together, apart = (
                 weighed(signal, [root], largest=1.0) for root in (joint, np.eye(SLEWS * K))
             )

@@ -8,16 +8,20 @@ import pytest
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.diagnosis.unexplained import (
     cardinal_splines,
-    describe,
     infer_signal,
     signal_basis,
     unexplained_signal,
 )
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.report.words import phrase
 
 X, Z = np.eye(3)[[0, 2]]
 SQUARE = 1.0 / 3e-4 * X  # a torque along x [N m s^2] for one of 1 N m at the usual rates
+
+
+def describe(found):
+    return phrase("diagnosis", "equivalent_signal", found)
 
 
 def fitted(campaign):
