@@ -12,10 +12,8 @@ from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.diagnosis.quoted_parameters import (
     FREE_SHAPES,
     fitted_effects,
-    free_shapes,
     quoted_parameters,
     remainder_alternatives,
-    tried_effects,
 )
 from bayes_inertia.diagnosis.residuals import scan_residuals
 from bayes_inertia.diagnosis.result import Step
@@ -42,7 +40,7 @@ def test_what_no_candidate_explains_is_averaged_over_free_shapes(pumped, pumped_
     content = content_of(pumped, **more)
     stored = next_fit_from(content)
     there = next_fit(Investigation(pumped, scan_residuals(pumped.base), alternatives=alternatives))
-    assert stored.effects == there.effects == tried_effects(pumped)
+    assert stored.effects == there.effects == fitted_effects(pumped)
     assert np.array_equal(stored.alternatives[0].covariance, there.alternatives[0].covariance)
     assert "J and K, whichever it is" not in {s.title for s in diagnosis_sections(content)}
     # An earlier version left the free shapes to the fit.
@@ -98,4 +96,5 @@ def test_without_a_rate_sensor_the_free_shape_is_a_torque():
     )
     for flown, shapes in ((campaign, REMAINDERS), (gyroless, REMAINDERS[:1])):
         base = SimpleNamespace(model=SimpleNamespace(campaign=flown))
-        assert free_shapes(SimpleNamespace(base=base)) == shapes
+        imitated = {"verdict": "unknown", "why_unknown": "imitation", "effects_added": ()}
+        assert fitted_effects(SimpleNamespace(base=base, **imitated)) == shapes
