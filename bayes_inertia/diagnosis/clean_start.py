@@ -26,6 +26,7 @@ from bayes_inertia.inference.cleaning import (
     colour_of_rounding,
     colour_seen,
     masks_at,
+    noise_factors,
     refitted,
     rounded_channels,
     without_outliers,
@@ -34,7 +35,6 @@ from bayes_inertia.inference.input_noise import with_likely_inputs
 from bayes_inertia.inference.laplace import Estimate, plain_series
 from bayes_inertia.inference.likelihood import padded_sensitivities, residuals
 from bayes_inertia.inference.noise_colour import Colour, colour_of
-from bayes_inertia.inference.noise_level import noise_factors
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.rounding import level_of_rounded, rounding_steps

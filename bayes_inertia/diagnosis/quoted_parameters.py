@@ -38,12 +38,14 @@ from bayes_inertia.diagnosis.linear_system import LinearModel, linear_model, log
 from bayes_inertia.diagnosis.result import AlternativeParameters, Diagnosis
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.likelihood import padded_sensitivities
+from bayes_inertia.inference.linearised_fit import LinearisedFit, Rows
 from bayes_inertia.inference.optimizer import estimate, move_to
 from bayes_inertia.inference.posterior import Posterior, sd_of_interval
 from bayes_inertia.inference.settings import OPEN_VERDICTS
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.device_arrays import filled
 from bayes_inertia.maths.numerics import NUMERICS as MATHS_NUMERICS
-from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.maths.values import AnyArray, array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, FlexibleMode
@@ -188,7 +190,7 @@ def undetected_alternatives(
     empty).
     """
     held = _with_candidates(estimate, library)
-    linear = linear_model(held)
+    linear = linear_model(held, linearised=_linearised(estimate, held))
     evidence = log_evidence_of_each(linear)
     # The first is nothing; a log evidence may be too large for its exponential.
     log_odds = [0.0, *(evidence[m.name] - np.log(len(linear.members)) for m in linear.members)]
@@ -210,6 +212,28 @@ def _with_candidates(estimate: Estimate, library: Sequence[Effect]) -> Estimate:
         return estimate
     drive, effects = model.structure.drive, (*model.effects, *others)
     return move_to(estimate, Model(model.campaign, effects, drive, model.noise))
+
+
+def _linearised(estimate: Estimate, held: Estimate) -> LinearisedFit:
+    """A fit in a model with candidates, to first order.
+
+    Columns of coefficients are those of the fit: they cost more than all candidates together.
+    """
+    model, fit = held.model, held.linearised()
+    coefficients = sum(model.structure.coefficients)
+    if held is estimate or not coefficients or not model.noise.is_stated:
+        return fit
+    every = np.arange(model.space.size)
+    new = padded_sensitivities(model, held.point, held.white, every, silent=True)
+    width = every.size + held.point.bias.size + model.structure.n_start
+    known = (j[..., -coefficients:] for j in estimate.linearised().sensitivities.jacobian)
+    # Its rows may be padded to another length.
+    columns = [
+        np.concatenate([j[..., :width], filled(own[:, : j.shape[1]], j.shape[1])], -1)
+        for j, own in zip(new.jacobian, known, strict=True)
+    ]
+    rows = Rows(np.concatenate(new.residuals, 1), np.concatenate(columns, 1))
+    return replace(fit, given_rows=rows)
 
 
 def _alternative(
@@ -307,7 +331,7 @@ def averaged_posterior(
     for k, alternative in enumerate(alternatives, 1):
         # An alternative that no body allows, or no prior, has no draws: the fit's own stay.
         with suppress(CampaignError):
-            draws[which == k] = draw_physical(
+            draws[which == k] = inertia_tensor.draw_physical(
                 partial(_drawn, alternative, rng), int(np.sum(which == k)), ends=ends
             )
     named = posterior.attributes["effects"]

@@ -26,7 +26,6 @@ from bayes_inertia.flight.plan_flight import Flight, fly
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft, spin_tensor, without_spin
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.maths.values import json_ready, whole_number
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import base_space
@@ -312,7 +311,7 @@ def draw_bodies(
     spin = None
     if campaign.inertia.includes_wheel_spin:
         spin = np.asarray(inertia_tensor.elements(jnp.asarray(spin_tensor(campaign.wheels))))
-    return draw_physical(draw, n, wheel_spin=spin, **said)
+    return inertia_tensor.draw_physical(draw, n, wheel_spin=spin, **said)
 
 
 def vary_plan(

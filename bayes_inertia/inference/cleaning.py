@@ -40,8 +40,13 @@ from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.laplace import Estimate, plain_series
 from bayes_inertia.inference.limits import LIMITS
-from bayes_inertia.inference.noise_colour import Colour, colour_of, is_alike_everywhere
-from bayes_inertia.inference.noise_level import bursts_of, noise_factors
+from bayes_inertia.inference.noise_colour import (
+    Colour,
+    bursts_of,
+    colour_of,
+    is_alike_everywhere,
+    white_factor,
+)
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.rounding import (
     factor_of_rounding,
@@ -315,6 +320,27 @@ def outliers_in(estimate: Estimate) -> tuple[Dirt, ...]:
     )
 
 
+def noise_factors(estimate: Estimate) -> dict[str, float]:
+    """Measure by what factor each channel's white noise exceeds its stated sigma.
+
+    Smaller noise than stated is left alone: it makes the result cautious, not wrong.
+
+    `estimate`: A fit; its residuals are in stated sigmas. Processes of readings that it knows of
+    are filtered out of them. Returns: {channel: factor}; 1 unless the excess is significant (four
+    sigma).
+    """
+    series, campaign = dict(estimate.tested_residuals.series), estimate.model.campaign
+    for channel in estimate.model.channels:
+        if not channel.stream.is_series:
+            times = (slew.time[channel.readings(campaign, slew).row] for slew in campaign.slews)
+            series[channel.name] = [
+                slew[burst]
+                for time, slew in zip(times, series[channel.name], strict=True)
+                for burst in bursts_of(time)
+            ]
+    return {channel: white_factor(pieces) for channel, pieces in series.items()}
+
+
 def rounded_channels(estimate: Estimate) -> dict[str, float]:
     """Channels whose noise is larger than stated because their readings are rounded.
 
@@ -519,17 +545,7 @@ def with_modelled_outliers(estimate: Estimate) -> Estimate:
     `estimate`: with the noise that its model was asked for. Returns: the same but for the records
     of its campaign; the very object where there is none.
     """
-    records = _modelled(estimate)
-    if not records:
-        return estimate
-    campaign = estimate.model.campaign
-    campaign = replace(campaign, dirt=(*campaign.dirt, *records))
-    return replace(estimate, model=replace(estimate.model, campaign=campaign))
-
-
-def _modelled(estimate: Estimate) -> tuple[Dirt, ...]:
-    """One record a channel and slew."""
-    model, slews, records = estimate.model, estimate.model.campaign.slews, []
+    model, campaign, records = estimate.model, estimate.model.campaign, []
     heavy = [c for c in model.channels if model.noise.of(c.name).heavy]
     series = plain_series(estimate) if heavy else {}
     for channel in heavy:
@@ -537,12 +553,15 @@ def _modelled(estimate: Estimate) -> tuple[Dirt, ...]:
         numbers = np.concatenate([np.abs(z[np.isfinite(z)]) for z in series[channel.name]])
         spread = SD_OVER_MAD * float(np.median(numbers))
         limit = spread * float(stats.norm.isf(0.5 * LIMITS.reject_below / len(numbers)))
-        for slew, z in zip(slews, series[channel.name], strict=True):
+        for slew, z in zip(campaign.slews, series[channel.name], strict=True):
             # Star-tracker fixes stand one after the other, without the rows between them.
-            given = channel.readings(model.campaign, slew).row
+            given = channel.readings(campaign, slew).row
             rows = given[(np.abs(np.nan_to_num(z[: len(given)])) > limit).any(axis=1)]
             if len(rows):
                 note = f"{len(rows)} row{'s' if len(rows) > 1 else ''} in {title} noise"
                 listed = tuple(int(row) for row in rows)
                 records.append(Dirt("outliers", channel.name, slew.name, listed, "modelled", note))
-    return tuple(records)
+    if not records:
+        return estimate
+    campaign = replace(campaign, dirt=(*campaign.dirt, *records))
+    return replace(estimate, model=replace(model, campaign=campaign))

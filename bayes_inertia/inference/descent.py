@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -43,7 +44,6 @@ from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.least_squares import dogleg
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
 @contextmanager
@@ -64,10 +64,11 @@ def compiled_meanwhile(model: Model, point: Point) -> Iterator[None]:
 
 def _evaluate(model: Model, point: Point) -> None:
     """Derivatives and evidence first: they take longest to compile."""
-    white = whitening(model, point.theta)
-    for whole in (True, False):
-        evidence = Evidence(model, point, white, np.arange(model.space.size), whole)
-        evidence.negative_log(evidence.standardised(point.theta))
+    white, every = whitening(model, point.theta), np.arange(model.space.size)
+    evidence = Evidence(model, point, white, every, whole=True)
+    sizes = evidence.standardised(point.theta)
+    evidence.negative_log(sizes)
+    replace(evidence, whole=False).given(sizes[None])
     residuals(model.structure, point, model.data, white)
 
 
@@ -104,14 +105,23 @@ def roughly(stop: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _to_minimum(
-    model: Model, point: Point, white: Whitenings, free: np.ndarray, **stop: Any
+    model: Model,
+    point: Point,
+    white: Whitenings,
+    free: np.ndarray,
+    *,
+    silent: bool = False,
+    **stop: Any,
 ) -> tuple[Point, float]:
-    """The minimum with the sizes of stochastic effects as they are."""
+    """The minimum with the sizes of stochastic effects as they are, these `silent` or not."""
+
+    def equations(x: Point) -> tuple[np.ndarray, np.ndarray]:
+        blocks = information_blocks(model, x, white, free, silent=silent)
+        return in_chart(x, *normal_equations(model, x, blocks))
+
     return dogleg(
         lambda x: negative_log_posterior(model, x, white),
-        lambda x: in_chart(
-            x, *normal_equations(model, x, information_blocks(model, x, white, free))
-        ),
+        equations,
         lambda x, step: moved(model, x, step, free),
         point,
         step_sizes(model, point, free),
@@ -226,50 +236,36 @@ def gentle_descents(
 ) -> list[tuple[float, Point]]:
     """Objective and end of each gentle descent.
 
-    Effects without a fixed shape stay away: while the data count weakly they have nothing to
-    explain, and their many coefficients cost time.
+    Effects without a fixed shape stay silent: while the data count weakly they have nothing to
+    explain, and the columns of their many coefficients cost time.
 
     `start` (d,); `free` (f,). `starts`: how many, the first at the prior mean, others drawn from
     the prior; more where none comes near the data.
     """
-    if not model.structure.hyperparameters:
-        return _descents(model, seed, starts, start, free)
-    effects = tuple(e for e in model.effects if not isinstance(e, StochasticEffect))
-    plain = Model(model.campaign, effects, model.structure.drive, model.noise)
-    place = {name: i for i, name in enumerate(model.space.names)}
-    shared = np.array([place[name] for name in plain.space.names])
-    begin = None if start is None else np.asarray(start)[shared]
-    whole = model.space.mean if start is None else np.array(start, float)
+    fixed, free = list(model.structure.hyperparameters), without_hyperparameters(model, free)
+    theta = model.space.mean if start is None else np.asarray(start, float)
     silent = np.zeros((model.n_slews, model.structure.n_local))
-    with compiled_meanwhile(model, Point(whole, np.zeros(model.n_bias), silent)):
-        descents = _descents(plain, seed, starts, begin, np.flatnonzero(np.isin(shared, free)))
-    return [(objective, _widened(model, whole, shared, end)) for objective, end in descents]
-
-
-def _widened(model: Model, theta: np.ndarray, shared: np.ndarray, point: Point) -> Point:
-    """A point of the model without stochastic effects in the model with them, all silent."""
-    theta = np.array(theta)
-    theta[shared] = point.theta
-    local = np.zeros((model.n_slews, model.structure.n_local))
-    local[:, : point.local.shape[1]] = point.local
-    return Point(theta, point.bias, local)
+    with compiled_meanwhile(model, Point(theta, np.zeros(model.n_bias), silent)):
+        if start is not None:
+            return [_gentle_descent(model, theta, free)]
+        draws = model.draw_prior(np.random.default_rng(seed), max(starts, LIMITS.most_starts) - 1)
+        thetas = _inside_support(model, np.array([theta, *draws]))
+        thetas[:, fixed] = theta[fixed]
+        return _descents(model, thetas, starts, free)
 
 
 def _descents(
-    model: Model, seed: int, starts: int, start: np.ndarray | None, free: np.ndarray
+    model: Model, thetas: np.ndarray, starts: int, free: np.ndarray
 ) -> list[tuple[float, Point]]:
-    """From the prior mean and from draws, more while none comes near the data."""
-    if start is not None:
-        return [_gentle_descent(model, start, free)]
+    """From so many of the points (n, d), from more of them while none comes near the data."""
     descents: list[tuple[float, Point]] = []
     rates = 3 if model.campaign.rate_sensor is None else len(model.campaign.gyro.axes)
     readings = sum(rates * len(s.time) for s in model.campaign.slews)
     near = LIMITS.lost_reduced_chi2 * LIMITS.gentle_weight * 0.5 * readings
-    draws = model.draw_prior(np.random.default_rng(seed), max(starts, LIMITS.most_starts) - 1)
-    for k, theta in enumerate([model.space.mean, *draws]):
+    for k, theta in enumerate(thetas):
         if k >= starts and descents and min(o for o, _ in descents) < near:
             break
-        objective, point = _gentle_descent(model, _inside_support(model, theta), free)
+        objective, point = _gentle_descent(model, theta, free)
         if np.isfinite(objective):
             descents.append((objective, point))
     if not descents:
@@ -296,23 +292,24 @@ def _gentle_descent(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[
     weights = np.full((model.n_slews, len(model.channels)), LIMITS.gentle_weight)
     white = discounted(whitening(model, theta), weights)
     core = free[free < model.n_base]
+    gently: dict[str, Any] = {"silent": True, **LIMITS.gentle_stop}
     first = _without_bias(model, theta)
     balanced = _balanced(model, theta) if len(core) == model.n_base else None
     if balanced is not None:
         both = first, _without_bias(model, balanced)
         first = min(both, key=lambda point: negative_log_posterior(model, point, white))
-    point, objective = descend(model, first, white, core, **LIMITS.gentle_stop)
+    point, objective = _to_minimum(model, first, white, core, **gently)
     if np.any(first.local):
         guess = Point(point.theta, point.bias, guess_nuisances(model, point.theta))
-        second, lower = descend(model, guess, white, core, **LIMITS.gentle_stop)
+        second, lower = _to_minimum(model, guess, white, core, **gently)
         if lower < objective:
             point, objective = second, lower
     if len(core) < len(free):
-        point, objective = descend(model, point, white, free, **LIMITS.gentle_stop)
+        point, objective = _to_minimum(model, point, white, free, **gently)
     return objective, point
 
 
-def _inside_support(model: Model, theta: np.ndarray) -> np.ndarray:
-    """A prior draw moved a little into the support of priors that end at their null."""
+def _inside_support(model: Model, thetas: np.ndarray) -> np.ndarray:
+    """Prior draws (n, d) moved a little into the support of priors that end at their null."""
     margin = 0.1 * model.space.sd
-    return np.clip(theta, model.space.lower + margin, model.space.upper - margin)
+    return np.clip(thetas, model.space.lower + margin, model.space.upper - margin)

@@ -38,8 +38,10 @@ from bayes_inertia.inference.marginal_posterior import (
     root_change,
     times,
 )
-from bayes_inertia.inference.noise_filter import (
+from bayes_inertia.inference.noise_model import (
     ChannelProcess,
+    Whitening,
+    Whitenings,
     coefficients_of,
     estimated_noise,
     filter_of,
@@ -50,10 +52,16 @@ from bayes_inertia.inference.noise_filter import (
     rows_of,
     wandering_noise,
 )
-from bayes_inertia.inference.noise_model import Whitening, Whitenings
 from bayes_inertia.inference.objective import prior_equations, prior_rows
 from bayes_inertia.inference.point import Point
-from bayes_inertia.maths.device_arrays import filled, on_device, padded_size, repeated
+from bayes_inertia.maths.device_arrays import (
+    filled,
+    in_batches,
+    on_device,
+    padded,
+    padded_size,
+    repeated,
+)
 from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.forward_model import Model
@@ -331,18 +339,14 @@ class Evidence:
         level = level_used(model, channel, self.point.theta, white)
         noise = wandering_noise(model, channel, self.point.theta, level=level)
         assert noise is not None
-        size, n = padded_size(model.n_slews, 1, often=True), padded_size(valid.shape[1])
-        times = rows_of(model)
+        times, measured = rows_of(model), padded(valid)
+        size, n = measured.shape[:2]
         rows = RowTimes(filled(repeated(times.times, n), size, 0), filled(times.away, size, 0))
         known = [each.process for each in noise.processes if not each.estimated]
-
-        def padded(x: np.ndarray) -> np.ndarray:
-            return filled(filled(x, size, 0), n)
-
         return FilteredRows(
             padded(columns.reshape(*valid.shape, -1)),
             places,
-            padded(valid),
+            measured,
             rows,
             noise.variance,
             noise.white,
@@ -357,6 +361,11 @@ class Evidence:
         at = jnp.asarray(standardised)
         value, slope = _negative_log(self.model.structure, self.frozen, at)
         return float(value), np.asarray(slope)
+
+    def given(self, standardised: np.ndarray) -> GivenSizes:
+        """The other parameters given those of stochastic effects (n, h) [prior sd]; of numpy."""
+        program = partial(given_sizes, self.model.structure, self.frozen)
+        return in_batches(program, standardised, LIMITS.sizes_at_once)
 
 
 def _theta(
@@ -418,9 +427,10 @@ class GivenSizes(NamedTuple):
         Lower triangular; root root^T is their precision in units of their prior sds.
     """
 
-    log_evidence: Array
-    mean: Array
-    root: Array
+    # Of numpy on the host, of JAX in compiled code.
+    log_evidence: AnyArray
+    mean: AnyArray
+    root: AnyArray
 
 
 @partial(jax.jit, static_argnums=0)
@@ -514,14 +524,16 @@ def information_with_learnt(
 
 
 def _curvature(evidence: Evidence) -> np.ndarray:
-    """Second derivatives (h, h) by differences of slopes, lifted to be positive definite."""
-    at = evidence.standardised(evidence.point.theta)
+    """Second derivatives (h, h) by differences of values, lifted to be positive definite.
+
+    Of the values that the sampler's proposal needs as well: slopes would be a program of their own.
+    """
+    at, sides = evidence.standardised(evidence.point.theta), np.array([1.0, -1.0])
     moves = np.isin(evidence.hyperparameters, evidence.free)
-    slopes = [
-        [evidence.negative_log(at + side * unit)[1][moves] for side in (1.0, -1.0)]
-        for unit in LIMITS.slope_step * np.eye(len(at))[moves]
-    ]
-    hessian = np.array([(up - down) / (2.0 * LIMITS.slope_step) for up, down in slopes])
+    steps = np.multiply.outer(sides, LIMITS.size_step * np.eye(len(at))[moves])
+    pairs = at + steps[:, None, :, None] + steps[None, :, None, :]
+    logs = evidence.given(pairs.reshape(-1, len(at))).log_evidence.reshape(pairs.shape[:-1])
+    hessian = -np.einsum("s,t,stij->ij", sides, sides, logs) / (2.0 * LIMITS.size_step) ** 2
     powers, directions = np.linalg.eigh(0.5 * (hessian + hessian.T))
     powers = np.clip(powers, LIMITS.least_evidence_curvature, LIMITS.least_sd_of_size**-2)
     return (directions * powers) @ directions.T

@@ -19,10 +19,12 @@ from bayes_inertia.inference.marginal_posterior import (
     Ridge,
     prior_roots,
 )
-from bayes_inertia.inference.noise_filter import coefficients_of, estimated_noise, noise_memory
 from bayes_inertia.inference.noise_model import (
     Whitenings,
+    coefficients_of,
     densities_of,
+    estimated_noise,
+    noise_memory,
 )
 from bayes_inertia.inference.objective import prior_root
 from bayes_inertia.inference.point import Point
@@ -36,7 +38,7 @@ from bayes_inertia.inference.residual_tests import (
     with_whole_noise,
 )
 from bayes_inertia.inference.rounding import has_one_error, rounding_steps
-from bayes_inertia.inference.slew_shares import SlewScatter, SlewShares
+from bayes_inertia.inference.slew_shares import SlewShares
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve
@@ -280,10 +282,10 @@ class Estimate:
             sds[name][self.free] = getattr(self.slew_scatter, name)[: len(self.free)]
         return sds
 
-    @cached_property
-    def slew_scatter(self) -> SlewScatter | None:
+    @property
+    def slew_scatter(self) -> SlewShares | None:
         """How far the slews disagree, None for a single slew."""
-        return SlewScatter(self._slew_shares) if self.model.n_slews > 1 else None
+        return self._slew_shares if self.model.n_slews > 1 else None
 
     @property
     def dispersion_factor(self) -> float:
@@ -393,7 +395,7 @@ def marginal(estimate: Estimate) -> Marginal:
     ridge[:, estimate.free] = -solve(nuisance, estimate.hessian[free:, :free])
     of_slews = ridge[b:].reshape(*point.local.shape, d)
     jacobian = estimate.linearised().sensitivities.jacobian
-    columns = tuple(on_device(np.asarray(j)[..., d:]) for j in jacobian)
+    columns = tuple(on_device(j[..., d:]) for j in jacobian)
     return Marginal(
         ridge=jax.tree.map(on_device, Ridge(point, ridge[:b], of_slews)),
         columns=columns,

@@ -7,7 +7,8 @@ that slews are padded to (`physics.packing`). Outside of here nobody sees the pa
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -20,16 +21,15 @@ from jax.flatten_util import ravel_pytree
 
 from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.limits import LIMITS
-from bayes_inertia.inference.noise_filter import Memory, innovations
 from bayes_inertia.inference.noise_model import (
     Pull,
     Whitening,
     Whitenings,
+    compiled_innovations,
     n_data,
     without_memory,
 )
 from bayes_inertia.inference.point import Point
-from bayes_inertia.maths.at_once import at_once
 from bayes_inertia.maths.device_arrays import filled, on_device
 from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.maths.values import AnyArray
@@ -140,7 +140,7 @@ def whitened(
         structure.channels, prediction, telemetry.readings, white, strict=True
     ):
         r = channel.whitened(noise.factors, channel.gap(readings.values, predicted))
-        r = r if noise.memory is None else innovations(r, noise.memory)
+        r = r if noise.memory is None else compiled_innovations(r, noise.memory)
         r = r if channel.compared else r[..., :0]
         residuals.append(r.reshape(*r.shape[:-2], -1))
     return tuple(residuals)
@@ -179,14 +179,7 @@ def _filtered(
 def filtered(plain: Residuals, white: Whitenings) -> Residuals:
     """Residuals, or derivatives of them, where noise may remember."""
     pairs = zip(plain, white, strict=True)
-    return tuple(r if w.memory is None else _remembered(r, w.memory) for r, w in pairs)
-
-
-@jax.jit
-def _remembered(plain: Array, memory: Memory) -> Array:
-    components = memory.scale.shape[-1]
-    shape = plain.shape[0], plain.shape[1] // components, components, *plain.shape[2:]
-    return innovations(plain.reshape(shape), memory).reshape(plain.shape)
+    return tuple(r if w.memory is None else compiled_innovations(r, w.memory) for r, w in pairs)
 
 
 def _numbers(structure: Structure, white: Whitenings) -> Residuals:
@@ -248,21 +241,23 @@ def _sensor_columns(structure: Structure, point: Point, data: Data, white: White
 
 
 def padded_sensitivities(
-    model: Model, point: Point, white: Whitenings, free: np.ndarray
+    model: Model, point: Point, white: Whitenings, free: np.ndarray, *, silent: bool = False
 ) -> Sensitivities:
     """Sensitivities to everything fitted, padded: all fits of a model share compiled code.
 
     Columns are taken some at a time; the last one is repeated to fill the last group. Those of
     coefficients that only sensors feel come from a program of their own, which costs less.
 
-    `free` (f,). Returns: with at least f + n_bias + n_local columns; what follows those is padding.
+    `free` (f,). `silent`: without columns of coefficients. Returns: with at least f + n_bias +
+    n_local (silent: n_start) columns; what follows those is padding.
     """
     structure, d = model.structure, model.space.size
-    b = len(point.bias)
+    b, of_effects = len(point.bias), np.repeat(structure.only_sensed, structure.coefficients)
     columns = np.concatenate([free, np.arange(d, d + b + structure.n_local)])
     sensed = np.zeros(len(columns), dtype=bool)
-    of_effects = np.repeat(np.array(structure.only_sensed, dtype=bool), structure.coefficients)
     sensed[len(columns) - len(of_effects) :] = of_effects
+    if silent:
+        columns, sensed = (x[: len(columns) - len(of_effects)] for x in (columns, sensed))
     moving = np.flatnonzero(~sensed)
     few, many = LIMITS.columns_at_once
     width = few if d + b + structure.n_start <= few else many
@@ -276,7 +271,7 @@ def padded_sensitivities(
     ]
     if sensed.any():
         programs += [partial(_filtered, _sensor_columns, structure, *piece) for piece in pieces]
-    parts, numbers = at_once(programs), _numbers(structure, white)
+    parts, numbers = _at_once(programs), _numbers(structure, white)
     # Of the sensors' coefficients there are derivatives alone.
     derivatives = [part.jacobian if isinstance(part, Sensitivities) else part for part in parts]
     jacobians = [
@@ -290,6 +285,17 @@ def padded_sensitivities(
         jacobian = tuple(channel[..., order] for channel in jacobian)
     at_point = [part.residuals for part in parts[: len(pieces)]]
     return Sensitivities(of_all_slews(at_point, numbers), jacobian)
+
+
+def _at_once(tasks: Sequence[Callable[[], Any]]) -> list[Any]:
+    """Results of independent compiled work, two at a time: one core alone would leave others idle.
+
+    Compiled code runs beside other threads of Python. Results do not depend on how many there are.
+    """
+    if len(tasks) == 1:
+        return [jax.block_until_ready(tasks[0]())]
+    with ThreadPoolExecutor(LIMITS.threads) as pool:
+        return list(pool.map(lambda task: jax.block_until_ready(task()), tasks))
 
 
 def unpadded_sensitivities(
@@ -311,14 +317,20 @@ def _pull(noise: Whitening, r: AnyArray, valid: np.ndarray, theta: np.ndarray) -
 
 
 def information_blocks(
-    model: Model, point: Point, white: Whitenings, free: np.ndarray | None = None
+    model: Model,
+    point: Point,
+    white: Whitenings,
+    free: np.ndarray | None = None,
+    *,
+    silent: bool = False,
 ) -> Information:
     """Normal equations of every slew and channel at one point.
 
-    `free` (f,): indices of the parameters that may move; None for all.
+    `free` (f,): indices of the parameters that may move; None for all. `silent`: as if no data told
+    of coefficients, so that they stay where they are zero.
     """
     free = np.arange(model.space.size) if free is None else np.asarray(free)
-    s = padded_sensitivities(model, point, white, free)
+    s = padded_sensitivities(model, point, white, free, silent=silent)
     noise = zip(white, s.residuals, measured(model), strict=True)
     pulls = [_pull(each, r, valid, point.theta) for each, r, valid in noise]
     pairs = list(zip(s.jacobian, pulls, strict=True))
@@ -331,10 +343,12 @@ def information_blocks(
             matrix[:, c, at[:, None], at] += information[:, kept][:, :, kept]
     chi2 = np.stack([pull.chi2 for pull in pulls], 1)
     weight = np.array([pull.weight for pull in pulls])
-    p = len(free) + len(point.bias) + model.structure.n_local
-    numbers = n_data(model, white)
-    return Information(matrix[..., :p, :p], gradient[..., :p], chi2, numbers, free, weight)
+    numbers, n_local = n_data(model, white), model.structure.n_local
+    every = len(free) + len(point.bias) + n_local
+    p = every - silent * sum(model.structure.coefficients)
+    matrix = filled(filled(matrix[..., :p, :p], every, 2), every, 3)
+    return Information(matrix, filled(gradient[..., :p], every, 2), chi2, numbers, free, weight)
 
 
 # What is compiled for each size of slew, largest first.
-PROGRAMS = (_plain_sensitivities, _plain_residuals, _remembered, _sensor_columns)
+PROGRAMS = (_plain_sensitivities, _plain_residuals, compiled_innovations, _sensor_columns)

@@ -90,8 +90,8 @@ class Limits:
     # Sizes of processes
     # So many prior sds from its centre a size may move.
     farthest_sd: float = 8.0
-    # Step of the differences of the evidence's slopes [prior sd].
-    slope_step: float = 0.02
+    # Step of the differences of the evidence [prior sd].
+    size_step: float = 0.02
     # Least curvature along every direction [prior sd^-2]: a fourth of the prior's. Most where
     # differences are too rough to tell: a posterior sd of a fiftieth of the prior's.
     least_evidence_curvature: float = 0.25
@@ -229,8 +229,6 @@ class Limits:
     steps_margin: float = 1.1
     # Rows of a batch, of the slews evaluated at once, whose trajectories fit the processor's cache.
     cached_rows: int = 150_000
-    # Draws of `log_posterior`, however many: one program serves all.
-    draws_at_once: int = 32
     # Draws of the prior in a result, and of each ensemble for telemetry-sized groups.
     prior_draws: int = 2000
     telemetry_draws: int = 16
@@ -238,6 +236,8 @@ class Limits:
     instants: int = 101
 
     # Compiled code
+    # Programs that run at once.
+    threads: int = 2
     # Sensitivities are taken so many columns at a time: as many as a plain fit has, or more where a
     # model has more. Of one slew at a time, twice as many hardly take longer.
     columns_at_once: tuple[int, int] = (24, 48)

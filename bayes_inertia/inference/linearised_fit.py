@@ -73,6 +73,8 @@ class LinearisedFit:
     discount : (slews, channels) array
         Factor of each slew's and channel's information: noise as stated over noise as used,
         squared.
+    given_rows : Rows, optional
+        The rows, where they are known.
     """
 
     model: Model
@@ -81,6 +83,7 @@ class LinearisedFit:
     information: Information
     hessian: np.ndarray
     discount: np.ndarray
+    given_rows: Rows | None = None
 
     @property
     def free(self) -> np.ndarray:
@@ -92,10 +95,8 @@ class LinearisedFit:
         others = self.free[~np.isin(self.free, parameters)]
         if len(others) == len(self.free):
             return self
-        fit = replace(self, information=self.information._replace(free=others))
-        # They are worked out once for both.
-        fit.__dict__["rows"] = self.rows
-        return fit
+        information = self.information._replace(free=others)
+        return replace(self, information=information, given_rows=self.rows)
 
     @property
     def n_shared(self) -> int:
@@ -148,19 +149,18 @@ class LinearisedFit:
 
     @cached_property
     def sensitivities(self) -> Sensitivities:
-        """Residuals and derivatives by channel (arrays of JAX), for all parameters of the model."""
+        """Residuals and derivatives by channel, for all parameters of the model."""
         every = np.arange(self.model.space.size)
         return unpadded_sensitivities(self.model, self.point, self.white, every)
 
     @cached_property
     def rows(self) -> Rows:
         """Residuals and derivatives of all channels, one after the other."""
+        if self.given_rows is not None:
+            return self.given_rows
         s = self.sensitivities
         residuals = s.residuals if self.model.noise.is_stated else self._pulling(s.residuals)
-        return Rows(
-            np.concatenate([np.asarray(r) for r in residuals], 1),
-            np.concatenate([np.asarray(j) for j in s.jacobian], 1),
-        )
+        return Rows(np.concatenate(residuals, 1), np.concatenate(s.jacobian, 1))
 
     def _pulling(self, residuals: Residuals) -> list[np.ndarray]:
         """Residuals by channel as they pull where the noise is not as stated.
@@ -175,14 +175,6 @@ class LinearisedFit:
             of_stated = density.pull(r / root, valid.reshape(np.shape(r)), theta)
             pulls.append(of_stated.slope / root)
         return pulls
-
-    def fitted_columns(self) -> tuple[np.ndarray, ...]:
-        """Derivatives with respect to everything fitted only, by channel.
-
-        Returns (slews, numbers, n_shared + n_local).
-        """
-        s = unpadded_sensitivities(self.model, self.point, self.white, self.free)
-        return tuple(np.asarray(j) for j in s.jacobian)
 
     @property
     def residual(self) -> np.ndarray:

@@ -40,7 +40,6 @@ from bayes_inertia.inference.likelihood import (
     slew_pieces,
     whitened,
 )
-from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_model import Whitenings
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor
@@ -206,23 +205,17 @@ def eliminated(change: Roots, equations: SlewEquations) -> EliminatedSlews:
 
 def _changed(matrix: Array, gradient: Array, change: Roots, first: int) -> tuple[Array, Array]:
     """Normal equations with the unknowns from `first` on replaced by `change` times new ones."""
-    columns = [matrix[:, :, :first]]
-    slopes = [gradient[:, :first]]
-    start = first
-    for block in change:
-        stop = start + block.shape[1] * block.shape[2]
-        columns.append(_times_blocks(matrix[:, :, start:stop], block))
-        slopes.append(_times_blocks(gradient[:, None, start:stop], block)[:, 0])
-        start = stop
-    half = jnp.concatenate(columns, -1)
-    rows = [half[:, :first]]
-    start = first
-    for block in change:
-        stop = start + block.shape[1] * block.shape[2]
-        across = jnp.swapaxes(half[:, start:stop], 1, 2)
-        rows.append(jnp.swapaxes(_times_blocks(across, block), 1, 2))
-        start = stop
-    return jnp.concatenate(rows, 1), jnp.concatenate(slopes, -1)
+
+    def turned(rows: Array) -> Array:
+        parts, start = [rows[..., :first]], first
+        for block in change:
+            stop = start + block.shape[1] * block.shape[2]
+            parts.append(_times_blocks(rows[..., start:stop], block))
+            start = stop
+        return jnp.concatenate(parts, -1)
+
+    both = turned(jnp.swapaxes(turned(matrix), 1, 2))
+    return jnp.swapaxes(both, 1, 2), turned(gradient[:, None])[:, 0]
 
 
 def _times_blocks(rows: Array, blocks: Array) -> Array:
@@ -415,7 +408,7 @@ def _density(
 def log_posterior_of(structure: Structure, marginal: Marginal, theta: Array) -> Array:
     """Marginal log posterior density of one theta, up to a constant.
 
-    Differentiable. `log_posterior` is the compiled version for batches.
+    Differentiable. `log_density_of` is the compiled version for batches.
 
     `theta` (d,). Returns: -inf where J is unphysical or a prior ends.
     """
@@ -423,14 +416,6 @@ def log_posterior_of(structure: Structure, marginal: Marginal, theta: Array) -> 
     safe = _safe(theta[None], jnp.asarray(marginal.ridge.optimum.theta))[0]
     nuisances = _nuisances(marginal, marginal.data.arrays.slews.context)
     return _density(structure, nuisances, theta, *_pull_at(structure, pull, safe))
-
-
-def log_posterior(structure: Structure, marginal: Marginal, thetas: np.ndarray) -> np.ndarray:
-    """The compiled marginal log posterior.
-
-    `thetas` (n, d). Returns (n,).
-    """
-    return log_density_of(structure, marginal, batch=LIMITS.draws_at_once)(np.asarray(thetas))
 
 
 def _compiled(structure: Structure, marginal: Marginal) -> LogDensity:

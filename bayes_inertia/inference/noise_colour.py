@@ -1,4 +1,6 @@
-"""Correlated noise of a sensor, from what is fast in the residuals.
+"""Level and colour of a sensor's noise, from what is fast in the residuals.
+
+Smooth misfit does not touch second differences, which tell the white level.
 
 A missing effect is slow, or tied to the motion. So the noise is measured from the fast cosine
 components of stretches of rest and of motion (Whittle's likelihood), and believed only where one
@@ -16,6 +18,16 @@ from scipy import fft, optimize, stats
 
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.inference.limits import LIMITS
+
+# Differences of white noise, by order: variance, and the number of independent values that one is
+# worth times two (from their correlations).
+_DIFFERENCE_VARIANCE = {2: 6.0, 4: 70.0}
+_DIFFERENCE_WORTH = {
+    2: 2.0 * (1.0 + 2.0 * (16.0 + 1.0) / 36.0),
+    4: 2.0 * (1.0 + 2.0 * (56.0**2 + 28.0**2 + 8.0**2 + 1.0) / 70.0**2),
+}
+_MEDIAN_OF_CHI2 = 0.454936  # with one degree of freedom
+_POWER_BELOW_3_SIGMA = 0.973337  # mean square of a standard normal number that is below 3 sigma
 
 
 class ColourOfAxis(NamedTuple):
@@ -286,3 +298,80 @@ def _unlike(groups: Sequence[Sequence[np.ndarray]]) -> tuple[float, int]:
     every = np.concatenate(parts)
     apart = sum(len(part) * np.log(part.mean()) for part in parts)
     return float(len(every) * np.log(every.mean()) - apart), len(parts) - 1
+
+
+def white_factor(pieces: list[np.ndarray]) -> float:
+    """Measure by what factor the white noise of series exceeds one.
+
+    Components (sensor axes, wheels) share one factor. Where one is significantly louder than all
+    together it is the loudest one's, so that no uncertainty comes out too small. That one is
+    measured from fourth differences, in which a ringing of one axis hardly counts.
+
+    `pieces` (rows, components): series of even spacing; NaN where nothing was measured.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> white_factor([rng.normal(size=(500, 3))])
+    1.0
+    >>> round(white_factor([rng.normal(size=(5000, 3)) * [1.0, 1.0, 3.0]]), 1)
+    3.0
+    """
+    together = np.concatenate([np.zeros(0), *_squares(pieces, 2)])
+    if len(together) < LIMITS.fewest_differences:
+        return 1.0
+    power = _clipped_power(together, 2)
+    scatter = LIMITS.significant_sigmas * np.sqrt(_DIFFERENCE_WORTH[2] / len(together))
+    for component in _squares(pieces, 4):
+        if len(component) < LIMITS.fewest_differences:
+            continue
+        component_power = _clipped_power(component, 4)
+        component_scatter = LIMITS.significant_sigmas * np.sqrt(
+            _DIFFERENCE_WORTH[4] / len(component)
+        )
+        if component_power > power * (1.0 + component_scatter):
+            power, scatter = component_power, component_scatter
+    return float(np.sqrt(power)) if power > 1.0 + scatter else 1.0
+
+
+def _squares(pieces: list[np.ndarray], order: int) -> list[np.ndarray]:
+    """Squared differences of some order, one array a component."""
+    squares = [np.diff(piece, n=order, axis=0) ** 2 for piece in pieces if len(piece) > order]
+    if not squares:
+        return []
+    return [column[np.isfinite(column)] for column in np.concatenate(squares).T]
+
+
+def bursts_of(time: np.ndarray) -> list[np.ndarray]:
+    """Star-tracker fixes of a slew, split at its gaps.
+
+    What differs between before and after a slew is not noise.
+
+    `time` (fixes,) [s].
+
+    Examples
+    --------
+    >>> [burst.tolist() for burst in bursts_of(np.array([0.0, 1.0, 2.0, 50.0, 51.0]))]
+    [[0, 1, 2], [3, 4]]
+    """
+    gaps, every = np.diff(time), np.arange(len(time))
+    if not len(gaps):
+        return [every]
+    return np.split(
+        every, 1 + np.flatnonzero(gaps > LIMITS.gap_in_spacings * np.quantile(gaps, 0.25))
+    )
+
+
+def _clipped_power(squares: np.ndarray, order: int) -> float:
+    """White noise power from squared differences, without the few jumps of an unmodelled step.
+
+    The median starts it, or the mean where most readings repeat, as those of an idle wheel or of a
+    coarse counter do; the mean below three sigma, which scatters far less, finishes it.
+    """
+    power = float(np.median(squares)) / _MEDIAN_OF_CHI2 or float(np.mean(squares))
+    for _ in range(20):
+        below = squares[squares < 9.0 * power]
+        if not below.any():
+            return 0.0
+        power = float(np.mean(below)) / _POWER_BELOW_3_SIGMA
+    return power / _DIFFERENCE_VARIANCE[order]

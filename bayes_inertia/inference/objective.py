@@ -23,7 +23,7 @@ from bayes_inertia.physics.parameters import prior_residual
 
 def negative_log_posterior(model: Model, point: Point, white: Whitenings) -> float:
     """Half the sum of all whitened squares (losses, of other densities), priors included."""
-    if not bool(_is_physical(point.theta[:6])):
+    if not inertia_tensor.is_physical(point.theta[:6]):
         return np.inf
     r = residuals(model.structure, point, model.data, white)
     valid = measured(model)
@@ -183,7 +183,6 @@ def marginal_information(
     return parts.matrix.sum(0)
 
 
-_is_physical = jax.jit(inertia_tensor.is_physical)
 _to_chart = jax.jit(inertia_tensor.to_chart)
 _from_chart = jax.jit(inertia_tensor.from_chart)
 _chart_slope = jax.jit(jax.jacfwd(inertia_tensor.from_chart))

@@ -25,12 +25,12 @@ from bayes_inertia.inference.hyperparameters import information_with_learnt, wit
 from bayes_inertia.inference.laplace import Estimate, Starts, model_of
 from bayes_inertia.inference.likelihood import information_blocks
 from bayes_inertia.inference.limits import LIMITS
-from bayes_inertia.inference.noise_filter import estimated_noise
 from bayes_inertia.inference.noise_model import (
     Densities,
     Whitenings,
     densities_of,
     discounted,
+    estimated_noise,
     n_data,
     of_densities,
     whitening,
@@ -126,9 +126,7 @@ def estimate(
     if not discount or not any(too_large):
         return fitted
     channels = np.array(too_large[:-1]) | too_large[-1]
-    return _discounted_fit(
-        model, *_begin_of_discount(model, best[0], gentle_end, channels), channels, free, counts
-    )
+    return _discounted_fit(model, best[0], gentle_end, channels, free, counts)
 
 
 def re_estimate(
@@ -215,30 +213,23 @@ def with_noise(previous: Estimate, factors: dict[str, float]) -> Estimate:
     return _estimate_of(model, *settled, discount, free, previous.starts)
 
 
-def _begin_of_discount(
-    model: Model, optimum: Point, gentle_end: Point, channels: np.ndarray
-) -> tuple[Point, np.ndarray]:
-    """Where the discounted estimate begins, and with which factors (slews, 3)."""
-    if model.structure.hyperparameters:
-        # What has no fixed shape takes up most of the misfit: the optimum is near, and the sizes
-        # learnt there save most of the rounds.
-        stated = whitening(model, optimum.theta)
-        return optimum, np.where(channels, _dispersions(model, optimum, stated), 1.0)
-    # The gentle descent's end is nearer than the point that the model's errors have overruled.
-    return gentle_end, np.where(
-        channels, LIMITS.gentle_weight, np.ones((model.n_slews, len(channels)))
-    )
-
-
 def _discounted_fit(
     model: Model,
-    point: Point,
-    factors: np.ndarray,
+    optimum: Point,
+    gentle_end: Point,
     channels: np.ndarray,
     free: np.ndarray,
     starts: Starts,
 ) -> Estimate:
     """Repeat the estimate, each slew counted as its own residuals scatter, until both agree."""
+    # The gentle descent's end is nearer than the point that the model's errors have overruled.
+    point, dispersions = gentle_end, np.full((model.n_slews, len(channels)), LIMITS.gentle_weight)
+    if model.structure.hyperparameters:
+        # What has no fixed shape takes up most of the misfit: the optimum is near, and the sizes
+        # learnt there save most of the rounds.
+        point = optimum
+        dispersions = _dispersions(model, optimum, whitening(model, optimum.theta))
+    factors = np.where(channels, dispersions, 1.0)
     for _ in range(LIMITS.most_rounds_of_discount):
         point, _, stated = _optimum_with_noise(
             model, point, factors, free, rounds=1, tolerance=LIMITS.tolerance_of_discount

@@ -27,7 +27,6 @@ from bayes_inertia.inference.likelihood_summary import LikelihoodSummary, summar
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
-from bayes_inertia.maths.physical_draws import are_physical
 from bayes_inertia.maths.printed import Card, parameter_lines, parameter_text, shown_as
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.parameters import after_changes_of_J, base_count
@@ -71,11 +70,17 @@ def _robust_sd(robust: Any, sd: float) -> float | None:
     return max(float(robust), sd) if np.isfinite(robust) else None
 
 
-def _ratio_draws(J: np.ndarray) -> dict[str, np.ndarray]:
-    """Elements (n, 6) of J over the trace, and principal moments over the largest."""
-    moments = np.asarray(inertia_tensor.principal_moments(J))
-    draws = {f"{n}/trace": J[:, i] / J[:, :3].sum(axis=1) for i, n in enumerate(ELEMENTS)}
-    return draws | {f"I{i + 1}/I3": moments[:, i] / moments[:, 2] for i in (0, 1)}
+def _moments(draws: np.ndarray) -> dict[str, np.ndarray]:
+    """Principal moments of draws (n, d), smallest first."""
+    moments = inertia_tensor.principal_moments(draws[:, :6])
+    return {f"I{i + 1}": moments[:, i] for i in range(3)}
+
+
+def _ratios(draws: np.ndarray) -> dict[str, np.ndarray]:
+    """Elements of J over the trace, and principal moments over the largest, of draws (n, d)."""
+    trace, moments = draws[:, :3].sum(axis=1), _moments(draws)
+    ratios = {f"{n}/trace": draws[:, i] / trace for i, n in enumerate(ELEMENTS)}
+    return ratios | {f"{n}/I3": moments[n] / moments["I3"] for n in ("I1", "I2")}
 
 
 def _card(posterior: Posterior) -> Card:
@@ -365,7 +370,7 @@ class Posterior:
         noise = np.random.default_rng(0).standard_normal((len(draws), len(self._shifts)))
         more = (self.quoted_factor or 1.0) - 1.0
         wider = draws + more * (draws - draws.mean(axis=0)) + noise @ self._shifts
-        return wider[are_physical(wider[:, :6])]
+        return wider[inertia_tensor.is_physical(wider[:, :6])]
 
     def summary(self) -> dict[str, Any]:
         """The content of summary.json.
@@ -376,13 +381,23 @@ class Posterior:
             Parameters with mean, sd, the sd to quote (None where none can be) and quantiles;
             principal moments; diagnostics; gates.
         """
+        tree: Any = self.tree
         content = {"campaign": None} | self.attributes
         content["format"] = "bayes-inertia-summary/1"
         content["trusted"] = self.trusted
         content["reasons"] = [gate["says"] for gate in content["gates"] if not gate["passed"]]
-        content["parameters"] = {n: self._parameter(i, n) for i, n in enumerate(self.names)}
-        content["derived"] = self._principal_moments()
-        content["ratios"] = self._ratios()
+        content["parameters"] = self._parameters()
+        content["derived"] = {
+            name: row | {"robust_sd": _robust_sd(robust, row["sd"]), "unit": "kg m^2"}
+            for (name, row), robust in zip(
+                self._rows(_moments).items(), tree["estimate"]["robust_principal_sd"], strict=True
+            )
+        }
+        prior = _ratios(np.stack([tree["prior"][n].values.ravel() for n in ELEMENTS], -1))
+        content["ratios"] = {
+            name: row | {"unit": "", "prior_sd": float(prior[name].std(ddof=1))}
+            for name, row in self._rows(_ratios).items()
+        }
         content["likelihood"] = None if self.likelihood is None else self.likelihood.json()
         content["as_prior"] = None if self.as_prior is None else self.as_prior.json()
         others = [key for key in content if key not in _SUMMARY_ORDER]
@@ -400,55 +415,53 @@ class Posterior:
 
         return DataFrame.from_dict(self.summary()["parameters"], orient="index")
 
-    def _parameter(self, i: int, name: str) -> dict[str, Any]:
-        """A parameter as it stands in summary.json."""
+    def _parameters(self) -> dict[str, Any]:
+        """All parameters as they stand in summary.json."""
         estimate: Any = self.tree["estimate"]
-        row = self._row(
-            self.averaged_samples[:, i],
-            self.samples[:, i],
-            is_averaged=self._is_averaged(name),
-            # An sd of the size of J would be the prior's.
-            is_prior=self.is_scale_untied and name in ELEMENTS,
-            beyond=float(self._beyond(lambda theta: theta[:, i])),
-        )
-        prior_sd = float(estimate["prior_sd"][i])
-        contraction = 1.0 - (row["sd"] / prior_sd) ** 2
-        return {
-            **row,
-            "robust_sd": _robust_sd(estimate["robust_sd"][i], row["sd"]),
-            **{key: float(estimate[key][i]) for key in _OTHER_MEASURES if key in estimate},
-            **self._decisive_slew(i),
-            "unit": str(self.tree["posterior"][name].attrs.get("units", "")),
-            "prior_sd": prior_sd,
-            "contraction": contraction,
-            "observable": bool(contraction > LIMITS.observable_above)
-            and not (self.is_scale_untied and name in ELEMENTS),
-        }
+        rows = self._rows(lambda draws: dict(zip(self.names, draws.T, strict=True)))
+        for i, (name, row) in enumerate(rows.items()):
+            prior_sd = float(estimate["prior_sd"][i])
+            contraction = 1.0 - (row["sd"] / prior_sd) ** 2
+            rows[name] = {
+                **row,
+                "robust_sd": _robust_sd(estimate["robust_sd"][i], row["sd"]),
+                **{key: float(estimate[key][i]) for key in _OTHER_MEASURES if key in estimate},
+                **self._decisive_slew(i),
+                "unit": str(self.tree["posterior"][name].attrs.get("units", "")),
+                "prior_sd": prior_sd,
+                "contraction": contraction,
+                "observable": bool(contraction > LIMITS.observable_above)
+                and not self._is_size(name),
+            }
+        return rows
 
-    def _row(
-        self,
-        draws: np.ndarray,
-        sampled: np.ndarray,
-        *,
-        is_averaged: bool,
-        is_prior: bool = False,
-        beyond: float = 0.0,
-    ) -> dict[str, Any]:
-        """What summary.json says of one number by its draws (n,).
+    def _rows(self, of: Callable[[np.ndarray], dict[str, np.ndarray]]) -> dict[str, Any]:
+        """What summary.json says of numbers, by what they are of draws (n, d)."""
+        sampled, factor = of(self.samples), self.quoted_factor
+        beyond = self._beyond(lambda draws: np.stack([*of(draws).values()], -1)).tolist()
+        rows = {}
+        for (name, draws), added in zip(of(self.averaged_samples).items(), beyond, strict=True):
+            q05, q50, q95 = (float(q) for q in np.quantile(draws, _NINETY))
+            quoted = None
+            if factor is not None and not self._is_size(name):
+                quoted = factor * float(sd_of_interval(q05, q95))
+                # What a former result, taken as prior, adds.
+                quoted = float(np.hypot(quoted, added)) if added else quoted
+            rows[name] = {
+                # Thin long tails rule the mean of an average over models.
+                "mean": q50 if self._is_averaged(name) else float(draws.mean()),
+                # Of the model that was fitted, before any average over models.
+                "sd": float(sampled[name].std(ddof=1)),
+                "quoted_sd": quoted,
+                "q05": q05,
+                "q50": q50,
+                "q95": q95,
+            }
+        return rows
 
-        `sampled` (n,): of the model that was fitted, before any average over models. `beyond`: what
-        a former result, taken as prior, adds to the quoted sd.
-        """
-        q05, q50, q95 = (float(q) for q in np.quantile(draws, _NINETY))
-        return {
-            # Thin long tails rule the mean of an average over models.
-            "mean": q50 if is_averaged else float(draws.mean()),
-            "sd": float(sampled.std(ddof=1)),
-            "quoted_sd": None if is_prior else self._quoted(q05, q95, beyond),
-            "q05": q05,
-            "q50": q50,
-            "q95": q95,
-        }
+    def _is_size(self, name: str) -> bool:
+        """Whether it tells the size of J where nothing ties that: an sd would be the prior's."""
+        return self.is_scale_untied and name in (*ELEMENTS, "I1", "I2", "I3")
 
     @property
     def is_scale_untied(self) -> bool:
@@ -464,34 +477,11 @@ class Posterior:
             samples[:, :6] *= trace.mean() / trace
         return samples
 
-    def _ratios(self) -> dict[str, Any]:
-        """Elements of J over its trace, and ratios of the principal moments."""
-        prior: Any = self.tree["prior"]
-        before = _ratio_draws(np.stack([prior[n].values.ravel() for n in ELEMENTS], axis=-1))
-        sampled = _ratio_draws(self.samples[:, :6])
-        averaged = "averaged" in self.tree
-        beyond = self._beyond(lambda theta: np.stack([*_ratio_draws(theta[:, :6]).values()], -1))
-        quoted = dict(zip(sampled, beyond.tolist(), strict=True))
-        return {
-            name: self._row(values, sampled[name], is_averaged=averaged, beyond=quoted[name])
-            | {"unit": "", "prior_sd": float(before[name].std(ddof=1))}
-            for name, values in _ratio_draws(self.averaged_samples[:, :6]).items()
-        }
-
     def _is_averaged(self, name: str) -> bool:
         """Whether draws are an average over models: thin long tails rule the mean of one."""
-        return "averaged" in self.tree and name in self.tree["averaged"]
-
-    def _quoted(self, q05: float, q95: float, beyond: float) -> float | None:
-        """The sd to quote of draws with these quantiles, None where none can be.
-
-        `beyond`: what a former result, taken as prior, adds.
-        """
-        factor = self.quoted_factor
-        if factor is None:
-            return None
-        quoted = factor * float(sd_of_interval(q05, q95))
-        return float(np.hypot(quoted, beyond)) if beyond else quoted
+        if "averaged" not in self.tree:
+            return False
+        return name in self.tree["averaged"] or name not in self.names
 
     def _decisive_slew(self, i: int) -> dict[str, Any]:
         """The slew without which a parameter would be known worst, with its sds."""
@@ -505,24 +495,3 @@ class Posterior:
         if "sd_with_slew_again" in estimate:
             answer["sd_with_it_again"] = float(estimate["sd_with_slew_again"].values[most, i])
         return answer
-
-    def _principal_moments(self) -> dict[str, Any]:
-        """Principal moments as they stand in summary.json, smallest first."""
-        group: Any = self.tree["averaged" if "averaged" in self.tree else "derived"]
-        draws = group["principal_moment"].values.reshape(-1, 3)
-        derived: Any = self.tree["derived"]
-        sampled = derived["principal_moment"].values.reshape(-1, 3)
-        estimate: Any = self.tree["estimate"]
-        beyond = self._beyond(lambda theta: inertia_tensor.principal_moments(theta[:, :6]))
-        rows = {}
-        for i, robust in enumerate(estimate["robust_principal_sd"]):
-            row = self._row(
-                draws[:, i],
-                sampled[:, i],
-                is_averaged=self._is_averaged("principal_moment"),
-                is_prior=self.is_scale_untied,
-                beyond=float(beyond[i]),
-            )
-            robust_sd = _robust_sd(robust, row["sd"])
-            rows[f"I{i + 1}"] = row | {"robust_sd": robust_sd, "unit": "kg m^2"}
-        return rows

@@ -14,10 +14,9 @@ from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import RateSensor
-from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.gates import check_gates, groups_of_slews
 from bayes_inertia.inference.laplace import Estimate, principal_sd
-from bayes_inertia.inference.likelihood import of_slew, residuals
+from bayes_inertia.inference.likelihood import of_slew
 from bayes_inertia.inference.limits import LIMITS, criteria
 from bayes_inertia.inference.objective import normal_prior
 from bayes_inertia.inference.posterior import FORMAT, Posterior
@@ -101,7 +100,9 @@ def build_posterior(
     for effect in drawable(estimate):
         tree["signal"][effect.name].attrs.update(_signal_words(effect))
     attributes = {"campaign": campaign.name, "seed": seed} | context.attributes()
-    attributes |= _attributes(estimate, chains, context) | _mission(campaign)
+    attributes |= _attributes(estimate, chains, context)
+    if campaign.mission:
+        attributes["mission"] = dict(campaign.mission)
     tree.attrs = {"format": FORMAT, "bayes_inertia": json.dumps(attributes)}
     return Posterior(tree)
 
@@ -114,10 +115,6 @@ def _dimensions(channels: tuple[Channel, ...]) -> dict[str, list[str]]:
         dimensions |= {channel.name: [*axes], f"{channel.name}_point": [*axes[:2]]}
         dimensions[f"{axes[1]}_time"] = [*axes[:2]]
     return dimensions
-
-
-def _mission(campaign: Campaign) -> dict[str, Any]:
-    return {"mission": dict(campaign.mission)} if campaign.mission else {}
 
 
 def _signal_words(effect: StochasticEffect) -> dict[str, str]:
@@ -197,16 +194,14 @@ def _estimate_group(estimate: Estimate) -> xr.DataTree:
     }
     variables |= {name: (("parameter",), x) for name, x in estimate.scatter_sds.items()}
     variables |= _joint_prior(estimate)
-    model = estimate.model
-    flat = residuals(model.structure, estimate.point, model.data, estimate.stated)
-    for channel, values, valid in zip(model.channels, flat, measured(model), strict=True):
-        if values.size:
-            shaped = np.asarray(values).reshape(valid.shape)
+    for channel in estimate.model.channels:
+        shaped = np.nan_to_num(np.stack(estimate.residual_series[channel.name]))
+        if shaped.size:
             variables[f"residual_{channel.name}"] = (channel.residual_axes, shaped)
     coords = {
         "parameter": names,
         "parameter_2": names,
-        "channel": [channel.name for channel in model.channels],
+        "channel": [channel.name for channel in estimate.model.channels],
         "slew": [s.name for s in estimate.model.campaign.slews],
     }
     return xr.DataTree(xr.Dataset(variables, coords=coords))

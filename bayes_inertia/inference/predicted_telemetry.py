@@ -19,15 +19,14 @@ import numpy as np
 from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.density_marginal import conditional_point_with_densities
 from bayes_inertia.inference.laplace import Estimate, marginal
-from bayes_inertia.inference.likelihood import residuals
+from bayes_inertia.inference.likelihood import Residuals, residuals
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.marginal_posterior import conditional_point
-from bayes_inertia.inference.noise_filter import correlated_noise
 from bayes_inertia.inference.noise_model import (
     ChannelDensity,
+    correlated_noise,
     densities_of,
     log_norms,
-    remembers,
     without_memory,
 )
 from bayes_inertia.inference.point import Point
@@ -46,63 +45,53 @@ def predicted_telemetry(
     densities of the measurements, NaN without any, under "rate_point", "attitude_point",
     "momentum_point".
     """
-    thinned = thinned_draws(chains, rng)
+    thinned, model = thinned_draws(chains, rng), estimate.model
     shape = (len(chains.samples), LIMITS.telemetry_draws)
     predicted: dict[str, np.ndarray] = {}
     pointwise: dict[str, np.ndarray] = {}
-    norms, known = _log_norms(estimate), _measured_rows(estimate)
+    norms = log_norms(model, estimate.stated)
+    channels = list(zip(model.channels, densities_of(model), measured(model), norms, strict=True))
     # Each draw goes to its place at once: copies of telemetry-sized arrays would be the largest
     # things that a fit holds.
-    for k, (channels, lost) in enumerate(_of_draws(estimate, thinned, rng)):
-        for c, values in channels.items():
-            if c not in predicted:
-                predicted[c] = np.empty((len(thinned), *values.shape))
-                pointwise[c] = np.empty((len(thinned), *values.shape[:2]), np.float32)
-            predicted[c][k] = values
-            pointwise[c][k] = np.where(known[c], norms[c] - lost[c], np.nan)
-    densities = _by_channel(estimate)
-    for c, values in predicted.items():
-        for of_ensemble in np.split(np.arange(len(thinned)), shape[0]):
-            unit = partial(unit_noise, densities, thinned[of_ensemble], rng=rng)
-            block = {c: values[of_ensemble][None]}
-            values[of_ensemble] = with_measurement_noise(estimate, block, unit)[c][0]
+    for k, (theta, (new, gaps)) in enumerate(
+        zip(thinned, _residuals_of_draws(estimate, thinned, rng), strict=True)
+    ):
+        values = _predicted(estimate, gaps)
+        for (channel, density, valid, norm), r in zip(channels, new, strict=True):
+            name, known = channel.name, valid.sum(-1)
+            if name not in values:
+                continue
+            if name not in predicted:
+                predicted[name] = np.empty((len(thinned), *values[name].shape))
+                pointwise[name] = np.empty((len(thinned), *known.shape), np.float32)
+            predicted[name][k] = values[name]
+            # Log of the Gaussians' norms: they make densities comparable.
+            norm = norm - 0.5 * np.log(2.0 * np.pi) * known
+            lost = losses(density, theta, np.asarray(r).reshape(valid.shape), valid)
+            pointwise[name][k] = np.where(known, norm - lost, np.nan)
+    for name, every in predicted.items():
+        for part in np.split(np.arange(len(thinned)), shape[0]):
+            every[part] = _with_noise(estimate, name, every[part], thinned[part], rng)
     return (
         {c: values.reshape(*shape, *values.shape[1:]) for c, values in predicted.items()},
         {f"{c}_point": p.reshape(*shape, *p.shape[1:]) for c, p in pointwise.items()},
     )
 
 
-def _measured_rows(estimate: Estimate) -> dict[str, np.ndarray]:
-    """Rows (slews, rows) in which anything was measured, by channel; padding holds nothing."""
-    names = (channel.name for channel in estimate.model.channels)
-    return {c: v.any(-1) for c, v in zip(names, measured(estimate.model), strict=True)}
-
-
-def _of_draws(
+def _residuals_of_draws(
     estimate: Estimate, thetas: np.ndarray, rng: np.random.Generator
-) -> Iterator[tuple[dict[str, np.ndarray], dict[str, np.ndarray]]]:
-    """Predictions without noise, and minus log densities (slews, rows), by channel, of each theta.
-
-    Nuisances are drawn.
-    """
+) -> Iterator[tuple[Residuals, Residuals]]:
+    """Whitened residuals of each theta, and those where noise has no memory; nuisances drawn."""
     point_of, structure = drawn_nuisances(estimate), estimate.model.structure
     normal_numbers = estimate.point.bias.size + estimate.point.local.size
-    densities = _by_channel(estimate)
     for theta in thetas:
         point = point_of(theta, rng.standard_normal(normal_numbers))
-        new = residuals(structure, point, estimate.model.data, estimate.stated)
-        gaps = new
+        new = gaps = residuals(structure, point, estimate.model.data, estimate.stated)
         # Correlated noise: what was measured differs from predictions by more than what is new.
-        if remembers(estimate.stated):
+        if any(each.memory is not None for each in estimate.stated):
             plain = without_memory(estimate.stated)
             gaps = residuals(structure, point, estimate.model.data, plain)
-        channels = _predicted(estimate, gaps)
-        lost = {
-            name: losses(densities[name], theta, np.asarray(r).reshape(valid.shape), valid)
-            for name, r, valid in zip(densities, new, measured(estimate.model), strict=True)
-            if name in channels
-        }
-        yield channels, lost
+        yield new, gaps
 
 
 def drawn_nuisances(estimate: Estimate) -> Callable[[np.ndarray, np.ndarray], Point]:
@@ -113,11 +102,6 @@ def drawn_nuisances(estimate: Estimate) -> Callable[[np.ndarray, np.ndarray], Po
     if not estimate.model.noise.is_stated:
         return conditional_point_with_densities(estimate)
     return partial(conditional_point, estimate.model.structure, marginal(estimate))
-
-
-def _by_channel(estimate: Estimate) -> dict[str, ChannelDensity]:
-    names = (channel.name for channel in estimate.model.channels)
-    return dict(zip(names, densities_of(estimate.model), strict=True))
 
 
 def thinned_draws(chains: Chains, rng: np.random.Generator) -> np.ndarray:
@@ -144,57 +128,32 @@ def _predicted(estimate: Estimate, gaps: Sequence[AnyArray]) -> dict[str, np.nda
     return predicted
 
 
-def _log_norms(estimate: Estimate) -> dict[str, np.ndarray]:
-    """Log of the Gaussians' norms by channel (slews, rows): they make densities comparable."""
-    model, counts = estimate.model, (valid.sum(-1) for valid in measured(estimate.model))
-    each = zip(model.channels, log_norms(model, estimate.stated), counts, strict=True)
-    return {c.name: logs - 0.5 * np.log(2.0 * np.pi) * count for c, logs, count in each}
-
-
-def with_measurement_noise(
+def _with_noise(
     estimate: Estimate,
-    predicted: dict[str, np.ndarray],
-    unit: Callable[[str, tuple[int, ...]], np.ndarray],
-) -> dict[str, np.ndarray]:
-    """Predictions with the noise that the likelihood counts.
-
-    `predicted` (..., slews, rows, components). `estimate`: its campaign states the noise; in the
-    measured drive its J and K say how tachometer noise shakes the rates. `unit`: noise in stated
-    sigmas, of a channel and a shape.
-    """
-    model, noisy = estimate.model, {}
-    readings = model.data.arrays.telemetry.readings
-    for channel, given, white in zip(model.channels, readings, estimate.stated, strict=True):
-        if (values := predicted.get(channel.name)) is None:
-            continue
-        noise = unit(channel.name, (*values.shape[:-1], given.valid.shape[-1]))
-        if white.memory is not None:
-            noise = correlated_noise(noise, white.memory)
-        stated = channel.noise(model.campaign, estimate.theta, model.structure.drive)
-        values = channel.moved(values, channel.drawn(stated, noise))
-        noisy[channel.name] = channel.known(given._replace(values=values))
-    return noisy
-
-
-def unit_noise(
-    densities: dict[str, ChannelDensity],
+    name: str,
+    predicted: np.ndarray,
     thetas: np.ndarray,
-    channel: str,
-    shape: tuple[int, ...],
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Noise of one channel in stated sigmas.
+    """Predictions of a channel (n, slews, rows, columns) with the noise that the likelihood counts.
 
-    `thetas` (n, d): draws whose scale and shape count, in the order of the first axes. `shape`:
-    (ensembles, draws, ...) of the noise, ensembles times draws being n.
+    `thetas` (n, d): draws whose scale and shape of the noise count. In the measured drive J and K
+    of the estimate say how tachometer noise shakes the rates.
     """
-    density = densities[channel]
-    width = (*shape[:2], *(1 for _ in shape[2:]))
+    model, place = estimate.model, estimate.model.structure.place(name)
+    channel, density = model.channels[place], densities_of(model)[place]
+    readings = model.data.arrays.telemetry.readings[place]
     scale, own = (
-        np.array([of(theta) for theta in thetas], float).reshape(width)
+        np.array([of(theta) for theta in thetas], float)[:, None, None, None]
         for of in (density.scale_of, density.shape_of)
     )
-    return scale * density.family.draw(rng, own, shape)
+    shape = (*predicted.shape[:-1], readings.valid.shape[-1])
+    noise = scale * density.family.draw(rng, own, shape)
+    if (memory := estimate.stated[place].memory) is not None:
+        noise = correlated_noise(noise, memory)
+    stated = channel.noise(model.campaign, estimate.theta, model.structure.drive)
+    values = channel.moved(predicted, channel.drawn(stated, noise))
+    return channel.known(readings._replace(values=values))
 
 
 def losses(

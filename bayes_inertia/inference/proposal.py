@@ -19,11 +19,10 @@ from emcee.moves import MHMove
 from scipy import linalg, stats
 
 from bayes_inertia.errors import EstimateError
-from bayes_inertia.inference.hyperparameters import Evidence, GivenSizes, given_sizes
+from bayes_inertia.inference.hyperparameters import Evidence, GivenSizes
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.marginal_posterior import LogDensity
-from bayes_inertia.maths.device_arrays import in_batches
 from bayes_inertia.maths.linear_algebra import cholesky_factor
 
 
@@ -87,7 +86,7 @@ class EvidenceMove(MHMove):
         `x` (n, d). `degrees`: of freedom, given sizes; those of this move where none are given.
         Returns (n,).
         """
-        given = _given(self.evidence, self.evidence.standardised(x))
+        given = self.evidence.given(self.evidence.standardised(x))
         return self._log_density(x, given, self.degrees if degrees is None else degrees)
 
     def with_degrees(self, degrees: float) -> EvidenceMove:
@@ -102,23 +101,23 @@ class EvidenceMove(MHMove):
         """
         standardised = self.sizes.draw(random, n)
         standardised, given = self._moved(
-            standardised, _given(self.evidence, standardised), random, LIMITS.steps_of_draws
+            standardised, self.evidence.given(standardised), random, LIMITS.steps_of_draws
         )
         if stretch != 1.0:
             centre = self.sizes.explored.dataset.mean(1)
             standardised = centre + stretch * (standardised - centre)
-            given = _given(self.evidence, standardised)
+            given = self.evidence.given(standardised)
         return self._drawn(standardised, given, random, stretch)
 
     def _moved(
         self, standardised: np.ndarray, given: GivenSizes, random: np.random.RandomState, steps: int
     ) -> tuple[np.ndarray, GivenSizes]:
         """Sizes after steps of an independence sampler of their evidence."""
-        weight = np.asarray(given.log_evidence) - self.sizes.log_density(standardised)
+        weight = given.log_evidence - self.sizes.log_density(standardised)
         for _ in range(steps):
             new = self.sizes.draw(random, len(standardised))
-            new_given = _given(self.evidence, new)
-            new_weight = np.asarray(new_given.log_evidence) - self.sizes.log_density(new)
+            new_given = self.evidence.given(new)
+            new_weight = new_given.log_evidence - self.sizes.log_density(new)
             taken = np.log(random.random_sample(len(standardised))) < new_weight - weight
             standardised = np.where(taken[:, None], new, standardised)
             weight = np.where(taken, new_weight, weight)
@@ -156,7 +155,7 @@ class EvidenceMove(MHMove):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Proposals and the log ratio of their densities, as emcee asks for them."""
         standardised = self.evidence.standardised(coords)
-        before = _given(self.evidence, standardised)
+        before = self.evidence.given(standardised)
         standardised, given = self._moved(standardised, before, random, LIMITS.steps_of_proposal)
         proposed = self._drawn(standardised, given, random)
         factors = self._log_density(coords, before, self.degrees) - self._log_density(
@@ -168,12 +167,6 @@ class EvidenceMove(MHMove):
 def _where(taken: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
     """The new row where it was taken, else the old one."""
     return np.where(taken.reshape(-1, *(1 for _ in old.shape[1:])), new, old)
-
-
-def _given(evidence: Evidence, standardised: np.ndarray) -> GivenSizes:
-    """The rest given sizes, as numpy, in batches of one shape."""
-    program = partial(given_sizes, evidence.model.structure, evidence.frozen)
-    return in_batches(program, standardised, LIMITS.sizes_at_once)
 
 
 def _short_sample(
@@ -199,7 +192,7 @@ def explored_sizes(evidence: Evidence, random: np.random.RandomState) -> SizePro
     walkers = max(LIMITS.size_walkers, 2 * len(begin))
     starts = begin + 0.3 * random.standard_normal((walkers, len(begin)))
     explored = _short_sample(
-        lambda standardised: np.asarray(_given(evidence, standardised).log_evidence),
+        lambda standardised: evidence.given(standardised).log_evidence,
         starts,
         random,
         LIMITS.size_steps,

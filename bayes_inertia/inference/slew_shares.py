@@ -26,38 +26,6 @@ from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve
 from bayes_inertia.maths.values import array_dataclass
 
 
-@array_dataclass
-class SlewShares:
-    """Normal equations of the shared unknowns, by slew.
-
-    Parameters
-    ----------
-    matrix : (slews, n_shared, n_shared) array
-        Of each slew's data.
-    gradient : (slews, n_shared) array
-        Of half its squares.
-    prior_matrix : (n_shared, n_shared) array
-        Of the priors of what is shared.
-    prior_gradient : (n_shared,) array
-    """
-
-    matrix: np.ndarray
-    gradient: np.ndarray
-    prior_matrix: np.ndarray
-    prior_gradient: np.ndarray
-
-    def without(self, slew: int) -> tuple[np.ndarray, np.ndarray]:
-        """The fit without one slew.
-
-        Returns `step` (n_shared,): to the optimum of the other slews; `matrix` (n_shared,
-        n_shared): their normal matrix, priors included.
-        """
-        kept = np.arange(len(self.matrix)) != slew
-        matrix = self.prior_matrix + self.matrix[kept].sum(0)
-        gradient = self.prior_gradient + self.gradient[kept].sum(0)
-        return -solve(matrix, gradient), matrix
-
-
 class Eliminated(NamedTuple):
     """Normal equations of what slews share, by slew, with their own nuisances eliminated."""
 
@@ -130,26 +98,45 @@ class Dispersion(NamedTuple):
 
 
 @array_dataclass
-class SlewScatter:
-    """The pulls of the slews at the optimum.
+class SlewShares:
+    """Normal equations of the shared unknowns at the optimum, by slew, and how far slews disagree.
 
     Parameters
     ----------
-    shares : SlewShares
-        Normal equations of the shared unknowns, by slew.
+    matrix : (slews, n_shared, n_shared) array
+        Of each slew's data.
+    gradient : (slews, n_shared) array
+        Of half its squares.
+    prior_matrix : (n_shared, n_shared) array
+        Of the priors of what is shared.
+    prior_gradient : (n_shared,) array
     """
 
-    shares: SlewShares
+    matrix: np.ndarray
+    gradient: np.ndarray
+    prior_matrix: np.ndarray
+    prior_gradient: np.ndarray
+
+    def without(self, slew: int) -> tuple[np.ndarray, np.ndarray]:
+        """The fit without one slew.
+
+        Returns `step` (n_shared,): to the optimum of the other slews; `matrix` (n_shared,
+        n_shared): their normal matrix, priors included.
+        """
+        kept = np.arange(len(self.matrix)) != slew
+        matrix = self.prior_matrix + self.matrix[kept].sum(0)
+        gradient = self.prior_gradient + self.gradient[kept].sum(0)
+        return -solve(matrix, gradient), matrix
 
     @cached_property
     def covariance(self) -> np.ndarray:
         """Of the shared unknowns (n_shared, n_shared)."""
-        return inverse(self.shares.prior_matrix + self.shares.matrix.sum(0))
+        return inverse(self.prior_matrix + self.matrix.sum(0))
 
     @cached_property
     def _whitened(self) -> tuple[_Pull, ...]:
         """Pulls of the slews, whitened."""
-        return _pulls(self.shares.matrix, self.shares.gradient, self.covariance)
+        return _pulls(self.matrix, self.gradient, self.covariance)
 
     @cached_property
     def dispersion(self) -> Dispersion:
@@ -165,7 +152,7 @@ class SlewScatter:
         """
         if self.dispersion.p_value >= LIMITS.disagree_below:
             return None
-        n = len(self.shares.matrix)
+        n = len(self.matrix)
         in_order = [np.arange(n) >= k for k in range(1, n)]
         best = max(in_order, key=self._gain)
         tries = float(np.log(n - 1))
@@ -189,9 +176,9 @@ class SlewScatter:
 
         They take their share of the prior, so that the parts of a division take it once.
         """
-        share, shares = float(np.mean(part)), self.shares
-        covariance = inverse(shares.matrix[part].sum(0) + share * shares.prior_matrix)
-        gradient = shares.gradient[part].sum(0) + share * shares.prior_gradient
+        share = float(np.mean(part))
+        covariance = inverse(self.matrix[part].sum(0) + share * self.prior_matrix)
+        gradient = self.gradient[part].sum(0) + share * self.prior_gradient
         step = -covariance @ gradient
         return step, covariance, float(-step @ gradient)
 
@@ -205,8 +192,8 @@ class SlewScatter:
         """Pulls of some slews (slews,) at their own optimum; none of a slew by itself."""
         if part.sum() < 2:
             return ()
-        matrix = self.shares.matrix[part]
-        return _pulls(matrix, self.shares.gradient[part] + matrix @ step, covariance)
+        matrix = self.matrix[part]
+        return _pulls(matrix, self.gradient[part] + matrix @ step, covariance)
 
     @property
     def cr2_sd(self) -> np.ndarray:
@@ -232,7 +219,7 @@ class SlewScatter:
     @property
     def _of_prior(self) -> np.ndarray:
         """What the priors scatter, (n_shared,) variances."""
-        return np.diag(self.covariance @ self.shares.prior_matrix @ self.covariance)
+        return np.diag(self.covariance @ self.prior_matrix @ self.covariance)
 
 
 class _Pull(NamedTuple):

@@ -69,3 +69,9 @@ def filled(rows: AnyArray, size: int, axis: int = 1) -> AnyArray:
     spare = list(rows.shape)
     spare[axis] = size - rows.shape[axis]
     return np.concatenate([rows, np.zeros(spare, rows.dtype)], axis)
+
+
+def padded(rows: AnyArray) -> AnyArray:
+    """Rows of all slews (slews, n, ...), followed by zeros up to sizes that share programs."""
+    slews, n = padded_size(len(rows), 1, often=True), padded_size(rows.shape[1])
+    return filled(filled(rows, slews, 0), n)

@@ -1,4 +1,4 @@
-"""Physical inertia tensors: elements, principal moments, and a chart of all of them.
+"""Physical inertia tensors: elements, principal moments, a chart of all of them, random ones.
 
 A tensor J belongs to a body of non-negative mass density exactly if tr(J)/2 1 - J (the second
 moments of mass) is positive semi-definite, which contains the triangle inequalities
@@ -8,10 +8,13 @@ moments of mass) is positive semi-definite, which contains the triangle inequali
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths import jax_settings as jax_settings
 from bayes_inertia.maths.tensor_elements import COLUMNS_OF_ELEMENTS, ROWS_OF_ELEMENTS
 from bayes_inertia.maths.tensor_elements import ELEMENTS as ELEMENTS
@@ -49,7 +52,7 @@ def elements(tensor_B: AnyArray) -> AnyArray:
     return tensor_B[..., ROWS_OF_ELEMENTS, COLUMNS_OF_ELEMENTS]
 
 
-def second_moments(tensor_B: Array) -> Array:
+def second_moments(tensor_B: AnyArray) -> AnyArray:
     """tr(J)/2 1 - J (..., 3, 3): the second moments of mass, positive definite for any real body.
 
     `tensor_B` (..., 3, 3) [kg m^2]. Returns (..., 3, 3) [kg m^2].
@@ -59,12 +62,15 @@ def second_moments(tensor_B: Array) -> Array:
     >>> jnp.diag(second_moments(jnp.diag(jnp.array([3., 2., 2.])))).tolist()
     [0.5, 1.5, 1.5]
     """
-    trace = jnp.trace(tensor_B, axis1=-2, axis2=-1)[..., None, None]
-    return 0.5 * trace * jnp.eye(3) - tensor_B
+    trace = tensor_B[..., 0, 0] + tensor_B[..., 1, 1] + tensor_B[..., 2, 2]
+    return 0.5 * trace[..., None, None] * np.eye(3) - tensor_B
 
 
-def is_physical(elements_: AnyArray) -> Array:
+@np.errstate(over="ignore", invalid="ignore")
+def is_physical(elements_: AnyArray) -> AnyArray:
     """Whether tensors given by elements (..., 6) satisfy the triangle inequalities (bool, ...).
+
+    Of numpy's arrays it makes one of numpy: nothing is compiled.
 
     `elements_` (..., 6) [kg m^2].
 
@@ -171,3 +177,46 @@ def without_wheel_spin(locked_B: Array, wheel_axes_B: Array, spin_inertia: Array
     0.5
     """
     return locked_B - wheel_spin_tensor(wheel_axes_B, spin_inertia)
+
+
+def draw_physical(
+    draw: Callable[[int], np.ndarray],
+    n: int,
+    *,
+    wheel_spin: np.ndarray | None = None,
+    ends: tuple[AnyArray, AnyArray] = (-np.inf, np.inf),
+    rounds: int = 10_000,
+    where: str = "key inertia",
+    advice: str = "reduce relative_sigma or product_sigma",
+) -> np.ndarray:
+    """Draw parameter vectors, and draw again those whose inertia tensor no body has.
+
+    The draws follow the given distribution, cut off where tensors are unphysical. Where all first
+    draws are physical, the generator is used exactly as without this function.
+
+    `draw`: takes a number n and returns n independent draws, an (n, d) array with d >= 6; the first
+    six columns are the elements of J in the order of `ELEMENTS` [kg m^2].
+    `wheel_spin` (6,): elements of the wheels' spin tensor [kg m^2], where the draws hold J_locked:
+    taken off before J is judged. None where they hold J. `ends`: lower and upper ones of a prior's
+    support (d,). `rounds`: after so many rounds hardly any draw can be physical. Returns (n, d).
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> rows = draw_physical(lambda n: rng.normal([1, 1, 1.99, 0, 0, 0], 0.01, (n, 6)), 50)
+    >>> bool(is_physical(rows[:, :6]).all())
+    True
+    """
+    rows = draw(n)
+    if not n:  # of a case too improbable for a draw
+        return rows
+    taken_off = 0.0 if wheel_spin is None else wheel_spin
+    for _ in range(rounds):
+        outside = (rows < ends[0]) | (rows > ends[1])
+        bad = ~is_physical(rows[:, :6] - taken_off) | outside.any(axis=1)
+        if not bad.any():
+            return rows
+        rows[bad] = draw(int(bad.sum()))
+    raise CampaignError(
+        "hardly any draw of the inertia tensor is physical", where=where, advice=advice
+    )

@@ -101,8 +101,12 @@ class KeptProgram:
         """The program of a form: kept, or compiled now."""
         kept = _kept_entries()
         key = None if kept is None else _key(self._function, form)
-        content = None if key is None else _read(kept, key)
-        if key is None or content == _NOT_KEPT:
+        if key is None:
+            return self._compiled(form, arrays)
+        content = None
+        with suppress(OSError, TimeoutError):
+            content = kept.get(key)
+        if content == _NOT_KEPT:
             return self._compiled(form, arrays)
         if content is not None:
             try:
@@ -113,7 +117,9 @@ class KeptProgram:
                 warnings.warn(f"{what} '{key.split('-')[0]}': {error}", stacklevel=4)
         compiled = self._compiled(form, arrays)
         if content is None:
-            _write(kept, key, _proved(compiled, arrays))
+            # Where the folder cannot be written, the next process compiles again.
+            with suppress(OSError, TimeoutError):
+                kept.put(key, _proved(compiled, arrays))
         return compiled
 
     def _compiled(self, form: tuple, arrays: tuple) -> Any:
@@ -231,18 +237,3 @@ def _proved(compiled: jax.stages.Compiled, arrays: tuple) -> bytes:
     same = zip(kept, jax.tree.leaves(compiled(*arrays)), strict=True)
     equal = all(np.asarray(a).tobytes() == np.asarray(b).tobytes() for a, b in same)
     return content if equal else _NOT_KEPT
-
-
-def _read(kept: Any, key: str) -> bytes | None:
-    try:
-        return kept.get(key)
-    except (OSError, TimeoutError):
-        return None
-
-
-def _write(kept: Any, key: str, content: bytes) -> None:
-    """Where the folder cannot be written, the next process compiles again."""
-    try:
-        kept.put(key, content)
-    except (OSError, TimeoutError):
-        return

@@ -9,9 +9,6 @@ from dataclasses import dataclass
 class Numerics:
     """Fields by the file that reads them."""
 
-    # `at_once.py`
-    threads: int = 2
-
     # `device_arrays.py`
     # Rows or star-tracker fixes of a slew are padded to so many at least. Sizes are multiples of
     # three, as the rows of an integration step are.

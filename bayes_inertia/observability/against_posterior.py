@@ -12,7 +12,6 @@ from bayes_inertia.errors import EstimateError
 from bayes_inertia.files import vocabulary
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.maths.physical_draws import are_physical
 from bayes_inertia.observability.limits import LIMITS
 from bayes_inertia.observability.result import Observability, ParameterObservability
 
@@ -92,4 +91,4 @@ def _unphysical_share(observability: Observability, draws: int = 20_000) -> floa
     drawn = rng.multivariate_normal(
         mean, observability.covariance[np.ix_(index, index)], draws, method="eigh"
     )
-    return float(1.0 - np.mean(are_physical(drawn)))
+    return float(1.0 - np.mean(inertia_tensor.is_physical(drawn)))

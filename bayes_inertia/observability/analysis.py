@@ -35,6 +35,7 @@ from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import clean_fit
 from bayes_inertia.inference.laplace import Estimate, model_of
+from bayes_inertia.inference.likelihood import unpadded_sensitivities
 from bayes_inertia.inference.objective import block_index, prior_equations, prior_rows
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.observability.degeneracy import in_words, stated_degeneracies
@@ -267,7 +268,7 @@ def _directions(estimate: Estimate, names: list[str]) -> tuple[Direction, ...]:
 def _arrivals(estimate: Estimate) -> tuple[InformationArrival, ...]:
     model, w = estimate.model, _followers(estimate)
     f, b, m = len(estimate.free), len(estimate.point.bias), estimate.point.n_local
-    jacobian = estimate.linearised().fitted_columns()
+    jacobian = unpadded_sensitivities(model, estimate.point, estimate.white, estimate.free).jacobian
     readings = model.data.arrays.telemetry.readings
     arrivals = []
     for s, slew in enumerate(model.campaign.slews):

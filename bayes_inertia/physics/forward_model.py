@@ -23,7 +23,6 @@ from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.errors import EffectError
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
-from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.maths.values import array_dataclass, whole_number
 from bayes_inertia.physics.actuators import effects_of, noise_of_inputs
 from bayes_inertia.physics.channel_noise import NOISE_OWNER, NoiseModel
@@ -191,7 +190,7 @@ class Model:
         """
         # One generator for all parameters and rounds: the same seed in each would tie them.
         rng, n = np.random.default_rng(rng), whole_number(n, "n")
-        return draw_physical(lambda count: self.space.draw(rng, count), n)
+        return inertia_tensor.draw_physical(lambda count: self.space.draw(rng, count), n)
 
     def predict(self, theta: np.ndarray) -> dict[str, np.ndarray]:
         """Telemetry of the campaign's slews, were these the parameters; without noise.

@@ -12,7 +12,12 @@ from scipy import linalg, stats
 
 from bayes_inertia.inference.hyperparameters import Evidence
 from bayes_inertia.inference.laplace import marginal
-from bayes_inertia.inference.marginal_posterior import conditional_point, log_posterior, prior_roots
+from bayes_inertia.inference.likelihood import information_blocks
+from bayes_inertia.inference.marginal_posterior import (
+    conditional_point,
+    log_density_of,
+    prior_roots,
+)
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.posterior_groups import stochastic_signals
 from bayes_inertia.inference.proposal import EvidenceMove, IndependenceMove, explored_sizes
@@ -56,6 +61,26 @@ def test_a_signal_is_where_it_is_whatever_the_slews_own_clock_says(wandered):
     )
     for name, signal in before.items():
         np.testing.assert_allclose(after[name], signal, atol=1e-6 * np.abs(signal).max())
+
+
+@pytest.mark.slow
+def test_silent_coefficients_take_no_step_and_change_nothing_else(wandered):
+    model, point = wandered.model, wandered.point
+    full, silent = (
+        information_blocks(model, point, wandered.white, wandered.free, silent=said)
+        for said in (False, True)
+    )
+    shared = len(wandered.free) + len(point.bias)
+    of_effects = np.arange(full.matrix.shape[-1]) >= shared + model.structure.n_start
+    assert of_effects.any()
+    kept = full.matrix * ~of_effects * ~of_effects[:, None]
+    scale = np.sqrt(np.einsum("scpp->scp", full.matrix).max((0, 1)))
+    np.testing.assert_allclose(
+        silent.matrix, kept, atol=1e-10 * np.outer(scale, scale).max(), rtol=1e-9
+    )
+    assert np.abs(full.matrix[..., of_effects]).max() > 0.0
+    assert not silent.matrix[..., of_effects].any()
+    assert not silent.gradient[..., of_effects].any()
 
 
 def dense_log_integral(fitted, theta) -> float:
@@ -104,7 +129,9 @@ def test_the_integral_is_that_of_the_dense_gaussian(wandered):
     rng = np.random.default_rng(6)
     thetas = np.tile(wandered.theta, (9, 1))
     thetas[1:, learnt] *= np.exp(1.5 * rng.normal(size=(8, len(learnt))))
-    ours = np.asarray(log_posterior(model.structure, marginal(wandered), jnp.asarray(thetas)))
+    ours = np.asarray(
+        log_density_of(model.structure, marginal(wandered), batch=32)(jnp.asarray(thetas))
+    )
     ours = ours - np.asarray(log_prior(model.space.constants(), jnp.asarray(thetas)))
     dense = np.array([dense_log_integral(wandered, theta) for theta in thetas])
     assert np.ptp(dense) > 10.0
@@ -133,7 +160,7 @@ def test_the_evidence_is_largest_at_the_fit(wandered):
 def acceptance(move, structure, frozen) -> float:
     """Of an independence sampler, from importance weights of its proposals."""
     draws = move.draw(np.random.RandomState(8), 256)
-    density = np.asarray(log_posterior(structure, frozen, jnp.asarray(draws)))
+    density = np.asarray(log_density_of(structure, frozen, batch=32)(jnp.asarray(draws)))
     weights = density - move.log_density(draws)
     weights = np.exp(weights - weights.max())
     return float(np.minimum(weights[:, None], weights).sum() / (len(weights) * weights.sum()))

@@ -8,11 +8,12 @@ import jax
 import numpy as np
 import pytest
 
-from bayes_inertia.inference import hyperparameters, likelihood, marginal_posterior, noise_filter
+from bayes_inertia.inference import hyperparameters, likelihood, marginal_posterior, noise_model
 from bayes_inertia.inference.laplace import marginal
 from bayes_inertia.inference.likelihood import information_blocks, unpadded_sensitivities
-from bayes_inertia.inference.marginal_posterior import conditional_point, log_posterior
+from bayes_inertia.inference.marginal_posterior import conditional_point, log_density_of
 from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.maths import device_arrays
 from bayes_inertia.maths.device_arrays import repeated
 from bayes_inertia.physics import packing
 from bayes_inertia.physics.effects import by_name
@@ -38,7 +39,7 @@ def unpadded(monkeypatch):
     """Every axis in its own size."""
 
     def pad_nothing():
-        for module in (packing, marginal_posterior, hyperparameters, noise_filter):
+        for module in (packing, marginal_posterior, hyperparameters, noise_model, device_arrays):
             monkeypatch.setattr(module, "padded_size", lambda n, *_, **__: n)
 
     return pad_nothing
@@ -48,7 +49,7 @@ def results(found, model):
     """All that is read from programs around an estimate: densities, nuisances, derivatives."""
     frozen, rng = marginal(replace(found, model=model)), np.random.default_rng(1)
     thetas = found.theta + 0.5 * found.sd * rng.normal(size=(6, len(found.theta)))
-    density = log_posterior(model.structure, frozen, thetas)
+    density = log_density_of(model.structure, frozen, batch=32)(thetas)
     noise = rng.normal(size=3 + found.point.local.size)
     drawn = conditional_point(model.structure, frozen, thetas[1], noise)
     s = unpadded_sensitivities(model, found.point, found.white, found.free)
@@ -82,7 +83,7 @@ def test_padding_with_weight_would_be_seen(odd, monkeypatch):
     found = estimate(Model(odd), starts=1)
     structure, frozen = found.model.structure, marginal(found)
     thetas = found.theta + np.array([[0.0], [0.5]]) * found.sd
-    right = log_posterior(structure, frozen, thetas)
+    right = log_density_of(structure, frozen, batch=32)(thetas)
     monkeypatch.setattr(likelihood, "filled", repeated)
-    wrong = log_posterior(structure, frozen, thetas)
+    wrong = log_density_of(structure, frozen, batch=32)(thetas)
     assert abs(np.diff(wrong) - np.diff(right)) > 1e-3

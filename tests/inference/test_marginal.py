@@ -9,7 +9,7 @@ import pytest
 
 from bayes_inertia.inference.laplace import marginal
 from bayes_inertia.inference.likelihood import residuals, unpadded_sensitivities
-from bayes_inertia.inference.marginal_posterior import conditional_point, log_posterior
+from bayes_inertia.inference.marginal_posterior import conditional_point, log_density_of
 from bayes_inertia.inference.point import Point
 
 
@@ -85,7 +85,7 @@ def test_the_marginal_posterior_is_that_of_sampling_every_nuisance(small):
 
     frozen = marginal(small)
     draws, weights, size = importance(
-        lambda x: np.asarray(log_posterior(model.structure, frozen, jnp.asarray(x))),
+        lambda x: np.asarray(log_density_of(model.structure, frozen, batch=32)(jnp.asarray(x))),
         small.theta,
         small.covariance,
         rng,
@@ -103,7 +103,7 @@ def test_the_marginal_posterior_is_that_of_sampling_every_nuisance(small):
     held = frozen._replace(ridge=ridge, root=0.0 * frozen.root)
     covariance = np.linalg.inv(small.hessian[:d, :d])
     draws, weights, size = importance(
-        lambda x: np.asarray(log_posterior(model.structure, held, jnp.asarray(x))),
+        lambda x: np.asarray(log_density_of(model.structure, held, batch=32)(jnp.asarray(x))),
         small.theta,
         covariance,
         rng,
@@ -124,7 +124,7 @@ def test_the_marginal_posterior_is_pointwise_that_of_integrating_at_each_theta(s
         + 3.0 * (np.linalg.cholesky(small.covariance) @ rng.normal(size=(d, 12)) / np.sqrt(d)).T
     )
     thetas = np.concatenate([small.theta[None], thetas])
-    ours = np.asarray(log_posterior(model.structure, frozen, jnp.asarray(thetas)))
+    ours = np.asarray(log_density_of(model.structure, frozen, batch=32)(jnp.asarray(thetas)))
     exact = np.array([integrated_over_nuisances(small, theta) for theta in thetas])
     gap = (ours - ours[0]) - (exact - exact[0])
     assert np.ptp(exact) > 2.0
@@ -182,6 +182,8 @@ def test_outside_the_physical_tensors_and_the_support_the_density_is_zero(small)
     theta = np.stack([small.theta] * 3)
     theta[1, 0] = theta[1, 1] + theta[1, 2] + 0.1
     theta[2, 7] = np.nan
-    values = np.asarray(log_posterior(small.model.structure, marginal(small), jnp.asarray(theta)))
+    values = np.asarray(
+        log_density_of(small.model.structure, marginal(small), batch=32)(jnp.asarray(theta))
+    )
     assert np.isfinite(values[0])
     assert np.isneginf(values[1:]).all()

@@ -6,7 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayes_inertia.inference.noise_level import noise_factors, white_factor
+from bayes_inertia.inference.cleaning import noise_factors
+from bayes_inertia.inference.noise_colour import white_factor
 from bayes_inertia.inference.treatment import with_measured_noise
 from bayes_inertia.physics.effects import RateSensorNonlinearity
 from bayes_inertia.physics.small_campaign import small_campaign

@@ -26,7 +26,7 @@ from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.marginal_posterior import (
     SlewEquations,
     eliminated,
-    log_posterior,
+    log_density_of,
     steps_given,
 )
 from bayes_inertia.inference.noise_model import densities_of
@@ -136,7 +136,9 @@ def test_gaussian_noise_of_scale_one_has_the_plain_marginal(flown):
     rng = np.random.default_rng(3)
     thetas = plain.theta + rng.normal(size=(8, 9)) @ np.linalg.cholesky(plain.covariance).T
     ours = log_density_with_densities(scaled, batch=8)(np.column_stack([thetas, np.ones(8)]))
-    theirs = np.asarray(log_posterior(plain.model.structure, marginal(plain), jnp.asarray(thetas)))
+    theirs = np.asarray(
+        log_density_of(plain.model.structure, marginal(plain), batch=32)(jnp.asarray(thetas))
+    )
     assert np.ptp(theirs) > 1.0
     assert np.ptp(ours - theirs) < 1e-3
 
@@ -199,7 +201,9 @@ def test_nuisances_under_student_t_noise_are_integrated_as_by_brute_force(small_
     assert np.all(np.abs(gap) < 4.0 * np.hypot(errors, errors[0]) + 0.02), (gap, errors)
     # The same integral as of Gaussian noise is another one.
     gaussian = fitted(estimate.model.campaign, discount=False)
-    plain = log_posterior(gaussian.model.structure, marginal(gaussian), jnp.asarray(thetas[:, :9]))
+    plain = log_density_of(gaussian.model.structure, marginal(gaussian), batch=32)(
+        jnp.asarray(thetas[:, :9])
+    )
     assert np.max(np.abs(np.asarray(plain - plain[0]) - (exact - exact[0]))) > 1.0
 
 

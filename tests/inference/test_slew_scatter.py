@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from bayes_inertia.inference.limits import LIMITS
-from bayes_inertia.inference.slew_shares import SlewScatter, SlewShares
+from bayes_inertia.inference.slew_shares import SlewShares
 
 SLEWS, UNKNOWNS, CAMPAIGNS = 5, 4, 400
 
@@ -21,7 +21,7 @@ def matrices() -> np.ndarray:
     return np.einsum("sni,snj->sij", rows, rows)
 
 
-def scatters(matrices: np.ndarray, noise: float) -> list[SlewScatter]:
+def scatters(matrices: np.ndarray, noise: float) -> list[SlewShares]:
     """Fits of campaigns whose slews scatter `noise` times as much as the model says."""
     rng, found = np.random.default_rng(8), []
     roots = np.linalg.cholesky(matrices)
@@ -31,7 +31,7 @@ def scatters(matrices: np.ndarray, noise: float) -> list[SlewScatter]:
         towards = np.sqrt(np.diag(prior)) * rng.normal(size=UNKNOWNS)
         optimum = np.linalg.solve(matrices.sum(0) + prior, pulls.sum(0) + towards)
         gradient = np.einsum("sij,j->si", matrices, optimum) - pulls
-        found.append(SlewScatter(SlewShares(matrices, gradient, prior, prior @ optimum - towards)))
+        found.append(SlewShares(matrices, gradient, prior, prior @ optimum - towards))
     return found
 
 
@@ -70,7 +70,7 @@ def test_the_bias_reduced_variance_is_right_on_average_and_says_how_little_it_kn
     assert dof[-1] < 1.5 < dof[:-1].min()
 
 
-def two_groups(matrices: np.ndarray, noise: float, apart: float) -> list[SlewScatter]:
+def two_groups(matrices: np.ndarray, noise: float, apart: float) -> list[SlewShares]:
     """Campaigns of eight slews, of which the last three tell of other unknowns, `apart` sds off."""
     rng, found = np.random.default_rng(9), []
     matrices = np.concatenate([matrices, matrices[:3]])
@@ -84,7 +84,7 @@ def two_groups(matrices: np.ndarray, noise: float, apart: float) -> list[SlewSca
         told += np.einsum("sij,sj->si", matrices, change)
         optimum = np.linalg.solve(matrices.sum(0) + prior, told.sum(0))
         gradient = np.einsum("sij,j->si", matrices, optimum) - told
-        found.append(SlewScatter(SlewShares(matrices, gradient, prior, prior @ optimum)))
+        found.append(SlewShares(matrices, gradient, prior, prior @ optimum))
     return found
 
 

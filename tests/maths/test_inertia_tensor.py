@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.maths.physical_draws import draw_physical
 
 _from_chart = jax.jit(inertia_tensor.from_chart)
 _to_chart = jax.jit(inertia_tensor.to_chart)
@@ -105,4 +104,4 @@ def test_wheel_spin_is_added_along_the_wheel_axes():
 
 
 def test_no_draws_of_a_case_that_is_too_improbable():
-    assert draw_physical(lambda n: np.ones((n, 9)), 0).shape == (0, 9)
+    assert inertia_tensor.draw_physical(lambda n: np.ones((n, 9)), 0).shape == (0, 9)
