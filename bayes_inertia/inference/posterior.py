@@ -420,20 +420,28 @@ class Posterior:
         estimate: Any = self.tree["estimate"]
         rows = self._rows(lambda draws: dict(zip(self.names, draws.T, strict=True)))
         for i, (name, row) in enumerate(rows.items()):
-            prior_sd = float(estimate["prior_sd"][i])
-            contraction = 1.0 - (row["sd"] / prior_sd) ** 2
+            contraction = self._contraction(i, row["sd"])
             rows[name] = {
                 **row,
                 "robust_sd": _robust_sd(estimate["robust_sd"][i], row["sd"]),
                 **{key: float(estimate[key][i]) for key in _OTHER_MEASURES if key in estimate},
                 **self._decisive_slew(i),
                 "unit": str(self.tree["posterior"][name].attrs.get("units", "")),
-                "prior_sd": prior_sd,
+                "prior_sd": float(estimate["prior_sd"][i]),
                 "contraction": contraction,
                 "observable": bool(contraction > LIMITS.observable_above)
                 and not self._is_size(name),
             }
         return rows
+
+    def _contraction(self, i: int, sd: float) -> float:
+        """Share of a parameter's prior variance that the data took away."""
+        estimate: Any = self.tree["estimate"]
+        log_sd = float(estimate["prior_log_sd"][i]) if "prior_log_sd" in estimate else np.nan
+        if np.isfinite(log_sd):
+            # A factor of a few, up or down, is no matter of sds in the parameter's unit.
+            return float(1.0 - (np.log(self.samples[:, i]).std(ddof=1) / log_sd) ** 2)
+        return float(1.0 - (sd / float(estimate["prior_sd"][i])) ** 2)
 
     def _rows(self, of: Callable[[np.ndarray], dict[str, np.ndarray]]) -> dict[str, Any]:
         """What summary.json says of numbers, by what they are of draws (n, d)."""

@@ -182,6 +182,11 @@ def _estimate_group(estimate: Estimate) -> xr.DataTree:
         "theta": (("parameter",), estimate.theta),
         "prior_mean": (("parameter",), space.mean),
         "prior_sd": (("parameter",), space.sd),
+        # Of the logarithm, where that is normal.
+        "prior_log_sd": (
+            ("parameter",),
+            [p.scale if p.logarithmic else np.nan for p in space.priors],
+        ),
         "covariance": (("parameter", "parameter_2"), estimate.covariance),
         "robust_covariance": (("parameter", "parameter_2"), covariance),
         "robust_sd": (("parameter",), np.sqrt(np.diag(covariance))),

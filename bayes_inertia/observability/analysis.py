@@ -49,8 +49,6 @@ from bayes_inertia.observability.result import (
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.progress import Progress, as_callback, with_bar
 
-GROUPS = ("J", "K", "initial conditions", "tachometer noise", "rate bias", "effects")
-
 
 @with_bar
 def observe(
@@ -105,6 +103,7 @@ def observe(
     return Observability(
         campaign=model.campaign.name,
         drive=model.structure.drive,
+        wheels=model.structure.wheels,
         effects=tuple(effect.name for effect in model.effects),
         slews=tuple(slew.name for slew in model.campaign.slews),
         channels=tuple(channel.name for channel in model.channels),
@@ -134,7 +133,10 @@ def _groups(estimate: Estimate) -> dict[str, np.ndarray]:
         f + np.arange(b),
         np.concatenate([np.flatnonzero(free >= n), coefficients]),
     )
-    return {name: part for name, part in zip(GROUPS, parts, strict=True) if len(part)}
+    # Gains of actuators, K and bias of further sensors stand there without any effect.
+    last = "effects" if estimate.model.effects else "devices"
+    names = ("J", "K", "initial conditions", "tachometer noise", "rate bias", last)
+    return {name: part for name, part in zip(names, parts, strict=True) if len(part)}
 
 
 def _sd_without(estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:

@@ -30,6 +30,7 @@ class Limits:
     min_turned_rate_ratio: float = 0.02
 
     # `result.py`
+    told_share: float = 0.005  # of what is known, from which a slew is named: less prints as 0 %
     # Contraction of the prior variance: below, the answer is the prior; above, the data's.
     prior_below: float = 0.05
     determined_above: float = 0.9

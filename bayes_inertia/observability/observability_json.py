@@ -28,6 +28,7 @@ def observability_json(observability: Observability) -> dict[str, Any]:
         "format": FORMAT,
         "campaign": observability.campaign,
         "drive": observability.drive,
+        "wheels": observability.wheels,
         "effects": observability.effects,
         "discounted": observability.discounted,
         "parameters": {

@@ -90,6 +90,12 @@ class ParameterObservability:
             return "determined"
         return "partly" if self.contraction > GATES.observable_above else "weakly"
 
+    @property
+    def tells_most(self) -> int | None:
+        """The slew that tells most of it; None where no slew tells anything beside the priors."""
+        by_slew = self.share.sum(1)
+        return int(by_slew.argmax()) if by_slew.max() >= LIMITS.told_share else None
+
 
 @array_dataclass
 class Direction:
@@ -174,6 +180,8 @@ class Observability:
         Its name.
     drive : str
         "commanded" or "measured".
+    wheels : int
+        How many the spacecraft has; without any, nothing is driven.
     effects, slews, channels : tuple of str
         Names of the effects that were fitted along, of the slews, and of the channels.
     parameters : tuple of ParameterObservability
@@ -192,6 +200,7 @@ class Observability:
 
     campaign: str
     drive: str
+    wheels: int
     effects: tuple[str, ...]
     slews: tuple[str, ...]
     channels: tuple[str, ...]

@@ -67,11 +67,15 @@ def sentence(observability: Observability, name: str) -> str:
     if p.signal < 1.0:
         return _SAYS["invisible"].format(name=name, signal=p.signal)
     verdict = _SAYS[p.verdict].format(gain=_factor(p.prior_sd / p.sd))
+    if p.name in ELEMENTS and is_size_untied(observability):
+        verdict = _SAYS["ratio"]
     parts = [f"{name} {verdict} (signal {_factor(p.signal)} sigma)", _lost(p)]
     middle = observability.middle_half(name)
-    if middle and p.verdict != "prior":
+    if p.tells_most is None:
+        parts.append(_SAYS["no_slew"])
+    elif middle and p.verdict != "prior":
         _, begin, end = middle
-        source = _source(p, observability)
+        source = _source(p, observability, p.tells_most)
         parts.append(_SAYS["half"].format(source=source, begin=begin, end=end))
     worth = commands_worth(p, observability.drive)
     if worth is not None and worth > LIMITS.mentioned_sd_ratio:
@@ -111,14 +115,15 @@ def _group_without(name: str, group: str) -> str:
         "J": name.startswith("J"),
         "K": name[:1] == "K" and "." not in name,
         "effects": "." in name,
+        "devices": "." in name,
     }
     return f"the rest of {group}" if is_member.get(group) else group
 
 
-def _source(p: ParameterObservability, observability: Observability) -> str:
-    """Which slew and which channel tell most."""
+def _source(p: ParameterObservability, observability: Observability, best: int) -> str:
+    """How much the slew tells that tells most, and which channel."""
     by_slew, by_channel = p.share.sum(1), p.share.sum(0)
-    best, most = int(np.argmax(by_slew)), int(np.argmax(by_channel))
+    most = int(np.argmax(by_channel))
     slew, channel = observability.slews[best], observability.channels[most]
     prior, told = p.share_own_prior + p.share_other_priors, {"slew": slew, "channel": channel}
     if prior > 0.5:

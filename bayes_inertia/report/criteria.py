@@ -122,13 +122,16 @@ def exponents_of(*tables: Mapping[str, Mapping[str, Any]]) -> dict[str, int]:
     return common_exponents(values)
 
 
-def contraction(sd: float, prior_sd: float) -> float:
-    """Share of the prior variance that the data removed.
+def contraction(row: Mapping[str, Any]) -> float:
+    """Share of the prior variance that the data removed, by the sd in print.
 
-    >>> contraction(0.5, 1.0), contraction(1.2, 1.0)
-    (0.75, 0.0)
+    >>> contraction({"sd": 0.4, "quoted_sd": 0.5, "prior_sd": 1.0, "contraction": 0.84})
+    0.75
+    >>> contraction({"sd": 1.2, "quoted_sd": None, "prior_sd": 1.0})
+    0.0
     """
-    return max(0.0, 1.0 - (sd / prior_sd) ** 2)
+    left = 1.0 - row["contraction"] if "contraction" in row else (row["sd"] / row["prior_sd"]) ** 2
+    return max(0.0, 1.0 - left * (sd_in_print(row) / row["sd"]) ** 2)
 
 
 def contraction_text(share: float, criteria: Criteria) -> str:
@@ -156,7 +159,7 @@ def determination(share: float, criteria: Criteria) -> str:
 
 def determination_of(row: Mapping[str, Any], criteria: Criteria) -> str:
     """Degree of determination, by the sd; none of J where nothing ties its size."""
-    share = contraction(sd_in_print(row), row["prior_sd"])
+    share = contraction(row)
     if share > criteria.observable_above and not row.get("observable", True):
         return "not determined"
     return determination(share, criteria)
@@ -175,19 +178,35 @@ def relative_sd(row: Mapping[str, Any]) -> float:
     return sd_in_print(row) / abs(row["mean"]) if row["mean"] else math.inf
 
 
-def worst_rows(summary: Mapping[str, Any]) -> dict[str, Mapping[str, Any] | None]:
-    """The rows of the moment, product of inertia and K that are known worst, of those that are."""
+def scale_factors(summary: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Names of the scale factors by the symbol of their rate sensor: "K", "K of mems"."""
+    names: dict[str, list[str]] = {}
+    for name in summary["parameters"]:
+        sensor, _, parameter = name.rpartition(".")
+        if kind_of(parameter) == "K" and sensor not in summary["effects"]:
+            names.setdefault(f"K of {sensor}" if sensor else "K", []).append(name)
+    return names
+
+
+def worst_rows(summary: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """The rows of the moment, product of inertia and each sensor's K that are known worst, of those
+    that are.
+    """
     rows, criteria = summary["parameters"], criteria_of(summary)
     known = {n: r for n, r in rows.items() if determination_of(r, criteria) != "not determined"}
-    worst = {}
-    for label, kind, size in (
-        ("J", "moment of inertia", relative_sd),
-        ("products", "product of inertia", sd_in_print),
-        ("K", "K", relative_sd),
-    ):
-        members = [row for name, row in known.items() if kind_of(name) == kind]
-        worst[label] = max(members, key=size, default=None)
-    return worst
+    groups = {
+        "J": [name for name in known if kind_of(name) == "moment of inertia"],
+        "products of inertia": [name for name in known if kind_of(name) == "product of inertia"],
+        **{symbol: [n for n in ns if n in known] for symbol, ns in scale_factors(summary).items()},
+    }
+    return {
+        label: max(
+            (known[name] for name in names),
+            key=sd_in_print if label == "products of inertia" else relative_sd,
+        )
+        for label, names in groups.items()
+        if names
+    }
 
 
 def interval_90(row: Mapping[str, Any]) -> tuple[float, float] | None:

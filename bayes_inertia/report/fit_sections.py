@@ -17,9 +17,10 @@ from bayes_inertia.report.criteria import (
     exponents_of,
     names_by_determination,
     ratios_told,
+    scale_factors,
 )
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
-from bayes_inertia.report.formatting import brief, kind_of, listed, number, plain
+from bayes_inertia.report.formatting import brief, drive_text, kind_of, listed, number, plain
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.chains import draw_chains
 from bayes_inertia.report.pictures.correction import draw_correction
@@ -204,13 +205,6 @@ def determination_section(posterior: Posterior) -> Section:
     return Section(title, packaged("determination.html"), context, pictures)
 
 
-_DRIVE_TEXT = {
-    "commanded": "commanded: torque commands are the input",
-    "measured": "measured: wheel momentum is the input",
-    "none": "there are no wheels",
-}
-
-
 def settings_section(posterior: Posterior) -> Section:
     """Settings that make the same result again."""
     return Section("Settings", packaged("settings.html"), {"rows": settings_rows(posterior)})
@@ -221,7 +215,8 @@ def settings_rows(posterior: Posterior) -> list[tuple[str, str]]:
     attributes, chains = posterior.attributes, posterior.tree["posterior"].sizes["chain"]
     diagnostics, ensembles = attributes["diagnostics"], n_ensembles(posterior)
     names = [tie["device"] for tie in attributes.get("scale_of_J", []) if tie["device"] != "wheels"]
-    devices = [("devices beside wheels", listed(names))] if names else []
+    key = "other devices" if attributes.get("wheels") else "devices"
+    devices = [(key, listed(names))] if names else []
     if reference := attributes.get("frame_reference"):
         devices.append(("reference of frames", f"{reference}: its axes are the body's"))
     walkers = attributes.get("walkers") or chains // ensembles
@@ -230,7 +225,7 @@ def settings_rows(posterior: Posterior) -> list[tuple[str, str]]:
         ("campaign", attributes["campaign"]),
         ("campaign digest (SHA-256)", attributes["campaign_sha256"] or "not recorded"),
         ("slews, data", f"{n_slews(posterior)} slews, {attributes['fit']['n_data']:,} numbers"),
-        ("drive", _DRIVE_TEXT[attributes["drive"] if attributes.get("wheels", 3) else "none"]),
+        ("drive", drive_text(attributes["drive"], attributes.get("wheels", 3))),
         *devices,
         ("effects fitted along", listed(attributes["effects"]) or "none"),
         ("seed", str(attributes["seed"])),
@@ -270,8 +265,7 @@ def result_sections(
     matrices = {
         "J / trace J": _tensor(ratios_told(summary), "/trace"),
         "J": _tensor(rows),
-        "K": [[row] for name, row in rows.items() if kind_of(name) == "K"],
-        **_further_K(summary),
+        **{k: [[rows[n]] for n in names] for k, names in scale_factors(summary).items()},
     }
     context = {
         "level": level,
@@ -299,16 +293,6 @@ def level_of(summary: Mapping[str, Any], verdicts: list[Verdict]) -> Level:
     if not summary["trusted"]:
         return "bad"
     return worst_level([verdict.level for verdict in verdicts])
-
-
-def _further_K(summary: Mapping[str, Any]) -> dict[str, list[list[Any]]]:
-    """Columns of the scale factors of further rate sensors, by their symbol."""
-    columns: dict[str, list[list[Any]]] = {}
-    for name, row in summary["parameters"].items():
-        sensor, dot, parameter = name.rpartition(".")
-        if dot and kind_of(parameter) == "K" and sensor not in summary["effects"]:
-            columns.setdefault(f"K of {sensor}", []).append([row])
-    return columns
 
 
 def _tensor(rows: Mapping[str, Any], of: str = "") -> list[list[Any]]:

@@ -168,6 +168,21 @@ def probability(p: float) -> str:
     return f"p {text}" if text.startswith("<") else f"p = {text}"
 
 
+_DRIVES = {
+    "commanded": "commanded: torque commands are the input",
+    "measured": "measured: wheel momentum is the input",
+}
+
+
+def drive_text(drive: str, wheels: int) -> str:
+    """What drives the model, of a spacecraft with so many wheels.
+
+    >>> drive_text("commanded", 0)
+    'there are no wheels'
+    """
+    return _DRIVES[drive] if wheels else "there are no wheels"
+
+
 def vector_text(components: Sequence[float], decimals: int = 2) -> str:
     """The components of a unit vector.
 

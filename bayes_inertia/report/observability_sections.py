@@ -10,10 +10,12 @@ from bayes_inertia.observability.sentences import answer, sentence, verdict_of
 from bayes_inertia.report.formatting import (
     NOT_GIVEN,
     brief,
+    drive_text,
     listed,
     plain,
     sd_column,
     sd_head,
+    tenths,
     typeset,
     unit_text,
 )
@@ -36,8 +38,10 @@ def observability_table(observability: Observability) -> Table:
     )
     rows = []
     for p, prior, sd in zip(parameters, priors, sds, strict=True):
-        by_slew, worth = p.share.sum(1), commands_worth(p, observability.drive)
-        best = int(by_slew.argmax())
+        best, worth = p.tells_most, commands_worth(p, observability.drive)
+        told = NOT_GIVEN
+        if best is not None:
+            told = f"{observability.slews[best]}, {100.0 * p.share[best].sum():.0f} %"
         rows.append(
             (
                 plain(p.name),
@@ -45,9 +49,9 @@ def observability_table(observability: Observability) -> Table:
                 prior,
                 sd,
                 brief(p.prior_sd / p.sd, 3),
-                f"{observability.slews[best]}, {100.0 * by_slew[best]:.0f} %",
-                f"× {p.variance_inflation**0.5:.1f}",
-                NOT_GIVEN if worth is None else f"× {worth:.1f}",
+                told,
+                f"× {tenths(p.variance_inflation**0.5)}",
+                NOT_GIVEN if worth is None else f"× {tenths(worth)}",
                 verdict_of(observability, p),
             )
         )
@@ -131,6 +135,6 @@ def _settings(observability: Observability) -> list[tuple[str, str]]:
     return [
         ("campaign", observability.campaign),
         ("slews", listed(observability.slews)),
-        ("drive", observability.drive),
+        ("drive", drive_text(observability.drive, observability.wheels)),
         ("effects fitted along", effects or "none"),
     ]

@@ -31,6 +31,7 @@ from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import Start, idle_slew
 from bayes_inertia.report.formatting import plain
+from bayes_inertia.report.observability_sections import observability_sections, observability_table
 
 
 @pytest.fixture(scope="module")
@@ -236,6 +237,8 @@ def test_without_wheels_the_size_of_the_tensor_is_exactly_degenerate(flown):
     assert [d.exact for d in free.directions] == [True] + [False] * 8
     assert free.directions[0].says == "Jxx+Jyy+Jzz"
     assert not any(d.name == "common wheel gain" for d in free.degeneracies)
+    assert "only in its ratio to the others" in sentence(free, "Jxx")
+    assert "momentum" not in "".join(sentence(free, name) for name in free.names)
 
 
 @pytest.mark.long
@@ -400,6 +403,29 @@ def test_the_answer_names_parameters_of_further_sensors_as_the_table_does(observ
     renamed = replace(observability, parameters=(replace(first, name="mems.K3"), *others))
     assert "mems: K3" in answer(renamed, plain)
     assert "mems.K3" not in answer(renamed, plain)
+
+
+def test_no_slew_and_no_sensor_is_named_of_what_only_priors_tell(observability):
+    first, *others = observability.parameters
+    assert first.tells_most == int(first.share.sum(1).argmax())
+    tiny = 1e-4 * first.share
+    untold = replace(first, share=tiny, share_other_priors=1.0 - tiny.sum(), variance_inflation=9e8)
+    seen = replace(observability, parameters=(untold, *others))
+    assert untold.tells_most is None
+    said = sentence(seen, untold.name)
+    assert "all that is known is prior knowledge" in said
+    assert not [channel for channel in seen.channels if f"{channel} channel" in said]
+    table = observability_table(seen)
+    cells = dict(zip(table.columns, table.rows[0], strict=True))
+    assert (cells["most from"], cells["others cost"]) == ("–", "× 30,000")
+
+
+def test_a_spacecraft_without_wheels_has_no_drive_in_print(observability):
+    drives = [
+        dict(observability_sections(seen)[-1].context["rows"])["drive"]
+        for seen in (observability, replace(observability, wheels=0))
+    ]
+    assert drives == ["commanded: torque commands are the input", "there are no wheels"]
 
 
 def test_observe_writes_its_file_once_for_one_campaign(flown, observability, tmp_path, capsys):

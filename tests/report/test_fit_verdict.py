@@ -131,3 +131,11 @@ def test_after_a_diagnosis_nobody_is_sent_to_diagnose(summary_of):
     assert "Run “bayes-inertia diagnose”" in plain
     assert "bayes-inertia diagnose" not in diagnosed
     assert "an effect is missing" in diagnosed
+
+
+def test_nothing_is_said_of_scale_factors_that_a_spacecraft_without_gyros_has_not(summary_of):
+    of = [{"effects": [], "probability": 0.9}, {"effects": ["wheel_friction"], "probability": 0.1}]
+    with_gyros = summary_of() | {"averaged_over": of}
+    without = with_gyros | {"parameters": {"Jxx": with_gyros["parameters"]["Jxx"]}}
+    for summary, says in ((with_gyros, "J, K and the quoted sd"), (without, "J and the quoted sd")):
+        assert any(s.startswith(says) for s in fit_verdict(summary, 5).sentences)

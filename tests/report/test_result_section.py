@@ -3,7 +3,9 @@
 import json
 import re
 
+import numpy as np
 import pytest
+import xarray as xr
 
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
@@ -125,3 +127,17 @@ def test_of_a_tensor_without_a_size_only_ratios_are_said(posteriors):
     groups = determination_section(posterior).context["groups"]
     assert "Jxx/trace" in groups["determined"]
     assert not set(ELEMENTS) & {name for names in groups.values() for name in names}
+
+
+def test_what_is_known_by_its_logarithm_is_judged_by_its_logarithm(made):
+    posterior = made("good")
+    told, sd = posterior.summary()["parameters"], posterior.samples.std(axis=0, ddof=1)
+    # K1 by its logarithm, twice as uncertain before; the others by their own sds.
+    before = np.where(
+        np.array(posterior.names) == "K1", 2.0 * sd / posterior.samples.mean(0), np.nan
+    )
+    estimate = posterior.tree["estimate"].to_dataset().assign(prior_log_sd=("parameter", before))
+    posterior.tree["estimate"] = xr.DataTree(estimate)
+    rows = Posterior(posterior.tree).summary()["parameters"]
+    assert rows["K1"]["contraction"] == pytest.approx(0.75, abs=1e-3)
+    assert rows["K2"] == told["K2"]

@@ -59,6 +59,12 @@ TIES = [{"device": "jets", "relative_sd": 0.02}, {"device": "pulses", "relative_
             f"{NUMBERS[:-1]}; J on the scale of the stated pulses); the model explains the data.",
         ),
         (
+            # Each rate sensor has its own K: the finest must not answer for the others.
+            {"parameters": ROWS | {"mems.K1": ROWS["K1"] | {"quoted_sd": 5e-4}}},
+            NUMBERS.replace("K to 0.012 %", "K to 0.012 %, K of mems to 0.050 %")
+            + "; the model explains the data.",
+        ),
+        (
             {"effects": ["rate_bias"]},
             f"{NUMBERS}; the model, with rate bias fitted along, explains the data.",
         ),

@@ -8,7 +8,14 @@ import pytest
 
 import bayes_inertia
 from bayes_inertia.inference.limits import criteria
-from bayes_inertia.report.criteria import Criteria, channel_verdict, criteria_of, determination
+from bayes_inertia.report.criteria import (
+    Criteria,
+    channel_verdict,
+    contraction,
+    criteria_of,
+    determination,
+    determination_of,
+)
 from bayes_inertia.report.fit_sections import settings_rows
 from bayes_inertia.report.formatting import number
 from bayes_inertia.report.section import packaged
@@ -191,8 +198,24 @@ def test_limits_say_which_device_ties_the_size_of_the_tensor():
     rest |= {"free_momenta": 0, "changes": []}
     said = page_of("limits.html", wheels=0, ties=ties, **rest)
     assert "tied by the thrust times arm of jets, known to 2 %" in said
+    assert "The sds contain what it is known to" in said
     assert "only the ratios" not in said
     assert "disagree" not in said
+
+
+@pytest.mark.parametrize(("name", "advised"), [("Jxy", True), ("jets.gain", False)])
+def test_slews_are_advised_for_what_slews_determine(name, advised):
+    groups = {"determined": ["K1"], "partly determined": [], "not determined": [name]}
+    said = page_of("determination.html", groups=groups, correlations=[])
+    assert ("Fly slews that turn about" in said) is advised
+
+
+def test_a_parameter_of_logarithmic_prior_is_judged_by_its_logarithm():
+    # Of a prior 6.0 times or over e^0.8 the data leave 71 ± 29: its sd has grown in its own unit.
+    row = {"sd": 29.0, "quoted_sd": 29.0, "prior_sd": 7.8, "contraction": 0.75}
+    assert contraction(row) == 0.75
+    assert contraction(row | {"quoted_sd": 43.5}) == pytest.approx(1.0 - 0.25 * 2.25)
+    assert determination_of(row, Criteria()) == "partly determined"
 
 
 @pytest.mark.parametrize(
