@@ -196,7 +196,9 @@ def determination_section(posterior: Posterior) -> Section:
     rows = {n: ratios.get(n) or rows[n] for n in names} | ratios
     matrix = np.atleast_2d(np.corrcoef(posterior.sized_samples.T)).tolist()
     most = LAYOUT.most_parameters_drawn
-    pictures = captioned("pairs", draw_pairs(posterior, most), most, len(names), folded=True)
+    pictures = captioned(
+        "pairs", draw_pairs(posterior, most), most, len(names), bool(ratios), folded=True
+    )
     context = {
         "groups": names_by_determination(rows, criteria_of(posterior.attributes)),
         "correlations": correlation_sentences(names, matrix),

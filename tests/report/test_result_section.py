@@ -124,7 +124,11 @@ def test_of_a_tensor_without_a_size_only_ratios_are_said(posteriors):
     assert ">determined</span>" in rows["Jxx/trace"][-1]
     # The quoted sd, and the model's.
     assert {(rows[n][2], rows[n][4]) for n in (*ELEMENTS, "I1", "I2", "I3")} == {("–", "–")}
-    groups = determination_section(posterior).context["groups"]
+    section = determination_section(posterior)
+    groups = section.context["groups"]
+    told = "J is drawn at its mean trace"
+    assert told in section.pictures[0].caption
+    assert told not in determination_section(posteriors["good"]).pictures[0].caption
     assert "Jxx/trace" in groups["determined"]
     assert not set(ELEMENTS) & {name for names in groups.values() for name in names}
 

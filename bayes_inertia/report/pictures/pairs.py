@@ -43,8 +43,9 @@ def draw_pairs(posterior: Posterior, max_parameters: int = 16) -> Figure:
 
 def pairs_panel(axes: Axes, posterior: Posterior, max_parameters: int) -> None:
     """All pairs in one axes."""
-    index = _chosen(posterior.samples, max_parameters)
-    draws = posterior.samples[:, index]
+    # Where nothing ties the size of J, what is told of pairs is told at one size.
+    index = _chosen(posterior.sized_samples, max_parameters)
+    draws = posterior.sized_samples[:, index]
     names = [posterior.names[i] for i in index]
     half = LAYOUT.cell_half_width_sd * draws.std(0, ddof=1)
     z = (draws - draws.mean(0)) / half
