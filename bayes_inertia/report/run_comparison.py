@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bayes_inertia.maths.values import picked
-from bayes_inertia.report.criteria import ratios_told
+from bayes_inertia.report.criteria import ratios_told, scale_factors
 from bayes_inertia.report.formatting import kind_of
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.words import phrase
@@ -111,9 +111,11 @@ class RunComparison:
 
     @property
     def J_and_K(self) -> tuple[ParameterDifference, ...]:
-        """Those of J and K that both runs have."""
-        kinds = ("moment of inertia", "product of inertia", "K")
-        return tuple(p for p in self.parameters if kind_of(p.name) in kinds and p.in_sd is not None)
+        """Those of J, and of K of every rate sensor, that both runs have."""
+        kinds = ("moment of inertia", "product of inertia")
+        factors = sum(scale_factors(self.first.summary).values(), [])
+        both = (p for p in self.parameters if p.in_sd is not None)
+        return tuple(p for p in both if kind_of(p.name) in kinds or p.name in factors)
 
     @property
     def lettered(self) -> dict[str, ComparedRun]:

@@ -28,7 +28,7 @@ def compared(name: str, digest: str, *, trusted: bool = True, **parameters) -> C
     if not trusted:
         parameters = {name: row | {"quoted_sd": None} for name, row in parameters.items()}
     summary = {"parameters": parameters, "derived": {}, "campaign_sha256": digest}
-    summary["trusted"] = trusted
+    summary |= {"trusted": trusted, "effects": []}
     return ComparedRun(name, name, summary, {"seed": name, "drive": "commanded"})
 
 
@@ -53,6 +53,14 @@ def test_noticeable_differences_come_first():
     second = compared("b", "2", Jxx=row(2.8, 0.04), K1=row(1.0, 0.1))
     assert compare_runs(first, second).sentence == (
         "1 of 2 elements of J and K differ by more than 3 combined sd, most of all Jxx: −4.0."
+    )
+
+
+def test_scale_factors_of_every_rate_sensor_are_compared():
+    first = compared("a", "1", K1=row(1.0, 0.01), **{"mems.K1": row(1.0, 0.01)})
+    second = compared("b", "2", K1=row(1.0, 0.01), **{"mems.K1": row(1.1, 0.01)})
+    assert compare_runs(first, second).sentence == (
+        "1 of 2 elements of J and K differ by more than 3 combined sd, most of all mems: K1: +7.1."
     )
 
 
