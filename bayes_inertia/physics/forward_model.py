@@ -236,6 +236,8 @@ def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> Non
     told = drive == "measured" or not campaign.wheels or campaign.has_commands
     what = "the commanded drive needs wheel_torque columns in every slew"
     require(told, "columns.wheel_torque", what, "use the measured drive")
+    turned = drive == "commanded" or bool(campaign.wheels)
+    require(turned, "drive", "there are no wheels to drive the model", "leave the drive out")
     read = drive == "commanded" or campaign.has_tachometers
     what = "the measured drive needs wheel momentum or speed in every slew "
     what += "and each wheel's momentum_sigma"
@@ -246,10 +248,10 @@ def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> Non
         what = "two effects of one name" if e.name not in campaign.sensors else "a sensor's name"
         require_rule(names.count(e.name) == 1, e, "one_of_each", what=what)
     for effect in effects:
+        missing = lacks(effect, campaign)
+        require_rule(not missing, effect, "lacks", missing=missing)
         empty = isinstance(effect, StochasticEffect) and not effect.coefficient_count(campaign)
         require_rule(not empty, effect, "acts_somewhere")
-        sensed = campaign.rate_sensor is not None or not effect.acts("rate_output")
-        require_rule(sensed, effect, "rate_sensor")
         for column in effect.needs:
             known = all(getattr(s, column) is not None for s in campaign.slews)
             require_rule(known, effect, "columns", column=column)
@@ -275,7 +277,9 @@ def _check_noise(campaign: Campaign, drive: Drive, noise: NoiseModel) -> None:
         what, advice = f"no channel is called {name!r}", f"write {', '.join(channels)}"
         require(name in channels, f"noise.{name}", what, advice)
         what = f"no readings of the channel {name} are compared with the model"
-        advice = "leave it out (in the measured drive tachometers are an input)"
+        # Tachometers that drive the model are its input.
+        used = drive == "measured" and name == "momentum"
+        advice = "use the commanded drive" if used else "leave it out"
         read = asked.is_stated or channels[name].is_read(campaign)
         require(read, f"noise.{name}", what, advice)
 

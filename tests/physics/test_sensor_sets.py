@@ -16,7 +16,8 @@ from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.point import Point
-from bayes_inertia.physics.effects import RateBias
+from bayes_inertia.physics.channel_noise import ChannelNoise, NoiseModel
+from bayes_inertia.physics.effects import RateBias, by_name
 from bayes_inertia.physics.forward_model import Model
 
 SKEWED = np.array([[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0], [-1.0, -1.0, 1.0], [1.0, -1.0, 1.0]])
@@ -89,6 +90,41 @@ def test_without_a_gyro_J_comes_from_the_star_tracker(flying, setup_type):
     assert fitted.sd.max() < 2e-3
     with pytest.raises(EffectError, match="needs a rate sensor"):
         Model(campaign, (RateBias(),))
+
+
+@pytest.mark.parametrize(
+    ("effect", "drive", "error", "words"),
+    [
+        ("wheel_friction", None, EffectError, "needs wheels, and this campaign has none"),
+        ("star_tracker_shift", None, EffectError, "needs a star tracker, and this campaign"),
+        (None, "measured", CampaignError, "there are no wheels to drive the model"),
+    ],
+)
+def test_what_a_spacecraft_has_not_is_no_effect_and_no_drive_of_it(
+    flown, effect, drive, error, words
+):
+    slews = [
+        replace(s, attitude=None, wheel_torque=None, wheel_momentum=None)
+        for s in flown.campaign.slews
+    ]
+    free = replace(flown.campaign, wheels=(), star_tracker=None, slews=tuple(slews))
+    effects = by_name([effect]) if effect else ()
+    assert Model(free).structure.wheels == 0
+    with pytest.raises(error, match=words):
+        Model(free, effects, drive)
+
+
+@pytest.mark.parametrize(
+    ("name", "drive", "advice"),
+    [("momentum", "measured", "use the commanded drive"), ("attitude", None, "leave it out")],
+)
+def test_noise_of_what_is_not_compared_is_refused_with_its_reason(flown, name, drive, advice):
+    campaign = flown.campaign
+    if name == "attitude":
+        slews = tuple(replace(slew, attitude=None) for slew in campaign.slews)
+        campaign = replace(campaign, slews=slews)
+    with pytest.raises(CampaignError, match=f"of the channel {name} are compared.*{advice}"):
+        Model(campaign, drive=drive, noise=NoiseModel(**{name: ChannelNoise("student_t")}))
 
 
 def test_without_gyro_and_attitudes_a_campaign_is_refused(flown):
