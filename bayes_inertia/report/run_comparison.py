@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 from bayes_inertia.maths.values import picked
@@ -113,7 +114,7 @@ class RunComparison:
     def J_and_K(self) -> tuple[ParameterDifference, ...]:
         """Those of J, and of K of every rate sensor, that both runs have."""
         kinds = ("moment of inertia", "product of inertia")
-        factors = sum(scale_factors(self.first.summary).values(), [])
+        factors = {*chain.from_iterable(scale_factors(self.first.summary).values())}
         both = (p for p in self.parameters if p.in_sd is not None)
         return tuple(p for p in both if kind_of(p.name) in kinds or p.name in factors)
 
