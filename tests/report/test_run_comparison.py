@@ -160,3 +160,18 @@ def test_runs_that_differ_by_a_former_result_say_so(made, tmp_path):
     differing = compare_two_runs(tmp_path / "a", tmp_path / "b").differing_settings
     assert [name for name, *_ in differing] == ["prior of J and K"]
     assert differing[0][1] == "the campaign's"
+
+
+def test_the_page_tells_nothing_of_wheels_that_neither_spacecraft_has(made, folders):
+    for name in ("before", "after"):
+        free = made("good")
+        fit = free.attributes["fit"]
+        fit["reduced_chi2"]["momentum"] = None
+        changed = {"wheels": 0, "fit": fit, "campaign_sha256": name}
+        free.tree.attrs["bayes_inertia"] = json.dumps(free.attributes | changed)
+        free.save(folders / name / "posterior.nc")
+    page = comparison_page(compare_two_runs(folders / "before", folders / "after"))
+    assert "errors are independent" in page
+    assert "star tracker" in page
+    assert "wheel momentum" not in page
+    assert "spin inertia" not in page

@@ -203,6 +203,14 @@ def test_limits_say_which_device_ties_the_size_of_the_tensor():
     assert "disagree" not in said
 
 
+@pytest.mark.parametrize(("sigma", "said"), [([1e-5] * 3, False), (None, True)])
+def test_the_check_says_that_a_campaign_has_no_rate_sensor(sigma, said):
+    c = {"slews": [], "wheels": [], "devices": [], "principal_moments_kgm2": [1.0, 2.0, 2.5]}
+    told = {"devices": False, "angles": True, "prior": (), "dirt": []}
+    lines = sentences("commands", "campaign", c | {"rate_sigma_radps": sigma}, 5, told)
+    assert any(line.startswith("no rate sensor: J comes from attitudes") for line in lines) is said
+
+
 @pytest.mark.parametrize(("name", "advised"), [("Jxy", True), ("jets.gain", False)])
 def test_slews_are_advised_for_what_slews_determine(name, advised):
     groups = {"determined": ["K1"], "partly determined": [], "not determined": [name]}
