@@ -137,7 +137,12 @@ def sampled(campaign: Campaign, shifts: Mapping[str, float] | None = None) -> Sa
     `shifts`: what to add to the time stamps of a channel of `Slew` [s], such as "attitude".
     """
     shifts = shifts or {}
-    pieces = [piece for slew in campaign.slews for piece in _pieces(campaign, slew, shifts)]
+    pieces: list[dict] = []
+    # Tachometers too slow for a piece leave what the rates and attitudes tell.
+    for slow in (False, True):
+        pieces = pieces or [
+            p for slew in campaign.slews for p in _pieces(slew, campaign, shifts, slow)
+        ]
     if not pieces:
         return None
     count = max(len(piece["time"]) for piece in pieces)
@@ -156,7 +161,9 @@ def _stacked(arrays: list, count: int) -> np.ndarray | None:
     return np.stack([np.concatenate([a, np.repeat(a[-1:], count - len(a), 0)]) for a in arrays])
 
 
-def _pieces(campaign: Campaign, slew: Slew, shifts: Mapping[str, float]) -> list[dict]:
+def _pieces(
+    slew: Slew, campaign: Campaign, shifts: Mapping[str, float], no_tachometers: bool
+) -> list[dict]:
     """The pieces of a slew between gaps of its rates or tachometers."""
     time = slew.time + shifts.get("rate", 0.0)
     channels = [_Channel(time, axis) for axis in _believable_rates(campaign, slew).T]
@@ -164,7 +171,7 @@ def _pieces(campaign: Campaign, slew: Slew, shifts: Mapping[str, float]) -> list
     if slew.wheel_momentum is not None and slew.wheel_momentum.shape[1]:
         time = slew.time + shifts.get("wheel_momentum", 0.0)
         wheels = [_Channel(time, column) for column in slew.wheel_momentum.T]
-        if any(len(wheel.time) < 2 for wheel in wheels):
+        if no_tachometers or any(len(wheel.time) < 2 for wheel in wheels):
             wheels = None
     every = [*channels, *(wheels or [])]
     if any(len(channel.time) < 2 for channel in every):

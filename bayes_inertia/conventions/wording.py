@@ -44,6 +44,9 @@ def invisible_in_brief(cannot_show: Sequence[str]) -> list[str]:
     >>> alike = "columns.time.unit: the data would be as content if time is in "
     >>> invisible_in_brief([f"{alike}ms, not in s", f"{alike}us, not in s", "no fixes"])
     ['no fixes', 'other values would do as well: columns.time.unit (2)']
+    >>> alike = f"actuators.wheel 1.axis, actuators.wheel 2.axis{_AS_CONTENT}"
+    >>> invisible_in_brief([f"{alike}they are exchanged"])
+    ['other values would do as well: actuators.*.axis (they are exchanged)']
     """
     brief = {line: short for lines in _NATURE.values() for line, short in lines.items()}
     nature = [brief[line] for line in cannot_show if line in brief]
@@ -66,7 +69,10 @@ def invisible_in_brief(cannot_show: Sequence[str]) -> list[str]:
 
 def _any_wheel(keys: str) -> str:
     """Keys of which those of several wheels are one."""
-    named = (re.sub(r"^wheels\..*\.", "wheels.*.", key) for key in keys.split(", "))
+    wheel = r"^(wheels)\..*\.|^(actuators)\..*\.(?=axis$)"
+    named = (
+        re.sub(wheel, lambda part: f"{part[1] or part[2]}.*.", key) for key in keys.split(", ")
+    )
     return " with ".join(dict.fromkeys(named))
 
 
@@ -89,7 +95,8 @@ def _without_telemetry(misfits: Misfits, laws: set[str]) -> list[str]:
     if not laws & {CLOSURE, DIRECTION}:
         said.append("no two star-tracker fixes in a slew: nothing checks the rates' closure")
     if CONSERVATION not in laws:
-        said.append("neither wheel momentum nor commands: nothing checks the rates against torques")
+        what = "neither wheel momentum often enough nor commands"
+        said.append(f"{what}: nothing checks the rates against torques")
     if DRIVE not in laws and misfits.campaign.wheels:
         said.append("torque commands and tachometers are not both there: neither checks the other")
     return said

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from support.commands import run
 
 import bayes_inertia
+from bayes_inertia.app.commands.check import show_check
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.conventions.check import check_conventions
 from bayes_inertia.conventions.columns import faulty_columns
@@ -285,6 +286,30 @@ def test_a_limit_that_is_far_exceeded_is_doubtful(tmp_path, key, value, words):
     check = check_conventions(folder, quick=True)
     assert check.verdict == "doubtful"
     assert any(words in doubt and "the limit is wrong" in doubt for doubt in check.doubts)
+
+
+@pytest.mark.parametrize(("factor", "verdict"), [(1.0, "consistent"), (180.0 / np.pi, "wrong")])
+def test_slow_tachometers_leave_what_rates_and_attitudes_tell(factor, verdict):
+    campaign = with_rates(factor * np.eye(3))
+    slews = []
+    for slew in campaign.slews:
+        momentum = np.full_like(slew.wheel_momentum, np.nan)
+        rare = slice(None, None, len(momentum) // 8)
+        momentum[rare] = np.asarray(slew.wheel_momentum)[rare]
+        slews.append(replace(slew, wheel_momentum=momentum, wheel_torque=None))
+    check = check_conventions(replace(campaign, slews=tuple(slews)), quick=True)
+    assert "closure" in check.misfits
+    assert check.verdict == verdict
+
+
+def test_a_campaign_that_no_law_can_check_is_not_said_to_agree(capsys):
+    campaign = with_rates(np.eye(3), attitude=None, **NO_WHEELS)
+    check = check_conventions(replace(campaign, star_tracker=None), quick=True)
+    assert check.misfits == {}
+    show_check(check, EXAMPLE)
+    out = capsys.readouterr().out
+    assert "nothing to check" in out
+    assert "agrees" not in out
 
 
 def test_doubtful_ends_with_3_and_the_next_command_warns(tmp_path, capsys):

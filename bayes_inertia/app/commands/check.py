@@ -264,7 +264,9 @@ def show_check(check: ConventionsCheck, campaign: Path, mapping_lines: Sequence[
     console = plain_console()
     hidden = invisible_in_brief(check.cannot_show)
     style = "bold red" if check.verdict == "wrong" else "bold"
-    console.print(headed(f"{check.campaign}: {_WORDS[check.verdict][0]}", style=style))
+    asked = check.misfits or check.verdict != "consistent"
+    word = _WORDS[check.verdict][0] if asked else "nothing to check"
+    console.print(headed(f"{check.campaign}: {word}", style=style))
     console.print(typeset(check.sentence))
     for title, lines in (
         ("the folder was imported; look here and import again:", mapping_lines),
