@@ -6,6 +6,7 @@ Which sd is quoted is decided once, in `Posterior.summary`.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -130,8 +131,17 @@ def contraction(row: Mapping[str, Any]) -> float:
     >>> contraction({"sd": 1.2, "quoted_sd": None, "prior_sd": 1.0})
     0.0
     """
+    return max(0.0, 1.0 - sharpened(row) ** -2)
+
+
+def sharpened(row: Mapping[str, Any]) -> float:
+    """How many times smaller the sd in print is than the prior's; of logarithms where the prior is.
+
+    >>> round(sharpened({"sd": 29.0, "quoted_sd": 58.0, "prior_sd": 7.8, "contraction": 0.75}), 9)
+    1.0
+    """
     left = 1.0 - row["contraction"] if "contraction" in row else (row["sd"] / row["prior_sd"]) ** 2
-    return max(0.0, 1.0 - left * (sd_in_print(row) / row["sd"]) ** 2)
+    return max(left, sys.float_info.epsilon) ** -0.5 * row["sd"] / sd_in_print(row)
 
 
 def contraction_text(share: float, criteria: Criteria) -> str:

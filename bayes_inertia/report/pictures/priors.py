@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.report.criteria import sd_in_print
+from bayes_inertia.report.criteria import sd_in_print, sharpened
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
 from bayes_inertia.report.pictures.posterior_data import values_of
@@ -71,7 +71,7 @@ def prior_panel(axes: Axes, posterior: Posterior, name: str, row: dict) -> None:
     axes.locator_params(axis="x", nbins=5)
     if zoomed:
         _strip(axes, (mean - prior_mean) / prior_sd)
-    gain = _gain_text(prior_sd / quoted)
+    gain = _gain_text(sharpened(row))
     style.note(axes, 0.99, 0.74, gain, transform=axes.transAxes, ha="right", va="top")
 
 
