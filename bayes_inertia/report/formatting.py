@@ -220,6 +220,8 @@ def plain(name: str) -> str:
     ('wheel command lag', 'solar pressure: torque x (inertial axes)')
     >>> plain("formula_body_torque_speed_squared_full")
     'body torque = c |ω|²'
+    >>> plain("noise.rate_degrees")
+    'noise: rate degrees of freedom'
     """
     effect, dot, parameter = name.rpartition(".")
     if (effect or name).startswith("formula_"):
@@ -229,6 +231,8 @@ def plain(name: str) -> str:
         formula = Formula.of_name(effect or name).text
         return f"{formula}: {parameter.replace('_', ' ')}" if dot else formula
     words = parameter.split("_")
+    # Beside angles, degrees alone would be read as a unit.
+    words += ["of", "freedom"] if effect == "noise" and words[-1] == "degrees" else []
     frames = [f" ({_FRAMES[word]})" for word in words[1:] if word in _FRAMES]
     quantity = " ".join(word for word in words if word not in _FRAMES or word == words[0])
     prefix = f"{effect.replace('_', ' ')}: " if dot else ""
