@@ -15,7 +15,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker, body_rates
+from bayes_inertia.campaign.hardware import (
+    DirectionSensor,
+    RateSensor,
+    StarTracker,
+    axes_to_body,
+    body_rates,
+)
 from bayes_inertia.campaign.inputs import held_integral
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.slew import Slew
@@ -29,20 +35,24 @@ Campaign = Any
 def reads_body_rates(campaign: Campaign) -> bool:
     """Whether the rate sensor reads three axes, and its noise is smaller than the motion."""
     sensor = campaign.rate_sensor
-    if sensor is None or len(sensor.axes) != 3:
-        return False
+    return sensor is not None and len(sensor.axes) == 3 and reads_motion(campaign)
+
+
+def reads_motion(campaign: Campaign) -> bool:
+    """Whether the noise of the rate sensor is smaller than the motion that it reads."""
+    sensor = campaign.gyro
     readings = np.concatenate([turning(campaign, s)[1] for s in campaign.slews])
     power = float(np.mean(np.sum(readings**2, axis=1))) if len(readings) else 0.0
     return float(np.linalg.norm(sensor.sigma)) <= LIMITS.noise_of_motion * np.sqrt(power)
 
 
 def turning(campaign: Campaign, slew: Slew) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (m,) in which all axes of a three-axis gyro are read, and body rates (m, 3) [rad/s].
+    """Rows (m,) in which all axes of a gyro are read, and what they tell of body rates (m, 3).
 
-    By its readings as they are, without scale factors and bias.
+    By its readings as they are [rad/s], without scale factors and bias.
     """
     rows, readings = slew.complete_rates(campaign.valid_readings(slew))
-    return rows, readings @ np.linalg.inv(campaign.gyro.axes).T
+    return rows, readings @ axes_to_body(campaign.gyro.axes).T
 
 
 def rows_read(campaign: Campaign, slew: Slew, kinds: Any) -> np.ndarray:

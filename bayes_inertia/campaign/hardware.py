@@ -422,6 +422,11 @@ def body_rates(
     return rate_S @ np.linalg.pinv(sensor.axes).T
 
 
+def axes_to_body(axes: np.ndarray) -> np.ndarray:
+    """Matrix (3, n) from rates along axes (n, 3) to the body's, by least squares."""
+    return np.linalg.inv(axes) if len(axes) == 3 else np.linalg.pinv(axes)
+
+
 def _require_independent_axes(axes: np.ndarray) -> None:
     """Raise `CampaignError` unless rows are unit vectors, and three or more span space."""
     key = "rate_sensor.axes"

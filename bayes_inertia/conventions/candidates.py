@@ -134,20 +134,18 @@ def _sense_of_torque(columns: Columns) -> Iterator[Mistake]:
 def _rate_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
     if "rate" not in columns:
         return
-    axes = campaign.gyro.axes
-    if not np.allclose(axes, axes.T, atol=1e-3):
+    axes, names = campaign.gyro.axes, columns["rate"]["names"]
+    three = len(axes) == 3
+    if three and not np.allclose(axes, axes.T, atol=1e-3):
         yield axes_mistake(axes, axes.T, 2, "the rate sensor's axes are written transposed")
-    if not np.allclose(axes, np.eye(3), atol=1e-3):
+    if three and not np.allclose(axes, np.eye(3), atol=1e-3):
         yield axes_mistake(axes, np.eye(3), 2, "the rates are along body axes already")
-    for order in permutations(range(3)):
-        for signs in _flipped_signs():
-            words, rarity = f"the rates are along the axes {_axes_in_words(order, signs)}", 4
-            if order == (0, 1, 2) and signs.count(-1.0) == 1:
-                words, rarity = f"rate sensor axis {signs.index(-1.0) + 1} has the other sign", 3
-            elif order == (0, 1, 2) and signs.count(-1.0) == 3:
-                words, rarity = "all rates have the other sign", 3
-            exchanged = np.diag(signs) @ np.eye(3)[list(order)]
-            yield axes_mistake(axes, exchanged @ axes, rarity, words)
+    for other in signed(names, "the rates"):
+        yield axes_mistake(axes, other.matrix.T @ axes, other.rarity, other.words)
+    for other in along_other_axes("xyz", "the rate sensor", not three):
+        # Of other than three axes, in any order, it is the body's axes that are mistaken.
+        mended = other.matrix.T @ axes if three else axes @ other.matrix
+        yield axes_mistake(axes, mended, other.rarity, other.words)
 
 
 def _flipped_signs() -> list[tuple[float, ...]]:
@@ -162,8 +160,11 @@ def _axes_in_words(order: Sequence[int], signs: Sequence[float]) -> str:
 
 
 def axes_mistake(axes: np.ndarray, mended: np.ndarray, rarity: int, words: str) -> Mistake:
-    """The mistake that the rate sensor's axes (3, 3) are others than stated."""
-    mend = turned("rate", np.linalg.inv(mended) @ axes)
+    """The mistake that the rate sensor's axes (n, 3) are others than stated."""
+
+    def mend(reading: Reading) -> Reading:
+        return replace(reading, rate_axes_B=mended)
+
     return _one_key("rate_sensor.axes", listed(axes), listed(mended), rarity, mend, words)
 
 
@@ -207,9 +208,15 @@ def signed(names: Sequence[str], what: str) -> Iterator[OtherColumns]:
         yield OtherColumns(other, np.diag(sign), 3 if len(flipped) in (1, count) else 4, words)
 
 
-def along_other_axes(names: Sequence[str], what: str) -> Iterator[OtherColumns]:
-    """Columns of a vector that are along turned axes: in another order and with other signs."""
-    for order, signs in product(_OTHER_ORDERS, _flipped_signs()):
+def along_other_axes(
+    names: Sequence[str], what: str, every: bool = False
+) -> Iterator[OtherColumns]:
+    """Columns of a vector along turned axes: in another order and with other signs, or either."""
+    turned_axes = product(_OTHER_ORDERS, _flipped_signs())
+    if every:
+        turned_axes = product(permutations(range(3)), product((1.0, -1.0), repeat=3))
+        next(turned_axes)  # As they are
+    for order, signs in turned_axes:
         other = list(names)
         for name, k, sign in zip(names, order, signs, strict=True):
             other[k] = name if sign > 0.0 else negated_name(name)

@@ -17,7 +17,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from bayes_inertia.campaign.body_rates import reads_body_rates
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import Description
 from bayes_inertia.campaign.hardware import DirectionSensor
@@ -26,7 +25,6 @@ from bayes_inertia.campaign.parsed_description import parse_description
 from bayes_inertia.campaign.reader import read_unmasked
 from bayes_inertia.campaign.schema import UNITS
 from bayes_inertia.campaign.sensors import BY_KEY, SensorStream
-from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.conventions import wording
 from bayes_inertia.conventions.candidates import mistakes
 from bayes_inertia.conventions.clocks import (
@@ -49,12 +47,11 @@ from bayes_inertia.conventions.laws import (
     DIRECTION,
     DRIVE,
     Misfits,
-    believed_noise,
+    misfits_of,
     noise_ratios,
     worst,
 )
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.motion import sampled
 from bayes_inertia.conventions.reading import (
     LIKE_THE_FIRST,
     Columns,
@@ -70,7 +67,6 @@ from bayes_inertia.conventions.reading import (
     of_wheels,
     readings_of,
     stated_columns,
-    stated_reading,
     untold,
 )
 from bayes_inertia.conventions.search import Judgement, Remedy, judged, misfit_of
@@ -357,40 +353,26 @@ def _in_keys_of_format_1(case: _Case) -> ConventionsCheck:
     """The same, whose changes alone have the keys of the campaign's own format."""
     campaign, written = case.campaign, case.written
     columns = stated_columns(campaign, case.description)
-    seen = _with_body_rates(campaign)
     # Numbers whose squares overflow break every law, infinitely.
     with np.errstate(over="ignore", invalid="ignore"):
         faults = faulty_columns(written, columns)
-        slews = sampled(seen)
-        if slews is None:  # The streams do not meet.
+        misfits = misfits_of(campaign)
+        if misfits is None:  # The streams do not meet.
             doubts = (*faults, *streams_apart(written, columns), *broken_limits(written, {}))
             verdict: Verdict = "doubtful" if doubts else "consistent"
             said = wording.verdict_in_words({}, (), verdict, (), doubts)
             return ConventionsCheck(campaign.name, verdict, said, {}, doubts=doubts)
-        misfits = Misfits(seen, slews, smoothed=seen is not campaign)
-        if misfits.smoothed:
+        if not misfits.own_axes:
             columns = {key: entry for key, entry in columns.items() if key != "rate"}
-        if misfits.fit(DIRECTION, stated_reading(seen)) is None:
+        if misfits.fit(DIRECTION, misfits.stated()) is None:
             columns = {key: e for key, e in columns.items() if not key.startswith("sensors.")}
         return _held_against_laws(case, misfits, columns, faults)
-
-
-def _with_body_rates(campaign: Campaign) -> Campaign:
-    """The campaign with rates about three axes; its own, unless noise that shows drowns them."""
-    own = campaign.rate_sensor
-    if own is not None and len(own.axes) == 3:
-        # In a larger unit than stated a good sensor has less noise than is stated, and less motion.
-        believed = zip(believed_noise(campaign, RATE).tolist(), own.sigma, strict=True)
-        quiet = replace(own, sigma=tuple(seen or stated for seen, stated in believed))
-        if reads_body_rates(replace(campaign, rate_sensor=quiet)):
-            return campaign
-    return campaign.with_body_rates
 
 
 def _held_against_laws(
     case: _Case, misfits: Misfits, columns: Columns, faults: tuple[str, ...]
 ) -> ConventionsCheck:
-    campaign, stated = misfits.campaign, stated_reading(misfits.campaign, case.torques)
+    campaign, stated = case.campaign, misfits.stated(case.torques)
     of_devices = device_mistakes(case.torques, columns, case.description)
     singles = sorted((*mistakes(campaign, columns), *of_devices), key=lambda m: m.rarity)
     judgement = judged(misfits, stated, singles)
@@ -401,14 +383,14 @@ def _held_against_laws(
     clock = Clocks()
     if not faults:
         mending, clock = what_mends(misfits, judgement, singles, columns, differ)
-    if misfits.smoothed:  # there is no column whose key could be changed
+    if misfits.smoothed:  # Rates that all sensors tell have no clock, and signs of the wheels'.
         mending, clock = tuple(r for r in mending if not _needs_rates(r)), Clocks()
     wrong = bool(mending) or worst(misfits.of(reading)) > LIMITS.hopeless
     doubts = faults + _doubts(case, misfits, columns, reading, differ, bool(mending))
     verdict: Verdict = "wrong" if wrong else "doubtful" if doubts else "consistent"
     if mending:
         reading = mending[0].mistake.mend(stated if mending[0] in judgement.remedies else reading)
-        mending = _completed(mending, campaign, case)
+        mending = _completed(mending, case)
     edits = wording.edited_lines(case.text, mending[0].mistake) if mending else ()
     by_law = misfit_of(misfits.of(stated if wrong else reading))
     stale = not np.array_equal(reading.bias_B, stated.bias_B)
@@ -422,21 +404,20 @@ def _held_against_laws(
         cannot_show=() if case.quick else invisible(misfits, reading, () if wrong else singles),
         remarks=clock.remarks,
         doubts=doubts,
-        dirt=() if case.quick else dirt_of(misfits, stated, reading),
+        dirt=() if case.quick else dirt_of(campaign, misfits, stated, reading),
     )
 
 
 def _needs_rates(remedy: Remedy) -> bool:
-    """Whether a remedy rests on rates of their own: on their columns, on clocks, or on no key."""
+    """Whether a remedy rests on rates that a sensor reads: one of a clock, or of no key."""
     keys = [change.key for change in remedy.mistake.changes]
-    of_rates = any(key.startswith(("columns.rate", "rate_sensor")) for key in keys)
-    return not keys or of_rates or any(key.endswith(".offset_s") for key in keys)
+    return not keys or any(key.endswith(".offset_s") for key in keys)
 
 
-def _completed(mending: tuple[Remedy, ...], campaign: Campaign, case: _Case) -> tuple[Remedy, ...]:
+def _completed(mending: tuple[Remedy, ...], case: _Case) -> tuple[Remedy, ...]:
     """Remedies in the keys of the description, the first with the keys that share its unit."""
     keys = tomllib.loads(case.text) if case.text else {}
-    first = with_companions(mending[0].mistake, campaign, keys)
+    first = with_companions(mending[0].mistake, case.campaign, keys)
     mending = (replace(mending[0], mistake=first), *mending[1:])
     return tuple(replace(r, mistake=as_written(r.mistake, case.description)) for r in mending)
 

@@ -11,8 +11,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import axis_names
 from bayes_inertia.campaign.sensors import SensorStream, series_of
-from bayes_inertia.campaign.sensors.rate import RATE
-from bayes_inertia.conventions.law_data import LinearFit
+from bayes_inertia.conventions.law_data import LinearFit, along_body
 from bayes_inertia.conventions.laws import (
     CLOSURE,
     CONSERVATION,
@@ -79,7 +78,8 @@ def _parameters(misfits: Misfits, law: str) -> list[str]:
     """The uncertain parameters of a law in the order of its regressors, as people call them."""
     axes = [f"{a}{b}" for a in "xyz" for b in "xyz"]
     # Smoothed rates have errors of their own, but no sensor with a K.
-    rates = "the rates that all sensors tell" if misfits.smoothed else "the rate sensor"
+    own = misfits.own_axes == len(misfits.campaign.gyro.axes) == 3
+    rates = "the rate sensor" if misfits.own_axes else "the rates that all sensors tell"
     bias = [f"a rate bias about {a}" for a in "xyz"]
     wheels = [wheel.name for wheel in misfits.campaign.wheels]
     if law == DRIVE:
@@ -90,10 +90,10 @@ def _parameters(misfits: Misfits, law: str) -> list[str]:
             for name, _ in direction_sensors(misfits.campaign)
             for what in (*(f"mounting or scale {a}" for a in axes), *(f"offset {a}" for a in "xyz"))
         ]
-        what = "scale" if misfits.smoothed else "K"
+        what = "K" if own else "scale"
         return [*(f"{what} or misalignment {a} of {rates}" for a in axes), *bias, *of_sensors]
     scales = [f"K{k} of {rates}" for k in (1, 2, 3)]
-    if misfits.smoothed:
+    if not own:
         scales = [f"the scale about {a} of {rates}" for a in "xyz"]
     changes = [f"J{a} after {c.name}" for c in misfits.campaign.changes for a in axes]
     torques = [f"a torque about {a}" for a in "xyz"]
@@ -269,11 +269,13 @@ def _beyond(campaign: Campaign, key: str, channel: str) -> dict[str, tuple[float
     return beyond
 
 
-def dirt_of(misfits: Misfits, stated: Reading, reading: Reading) -> tuple[dict[str, Any], ...]:
+def dirt_of(
+    campaign: Campaign, misfits: Misfits, stated: Reading, reading: Reading
+) -> tuple[dict[str, Any], ...]:
     """Everything that was found: by the reader, in the noise, and in the rests ("stale_bias")."""
-    by_reader = [dirt.json() for dirt in misfits.campaign.dirt]
-    series = [s for s in series_of(misfits.campaign) if not (misfits.smoothed and s == RATE)]
-    levels = [dirt.json() for s in series if (dirt := _level(misfits.campaign, s)) is not None]
+    by_reader = [dirt.json() for dirt in campaign.dirt]
+    found = (_level(campaign, stream) for stream in series_of(campaign))
+    levels = [dirt.json() for dirt in found if dirt is not None]
     return (*by_reader, *levels, *_stale_bias(misfits, stated, reading))
 
 
@@ -311,9 +313,9 @@ def _bias_at_rest(misfits: Misfits, reading: Reading) -> np.ndarray:
         return np.zeros(3)
     bias = np.median(told, axis=0)
     spread = SD_OVER_MAD * np.median(np.abs(told - bias), axis=0) / np.sqrt(len(told))
-    sensor = misfits.campaign.gyro
-    noise = np.asarray(sensor.sigma) / np.sqrt(FAULTS.rows_for_noise * len(told))
-    sd = np.sqrt(np.square(sensor.bias_sigma) + spread**2 + noise**2)
+    sensor, data = misfits.campaign.gyro, misfits.told(reading)
+    noise = along_body(data, sensor.sigma) / np.sqrt(FAULTS.rows_for_noise * len(told))
+    sd = np.sqrt(along_body(data, sensor.bias_sigma) ** 2 + spread**2 + noise**2)
     return np.where(np.abs(bias) > LIMITS.stale_bias_sds * sd, bias, 0.0)
 
 

@@ -5,7 +5,7 @@ Misfits are in standard deviations of what noise and undisclosed physics may lea
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -120,7 +120,7 @@ class Told:
     slews: SampledSlews  # The telemetry
     reading: Reading  # Conventions, stated or supposed
     motion: Motion  # What the rates then tell of the motion
-    # Sd of the readings of "rate" (3,) and "momentum" (wheels,), in the units stated
+    # Sd of the readings of "rate" (columns,) and "momentum" (wheels,), in the units stated
     noise: Mapping[str, np.ndarray]
     # (3,): sd of the rate bias [rad/s] where it is supposed to be stale; None for the stated one
     bias_sd: np.ndarray | None = None
@@ -164,7 +164,7 @@ def integrated_noise(told: Told) -> np.ndarray:
     if (noise := told.campaign.gyro.correlated_noise) is not None:
         lasting.append((rate * np.sqrt(noise.share), noise.time))
     for sd, time in lasting:
-        alike = np.minimum(duration[:, None], 2.0 * np.broadcast_to(time, 3))
+        alike = np.minimum(duration[:, None], 2.0 * np.broadcast_to(time, max(3, np.size(time))))
         square = square + duration * (np.square(sd) * alike).sum(axis=1)
     return np.sqrt(square)
 
@@ -189,8 +189,20 @@ def bias_sd_of(told: Told) -> np.ndarray:
         return told.bias_sd
     # A reading in a smaller unit must not drown in a bias that is stated in the larger one.
     rms = rms_rate(told)
-    stated = np.minimum(told.campaign.gyro.bias_sigma, rms)
+    stated = np.minimum(along_body(told, told.campaign.gyro.bias_sigma), rms)
     return np.maximum(stated, LIMITS.bias_share * rms)
+
+
+def along_body(told: Told, sds: Sequence[float]) -> np.ndarray:
+    """Sds (3,) along body axes of what has independent sds along the axes of the rate sensor."""
+    return np.sqrt(told.reading.axes_to_body**2 @ np.square(sds))
+
+
+def scale_sds(told: Told) -> np.ndarray:
+    """Sds (3,) of the scale about body axes, of those of the axes of the rate sensor at most."""
+    to_body = told.reading.axes_to_body
+    axes = np.concatenate([told.reading.rate_axes_B, np.eye(3)])[: to_body.shape[1]]
+    return np.abs(to_body * axes.T) @ np.asarray(told.campaign.gyro.scale_factor_sigma)
 
 
 def rms_rate(told: Told) -> float:
@@ -218,6 +230,6 @@ def crossed(angles: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 def uncertain_path(told: Told) -> np.ndarray:
     """Rotation (S, N, 3, 12), in the axes of the first moment, by K, misalignment and bias."""
     moving = told.motion
-    scale_sd = np.maximum(LIMITS.scale_sd, told.campaign.gyro.scale_factor_sigma)
+    scale_sd = np.maximum(LIMITS.scale_sd, scale_sds(told))
     sds = np.where(np.eye(3, dtype=bool), scale_sd, LIMITS.misalignment_sd).ravel()
     return np.concatenate([moving.by_scale * sds, moving.by_bias * bias_sd_of(told)], axis=-1)

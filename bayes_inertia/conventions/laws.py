@@ -13,13 +13,16 @@ Misfits are in standard deviations of what noise and undisclosed physics may lea
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from bayes_inertia.campaign.actuators import GimballedRotors
+from bayes_inertia.campaign.body_rates import reads_motion
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import CorrelatedNoise
 from bayes_inertia.campaign.sensors import SensorStream, series_of
 from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.conventions.direction import direction
@@ -33,6 +36,7 @@ from bayes_inertia.conventions.law_data import (
     deviation,
     integrated_noise,
     norm_of,
+    scale_sds,
     uncertain_path,
 )
 from bayes_inertia.conventions.limits import LIMITS
@@ -42,10 +46,11 @@ from bayes_inertia.conventions.motion import (
     angle_of,
     composed,
     motion_of,
+    sampled,
     told_impulse,
     turned_back,
 )
-from bayes_inertia.conventions.reading import Reading
+from bayes_inertia.conventions.reading import Reading, ToldTorques, stated_reading
 from bayes_inertia.faults.noise import smooth_noise
 
 
@@ -178,7 +183,7 @@ def _uncertain_momentum(told: Told, total: np.ndarray, size: np.ndarray) -> np.n
     sds = np.where(np.eye(3, dtype=bool), moments[:, None], product)
     by_inertia = np.einsum("snia,snb->sniab", moving.to_start, moving.rate_B)
     by_inertia = by_inertia.reshape(*by_inertia.shape[:3], 9)
-    scales = np.maximum(LIMITS.frame_share, told.campaign.gyro.scale_factor_sigma)
+    scales = np.maximum(LIMITS.frame_share, scale_sds(told))
     by_scale = crossed(moving.by_scale[..., [0, 4, 8]], total) * scales
     by_bias = crossed(moving.by_bias, total) + moving.to_start @ inertia
     unseen = told.slews.momentum is None
@@ -212,7 +217,7 @@ def wheel_momentum_B(told: Told) -> np.ndarray | None:
     """
     slews, reading = told.slews, told.reading
     if not reading.axes_B.shape[1]:
-        return np.zeros(slews.rate.shape)
+        return np.zeros((*slews.time.shape, 3))
     if slews.momentum is not None:
         return slews.momentum @ (reading.axes_B @ reading.momentum).T
     if slews.impulse is not None:
@@ -222,7 +227,7 @@ def wheel_momentum_B(told: Told) -> np.ndarray | None:
 
 def _momentum_noise(told: Told) -> float:
     """Noise of J w + G h at one moment, rotors on gimbals of noisy angles included [N m s]."""
-    body = told.reading.inertia @ told.reading.rate @ np.diag(told.noise["rate"])
+    body = told.reading.inertia @ told.reading.body_rate @ np.diag(told.noise["rate"])
     wander = [told.reading.inertia * sd for sd, _ in bias_wander(told)]
     wheels = told.reading.momentum @ told.noise["momentum"]
     rotors = [
@@ -278,14 +283,19 @@ LAWS: Mapping[str, Callable[[Told], LawData | None]] = {
 """The laws by name."""
 
 
+RATES = ("rate", "rate_axes_B", "bias_B")
+"""Fields of a reading that the motion depends on, beside time."""
+
+
 @dataclass(frozen=True, eq=False)
 class Misfits:
     """The laws, for a campaign at some sixty moments a slew; results are kept."""
 
     campaign: Campaign  # Hardware and priors
     slews: SampledSlews  # Its telemetry
-    # Whether the rates are smoothed from all sensors: their noise does not show
-    smoothed: bool = False
+    # How many axes of the rate sensor, the last ones, are smoothed from all sensors: their noise
+    # does not show
+    smoothed: int = 0
     kept: dict = field(default_factory=dict)
 
     def with_slews(self, slews: SampledSlews) -> Misfits:
@@ -306,7 +316,7 @@ class Misfits:
 
     def motion(self, reading: Reading) -> Motion:
         """The motion that the rates tell."""
-        key = ("motion", reading.rate.tobytes(), reading.time, reading.bias_B.tobytes())
+        key = ("motion", reading.time, *self.parts(RATES, reading))
         if key not in self.kept:
             self.kept[key] = motion_of(self.slews, reading)
         return self.kept[key]
@@ -315,13 +325,22 @@ class Misfits:
         """One law as a linear problem; `bias_sd` (3,) [rad/s] where the rate bias may be stale."""
         return LAWS[law](replace(self.told(reading), bias_sd=bias_sd))
 
+    def stated(self, torques: ToldTorques | None = None) -> Reading:
+        """The reading that the campaign states."""
+        return stated_reading(self.campaign, torques, self.smoothed)
+
+    @property
+    def own_axes(self) -> int:
+        """How many axes of the rate sensor are its own."""
+        return len(self.campaign.gyro.axes) - self.smoothed
+
     def told(self, reading: Reading) -> Told:
         """Telemetry in physical units, under a reading."""
         if "noise" not in self.kept:
             series = series_of(self.campaign)
             believed = {s.name: believed_noise(self.campaign, s) for s in series}
             if self.smoothed:
-                believed[RATE.name] = np.array(RATE.sigma(self.campaign))
+                believed[RATE.name][-self.smoothed :] = self.campaign.gyro.sigma[-self.smoothed :]
             self.kept["noise"] = believed
         noise = self.kept["noise"]
         motion = self.motion(reading)
@@ -329,8 +348,7 @@ class Misfits:
 
     def fit(self, law: str, reading: Reading) -> LinearFit | None:
         """The fit of one law; the same reading of the same channels is fitted once."""
-        arrays = (getattr(reading, part).tobytes() for part in self.parts_of(law))
-        key = (law, reading.time, *arrays)
+        key = (law, reading.time, *self.parts(self.parts_of(law), reading))
         if key not in self.kept:
             data = self.law(law, reading)
             self.kept[key] = None if data is None else data.fit()
@@ -339,14 +357,56 @@ class Misfits:
     def parts_of(self, law: str) -> tuple[str, ...]:
         """Which fields of a reading, besides time, a law depends on."""
         parts: dict[str, tuple[str, ...]] = {
-            CLOSURE: ("rate", "bias_B", "attitude"),
-            DIRECTION: ("rate", "bias_B", "attitude", "directions", "references"),
-            CONSERVATION: ("rate", "bias_B", "axes_B", "inertia", "torques", self.wheel_channel),
+            CLOSURE: (*RATES, "attitude"),
+            DIRECTION: (*RATES, "attitude", "directions", "references"),
+            CONSERVATION: (*RATES, "axes_B", "inertia", "torques", self.wheel_channel),
             DRIVE: ("torque", "momentum"),
         }
         return parts[law]
+
+    def parts(self, fields: Sequence[str], reading: Reading) -> list[bytes]:
+        """Fields of a reading, as its results are kept under."""
+        return [getattr(reading, part).tobytes() for part in fields]
 
     @property
     def wheel_channel(self) -> str:
         """Which field of a reading tells the wheels' momentum."""
         return "torque" if self.slews.momentum is None else "momentum"
+
+
+def misfits_of(campaign: Campaign) -> Misfits | None:
+    """The laws for a campaign; None if no slew has enough rates.
+
+    The rate sensor's own axes count unless noise that shows drowns them; where they do not span
+    space, smoothed rates of the body stand beside them.
+    """
+    own, smoothed = campaign.rate_sensor, 0
+    if own is not None:
+        # In a larger unit than stated a good sensor has less noise than is stated, and less motion.
+        believed = zip(believed_noise(campaign, RATE).tolist(), own.sigma, strict=True)
+        quiet = replace(own, sigma=tuple(seen or stated for seen, stated in believed))
+    if own is None or not reads_motion(replace(campaign, rate_sensor=quiet)):
+        campaign, smoothed = campaign.with_body_rates, 3
+    elif len(own.axes) < 3:
+        campaign, smoothed = _beside_smoothed(campaign), 3
+    slews = sampled(campaign)
+    return None if slews is None else Misfits(campaign, slews, smoothed)
+
+
+def _beside_smoothed(campaign: Campaign) -> Campaign:
+    """A campaign whose rate sensor has three axes more: body rates that all others tell."""
+    without = tuple(replace(slew, rate=None) for slew in campaign.slews)
+    others = replace(campaign, rate_sensor=None, slews=without).with_body_rates
+    own, more = campaign.gyro, others.gyro
+    # What wheels tell of them is as wrong as J.
+    scale = max(LIMITS.inertia_sd, campaign.inertia.relative_sigma)
+    more = replace(more, scale_factor_sigma=(scale,) * 3)
+    numbers = ("sigma", "scale_factor", "scale_factor_sigma", "bias", "bias_sigma")
+    joined: dict[str, Any] = {key: getattr(own, key) + getattr(more, key) for key in numbers}
+    if (noise := own.correlated_noise) is not None:
+        white = CorrelatedNoise(noise.share + (0.0,) * 3, noise.time + (1.0,) * 3)
+        joined["correlated_noise"] = white
+    sensor = replace(own, axes=np.concatenate([own.axes, more.axes]), **joined)
+    rates = zip(campaign.slews, others.slews, strict=True)
+    slews = tuple(replace(s, rate=np.hstack([s.rate, o.rate])) for s, o in rates)  # type: ignore
+    return replace(campaign, rate_sensor=sensor, slews=slews)

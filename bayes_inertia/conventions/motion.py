@@ -105,8 +105,10 @@ class SampledSlews:
     # (S, N): moments on the slew's own clock [s], as stated; the last is repeated at the end
     time: np.ndarray
     valid: np.ndarray  # (S, N) of bool: false where a moment is a repetition
-    rate: np.ndarray  # (S, N, 3): rate sensor's readings [rad/s], as stated
-    turn: np.ndarray  # (S, N, 3): their integrals since the first moment [rad]
+    # (S, N, n or n + 3): rates along the axes of the sensor [rad/s], as stated, and of the body
+    # where it has two axes or fewer
+    rate: np.ndarray
+    turn: np.ndarray  # The same shape: their integrals since the first moment [rad]
     momentum: np.ndarray | None  # (S, N, wheels): wheel momentum relative to the body [N m s]
     # (S, N, wheels): integral of the torque commands since the first moment [N m s]
     impulse: np.ndarray | None
@@ -328,9 +330,9 @@ class Motion:
 
 def motion_of(slews: SampledSlews, reading: Reading) -> Motion:
     """The motion that the rates of a reading tell."""
-    shift = reading.bias_B
+    shift, body_rate = reading.bias_B, reading.body_rate
     steps = reading.time * np.diff(slews.time, axis=1)[..., None]
-    turns = reading.time * np.diff(slews.turn, axis=1) @ reading.rate.T - shift * steps
+    turns = reading.time * np.diff(slews.turn, axis=1) @ body_rate.T - shift * steps
     path = accumulated(of_angle(turns))
     start = np.broadcast_to([0.0, 0.0, 0.0, 1.0], (*path.shape[:1], 1, 4))
     path = np.concatenate([start, path], axis=1)
@@ -338,7 +340,7 @@ def motion_of(slews: SampledSlews, reading: Reading) -> Motion:
     middle = 0.5 * (to_start[:, 1:] + to_start[:, :-1])
     scale = np.einsum("snia,snb->sniab", middle, turns)
     return Motion(
-        rate_B=slews.rate @ reading.rate.T - shift,
+        rate_B=slews.rate @ body_rate.T - shift,
         path=path,
         to_start=to_start,
         by_scale=_running(scale.reshape(*scale.shape[:3], 9)),

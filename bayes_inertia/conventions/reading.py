@@ -16,7 +16,12 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import Description, Entry
-from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTracker
+from bayes_inertia.campaign.hardware import (
+    DirectionSensor,
+    RateSensor,
+    StarTracker,
+    axes_to_body,
+)
 from bayes_inertia.campaign.slew_parts import INPUTS, MORE
 
 Columns = Mapping[str, Mapping[str, Any]]
@@ -101,7 +106,8 @@ class ToldTorques:
 class Reading:
     """Conversion of telemetry, as the campaign states it, into physics."""
 
-    rate: np.ndarray  # (3, 3): from the sensor's readings to the body's rate
+    rate: np.ndarray  # (n, n): from the rate sensor's columns to the rates along its axes
+    rate_axes_B: np.ndarray  # (n, 3): those axes, as rows
     time: float  # Factor on time
     attitude: np.ndarray  # (4, 4): from the quaternion as stated to body from inertial, scalar last
     # torque, momentum: (wheels, wheels): from the columns to the torque and momentum of each wheel
@@ -114,16 +120,40 @@ class Reading:
     bias_B: np.ndarray  # (3,): what the rate still shows of a body at rest, along body axes [rad/s]
     torques: ToldTorques  # on the body, by what is not a wheel
 
+    @property
+    def axes_to_body(self) -> np.ndarray:
+        """(3, n), of two axes and fewer (3, n + 3): from rates along axes to the body's rate.
 
-def stated_reading(campaign: Campaign, torques: ToldTorques | None = None) -> Reading:
-    """The reading that a campaign states: scale factors and axes of its hardware, told torques."""
+        The last three are rates of the body as other sensors tell them, where no axis reads.
+        """
+        along_axes = axes_to_body(self.rate_axes_B)
+        if len(self.rate_axes_B) > 2:
+            return along_axes
+        return np.column_stack([along_axes, np.eye(3) - along_axes @ self.rate_axes_B])
+
+    @property
+    def body_rate(self) -> np.ndarray:
+        """The same from the columns of `SampledSlews.rate`."""
+        along_axes, own = self.axes_to_body, len(self.rate)
+        return np.column_stack([along_axes[:, :own] @ self.rate, along_axes[:, own:]])
+
+
+def stated_reading(
+    campaign: Campaign, torques: ToldTorques | None = None, smoothed: int = 0
+) -> Reading:
+    """The reading that a campaign states: scale factors and axes of its hardware, told torques.
+
+    `smoothed`: how many axes of the rate sensor, the last ones, are no sensor's own.
+    """
     sensor, axes_B = campaign.gyro, campaign.wheel_axes_B
+    own = len(sensor.axes) - smoothed
     same = np.eye(len(campaign.wheels))
     vectors = np.tile(np.eye(3), (len(direction_sensors(campaign)), 1, 1))
     spin = (axes_B * campaign.spin_inertias) @ axes_B.T
     prior = campaign.inertia
     return Reading(
-        rate=np.linalg.inv(sensor.axes) @ np.diag(sensor.scale_factor),
+        rate=np.diag(sensor.scale_factor[:own]),
+        rate_axes_B=sensor.axes[:own],
         time=1.0,
         attitude=np.eye(4),
         torque=same,
@@ -132,7 +162,7 @@ def stated_reading(campaign: Campaign, torques: ToldTorques | None = None) -> Re
         inertia=prior.tensor + (0.0 if prior.includes_wheel_spin else 1.0) * spin,
         directions=vectors,
         references=vectors,
-        bias_B=np.linalg.inv(sensor.axes) @ np.asarray(sensor.bias),
+        bias_B=axes_to_body(sensor.axes[:own]) @ np.asarray(sensor.bias[:own]),
         torques=torques or ToldTorques(campaign),
     )
 

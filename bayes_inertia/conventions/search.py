@@ -195,9 +195,10 @@ def misfit_of(fits: dict[str, LinearFit]) -> dict[str, float]:
 
 def turned_sensor(misfits: laws.Misfits, reading: Reading) -> list[Mistake]:
     """Rotations of the rate sensor's frame that fixes, and wheel momentum, propose."""
-    axes = misfits.campaign.gyro.axes
+    axes = reading.rate_axes_B
     words = "the rates are along other axes"
-    rotations = [_from_fixes(misfits, reading), _from_momentum(misfits, reading)]
+    found = (_from_fixes, _from_momentum) if len(axes) else ()
+    rotations = [told(misfits, reading) for told in found]
     return [
         axes_mistake(
             axes, np.round(axes @ rotation.T, LIMITS.axis_decimals), LIMITS.sensor_rarity, words
@@ -217,7 +218,7 @@ def turned_beside_bias(misfits: laws.Misfits, reading: Reading) -> list[Mistake]
         mended = [with_own_bias(misfits, mistake.mend(reading)) for mistake in proposed]
         k = int(np.argmin([laws.worst(misfits.of(m)) for m in mended]))
         best = [proposed[k]]
-        back = reading.rate @ np.linalg.inv(mended[k].rate)
+        back = reading.axes_to_body[:, : misfits.own_axes] @ mended[k].rate_axes_B
         reading = replace(reading, bias_B=back @ mended[k].bias_B)
     return best
 
@@ -255,7 +256,7 @@ def _from_momentum(misfits: laws.Misfits, reading: Reading) -> np.ndarray | None
         return None
     rotation = np.eye(3)
     for _ in range(LIMITS.sensor_rounds):
-        turned = replace(reading, rate=rotation @ reading.rate)
+        turned = replace(reading, rate_axes_B=reading.rate_axes_B @ rotation.T)
         moving = misfits.motion(turned)
         rate = np.einsum("snij,snj->sni", moving.to_start, moving.rate_B)
         columns = np.einsum("snia,snb->sniab", moving.to_start, moving.rate_B)

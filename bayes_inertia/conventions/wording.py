@@ -99,6 +99,8 @@ def _without_telemetry(misfits: Misfits, laws: set[str]) -> list[str]:
         said.append(f"{what}: nothing checks the rates against torques")
     if DRIVE not in laws and misfits.campaign.wheels:
         said.append("torque commands and tachometers are not both there: neither checks the other")
+    if misfits.smoothed:
+        said.append("no rate sensor reads three axes above its noise: nothing checks the clocks")
     return said
 
 

@@ -1,4 +1,4 @@
-"""An honest poor gyro, or none, is not taken for motion, and not accused."""
+"""A gyro of any number of axes is checked; an honest poor one, or none, is not accused."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import bayes_inertia
+from bayes_inertia.campaign.hardware import RateSensor
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.conventions.check import check_conventions
 from bayes_inertia.physics.integration_plan import motion_scales
@@ -72,6 +73,51 @@ def test_a_wrong_sign_of_the_wheels_is_found_without_a_gyro(flying, setup_type):
 
 def test_a_good_gyro_is_taken_as_it_is(good):
     assert good.with_body_rates is good
+
+
+SKEWED = np.array([[1, 1, 1], [-1, 1, 1], [-1, -1, 1], [1, -1, 1]]) / np.sqrt(3.0)
+AXES = {"two axes": np.eye(3)[:2], "four skewed axes": SKEWED}
+
+
+def with_axes(campaign, axes, misread):
+    """The campaign, whose gyro has other axes (n, 3), and readings (rows, n) as misread."""
+    own, rng = campaign.gyro, np.random.default_rng(1)
+    sensor = RateSensor(own.sigma[0], axes, bias_sigma=own.bias_sigma[0])
+    slews = []
+    for slew in campaign.slews:
+        readings = slew.rate @ axes.T
+        readings += own.sigma[0] * rng.normal(size=readings.shape)
+        slews.append(replace(slew, rate=misread(readings)))
+    return replace(campaign, rate_sensor=sensor, slews=tuple(slews))
+
+
+MISREAD = {
+    "in another unit": (lambda w: np.degrees(w), "columns.rate.unit", "deg/s"),
+    "exchanged": (lambda w: w[:, [1, 0, *range(2, w.shape[1])]], "columns.rate.names", None),
+    "with a wrong sign": (lambda w: w * np.where(np.arange(w.shape[1]), 1, -1), None, None),
+}
+
+
+@pytest.mark.parametrize("axes", AXES.values(), ids=AXES)
+def test_right_readings_of_any_axes_are_not_accused(example, axes):
+    check = check_conventions(with_axes(example, axes, lambda w: w), quick=True)
+    assert check.verdict == "consistent", check.sentence
+
+
+@pytest.mark.parametrize("wrong", MISREAD.values(), ids=MISREAD)
+@pytest.mark.parametrize("axes", AXES.values(), ids=AXES)
+def test_a_wrong_key_of_a_gyro_of_any_axes_is_named(example, axes, wrong):
+    misread, key, mended = wrong
+    first = check_conventions(with_axes(example, axes, misread), quick=True).changes[0]
+    if key is None:  # The axis of the reading is turned round.
+        key, mended = "rate_sensor.axes", [(-axes[0]).tolist(), *axes[1:].tolist()]
+        np.testing.assert_allclose(first.mended, mended, atol=1e-9)
+    elif key == "columns.rate.names":
+        names = [f"rate_{i + 1}" for i in range(len(axes))]
+        assert first.mended == [names[1], names[0], *names[2:]]
+    else:
+        assert first.mended == mended
+    assert first.key == key
 
 
 def test_fixes_at_rest_pull_no_rate_that_only_the_wheels_tell(example):
