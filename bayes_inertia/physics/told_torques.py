@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 import jax
@@ -17,9 +17,10 @@ from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.channels import channels_of
 from bayes_inertia.physics.effect import ActiveEffects, Effect
 from bayes_inertia.physics.equations_of_motion import with_delivered_inputs
-from bayes_inertia.physics.packing import Arrays, bridged, pack
+from bayes_inertia.physics.packing import bridged, pack
 from bayes_inertia.physics.parameters import ParameterSpace
 from bayes_inertia.physics.slew_context import State
+from bayes_inertia.physics.slew_input import SlewInput
 
 
 def told_torques(
@@ -38,16 +39,20 @@ def told_torques(
     space = ParameterSpace(tuple((e.name, p) for e in acting for p in e.parameters(campaign)))
     asked = sorted({name for effect in acting for name in effect.inputs})
     arrays = pack(campaign, channels_of(campaign, "commanded"), inputs=asked)
+    slews = arrays.slews
+    times, steps = np.asarray(slews.context.time), np.asarray(slews.context.step)
+    measured = [_measured_motion(campaign, k, time) for k, time in enumerate(times)]
+    motions = [np.stack(part) for part in zip(*measured, strict=True)]
+    one = partial(_motion_of, acting, space, campaign)
+
+    def every(flat: Array) -> tuple[Array, Array]:
+        return jax.vmap(partial(one, flat))(slews, *motions)
+
     told = {}
-    for k, slew in enumerate(campaign.slews):
-        one: Arrays = jax.tree.map(lambda rows, k=k: rows[k], arrays)
-        rate_B, attitude = _measured_motion(campaign, k, np.asarray(one.slews.context.time))
-        motion = partial(_motion_of, acting, space, campaign, one, rate_B, attitude)
-        (mean, doubt), (carried, carried_doubt) = _at_prior(motion, space)
-        step = np.asarray(one.slews.context.step)
-        time = slew.time[0] + np.asarray(one.slews.context.time)
+    parts = zip(campaign.slews, times, steps, *_at_prior(every, space), strict=True)
+    for slew, time, step, mean, doubt, carried, carried_doubt in parts:
         doubt = _integral(doubt[:, None], step)[:, 0] + carried_doubt
-        told[slew.name] = (time, _integral(mean, step), doubt, carried)
+        told[slew.name] = (slew.time[0] + time, _integral(mean, step), doubt, carried)
     return told
 
 
@@ -68,49 +73,53 @@ def _measured_motion(
     read = np.stack([bridged(grid, time, column) for column in readings.T], axis=-1)
     rate_B = body_rates(sensor, read, sensor.scale_factor)
     turns = 0.5 * (rate_B[1:] + rate_B[:-1]) * np.diff(grid)[:, None]
-    path = np.asarray(_accumulated(jnp.asarray(turns)))
     rows, seen, _ = attitudes_seen(original, original.slews[slew])
     if not len(rows):
         first = first_attitude_by_rates(original, original.slews[slew])
-        rows, seen = np.zeros(1, dtype=int), np.array([path[0] if first is None else first])
+        rows = np.zeros(1, dtype=int)
+        seen = np.array([[0.0, 0.0, 0.0, 1.0] if first is None else first])
     at = np.searchsorted(grid, time[rows])
     # What each seen attitude says of the first moment; the nearest one counts, for a bias drifts.
-    begun = quaternion.multiply(jnp.asarray(seen), quaternion.conjugate(jnp.asarray(path[at])))
     nearest = np.searchsorted(0.5 * (grid[at][1:] + grid[at][:-1]), grid)
-    return rate_B, np.asarray(quaternion.multiply(begun[nearest], jnp.asarray(path)))
+    return rate_B, np.asarray(_attitudes(turns, seen, at, nearest))
 
 
 @jax.jit
-def _accumulated(turns: Array) -> Array:
-    """Attitudes (n, 4) relative to the first, by n - 1 small rotations (n - 1, 3) [rad]."""
+def _attitudes(turns: Array, seen: Array, at: Array, nearest: Array) -> Array:
+    """Attitudes (n, 4) by small rotations (n - 1, 3) [rad] from one of those seen (m, 4).
+
+    `at`: the moments (m,) that they are of; `nearest`: which one counts for each moment (n,).
+    """
 
     def turned(attitude: Array, turn: Array) -> tuple[Array, Array]:
         after = quaternion.turned(attitude, turn)
         return after, after
 
     start = jnp.array([0.0, 0.0, 0.0, 1.0])
-    return jnp.concatenate([start[None], jax.lax.scan(turned, start, turns)[1]])
+    path = jnp.concatenate([start[None], jax.lax.scan(turned, start, turns)[1]])
+    begun = quaternion.multiply(seen, quaternion.conjugate(path[at]))
+    return quaternion.multiply(begun[nearest], path)
 
 
 def _motion_of(
     acting: Sequence[Effect],
     space: ParameterSpace,
     campaign: Campaign,
-    one: Arrays,
-    rate_B: np.ndarray,
-    attitude: np.ndarray,
     flat: Array,
+    slew: SlewInput,
+    rate_B: Array,
+    attitude: Array,
 ) -> tuple[Array, Array]:
     """Torque (n, 3) of all effects [N m], and momentum (n, 3) that devices carry [N m s]."""
-    values, context, prior = space.split(flat), one.slews.context, campaign.inertia
+    values, context, prior = space.split(flat), slew.context, campaign.inertia
     active = ActiveEffects(tuple(acting), {e.name: values.get(e.name, {}) for e in acting})
-    inputs = with_delivered_inputs(one.slews, active)
+    inputs = with_delivered_inputs(slew, active)
     axes, spin = campaign.wheel_axes_B, campaign.spin_inertias
     J = prior.tensor if prior.includes_wheel_spin else prior.tensor + (axes * spin) @ axes.T
     delivered = inputs.inputs or {}
     torque = carried = jnp.zeros((len(rate_B), 3))
     for effect, p in active:
-        states = effect.initial_state(p, context, jnp.asarray(rate_B[0]))
+        states = effect.initial_state(p, context, rate_B[0])
 
         def torque_at(t, turned, rate, momentum, environment, devices, e=effect, p=p, s=states):
             state = State(turned, rate, momentum, s, jnp.asarray(J), *environment)
@@ -118,8 +127,8 @@ def _motion_of(
 
         torque += jax.vmap(torque_at)(
             context.time,
-            jnp.asarray(attitude),
-            jnp.asarray(rate_B),
+            attitude,
+            rate_B,
             inputs.momentum,
             inputs.environment,
             {name: 0.5 * (x.first + x.last) for name, x in delivered.items()},
@@ -134,16 +143,16 @@ def _motion_of(
 
 def _at_prior(
     at_all: Callable[[Array], tuple[Array, ...]], space: ParameterSpace
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Vectors (n, 3) at the priors' means, and the size (n,) of what one sd of each changes.
+) -> Iterator[np.ndarray]:
+    """Vectors (S, n, 3) at the priors' means, and sizes (S, n) of what one sd of each changes.
 
     Parameters of one effect add up as independent ones do; effects by their sizes.
     """
-    mean, sd = jnp.asarray(space.mean), jnp.asarray(space.sd)
+    values, changed_by = jax.linearize(at_all, jnp.asarray(space.mean))
+    slopes = jax.vmap(changed_by)(jnp.diag(jnp.asarray(space.sd)))
     owners = dict.fromkeys(owner for owner, _ in space.entries)
-    found = []
-    for value, slopes in zip(at_all(mean), jax.jacfwd(at_all)(mean), strict=True):
-        square = np.asarray(slopes * sd) ** 2
-        sizes = [np.sqrt(np.sum(square[..., space.slice_of(o)], axis=(1, 2))) for o in owners]
-        found.append((np.asarray(value), np.sum([np.zeros(len(square)), *sizes], axis=0)))
-    return found
+    for value, slope in zip(values, slopes, strict=True):
+        square = np.sum(np.asarray(slope) ** 2, axis=-1)
+        sizes = [np.sqrt(square[space.slice_of(owner)].sum(axis=0)) for owner in owners]
+        yield np.asarray(value)
+        yield np.sum([np.zeros(square.shape[1:]), *sizes], axis=0)
