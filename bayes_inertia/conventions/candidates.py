@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import combinations, permutations, product
 from typing import Any, NamedTuple
 
@@ -25,10 +26,9 @@ from bayes_inertia.conventions.reading import (
     KeyChange,
     Mistake,
     Reading,
+    both,
+    changed,
     direction_sensors,
-    reordered,
-    scaled,
-    turned,
 )
 from bayes_inertia.files import vocabulary
 from bayes_inertia.tables.table import negated_name
@@ -44,13 +44,14 @@ _OTHER_ORDERS = tuple(permutations(range(3)))[1:]
 
 def mistakes(campaign: Campaign, columns: Columns) -> list[Mistake]:
     """All single mistakes that are tried for a campaign, the most common first."""
+    of_streams = [m for m in _stream_mistakes(columns) if m.changes[0].key.endswith("unit")]
     every = [
         *_stream_mistakes(columns),
         *_attitude_mistakes(columns),
         *_sense_of_torque(columns),
         *_rate_mistakes(campaign, columns),
         *_wheel_axes(campaign, columns),
-        *_shared_units(columns),
+        *_shared_units(of_streams),
         *_inertia_mistakes(campaign),
         *_spin_inertias(campaign, columns),
         *_direction_mistakes(campaign, columns),
@@ -66,7 +67,20 @@ def listed(values: np.ndarray) -> list:
     return [float(f"{value + 0.0:.12g}") for value in values.tolist()]
 
 
-def _one_key(key: str, stated: Any, mended: Any, rarity: int, mend: Any, words: str) -> Mistake:
+def unmended(reading: Reading) -> Reading:
+    """The reading as it is: that of a mistake which does not say yet how readings change."""
+    return reading
+
+
+def one_key(
+    key: str,
+    stated: Any,
+    mended: Any,
+    rarity: int,
+    words: str,
+    mend: Callable[[Reading], Reading] = unmended,
+) -> Mistake:
+    """A mistake in one key."""
     return Mistake((KeyChange(key, stated, mended),), rarity, mend, words)
 
 
@@ -76,43 +90,46 @@ def _stream_mistakes(columns: Columns) -> Iterator[Mistake]:
         if key in columns:
             entry = columns[key]
             stated = Stated(f"columns.{key}", key, entry["unit"], list(entry["names"]))
-            for matrix, tried in of_columns(stated, name, signs=False):
-                factor = scaled(**{field: float(matrix[0, 0])})
-                yield replace(tried, mend=factor if key == "time" else reordered(field, matrix))
+            yield from of_columns(stated, name, partial(_preceding, field), signs=False)
+
+
+def _preceding(field: str, matrix: np.ndarray) -> Callable[[Reading], Reading]:
+    """A reading in which a matrix, as of columns in their order, precedes that of a field."""
+    if field == "time":
+        return changed(time=partial(np.multiply, float(matrix[0, 0])))
+    return changed(**{field: lambda values: values @ matrix})
 
 
 def _attitude_mistakes(columns: Columns) -> Iterator[Mistake]:
     if "attitude" not in columns:
         return
-    entry = columns["attitude"]
-    scalar, maps = entry["scalar"], entry["maps"]
-    other_scalar = "first" if scalar == "last" else "last"
-    other_maps = "body_to_inertial" if maps == "inertial_to_body" else "inertial_to_body"
-    change_scalar = KeyChange("columns.attitude.scalar", scalar, other_scalar)
-    change_maps = KeyChange("columns.attitude.maps", maps, other_maps)
-    as_written = np.linalg.inv(_from_columns(scalar, maps))
-    order = f"the quaternion's scalar stands {other_scalar}, not {scalar}"
-    sense = f"the quaternion maps {_said(other_maps)}, not {_said(maps)}"
-    for changes, rarity, columns_are, words in (
-        ((change_scalar,), 1, (other_scalar, maps), order),
-        ((change_maps,), 1, (scalar, other_maps), sense),
-        ((change_scalar, change_maps), 2, (other_scalar, other_maps), f"{order}, and {sense}"),
-    ):
-        mend = turned("attitude", _from_columns(*columns_are) @ as_written)
-        yield Mistake(changes, rarity, mend, words)
-    words = "the quaternion's vector elements stand in another order"
-    for other in _OTHER_ORDERS:
-        first = 1 if scalar == "first" else 0
+    stated: dict[str, str] = {key: columns["attitude"][key] for key in _ATTITUDE}
+    as_written = np.linalg.inv(_from_columns(**stated))
+    for values in product(*(allowed for allowed, _ in _ATTITUDE.values())):
+        other = dict(zip(_ATTITUDE, values, strict=True))
+        differ = [key for key in _ATTITUDE if other[key] != stated[key]]
+        changes = (KeyChange(f"columns.attitude.{key}", stated[key], other[key]) for key in differ)
+        said = (f"{_ATTITUDE[key][1]} {other[key]}, not {stated[key]}" for key in differ)
+        words = ", and ".join(said).replace("_", " ")
+        if differ:
+            mend = changed(attitude=partial(np.matmul, _from_columns(**other) @ as_written))
+            yield Mistake(tuple(changes), len(differ), mend, words)
+    names = list(columns["attitude"]["names"])
+    first = 1 if stated["scalar"] == "first" else 0
+    for order in _OTHER_ORDERS:
         index = list(range(4))
-        index[first : first + 3] = [first + k for k in other]
-        stated = list(entry["names"])
-        mend = turned("attitude", _from_columns(scalar, maps) @ np.eye(4)[index] @ as_written)
-        names = [stated[k] for k in index]
-        yield _one_key("columns.attitude.names", stated, names, 3, mend, words)
+        index[first : first + 3] = [first + k for k in order]
+        other_order = _from_columns(**stated) @ np.eye(4)[index] @ as_written
+        mend = changed(attitude=partial(np.matmul, other_order))
+        words = "the quaternion's vector elements stand in another order"
+        yield one_key("columns.attitude.names", names, [names[k] for k in index], 3, words, mend)
 
 
-def _said(maps: str) -> str:
-    return maps.replace("_", " ")
+# Values of the keys that say what a quaternion is, and how they are said.
+_ATTITUDE: Mapping[str, tuple[tuple[str, str], str]] = {
+    "scalar": (("first", "last"), "the quaternion's scalar stands"),
+    "maps": (("body_to_inertial", "inertial_to_body"), "the quaternion maps"),
+}
 
 
 def _from_columns(scalar: str, maps: str) -> np.ndarray:
@@ -128,7 +145,9 @@ def _sense_of_torque(columns: Columns) -> Iterator[Mistake]:
     stated = columns["wheel_torque"]["acts_on"]
     other = "body" if stated == "wheel" else "wheel"
     words = f"the torque is the one on the {other}, not on the {stated}"
-    yield _one_key("columns.wheel_torque.acts_on", stated, other, 1, scaled(torque=-1.0), words)
+    yield one_key(
+        "columns.wheel_torque.acts_on", stated, other, 1, words, changed(torque=np.negative)
+    )
 
 
 def _rate_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
@@ -161,11 +180,8 @@ def _axes_in_words(order: Sequence[int], signs: Sequence[float]) -> str:
 
 def axes_mistake(axes: np.ndarray, mended: np.ndarray, rarity: int, words: str) -> Mistake:
     """The mistake that the rate sensor's axes (n, 3) are others than stated."""
-
-    def mend(reading: Reading) -> Reading:
-        return replace(reading, rate_axes_B=mended)
-
-    return _one_key("rate_sensor.axes", listed(axes), listed(mended), rarity, mend, words)
+    mend = changed(rate_axes_B=lambda _: mended)
+    return one_key("rate_sensor.axes", listed(axes), listed(mended), rarity, words, mend)
 
 
 def orders(count: int) -> Iterator[list[int]]:
@@ -195,12 +211,12 @@ def in_other_order(names: Sequence[str], what: str) -> Iterator[OtherColumns]:
         yield OtherColumns([names[k] for k in order], np.eye(len(names))[order], 2, words)
 
 
-def signed(names: Sequence[str], what: str) -> Iterator[OtherColumns]:
-    """All columns of a quantity with the other sign, one of them, or two of a vector."""
+def signed(names: Sequence[str], what: str, vector: bool = True) -> Iterator[OtherColumns]:
+    """All columns of a quantity with the other sign, one of them, or two of a vector's three."""
     count = len(names)
     flips = [*(combinations(range(count), 1) if count > 1 else ())]
-    flips += combinations(range(count), 2) if count == 3 else ()
-    for flipped in (tuple(range(count)), *flips):
+    flips += combinations(range(count), 2) if vector and count == 3 else ()
+    for flipped in (tuple(range(count)), *flips) if count else ():
         sign = np.where(np.isin(np.arange(count), flipped), -1.0, 1.0)
         other = [negated_name(n) if s < 0.0 else n for n, s in zip(names, sign, strict=True)]
         which = "all columns" if len(flipped) == count else " and ".join(names[k] for k in flipped)
@@ -225,23 +241,16 @@ def along_other_axes(
 
 
 def _wheel_axes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
-    wheels, axes_B = campaign.wheels, campaign.wheel_axes_B
-    for k, wheel in enumerate(wheels):
-        signs = np.ones(len(wheels))
-        signs[k] = -1.0
-        words = f"the axis of wheel {wheel.name} points the other way"
-        yield _axes_of_wheels(campaign, axes_B * signs, words)
-    if len(wheels) > 1:
-        words = "all wheel axes point the other way (or torque and momentum have the other sign)"
-        yield _axes_of_wheels(campaign, -axes_B, words)
-    for order in orders(len(wheels)):
-        words = "wheels are exchanged: their axes belong to other columns"
-        yield _axes_of_wheels(campaign, axes_B[:, order], words)
+    axes_B, names = campaign.wheel_axes_B, [wheel.name for wheel in campaign.wheels]
+    what = "the wheels' axes"
+    for other in (*signed(names, what, vector=False), *in_other_order(names, what)):
+        yield _axes_of_wheels(campaign, axes_B @ other.matrix.T, other.words)
     if "wheel_torque" in columns and {"wheel_momentum", "wheel_speed"} & set(columns):
         # The momentum alone has the other sign: all axes and the sense of the torque change.
         words = "the wheel momentum has the other sign (it is the body's)"
-        flipped, torque = _axes_of_wheels(campaign, -axes_B, words), next(_sense_of_torque(columns))
-        yield Mistake(flipped.changes + torque.changes, 3, scaled(momentum=-1.0), words)
+        all_axes = _axes_of_wheels(campaign, -axes_B, words)
+        sense = next(_sense_of_torque(columns))
+        yield replace(both(all_axes, sense), rarity=3, words=words)
 
 
 def _axes_of_wheels(campaign: Campaign, axes_B: np.ndarray, words: str) -> Mistake:
@@ -251,26 +260,16 @@ def _axes_of_wheels(campaign: Campaign, axes_B: np.ndarray, words: str) -> Mista
         for wheel, old, new in zip(campaign.wheels, stated.T, axes_B.T, strict=True)
         if not np.allclose(old, new)
     )
-    return Mistake(changes, 3, lambda reading: replace(reading, axes_B=axes_B), words)
+    return Mistake(changes, 3, changed(axes_B=lambda _: axes_B), words)
 
 
-def _shared_units(columns: Columns) -> Iterator[Mistake]:
+def _shared_units(of_streams: Sequence[Mistake]) -> Iterator[Mistake]:
     """Torque and momentum both in thousandths: one mistake, two keys."""
-    if "wheel_torque" not in columns or "wheel_momentum" not in columns:
-        return
-    torque, momentum = columns["wheel_torque"]["unit"], columns["wheel_momentum"]["unit"]
-    for unit, si in UNITS["wheel_torque"].items():
-        with_time = f"{unit} s"
-        factor = si / UNITS["wheel_torque"][torque]
-        other = UNITS["wheel_momentum"].get(with_time, 0.0) / UNITS["wheel_momentum"][momentum]
-        if other == 0.0 or abs(factor - 1.0) < 1e-9 or abs(other - 1.0) < 1e-9:
-            continue
-        changes = (
-            KeyChange("columns.wheel_torque.unit", torque, unit),
-            KeyChange("columns.wheel_momentum.unit", momentum, with_time),
-        )
-        words = f"torque and momentum are in {unit} and {with_time}, not in {torque} and {momentum}"
-        yield Mistake(changes, 2, scaled(torque=factor, momentum=other), words)
+    units = {(m.changes[0].key, m.changes[0].mended): m for m in of_streams}
+    for (key, unit), torque in units.items():
+        momentum = units.get(("columns.wheel_momentum.unit", f"{unit} s"))
+        if key == "columns.wheel_torque.unit" and momentum is not None:
+            yield both(torque, momentum)
 
 
 def _inertia_mistakes(campaign: Campaign) -> Iterator[Mistake]:
@@ -284,10 +283,8 @@ def _inertia_mistakes(campaign: Campaign) -> Iterator[Mistake]:
 
 
 def _tensor_mistake(tensor: np.ndarray, mended: np.ndarray, rarity: int, words: str) -> Mistake:
-    def mend(reading: Any) -> Any:
-        return replace(reading, inertia=mended)
-
-    return _one_key("inertia.tensor", listed(tensor), listed(mended), rarity, mend, words)
+    mend = changed(inertia=lambda _: mended)
+    return one_key("inertia.tensor", listed(tensor), listed(mended), rarity, words, mend)
 
 
 def _spin_inertias(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
@@ -298,7 +295,7 @@ def _spin_inertias(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
             for w in campaign.wheels
         )
         words = f"the wheels' spin inertia is in {unit}, not in kg m^2"
-        yield Mistake(changes, 2, scaled(momentum=factor), words)
+        yield Mistake(changes, 2, changed(momentum=partial(np.multiply, factor)), words)
 
 
 class Stated(NamedTuple):
@@ -313,31 +310,27 @@ class Stated(NamedTuple):
 def of_columns(
     stated: Stated,
     what: str,
+    mended: Callable[[np.ndarray], Callable[[Reading], Reading]],
     *,
     signs: bool = True,
     turned_axes: bool = False,
     of_unit: int = 1,
     rarer: int = 0,
-) -> Iterator[tuple[np.ndarray, Mistake]]:
-    """Other units, orders and signs of columns, as matrices (k, k) on their values.
+) -> Iterator[Mistake]:
+    """Other units, orders and signs of columns; `mended`: by matrices (k, k) on their values.
 
     `of_unit`: rarity of another unit. `rarer`: added to the rarities of other orders and signs.
     """
     path, quantity, own, names = stated
     for unit, si in UNITS[quantity].items() if own else ():
         if unit != own:
-            factor, words = si / UNITS[quantity][str(own)], f"{what} is in {unit}, not in {own}"
-            tried = unmended(f"{path}.unit", own, unit, of_unit, words)
-            yield factor * np.eye(len(names)), tried
+            matrix = si / UNITS[quantity][str(own)] * np.eye(len(names))
+            words = f"{what} is in {unit}, not in {own}"
+            yield one_key(f"{path}.unit", own, unit, of_unit, words, mended(matrix))
     others = [*in_other_order(names, what), *(signed(names, what) if signs else ())]
     for other in (*others, *(along_other_axes(names, what) if turned_axes else ())):
-        rarity = other.rarity + rarer
-        yield other.matrix, unmended(f"{path}.names", names, other.names, rarity, other.words)
-
-
-def unmended(key: str, stated: Any, mended: Any, rarity: int, words: str) -> Mistake:
-    """A mistake in one key that does not say yet how readings change with it."""
-    return _one_key(key, stated, mended, rarity, lambda reading: reading, words)
+        rarity, mend = other.rarity + rarer, mended(other.matrix)
+        yield one_key(f"{path}.names", names, other.names, rarity, other.words, mend)
 
 
 def is_of_earth(fields: Sequence[np.ndarray]) -> bool:
@@ -363,10 +356,10 @@ def _direction_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistak
             if entry is None:
                 continue
             stated = Stated(entry["path"], "magnetic_field", entry["unit"], list(entry["names"]))
-            for matrix, tried in of_columns(
-                stated, what, turned_axes=True, of_unit=of_unit, rarer=rarer
-            ):
-                yield replace(tried, mend=_preceded(field, d, matrix))
+            mended = partial(_preceded, field, d)
+            yield from of_columns(
+                stated, what, mended, turned_axes=True, of_unit=of_unit, rarer=rarer
+            )
         if sensor.reference_N is not None:
             constant = np.array(sensor.reference_N)
             factors = {f"{there} lies the other way": (-1.0, 3)}
@@ -374,18 +367,16 @@ def _direction_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistak
                 factors |= {f"{there} is in {unit}, not in T": (si, 2 if right else 1)}
             for words, (factor, rarity) in factors.items():
                 key, mend = f"sensors.{name}.reference_N", _preceded("references", d, factor)
-                mended = listed(factor * constant)
                 if factor != 1.0:
-                    yield _one_key(key, listed(constant), mended, rarity, mend, words)
+                    other = listed(factor * constant)
+                    yield one_key(key, listed(constant), other, rarity, words, mend)
 
 
 def _preceded(field: str, d: int, matrix: np.ndarray | float) -> Callable[[Reading], Reading]:
     """A reading in which a matrix (3, 3) or factor stands before that of direction sensor `d`."""
 
-    def mend(reading: Reading) -> Reading:
-        matrices = np.array(getattr(reading, field))
-        matrices[d] = matrices[d] @ (matrix * np.eye(3) if np.isscalar(matrix) else matrix)
-        changed: dict[str, Any] = {field: matrices}
-        return replace(reading, **changed)
+    def with_one(matrices: np.ndarray) -> np.ndarray:
+        one = matrices[d] @ (matrix * np.eye(3) if np.isscalar(matrix) else matrix)
+        return np.concatenate([matrices[:d], one[None], matrices[d + 1 :]])
 
-    return mend
+    return changed(**{field: with_one})

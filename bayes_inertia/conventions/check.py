@@ -69,7 +69,7 @@ from bayes_inertia.conventions.reading import (
     stated_columns,
     untold,
 )
-from bayes_inertia.conventions.search import Judgement, Remedy, judged, misfit_of
+from bayes_inertia.conventions.search import Judgement, Remedy, judged
 from bayes_inertia.conventions.wording import invisible
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import description_path, read_bytes, text_of
@@ -340,13 +340,9 @@ def _of_first_sensors(case: _Case) -> ConventionsCheck:
     """The same by the first rate sensor and the first star tracker."""
     check = _in_keys_of_format_1(case)
     told = partial(in_words, description=case.description)
-    return replace(
-        check,
-        sentence=told(check.sentence),
-        cannot_show=tuple(map(told, check.cannot_show)),
-        remarks=tuple(map(told, check.remarks)),
-        doubts=tuple(map(told, check.doubts)),
-    )
+    lists = ("cannot_show", "remarks", "doubts")
+    said: dict[str, Any] = {name: tuple(map(told, getattr(check, name))) for name in lists}
+    return replace(check, sentence=told(check.sentence), **said)
 
 
 def _in_keys_of_format_1(case: _Case) -> ConventionsCheck:
@@ -392,7 +388,8 @@ def _held_against_laws(
         reading = mending[0].mistake.mend(stated if mending[0] in judgement.remedies else reading)
         mending = _completed(mending, case)
     edits = wording.edited_lines(case.text, mending[0].mistake) if mending else ()
-    by_law = misfit_of(misfits.of(stated if wrong else reading))
+    fits = misfits.of(stated if wrong else reading)
+    by_law = {law: round(fit.worst, 3) for law, fit in fits.items()}
     stale = not np.array_equal(reading.bias_B, stated.bias_B)
     return ConventionsCheck(
         campaign=campaign.name,
@@ -473,26 +470,21 @@ def with_companions(mistake: Mistake, campaign: Campaign, written: Mapping[str, 
         return mistake
     names = ", ".join(dict.fromkeys(change.key for change in more))
     words = f"{mistake.words}, and so is {names}"
-    changes = (*mistake.changes, *more)
-    return replace(mistake, changes=changes, words=words, companions=len(more))
+    return replace(mistake, changes=(*mistake.changes, *more), words=words)
 
 
 def _companions(
     mended: KeyChange, campaign: Campaign, written: Mapping[str, Any]
 ) -> Iterator[KeyChange]:
-    if mended.key == "columns.rate.unit" and _in_one_unit(campaign, BY_KEY["rate"]):
-        factor = UNITS["rate"][mended.mended] / UNITS["rate"][mended.stated]
-        sigma = written.get("rate_sensor", {}).get("sigma", list(campaign.gyro.sigma))
-        yield KeyChange("rate_sensor.sigma", sigma, _times(sigma, factor))
-    if mended.key == "columns.wheel_momentum.unit" and _in_one_unit(
-        campaign, BY_KEY["wheel_momentum"]
-    ):
-        units = UNITS["wheel_momentum"]
-        factor = units[mended.mended] / units[mended.stated]
-        for wheel in campaign.wheels:
-            sigma = wheel.momentum_sigma
+    quantity = mended.key.removeprefix("columns.").removesuffix(".unit")
+    if quantity in ("rate", "wheel_momentum") and _in_one_unit(campaign, BY_KEY[quantity]):
+        factor = UNITS[quantity][mended.mended] / UNITS[quantity][mended.stated]
+        sigmas = {f"wheels.{w.name}.momentum_sigma": w.momentum_sigma for w in campaign.wheels}
+        if quantity == "rate":
+            sigma = written.get("rate_sensor", {}).get("sigma", list(campaign.gyro.sigma))
+            sigmas = {"rate_sensor.sigma": sigma}
+        for key, sigma in sigmas.items():
             if sigma is not None:
-                key = f"wheels.{wheel.name}.momentum_sigma"
                 yield KeyChange(key, sigma, _times(sigma, factor))
     if mended.key == "inertia.tensor":
         factor = float(np.trace(mended.mended) / np.trace(mended.stated))

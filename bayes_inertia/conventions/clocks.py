@@ -17,7 +17,7 @@ from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.conventions.law_data import LawData, LinearFit, fitted
 from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE, Misfits, worst
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.motion import SampledSlews, sampled
+from bayes_inertia.conventions.motion import SampledSlews
 from bayes_inertia.conventions.reading import STREAMS, Columns, KeyChange, Mistake, Reading
 from bayes_inertia.conventions.search import Remedy
 from bayes_inertia.faults.known_offsets import KNOWN_OFFSETS, known_offset
@@ -72,8 +72,8 @@ def shifted_misfit(misfits: Misfits, reading: Reading, remedy: Remedy) -> float:
     for change in remedy.mistake.changes:
         channel = STREAMS[change.key.split(".")[1]].channel
         shifts[channel] = change.mended - (change.stated or 0.0)
-    slews = sampled(misfits.campaign, shifts)
-    return np.inf if slews is None else worst(misfits.with_slews(slews).of(reading))
+    moved = misfits.shifted(shifts)
+    return np.inf if moved is None else worst(moved.of(reading))
 
 
 def known_offsets(misfits: Misfits, reading: Reading, columns: Columns) -> tuple[Remedy, ...]:
@@ -90,13 +90,13 @@ def known_offsets(misfits: Misfits, reading: Reading, columns: Columns) -> tuple
         for offset in KNOWN_OFFSETS:
             for seconds in (-offset, offset) if offset < longest else ():
                 shifts = {STREAMS[entry].channel: seconds for entry in streams}
-                slews = sampled(campaign, shifts)
+                moved = misfits.shifted(shifts)
                 least = LIMITS.share_beside_rates * fixes if streams == ["attitude"] else 0.0
-                if slews is None or slews.fixes.sum() < least:
+                if moved is None or moved.slews.fixes.sum() < least:
                     continue
-                if _turned(slews) < LIMITS.motion_left * turned:
+                if _turned(moved.slews) < LIMITS.motion_left * turned:
                     continue
-                fits = misfits.with_slews(slews).of(reading)
+                fits = moved.of(reading)
                 after = worst(fits)
                 mends = after < min(LIMITS.ordinary, before / LIMITS.improvement)
                 if mends and _still_tested(laws, fits, streams):
@@ -174,7 +174,7 @@ def apart_in_words(
 
 def _is_gross(misfits: Misfits, late: Lateness) -> bool:
     # A wheel that lags its command makes the command look early.
-    lag = "wheel_torque" in channels_of(misfits, late.law) and late.seconds > 0.0
+    lag = channel_of(misfits, late.law) == "wheel_torque" and late.seconds > 0.0
     limit = gross_lateness(misfits.campaign, lag)
     steps = [float(np.median(np.diff(slew.time))) for slew in misfits.campaign.slews]
     return abs(late.seconds) > max(limit, LIMITS.late_steps * float(np.median(steps)))
@@ -274,25 +274,18 @@ def lateness(misfits: Misfits, reading: Reading, law: str) -> Lateness | None:
 
     Closure shifts the star tracker, conservation the wheels, the drive the torque commands.
     """
-    channels = channels_of(misfits, law)
-    data = misfits.law(law, reading)
-    if data is None or not data.early.any():
+    first = misfits.law(law, reading)
+    if first is None or not first.early.any():
         return None
-    first = data
     before, step = _shift(first)
     if before < LIMITS.notable:
         return None
-    shift, after = 0.0, before
-    best = (0.0, before)
+    shift, best = 0.0, (0.0, before)
     for _ in range(LIMITS.clock_rounds):
         shift += step
         if abs(shift) > 0.3 * float(misfits.motion(reading).duration.min()):
             break
-        slews = sampled(misfits.campaign, dict.fromkeys(channels, shift))
-        data = None if slews is None else misfits.with_slews(slews).law(law, reading)
-        if data is None:
-            break
-        after, step = _shift(data)
+        after, step = _left(misfits, reading, law, shift)
         if after < best[1]:
             best = (shift, after)
         if abs(step) < LIMITS.shift_converged * abs(shift):
@@ -310,29 +303,26 @@ def with_known_offset(misfits: Misfits, reading: Reading, late: Lateness) -> Lat
     """The offset that clocks are known for, where it explains a law as well as a lateness does."""
     if abs(late.seconds) <= LIMITS.longest_delay_s:
         return late
-    best = _left(misfits, reading, late.law, late.seconds)
+    best = _left(misfits, reading, late.law, late.seconds)[0]
     for offset in KNOWN_OFFSETS:
         seconds = float(np.copysign(offset, late.seconds))
-        left = _left(misfits, reading, late.law, seconds)
+        left = _left(misfits, reading, late.law, seconds)[0]
         if left < LIMITS.as_good_offset * best:
             return replace(late, seconds=seconds, after=late.after * left / best)
     return late
 
 
-def _left(misfits: Misfits, reading: Reading, law: str, seconds: float) -> float:
-    """Residual of a law whose second stream is moved."""
-    slews = sampled(misfits.campaign, dict.fromkeys(channels_of(misfits, law), seconds))
-    data = None if slews is None else misfits.with_slews(slews).law(law, reading)
-    return np.inf if data is None else _shift(data)[0]
+def _left(misfits: Misfits, reading: Reading, law: str, seconds: float) -> tuple[float, float]:
+    """Residual of a law whose second stream is moved, and the shift that would lower it."""
+    moved = misfits.shifted({channel_of(misfits, law): seconds})
+    data = None if moved is None else moved.law(law, reading)
+    return (np.inf, 0.0) if data is None else _shift(data)
 
 
-def channels_of(misfits: Misfits, law: str) -> tuple[str, ...]:
-    """The channels that a law holds against its first stream."""
-    if law == CLOSURE:
-        return ("attitude",)
-    if law == DRIVE:
-        return ("wheel_torque",)
-    return ("wheel_momentum",) if misfits.slews.momentum is not None else ("wheel_torque",)
+def channel_of(misfits: Misfits, law: str) -> str:
+    """The channel that a law holds against its first stream."""
+    channels = {CLOSURE: "attitude", DRIVE: "wheel_torque"}
+    return channels.get(law, f"wheel_{misfits.wheel_channel}")
 
 
 def _shift(data: LawData) -> tuple[float, float]:

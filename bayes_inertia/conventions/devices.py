@@ -7,8 +7,9 @@ a minus before a column.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,8 @@ from bayes_inertia.conventions.candidates import (
     is_of_earth,
     listed,
     of_columns,
+    one_key,
+    signed,
     unmended,
 )
 from bayes_inertia.conventions.reading import (
@@ -53,10 +56,10 @@ def device_mistakes(
         # No thrust is negative.
         signs = not isinstance(device, Thruster)
         vector = isinstance(device, KnownTorque)
-        for matrix, tried in of_columns(stated, device.name, signs=signs, turned_axes=vector):
-            yield replace(tried, mend=_told_by(_with_input(device.name, matrix), torques))
+        mended = partial(_with_input, torques, device.name)
+        yield from of_columns(stated, device.name, mended, signs=signs, turned_axes=vector)
         for record, tried in _of_record(device):
-            yield replace(tried, mend=_told_by(_with_record(record), torques))
+            yield replace(tried, mend=_with_record(torques, record))
     yield from _of_field(torques, columns, description)
 
 
@@ -74,22 +77,18 @@ def _of_field(
     if stated is None or not given or not (turns or looking.any()):
         return
     of_unit = 2 if is_of_earth(given) else 1
-    for matrix, tried in of_columns(stated, "the magnetic field", of_unit=of_unit, rarer=1):
-        told = _told_by(_with_other_field(matrix), torques) if turns else tried.mend
-        yield replace(tried, mend=_with_field(matrix, looking, told))
 
+    def mended(matrix: np.ndarray) -> Callable[[Reading], Reading]:
+        told = _with_other_field(torques, matrix) if turns else unmended
 
-def _with_field(
-    matrix: np.ndarray, looking: np.ndarray, told: Callable[[Reading], Reading]
-) -> Callable[[Reading], Reading]:
-    """From a reading to one with another field for some direction sensors, and told torques."""
+        def mend(reading: Reading) -> Reading:
+            references = np.array(reading.references)
+            references[looking] = references[looking] @ matrix
+            return told(replace(reading, references=references))
 
-    def mend(reading: Reading) -> Reading:
-        references = np.array(reading.references)
-        references[looking] = references[looking] @ matrix
-        return told(replace(reading, references=references))
+        return mend
 
-    return mend
+    yield from of_columns(stated, "the magnetic field", mended, of_unit=of_unit, rarer=1)
 
 
 def _stated(field: str, description: Description | None) -> Stated | None:
@@ -107,49 +106,46 @@ def _in_memory(device: Actuator) -> Stated:
     return Stated(f"actuators.{device.name}.{told.key}", told.quantity, told.unit, names)
 
 
-# From a campaign to the same with a mistake undone.
-_Undone = Callable[[Campaign], Campaign]
+# From a reading to one without a mistake.
+_Mend = Callable[[Reading], Reading]
 
 
-def _with_input(name: str, matrix: np.ndarray) -> _Undone:
+def _with_input(torques: ToldTorques, name: str, matrix: np.ndarray) -> _Mend:
     """A device's input has other values."""
 
     def mended(slew: Slew) -> Slew:
-        stream = (slew.inputs or {}).get(name)
-        if stream is None:
+        inputs = slew.inputs or {}
+        if name not in inputs:
             return slew
-        changed = replace(stream, values=stream.values @ matrix.T)
-        return replace(slew, inputs={**(slew.inputs or {}), name: changed})
+        changed = replace(inputs[name], values=inputs[name].values @ matrix.T)
+        return replace(slew, inputs={**inputs, name: changed})
 
-    return lambda campaign: replace(campaign, slews=tuple(map(mended, campaign.slews)))
+    return _told_by(torques, lambda slews: {"slews": tuple(map(mended, slews))})
 
 
-def _with_other_field(matrix: np.ndarray) -> _Undone:
+def _with_other_field(torques: ToldTorques, matrix: np.ndarray) -> _Mend:
     """The magnetic field has other values."""
 
     def mended(slew: Slew) -> Slew:
         field_N = slew.magnetic_field_N
         return slew if field_N is None else replace(slew, magnetic_field_N=field_N @ matrix.T)
 
-    return lambda campaign: replace(campaign, slews=tuple(map(mended, campaign.slews)))
+    return _told_by(torques, lambda slews: {"slews": tuple(map(mended, slews))})
 
 
-def _with_record(device: Actuator) -> _Undone:
+def _with_record(torques: ToldTorques, device: Actuator) -> _Mend:
     """A device has another record."""
-
-    def undone(campaign: Campaign) -> Campaign:
-        others = (d if d.name != device.name else device for d in campaign.actuators)
-        return replace(campaign, actuators=tuple(others))
-
-    return undone
+    every = (d if d.name != device.name else device for d in torques.campaign.actuators)
+    changed = {"actuators": tuple(every)}
+    return _told_by(torques, lambda _: changed)
 
 
-def _told_by(undone: _Undone, torques: ToldTorques) -> Callable[[Reading], Reading]:
+def _told_by(torques: ToldTorques, changed: Callable[[Sequence[Slew]], dict[str, Any]]) -> _Mend:
     """From a reading to one whose torques a changed campaign tells."""
 
     def teller(campaign: Campaign) -> Mapping[str, ToldTorque]:
         try:
-            return torques.teller(undone(campaign))
+            return torques.teller(replace(campaign, **changed(campaign.slews)))
         except CampaignError:  # Such as a pulse that is on when the next begins: no such mistake.
             return torques.by_slew
 
@@ -176,22 +172,14 @@ def _of_record(device: Actuator) -> Iterator[tuple[Actuator, Mistake]]:
         other: Any = "inertial" if device.frame == "body" else "body"
         words = f"{device.name} is along {other} axes, not along {device.frame} axes"
         key = f"actuators.{device.name}.torque.frame"
-        yield replace(device, frame=other), unmended(key, device.frame, other, 4, words)
-    elif isinstance(device, Thruster):
-        for torque_B, tried in _negated(device.name, "torques", device.torque_B):
-            yield replace(device, torque_B=torque_B), tried
-    elif isinstance(device, GimballedRotors):
-        for spin_B, tried in _negated(device.name, "spin_axes_at_zero", device.spin_axes_at_zero_B):
-            yield replace(device, spin_axes_at_zero_B=spin_B), tried
-
-
-def _negated(name: str, key: str, vectors: np.ndarray) -> Iterator[tuple[np.ndarray, Mistake]]:
-    """All vectors (k, 3) of a device with the other sign, or one."""
-    count = len(vectors)
-    for which in (range(count), *([k] for k in range(count if count > 1 else 0))):
-        mended = vectors.copy()
-        mended[list(which)] *= -1.0
-        said = "all" if len(which) == count else f"number {which[0] + 1} of"
-        words = f"{said} {key.replace('_', ' ')} point the other way: {name}"
-        path = f"actuators.{name}.{key}"
-        yield mended, unmended(path, listed(vectors), listed(mended), 3, words)
+        yield replace(device, frame=other), one_key(key, device.frame, other, 4, words)
+    elif isinstance(device, Thruster | GimballedRotors):
+        field = "torque_B" if isinstance(device, Thruster) else "spin_axes_at_zero_B"
+        key = "torques" if isinstance(device, Thruster) else "spin_axes_at_zero"
+        vectors, path = getattr(device, field), f"actuators.{device.name}.{key}"
+        numbers = [f"number {k + 1}" for k in range(len(vectors))]
+        what = f"{key.replace('_', ' ')}: {device.name}"
+        for signs in signed(numbers, what, vector=False):
+            changed: dict[str, Any] = {field: signs.matrix @ vectors}
+            tried = one_key(path, listed(vectors), listed(changed[field]), 3, signs.words)
+            yield replace(device, **changed), tried

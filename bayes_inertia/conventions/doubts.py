@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,8 +28,8 @@ from bayes_inertia.conventions.reading import (
     KeyChange,
     Mistake,
     Reading,
+    changed,
     direction_sensors,
-    turned,
 )
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.limits import LIMITS as FAULTS
@@ -157,7 +158,7 @@ class Factors:
         return Mistake(
             changes,
             LIMITS.factor_rarity,
-            turned("momentum", back),
+            changed(momentum=partial(np.matmul, back)),
             f"the spin inertia of {names} is wrong by a factor of {said}",
         )
 

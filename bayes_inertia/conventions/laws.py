@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -302,6 +303,11 @@ class Misfits:
         """The same laws for other telemetry of the campaign."""
         return Misfits(self.campaign, slews, self.smoothed)
 
+    def shifted(self, shifts: Mapping[str, float]) -> Misfits | None:
+        """The same laws with other clocks: what is added to stamps of channels of `Slew` [s]."""
+        slews = sampled(self.campaign, shifts)
+        return None if slews is None else self.with_slews(slews)
+
     def of(self, reading: Reading) -> dict[str, LinearFit]:
         """The fit of every law that the telemetry can be held against, by its name."""
         fits = {law: self.fit(law, reading) for law in LAWS}
@@ -314,12 +320,18 @@ class Misfits:
             for fit in (self.fit(law, reading) for law in (DRIVE, CLOSURE, DIRECTION, CONSERVATION))
         )
 
+    def kept_for(
+        self, what: str, fields: Sequence[str], reading: Reading, make: Callable, *more: bytes
+    ) -> Any:
+        """What is made of time and some fields of a reading, and of nothing else; made once."""
+        key = (what, reading.time, *more, *(getattr(reading, f).tobytes() for f in fields))
+        if key not in self.kept:
+            self.kept[key] = make()
+        return self.kept[key]
+
     def motion(self, reading: Reading) -> Motion:
         """The motion that the rates tell."""
-        key = ("motion", reading.time, *self.parts(RATES, reading))
-        if key not in self.kept:
-            self.kept[key] = motion_of(self.slews, reading)
-        return self.kept[key]
+        return self.kept_for("motion", RATES, reading, partial(motion_of, self.slews, reading))
 
     def law(self, law: str, reading: Reading, bias_sd: np.ndarray | None = None) -> LawData | None:
         """One law as a linear problem; `bias_sd` (3,) [rad/s] where the rate bias may be stale."""
@@ -334,25 +346,27 @@ class Misfits:
         """How many axes of the rate sensor are its own."""
         return len(self.campaign.gyro.axes) - self.smoothed
 
+    @cached_property
+    def noise(self) -> Mapping[str, np.ndarray]:
+        """Believed sd of the readings of each stream, in the units stated."""
+        series = series_of(self.campaign)
+        believed = {s.name: believed_noise(self.campaign, s) for s in series}
+        if self.smoothed:
+            believed[RATE.name][-self.smoothed :] = self.campaign.gyro.sigma[-self.smoothed :]
+        return believed
+
     def told(self, reading: Reading) -> Told:
         """Telemetry in physical units, under a reading."""
-        if "noise" not in self.kept:
-            series = series_of(self.campaign)
-            believed = {s.name: believed_noise(self.campaign, s) for s in series}
-            if self.smoothed:
-                believed[RATE.name][-self.smoothed :] = self.campaign.gyro.sigma[-self.smoothed :]
-            self.kept["noise"] = believed
-        noise = self.kept["noise"]
-        motion = self.motion(reading)
-        return Told(self.campaign, self.slews, reading, motion, noise)
+        return Told(self.campaign, self.slews, reading, self.motion(reading), self.noise)
 
     def fit(self, law: str, reading: Reading) -> LinearFit | None:
         """The fit of one law; the same reading of the same channels is fitted once."""
-        key = (law, reading.time, *self.parts(self.parts_of(law), reading))
-        if key not in self.kept:
+
+        def fit() -> LinearFit | None:
             data = self.law(law, reading)
-            self.kept[key] = None if data is None else data.fit()
-        return self.kept[key]
+            return None if data is None else data.fit()
+
+        return self.kept_for(law, self.parts_of(law), reading, fit)
 
     def parts_of(self, law: str) -> tuple[str, ...]:
         """Which fields of a reading, besides time, a law depends on."""
@@ -363,10 +377,6 @@ class Misfits:
             DRIVE: ("torque", "momentum"),
         }
         return parts[law]
-
-    def parts(self, fields: Sequence[str], reading: Reading) -> list[bytes]:
-        """Fields of a reading, as its results are kept under."""
-        return [getattr(reading, part).tobytes() for part in fields]
 
     @property
     def wheel_channel(self) -> str:

@@ -21,6 +21,7 @@ from bayes_inertia.campaign.hardware import (
     RateSensor,
     StarTracker,
     axes_to_body,
+    axis_names,
 )
 from bayes_inertia.campaign.slew_parts import INPUTS, MORE
 
@@ -188,25 +189,13 @@ class Mistake:
     # From the reading as stated to the reading without the mistake
     mend: Callable[[Reading], Reading]
     words: str  # What went wrong, as the end of a sentence that begins with "It looks as if"
-    # How many of the changes, the last ones, only follow: noises in the same unit
-    companions: int = 0
 
 
-def scaled(**factors: float) -> Callable[[Reading], Reading]:
-    """A reading whose fields of these names are multiplied by a factor each."""
+def changed(**how: Callable[[Any], Any]) -> Callable[[Reading], Reading]:
+    """A reading some of whose fields are what functions make of them."""
     return lambda reading: replace(
-        reading, **{field: getattr(reading, field) * factor for field, factor in factors.items()}
+        reading, **{field: change(getattr(reading, field)) for field, change in how.items()}
     )
-
-
-def turned(field: str, matrix: np.ndarray) -> Callable[[Reading], Reading]:
-    """A reading one of whose fields is followed by another matrix."""
-    return lambda reading: replace(reading, **{field: matrix @ getattr(reading, field)})
-
-
-def reordered(field: str, matrix: np.ndarray) -> Callable[[Reading], Reading]:
-    """A reading one of whose fields is preceded by another matrix, as of columns in their order."""
-    return lambda reading: replace(reading, **{field: getattr(reading, field) @ matrix})
 
 
 def both(first: Mistake, second: Mistake) -> Mistake:
@@ -222,7 +211,6 @@ def both(first: Mistake, second: Mistake) -> Mistake:
 # A campaign built in memory is in SI units and has the package's senses.
 _IN_MEMORY: dict[str, dict[str, Any]] = {
     "time": {"names": ["time"], "unit": "s"},
-    "rate": {"names": ["rate_x", "rate_y", "rate_z"], "unit": "rad/s"},
     "wheel_torque": {"unit": "N m", "acts_on": "wheel"},
     "wheel_momentum": {"unit": "N m s", "relative_to": "body"},
     "attitude": {
@@ -241,24 +229,19 @@ def stated_columns(
     A campaign in memory is in SI units. Wheels whose columns are in several units or tables are
     left out.
     """
-    if description is not None:
-        stated: dict[str, Any] = {"rate": _rates_in_memory(0)}
-        for entry in _first(description):
-            if not entry.wheels or len(entry.wheels) == len(campaign.wheels):
-                stated[entry.key] = entry.columns.model_dump()
-        return {
-            "time": description.time.model_dump(),
-            **stated,
-            **_direction_columns(campaign, description),
-        }
-    axes = len(campaign.rate_sensor.axes) if campaign.rate_sensor else 0
-    columns: dict[str, Mapping[str, Any]] = {"time": _IN_MEMORY["time"]}
-    columns["rate"] = _rates_in_memory(axes)
-    for key in ("wheel_torque", "wheel_momentum", "attitude"):
+    rates = [f"rate_{axis}" for axis in axis_names(campaign.rate_sensor)]
+    columns: dict[str, Mapping[str, Any]] = {
+        "time": description.time.model_dump() if description else _IN_MEMORY["time"],
+        "rate": {"names": rates, "unit": "rad/s"},
+    }
+    for entry in () if description is None else _first(description):
+        if not entry.wheels or len(entry.wheels) == len(campaign.wheels):
+            columns[entry.key] = entry.columns.model_dump()
+    for key in () if description else ("wheel_torque", "wheel_momentum", "attitude"):
         if any(getattr(slew, key) is not None for slew in campaign.slews):
             names = [f"{key}.{wheel.name}" for wheel in campaign.wheels]
             columns[key] = {"names": names, **_IN_MEMORY[key]}
-    return columns | _direction_columns(campaign, None)
+    return columns | _direction_columns(campaign, description)
 
 
 def _direction_columns(
@@ -341,11 +324,6 @@ def description_for(description: Description | None, name: str) -> Description |
     return replace(description, entries=(first, *others), devices=devices)
 
 
-def _rates_in_memory(axes: int) -> dict[str, Any]:
-    names = [f"rate_{i + 1}" for i in range(axes)]
-    return _IN_MEMORY["rate"] if axes == 3 else {"names": names, "unit": "rad/s"}
-
-
 def _first(description: Description) -> Iterator[Entry]:
     """Entries of the sensors, wheels and environment that format 1 knows."""
     return (entry for entry in description.entries if "." not in entry.field)
@@ -356,10 +334,8 @@ def as_written(mistake: Mistake, description: Description | None) -> Mistake:
     if description is None or not description.devices:
         return mistake
     entries = {entry.key: entry for entry in _first(description)}
-    rewritten = [tuple(_rewritten(old, entries, description)) for old in mistake.changes]
-    companions = sum(len(new) for new in rewritten[len(rewritten) - mistake.companions :])
-    changes = tuple(new for each in rewritten for new in each)
-    return replace(mistake, changes=changes, companions=companions)
+    rewritten = (_rewritten(old, entries, description) for old in mistake.changes)
+    return replace(mistake, changes=tuple(new for each in rewritten for new in each))
 
 
 def _rewritten(

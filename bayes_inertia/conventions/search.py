@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -188,11 +189,6 @@ def _scales(mistake: Mistake) -> bool:
     ) or any(c.key.endswith((".spin_inertia", "inertia.tensor")) for c in mistake.changes)
 
 
-def misfit_of(fits: dict[str, LinearFit]) -> dict[str, float]:
-    """The misfit of each law [sd]."""
-    return {law: float(np.round(fit.worst, 3)) for law, fit in fits.items()}
-
-
 def turned_sensor(misfits: laws.Misfits, reading: Reading) -> list[Mistake]:
     """Rotations of the rate sensor's frame that fixes, and wheel momentum, propose."""
     axes = reading.rate_axes_B
@@ -286,21 +282,14 @@ def with_own_bias(misfits: laws.Misfits, reading: Reading) -> Reading:
     rms = rms_rate(misfits.told(reading))
     told: _Told = (reading.bias_B, np.full(3, LIMITS.stale_share * rms))
     for law in (laws.CLOSURE, laws.DIRECTION, laws.CONSERVATION):
-        more = _kept(misfits, law, reading, told)
+        make, sent = partial(_told_by, misfits, law, reading, told), (x.tobytes() for x in told)
+        fields = misfits.parts_of(law)
+        more: _Told | None = misfits.kept_for(f"bias by {law}", fields, reading, make, *sent)
         if more is None:
             return reading
         told = more
     off = np.sqrt(((told[0] - reading.bias_B) ** 2).sum())
     return replace(reading, bias_B=told[0]) if off < LIMITS.stalest_share * rms else reading
-
-
-def _kept(misfits: laws.Misfits, law: str, reading: Reading, before: _Told) -> _Told | None:
-    """Residuals of a law, kept by all that it depends on."""
-    used = (getattr(reading, name) for name in misfits.parts_of(law))
-    key = ("bias", law, reading.time, *(x.tobytes() for x in (*used, *before)))
-    if key not in misfits.kept:
-        misfits.kept[key] = _told_by(misfits, law, reading, before)
-    return misfits.kept[key]
 
 
 def _told_by(misfits: laws.Misfits, law: str, reading: Reading, before: _Told) -> _Told | None:

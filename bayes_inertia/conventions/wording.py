@@ -22,7 +22,8 @@ from bayes_inertia.conventions.reading import Mistake, Reading
 from bayes_inertia.conventions.search import Remedy
 from bayes_inertia.files import vocabulary
 
-_NATURE: Mapping[str, Mapping[str, str]] = vocabulary("conventions")["nature"]
+_WORDS: Mapping[str, Any] = vocabulary("conventions")
+_NATURE: Mapping[str, Mapping[str, str]] = _WORDS["nature"]
 _AS_CONTENT = ": the data would be as content if "
 
 
@@ -85,7 +86,7 @@ def _by_nature(misfits: Misfits) -> list[str]:
     if misfits.slews.fixes.any():
         said += _NATURE["tracker"]
         if not fixes_in_motion(misfits):
-            said.append(vocabulary("conventions")["fixes_at_rest"])
+            said.append(_WORDS["fixes_at_rest"])
     return said
 
 
@@ -100,7 +101,8 @@ def _without_telemetry(misfits: Misfits, laws: set[str]) -> list[str]:
     if DRIVE not in laws and misfits.campaign.wheels:
         said.append("torque commands and tachometers are not both there: neither checks the other")
     if misfits.smoothed:
-        said.append("no rate sensor reads three axes above its noise: nothing checks the clocks")
+        stream = "rate" if misfits.own_axes else "attitude"
+        said.append(f"columns.{stream}.offset_s: rates that no sensor reads check no clock")
     return said
 
 
@@ -116,19 +118,20 @@ def verdict_in_words(
     places = [f"  - {doubt}" for doubt in doubts]
     if not misfits and not doubts:
         return "The telemetry holds nothing that the conventions could be checked against."
-    largest = max(misfits.values(), default=0.0)
+    largest = f"{max(misfits.values(), default=0.0):.2g} sd, {_WORDS['sd']}"
+    size = f" (largest misfit {largest})" if misfits else ""
     if verdict == "consistent":
-        agree = f"The conventions agree with the data (largest misfit {largest:.2g} sd, {_SD})."
+        agree = f"The conventions agree with the data{size}."
         return f"{agree} But the stated rate bias is stale." if stale else agree
     if verdict == "doubtful":
-        size = f" (largest misfit {largest:.2g} sd, {_SD})" if misfits else ""
         begin = f"The data are doubtful under the stated conventions{size}:"
-        return "\n".join([begin, *places, _LOOK])
+        return "\n".join([begin, *places, _WORDS["look_there"]])
     if not remedies:
-        advice = _NOTHING_MENDS if all(doubt.startswith(_OF_LAWS) for doubt in doubts) else _CAUSE
-        return "\n".join([_impossible(misfits), *places, advice])
+        other = any(not doubt.startswith(_OF_LAWS) for doubt in doubts)
+        return "\n".join([_impossible(misfits), *places, _WORDS["advice"][int(other)]])
     best = remedies[0]
-    keys = len(best.mistake.changes) - best.mistake.companions
+    # Noises that share a wrong unit only follow.
+    keys = sum(not change.key.endswith("sigma") for change in best.mistake.changes)
     if not keys:
         cause = f"{best.mistake.words} ({best.before:.3g} -> {best.after:.2g} sd)"
         return f"{_impossible(misfits)}\nNo key of campaign.toml mends it: {cause}."
@@ -136,7 +139,7 @@ def verdict_in_words(
     lines = edits or [f"{c.key} from {c.stated!r} to {c.mended!r}" for c in best.mistake.changes]
     late = all(change.key.endswith("offset_s") for change in best.mistake.changes)
     said = [
-        _CLOCKS.format(best.before) if late else _impossible(misfits),
+        _WORDS["clocks"].format(best.before) if late else _impossible(misfits),
         f"{what} ({best.before:.3g} -> {best.after:.2g} sd); it looks as if {best.mistake.words}:",
         *(f"  {line}" for line in lines),
         *places,
@@ -148,23 +151,11 @@ def verdict_in_words(
 
 
 _OF_LAWS = tuple(LAWS_IN_WORDS.values())
-_NOTHING_MENDS = (
-    "No single change of a unit, sign, order, frame or clock mends it, and no pair that was tried: "
-    "look for a torque that the telemetry does not tell, or for an inertia tensor that is wrong "
-    "by more than a factor of two."
-)
-_CLOCKS = (
-    "The clocks of the streams do not agree, by more than any sensor is late "
-    "({:.3g} sd of the sensors' noise)."
-)
-_LOOK = "Look there before you fit."
-_CAUSE = "No change of a convention mends it: mend what is said above, and ask again."
-_SD = "in sds of what noise, a wrong J of 30 % and physical effects can make"
 
 
 def _impossible(misfits: Mapping[str, float]) -> str:
     broken = max(misfits, key=lambda law: misfits[law])
-    law, size = LAWS_IN_WORDS[broken], f"{misfits[broken]:.3g} sd ({_SD})."
+    law, size = LAWS_IN_WORDS[broken], f"{misfits[broken]:.3g} sd ({_WORDS['sd']})."
     if misfits[broken] <= LIMITS.impossible:
         return f"The data hardly agree with the stated conventions: {law} is off by {size}"
     return f"The data are impossible under the stated conventions: {law} fails by {size}"
