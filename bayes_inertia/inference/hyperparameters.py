@@ -38,10 +38,8 @@ from bayes_inertia.inference.marginal_posterior import (
     root_change,
     times,
 )
-from bayes_inertia.inference.noise_model import (
+from bayes_inertia.inference.noise_filter import (
     ChannelProcess,
-    Whitening,
-    Whitenings,
     coefficients_of,
     estimated_noise,
     filter_of,
@@ -52,6 +50,7 @@ from bayes_inertia.inference.noise_model import (
     rows_of,
     wandering_noise,
 )
+from bayes_inertia.inference.noise_model import Whitening, Whitenings
 from bayes_inertia.inference.objective import prior_equations, prior_rows
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.device_arrays import (

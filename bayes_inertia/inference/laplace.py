@@ -19,13 +19,8 @@ from bayes_inertia.inference.marginal_posterior import (
     Ridge,
     prior_roots,
 )
-from bayes_inertia.inference.noise_model import (
-    Whitenings,
-    coefficients_of,
-    densities_of,
-    estimated_noise,
-    noise_memory,
-)
+from bayes_inertia.inference.noise_filter import coefficients_of, estimated_noise, noise_memory
+from bayes_inertia.inference.noise_model import Whitenings, densities_of
 from bayes_inertia.inference.objective import prior_root
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import (
