@@ -225,30 +225,24 @@ def _table_paths(parsed: Description, description: Path) -> dict[str, Path]:
     return paths
 
 
-def _tables(part: SlewPart, table: _TableReader, parsed: Description) -> dict[str, Table]:
-    """The tables of a slew by their names in the description, with the columns that count."""
+def _streams(slew: int, table: _TableReader, parsed: Description) -> list[StreamRows]:
+    """The streams of a slew, their rows in the order of time."""
+    part = parsed.slews[slew]
+    given = streams_of(part, parsed)
     names: dict[str, dict[str, None]] = {}
-    for stream in streams_of(part, parsed):
+    for stream in given:
         names.setdefault(stream.file, {}).update(dict.fromkeys(stream.columns))
     tables = {file: table(file, list(columns), part.name) for file, columns in names.items()}
-    read = [entry for entry in parsed.entries if part.file_of(entry.columns)]
-    first = min(read, key=lambda entry: entry.field != "rate")
-    rated = tables[part.file_of(first.columns) or ""]
+    first = min(given, key=lambda stream: all(entry.field != "rate" for entry in stream.entries))
+    rated = tables[first.file]
     if rated.rows < 2:
         what = f"{rated.rows} row(s) of telemetry"
         advice = "a slew needs at least two"
         raise CampaignError(what, where=rated.label, advice=advice)
-    return tables
-
-
-def _streams(slew: int, table: _TableReader, parsed: Description) -> list[StreamRows]:
-    """The streams of a slew, their rows in the order of time."""
-    part = parsed.slews[slew]
-    tables = _tables(part, table, parsed)
     streams = []
-    for stream in streams_of(part, parsed):
-        time, *names = stream.columns
-        rows, dirt = ordered_rows(tables[stream.file], time, names)
+    for stream in given:
+        time, *columns = stream.columns
+        rows, dirt = ordered_rows(tables[stream.file], time, columns)
         streams.append(StreamRows(slew, stream, rows, tuple(dirt)))
     return streams
 
