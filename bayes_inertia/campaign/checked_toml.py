@@ -198,7 +198,7 @@ class _Wording:
         node: Any = self.document
         for k, part in enumerate(loc):
             if isinstance(part, str):
-                if len(self._forms_at(loc[:k])) > 1 and part != loc[-1]:
+                if len(self._forms_at(loc[:k])) > 1 and k + 1 < len(loc):
                     continue  # a tag: the path names the table by it already
                 path += f".{part}" if path else part
                 node = node.get(part) if isinstance(node, dict) else None

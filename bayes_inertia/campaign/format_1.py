@@ -89,10 +89,9 @@ def upgrade(content: Mapping[str, Any]) -> dict[str, Any]:
             raise CampaignError(what, where=f"key columns.{key}.names", advice=advice)
     sensors = []
     for kind, table in _SENSORS.items():
-        stated = content.get(table, {})
-        named = {"name": table.replace("_", " "), **stated}
-        own = {kind: columns[kind]} if kind in columns else {}
-        sensors += [_with(named, table, type=kind, **own)] if stated or own else []
+        if table in content or kind in columns:
+            named = {"name": table.replace("_", " "), **content.get(table, {})}
+            sensors.append(_with(named, table, type=kind, **{kind: columns.get(kind)}))
     environment = [
         {"name": key, "type": key, "vector": columns[key]} for key in _ENVIRONMENT if key in columns
     ]

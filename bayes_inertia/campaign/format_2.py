@@ -196,10 +196,12 @@ class AttitudeColumns(OfStream):
 
 
 class AttitudeDevice(ReferenceDevice, schema.StarTrackerPart):
-    """One of `[[sensors]]`: a star tracker; without columns it has no fix."""
+    """One of `[[sensors]]`: a star tracker. That of a file of format 1 may have no columns."""
 
     type: Literal["attitude"]
-    attitude: AttitudeColumns | None = None
+    attitude: AttitudeColumns | None = Field(
+        description='attitude = { names = ["q1", "q2", "q3", "q4"], scalar = ..., maps = ... }'
+    )
 
 
 class DirectionColumns(OfStream):

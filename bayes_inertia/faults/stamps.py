@@ -40,17 +40,13 @@ class StampSlope:
         return self.value - LIMITS.sure_sds * self.sd > 0.5
 
 
-def row_numbers(time: np.ndarray) -> np.ndarray:
-    """Numbers (n,) of rows on a regular clock, as far as single steps tell."""
+def clock_through(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Times (n,) of the regular clock nearest to stamps, from the first, and its rows (n,)."""
     steps = np.diff(time)
     step = float(np.median(steps))
     near = steps[np.abs(steps - step) < 0.5 * step]
-    return np.concatenate([[0.0], np.cumsum(np.round(steps / np.mean(near)))])
-
-
-def clock_through(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Times (n,) of the regular clock nearest to stamps, from the first, and its rows (n,)."""
-    rows = row_numbers(time)
+    # As far as single steps tell.
+    rows = np.concatenate([[0.0], np.cumsum(np.round(steps / np.mean(near)))])
     for _ in range(2):
         slope, start = np.polyfit(rows, time - time[0], 1)
         fitted = start + slope * rows

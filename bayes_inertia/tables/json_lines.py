@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,15 +24,11 @@ from bayes_inertia.tables.time_stamps import time_names
 
 def read_json_lines(path: Path) -> Table:
     """The columns of a file of JSON objects; a key that one lacks is an empty cell."""
-    text, notes = whole_lines(read_bytes(path), str(path))
-    table = parse_json_lines(text, str(path))
-    return replace(table, notes=(*notes, *table.notes))
-
-
-def parse_json_lines(text: str, label: str) -> Table:
-    """The columns of text of JSON objects."""
-    records, lines, notes = _records(text, label)
-    return Table(label, _columns(records, lines, label), np.array(lines, dtype=int), notes=notes)
+    label = str(path)
+    text, cut = whole_lines(read_bytes(path), label)
+    records, lines, broken = _records(text, label)
+    columns = _columns(records, lines, label)
+    return Table(label, columns, np.array(lines, dtype=int), notes=(*cut, *broken))
 
 
 def _columns(records: Sequence[Any], lines: Sequence[int], label: str) -> dict[str, Column]:

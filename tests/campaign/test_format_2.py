@@ -242,6 +242,7 @@ type = "magnetic_field"
 vector = { names = ["b1", "b2", "b3"], unit = "T", frame = "inertial" }
 
 """
+FIXES = TOML[TOML.index("[sensors.attitude]") : TOML.index("[[environment]]")]
 BAD = [
     ("two", [("[[environment]]\n", FIELD + "[[environment]]\n")], ["environment.field", "other"]),
     ("unknown key", [("sigma = 2e-5", "sigmas = 2e-5")], ["sensors.gyro.sigmas", '"sigma"']),
@@ -265,6 +266,7 @@ BAD = [
     ("no table", [('file = "a.csv"', 'files = "c_{stream}.csv"')], ["slews.first", "c_all.csv"]),
     ("no stream", [('file = "a.csv"', 'files = { al = "a.csv" }')], ["files.al", "here: all"]),
     ("old keys", [("[[environment]]", "[[wheels]]")], ["key wheels", "[[actuators]]"]),
+    ("no fixes", [(FIXES, "")], ["sensors.tracker.attitude: missing"]),
     ("moved", [("sigma_r", "reference = true\nmounting_sigma = 0.01\nsigma_r")], ["sits as"]),
     ("frames", [("sigma = 2e-5", "sigma = 2e-5\nreference = 1")], ["sensors.gyro.reference"]),
     ("no sensor", [("[[sensors]]", "[[sensor]]")], ["key sensor", '"sensors"']),

@@ -154,14 +154,8 @@ def refuse_half_empty_rows(table: Table, names: Sequence[str], advice: str) -> N
     """Refuse columns that are empty everywhere, and rows of which some cells are given."""
     refuse_empty_columns(table, names)
     empty = np.isnan(table.stack(names))
-    _refuse_empty_cells(table, names, empty & ~empty.all(axis=1, keepdims=True), advice)
-
-
-def _refuse_empty_cells(table: Table, names: Sequence[str], empty: np.ndarray, advice: str) -> None:
+    empty &= ~empty.all(axis=1, keepdims=True)
     if empty.any():
         row = int(np.argmax(empty.any(axis=1)))
-        raise CampaignError(
-            "the cell is empty",
-            where=table.place(row, names[int(np.argmax(empty[row]))]),
-            advice=advice,
-        )
+        where = table.place(row, names[int(np.argmax(empty[row]))])
+        raise CampaignError("the cell is empty", where=where, advice=advice)
