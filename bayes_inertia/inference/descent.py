@@ -119,22 +119,17 @@ def _to_minimum(
         blocks = information_blocks(model, x, white, free, silent=silent)
         return in_chart(x, *normal_equations(model, x, blocks))
 
+    # What noise alone makes of the objective; of other densities it has no such meaning.
+    expected = 0.5 * max(float(n_data(model, white).sum()), 1.0)
     return dogleg(
         lambda x: negative_log_posterior(model, x, white),
         equations,
         lambda x, step: moved(model, x, step, free),
         point,
         step_sizes(model, point, free),
-        expected=_expected(model, white),
+        expected=np.inf if any(each.density is not None for each in white) else expected,
         **stop,
     )
-
-
-def _expected(model: Model, white: Whitenings) -> float:
-    """What noise alone makes of the objective; of other densities it has no such meaning."""
-    if any(each.density is not None for each in white):
-        return np.inf
-    return 0.5 * max(float(n_data(model, white).sum()), 1.0)
 
 
 def guess_nuisances(model: Model, theta: np.ndarray) -> np.ndarray:
@@ -244,30 +239,23 @@ def gentle_descents(
     """
     fixed, free = list(model.structure.hyperparameters), without_hyperparameters(model, free)
     theta = model.space.mean if start is None else np.asarray(start, float)
-    silent = np.zeros((model.n_slews, model.structure.n_local))
-    with compiled_meanwhile(model, Point(theta, np.zeros(model.n_bias), silent)):
-        if start is not None:
-            return [_gentle_descent(model, theta, free)]
+    thetas = theta[None]
+    if start is None:
         draws = model.draw_prior(np.random.default_rng(seed), max(starts, LIMITS.most_starts) - 1)
         thetas = _inside_support(model, np.array([theta, *draws]))
         thetas[:, fixed] = theta[fixed]
-        return _descents(model, thetas, starts, free)
-
-
-def _descents(
-    model: Model, thetas: np.ndarray, starts: int, free: np.ndarray
-) -> list[tuple[float, Point]]:
-    """From so many of the points (n, d), from more of them while none comes near the data."""
-    descents: list[tuple[float, Point]] = []
     rates = 3 if model.campaign.rate_sensor is None else len(model.campaign.gyro.axes)
     readings = sum(rates * len(s.time) for s in model.campaign.slews)
     near = LIMITS.lost_reduced_chi2 * LIMITS.gentle_weight * 0.5 * readings
-    for k, theta in enumerate(thetas):
-        if k >= starts and descents and min(o for o, _ in descents) < near:
-            break
-        objective, point = _gentle_descent(model, theta, free)
-        if np.isfinite(objective):
-            descents.append((objective, point))
+    silent = np.zeros((model.n_slews, model.structure.n_local))
+    descents: list[tuple[float, Point]] = []
+    with compiled_meanwhile(model, Point(theta, np.zeros(model.n_bias), silent)):
+        for k, begin in enumerate(thetas):
+            if k >= starts and descents and min(o for o, _ in descents) < near:
+                break
+            objective, point = _gentle_descent(model, begin, free)
+            if np.isfinite(objective):
+                descents.append((objective, point))
     if not descents:
         raise EstimateError(
             "no start of the optimizer gave finite residuals",

@@ -510,13 +510,10 @@ def information_with_learnt(
     slope, distance = prior_rows(model, point.theta)
     to_standardised = slope[evidence.learnt]
     own = np.outer(to_standardised, to_standardised) * (curvature - np.eye(len(to_standardised)))
-    p, slews = len(free) + point.n_local + len(point.bias), model.n_slews
-    known = np.flatnonzero(~np.isin(np.arange(p), np.searchsorted(free, evidence.learnt)))
-    learnt = np.searchsorted(free, evidence.learnt)
-    channels = plain.matrix.shape[1]
-    matrix, gradient = np.zeros((slews, channels, p, p)), np.zeros((slews, channels, p))
-    matrix[..., known[:, None], known] = plain.matrix
-    gradient[..., known] = plain.gradient
+    learnt, slews = np.searchsorted(free, evidence.learnt), model.n_slews
+    at = learnt - np.arange(len(learnt))
+    matrix = np.insert(np.insert(plain.matrix, at, 0.0, axis=2), at, 0.0, axis=3)
+    gradient = np.insert(plain.gradient, at, 0.0, axis=2)
     matrix[:, 0][:, learnt[:, None], learnt] = own / slews
     gradient[:, 0][:, learnt] = -to_standardised * distance[evidence.learnt] / slews
     return plain._replace(matrix=matrix, gradient=gradient, free=free)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -19,8 +20,8 @@ from bayes_inertia.inference.marginal_posterior import (
     Ridge,
     prior_roots,
 )
-from bayes_inertia.inference.noise_filter import coefficients_of, estimated_noise, noise_memory
-from bayes_inertia.inference.noise_model import Whitenings, densities_of
+from bayes_inertia.inference.noise_filter import coefficients_of, estimated_noise
+from bayes_inertia.inference.noise_model import Whitenings, densities_of, with_memory
 from bayes_inertia.inference.objective import prior_root
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import (
@@ -30,7 +31,6 @@ from bayes_inertia.inference.residual_tests import (
     effective_parameters,
     residual_series,
     scale_test,
-    with_whole_noise,
 )
 from bayes_inertia.inference.rounding import has_one_error, rounding_steps
 from bayes_inertia.inference.slew_shares import SlewShares
@@ -181,7 +181,9 @@ class Estimate:
         model, point, white = self.model, self.point, self.stated
         standing = coefficients_of(model, estimated_noise(model, point.theta))
         if standing.any():
-            point, white = with_whole_noise(model, point, white, standing)
+            # Processes are filtered out of the readings whole, their coefficients left out.
+            white = with_memory(model, white, self.theta, whole=True)
+            point = replace(point, local=np.where(standing, 0.0, point.local))
         elif model.structure.free_momenta:
             point, standing = self._drawn(), np.ones(point.n_local, bool)
         else:
@@ -373,12 +375,8 @@ def plain_series(estimate: Estimate) -> dict[str, list[np.ndarray]]:
 
     Returns (rows, components): by channel and slew; NaN where nothing was measured.
     """
-    model, theta = estimate.model, estimate.theta
-    white = tuple(
-        stated._replace(memory=noise_memory(model, channel, theta, measured=False))
-        for channel, stated in zip(model.channels, estimate.stated, strict=True)
-    )
-    return residual_series(model, estimate.point, white)
+    white = with_memory(estimate.model, estimate.stated, estimate.theta, measured=False)
+    return residual_series(estimate.model, estimate.point, white)
 
 
 def marginal(estimate: Estimate) -> Marginal:

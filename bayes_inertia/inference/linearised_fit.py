@@ -229,10 +229,7 @@ class LinearisedFit:
 
         `signal` (slews, numbers). Returns (slews, numbers).
         """
-        projected_gradient = np.zeros(len(self.covariance))
-        for s, change in enumerate(signal):
-            projected_gradient[self.index(s)] += self.columns[s].T @ change
-        answer = self.covariance @ projected_gradient
+        answer = self.covariance @ self._pulled(np.zeros(len(self.covariance)), signal)
         return np.stack(
             [change - self.columns[s] @ answer[self.index(s)] for s, change in enumerate(signal)]
         )
@@ -264,7 +261,11 @@ class LinearisedFit:
         independent = self.model.space.whitening is None
         root = np.diag(np.sqrt(np.diag(shared))) if independent else np.linalg.cholesky(shared)
         gradient[: self.n_shared] = root @ gradient[: self.n_shared]
-        for s, change in enumerate(data):
+        return self._pulled(gradient, data)
+
+    def _pulled(self, gradient: np.ndarray, changes: np.ndarray) -> np.ndarray:
+        """The gradient (unknowns, ...) with what changes (slews, numbers, ...) add to it."""
+        for s, change in enumerate(changes):
             gradient[self.index(s)] += self.columns[s].T @ change
         return gradient
 

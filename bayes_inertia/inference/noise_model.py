@@ -211,6 +211,15 @@ def whitening(model: Model, theta: np.ndarray) -> Whitenings:
     return tuple(white)
 
 
+def with_memory(model: Model, white: Whitenings, theta: np.ndarray, **counted: bool) -> Whitenings:
+    """The same noise with another memory; `counted`: as `noise_memory` takes it."""
+    pairs = zip(model.channels, white, strict=True)
+    return tuple(
+        each._replace(memory=noise_memory(model, channel, theta, **counted))
+        for channel, each in pairs
+    )
+
+
 def without_memory(white: Whitenings) -> Whitenings:
     """The same noise as if it were white and Gaussian."""
     return tuple(each._replace(memory=None, density=None) for each in white)

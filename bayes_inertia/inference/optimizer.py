@@ -18,7 +18,6 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.descent import descend, gentle_descents, guess_nuisances, roughly
 from bayes_inertia.inference.hyperparameters import information_with_learnt, without_hyperparameters
@@ -105,11 +104,6 @@ def estimate(
     say("descending from several starts", 0, 0)
     free = np.arange(model.space.size) if free is None else np.asarray(free)
     descents = gentle_descents(model, seed, starts, start, free)
-    if not np.isfinite(min(objective for objective, _ in descents)):
-        raise EstimateError(
-            "the start of the optimizer gave no finite residuals",
-            advice="check units and signs of the telemetry columns",
-        )
     full = np.ones((model.n_slews, len(model.channels)))
     say("finding the optimum", 0, 0)
     optima = [

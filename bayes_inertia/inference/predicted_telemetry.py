@@ -11,7 +11,7 @@ was sampled.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
@@ -32,7 +32,6 @@ from bayes_inertia.inference.noise_model import (
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.sampler import Chains
 from bayes_inertia.inference.slew_shares import eliminated
-from bayes_inertia.maths.values import AnyArray
 
 
 def predicted_telemetry(
@@ -49,25 +48,27 @@ def predicted_telemetry(
     shape = (len(chains.samples), LIMITS.telemetry_draws)
     predicted: dict[str, np.ndarray] = {}
     pointwise: dict[str, np.ndarray] = {}
-    norms = log_norms(model, estimate.stated)
-    channels = list(zip(model.channels, densities_of(model), measured(model), norms, strict=True))
+    parts = (measured(model), densities_of(model), log_norms(model, estimate.stated))
+    channels = [
+        each
+        for each in zip(range(len(model.channels)), model.channels, *parts, strict=True)
+        if each[1].compared and each[2].size
+    ]
     # Each draw goes to its place at once: copies of telemetry-sized arrays would be the largest
     # things that a fit holds.
     for k, (theta, (new, gaps)) in enumerate(
         zip(thinned, _residuals_of_draws(estimate, thinned, rng), strict=True)
     ):
-        values = _predicted(estimate, gaps)
-        for (channel, density, valid, norm), r in zip(channels, new, strict=True):
+        for place, channel, valid, density, norm in channels:
             name, known = channel.name, valid.sum(-1)
-            if name not in values:
-                continue
+            values = _predicted(estimate, place, np.asarray(gaps[place]).reshape(valid.shape))
             if name not in predicted:
-                predicted[name] = np.empty((len(thinned), *values[name].shape))
+                predicted[name] = np.empty((len(thinned), *values.shape))
                 pointwise[name] = np.empty((len(thinned), *known.shape), np.float32)
-            predicted[name][k] = values[name]
+            predicted[name][k] = values
             # Log of the Gaussians' norms: they make densities comparable.
             norm = norm - 0.5 * np.log(2.0 * np.pi) * known
-            lost = losses(density, theta, np.asarray(r).reshape(valid.shape), valid)
+            lost = losses(density, theta, np.asarray(new[place]).reshape(valid.shape), valid)
             pointwise[name][k] = np.where(known, norm - lost, np.nan)
     for name, every in predicted.items():
         for part in np.split(np.arange(len(thinned)), shape[0]):
@@ -115,17 +116,12 @@ def thinned_draws(chains: Chains, rng: np.random.Generator) -> np.ndarray:
     return chosen.reshape(ensembles * LIMITS.telemetry_draws, -1)
 
 
-def _predicted(estimate: Estimate, gaps: Sequence[AnyArray]) -> dict[str, np.ndarray]:
-    """Predictions at the measurements: what is measured minus residuals in stated sigmas."""
-    model, predicted = estimate.model, {}
-    readings = model.data.arrays.telemetry.readings
-    parts = zip(model.channels, readings, estimate.stated, gaps, strict=True)
-    for channel, given, white, gap in parts:
-        if channel.compared and given.values.size:
-            residual = np.asarray(gap).reshape(given.valid.shape)
-            error = channel.unwhitened(np.asarray(white.factors), residual)
-            predicted[channel.name] = channel.moved(np.asarray(given.values), -error)
-    return predicted
+def _predicted(estimate: Estimate, place: int, residual: np.ndarray) -> np.ndarray:
+    """Predictions of a channel: what is measured minus residuals in stated sigmas."""
+    channel, white = estimate.model.channels[place], estimate.stated[place]
+    given = estimate.model.data.arrays.telemetry.readings[place].values
+    error = channel.unwhitened(np.asarray(white.factors), residual)
+    return channel.moved(np.asarray(given), -error)
 
 
 def _with_noise(

@@ -16,7 +16,7 @@ and adaptive Kalman filtering": innovations are white if the model is right).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,8 +26,9 @@ from scipy import stats
 from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.likelihood import Information, residuals
 from bayes_inertia.inference.limits import LIMITS
-from bayes_inertia.inference.noise_filter import noise_memory
-from bayes_inertia.inference.noise_model import Whitenings
+from bayes_inertia.inference.noise_model import (
+    Whitenings,
+)
 from bayes_inertia.inference.objective import block_index
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.values import array_dataclass
@@ -236,21 +237,6 @@ class TestedResiduals:
     series: dict[str, list[np.ndarray]]
     chi2: np.ndarray
     parameters: np.ndarray
-
-
-def with_whole_noise(
-    model: Model, point: Point, stated: Whitenings, standing: np.ndarray
-) -> tuple[Point, Whitenings]:
-    """Where residuals are white although effects add first-order processes to readings.
-
-    `standing` (n_local,): which of a slew's nuisances stand for these processes. They are filtered
-    out of the readings instead.
-    """
-    white = tuple(
-        each._replace(memory=noise_memory(model, channel, point.theta, whole=True))
-        for channel, each in zip(model.channels, stated, strict=True)
-    )
-    return replace(point, local=np.where(standing, 0.0, point.local)), white
 
 
 def effective_parameters(
