@@ -87,10 +87,10 @@ def whiteness_text(p_white: float | None, criteria: Criteria) -> str:
 def discount_text(discount: float) -> str:
     """Weight of one channel of one slew in the estimate.
 
-    >>> discount_text(1.0), discount_text(0.0026), discount_text(0.5)
+    >>> discount_text(0.96), discount_text(0.0026), discount_text(0.5)
     ('full', '1/385', '1/2.0')
     """
-    if discount > 0.995:
+    if discount > 1.0 / 1.05:  # less would print as 1/1.0
         return "full"
     return f"1/{1.0 / discount:.1f}" if discount > 0.1 else f"1/{1.0 / discount:.0f}"
 

@@ -202,6 +202,7 @@ def determination_section(posterior: Posterior) -> Section:
     context = {
         "groups": names_by_determination(rows, criteria_of(posterior.attributes)),
         "correlations": correlation_sentences(names, matrix),
+        "trusted": summary["trusted"],
     }
     title = "What this campaign determines"
     return Section(title, packaged("determination.html"), context, pictures)

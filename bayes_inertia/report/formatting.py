@@ -6,6 +6,7 @@ Printed text has typographic signs: a real minus, superscripts, dashes.
 from __future__ import annotations
 
 import math
+import re
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -262,6 +263,8 @@ def typeset(text: str) -> str:
 
     >>> typeset("reduced chi^2 2.7: use `diagnose` and robust_sd")
     'reduced χ² 2.7: use diagnose and robust sd'
+    >>> typeset("by -0.035 kg m^2: 2026-11-27")
+    'by −0.035 kg m²: 2026-11-27'
     """
-    text = text.replace("`", "").replace("robust_sd", "robust sd")
+    text = re.sub(r"(?<= )-(?=\d)", "−", text.replace("`", "").replace("robust_sd", "robust sd"))
     return text.replace("^2", "²").replace("^3", "³").replace("chi²", "χ²")

@@ -145,6 +145,7 @@ def test_observability_of_hostile_names(printed):
         variance_inflation=4.0,
         verdict="determined",
         share=np.array([[0.6, 0.0, 0.1], [0.1, 0.1, 0.1]]),
+        tells_most=0,
         sd_other_drive=0.2,
     )
     direction = SimpleNamespace(verdict_is_prior=True, exact=True, says="a [b] c", contraction=0.1)
@@ -182,6 +183,19 @@ def test_a_fit_with_hostile_names(printed):
     out = printed()
     for text in ("FAILED gate [a]: χ² [/b]", "pump [x]: gain", str(FOLDER)):
         assert text in out
+
+
+@pytest.mark.parametrize(("quoted", "told"), [(0.1, "yes"), (None, "–")])
+def test_a_refused_fit_is_not_said_to_determine_anything(printed, quoted, told):
+    row = {"mean": 1.0, "sd": 0.1, "quoted_sd": quoted, "prior_sd": 1.0, "unit": "kg m^2"}
+    summary = {
+        "gates": [{"passed": quoted is not None, "name": "explained", "says": "so"}],
+        "parameters": {"Jxx": row},
+        "fit": {"reduced_chi2": {"rate": 1.0}},
+        "diagnostics": {"ess_bulk_min": 1.0},
+    }
+    show_summary(summary, FOLDER)
+    assert f"kg m² 1.0 {told}" in printed()
 
 
 def test_a_diagnosis_with_hostile_names(printed, monkeypatch):

@@ -133,6 +133,17 @@ def test_of_a_tensor_without_a_size_only_ratios_are_said(posteriors):
     assert not set(ELEMENTS) & {name for names in groups.values() for name in names}
 
 
+def test_the_page_of_a_refused_fit_says_that_it_may_determine_nothing(made):
+    said = "would hold if the fit could be trusted"
+    pages = {
+        kind: render_page("t", [f(made(kind)) for f in (determination_section, parameters_section)])
+        for kind in ("thrown", "good")
+    }
+    assert [said in pages[kind] for kind in ("thrown", "good")] == [True, False]
+    # It has no such column to explain.
+    assert ["Contraction" in pages[kind] for kind in ("thrown", "good")] == [False, True]
+
+
 def test_what_is_known_by_its_logarithm_is_judged_by_its_logarithm(made):
     posterior = made("good")
     told, sd = posterior.summary()["parameters"], posterior.samples.std(axis=0, ddof=1)

@@ -214,7 +214,7 @@ def test_the_check_says_that_a_campaign_has_no_rate_sensor(sigma, said):
 @pytest.mark.parametrize(("name", "advised"), [("Jxy", True), ("jets.gain", False)])
 def test_slews_are_advised_for_what_slews_determine(name, advised):
     groups = {"determined": ["K1"], "partly determined": [], "not determined": [name]}
-    said = page_of("determination.html", groups=groups, correlations=[])
+    said = page_of("determination.html", groups=groups, correlations=[], trusted=True)
     assert ("Fly slews that turn about" in said) is advised
 
 

@@ -25,6 +25,7 @@ from bayes_inertia.sealing import SEAL_KEY
 
 if TYPE_CHECKING:
     from bayes_inertia.inference.posterior import Posterior
+    from bayes_inertia.report.criteria import Criteria
 
 
 def fit_command(
@@ -251,7 +252,6 @@ def _gates(gates: Sequence[dict[str, Any]], samples: float) -> Text:
 def _parameter_rows(summary: dict[str, Any]) -> Iterator[tuple[str, ...]]:
     from bayes_inertia.report.criteria import (
         criteria_of,
-        determination_of,
         exponents_of,
         ratios_told,
         sd_in_print,
@@ -271,8 +271,18 @@ def _parameter_rows(summary: dict[str, Any]) -> Iterator[tuple[str, ...]]:
             NOT_GIVEN if quoted is None else number(quoted, quoted, power),
             unit_text(p["unit"], power),
             number(p["prior_sd"], p["prior_sd"], power),
-            "its ratio" if f"{name}/trace" in shown else _DETERMINED[determination_of(p, criteria)],
+            _told(p, f"{name}/trace" in shown, criteria),
         )
+
+
+def _told(row: dict[str, Any], by_ratio: bool, criteria: Criteria) -> str:
+    """How far a parameter is determined; what is wrong with a refused fit may pass for that."""
+    from bayes_inertia.report.criteria import determination_of
+    from bayes_inertia.report.formatting import NOT_GIVEN
+
+    if by_ratio:
+        return "its ratio"
+    return NOT_GIVEN if row["quoted_sd"] is None else _DETERMINED[determination_of(row, criteria)]
 
 
 def show_diagnosis(content: dict[str, Any]) -> None:
