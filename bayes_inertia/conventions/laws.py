@@ -404,19 +404,15 @@ def misfits_of(campaign: Campaign) -> Misfits | None:
 
 
 def _beside_smoothed(campaign: Campaign) -> Campaign:
-    """A campaign whose rate sensor has three axes more: body rates that all others tell."""
-    without = tuple(replace(slew, rate=None) for slew in campaign.slews)
-    others = replace(campaign, rate_sensor=None, slews=without).with_body_rates
-    own, more = campaign.gyro, others.gyro
-    # What wheels tell of them is as wrong as J.
-    scale = max(LIMITS.inertia_sd, campaign.inertia.relative_sigma)
-    more = replace(more, scale_factor_sigma=(scale,) * 3)
+    """A campaign whose rate sensor has three axes more: body rates that all sensors tell."""
+    smoothed = campaign.with_body_rates
+    own, more = campaign.gyro, smoothed.gyro
     numbers = ("sigma", "scale_factor", "scale_factor_sigma", "bias", "bias_sigma")
     joined: dict[str, Any] = {key: getattr(own, key) + getattr(more, key) for key in numbers}
     if (noise := own.correlated_noise) is not None:
         white = CorrelatedNoise(noise.share + (0.0,) * 3, noise.time + (1.0,) * 3)
         joined["correlated_noise"] = white
     sensor = replace(own, axes=np.concatenate([own.axes, more.axes]), **joined)
-    rates = zip(campaign.slews, others.slews, strict=True)
+    rates = zip(campaign.slews, smoothed.slews, strict=True)
     slews = tuple(replace(s, rate=np.hstack([s.rate, o.rate])) for s, o in rates)  # type: ignore
     return replace(campaign, rate_sensor=sensor, slews=slews)

@@ -12,6 +12,7 @@ import bayes_inertia
 from bayes_inertia.campaign.hardware import RateSensor
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.conventions.check import check_conventions
+from bayes_inertia.conventions.laws import misfits_of
 from bayes_inertia.physics.integration_plan import motion_scales
 
 NOISES = (0.001, 0.005, 0.02, 0.05, 0.2)
@@ -118,6 +119,16 @@ def test_a_wrong_key_of_a_gyro_of_any_axes_is_named(example, axes, wrong):
     else:
         assert first.mended == mended
     assert first.key == key
+
+
+def test_what_no_axis_reads_is_as_doubtful_as_all_sensors_leave_it(example):
+    """Else right campaigns of much stored momentum are accused: wheels alone tell it poorly."""
+    campaign = with_axes(example, AXES["two axes"], lambda w: w)
+    misfits = misfits_of(campaign)
+    unread = campaign.with_body_rates.gyro.sigma
+    assert unread[2] > 10.0 * campaign.gyro.sigma[0]
+    np.testing.assert_allclose(misfits.noise["rate"][2:], unread)
+    assert misfits.own_axes == 2
 
 
 def test_fixes_at_rest_pull_no_rate_that_only_the_wheels_tell(example):
