@@ -40,6 +40,7 @@ from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.rounding import level_of_rounded, rounding_steps
 from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
 @dataclass(frozen=True)
@@ -158,6 +159,16 @@ def log_evidence_of_noise(estimate: Estimate) -> float:
     """
     numbers = LIMITS.numbers_of_colour * (RATE.correlated(estimate.model.campaign) is not None)
     return log_evidence_of_fit(estimate) - 0.5 * numbers * float(np.log(LIMITS.readings_a_number))
+
+
+def is_colour(fit: Estimate) -> bool:
+    """Whether a fit holds a process of the rates that lasts for few readings: correlated noise."""
+    steps = [np.median(np.diff(slew.time)) for slew in fit.model.campaign.slews]
+    shortest, space = LIMITS.readings_of_noise * float(np.median(steps)), fit.model.space
+    random = (e for e in fit.effects_fitted if isinstance(e, StochasticEffect))
+    # The sd comes first, the time next.
+    times = (fit.theta[space.slice_of(e.name)][1:2] for e in random if e.acts("rate_output"))
+    return any(time < shortest for of_effect in times for time in of_effect)
 
 
 def measured_again(start: CleanStart, final: Estimate) -> CleanStart | None:

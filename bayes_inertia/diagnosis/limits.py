@@ -168,6 +168,8 @@ class Limits:
     readings_a_number: float = 100.0
     # Numbers of a colour: share and time of three axes.
     numbers_of_colour: int = 6
+    # Noise remembers so many readings at most; what lasts longer may be an effect.
+    readings_of_noise: float = 16.0
     # So often the level of the noise is measured again beside a process without a shape.
     rounds_of_level: int = 4
     # Flexible mode

@@ -23,6 +23,7 @@ from bayes_inertia.diagnosis.clean_start import (
     CleanStart,
     at_measured_level,
     clean_start,
+    is_colour,
     log_evidence_of_noise,
     measured_again,
     with_correlated_noise,
@@ -352,13 +353,19 @@ def diagnose(
 
 
 def _diagnosed(begin: CleanStart, search: Search) -> Diagnosis:
-    """The verdict of the table whose noise, white or correlated, is more probable."""
-    found = [weigh_campaign(begin, search)]
+    """The verdict of the table whose noise, white or correlated, is more probable.
+
+    Noise that a twentieth of the probability leaves open is noise: nothing is named for it.
+    """
+    weighed = weigh_campaign(begin, search)
     search.say("measuring correlated noise", 0, 0)
-    coloured = with_correlated_noise(begin, begin.base, found[0].final)
+    coloured = with_correlated_noise(begin, begin.base, weighed.final)
     if coloured is not None:
-        found.append(weigh_campaign(coloured, search))
-    weighed, formulas = with_formulas(max(found, key=_log_evidence), search)
+        other = weigh_campaign(coloured, search)
+        least = _log_evidence(weighed) - search.rules.log_evidence_margin
+        if is_colour(weighed.final) or _log_evidence(other) > least:
+            weighed = other
+    weighed, formulas = with_formulas(weighed, search)
     table, reading, noise = weighed.table, weighed.reading, dict(weighed.begin.noise)
     added = tuple(step.added for step in weighed.steps)
     told = reading._replace(named=() if reading.verdict == "unknown" else added)

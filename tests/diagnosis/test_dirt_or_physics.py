@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from time import process_time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from bayes_inertia.diagnosis.clean_start import (
     CleanStart,
     at_measured_level,
     clean_start,
+    is_colour,
     measured_again,
     with_correlated_noise,
 )
@@ -26,6 +28,7 @@ from bayes_inertia.inference.treatment import DirtTreatment
 from bayes_inertia.physics.effects import (
     LIBRARY,
     ConstantTorque,
+    RateBiasInstability,
     RateSensorDelay,
     WheelCommandLag,
 )
@@ -189,6 +192,18 @@ def test_a_strong_process_of_the_bias_is_named_alone(clean):
     # Its sd is known to a few percent; that the fit is not of another size.
     first = diagnosis.final.model.space.slice_of(name).start
     assert diagnosis.final.theta[first] == pytest.approx(size, rel=0.3)
+
+
+@pytest.mark.parametrize(("readings", "noise"), [(10.0, True), (40.0, False)])
+def test_a_process_of_the_rates_that_lasts_for_few_readings_is_noise(flown, readings, noise):
+    effects = (RateBiasInstability(), ConstantTorque())
+    model = Model(flown.campaign, effects)
+    theta = model.space.mean
+    time = model.space.slice_of("rate_bias_instability").start + 1
+    theta[time] = readings * np.median(np.diff(flown.campaign.slews[0].time))
+    fit = SimpleNamespace(model=model, theta=theta, effects_fitted=effects)
+    assert is_colour(fit) is noise
+    assert not is_colour(SimpleNamespace(model=model, theta=theta, effects_fitted=effects[1:]))
 
 
 def test_noise_whose_colour_is_known_has_one_table(flown):
