@@ -44,14 +44,13 @@ _OTHER_ORDERS = tuple(permutations(range(3)))[1:]
 
 def mistakes(campaign: Campaign, columns: Columns) -> list[Mistake]:
     """All single mistakes that are tried for a campaign, the most common first."""
-    of_streams = [m for m in _stream_mistakes(columns) if m.changes[0].key.endswith("unit")]
     every = [
         *_stream_mistakes(columns),
         *_attitude_mistakes(columns),
         *_sense_of_torque(columns),
         *_rate_mistakes(campaign, columns),
         *_wheel_axes(campaign, columns),
-        *_shared_units(of_streams),
+        *_shared_units(columns),
         *_inertia_mistakes(campaign),
         *_spin_inertias(campaign, columns),
         *_direction_mistakes(campaign, columns),
@@ -214,9 +213,9 @@ def in_other_order(names: Sequence[str], what: str) -> Iterator[OtherColumns]:
 def signed(names: Sequence[str], what: str, vector: bool = True) -> Iterator[OtherColumns]:
     """All columns of a quantity with the other sign, one of them, or two of a vector's three."""
     count = len(names)
-    flips = [*(combinations(range(count), 1) if count > 1 else ())]
-    flips += combinations(range(count), 2) if vector and count == 3 else ()
-    for flipped in (tuple(range(count)), *flips) if count else ():
+    pairs = combinations(range(count), 2) if vector and count == 3 else ()
+    flips = dict.fromkeys([tuple(range(count)), *combinations(range(count), 1), *pairs])
+    for flipped in flips if count else ():
         sign = np.where(np.isin(np.arange(count), flipped), -1.0, 1.0)
         other = [negated_name(n) if s < 0.0 else n for n, s in zip(names, sign, strict=True)]
         which = "all columns" if len(flipped) == count else " and ".join(names[k] for k in flipped)
@@ -263,12 +262,13 @@ def _axes_of_wheels(campaign: Campaign, axes_B: np.ndarray, words: str) -> Mista
     return Mistake(changes, 3, changed(axes_B=lambda _: axes_B), words)
 
 
-def _shared_units(of_streams: Sequence[Mistake]) -> Iterator[Mistake]:
+def _shared_units(columns: Columns) -> Iterator[Mistake]:
     """Torque and momentum both in thousandths: one mistake, two keys."""
-    units = {(m.changes[0].key, m.changes[0].mended): m for m in of_streams}
-    for (key, unit), torque in units.items():
-        momentum = units.get(("columns.wheel_momentum.unit", f"{unit} s"))
-        if key == "columns.wheel_torque.unit" and momentum is not None:
+    units = {f"{m.changes[0].key} {m.changes[0].mended}": m for m in _stream_mistakes(columns)}
+    for unit in UNITS["wheel_torque"]:
+        torque = units.get(f"columns.wheel_torque.unit {unit}")
+        momentum = units.get(f"columns.wheel_momentum.unit {unit} s")
+        if torque is not None and momentum is not None:
             yield both(torque, momentum)
 
 
