@@ -15,7 +15,7 @@ from scipy import optimize
 from scipy.linalg import block_diag
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.diagnosis.random_signals import medians, projected_signal
+from bayes_inertia.diagnosis.random_signals import projected_signal
 from bayes_inertia.diagnosis.torque_response import coefficient_columns, torque_response
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.marginal_posterior import prior_roots
@@ -39,7 +39,7 @@ def eigenvalues(
     """
     campaign = plain.model.campaign
     model = Model(campaign, (effect,), plain.model.structure.drive)
-    theta, part = medians(model), model.space.slice_of(effect.name)
+    theta, part = model.space.mean, model.space.slice_of(effect.name)
     theta[part.start + 1 : part.stop] = time
     columns = coefficient_columns(torque_response(plain), effect)
     signal = projected_signal(plain.linearised(), columns)

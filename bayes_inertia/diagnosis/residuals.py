@@ -39,14 +39,19 @@ def correlations(tests: ScoreTests) -> dict[tuple[str, str], float]:
 
 def final_tests(estimate: Estimate) -> dict[str, ChannelTest]:
     """Test the residuals against the noise as used: stated noise times what was measured of it."""
-    # A diagnosis measures one level for all slews.
-    tested, scale = estimate.tested_residuals, np.sqrt(estimate.discount[0])
-    scales = dict(zip(tested.series, scale, strict=True))
-    series = {c: [scales[c] * x for x in slews] for c, slews in tested.series.items()}
-    dof = estimate.information.n_data.sum(0) - tested.parameters
+    scale = np.sqrt(estimate.discount)
+    tested, info = estimate.tested_residuals, estimate.information
+    series = {
+        c: [s * x for s, x in zip(scale[:, i], tested.series[c], strict=True)]
+        for i, c in enumerate(tested.series)
+    }
+    # Slews of one noise are added before they are scaled, as they always were.
+    relative = estimate.discount / estimate.discount[0]
+    chi2 = (tested.chi2 * relative).sum(0) * scale[0] ** 2
+    dof = info.n_data.sum(0) - tested.parameters
     steps = rounding_steps(estimate.model.campaign)
-    rounded = [c for c, of_components in steps.items() if has_one_error(scales[c] * of_components)]
-    chi2 = tested.chi2.sum(0) * scale**2
+    largest = dict(zip(tested.series, scale.max(0), strict=True))
+    rounded = [c for c, of_components in steps.items() if has_one_error(largest[c] * of_components)]
     return channel_tests(estimate.model.channels, series, chi2, dof, rounded)
 
 
