@@ -6,7 +6,7 @@ The limits of wheels and rate sensor come with the spacecraft.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy as np
 from bayes_inertia.campaign.hardware import members, require_number, require_positive
 from bayes_inertia.flight.plan import direction, unit_quaternion
 from bayes_inertia.flight.spacecraft import Spacecraft
-from bayes_inertia.maths.values import Vector
+from bayes_inertia.maths.values import Vector, json_ready
 
 Quaternion = tuple[float, float, float, float]
 
@@ -127,13 +127,8 @@ class Limits:
         dict
             {limit: value} in SI units; `keep_out` is a list of dictionaries.
         """
-        plain = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "keep_out"}
-        return plain | {
-            "keep_out": [
-                {"name": c.name, "direction_N": list(c.direction_N), "half_angle": c.half_angle}
-                for c in self.keep_out
-            ]
-        }
+        plain = json_ready(self)
+        return plain | {"keep_out": plain.pop("keep_out")}
 
 
 class HardwareLimits(NamedTuple):
