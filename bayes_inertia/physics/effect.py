@@ -629,7 +629,7 @@ def require_of_effect(condition: bool, effect: Any, what: str, advice: str) -> N
         raise EffectError(what, where=_place(effect), advice=advice)
 
 
-def require_rule(condition: bool, effect: Any, rule: str, **told: Any) -> None:
+def require_rule(condition: bool, effect: Any, rule: str, /, **told: Any) -> None:
     """Raise unless a rule of the contract is kept; `told`: what its words leave open.
 
     >>> require_rule(False, Effect(), "unit", name="tau")
@@ -640,7 +640,7 @@ def require_rule(condition: bool, effect: Any, rule: str, **told: Any) -> None:
         raise broken(effect, rule, **told)
 
 
-def broken(effect: Any, rule: str, **told: Any) -> EffectError:
+def broken(effect: Any, rule: str, /, **told: Any) -> EffectError:
     """The error of an effect, or of what it is called, that breaks a rule of the contract."""
     what, advice = (text.format(**told) for text in vocabulary("physics")["contract"][rule])
     return EffectError(what, where=_place(effect), advice=advice)
