@@ -213,13 +213,23 @@ def _said(row: dict) -> str:
 def _cells(rows: list[dict]) -> tuple[str, ...]:
     """Right campaigns accused, keys named by their sort and in all, median seconds."""
     right = [r for r in rows if not r["wrong"]]
-    accused = sum(r["verdict"] == "wrong" or bool(r["proposed"]) for r in right)
+    accused = sum(map(is_accused, right))
     wrong = [r for r in rows if r["wrong"]]
     by_sort = [[r for r in wrong if r["wrong"].startswith(sort)] for sort in SORTS]
-    shown = [r for r in wrong if r["named"] or r["verdict"] == "wrong" or not r["listed"]]
+    shown = [r for r in wrong if is_shown(r)]
     seconds = sorted(r["seconds"] for r in rows)[len(rows) // 2]
     named = [_named(those) for those in (*by_sort, shown)]
     return (f"{accused} of {len(right)}", *named, f"{seconds:.1f}")
+
+
+def is_accused(row: dict) -> bool:
+    """Whether doctor calls a description wrong, or proposes a change."""
+    return row["verdict"] == "wrong" or bool(row["proposed"])
+
+
+def is_shown(row: dict) -> bool:
+    """Whether doctor does not list a wrong key under what the data cannot show."""
+    return row["named"] or row["verdict"] == "wrong" or not row["listed"]
 
 
 def _named(rows: list[dict]) -> str:

@@ -19,6 +19,7 @@ from analyses.calibration.reliability import campaign_of, reliability
 from analyses.calibration.unmodelled_disturbance_page import coverage_of
 from analyses.data_quality.page import wrong as trusted_and_wrong
 from analyses.design.cross_terms_cases import CRAFT, RATES
+from analyses.imports.conventions_kinds import is_accused, is_shown
 from analyses.imports.conventions_page import DIRTY
 from analyses.naming import fixed_shape_page, table_page
 from analyses.naming import formulas as law_study
@@ -213,6 +214,17 @@ def conventions() -> Iterator[tuple[str, str]]:
     yield "conventions.accused", f"{sum(row['verdict'] == 'wrong' for row in right)}"
 
 
+def conventions_of_kinds() -> Iterator[tuple[str, str]]:
+    """Wrong keys of devices, direction sensors and gyros of any axes named; right ones accused."""
+    found = rows("conventions_kinds")
+    wrong, right = ([row for row in found if bool(row["wrong"]) == is_wrong] for is_wrong in (1, 0))
+    shown = [row for row in wrong if is_shown(row)]
+    yield "wrong_keys.shown", f"{len(shown)}"
+    yield "wrong_keys.named", f"{sum(row['named'] for row in shown)}"
+    yield "wrong_keys.right", f"{len(right)}"
+    yield "wrong_keys.accused", f"{sum(map(is_accused, right))}"
+
+
 def dirt() -> Iterator[tuple[str, str]]:
     """Faults of telemetry: trusted, refused, stopped."""
     found = content("telemetry_faults")
@@ -398,6 +410,7 @@ GROUPS: tuple[Callable[[], Iterator[tuple[str, str]]], ...] = (
     probabilities,
     unexplained,
     conventions,
+    conventions_of_kinds,
     dirt,
     distortions,
     sampling,

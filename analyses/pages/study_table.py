@@ -160,6 +160,12 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
             "conventions",
         ),
         (
+            "Wrong keys of thrusters, rotors, told torques, gyros of any axes, direction sensors",
+            "`doctor` names {wrong_keys.named} of {wrong_keys.shown} that the data can show; of "
+            "{wrong_keys.right} right campaigns it accuses {wrong_keys.accused}",
+            "conventions_kinds",
+        ),
+        (
             "Gaps, outliers, stuck values, clock jumps: random combinations",
             "{dirt.trusted} of {dirt.cases} trusted, {dirt.refused} "
             "refused, {dirt.stopped} stopped "
