@@ -85,8 +85,8 @@ def expected(plan: Plan, craft: Spacecraft, fitted: bool) -> list[float]:
     The misalignment's angles are fitted with their prior of the library, or known.
     """
     effects = by_name((MISALIGNMENT,)) if fitted else ()
-    controller = Controller.from_prior(PRIOR, craft.rate_sensor, craft.wheels)
-    truths = likely_missions(plan, Mission(craft, PRIOR), TRUTHS + 1, 1)[1:]
+    mission = Mission(craft, PRIOR)
+    controller, truths = mission.controller(), likely_missions(plan, mission, TRUTHS + 1, 1)[1:]
     sds = [
         estimate_at_truth(plan, truth, effects, controller=controller, seed=i).sd[:9]
         for i, truth in enumerate(truths)

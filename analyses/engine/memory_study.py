@@ -85,7 +85,7 @@ def flown(plan: Plan, seed: int) -> Campaign:
     template = planned_campaign(plan, most_like_mission())
     campaign = draw_flight(template, plan, seed, vary=False).campaign
     # The simulator's programs are not what is measured.
-    fly_slews.clear_cache()
+    fly_slews.clear_cache()  # type: ignore[attr-defined]
     return campaign
 
 
@@ -272,8 +272,8 @@ def main() -> None:
     for kind in KINDS:
         if count := getattr(given, kind):
             command = [sys.executable, "-m", __spec__.name, "--only", kind, f"--{kind}", str(count)]
-            done = subprocess.run(command, stdout=subprocess.PIPE, check=True)
-            results[kind] = json.loads(done.stdout)
+            printed = subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout
+            results[kind] = json.loads(printed)
             write_atomically(file, json.dumps(results, indent=1) + "\n")
     write_atomically(given.out / "memory.md", page(results))
 

@@ -105,8 +105,9 @@ def _numbers(node: ast.AST) -> list[int | float]:
 
 
 def _is_annotated(node: ast.AST) -> bool:
-    named = isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name)
-    return named and node.value.id == "Annotated"
+    if not isinstance(node, ast.Subscript) or not isinstance(node.value, ast.Name):
+        return False
+    return node.value.id == "Annotated"
 
 
 def names_all_channels(source: str) -> bool:

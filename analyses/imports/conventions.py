@@ -20,7 +20,7 @@ import sys
 import tempfile
 import time
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -198,7 +198,8 @@ class JudgedCampaigns:
     def ids(self) -> tuple[str, ...]:
         """All tasks."""
         wrong = makers_of_bases(self.delft, self.basilisk)
-        parts = {"wrong": wrong, "right": groups(self.delft, self.basilisk), "time": COMMANDS}
+        right = groups(self.delft, self.basilisk)
+        parts: dict[str, Iterable[str]] = {"wrong": wrong, "right": right, "time": COMMANDS}
         return tuple(f"{part}/{name}" for part, names in parts.items() for name in names)
 
     def __call__(self, task_id: str, seed: np.random.SeedSequence) -> Row:

@@ -82,8 +82,8 @@ def campaign_of(
         return drawn.campaign, hidden, truth_of(drawn.flight)
     (effects,) = (e for name, i, e in tasks(kind, index + 1) if (name, i) == (label, index))
     case = Case(kind, label, index, effects, tachometers)
-    hidden = hidden_in(case, POWER, LEVEL)
-    flight = draw(case.seed, case.effects, hidden.values, tachometers)
+    sizes = hidden_in(case, POWER, LEVEL).values
+    flight = draw(case.seed, case.effects, sizes, tachometers)
     return flight.campaign, case.hidden, truth_of(flight)
 
 

@@ -89,7 +89,7 @@ class Telemetry:
 
         def seen(x: jax.Array, arrays: Any) -> jax.Array:
             nuisances = model.structure.nuisances(x[n : n + m])
-            told = predict(model.structure, x[:n], nuisances, x[n + m :], *arrays, model.data)
+            told = predict(model.structure, x[:n], nuisances, x[n + m :], *arrays, data=model.data)
             return jnp.stack([told[k] for k in places])
 
         self._value, self._slope = jax.jit(seen), jax.jit(jax.jacfwd(seen))
