@@ -160,16 +160,24 @@ def _cells(rows: list[dict]) -> tuple[str, ...]:
     )
 
 
-def main() -> None:
-    """Simulate, fit and write."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+def asked_for(study: str | None, seeds: int) -> argparse.Namespace | None:
+    """Which of these spacecraft a study is asked for; none where their simulator is not here."""
+    parser = argparse.ArgumentParser(description=(study or "").split("\n")[0])
     parser.add_argument("--simulator", type=Path, default=SIMULATOR)
-    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--seeds", type=int, default=seeds)
     parser.add_argument("--kinds", nargs="+", default=list(ABOUT), choices=list(ABOUT))
     parser.add_argument("--page", action="store_true")
     options = parser.parse_args()
-    if not options.page and not options.simulator.is_file():
-        print("the simulator is not here: skipped")
+    if options.page or options.simulator.is_file():
+        return options
+    print("the simulator is not here: skipped")
+    return None
+
+
+def main() -> None:
+    """Simulate, fit and write."""
+    options = asked_for(__doc__, seeds=10)
+    if options is None:
         return
     # Campaigns of one kind share compiled code.
     seeds = range(FIRST_SEED, FIRST_SEED + options.seeds)

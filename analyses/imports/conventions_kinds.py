@@ -11,7 +11,6 @@ out; writes `conventions_kinds.md`. Some five seconds of processor time a key.
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, partial
@@ -22,7 +21,7 @@ from typing import Any
 import tomlkit
 
 from analyses import made_rows, results_of, rows_of
-from analyses.calibration.spacecraft import ABOUT, FIRST_SEED, SIMULATOR, flown
+from analyses.calibration.spacecraft import ABOUT, FIRST_SEED, asked_for, flown
 from analyses.pages.table import table_lines
 from bayes_inertia.app.told_torques import check_conventions
 from bayes_inertia.files import write_atomically
@@ -238,14 +237,8 @@ def _named(rows: list[dict]) -> str:
 
 def main() -> None:
     """Simulate, check and write."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--simulator", type=Path, default=SIMULATOR)
-    parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--kinds", nargs="+", default=list(ABOUT), choices=list(ABOUT))
-    parser.add_argument("--page", action="store_true")
-    options = parser.parse_args()
-    if not options.page and not options.simulator.is_file():
-        print("the simulator is not here: skipped")
+    options = asked_for(__doc__, seeds=1)
+    if options is None:
         return
     cases = [
         {"kind": kind, "seed": seed, "wrong": wrong}
