@@ -24,6 +24,7 @@ from analyses.imports.conventions_page import DIRTY
 from analyses.naming import fixed_shape_page, table_page
 from analyses.naming import formulas as law_study
 from analyses.naming.stochastic_page import in_a_set, nameless
+from analyses.naming.throws_halves import agreement
 
 RESULTS = results_of(__file__).parent
 _HALF = 1.645  # half width of a 90 % interval [sd]
@@ -309,6 +310,10 @@ def throws() -> Iterator[tuple[str, str]]:
         for key, fit in (("plain", row["fits"][0]), ("diagnosed", row["command"])):
             error = np.abs(np.array(fit["principal_moments"]) / truth - 1.0).mean()
             yield f"throws.{row['configuration']}.{key}", percent(error, 2)
+    for row in content("throws_diagnosis"):
+        for key in ("plain", "quoted") if "halves" in row else ():
+            differ = agreement(row["halves"], key)["rms"]
+            yield f"throws.{row['configuration']}.halves_{key}", f"{differ:.2f}"
 
 
 def machine() -> Iterator[tuple[str, str]]:

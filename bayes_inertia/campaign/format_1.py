@@ -87,6 +87,9 @@ def upgrade(content: Mapping[str, Any]) -> dict[str, Any]:
             what = f"{count} column(s) for {len(actuators)} [[wheels]]"
             advice = "name one column a wheel, in the same order"
             raise CampaignError(what, where=f"key columns.{key}.names", advice=advice)
+    if "attitude" in columns and "star_tracker" not in content:
+        advice = "add [star_tracker] with boresight and sigmas, or leave the columns out"
+        raise CampaignError("no [star_tracker]", where="key columns.attitude", advice=advice)
     sensors = []
     for kind, table in _SENSORS.items():
         if table in content or kind in columns:

@@ -219,7 +219,7 @@ BAD_TOML = [
     (
         "attitude without tracker",
         [(TOML[TOML.index("[star_tracker]") : TOML.index("[columns]")], "")],
-        ["key star_tracker.boresight", "missing"],
+        ["key columns.attitude", "[star_tracker]", "leave the columns out"],
     ),
     (
         "speed and momentum",
