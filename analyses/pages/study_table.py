@@ -141,7 +141,11 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
             "{throws.config_empty.plain} and {throws.config_empty.diagnosed} %, "
             "{throws.config_a.plain} and {throws.config_a.diagnosed} % for two bodies. For two "
             "others, which are not in this study, it did not become smaller; the truth stayed "
-            "inside the intervals",
+            "inside the intervals. Halves of the throws of a body differ by "
+            "{throws.config_empty.halves_plain} % fitted and {throws.config_empty.halves_quoted} % "
+            "diagnosed alone, those of the other by {throws.config_a.halves_plain} and "
+            "{throws.config_a.halves_quoted} %: where the cause is `unknown`, a diagnosis does not "
+            "bring J nearer as a rule",
             "throws_diagnosis",
         ),
         ("The same bodies, fitted alone", "all throws of a body in one fit", "throws"),
