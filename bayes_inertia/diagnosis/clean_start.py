@@ -161,7 +161,7 @@ def log_evidence_of_noise(estimate: Estimate) -> float:
     return log_evidence_of_fit(estimate) - 0.5 * numbers * float(np.log(LIMITS.readings_a_number))
 
 
-def is_colour(fit: Estimate) -> bool:
+def holds_correlated_noise(fit: Estimate) -> bool:
     """Whether a fit holds a process of the rates that lasts for few readings: correlated noise."""
     steps = [np.median(np.diff(slew.time)) for slew in fit.model.campaign.slews]
     shortest, space = LIMITS.readings_of_noise * float(np.median(steps)), fit.model.space

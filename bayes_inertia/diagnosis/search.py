@@ -23,7 +23,7 @@ from bayes_inertia.diagnosis.clean_start import (
     CleanStart,
     at_measured_level,
     clean_start,
-    is_colour,
+    holds_correlated_noise,
     log_evidence_of_noise,
     measured_again,
     with_correlated_noise,
@@ -363,7 +363,7 @@ def _diagnosed(begin: CleanStart, search: Search) -> Diagnosis:
     if coloured is not None:
         other = weigh_campaign(coloured, search)
         least = _log_evidence(weighed) - search.rules.log_evidence_margin
-        if is_colour(weighed.final) or _log_evidence(other) > least:
+        if holds_correlated_noise(weighed.final) or _log_evidence(other) > least:
             weighed = other
     weighed, formulas = with_formulas(weighed, search)
     table, reading, noise = weighed.table, weighed.reading, dict(weighed.begin.noise)

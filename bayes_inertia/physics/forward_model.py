@@ -245,8 +245,8 @@ def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> Non
     # What parameters are called after.
     names = [NOISE_OWNER, *dict(campaign.more_sensors), *(e.name for e in effects)]
     for e in effects:
-        what = "two effects of one name" if e.name not in campaign.sensors else "a sensor's name"
-        require_rule(names.count(e.name) == 1, e, "one_of_each", what=what)
+        rule = "no_sensors_name" if e.name in campaign.sensors else "one_of_each"
+        require_rule(names.count(e.name) == 1, e, rule)
     for effect in effects:
         missing = lacks(effect, campaign)
         require_rule(not missing, effect, "lacks", missing=missing)

@@ -16,7 +16,7 @@ from bayes_inertia.diagnosis.clean_start import (
     CleanStart,
     at_measured_level,
     clean_start,
-    is_colour,
+    holds_correlated_noise,
     measured_again,
     with_correlated_noise,
 )
@@ -202,8 +202,10 @@ def test_a_process_of_the_rates_that_lasts_for_few_readings_is_noise(flown, read
     time = model.space.slice_of("rate_bias_instability").start + 1
     theta[time] = readings * np.median(np.diff(flown.campaign.slews[0].time))
     fit = SimpleNamespace(model=model, theta=theta, effects_fitted=effects)
-    assert is_colour(fit) is noise
-    assert not is_colour(SimpleNamespace(model=model, theta=theta, effects_fitted=effects[1:]))
+    assert holds_correlated_noise(fit) is noise
+    assert not holds_correlated_noise(
+        SimpleNamespace(model=model, theta=theta, effects_fitted=effects[1:])
+    )
 
 
 def test_noise_whose_colour_is_known_has_one_table(flown):
