@@ -5,6 +5,7 @@ What the base model promises, and what the effects found in the data will make o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -126,6 +127,8 @@ def _about_the_worst_axis(
     `judged`: which case. Returns no axis where a flight went astray.
     """
     forecasts = []
+    period = plan.telemetry_period
+    plan = replace(plan, telemetry_period=period / math.ceil(period / NUMERICS.control_period))
     for axis in np.eye(3):
         one = replace(plan, slews=(PlannedSlew(tuple(axis), NUMERICS.corrected_turn),))
         forecasts.append([_quantiles(case, one, mission) for case in cases])

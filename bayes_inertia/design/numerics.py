@@ -28,6 +28,8 @@ class Numerics:
     rounding_slack: float = 2e-3
 
     # `correction_slew.py`
+    # Longest control period [s] of a forecast: on-board loops are faster than slow telemetry.
+    control_period: float = 1.0
     # Programs of flights that are kept: before and after, for two sets of effects.
     flight_programs: int = 4
 

@@ -85,7 +85,7 @@ def closed_loop_inputs(
             jnp.asarray(craft.gyro.axes),
             starts,
         ),
-        law=control_law(craft, controller),
+        law=control_law(craft, controller, plan.telemetry_period),
         noise=sensor_noise(planned, controller, plan, grid.n_rows, rng),
         active=craft.active_effects,
         substeps=grid.substeps,
@@ -271,18 +271,20 @@ def _fix_groups(plan: Plan, slew: Slew) -> np.ndarray:
     return np.searchsorted(between_fix_groups(slew, fixed), slew.time)
 
 
-def control_law(spacecraft: Spacecraft, controller: Controller) -> ControlLaw:
+def control_law(spacecraft: Spacecraft, controller: Controller, period: float) -> ControlLaw:
     """The controller as arrays, for a spacecraft's hardware.
 
-    `spacecraft`: wheels and rate sensor; its true J and K are not used.
+    `spacecraft`: wheels and rate sensor; its true J and K are not used. `period`: how long each
+    command is held [s]; the loop is as much slower as that takes to be stable.
 
     Examples
     --------
     >>> from bayes_inertia.flight.spacecraft import most_like_spacecraft
-    >>> control_law(most_like_spacecraft(), Controller(np.eye(3))).max_torque.tolist()
+    >>> control_law(most_like_spacecraft(), Controller(np.eye(3)), 0.25).max_torque.tolist()
     [0.02, 0.02, 0.02]
     """
     G, sensor = spacecraft.wheel_axes_B, spacecraft.gyro
+    bandwidth = min(controller.bandwidth, NUMERICS.phase_of_period / period)
     return ControlLaw(
         inertia_B=jnp.asarray(controller.inertia_B),
         scale_factor=jnp.asarray(controller.scale_factor),
@@ -291,8 +293,8 @@ def control_law(spacecraft: Spacecraft, controller: Controller) -> ControlLaw:
         allocation=jnp.asarray(allocation(spacecraft.wheels)),
         spin_inertia=jnp.asarray([w.spin_inertia for w in spacecraft.wheels]),
         max_torque=jnp.asarray([w.max_torque or NUMERICS.no_limit for w in spacecraft.wheels]),
-        stiffness=jnp.asarray(controller.bandwidth**2),
-        damping=jnp.asarray(2.0 * controller.damping * controller.bandwidth),
+        stiffness=jnp.asarray(bandwidth**2),
+        damping=jnp.asarray(2.0 * controller.damping * bandwidth),
         rate_range=jnp.asarray(sensor.range or NUMERICS.no_limit),
     )
 
@@ -339,7 +341,7 @@ def predict_final_errors(
         jax.tree.map(lambda x: x[0], grid.slews),
         slew_schedule(plan, index, grid.n_rows, tracked=tracked),
         plant,
-        control_law(craft, controller),
+        control_law(craft, controller, plan.telemetry_period),
         sensor_noise(planned, controller, plan, grid.n_rows, rng, n if rng else 1),
         active.values,
     )

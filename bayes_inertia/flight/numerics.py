@@ -20,6 +20,9 @@ class Numerics:
     # `closed_loop_flights.py`
     # Stands for a limit that the hardware does not have, in any unit.
     no_limit: float = 1e30
+    # Most phase [rad] of the attitude loop in the time that a command is held: its lag, half of it,
+    # leaves the damping as it is. From 1.4 on the loop is unstable.
+    phase_of_period: float = 0.5
 
     # `example_flight.py`
     # A slew lasts for this share of the time to the next one.

@@ -22,6 +22,7 @@ from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.inference import optimizer
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.small_campaign import small_campaign
 
 
 @pytest.fixture(scope="module")
@@ -82,6 +83,25 @@ def test_the_correction_forecast_begins_with_the_momentum_that_the_fit_knows(est
     expected = tuple(final_wheel_momentum(estimate).tolist())
     assert np.abs(expected).max() > 1e-3
     assert {plan.wheel_momentum for plan in flown} == {expected}
+
+
+@pytest.mark.parametrize(("telemetry", "control"), [(10.0, 1.0), (0.25, 0.25)])
+def test_the_correction_forecast_is_flown_by_a_loop_faster_than_slow_telemetry(
+    monkeypatch, telemetry, control
+):
+    """A loop of 10 s adds 12 arc seconds of its own to what J and K do."""
+    small, flown = small_campaign(), []
+    slews = [replace(slew, time=telemetry * slew.time) for slew in small.slews]
+    draws = np.array([[*small.inertia.elements, 1.0, 1.0, 1.0]])
+
+    def predict_correction_slew(thetas, plan, *arguments, **keywords):
+        flown.append(plan.telemetry_period)
+        return np.ones(len(thetas))
+
+    monkeypatch.setattr(correction_slew, "predict_correction_slew", predict_correction_slew)
+    campaign = replace(small, slews=tuple(slews))
+    assert correction_slew.correction_with_update(campaign, draws, draws[0], draws[0])
+    assert set(flown) == {control}
 
 
 @pytest.mark.slow

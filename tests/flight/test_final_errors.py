@@ -91,6 +91,15 @@ def test_predictions_are_flights(mission, craft, novice):
     assert np.all(noisy.std(axis=0) > 5 * ARCSECOND)
 
 
+def test_a_loop_that_acts_every_ten_seconds_is_stable(mission, craft):
+    """A large spacecraft's commands: with J and K known, a slew missed by 20 arc minutes."""
+    turn = PlannedSlew((1.0, 0.0, 0.0), math.radians(60.0), rate=math.radians(0.2))
+    plan = Plan("slow", (turn,), telemetry_period=10.0, fix_spacing=10.0, settle=120.0)
+    informed = Controller(craft.inertia_B, craft.scale_factor)
+    missed = predict_correction_slew(mission.theta[None], plan, mission, informed)
+    assert missed[0] < 60 * ARCSECOND
+
+
 @pytest.mark.long
 @pytest.mark.slow
 def test_gradient_of_the_final_error_with_respect_to_the_slew(mission, craft):
