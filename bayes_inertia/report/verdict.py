@@ -17,6 +17,7 @@ from bayes_inertia.report.criteria import (
     criteria_of,
     names_by_determination,
     ratios_told,
+    scale_factors,
 )
 from bayes_inertia.report.formatting import brief, channel_name
 from bayes_inertia.report.layout import LAYOUT
@@ -76,7 +77,7 @@ def fit_verdict(summary: Mapping[str, Any], n_slews: int) -> Verdict:
     level: Level = "good"
     if failed:
         level = "bad"
-    elif found["undetermined"] or fit["starts_agreeing"][0] < fit["starts_agreeing"][1]:
+    elif _rests_on_priors(summary) or fit["starts_agreeing"][0] < fit["starts_agreeing"][1]:
         level = "caution"
     return Verdict(
         level, phrase("fit", "headline", found), tuple(sentences("fit", "reasons", found))
@@ -197,6 +198,18 @@ def _undetermined(summary: Mapping[str, Any]) -> list[str]:
     """Parameters that stay at their prior; where nothing ties the size of J, not those of J."""
     names = names_by_determination(summary["parameters"], criteria_of(summary))["not determined"]
     return [n for n in names if n not in ELEMENTS] if ratios_told(summary) else names
+
+
+def _rests_on_priors(summary: Mapping[str, Any]) -> bool:
+    """Whether a prior makes J or K: their own, or that of what they cannot be told from.
+
+    What stays at its prior beside J and K that are determined is in their sds, and small there.
+    """
+    answers = {name for names in scale_factors(summary).values() for name in names}
+    answers |= set() if ratios_told(summary) else set(ELEMENTS)
+    rows = {name: row for name, row in summary["parameters"].items() if name in answers}
+    known = names_by_determination(rows, criteria_of(summary))["determined"]
+    return bool(_undetermined(summary)) and len(known) < len(rows)
 
 
 # What the words of the answer ask for, each only where they need it.

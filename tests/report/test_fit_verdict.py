@@ -45,6 +45,19 @@ def _changed(summary: dict, **changes) -> dict:
     return summary
 
 
+@pytest.mark.parametrize(("of_J", "level"), [(1e-3, "good"), (0.05, "caution")])
+def test_a_gain_at_its_prior_counts_where_J_cannot_be_told_from_it(summary_of, of_J, level):
+    """Torquers beside wheels leave J alone; the gain of thrusters alone is the size of J."""
+    summary = summary_of()
+    row = summary["parameters"]["Jxx"]
+    gain = row | {"sd": 0.095, "quoted_sd": 0.095}
+    J = row | {"sd": of_J, "quoted_sd": of_J}
+    summary["parameters"] = summary["parameters"] | {"Jxx": J, "thrusters.gain": gain}
+    verdict = fit_verdict(summary, n_slews=5)
+    assert verdict.level == level
+    assert "Not determined by this campaign: thrusters" in " ".join(verdict.sentences)
+
+
 @pytest.mark.parametrize(
     ("changes", "level", "says"),
     [
