@@ -17,7 +17,6 @@ from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.plan_file import read_plan
 from bayes_inertia.flight.simulated_campaigns import draw_spacecraft, simulate, simulate_again
 
-_AS_THEY_WERE = "turned by what its devices did"
 _FOLLOWED = (
     "no gyro of three axes and wheels close the attitude loop: the plan was followed exactly"
 )
@@ -64,7 +63,7 @@ def run_simulate(
     spacecraft = f"the spacecraft of {campaign}, J and K {truth} its prior"
     if plan is None and (why := why_no_plans(given)):
         flown = simulate_again(given, folder, seed, draw=draw, hidden=hidden)
-        said = f"{why}: this campaign's own slews were flown again, {_AS_THEY_WERE}"
+        said = f"{why}: this campaign's own slews were flown again, from where each began"
         return SimulatedFlight(flown, spacecraft, (said,))
     (chosen,) = plans_named([plan or PAPER], given).values()
     mission = _drawn_mission(given, seed) if draw else Mission.of(given)
