@@ -88,7 +88,7 @@ _KINDS = {
     "clock": "wrong time stamps",
     "quantised": "rounding of the readings",
     "coloured": "noise that is correlated in time",
-    "noise_level": "noise that is larger than stated",
+    "noise_level": "noise of another size than stated",
 }
 _CHANNELS = {
     **{stream.name: f"the {stream.sensor}" for stream in STREAMS},

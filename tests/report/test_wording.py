@@ -21,6 +21,7 @@ from bayes_inertia.report.formatting import number
 from bayes_inertia.report.section import packaged
 from bayes_inertia.report.words import (
     correlation_sentences,
+    dirt_sentences,
     phrase,
     sentences,
     templates_in,
@@ -268,3 +269,10 @@ def test_a_body_without_wheels_has_no_drive_to_speak_of(made):
     assert dict(settings_rows(posterior))["drive"].startswith("commanded")
     posterior.tree.attrs["bayes_inertia"] = json.dumps(posterior.attributes | {"wheels": 0})
     assert dict(settings_rows(posterior))["drive"] == "there are no wheels"
+
+
+def test_noise_below_what_is_stated_is_not_called_larger():
+    note = "0.44 times the stated one (or it is filtered, and not white)"
+    record = {"kind": "noise_level", "channel": "rate", "treated": "ignored", "note": note}
+    (said,) = dirt_sentences([record | {"slew": "", "rows": []}])
+    assert said == f"Noise of another size than stated of the rate sensor ({note}), left as it is."
