@@ -94,7 +94,9 @@ class Layout:
 
     # `pictures/observability.py`
     most_slews_of_information: int = 6
-    sd_factors: tuple[float, ...] = (1, 1.5, 2, 3, 5, 10, 30, 100, 1000, 10000)
+    sd_factors: tuple[float, ...] = (1, 1.5, 2, 3, 5, 10, 30, 100, 1000, 10000, 100000)
+    # Decades from which on there is room for powers of ten alone.
+    decades_of_sd_factors: float = 2.5
 
     # `pictures/posterior_data.py`
     # [half slews] between fixes that come during slews too; bursts at rest leave the motion out.

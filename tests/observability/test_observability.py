@@ -32,6 +32,7 @@ from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import Start, idle_slew
 from bayes_inertia.report.formatting import plain
 from bayes_inertia.report.observability_sections import observability_sections, observability_table
+from bayes_inertia.report.pictures.observability import draw_observability
 
 
 @pytest.fixture(scope="module")
@@ -403,6 +404,15 @@ def test_the_answer_names_parameters_of_further_sensors_as_the_table_does(observ
     renamed = replace(observability, parameters=(replace(first, name="mems.K3"), *others))
     assert "mems: K3" in answer(renamed, plain)
     assert "mems.K3" not in answer(renamed, plain)
+
+
+@pytest.mark.parametrize("times", [30.0, 2e5])
+def test_the_ticks_of_what_others_cost_leave_each_other_room(observability, times):
+    """Where nothing ties the size of J, others cost it a factor of 200,000."""
+    first, *others = observability.parameters
+    dear = replace(first, variance_inflation=times**2)
+    axes = draw_observability(replace(observability, parameters=(dear, *others))).axes[1]
+    assert np.diff(axes.get_xticks()).min() > 0.07 * np.ptp(axes.get_xlim())
 
 
 def test_no_slew_and_no_sensor_is_named_of_what_only_priors_tell(observability):

@@ -104,9 +104,12 @@ def _inflation(axes: Axes, observability: Observability) -> None:
         style.note(axes, start, y, f"  ×{brief(np.sqrt(p.variance_inflation))}")
     axes.tick_params(axis="y", labelleft=False)
     most = max(0.5 * np.log10(max(p.variance_inflation, 1.0)) for p in observability.parameters)
-    axes.set(xlim=(0.0, 1.2 * max(most, 0.1)), xlabel="the sd is so many times larger for it")
-    powers = [factor for factor in LAYOUT.sd_factors if np.log10(factor) <= 1.2 * max(most, 0.1)]
-    axes.set_xticks(np.log10(powers), [f"×{factor:g}" for factor in powers])
+    end = 1.2 * max(most, 0.1)
+    axes.set(xlim=(0.0, end), xlabel="the sd is so many times larger for it")
+    fine = end < LAYOUT.decades_of_sd_factors
+    powers = {np.log10(factor): f"×{factor:g}" for factor in LAYOUT.sd_factors}
+    shown = [power for power in powers if power <= end and (fine or power % 1.0 == 0.0)]
+    axes.set_xticks(shown, [powers[power] for power in shown])
     handles = [
         Patch(fc=style.COLORS[k % 6], hatch="///" if k % 2 else None, ec="white", label=g)
         for k, g in enumerate(groups)
