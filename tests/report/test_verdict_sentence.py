@@ -56,7 +56,7 @@ TIES = [{"device": "jets", "relative_sd": 0.02}, {"device": "pulses", "relative_
         ),
         (
             {"scale_of_J": TIES},  # of the jets the sd counts how well they are known
-            f"{NUMBERS[:-1]}; J on the scale of the stated pulses); the model explains the data.",
+            f"{NUMBERS[:-1]}; J on the scale of the stated “pulses”); the model explains the data.",
         ),
         (
             # Each rate sensor has its own K: the finest must not answer for the others.
