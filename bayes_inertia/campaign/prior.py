@@ -49,7 +49,8 @@ class GaussianPrior:
         Names of those whose logarithm is Gaussian: moments of inertia known to a factor.
     beyond_sd : (k,) array, optional
         How far the mean may be off beyond the covariance: by what a former result quotes more than
-        its model says. It does not move a fit, and is counted in what the fit quotes.
+        its model says, correlated as the covariance is. It does not move a fit, and is counted in
+        what the fit quotes.
     includes_wheel_spin : bool, optional
         Whether its J holds the wheels' spin inertia (J_locked); a campaign that states the other
         takes it over. None: as `Campaign.inertia` says.

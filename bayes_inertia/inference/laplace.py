@@ -137,14 +137,17 @@ class Estimate:
     def prior_beyond_shifts(self) -> np.ndarray:
         """How far a former result, taken as prior, may move theta beyond what its model says.
 
-        Returns (k, d): independent shifts of one sd, none without such a prior.
+        They go together as its parameters do: a size of J that is known badly leaves ratios that
+        are known well. Returns (k, d): independent shifts of one sd, none without such a prior.
         """
         prior, names = self.model.campaign.prior, self.model.space.names
         if prior is None or prior.beyond_sd is None:
             return np.zeros((0, len(self.theta)))
         root = prior_root(self.model, self.theta)
         place = [names.index(name) for name in prior.names]
-        return ((self.covariance @ root.T @ root)[:, place] * prior.beyond_sd).T
+        together = np.linalg.cholesky(prior.covariance / np.outer(prior.sd, prior.sd))
+        moved = (self.covariance @ root.T @ root)[:, place] * prior.beyond_sd
+        return (moved @ together).T
 
     @property
     def effects_fitted(self) -> tuple[Effect, ...]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import bayes_inertia as bi
+from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.likelihood_summary import product, summary_of, with_prior
 from bayes_inertia.inference.objective import normal_prior, prior_equations
 from bayes_inertia.physics.parameters import log_prior, prior_residual
@@ -120,6 +122,18 @@ def test_draws_have_the_covariance_and_single_sds_stay(campaign):
     np.testing.assert_array_equal(space.sd, bi.Model(small_campaign()).space.sd)
     middle = space.from_unit(np.full(9, 0.5))
     np.testing.assert_allclose(middle, space.mean)
+
+
+def test_what_a_former_result_may_be_off_goes_together_as_its_parameters_do(campaign):
+    """A size of J known to 2 %, and ratios known a hundred times better, moved K by three sds."""
+    beyond = 0.3 * campaign.prior.sd
+    model = bi.Model(replace(campaign, prior=replace(campaign.prior, beyond_sd=beyond)))
+    # A campaign that tells nothing new.
+    told = SimpleNamespace(
+        model=model, theta=model.space.mean, covariance=campaign.prior.covariance
+    )
+    shifts = Estimate.prior_beyond_shifts.func(told)
+    np.testing.assert_allclose(shifts.T @ shifts, 0.09 * campaign.prior.covariance, atol=1e-15)
 
 
 @pytest.mark.slow
