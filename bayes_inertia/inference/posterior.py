@@ -435,13 +435,14 @@ class Posterior:
         return rows
 
     def _contraction(self, i: int, sd: float) -> float:
-        """Share of a parameter's prior variance that the data took away."""
+        """Share of a parameter's prior variance that the data took away, former results' too."""
         estimate: Any = self.tree["estimate"]
         log_sd = float(estimate["prior_log_sd"][i]) if "prior_log_sd" in estimate else np.nan
         if np.isfinite(log_sd):
             # A factor of a few, up or down, is no matter of sds in the parameter's unit.
             return float(1.0 - (np.log(self.samples[:, i]).std(ddof=1) / log_sd) ** 2)
-        return float(1.0 - (sd / float(estimate["prior_sd"][i])) ** 2)
+        prior_sd = estimate.get("preflight_sd", estimate["prior_sd"])
+        return float(1.0 - (sd / float(prior_sd[i])) ** 2)
 
     def _rows(self, of: Callable[[np.ndarray], dict[str, np.ndarray]]) -> dict[str, Any]:
         """What summary.json says of numbers, by what they are of draws (n, d)."""

@@ -31,6 +31,7 @@ from bayes_inertia.inference.settings import FitContext
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.actuators import ties_of_scale
 from bayes_inertia.physics.channels import Channel
+from bayes_inertia.physics.forward_model import base_space
 from bayes_inertia.physics.parameters import log_prior
 from bayes_inertia.physics.prediction import Structure, with_coefficients
 from bayes_inertia.physics.slew_context import SlewContext
@@ -224,6 +225,10 @@ def _joint_prior(estimate: Estimate) -> dict[str, tuple]:
         variables["prior_correlation"] = (("parameter", "parameter_2"), space.correlation)
     if len(shifts):
         variables["prior_beyond_shifts"] = (("known", "parameter"), shifts)
+        campaign = estimate.model.campaign
+        before = base_space(campaign.inertia, campaign.rate_sensor).sd
+        preflight = np.concatenate([before, space.sd[len(before) :]])
+        variables["preflight_sd"] = (("parameter",), preflight)
     return variables
 
 

@@ -87,6 +87,7 @@ def test_an_update_is_the_joint_fit_and_quotes_no_less_than_its_parts(folders, t
     for i, row in enumerate(both["parameters"].values()):
         assert row["sd"] <= 1.02 * known_sd[i]
         assert row["quoted_sd"] >= 0.98 * row["sd"]
+        assert row["observable"]  # by what was known before either
     # The prior is taken off again: the likelihood is that of the second campaign alone.
     alone = bi.estimate(bi.read_campaign(folders["b"]))
     told = np.array(both["likelihood"]["precision"])

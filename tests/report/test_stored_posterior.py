@@ -183,3 +183,15 @@ def test_the_next_campaign_begins_with_the_tensor_after_its_change(changed):
     np.testing.assert_allclose(prior.sd[:6], np.hypot(sd[:6], sd[9:]), rtol=1e-9)
     np.testing.assert_allclose(prior.mean[6:], theta[6:9], rtol=1e-12)
     np.testing.assert_allclose(prior.sd[6:], sd[6:9], rtol=1e-9)
+
+
+def test_what_former_results_determined_stays_determined(made):
+    """An update of a trusted result said that J and K are not determined."""
+    posterior = made("good")
+    before, estimate = posterior.summary()["parameters"], posterior.tree["estimate"]
+    estimate["preflight_sd"] = estimate["prior_sd"].copy()
+    estimate["prior_sd"] = 0.0 * estimate["theta"] + 1.2 * posterior.samples.std(0)
+    rows = Posterior(posterior.tree).summary()["parameters"]
+    assert rows == {
+        name: row | {"prior_sd": rows[name]["prior_sd"]} for name, row in before.items()
+    }
