@@ -9,7 +9,7 @@ import difflib
 import re
 import reprlib
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, get_args
 
@@ -177,21 +177,14 @@ class _Wording:
         other: Mapping[str, str] = getattr(self.form, "other_format", {})
         if len(loc) == 1 and key in other:
             return other[key]
-        lower = key.lower().replace("-", "_")
-        words = sorted(lower.split("_"))
-        near = [
-            name for name in known if sorted(name.split("_")) == words
-        ] or difflib.get_close_matches(lower, known, 1, LIMITS.misspelt)
-        if near:
-            return f'did you mean "{near[0]}"?'
         elsewhere = [
             _table_of(part, form)
             for part, field in self.form.model_fields.items()
             for form in _inner_forms(field.annotation)
-            if lower in form.model_fields
+            if _plain_key(key) in form.model_fields
         ]
         hint = f"it belongs to {elsewhere[0]}; " if elsewhere else ""
-        return f"{hint}known here: {', '.join(known)}"
+        return advice_on_key(key, known, hint)
 
     def _path(self, loc: tuple) -> str:
         path = ""
@@ -208,6 +201,24 @@ class _Wording:
             label = table_label(node)
             path += f".{label}" if label else f"[{part + 1} of {total}]"
         return path
+
+
+def advice_on_key(key: str, known: Sequence[str], otherwise: str = "") -> str:
+    """The known key that an unknown one comes near to, else all that are known.
+
+    >>> advice_on_key("tracker-star", ["gyro", "star_tracker"]), advice_on_key("x", ["gyro"])
+    ('did you mean "star_tracker"?', 'known here: gyro')
+    """
+    lower = _plain_key(key)
+    words = sorted(lower.split("_"))
+    near = [
+        name for name in known if sorted(name.split("_")) == words
+    ] or difflib.get_close_matches(lower, known, 1, LIMITS.misspelt)
+    return f'did you mean "{near[0]}"?' if near else f"{otherwise}known here: {', '.join(known)}"
+
+
+def _plain_key(key: str) -> str:
+    return key.lower().replace("-", "_")
 
 
 def table_label(table: Any) -> str:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from bayes_inertia.campaign import actuators, format_1, format_2
-from bayes_inertia.campaign.checked_toml import formed, toml_document
+from bayes_inertia.campaign.checked_toml import advice_on_key, formed, toml_document
 from bayes_inertia.campaign.description import FIELDS, Description, Entry, built, stated_keys
 from bayes_inertia.campaign.format_2 import SlewPart
 from bayes_inertia.campaign.hardware import (
@@ -331,7 +331,7 @@ def _check_streams(part: SlewPart, entries: Sequence[Entry], place: str) -> None
     """Only streams that a device has, and those of what every slew needs."""
     known = list(dict.fromkeys(entry.columns.stream for entry in entries))
     for stream in part.files if isinstance(part.files, dict) else ():
-        what, advice = "nothing is read from this table", f"known here: {', '.join(known)}"
+        what, advice = "nothing is read from this table", advice_on_key(stream, known)
         require(stream in known, f"{place}.{stream}", what, advice)
     read = [entry for entry in entries if part.file_of(entry.columns) is not None]
     sensed = any(entry.path.startswith("sensors.") for entry in read)

@@ -200,6 +200,8 @@ _CLOCKS: Mapping[str, str] = {
     "posix": "unix",
     "epoch": "unix",
 }
+_TIME_OF_DAY = re.compile(r"\d{1,2}:\d{2}(:[\d.,]+)?")
+_ZONE = re.compile(r"(Z|UTC|:[\d.]+\s*[+-]\d{2}:?\d{2})$")
 # Logs of spacecraft are from these years.
 _FIRST, _LAST = np.datetime64("1995-01-01"), np.datetime64("2060-01-01")
 
@@ -230,7 +232,9 @@ def guessed_clock(table: Table, names: Sequence[str]) -> ClockGuess:
     column, words = table.column(names[0]), [word for name in names for word in words_of(name)]
     if column.is_text or units[0] == "year":
         last = str(table.column(names[-1]).values[0]).strip()
-        zoned = last.upper().endswith(("Z", "UTC")) or "utc" in words
+        if len(names) == 1 and _TIME_OF_DAY.fullmatch(last):
+            return ClockGuess("s", "the seconds of these times of the day")
+        zoned = _ZONE.search(last.upper()) or "utc" in words
         return ClockGuess("utc", "the dates say so") if zoned else ClockGuess(UNKNOWN)
     if len(names) > 1 and units[0] == "day":
         return _of_days(column, words)

@@ -15,11 +15,11 @@ from xml.etree import ElementTree
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.files import read_bytes, vocabulary
+from bayes_inertia.files import vocabulary
 from bayes_inertia.tables.aem import AemSegment, joined_segments, segment_table
 from bayes_inertia.tables.stamp_parts import SECOND, tai_to_utc, utc_to_tai
 from bayes_inertia.tables.table import Table
-from bayes_inertia.tables.text_cells import decoded, lines_in
+from bayes_inertia.tables.text_cells import content, decoded, lines_in
 from bayes_inertia.tables.time_texts import text_to_ns
 
 _PAIR = re.compile(r"\s*([A-Za-z][A-Za-z0-9_]*)\s*=\s*(.*?)\s*")
@@ -91,7 +91,7 @@ def _names(count: int) -> list[str]:
 
 
 def _segments(path: Path) -> list[AemSegment]:
-    text, label = decoded(read_bytes(path), str(path)), str(path)
+    text, label = decoded(content(path), str(path)), str(path)
     if text.lstrip().startswith("<"):
         segments = _from_xml(text, label)
     else:

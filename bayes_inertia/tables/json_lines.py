@@ -15,17 +15,16 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.files import read_bytes
 from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.table import Column, Table, joined_values
-from bayes_inertia.tables.text_cells import whole_lines
+from bayes_inertia.tables.text_cells import content, whole_lines
 from bayes_inertia.tables.time_stamps import time_names
 
 
 def read_json_lines(path: Path) -> Table:
     """The columns of a file of JSON objects; a key that one lacks is an empty cell."""
     label = str(path)
-    text, cut = whole_lines(read_bytes(path), label)
+    text, cut = whole_lines(content(path), label)
     records, lines, broken = _records(text, label)
     columns = _columns(records, lines, label)
     return Table(label, columns, np.array(lines, dtype=int), notes=(*cut, *broken))
@@ -56,7 +55,7 @@ def _columns(records: Sequence[Any], lines: Sequence[int], label: str) -> dict[s
 def json_arrays(path: Path) -> dict[str, np.ndarray] | None:
     """Arrays of a JSON document of arrays or lists of objects, by path; else None."""
     label = str(path)
-    text, _ = whole_lines(read_bytes(path), label)
+    text, _ = whole_lines(content(path), label)
     try:
         whole = json.loads(text)
         documents = whole if isinstance(whole, list) and len(whole) == 1 else [whole]

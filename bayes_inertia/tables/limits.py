@@ -53,6 +53,7 @@ class Limits:
     trust_in_one_column: float = 0.5
 
     # `text_table.py`
+    most_footer_lines: int = 5  # More rows of words at the end of a file are damaged telemetry.
     least_digits: int = 6  # Significant digits of an output of 42 below which a note says so.
     few_rows: int = 4  # Rows; of fewer none tells how long the others should be.
     lossy_digits: int = 15  # More significant digits than these a 64-bit float may round.

@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.files import by_word, refused_by_system, vocabulary
+from bayes_inertia.files import by_word, vocabulary
 from bayes_inertia.tables import array_tables
 from bayes_inertia.tables.aem_file import aem_segments, is_aem, read_aem, refuse_other_messages
 from bayes_inertia.tables.array_files import FileArrays
 from bayes_inertia.tables.isolated import ArrayKind, read_arrays
 from bayes_inertia.tables.json_lines import json_arrays, read_json_lines
 from bayes_inertia.tables.limits import LIMITS
-from bayes_inertia.tables.table import EMPTY_CELLS, Column, Table
-from bayes_inertia.tables.text_cells import TextOptions
+from bayes_inertia.tables.table import Column, Table, is_empty
+from bayes_inertia.tables.text_cells import TextOptions, content, packing
 from bayes_inertia.tables.text_table import read_42, read_text_table, text_column
 from bayes_inertia.tables.time_stamps import time_names
 
@@ -46,7 +46,8 @@ def one_row_a_time(table: Table) -> Table:
         return table
     named = _named_by(table, parameters, {*times, *values})
     tags = [table.column(name).texts for name in named]
-    labels = [".".join(cells) for cells in zip(*tags, strict=True)]
+    units = next((c.texts for n, c in table.columns.items() if _UNIT.fullmatch(bare[n])), [])
+    labels = _with_units([".".join(cells) for cells in zip(*tags, strict=True)], units)
     if len(set(labels)) > LIMITS.most_parameters or set(labels) & set(times):
         return table
     columns = [table.column(name) for name in times]
@@ -54,13 +55,11 @@ def one_row_a_time(table: Table) -> Table:
     stamps = list(zip(*(column.tolist() for column in cells), strict=True))
     rows, first = _rows(stamps, labels)
     made = {name: table.column(name).only(first) for name in times}
-    units = next((c.texts for n, c in table.columns.items() if _UNIT.fullmatch(bare[n])), None)
     of_label = np.array(labels)
     for label in dict.fromkeys(labels):
         own = np.flatnonzero(of_label == label)
-        made[label] = _spread(
-            table.column(values[0]), own, rows[own], len(first), _only_unit(units, own)
-        )
+        unit = next((units[i] for i in own.tolist() if units and not is_empty(units[i])), "")
+        made[label] = _spread(table.column(values[0]), own, rows[own], len(first), unit)
     note = f"one row a parameter ({', '.join(named)}): {len(made) - len(times)} became columns"
     return replace(table.taking(first), columns=made, notes=(*table.notes, note))
 
@@ -114,23 +113,36 @@ def _spread(column: Column, own: np.ndarray, rows: np.ndarray, count: int, unit:
     return text_column(cells, ",", unit or column.unit)
 
 
-def _only_unit(units: Sequence[str] | None, own: np.ndarray) -> str:
-    """The unit of a parameter; "" where its rows state none, or several."""
-    stated = {units[i] for i in own.tolist()} - {""} if units else set()
-    stated = {unit for unit in stated if unit.lower() not in EMPTY_CELLS}
-    return stated.pop() if len(stated) == 1 else ""
+def _with_units(labels: Sequence[str], units: Sequence[str]) -> list[str]:
+    """Labels of rows, with the unit of the row where one parameter has several."""
+    stated: dict[str, set[str]] = {}
+    for label, unit in zip(labels, units, strict=False):
+        stated.setdefault(label, set()).update([] if is_empty(unit) else [unit])
+    several = {label for label, own in stated.items() if len(own) > 1}
+    return [
+        f"{label} [{units[k]}]" if label in several else label for k, label in enumerate(labels)
+    ]
 
 
 _WORKBOOKS = (".xlsx", ".xlsm", ".xlsb")
 _OF_ARDUPILOT = "`pip install pymavlink`, `mavlogdump.py --format csv --types IMU FILE.bin`"
 
+_TEXT_FORMATS = ("text", "json", "aem", "42")
 _BY_SUFFIX = by_word(vocabulary("tables")["suffixes"])
 
 
 def file_format(path: Path) -> str:
     """The format of a file, by its first bytes and else its suffix."""
-    head = _head(path)
-    suffix = path.suffix.lower()
+    packed = packing(path)
+    head, named = content(path, LIMITS.head_bytes), Path(path.stem) if packed else path
+    form = _form_of(head, path, named.suffix.lower())
+    if packed and form not in _TEXT_FORMATS:
+        what = f"is packed by {packed}, and what it holds is read only as a file of its own"
+        raise CampaignError(what, where=str(path), advice="unpack it")
+    return form
+
+
+def _form_of(head: bytes, path: Path, suffix: str) -> str:
     if head.startswith(b"MATLAB ") or suffix == ".mat":
         return "mat"
     if head.startswith(b"\x89HDF\r\n\x1a\n"):
@@ -155,14 +167,6 @@ def file_format(path: Path) -> str:
     return _BY_SUFFIX.get(suffix, "text")
 
 
-def _head(path: Path) -> bytes:
-    with (
-        refused_by_system(CampaignError, "cannot be opened", path, "check the path"),
-        path.open("rb") as file,
-    ):
-        return file.read(LIMITS.head_bytes)
-
-
 def _is_npz(path: Path) -> bool:
     try:
         with zipfile.ZipFile(path) as members:
@@ -178,10 +182,7 @@ def _refuse_packed(head: bytes, path: Path) -> None:
     suffix = path.suffix.lower()
     marks = {
         b"PK": ("an Excel workbook", sheets) if suffix in _WORKBOOKS else ("a ZIP archive", unpack),
-        b"\x1f\x8b": ("a gzip archive", unpack),
         b"\xd0\xcf\x11\xe0": ("an Excel workbook", sheets),
-        b"BZh": ("a bzip2 archive", unpack),
-        b"\xfd7zXZ": ("an xz archive", unpack),
         b"SQLite format 3": ("an SQLite database", unpack),
         b"\xa3\x95\x80\x80": ("a log of ArduPilot", _OF_ARDUPILOT),
     }

@@ -17,11 +17,21 @@ from typing import Literal
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.files import vocabulary
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.tables.limits import LIMITS
 
-EMPTY_CELLS = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--", "#n/a"})
-"""Cells of a text file, in small letters, that hold no reading."""
+_EMPTY_WORDS = frozenset(vocabulary("tables")["no_reading"]["words"].split())
+
+
+def is_empty(cell: str) -> bool:
+    """Whether a cell of a text holds no reading: nothing, signs alone, or a word that says so.
+
+    >>> [is_empty(cell) for cell in ("", "--.--", "N/A", "Invalid", "-nan(ind)", "0", "off")]
+    [True, True, True, True, True, False, False]
+    """
+    return not cell.strip("-_.*?#~ ") or cell.strip().lower() in _EMPTY_WORDS
+
 
 # Names as CCSDS (SANA registry), ground systems and 42 write them, in capitals.
 _INERTIAL = re.compile(
@@ -190,7 +200,7 @@ def joined_values(parts: Sequence[np.ndarray]) -> np.ndarray:
 def _first_text(values: np.ndarray) -> tuple[int, str]:
     """Row and text of the first cell that is no number."""
     for row, cell in enumerate(values.tolist()):
-        if math.isnan(number_of(cell)) and cell.strip().lower() not in EMPTY_CELLS:
+        if math.isnan(number_of(cell)) and not is_empty(cell):
             return row, cell
     return 0, str(values[0])
 
@@ -203,7 +213,7 @@ def _number_in_place_of(cell: str) -> str:
         return "write a decimal point, not a comma"
     if re.search(r"\d[-/:T]\d", cell):
         return "write times as seconds (or another unit of time) from an epoch, not as dates"
-    marks = ", ".join(sorted(repr(cell) for cell in EMPTY_CELLS if cell))
+    marks = ", ".join(sorted(map(repr, _EMPTY_WORDS)))
     return f"write a number, or leave the cell empty; texts that mean no reading are {marks}"
 
 

@@ -7,11 +7,14 @@ import csv
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
 from typing import NamedTuple
 
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.files import refused_by_system
 from bayes_inertia.tables.limits import LIMITS
-from bayes_inertia.tables.table import EMPTY_CELLS, number_of
+from bayes_inertia.tables.table import is_empty, number_of
 from bayes_inertia.tables.time_texts import is_date
 
 WHITESPACE = "whitespace"
@@ -24,6 +27,37 @@ _MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
+
+
+_PACKED = {b"\x1f\x8b": "gzip", b"BZh": "bz2", b"\xfd7zXZ": "lzma"}
+
+
+def packing(path: Path) -> str:
+    """The module that unpacks a file; "" for one that is not packed."""
+    with (
+        refused_by_system(CampaignError, "cannot be opened", path, "check the path"),
+        path.open("rb") as file,
+    ):
+        start = file.read(max(map(len, _PACKED)))
+    return next((name for mark, name in _PACKED.items() if start.startswith(mark)), "")
+
+
+def content(path: Path, first: int = -1) -> bytes:
+    """All or the first bytes of a log, out of a gzip, bzip2 or xz archive where it is one."""
+    packed = packing(path)
+    most = LIMITS.most_content + 1 if packed and first < 0 else first
+    advice = "check that it is a readable file, whole if it is packed"
+    with refused_by_system(CampaignError, "cannot be read", path, advice):
+        try:
+            with import_module(packed or "io").open(path, "rb") as file:
+                data: bytes = file.read(most)
+        except OSError:
+            raise
+        except Exception as error:  # Each of the three modules has errors of its own.
+            raise OSError(f"damaged: {error}") from error
+        if len(data) > LIMITS.most_content and packed:
+            raise OSError(f"unpacked it has more than {LIMITS.most_content / 2**30:.0f} GiB")
+    return data
 
 
 class CellRow(NamedTuple):  # A log has a million of them: a dataclass takes twice the time.
@@ -244,6 +278,6 @@ def _score(rows: Sequence[tuple[str, ...]], decimal: str) -> float:
     cells = [cell for row in regular[len(regular) // 2 :] for cell in row]
     if not rows:
         return 0.0
-    full = [cell for cell in cells if cell.lower() not in EMPTY_CELLS]
+    full = [cell for cell in cells if not is_empty(cell)]
     readings = sum(is_reading(cell, decimal) for cell in full) / max(len(full), 1)
     return readings * len(regular) / len(rows)

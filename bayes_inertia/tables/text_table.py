@@ -18,13 +18,13 @@ from pathlib import Path
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.files import read_bytes, vocabulary
+from bayes_inertia.files import vocabulary
 from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.table import (
-    EMPTY_CELLS,
     Column,
     StatedAttitude,
     Table,
+    is_empty,
     number_of,
 )
 from bayes_inertia.tables.text_cells import (
@@ -32,6 +32,7 @@ from bayes_inertia.tables.text_cells import (
     CellRow,
     TextForm,
     TextOptions,
+    content,
     content_lines,
     decoded,
     is_reading,
@@ -47,7 +48,7 @@ _UNIT_WORDS = frozenset(vocabulary("tables")["units"]["words"].split())
 def read_text_table(path: Path, options: TextOptions) -> Table:
     """The columns of a text file, with the units that a row of units or the names state."""
     label = str(path)
-    text, notes = whole_lines(read_bytes(path), label, options.encoding)
+    text, notes = whole_lines(content(path), label, options.encoding)
     table = parse_text(text, label, options)
     return replace(table, notes=(*notes, *table.notes))
 
@@ -63,7 +64,7 @@ def parse_text(text: str, label: str, options: TextOptions) -> Table:
     rows = list(split_rows(lines, form.delimiter, label))
     lengths = [len(row.cells) for row in rows[-_judged(rows) :]]
     count = max(set(lengths), key=lengths.count)
-    rows, notes = _without_cut_end([_trimmed(row, count) for row in rows], count, text)
+    rows, notes = _without_end([_trimmed(row, count) for row in rows], count, form.decimal, text)
     stated = max(options.header_line, options.units_line) if options.header_line >= 0 else -1
     first = _first_data_row(rows, count, form.decimal, stated, label)
     name_row, unit_row = _head(rows[:first], comments, rows[first].line, count, form, options)
@@ -85,13 +86,29 @@ def _trimmed(row: CellRow, count: int) -> CellRow:
     return CellRow(row.line, row.cells[:count])
 
 
-def _without_cut_end(
-    rows: list[CellRow], count: int, text: str
+def _without_end(
+    rows: list[CellRow], count: int, decimal: str, text: str
 ) -> tuple[list[CellRow], tuple[str, ...]]:
-    """Rows without a last one that breaks off, as where a logger lost power; what to say of it."""
-    if len(rows) < LIMITS.few_rows or len(rows[-1].cells) >= count or text.endswith(("\n", "\r")):
+    """Rows without a footer, or a last row that breaks off where a logger lost power; notes."""
+    if len(rows) < LIMITS.few_rows:
+        return rows, ()
+    begins = [row.cells[0] for row in rows[-_judged(rows) :]]
+    most = LIMITS.most_footer_lines if _holds_readings(begins, decimal) else 0
+    last = rows[-1 - most :]
+    is_footer = [_is_footer(row.cells, count, decimal) for row in last]
+    gone = is_footer[::-1].index(False) if False in is_footer else 0
+    if gone:
+        lines = ", ".join(str(row.line) for row in rows[-gone:])
+        return rows[:-gone], (f"a footer in line {lines} was left out",)
+    if len(rows[-1].cells) >= count or text.endswith(("\n", "\r")):
         return rows, ()
     return rows[:-1], (f"line {rows[-1].line}, the last, breaks off and was left out",)
+
+
+def _is_footer(cells: Sequence[str], count: int, decimal: str) -> bool:
+    """Whether words begin a row that has no readings, or not as many cells as others."""
+    word = not is_empty(cells[0]) and not is_reading(cells[0], decimal)
+    return word and (len(cells) != count or not any(is_reading(c, decimal) for c in cells))
 
 
 def _without_heads(
@@ -139,19 +156,13 @@ def _first_data_row(
     Where there are no names (-1), it is one below no line, and may be empty of readings.
     """
     judged = [row.cells for row in rows[-_judged(rows) :] if len(row.cells) == count]
-    columns = []
-    for i in range(count):
-        full = [cells[i] for cells in judged if cells[i].lower() not in EMPTY_CELLS]
-        if full and 2 * sum(is_reading(cell, decimal) for cell in full) > len(full):
-            columns.append(i)
+    columns = [i for i in range(count) if _holds_readings([cells[i] for cells in judged], decimal)]
     for index, row in enumerate(rows):
         if row.line <= below or len(row.cells) != count:
             continue
         cells = [row.cells[i] for i in columns]
         # Where the mapping says that there are no names, a row of empty cells is one of telemetry.
-        if _holds_readings(cells, decimal) or (
-            below < 0 and set(map(str.lower, cells)) <= EMPTY_CELLS
-        ):
+        if _holds_readings(cells, decimal) or (below < 0 and all(map(is_empty, cells))):
             return index
     raise CampaignError(
         "no row of numbers",
@@ -162,7 +173,7 @@ def _first_data_row(
 
 
 def _holds_readings(cells: Sequence[str], decimal: str) -> bool:
-    full = [cell for cell in cells if cell.lower() not in EMPTY_CELLS]
+    full = [cell for cell in cells if not is_empty(cell)]
     return bool(full) and 2 * sum(is_reading(cell, decimal) for cell in full) > len(full)
 
 
@@ -307,7 +318,7 @@ def text_column(cells: Sequence[str], decimal: str, unit: str = "") -> Column:
     except ValueError:
         # Lazily: of a column of dates the first cell tells.
         texts = (cell for cell in cells if math.isnan(number_of(cell, decimal)))
-        if any(cell.lower() not in EMPTY_CELLS for cell in texts):
+        if not all(map(is_empty, texts)):
             return Column(np.array(cells, dtype=np.dtypes.StringDType()), unit)
         values = np.array([number_of(cell, decimal) for cell in cells])
     finite = np.abs(values[np.isfinite(values)])
@@ -392,7 +403,7 @@ def _notes(path: Path, stem: str, columns: Mapping[str, Column]) -> tuple[str, .
 def _utc(path: Path) -> Table:
     """UTC.42: year:month:day:hour:minute:second, as ISO 8601."""
     texts, numbers = [], []
-    for number, line in enumerate(decoded(read_bytes(path), str(path)).splitlines(), start=1):
+    for number, line in enumerate(decoded(content(path), str(path)).splitlines(), start=1):
         if not line.strip():
             continue
         match = _UTC_OF_42.fullmatch(line)

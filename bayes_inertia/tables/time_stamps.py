@@ -36,12 +36,12 @@ from bayes_inertia.tables.stamp_parts import (
     weeks_ns,
     words_of,
 )
-from bayes_inertia.tables.table import Column, Table
+from bayes_inertia.tables.table import Column, Table, is_empty
 
 # What ends a name, without signs and in small letters -> unit.
 _UNITS = by_word(vocabulary("tables")["endings"])
 _TIME = re.compile(
-    r"(t|time|times|utc|tai|gps|epoch|timestamps?|tow|week|met|sclk|unix|posix|mjd|jd|date|datetime|"
+    r"(t|time|times|utc|tai|gps|epoch|timestamps?|tow|sow|sod|week|met|sclk|unix|posix|mjd|jd|date|datetime|"
     r"(unix|gps|posix|time)(time|stamp)[a-z]*|sec|s)"
 )
 # Where no column is called a time, one that ends so: RECEIVED_TIMESECONDS, generation_time.
@@ -51,7 +51,7 @@ _ORDER = ("week", "year", "month", "doy", "day", "h", "min", "s", "ms", "us", "n
 _FINE = frozenset({"fine", "frac", "fraction", "sub", "subsec", "subsecs", "subseconds", "ticks"})
 # Words that say nothing of the clock that a column belongs to.
 _NO_STEM = frozenset({*_FINE, "of", "in", "coarse", "utc", "date", "time", "the"})
-_OF_DAY = re.compile(r"\d{1,2}:\d{2}")
+_OF_DAY = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d*)?))?")
 
 
 def split_unit(name: str) -> tuple[str, str]:
@@ -194,7 +194,7 @@ _DAYS: Mapping[str, tuple[float, int, bool]] = {
     f"{count}_{scale}": (day, -SCALES.tt_minus_tai if scale == "tt" else 0, scale == "utc")
     for count, day in (("mjd", SCALES.mjd_1958), ("jd", SCALES.jd_1958))
     for scale in ("utc", "tai", "tt")
-} | {"cds": (0, 0, True)}
+} | {"cds": (0, 0, True), "excel": (21186, 0, True), "datenum": (715146, 0, True)}
 # What is to be added to the text's clock [ns]; None: leap seconds.
 _TEXTS: Mapping[str, int | None] = {
     "utc": None,
@@ -243,14 +243,15 @@ def times_to_seconds(
 
     `names`: the column of the stamps, or columns that are added: date and time of the day, seconds
     and nanoseconds, week and seconds of the week, day and milliseconds of the day. `kind`: one of
-    `TIME_KINDS`: "s", "ms", "us", "ns", "min", "h", "day" (a clock's own zero); "utc", "tai",
-    "gps", "tt" (texts, calendar or day of year); "gps_s" to "gps_ns", "gps_week", "tai_s" to
-    "tai_ns" (since 1958), "unix_s" to "unix_ns"; "mjd_utc", "jd_utc" and these with tai, tt; "cds"
-    (days of UTC since 1958). `units`: what each column counts, such as "s/65536"; empty: kind and
-    names say it. `form`: how dates are written, in directives of `strptime`; "" for the forms that
-    are told. `gps_rollovers`: for weeks that are cut to ten bits: how often they began anew, such
-    as 2 from 2019-04-07. `first_day`: for "cds": the days from 1958-01-01 to the day that it calls
-    0.
+    `TIME_KINDS`: "s", "ms", "us", "ns", "min", "h", "day" (a clock's own zero; "s" also of times of
+    the day, 23:59:58.5); "utc", "tai", "gps", "tt" (texts, calendar or day of year); "gps_s" to
+    "gps_ns", "gps_week", "tai_s" to "tai_ns" (since 1958), "unix_s" to "unix_ns"; "mjd_utc",
+    "jd_utc" and these with tai, tt; "cds" (days of UTC since 1958); "excel", "datenum" (days of
+    UTC, as Excel and MATLAB count them). `units`: what each column counts, such as "s/65536";
+    empty: kind and names say it. `form`: how dates are written, in directives of `strptime`; ""
+    for the forms that are told. `gps_rollovers`: for weeks that are cut to ten bits: how often they
+    began anew, such as 2 from 2019-04-07. `first_day`: for "cds": the days from 1958-01-01 to the
+    day that it calls 0.
 
     >>> from bayes_inertia.tables.table import Column
     >>> week = Table("w.csv", {"w": Column(np.array([2086])), "s": Column(np.array([18]))})
@@ -372,6 +373,7 @@ def _from_counts(
     first = next(unit for unit, value in FREE_CLOCKS.items() if value == size)
     if kind == "gps_week":
         first, start = "week", SCALES.gps_1980
+    table = _counting_times_of_day(table, names[0]) if kind == "s" else table
     sizes = sizes_of(table, names, units, first)
     zero, ahead, leaps_of_day = _DAYS.get(kind, (0, 0, False))
     if kind == "gps_week":
@@ -385,6 +387,22 @@ def _from_counts(
         ns, missing = ns + parts, missing | empty
     ns = ns + start
     return (utc_to_tai(ns) if leaps else ns), missing, resolution
+
+
+def _counting_times_of_day(table: Table, name: str) -> Table:
+    """A table whose column of times of the day, such as 23:59:58.5, counts their seconds."""
+    cells = table.column(name).texts if table.column(name).is_text else []
+    parts = [_OF_DAY.fullmatch(cell) for cell in cells]
+    if not any(parts) or not all(p or is_empty(c) for p, c in zip(parts, cells, strict=True)):
+        return table
+    # Whole seconds first: the sum is exact to less than a nanosecond.
+    seconds = [
+        int(p[1]) * 3600 + int(p[2]) * 60 + float((p[3] or "0").replace(",", "."))
+        if p
+        else math.nan
+        for p in parts
+    ]
+    return table.changed({name: np.array(seconds)})
 
 
 def _check_years(table: Table, names: Sequence[str], kind: str, stamps: TimeStamps) -> None:

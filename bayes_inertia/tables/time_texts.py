@@ -18,7 +18,7 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import vocabulary
 from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.stamp_parts import SECOND, has_leap_second, unit_in_name
-from bayes_inertia.tables.table import EMPTY_CELLS, Column, Table, shortened
+from bayes_inertia.tables.table import Column, Table, is_empty, shortened
 
 _CLOCK = (
     r"(?:[T ,]+|(?<=\d)-|\s*//\s*)(?P<hour>\d{1,2}):(?P<minute>\d{2})"
@@ -45,7 +45,8 @@ _PLAIN = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}:\d{2}(\.\d{1,9})?Z?")
 _ADVICE = (
     "write times as 2024-05-01T12:34:56.789, with Z or an offset such as +01:00 where it is UTC, "
     "by day of year, 2024-122T12:34:56.789, or as 01 May 2024 12:34:56.789; or add their form to "
-    'the mapping, such as time = { ..., format = "%m/%d/%Y %H:%M:%S.%f" }'
+    'the mapping, such as time = { ..., format = "%m/%d/%Y %H:%M:%S.%f" }; '
+    'times of the day alone are of the kind "s", with their midnight as epoch'
 )
 
 
@@ -94,7 +95,7 @@ def text_to_ns(
     (1861919999500000000, True)
     """
     text = cell.strip().strip("\"'")
-    if text.lower() in EMPTY_CELLS or text == "NaT":
+    if is_empty(text) or text == "NaT":
         return None
     matches = (pattern.fullmatch(text) for pattern in ((form,) if form else _FORMS))
     match = next((match for match in matches if match), None)
