@@ -78,6 +78,12 @@ class StudyError(BayesInertiaError):
     """A study cannot go on as it is: its workers or its scheduler are lost, or all tasks failed."""
 
 
+def require(condition: bool, where: str, what: str, advice: str) -> None:
+    """Raise `CampaignError` unless a condition holds."""
+    if not condition:
+        raise CampaignError(what, where=where, advice=advice)
+
+
 def library_of_extra(
     name: str,
     extra: str,

@@ -12,7 +12,7 @@ from typing import NamedTuple, NoReturn
 
 import numpy as np
 
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, require
 from bayes_inertia.faults.fault import Dirt, DirtKind, Treatment
 from bayes_inertia.faults.limits import LIMITS
 from bayes_inertia.faults.stamps import regular_stamps
@@ -141,12 +141,10 @@ def _dirt(kind: DirtKind, rows: np.ndarray, length: int, treated: Treatment, not
 
 def _refuse_empty_times(table: Table, time: str) -> None:
     empty = np.isnan(table.numbers(time))
-    if empty.any():
-        what, where = "the cell is empty", table.place(int(np.argmax(empty)), time)
-        if empty.all():
-            what, where = "every cell is empty", f"{table.label}, column {time}"
-        advice = "every row needs its time: remove or repair the row"
-        raise CampaignError(what, where=where, advice=advice)
+    advice = "every row needs its time: remove or repair the row"
+    whole = f"{table.label}, column {time}"
+    require(not len(empty) or not empty.all(), whole, "every cell is empty", advice)
+    table.refuse(empty, time, "the cell is empty", advice)
 
 
 def _refuse_coarse_times(table: Table, time: str, steps: np.ndarray) -> None:
@@ -157,10 +155,10 @@ def _refuse_coarse_times(table: Table, time: str, steps: np.ndarray) -> None:
         return
     # A regular clock may be known better than its stamps.
     _, record = regular_stamps(table.numbers(time)) if np.all(steps > 0.0) else (None, None)
-    if record is None or record.treated != "modelled":
-        what = "times stored with 32 bits are too coarse for their spacing"
-        advice = "store time with 64 bits, or count it from the start of the slew"
-        raise CampaignError(what, where=f"{table.label}, column {time}", advice=advice)
+    known = record is not None and record.treated == "modelled"
+    what = "times stored with 32 bits are too coarse for their spacing"
+    advice = "store time with 64 bits, or count it from the start of the slew"
+    require(known, f"{table.label}, column {time}", what, advice)
 
 
 def _far_off_rows(table: Table, time: str) -> np.ndarray:

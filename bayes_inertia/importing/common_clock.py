@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, require
 from bayes_inertia.faults.row_order import set_back_row
 from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.logged_stream import (
@@ -54,9 +54,9 @@ def counted_on(shares: Sequence[FileShare]) -> list[FileShare]:
         if found is None:
             continue
         period, centre, span = found
+        counted = _placed if 1.25 * span < period.ns else _unwrapped
         for share in group:
-            place = _placed if 1.25 * span < period.ns else _unwrapped
-            placed[id(share)] = place(share, period, centre)
+            placed[id(share)] = _with_counts(share, counted(share, period, centre), period)
     return [placed.get(id(share), share) for share in shares]
 
 
@@ -132,15 +132,14 @@ def _clean_wraps(counts: np.ndarray, steps: np.ndarray, step: float, period: _Pe
     return clean & (steps < 0) & (step < LIMITS.wrap_pause * period.ns)
 
 
-def _placed(share: FileShare, period: _Period, centre: int) -> FileShare:
-    """A share whose stamps lie within half a period of the middle of all."""
+def _placed(share: FileShare, period: _Period, centre: int) -> np.ndarray:
+    """Counts (rows,) within half a period of the middle of all."""
     offset = centre - period.ns // 2
-    counts = offset + (share.stamps.ns - share.stamps.zero_ns - offset) % period.ns
-    return _with_counts(share, counts, period)
+    return offset + (share.stamps.ns - share.stamps.zero_ns - offset) % period.ns
 
 
-def _unwrapped(share: FileShare, period: _Period, centre: int) -> FileShare:
-    """A share whose stamps go on from row to row, lined up with the middle of all."""
+def _unwrapped(share: FileShare, period: _Period, centre: int) -> np.ndarray:
+    """Counts (rows,) that go on from row to row, lined up with the middle of all."""
     present = ~share.stamps.missing
     counts = share.stamps.ns - share.stamps.zero_ns
     ahead = np.unwrap(counts[present], period=period.ns).astype(np.int64)
@@ -155,10 +154,8 @@ def _unwrapped(share: FileShare, period: _Period, centre: int) -> FileShare:
             'as files of their own with epoch = "file"',
         )
     middle = (int(ahead[0]) + int(ahead[-1])) // 2
-    turns = round((centre - middle) / period.ns)
-    result = counts.copy()
-    result[present] = ahead + turns * period.ns
-    return _with_counts(share, result, period)
+    counts[present] = ahead + round((centre - middle) / period.ns) * period.ns
+    return counts
 
 
 def _with_counts(share: FileShare, counts: np.ndarray, period: _Period) -> FileShare:
@@ -265,11 +262,11 @@ def _starts_of_files(
     by_stream: dict[int, list[FileShare]] = {}
     for share in shares:
         by_stream.setdefault(id(share.stream), []).append(share)
-    if len({len(of_stream) for of_stream in by_stream.values()}) > 1:
-        counts = ", ".join(f"{v[0].stream.holds}: {len(v)}" for v in by_stream.values())
-        what = f"streams have different numbers of files ({counts})"
-        advice = "with a clock in each file, every stream needs one file a slew"
-        raise CampaignError(what, where=f"{label}, key streams", advice=advice)
+    alike = len({len(of_stream) for of_stream in by_stream.values()}) == 1
+    counts = ", ".join(f"{v[0].stream.holds}: {len(v)}" for v in by_stream.values())
+    what = f"streams have different numbers of files ({counts})"
+    advice = "with a clock in each file, every stream needs one file a slew"
+    require(alike, f"{label}, key streams", what, advice)
     starts, cursor = {}, 0
     for together in zip(*by_stream.values(), strict=True):
         first = min(share.stamps.first_ns for share in together)

@@ -252,46 +252,41 @@ def _beside(stream: LoggedStream, rate: LoggedStream, cut: SlewCut) -> list[str]
     beside = int((~inside & (away > 2.0 * rate.step)).sum())
     if beside <= max(1.0, LIMITS.most_left_out * count):
         return []
+    said = f"{beside} of {count} readings {mapped_lines.BESIDE_RATES} and are left out"
     known = known_offset([(stream.time, spans)])
     if known is None or known[2] < LIMITS.meant_offset_share * count:
-        return [f"{beside} of {count} readings {mapped_lines.BESIDE_RATES} and are left out"]
+        return [said]
     seconds, why, there = known
     key = mapped_lines.OFFSET_OF.format(stream.holds)
-    said = f"{there} lie in a slew with {seconds:+.9g} s in {key} ({why})"
-    return [f"{beside} of {count} readings {mapped_lines.BESIDE_RATES} and are left out; {said}"]
+    return [f"{said}; {there} lie in a slew with {seconds:+.9g} s in {key} ({why})"]
+
+
+_OF_TRACKER = ("sigma_cross", "sigma_roll")
 
 
 def _require_noises(mapping: MappingPart, noises: Sequence[RestNoise], label: str) -> None:
     """Refuse a sensor without a stated noise, and quote what the rests show."""
-    needed: list[tuple[str, str, object]] = [("rate_sensor", "sigma", mapping.rate_sensor.sigma)]
+    stated: dict[str, object] = {"rate_sensor.sigma": mapping.rate_sensor.sigma}
     tracker = mapping.star_tracker
     if tracker is not None:
-        needed += [
-            ("star_tracker", "sigma_cross", tracker.sigma_cross),
-            ("star_tracker", "sigma_roll", tracker.sigma_roll),
-        ]
+        stated |= {f"star_tracker.{key}": getattr(tracker, key) for key in _OF_TRACKER}
     seen = {noise.key: noise for noise in noises}
-    missing = [(part, key) for part, key, value in needed if value is None]
+    missing = [key for key, value in stated.items() if value is None]
     if not missing:
         return
-    lines = [
-        f"[{part}] {seen[f'{part}.{key}'].toml()}"
-        for part, key in missing
-        if f"{part}.{key}" in seen
-    ]
+    lines = [f"[{key.partition('.')[0]}] {seen[key].toml()}" for key in missing if key in seen]
     # Tachometers are not used without theirs: said now, it spares another import.
     lines += [
         f'[[wheels]] "{wheel.name}" {seen[key].toml()}'
         for wheel in mapping.wheels
         if wheel.momentum_sigma is None and (key := f"wheels.{wheel.name}.momentum_sigma") in seen
     ]
-    part, key = missing[0]
     advice = (
         f"the rests of the log show {', '.join(lines)}: paste it if the data sheet agrees"
         if lines
         else "take it from the data sheet: the rests of the log do not show it"
     )
-    raise CampaignError("missing key", where=f"{label}, key {part}.{key}", advice=advice)
+    raise CampaignError("missing key", where=f"{label}, key {missing[0]}", advice=advice)
 
 
 def reduced_content(

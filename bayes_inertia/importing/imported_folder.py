@@ -26,7 +26,13 @@ from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.logged_stream import LoggedStream
 from bayes_inertia.importing.mapped_lines import RECORD_FILE
 from bayes_inertia.importing.mapping import rate_sensor_axes, streams_that_hold
-from bayes_inertia.importing.mapping_schema import AttitudeStream, MappingPart, TorqueStream
+from bayes_inertia.importing.mapping_schema import (
+    STREAM_TYPES,
+    AttitudeStream,
+    MappedStream,
+    MappingPart,
+    TorqueStream,
+)
 from bayes_inertia.importing.rest_noise import RestNoise
 from bayes_inertia.importing.slew_cutting import SlewCut, SlewWindow
 from bayes_inertia.importing.unit_factors import unit_factor
@@ -35,23 +41,11 @@ from bayes_inertia.tables.stamp_parts import tai_to_utc
 from bayes_inertia.tables.table import Table
 from bayes_inertia.version import __version__
 
-# Suffix of the tables, and columns; "{}" stands for the number of the wheel.
-_NAMES: Mapping[str, tuple[str, tuple[str, ...]]] = {
-    "rate": ("rate", ("w1", "w2", "w3")),
-    "wheel_torque": ("torque", ("u{}",)),
-    "wheel_momentum": ("momentum", ("h{}",)),
-    "wheel_speed": ("speed", ("speed{}",)),
-    "attitude": ("tracker", ("q1", "q2", "q3", "q4")),
-    "magnetic_field": ("field", ("Bx_N", "By_N", "Bz_N")),
-    "position": ("position", ("rx_N", "ry_N", "rz_N")),
-}
-
 
 @dataclass(frozen=True)
 class WrittenColumns:
     """Entry of one stream."""
 
-    suffix: str  # What the names of its tables end with
     names: tuple[str, ...]  # The columns
     sense: dict[str, str]  # Unit and sense, as its entry in `[columns]` states them
     order: tuple[int, ...]  # Which element of the stream stands in each column
@@ -64,31 +58,29 @@ class WrittenColumns:
 
 def written_columns(mapping: MappingPart) -> dict[str, WrittenColumns]:
     """Entries of all streams that a mapping may have, by the key of `[columns]`."""
-    written = {}
-    for key, (suffix, templates) in _NAMES.items():
-        names = templates
-        if "{}" in templates[0]:
-            names = tuple(templates[0].format(k + 1) for k in range(len(mapping.wheels)))
-        if key == "attitude":
-            written[key] = _attitude(mapping, suffix)
-            continue
-        unit = _unit(mapping, key)
-        sense = {"unit": unit}
-        sign = 1.0
-        if key == "wheel_torque":
-            sense["acts_on"], sign = _acts_on(mapping)
-        elif key.startswith("wheel"):
-            sense["relative_to"] = "body"
-        elif key != "rate":
-            sense["frame"] = "inertial"
-        factors = (sign / UNITS[key][unit],) * len(names)
-        written[key] = WrittenColumns(suffix, names, sense, tuple(range(len(names))), factors)
-    return written
+    return {
+        key: _attitude(streams) if kind is AttitudeStream else _readings(key, streams, mapping)
+        for key, kind in STREAM_TYPES.items()
+        for streams in [streams_that_hold(mapping, key)]
+    }
 
 
-def _unit(mapping: MappingPart, key: str) -> str:
+def _readings(key: str, streams: Sequence[MappedStream], mapping: MappingPart) -> WrittenColumns:
+    """Columns in the unit and sense that the mapping states, as far as its streams agree."""
+    kind, unit = STREAM_TYPES[key], _unit(key, streams)
+    names = kind.columns
+    if kind.of_wheels():
+        names = tuple(names[0].format(k + 1) for k in range(len(mapping.wheels)))
+    stated = {stream.acts_on for stream in streams if isinstance(stream, TorqueStream)}
+    on_body = stated == {"body"}
+    sense = {"unit": unit, **kind.sense, **({"acts_on": "body"} if on_body else {})}
+    factor = (-1.0 if on_body else 1.0) / UNITS[key][unit]
+    return WrittenColumns(names, sense, tuple(range(len(names))), (factor,) * len(names))
+
+
+def _unit(key: str, streams: Sequence[MappedStream]) -> str:
     """The unit that the mapping states, spelled as the campaign format does; else SI."""
-    stated = {getattr(stream, "unit", "") for stream in streams_that_hold(mapping, key)}
+    stated = {getattr(stream, "unit", "") for stream in streams}
     si = next(iter(UNITS[key]))
     if len(stated) != 1 or "" in stated:
         return si
@@ -97,25 +89,19 @@ def _unit(mapping: MappingPart, key: str) -> str:
     return next(known, si)
 
 
-def _acts_on(mapping: MappingPart) -> tuple[str, float]:
-    """The sense of torques, and their sign in it."""
-    streams = streams_that_hold(mapping, "wheel_torque")
-    senses = {stream.acts_on for stream in streams if isinstance(stream, TorqueStream)}
-    return ("body", -1.0) if senses == {"body"} else ("wheel", 1.0)
-
-
-def _attitude(mapping: MappingPart, suffix: str) -> WrittenColumns:
+def _attitude(streams: Sequence[MappedStream]) -> WrittenColumns:
     """Quaternions of the body with the scalar and the direction that the mapping states."""
     scalar, maps = "last", "inertial_to_body"
-    for stream in streams_that_hold(mapping, "attitude"):
+    for stream in streams:
         if isinstance(stream, AttitudeStream) and stream.frame == "body":
             scalar = stream.scalar or scalar
             maps = stream.maps or maps
-    order = (3, 0, 1, 2) if scalar == "first" else (0, 1, 2, 3)
-    names = tuple(f"q{k}" for k in ((0, 1, 2, 3) if scalar == "first" else (1, 2, 3, 4)))
+    first = scalar == "first"
+    order = (3, 0, 1, 2) if first else (0, 1, 2, 3)
+    names = ("q0", "q1", "q2", "q3") if first else AttitudeStream.columns
     sign = -1.0 if maps == "body_to_inertial" else 1.0
     factors = tuple(1.0 if element == 3 else sign for element in order)
-    return WrittenColumns(suffix, names, {"scalar": scalar, "maps": maps}, order, factors)
+    return WrittenColumns(names, {"scalar": scalar, "maps": maps}, order, factors)
 
 
 @dataclass(frozen=True)
@@ -254,9 +240,12 @@ def _slew(tables: SlewTables, files: Mapping[str, str]) -> dict[str, Any]:
 
 def _file_names(mapping: MappingPart, slews: Sequence[SlewTables]) -> list[dict[str, str]]:
     """For each slew the name of the table of each stream."""
-    written = written_columns(mapping)
     return [
-        {key: f"{slew}_{w.suffix}.csv" for key, w in written.items() if key in tables.streams}
+        {
+            key: f"{slew}_{kind.suffix}.csv"
+            for key, kind in STREAM_TYPES.items()
+            if key in tables.streams
+        }
         for slew, tables in zip(numbered(len(slews), "slew_{}"), slews, strict=True)
     ]
 
@@ -299,12 +288,9 @@ def _raw_column(mapping: MappingPart, key: str, column: str, written: Sequence[s
         return ", ".join(dict.fromkeys(name for stream in streams for name in stream.names))
     if not key.startswith("wheel"):
         return streams[0].names[place]
-    columns = {
-        wheel: name
-        for stream in streams
-        for wheel, name in zip(mapping.wheels_of(stream), stream.names, strict=True)
-    }
-    return columns[mapping.wheels[place].name]
+    wheel = mapping.wheels[place].name
+    own = next(stream for stream in streams[::-1] if wheel in mapping.wheels_of(stream))
+    return own.names[mapping.wheels_of(own).index(wheel)]
 
 
 def record_text(

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, require
 from bayes_inertia.importing.common_clock import Logs, on_one_clock
 from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.logged_stream import SHARED_ZERO, ZERO_OF_FILE, FileShare
@@ -21,7 +21,7 @@ from bayes_inertia.importing.mapping_schema import (
     TimeStampPart,
     WheelStream,
 )
-from bayes_inertia.importing.questions import question_at
+from bayes_inertia.importing.questions import require_answer
 from bayes_inertia.importing.stream_readings import agreed, readings_of, standing_mark
 from bayes_inertia.progress import Progress, silent
 from bayes_inertia.tables.raw_files import file_format, read_raw
@@ -30,14 +30,6 @@ from bayes_inertia.tables.table import Column, Table
 from bayes_inertia.tables.text_cells import TextOptions
 from bayes_inertia.tables.time_stamps import FREE_CLOCKS, TimeStamps, times_to_seconds
 
-_WHEEL_OFF = "a wheel that is off: take it out of [[wheels]] and its columns out of every stream"
-_STREAM_OUT = "leave the [[streams]] of {holds} out of the mapping"
-_ADVICE_OF_EMPTY = {
-    "rate": "export it again, or correct {where}.names: the rates of all three axes are needed",
-    "wheel_torque": f"export it again, or correct {{where}}.names; {_WHEEL_OFF}",
-    "wheel_momentum": f"export it again; {_WHEEL_OFF}; one without tachometer: {_STREAM_OUT}",
-    "wheel_speed": f"export it again; {_WHEEL_OFF}; one without tachometer: {_STREAM_OUT}",
-}
 # In these a table may hold arrays of different lengths.
 _ARRAY_FORMATS = ("numpy", "hdf5", "netcdf", "mat", "ulog", "bag")
 
@@ -65,9 +57,8 @@ def read_logs(
     """All streams of a mapping, read from raw files."""
     paths = sorted({Path(file) for file in files}, key=_natural)
     for path in paths:
-        if not path.is_file():
-            what = "is no file" if path.exists() else "does not exist"
-            raise CampaignError(what, where=str(path), advice="name the raw logs themselves")
+        what = "is no file" if path.exists() else "does not exist"
+        require(path.is_file(), str(path), what, "name the raw logs themselves")
     tables: dict[tuple, Table] = {}
     shares: list[FileShare] = []
     used: dict[Path, list[MappedStream]] = {}
@@ -101,11 +92,9 @@ def files_of(stream: MappedStream, paths: Sequence[Path], label: str) -> list[Pa
         for path in paths
         if any(fnmatch.fnmatchcase(path.name, Path(pattern).name) for pattern in stream.files)
     ]
-    if not matched:
-        given = ", ".join(path.name for path in paths[:20])
-        what = f"no file is called {' or '.join(stream.files)}"
-        advice = f"given: {given}"
-        raise CampaignError(what, where=f"{label}, key streams.{stream.holds}.files", advice=advice)
+    advice = f"given: {', '.join(path.name for path in paths[:20])}"
+    what = f"no file is called {' or '.join(stream.files)}"
+    require(bool(matched), f"{label}, key streams.{stream.holds}.files", what, advice)
     return matched
 
 
@@ -116,11 +105,11 @@ def _refuse_second_use(
     # Streams that flag other rows as theirs may share a column.
     rows = {"table", "valid", "text"}
     for other in others:
-        shared = [name for name in stream.names if name in other.names]
-        if shared and stream.model_dump(include=rows) == other.model_dump(include=rows):
-            what = f"the column {shared[0]!r} of {path.name} is that of {other.holds} already"
-            advice = "name for each quantity the column that holds it"
-            raise CampaignError(what, where=f"{where}.names", advice=advice)
+        shared = next((name for name in stream.names if name in other.names), None)
+        same_rows = stream.model_dump(include=rows) == other.model_dump(include=rows)
+        what = f"the column {shared!r} of {path.name} is that of {other.holds} already"
+        advice = "name for each quantity the column that holds it"
+        require(shared is None or not same_rows, f"{where}.names", what, advice)
 
 
 def _read_part(part: MappedStream, table: Table, where: str) -> FileShare:
@@ -136,34 +125,33 @@ def _read_part(part: MappedStream, table: Table, where: str) -> FileShare:
                 f"{table.label}: {marks.sum()} rows, as row {np.argmax(marks) + 1}, hold one "
                 "attitude to which others jump and back: no fix"
             )
-    if stamps.missing.all() and len(stamps.missing):
-        raise CampaignError(
-            "every cell is empty",
-            where=f"{table.label}, column {', '.join(part.time.names or table.time_names)}",
-            advice="export the times with the readings, or name the column that holds them",
-        )
+    place = f"{table.label}, column {', '.join(part.time.names or table.time_names)}"
+    advice = "export the times with the readings, or name the column that holds them"
+    given = not stamps.missing.all() or not len(stamps.missing)
+    require(given, place, "every cell is empty", advice)
     return FileShare(part, table.label, stamps, values, rounding, tuple(notes), table.lines)
 
 
 def _refuse_no_reading(part: MappedStream, shares: Sequence[FileShare], where: str) -> None:
     """Refuse a stream of which a column, or a whole file, holds no reading at all."""
     given = [np.isfinite(share.values[~share.stamps.missing]) for share in shares]
-    files = [share.file for share, rows in zip(shares, given, strict=True) if not rows.any()]
+    empty = [share for share, rows in zip(shares, given, strict=True) if not rows.any()]
     columns = list(part.names) or ["of the attitude"]
+    of_fixes = isinstance(part, AttitudeStream)
     # A tracker may see no star for a whole file; of other files more is wanted than nothing.
-    if not files or (isinstance(part, AttitudeStream) and len(files) < len(shares)):
-        files = [share.file for share in shares]
+    if not empty or (of_fixes and len(empty) < len(shares)):
         full = np.any([rows.any(axis=0) for rows in given], axis=0)
-        of_fixes = isinstance(part, AttitudeStream)
         columns = [] if of_fixes else [n for n, f in zip(columns, full, strict=True) if not f]
-    if columns:
-        raise CampaignError(
-            "there is no reading at all: every cell is empty, flagged or marked",
-            where=f"{', '.join(files)}, column{'s' * (len(columns) > 1)} {', '.join(columns)}",
-            advice=_ADVICE_OF_EMPTY.get(part.holds, f"export it again, or {_STREAM_OUT}").format(
-                where=where, holds=part.holds
-            ),
-        )
+        empty = list(shares)
+    what = "there is no reading at all: every cell is empty, flagged or marked"
+    advice = part.advice_if_empty.format(where=where, holds=part.holds)
+    require(not columns, _columns_in(empty, columns), what, advice)
+
+
+def _columns_in(shares: Sequence[FileShare], names: Sequence[str]) -> str:
+    """Files and some of their columns, for a message."""
+    files = ", ".join(share.file for share in shares)
+    return f"{files}, column{'s' * (len(names) > 1)} {', '.join(names)}"
 
 
 def _refuse_few_rates(
@@ -174,13 +162,9 @@ def _refuse_few_rates(
     for together in [[share] for share in shares] if a_slew_each else [shares]:
         counts = np.sum([np.isfinite(share.values).sum(axis=0) for share in together], axis=0)
         few = [n for n, c in zip(part.names, counts, strict=True) if c < LIMITS.fewest_rates]
-        if few:
-            files = ", ".join(share.file for share in together)
-            raise CampaignError(
-                f"{counts.min()} reading{'' if counts.min() == 1 else 's'} only",
-                where=f"{files}, column{'s' * (len(few) > 1)} {', '.join(few)}",
-                advice="give the rates of whole slews: was the sensor off, or the export cut?",
-            )
+        what = f"{counts.min()} reading{'' if counts.min() == 1 else 's'} only"
+        advice = "give the rates of whole slews: was the sensor off, or the export cut?"
+        require(not few, _columns_in(together, few), what, advice)
 
 
 def _stamps(table: Table, time: TimeStampPart, where: str) -> TimeStamps:
@@ -192,25 +176,20 @@ def _stamps(table: Table, time: TimeStampPart, where: str) -> TimeStamps:
     stated = table.time_kind if names == list(table.time_names) else ""
     kind = agreed(stated, time.kind, f"{where}.kind", table.label)
     for key, value in (("names", names), ("kind", kind)):
-        if not value:
-            question = question_at(("streams", "time", key))
-            raise CampaignError("missing key", where=f"{where}.{key}", advice=f"add it: {question}")
+        require_answer(value, ("streams", "time", key), where)
     stamps = _stamped(table, names, kind, time, where)
     if kind in FREE_CLOCKS:
         return _with_epoch(stamps, time, where)
-    if time.epoch and kind != "cds":
-        what = f"the clock {kind!r} has a zero of its own that everybody knows"
-        advice = "leave the key out"
-        raise CampaignError(what, where=f"{where}.epoch", advice=advice)
+    what = f"the clock {kind!r} has a zero of its own that everybody knows"
+    require(not time.epoch or kind == "cds", f"{where}.epoch", what, "leave the key out")
     return stamps
 
 
 def _of_row_numbers(table: Table, time: TimeStampPart, where: str) -> TimeStamps:
     """Stamps of a log without any: its rows follow each other at the stated rate."""
-    if time.names or time.kind:
-        what = "a rate and columns of the time are both given"
-        advice = "leave names and kind out if the rows have no stamps, else rate_hz"
-        raise CampaignError(what, where=f"{where}.rate_hz", advice=advice)
+    what = "a rate and columns of the time are both given"
+    advice = "leave names and kind out if the rows have no stamps, else rate_hz"
+    require(not (time.names or time.kind), f"{where}.rate_hz", what, advice)
     assert time.rate_hz is not None
     ns = np.rint(np.arange(table.rows) * (1e9 / time.rate_hz)).astype(np.int64)
     return TimeStamps(ns, np.zeros(table.rows, dtype=bool), absolute=False, resolution_s=1e-9)
@@ -218,9 +197,7 @@ def _of_row_numbers(table: Table, time: TimeStampPart, where: str) -> TimeStamps
 
 def _with_epoch(stamps: TimeStamps, time: TimeStampPart, where: str) -> TimeStamps:
     """Stamps that count from a zero of their own, with the date of it where one is stated."""
-    if not time.epoch:
-        question = question_at(("streams", "time", "epoch"))
-        raise CampaignError("missing key", where=f"{where}.epoch", advice=f"add it: {question}")
+    require_answer(time.epoch, ("streams", "time", "epoch"), where)
     if time.epoch in (SHARED_ZERO, ZERO_OF_FILE):
         return stamps
     zero = utc_ns(time.epoch, f"{where}.epoch")
@@ -249,10 +226,8 @@ def _first_day(epoch: str, where: str) -> int:
     if not epoch:
         return 0
     days, rest = divmod(tai_to_utc(utc_ns(epoch, where)), 86400 * SECOND)
-    if rest:
-        raise CampaignError(
-            f"{epoch!r} is no midnight", where=where, advice='write such as "2000-01-01T00:00:00Z"'
-        )
+    advice = 'write such as "2000-01-01T00:00:00Z"'
+    require(rest == 0, where, f"{epoch!r} is no midnight", advice)
     return days
 
 
@@ -260,10 +235,8 @@ def utc_ns(text: str, where: str) -> int:
     """A date in UTC on the common scale."""
     table = Table(where, {"date": Column(np.array([text]))})
     stamps = times_to_seconds(table, ["date"], "utc")
-    if stamps.missing.any():
-        raise CampaignError(
-            f"{text!r} is no date", where=where, advice='write such as "2026-03-01T12:00:00Z"'
-        )
+    advice = 'write such as "2026-03-01T12:00:00Z"'
+    require(not stamps.missing.any(), where, f"{text!r} is no date", advice)
     return int(stamps.ns[0])
 
 

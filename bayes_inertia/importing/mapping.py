@@ -16,14 +16,16 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.checked_toml import checked_document, toml_document
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, require
 from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.mapped_lines import lines_of
 from bayes_inertia.importing.mapping_schema import (
+    STREAM_TYPES,
     AttitudeStream,
     MappedStream,
     MappingPart,
     RateStream,
+    TorqueStream,
     WheelStream,
 )
 from bayes_inertia.importing.questions import refuse_open_questions
@@ -35,11 +37,6 @@ from bayes_inertia.importing.stream_readings import (
 from bayes_inertia.importing.unit_factors import QUANTITIES, unit_factor
 from bayes_inertia.tables.time_stamps import FREE_CLOCKS
 
-_OR_ALL = {
-    "wheel_torque": "",
-    "wheel_momentum": ", or leave out what all tachometers read",
-    "wheel_speed": ", or leave out what all tachometers read",
-}
 _FORM_OF_KEY = {"scalar": "quaternion", "sequence": "euler", "turns": "euler", "unit": "euler"}
 
 
@@ -81,18 +78,14 @@ def _refuse_few_axes(document: dict[str, Any], label: str) -> None:
     streams = document.get("streams")
     for stream in streams if isinstance(streams, list) else []:
         names = stream.get("names") if isinstance(stream, dict) else None
-        if isinstance(names, list) and 0 < len(names) < 3 and stream.get("holds") == "rate":
-            raise CampaignError(
-                f"{len(names)} column{'s' * (len(names) - 1)} for the rates about three axes",
-                where=f"{label}, key streams.rate.names",
-                advice="name one a sensor axis; a rig that is held to turn about fewer axes cannot "
-                "be fitted, as the model turns freely about all three",
-            )
-
-
-def _require(condition: bool, where: str, what: str, advice: str) -> None:
-    if not condition:
-        raise CampaignError(what, where=where, advice=advice)
+        few = isinstance(names, list) and 0 < len(names) < 3 and stream.get("holds") == "rate"
+        require(
+            not few,
+            f"{label}, key streams.rate.names",
+            "fewer than three columns for the rates about three axes",
+            "name one a sensor axis; a rig that is held to turn about fewer axes cannot be fitted, "
+            "as the model turns freely about all three",
+        )
 
 
 def _check_streams(mapping: MappingPart, label: str) -> None:
@@ -100,14 +93,11 @@ def _check_streams(mapping: MappingPart, label: str) -> None:
     where = f"{label}, key streams"
     held = [stream.holds for stream in mapping.streams]
     advice = 'add a [[streams]] that holds = "rate"'
-    _require("rate" in held, where, "no stream holds the rates, which the method needs", advice)
+    require("rate" in held, where, "no stream holds the rates, which the method needs", advice)
     both = {"wheel_momentum", "wheel_speed"} <= set(held)
     advice = "keep one of the two, they are the same measurement"
-    _require(not both, where, "wheel_momentum and wheel_speed are both given", advice)
-    for holds in ("rate", "attitude", "magnetic_field", "position"):
-        advice = "keep one; several files of one stream stand in one list `files`"
-        _require(held.count(holds) < 2, where, f"two streams hold {holds!r}", advice)
-    _require(
+    require(not both, where, "wheel_momentum and wheel_speed are both given", advice)
+    require(
         "attitude" not in held or mapping.star_tracker is not None,
         f"{label}, key streams.attitude",
         "attitudes without a star tracker",
@@ -116,14 +106,20 @@ def _check_streams(mapping: MappingPart, label: str) -> None:
     names = mapping.wheels_of()
     advice = "give each its own name"
     doubled = len(set(names)) < len(names)
-    _require(not doubled, f"{label}, key wheels", "a name is used twice", advice)
-    for holds in ("wheel_torque", "wheel_momentum", "wheel_speed"):
-        streams = [stream for stream in mapping.streams if stream.holds == holds]
+    require(not doubled, f"{label}, key wheels", "a name is used twice", advice)
+    for holds, kind in STREAM_TYPES.items():
+        streams = streams_that_hold(mapping, holds)
+        if not kind.of_wheels():
+            advice = "keep one; several files of one stream stand in one list `files`"
+            require(len(streams) < 2, where, f"two streams hold {holds!r}", advice)
+            continue
         read = {name for stream in streams for name in mapping.wheels_of(stream)}
         lacking = ", ".join(name for name in names if name not in read)
         what = f"no column holds the wheel {lacking}"
-        advice = f"name its column, or take a wheel that is off out of [[wheels]]{_OR_ALL[holds]}"
-        _require(not streams or not lacking, f"{label}, key streams.{holds}.wheels", what, advice)
+        advice = "name its column, or take a wheel that is off out of [[wheels]]"
+        if kind is not TorqueStream:
+            advice += ", or leave out what all tachometers read"
+        require(not streams or not lacking, f"{label}, key streams.{holds}.wheels", what, advice)
 
 
 def _check_cut(mapping: MappingPart, label: str) -> None:
@@ -131,7 +127,7 @@ def _check_cut(mapping: MappingPart, label: str) -> None:
     cut, where = mapping.cut, f"{label}, key cut"
     advice = "keep one of them"
     what = "[[slews]] say already how the log is cut"
-    _require(cut.by is None or not mapping.slews, f"{where}.by", what, advice)
+    require(cut.by is None or not mapping.slews, f"{where}.by", what, advice)
     how = "slews" if mapping.slews else cut.by
     for key, used_by in (
         ("longest_s", ("gaps",)),
@@ -140,7 +136,7 @@ def _check_cut(mapping: MappingPart, label: str) -> None:
         ignored = getattr(cut, key) is not None and how not in used_by
         what = "is not used here" if how is None else f"is not used where {how} cut the log"
         advice = f'leave it out, or write by = "{used_by[0]}"'
-        _require(not ignored, f"{where}.{key}", what, advice)
+        require(not ignored, f"{where}.{key}", what, advice)
 
 
 def _check_wheels(stream: WheelStream, mapping: MappingPart, where: str) -> None:
@@ -148,9 +144,9 @@ def _check_wheels(stream: WheelStream, mapping: MappingPart, where: str) -> None
     names = mapping.wheels_of()
     for name in stream.wheels or []:
         advice = f"name one of {', '.join(names) or 'no wheel: add [[wheels]]'}"
-        _require(name in names, f"{where}.wheels", f"there is no wheel {name!r}", advice)
+        require(name in names, f"{where}.wheels", f"there is no wheel {name!r}", advice)
     wanted = mapping.wheels_of(stream)
-    _require(
+    require(
         len(stream.names) == len(wanted),
         f"{where}.names",
         f"{len(stream.names)} column(s) for {len(wanted)} wheel(s)",
@@ -183,10 +179,10 @@ def _check_numbers(stream: MappedStream, where: str) -> None:
         if isinstance(value, list) and stream.names:
             fits = len(value) == len(stream.names)
             what = f"{len(value)} numbers for {len(stream.names)} columns"
-            _require(fits, f"{where}.{key}", what, "give one number, or one a column")
+            require(fits, f"{where}.{key}", what, "give one number, or one a column")
     scales = stream.scale if isinstance(stream.scale, list) else [stream.scale]
     zero = any(scale == 0.0 for scale in scales)
-    _require(not zero, f"{where}.scale", "a scale of 0", "give the size of one count")
+    require(not zero, f"{where}.scale", "a scale of 0", "give the size of one count")
 
 
 def _check_mounting(stream: RateStream, mapping: MappingPart, where: str) -> None:
@@ -195,7 +191,7 @@ def _check_mounting(stream: RateStream, mapping: MappingPart, where: str) -> Non
     axes = mapping.rate_sensor.axes
     stated = [*(f"streams.rate.{key}" for key in given), *(["rate_sensor.axes"] if axes else [])]
     if stream.frame == "sensor":
-        _require(
+        require(
             len(stated) > 0,
             f"{where}.mounting",
             "missing key",
@@ -204,10 +200,10 @@ def _check_mounting(stream: RateStream, mapping: MappingPart, where: str) -> Non
     for key in given:
         independent = abs(np.linalg.det(np.array(getattr(stream, key)))) > LIMITS.independent_axes
         what = "the axes lie in one plane"
-        _require(independent, f"{where}.{key}", what, "give three independent axes")
+        require(independent, f"{where}.{key}", what, "give three independent axes")
     advice = "keep one of them"
-    _require(len(stated) < 2, where, f"the mounting is stated by {' and '.join(stated)}", advice)
-    _require(
+    require(len(stated) < 2, where, f"the mounting is stated by {' and '.join(stated)}", advice)
+    require(
         stream.frame == "sensor" or not stated,
         f"{where}.frame",
         f'"body" and {" and ".join(stated)} contradict each other',
@@ -221,12 +217,12 @@ def _check_attitude(stream: AttitudeStream, where: str) -> None:
     for key, form in _FORM_OF_KEY.items():
         stray = bool(getattr(stream, key)) and stream.form not in (form, None)
         advice = f'leave it out, or write form = "{form}"'
-        _require(not stray, f"{where}.{key}", f"belongs to the form {form!r}", advice)
+        require(not stray, f"{where}.{key}", f"belongs to the form {form!r}", advice)
     if stream.form is not None and stream.names:
         wanted = COLUMNS_OF_FORM[stream.form]
         what = f"{len(stream.names)} column(s) for the form {stream.form!r}"
         fits = len(stream.names) == wanted
-        _require(fits, f"{where}.names", what, f"name {wanted} columns in their order")
+        require(fits, f"{where}.names", what, f"name {wanted} columns in their order")
     sequence = stream.sequence.lower()
     good = not sequence or (
         len(sequence) == 3
@@ -234,15 +230,15 @@ def _check_attitude(stream: AttitudeStream, where: str) -> None:
         and sequence[0] != sequence[1] != sequence[2]
     )
     what = f"{stream.sequence!r} is no sequence of three axes"
-    _require(good, f"{where}.sequence", what, 'write such as "zyx" or "zxz"')
-    _require(
+    require(good, f"{where}.sequence", what, 'write such as "zyx" or "zxz"')
+    require(
         stream.frame != "body" or stream.body_from_tracker is None,
         f"{where}.frame",
         '"body" and body_from_tracker contradict each other',
         'write frame = "tracker" if the attitudes are those of the tracker, or leave the matrix '
         "out",
     )
-    _require(
+    require(
         stream.frame != "tracker" or stream.body_from_tracker is not None,
         f"{where}.body_from_tracker",
         "missing key",
@@ -255,7 +251,7 @@ def _check_attitude(stream: AttitudeStream, where: str) -> None:
         )
         what = "" if problem is None else problem[1]
         advice = "give the nine cosines with enough digits; column i is the tracker's axis i"
-        _require(problem is None, f"{where}.body_from_tracker", what, advice)
+        require(problem is None, f"{where}.body_from_tracker", what, advice)
 
 
 def streams_that_hold(mapping: MappingPart, holds: str) -> list[MappedStream]:
@@ -288,13 +284,11 @@ def with_alike_wheels(document: dict[str, Any], label: str) -> dict[str, Any]:
         if "same_as" in own:
             other = own.pop("same_as")
             above = {before.get("name"): before for before in complete}
-            if not isinstance(other, str) or other not in above:
-                raise CampaignError(
-                    f"{other!r} is no wheel above it",
-                    where=f"{label}, key wheels.{own.get('name')}.same_as",
-                    advice=f"name one of {', '.join(map(str, above)) or 'none: it is the first'}, "
-                    "or give spin_inertia",
-                )
+            where = f"{label}, key wheels.{own.get('name')}.same_as"
+            known = ", ".join(map(str, above)) or "none: it is the first"
+            advice = f"name one of {known}, or give spin_inertia"
+            is_above = isinstance(other, str) and other in above
+            require(is_above, where, f"{other!r} is no wheel above it", advice)
             own = {k: v for k, v in above[other].items() if k in _OF_TYPE} | own
         complete.append(own)
     return document | {"wheels": complete}
@@ -349,8 +343,7 @@ def _value(value: Any, quantity: str, where: str) -> Any:
     parts = _NUMBER_WITH_UNIT.fullmatch(value)
     example = f'write such as 1e-5 ({QUANTITIES[quantity][0]}) or "1e-5 UNIT", UNIT one of '
     if parts is None:
-        what = f"{value!r} is no number with a unit"
-        advice = example + QUANTITIES[quantity][1]
+        what, advice = f"{value!r} is no number with a unit", example + QUANTITIES[quantity][1]
         raise CampaignError(what, where=where, advice=advice)
     try:
         factor = unit_factor(quantity, parts[2])

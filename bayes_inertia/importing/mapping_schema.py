@@ -6,7 +6,8 @@ what it measured at rest. What a file itself states (CCSDS AEM, rows of units) m
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, get_args
+from collections.abc import Mapping
+from typing import Annotated, ClassVar, Literal, get_args
 
 from annotated_types import Len
 from pydantic import Field
@@ -69,7 +70,23 @@ class TextFilePart(schema.Part):
     units_line: int = 0
 
 
+_STREAM_OUT = "leave the [[streams]] of {holds} out of the mapping"
+_WHEEL_OFF = "a wheel that is off: take it out of [[wheels]] and its columns out of every stream"
+_OF_TACHOMETER = f"export it again; {_WHEEL_OFF}; one without tachometer: {_STREAM_OUT}"
+
+
 class _StreamPart(schema.Part):
+    # What an import writes: what the names of tables end with, columns ("{}": one a wheel), sense.
+    suffix: ClassVar[str]
+    columns: ClassVar[tuple[str, ...]]
+    sense: ClassVar[Mapping[str, str]] = {}
+    advice_if_empty: ClassVar[str] = f"export it again, or {_STREAM_OUT}"
+
+    @classmethod
+    def of_wheels(cls) -> bool:
+        """Whether each wheel has a column, which may stand in a stream of its own."""
+        return "{}" in cls.columns[0]
+
     files: Annotated[list[str], Len(1)] = Field(
         description='files = ["...", ...], names or patterns of the files, such as "gyro_*.csv"'
     )
@@ -98,6 +115,10 @@ class _WheelsPart(_ReadingsPart):
 class RateStream(_ReadingsPart):
     """Rates of the body, along its axes or along those of the sensor."""
 
+    suffix, columns = "rate", ("w1", "w2", "w3")
+    advice_if_empty = (
+        "export it again, or correct {where}.names: the rates of all three axes are needed"
+    )
     holds: Literal["rate"]
     names: schema.Names3 = Field(description='names = ["...", "...", "..."], one column an axis')
     frame: Literal["body", "sensor"]
@@ -108,6 +129,8 @@ class RateStream(_ReadingsPart):
 class TorqueStream(_WheelsPart):
     """Torque commands of the wheels."""
 
+    suffix, columns, sense = "torque", ("u{}",), {"acts_on": "wheel"}
+    advice_if_empty = f"export it again, or correct {{where}}.names; {_WHEEL_OFF}"
     holds: Literal["wheel_torque"]
     acts_on: Literal["wheel", "body"]
 
@@ -115,6 +138,8 @@ class TorqueStream(_WheelsPart):
 class MomentumStream(_WheelsPart):
     """Momentum of the wheels."""
 
+    suffix, columns, sense = "momentum", ("h{}",), {"relative_to": "body"}
+    advice_if_empty = _OF_TACHOMETER
     holds: Literal["wheel_momentum"]
     relative_to: Literal["body", "inertial"]
 
@@ -122,6 +147,8 @@ class MomentumStream(_WheelsPart):
 class SpeedStream(_WheelsPart):
     """Speed of the wheels."""
 
+    suffix, columns, sense = "speed", ("speed{}",), {"relative_to": "body"}
+    advice_if_empty = _OF_TACHOMETER
     holds: Literal["wheel_speed"]
     relative_to: Literal["body", "inertial"]
 
@@ -129,6 +156,7 @@ class SpeedStream(_WheelsPart):
 class AttitudeStream(_StreamPart):
     """Attitudes in any form; files of CCSDS AEM state most of it themselves."""
 
+    suffix, columns = "tracker", ("q1", "q2", "q3", "q4")
     holds: Literal["attitude"]
     form: Literal["quaternion", "euler", "dcm", "mrp"] | None = None
     names: list[str] = Field(default=[])
@@ -143,6 +171,8 @@ class AttitudeStream(_StreamPart):
 
 
 class _InertialPart(_ReadingsPart):
+    sense: ClassVar[Mapping[str, str]] = {"frame": "inertial"}
+
     names: schema.Names3 = Field(
         description='names = ["...", "...", "..."], along the inertial axes'
     )
@@ -152,12 +182,14 @@ class _InertialPart(_ReadingsPart):
 class MagneticFieldStream(_InertialPart):
     """The magnetic field along inertial axes."""
 
+    suffix, columns = "field", ("Bx_N", "By_N", "Bz_N")
     holds: Literal["magnetic_field"]
 
 
 class PositionStream(_InertialPart):
     """The position along inertial axes."""
 
+    suffix, columns = "position", ("rx_N", "ry_N", "rz_N")
     holds: Literal["position"]
 
 

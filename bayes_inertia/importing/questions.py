@@ -13,7 +13,7 @@ from typing import Any
 import tomlkit
 
 from bayes_inertia.campaign.checked_toml import table_label
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, require
 from bayes_inertia.files import vocabulary
 from bayes_inertia.importing.limits import LIMITS
 
@@ -35,6 +35,11 @@ def question_at(path: tuple[str, ...]) -> str:
         if ".".join(candidate) in QUESTIONS:
             return QUESTIONS[".".join(candidate)]
     return f"What is {path[-1]}?"
+
+
+def require_answer(answer: Any, path: tuple[str, ...], where: str) -> None:
+    """Ask the question of a key of a table at `where` that neither file nor mapping answers."""
+    require(bool(answer), f"{where}.{path[-1]}", "missing key", f"add it: {question_at(path)}")
 
 
 def refuse_open_questions(document: dict[str, Any], label: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 
@@ -99,14 +99,17 @@ def _rates(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[RestN
         _fit(rate.time, axis, scan, rounding)
         for axis, rounding in zip(rate.values.T, np.broadcast_to(rate.rounding, 3), strict=True)
     ]
-    stated = mapping.rate_sensor.sigma
-    if all(fit is not None for fit in fits):
-        yield RestNoise(
-            "rate_sensor.sigma",
-            "rad/s",
-            tuple(fit for fit in fits if fit is not None),
-            None if stated is None else tuple(stated),
-        )
+    yield from _noise("rate_sensor.sigma", "rad/s", fits, mapping.rate_sensor.sigma)
+
+
+def _noise(
+    key: str, unit: str, fits: Sequence[NoiseFit | None], stated: Sequence[float | None] | None
+) -> Iterator[RestNoise]:
+    """The noise of a key if all its axes show one; what is stated of them."""
+    seen = tuple(fit for fit in fits if fit is not None)
+    given = tuple(x for x in stated or () if x is not None)
+    if len(seen) == len(fits):
+        yield RestNoise(key, unit, seen, given or None)
 
 
 def _momenta(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[RestNoise]:
@@ -126,10 +129,8 @@ def _momenta(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[Res
             continue  # A reading that never changes shows the noise of the commands only.
         momentum = stream.values[:, k] * size
         fit = _fit(stream.time, momentum - commanded[:, k], scan, roundings[k] * size)
-        if fit is not None:
-            stated = wheel.momentum_sigma
-            key = f"wheels.{wheel.name}.momentum_sigma"
-            yield RestNoise(key, "N m s", (fit,), None if stated is None else (stated,))
+        key = f"wheels.{wheel.name}.momentum_sigma"
+        yield from _noise(key, "N m s", [fit], [wheel.momentum_sigma])
 
 
 def _attitudes(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[RestNoise]:
@@ -151,10 +152,7 @@ def _attitudes(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[R
         turns["sigma_roll"].append(errors @ boresight)
     for name, series in turns.items():
         fit = fit_noise(series, stream.rounding[0])
-        stated = getattr(tracker, name)
-        if fit is not None:
-            key = f"star_tracker.{name}"
-            yield RestNoise(key, "rad", (fit,), None if stated is None else (stated,))
+        yield from _noise(f"star_tracker.{name}", "rad", [fit], [getattr(tracker, name)])
 
 
 def _fit(

@@ -10,7 +10,7 @@ from pathlib import PurePath
 import numpy as np
 
 from bayes_inertia.campaign.schema import Vector3
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, require
 from bayes_inertia.faults.motion_scan import MotionScan, scan_motion
 from bayes_inertia.importing.common_clock import Logs
 from bayes_inertia.importing.limits import LIMITS
@@ -141,25 +141,19 @@ def _stated(slew: MappedSlew, logs: Logs, label: str) -> SlewWindow:
     where = f"{label}, key slews.{slew.name}"
     start, end = (_moment(getattr(slew, key), logs, f"{where}.{key}") for key in ("start", "end"))
     rate = logs.streams["rate"]
-    if not start < end:
-        raise CampaignError("the end is not after the start", where=where, advice="swap them")
-    if not len(rate.between(start, end).time):
-        raise CampaignError(
-            "no rate was logged then",
-            where=where,
-            advice=f"the rates reach from {rate.time[0]:.1f} s to {rate.time[-1]:.1f} s after the "
-            "first reading; check the date and the clock",
-        )
+    require(start < end, where, "the end is not after the start", "swap them")
+    span = f"from {rate.time[0]:.1f} s to {rate.time[-1]:.1f} s after the first reading"
+    advice = f"the rates reach {span}; check the date and the clock"
+    require(len(rate.between(start, end).time) > 0, where, "no rate was logged then", advice)
     return SlewWindow(slew.name, start, end, axis=slew.axis, angle_deg=slew.angle_deg)
 
 
 def _moment(value: str | float, logs: Logs, where: str) -> float:
     """A stated time on the clock of the logs [s]."""
-    if isinstance(value, str) != logs.absolute:
-        kind = "UTC dates, such as" if logs.absolute else "seconds on the clock of the streams, not"
-        what = f"{value!r} does not fit the clock of the streams"
-        advice = f'write {kind} "2026-03-01T12:00:00Z"'
-        raise CampaignError(what, where=where, advice=advice)
+    kind = "UTC dates, such as" if logs.absolute else "seconds on the clock of the streams, not"
+    what = f"{value!r} does not fit the clock of the streams"
+    advice = f'write {kind} "2026-03-01T12:00:00Z"'
+    require(isinstance(value, str) == logs.absolute, where, what, advice)
     if isinstance(value, str):
         return (utc_ns(value, where) - logs.epoch_ns) / SECOND
     return value - logs.epoch_ns / SECOND
@@ -199,10 +193,8 @@ def _sessions(logs: Logs, cut: CutPart, pause: float) -> list[SlewWindow]:
 def _refuse_overlap(windows: list[SlewWindow], advice: str) -> None:
     """Raise an error if two slews, in the order of time, share readings."""
     for before, after in pairwise(windows):
-        if after.start <= before.end:
-            raise CampaignError(
-                f"the times of {before.name} and {after.name} overlap", where="slews", advice=advice
-            )
+        what = f"the times of {before.name} and {after.name} overlap"
+        require(after.start > before.end, "slews", what, advice)
 
 
 def _stated_windows(logs: Logs, mapping: MappingPart, label: str) -> list[SlewWindow]:

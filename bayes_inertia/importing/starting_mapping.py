@@ -200,7 +200,6 @@ def notation_of(holds: str, name: str) -> dict[str, tuple[str, str]]:
 
 # Names, in small letters, of a column that says which packet a row is.
 _PACKET = re.compile(r"(.*[ _.])?(packet|pkt|apid|msg|message|record)([ _]?(type|name|id))?")
-_WHEEL_STREAMS = ("wheel_torque", "wheel_momentum", "wheel_speed")
 
 
 @dataclass(frozen=True)
@@ -217,9 +216,8 @@ def write_starting_mapping(files: Sequence[str | Path], path: str | Path) -> Sta
     """Write a mapping with a question at everything that the files do not say."""
     path = Path(path)
     if path.exists():
-        raise OutputError(
-            "is there already", where=str(path), advice="fill it in, or name another file"
-        )
+        advice = "fill it in, or name another file"
+        raise OutputError("is there already", where=str(path), advice=advice)
     started = starting_mapping([Path(file) for file in files])
     write_atomically(path, started.text)
     return started
@@ -236,10 +234,10 @@ def starting_mapping(files: Sequence[Path]) -> StartingMapping:
     held: dict[str, None] = {}
     for group, family in streams:
         # A second candidate for what may stand once is left to the user.
-        doubled = family.holds in held and family.holds not in _WHEEL_STREAMS
+        doubled = family.holds in held and not STREAM_TYPES[family.holds].of_wheels()
         entries.append(_stream(group, family, commented=doubled))
         held[family.holds] = None
-    of_wheels = [family.names for _, family in streams if family.holds in _WHEEL_STREAMS]
+    of_wheels = [f.names for _, f in streams if STREAM_TYPES[f.holds].of_wheels()]
     epoch = ""
     if any(counts_from_zero(group) for group, _ in streams):
         epoch = SHARED_ZERO if len(set(files)) == 1 else UNKNOWN

@@ -27,7 +27,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.slew import bad_quaternion
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, require
 from bayes_inertia.faults.noise import rounding_sigmas
 from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.mapping_schema import (
@@ -37,9 +37,9 @@ from bayes_inertia.importing.mapping_schema import (
     TorqueStream,
     ValidRows,
 )
-from bayes_inertia.importing.questions import question_at
+from bayes_inertia.importing.questions import question_at, require_answer
 from bayes_inertia.importing.unit_factors import to_si_with, unit_factor
-from bayes_inertia.tables.table import Table, is_inertial, number_of
+from bayes_inertia.tables.table import Table, number_of
 
 AttitudeForm = Literal["quaternion", "euler", "dcm", "mrp"]
 COLUMNS_OF_FORM = {"quaternion": 4, "euler": 3, "dcm": 9, "mrp": 3}
@@ -196,21 +196,18 @@ def agreed(stated: Any, mapped: Any, where: str, file: str) -> Any:
     """The value that file or mapping states ("" or None: nothing); an error if they differ."""
     if not stated:
         return mapped
-    if mapped and mapped != stated:
-        what = f"{mapped!r} contradicts the file {file}, which states {stated!r}"
-        advice = "leave the key out to take what the file states, or correct the file"
-        raise CampaignError(what, where=where, advice=advice)
+    what = f"{mapped!r} contradicts the file {file}, which states {stated!r}"
+    advice = "leave the key out to take what the file states, or correct the file"
+    require(not mapped or mapped == stated, where, what, advice)
     return stated
 
 
 def agreed_unit(table: Table, name: str, quantity: str, mapped: str, where: str) -> str:
     """The unit of a column, as the mapping or the file states it."""
     stated = table.column(name).unit
-    if not mapped and not stated:
-        path = tuple(where.rpartition(", key ")[2].split("."))
-        what = "missing key"
-        advice = f'add unit = "...": units are never guessed. {question_at((*path, "unit"))}'
-        raise CampaignError(what, where=f"{where}.unit", advice=advice)
+    path = tuple(where.rpartition(", key ")[2].split("."))
+    advice = f'add unit = "...": units are never guessed. {question_at((*path, "unit"))}'
+    require(bool(mapped or stated), f"{where}.unit", "missing key", advice)
     if not mapped:
         _factor(quantity, stated, f"{table.label}, column {name}")
         return stated
@@ -242,16 +239,14 @@ def agreed_attitude(
         mapped = getattr(part, key)
         mapped = mapped.lower() if key == "sequence" else mapped
         both = agreed(says.get(key), mapped, f"{where}.{key}", table.label)
-        if not both:
-            raise _unanswered(key, where)
+        require_answer(both, ("streams", "attitude", key), where)
         return both
 
     form = value("form")
     names = list(value("names"))
-    if len(names) != COLUMNS_OF_FORM[form]:
-        what = f"{len(names)} columns for the form {form!r}"
-        advice = f"name {COLUMNS_OF_FORM[form]} columns in their order"
-        raise CampaignError(what, where=f"{where}.names", advice=advice)
+    count = COLUMNS_OF_FORM[form]
+    what = f"{len(names)} columns for the form {form!r}"
+    require(len(names) == count, f"{where}.names", what, f"name {count} columns in their order")
     euler = form == "euler"
     convention = AttitudeConvention(
         form,
@@ -262,14 +257,9 @@ def agreed_attitude(
         radians=_factor("angle", unit, f"{where}.unit") if euler else 1.0,
     )
     of_tracker = value("frame") == "tracker"
-    if of_tracker and part.body_from_tracker is None:
-        raise _unanswered("body_from_tracker", where)
+    mounted = part.body_from_tracker or not of_tracker
+    require_answer(mounted, ("streams", "attitude", "body_from_tracker"), where)
     return names, convention, of_tracker
-
-
-def _unanswered(key: str, where: str) -> CampaignError:
-    question = question_at(("streams", "attitude", key))
-    return CampaignError("missing key", where=f"{where}.{key}", advice=f"add it: {question}")
 
 
 def _angle_unit(table: Table, part: AttitudeStream, says: dict[str, Any], where: str) -> str:
@@ -287,25 +277,21 @@ def stated_attitude(table: Table) -> dict[str, Any]:
     stated = table.attitude
     if stated is None:
         return {}
-    start, end = stated.from_frame.upper(), stated.to_frame.upper()
-    says: dict[str, Any] = {
+    advice = "export the attitude relative to inertial axes, such as EME2000 or ICRF"
+    what = f"the attitudes are between the frames {stated.from_frame} and {stated.to_frame}"
+    why = "one must be inertial, the other one of the spacecraft"
+    require(bool(stated.maps), table.label, f"{what}: {why}", advice)
+    forward = stated.maps == "inertial_to_body"
+    return {
         "names": list(stated.names),
         "form": "quaternion" if stated.scalar else "euler",
         "scalar": stated.scalar,
         "sequence": stated.sequence.lower(),
         "turns": "intrinsic" if stated.sequence else "",
         "unit": stated.angle_unit,
+        "maps": stated.maps,
+        "frame": _frame((stated.to_frame if forward else stated.from_frame).upper()),
     }
-    if is_inertial(start):
-        return says | {"maps": "inertial_to_body", "frame": _frame(end)}
-    if is_inertial(end):
-        return says | {"maps": "body_to_inertial", "frame": _frame(start)}
-    raise CampaignError(
-        f"the attitudes are between the frames {stated.from_frame} and {stated.to_frame}, "
-        "of which none is inertial",
-        where=table.label,
-        advice="export the attitude relative to inertial axes, such as EME2000 or ICRF",
-    )
 
 
 def _frame(name: str) -> str:
@@ -419,14 +405,14 @@ def _valid_rows(valid: ValidRows, table: Table, where: str) -> np.ndarray:
     column = table.column(valid.name)
     accepted = valid.equals if isinstance(valid.equals, list) else [valid.equals]
     if column.is_text:
-        cells = np.array([str(cell).strip() for cell in column.values.tolist()])
-        rows = np.isin(cells, [str(value) for value in accepted])
+        # TRUE and true are one flag.
+        cells = np.array([str(cell).strip().lower() for cell in column.values.tolist()])
+        rows = np.isin(cells, [str(value).lower() for value in accepted])
     else:
         numbers = [number_of(v) if isinstance(v, str) else float(v) for v in accepted]
         rows = np.isin(column.values.astype(float), numbers)
     if not rows.any():
         present = ", ".join(repr(v) for v in np.unique(column.values)[:8].tolist())
-        what = f"no row has {valid.name} = {valid.equals!r}"
-        advice = f"the column has {present}"
+        what, advice = f"no row has {valid.name} = {valid.equals!r}", f"the column has {present}"
         raise CampaignError(what, where=f"{where}.valid.equals", advice=advice)
     return rows

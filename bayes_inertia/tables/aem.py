@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import require
 from bayes_inertia.tables.table import Column, StatedAttitude, Table, joined_values
 from bayes_inertia.tables.text_table import text_column
 
@@ -59,8 +59,7 @@ class AemSegment:
 
     def require(self, condition: bool, what: str, advice: str) -> None:
         """Raise an error that names the segment, unless a condition holds."""
-        if not condition:
-            raise CampaignError(what, where=self.label, advice=advice)
+        require(condition, self.label, what, advice)
 
 
 def segment_table(segment: AemSegment) -> Table:
@@ -69,11 +68,10 @@ def segment_table(segment: AemSegment) -> Table:
     names = segment.names or _names_of_type(segment)
     segment.require(bool(segment.rows), "a segment has no attitudes", "export it again")
     for index, row in enumerate(segment.rows):
-        if len(row) != len(names) + 1:
-            where = f"line {segment.lines[index]}" if segment.lines else f"attitude {index + 1}"
-            what = f"{len(row) - 1} numbers, but {_type(segment)} has {len(names)}"
-            advice = "mend or remove the line"
-            raise CampaignError(what, where=f"{segment.label}, {where}", advice=advice)
+        where = f"line {segment.lines[index]}" if segment.lines else f"attitude {index + 1}"
+        what = f"{len(row) - 1} numbers, but {_type(segment)} has {len(names)}"
+        whole = len(row) == len(names) + 1
+        require(whole, f"{segment.label}, {where}", what, "mend or remove the line")
     cells = list(zip(*segment.rows, strict=True))
     columns = {EPOCH: Column(np.array(cells[0], dtype=np.dtypes.StringDType()))}
     for name, values in zip(names, cells[1:], strict=True):
@@ -97,10 +95,9 @@ def joined_segments(tables: Sequence[Table]) -> Table:
     first = tables[0]
     for number, table in enumerate(tables[1:], start=2):
         kinds = [(t.attitude, t.time_kind, list(t.columns)) for t in (table, first)]
-        if kinds[0] != kinds[1]:
-            what = f"segments 1 and {number} have different frames, time systems or types"
-            advice = 'name one segment as the table, such as "segment 1"'
-            raise CampaignError(what, where=first.label, advice=advice)
+        what = f"segments 1 and {number} have different frames, time systems or types"
+        advice = 'name one segment as the table, such as "segment 1"'
+        require(kinds[0] == kinds[1], first.label, what, advice)
     columns = {
         name: Column(
             joined_values([table.columns[name].values for table in tables]),

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, require
 from bayes_inertia.files import vocabulary
 from bayes_inertia.tables.aem import AemSegment, joined_segments, segment_table
 from bayes_inertia.tables.stamp_parts import SECOND, tai_to_utc, utc_to_tai
@@ -66,39 +66,34 @@ def refuse_other_messages(head: bytes, path: Path) -> None:
 def read_aem(path: Path, table: str = "") -> Table:
     """The attitudes of a message; `table` is "segment 1" and so on, or "" for all together."""
     segments = _segments(path)
-    names = _names(len(segments))
-    if table and table not in names:
-        raise CampaignError(
-            f"no table {table!r}", where=str(path), advice=f"the file has {', '.join(names)}"
-        )
-    chosen = [
-        segment_table(replace(segment, label=f"{path}, {name}" if len(segments) > 1 else str(path)))
-        for name, segment in zip(names, segments, strict=True)
-        if table in ("", name)
-    ]
+    advice = f"the file has {', '.join(segments)}"
+    require(table in ("", *segments), str(path), f"no table {table!r}", advice)
+    chosen = [segment_table(segments[name]) for name in segments if table in ("", name)]
     # Lines and rows of segments together are those of the file.
     return chosen[0] if len(chosen) == 1 else replace(joined_segments(chosen), label=str(path))
 
 
 def aem_segments(path: Path) -> list[str]:
     """Names of the segments of a message; one empty name where there is one segment."""
-    count = len(_segments(path))
-    return [""] if count == 1 else _names(count)
+    names = list(_segments(path))
+    return names if len(names) > 1 else [""]
 
 
-def _names(count: int) -> list[str]:
-    return [f"segment {number}" for number in range(1, count + 1)]
-
-
-def _segments(path: Path) -> list[AemSegment]:
+def _segments(path: Path) -> dict[str, AemSegment]:
+    """The segments of a message by name."""
     text, label = decoded(content(path), str(path)), str(path)
     if text.lstrip().startswith("<"):
         segments = _from_xml(text, label)
     else:
         segments = _from_acm(text, label) if "CCSDS_ACM_VERS" in text else _from_kvn(text, label)
-    if not segments:
-        raise CampaignError("holds no segment of attitudes", where=label, advice=_ADVICE)
-    return segments
+    require(bool(segments), label, "holds no segment of attitudes", _ADVICE)
+    if len(segments) == 1:
+        return {"segment 1": replace(segments[0], label=label)}
+    names = [f"segment {k}" for k in range(1, len(segments) + 1)]
+    return {
+        name: replace(segment, label=f"{label}, {name}")
+        for name, segment in zip(names, segments, strict=True)
+    }
 
 
 @dataclass(frozen=True)
@@ -120,8 +115,8 @@ def _blocks(text: str, label: str, read: Mapping[str, bool]) -> list[_Block]:
         line, where = raw.strip(), f"{label}, line {number}"
         mark = _BLOCK.fullmatch(line)
         if mark:
-            if block.name != (mark[1] if mark[2] == "STOP" else ""):
-                raise CampaignError(f"{line} does not belong here", where=where, advice=_ADVICE)
+            fits = block.name == (mark[1] if mark[2] == "STOP" else "")
+            require(fits, where, f"{line} does not belong here", _ADVICE)
             block = _Block(mark[1], where) if mark[2] == "START" else outside
             blocks += [] if block is outside else [block]
         elif not line or line.startswith("COMMENT") or block.name not in read:
@@ -131,8 +126,7 @@ def _blocks(text: str, label: str, read: Mapping[str, bool]) -> list[_Block]:
             block.lines.append(number)
         else:
             _add(block.pairs, *_pair(line, where), where)
-    if block is not outside:
-        raise CampaignError("ends within a segment", where=label, advice=_ADVICE)
+    require(block is outside, label, "ends within a segment", _ADVICE)
     return blocks
 
 
@@ -140,11 +134,9 @@ def _from_kvn(text: str, label: str) -> list[AemSegment]:
     """Segments of keywords and values: metadata and data by turns."""
     header, *blocks = _blocks(text, label, {"": False, "META": False, "DATA": True})
     for k, block in enumerate(blocks):
-        if block.name != ("META", "DATA")[k % 2]:
-            what = f"{block.name}_START does not belong here"
-            raise CampaignError(what, where=block.where, advice=_ADVICE)
-    if len(blocks) % 2:
-        raise CampaignError("ends within a segment", where=label, advice=_ADVICE)
+        what = f"{block.name}_START does not belong here"
+        require(block.name == ("META", "DATA")[k % 2], block.where, what, _ADVICE)
+    require(len(blocks) % 2 == 0, label, "ends within a segment", _ADVICE)
     version = header.pairs.get("CCSDS_AEM_VERS", "")
     return [
         AemSegment(version, meta.pairs, tuple(data.rows), tuple(data.lines))
@@ -205,26 +197,26 @@ def _pair(line: str, where: str) -> tuple[str, str]:
 
 
 def _add(meta: dict[str, str], key: str, value: str, where: str) -> None:
-    if key in meta:
-        raise CampaignError(f"{key} is given twice", where=where, advice="remove one line")
+    require(key not in meta, where, f"{key} is given twice", "remove one line")
     meta[key] = value
 
 
 def _from_xml(text: str, label: str) -> list[AemSegment]:
     """Segments of XML, where every number has a name of its own."""
     # Neither is part of the standard, and both can make a small file large.
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise CampaignError("declares entities", where=label, advice="remove <!DOCTYPE ...>")
+    plain = "<!DOCTYPE" not in text and "<!ENTITY" not in text
+    require(plain, label, "declares entities", "remove <!DOCTYPE ...>")
     try:
         root = ElementTree.fromstring(re.sub(r"^\s*<\?xml[^>]*\?>", "", text))
     except ElementTree.ParseError as error:
         raise CampaignError(f"is no XML ({error})", where=label, advice=_ADVICE) from error
-    found = [node for node in root.iter() if _tag(node).lower() == "aem"]
-    segments = []
-    for aem in found:
-        for node in (node for node in aem.iter() if _tag(node) == "segment"):
-            segments.append(_xml_segment(node, aem.get("version", ""), label))
-    return segments
+    return [
+        _xml_segment(node, aem.get("version", ""), label)
+        for aem in root.iter()
+        if _tag(aem).lower() == "aem"
+        for node in aem.iter()
+        if _tag(node) == "segment"
+    ]
 
 
 def _tag(node: ElementTree.Element) -> str:
@@ -243,10 +235,9 @@ def _xml_segment(node: ElementTree.Element, version: str, label: str) -> AemSegm
         cells = _xml_cells(state, f"{label}, attitude {index + 1}")
         own = tuple(name for name in cells if name != "EPOCH")
         names = names or own
-        if own != names or "EPOCH" not in cells:
-            what = "an attitude has other components than the first, or no EPOCH"
-            advice = _ADVICE
-            raise CampaignError(what, where=f"{label}, attitude {index + 1}", advice=advice)
+        what = "an attitude has other components than the first, or no EPOCH"
+        alike = own == names and "EPOCH" in cells
+        require(alike, f"{label}, attitude {index + 1}", what, _ADVICE)
         rows.append((cells["EPOCH"], *(cells[name] for name in names)))
     return AemSegment(version, meta, tuple(rows), (), names)
 
@@ -260,9 +251,7 @@ def _xml_cells(state: ElementTree.Element, where: str) -> dict[str, str]:
         # Version 1.0 writes <rotation1 angle="X_ANGLE" units="deg">.
         name = leaf.get("angle") or leaf.get("rate") or _tag(leaf)
         unit = leaf.get("units", "")
-        if unit and unit.lower() not in ("deg", "deg/s", "1/s"):
-            raise CampaignError(
-                f"{name} is in {unit}", where=where, advice="the standard allows deg and deg/s"
-            )
+        known = unit.lower() in ("", "deg", "deg/s", "1/s")
+        require(known, where, f"{name} is in {unit}", "the standard allows deg and deg/s")
         _add(cells, name.upper(), (leaf.text or "").strip(), where)
     return cells

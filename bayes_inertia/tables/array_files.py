@@ -25,17 +25,6 @@ Part = tuple[str, np.ndarray, str]
 """Path, values and unit of one array."""
 
 _INDEXED = re.compile(r"(.*)\((\d+)\)")
-UNITS_OF_TIME = {
-    "weeks": 604800.0,
-    "days": 86400.0,
-    "hours": 3600.0,
-    "minutes": 60.0,
-    "seconds": 1.0,
-    "milliseconds": 1e-3,
-    "microseconds": 1e-6,
-    "nanoseconds": 1e-9,
-}
-"""Seconds of each."""
 
 
 def opened_objects(path: str, places: Sequence[str]) -> dict[str, list[Part]]:
@@ -120,7 +109,7 @@ def _timeseries(properties: dict[str, Any], place: str) -> list[Part] | None:
     time = _times(_properties(details))
     if time is None or len(time) not in data.shape:
         return None
-    unit = _first_text(_properties(properties.get("DataInfo")).get("Units"))
+    unit = _text(_properties(properties.get("DataInfo")).get("Units"))
     return [_column(time, f"{place}/Time", "s"), _column(data, f"{place}/Data", unit)]
 
 
@@ -130,9 +119,13 @@ def _properties(value: Any) -> dict[str, Any]:
 
 def _times(details: dict[str, Any]) -> np.ndarray | None:
     """Times of a timeseries [s]; None where they count from a date or cannot be told."""
-    size = UNITS_OF_TIME.get(_first_text(details.get("Units")) or "seconds")
-    if size is None:
+    from bayes_inertia.tables.stamp_parts import SECOND, UNIT_WORDS, unit_size
+
+    stated = _text(np.asarray(details.get("Units")).ravel()[:1])
+    unit = unit_size(UNIT_WORDS.get(stated or "seconds", ""))
+    if unit is None:
         return None
+    size = float(unit) / SECOND
     stored = np.asarray(details.get("Time_", [])).ravel()
     if stored.size:
         return stored.astype(float) * size
@@ -142,11 +135,6 @@ def _times(details: dict[str, Any]) -> np.ndarray | None:
     if not numbers[1].size or not length.size or not np.isfinite(numbers[1][0]):
         return None
     return (start + float(numbers[1][0]) * np.arange(int(length[0]))) * size
-
-
-def _first_text(value: Any) -> str:
-    flat = np.ravel(np.asarray(value if value is not None else ""))
-    return str(flat[0]) if flat.size and isinstance(flat[0], str) else ""
 
 
 _UNIT_NAMES = ("units", "unit", "Units", "Unit", "UNITS")

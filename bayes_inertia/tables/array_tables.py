@@ -23,10 +23,10 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from bayes_inertia.errors import CampaignError, library_of_extra
-from bayes_inertia.tables.array_files import UNITS_OF_TIME, FileArrays
+from bayes_inertia.errors import CampaignError, library_of_extra, require
+from bayes_inertia.tables.array_files import FileArrays
 from bayes_inertia.tables.limits import LIMITS
-from bayes_inertia.tables.stamp_parts import SECOND
+from bayes_inertia.tables.stamp_parts import UNIT_WORDS, unit_size
 from bayes_inertia.tables.table import Column, Table
 from bayes_inertia.tables.time_texts import text_to_ns
 
@@ -43,10 +43,9 @@ def parquet_arrays(path: Path) -> FileArrays:
         held = FileArrays()
         for field, column in zip(table.schema, table.columns, strict=True):
             for name, values in _parts(field.name, column).items():
-                if name in held.arrays or name in held.closed:
-                    what = f"two columns are named {name!r}"
-                    advice = "give each column its own name"
-                    raise CampaignError(what, where=label, advice=advice)
+                new = name not in held.arrays and name not in held.closed
+                what = f"two columns are named {name!r}"
+                require(new, label, what, "give each column its own name")
                 _add_column(held, name, values, _unit(field))
     except CampaignError:
         raise
@@ -229,7 +228,6 @@ def _fields(message: Any, prefix: str) -> Iterator[tuple[str, float | int | str]
 
 _WITH_ROWS = re.compile(r"(.*?)\s*\[(\d+) rows\]")
 _SINCE = re.compile(r"\s*([A-Za-z]+)\s+since\s+(\d{4}-\d{1,2}-\d{1,2}(?:[T ]\S+)?)\s*.*")
-_NS_OF = {unit: round(s * SECOND) for unit, s in UNITS_OF_TIME.items() if unit != "weeks"}
 _OLD_OBJECT = (
     "save it as a struct: s = struct('Time', ts.Time, 'Data', ts.Data); save('log.mat', 's')"
 )
@@ -308,10 +306,8 @@ def _check_one_length(
     lengths = sorted({counts[path] for path in chosen}, reverse=True)
     if len(lengths) == 1:
         return
-    if not lengths:
-        raise CampaignError(
-            "none of the columns is here", where=label, advice=f"it has {', '.join(named.values())}"
-        )
+    advice = f"it has {', '.join(named.values())}"
+    require(bool(lengths), label, "none of the columns is here", advice)
     examples = ", ".join(
         f"{named[next(p for p in chosen if counts[p] == rows)]} has {rows}" for rows in lengths[:4]
     )
@@ -380,8 +376,9 @@ def array_column(values: np.ndarray, unit: str = "") -> Column:
     if kind == "b":
         return Column(values.astype(np.int64), unit)
     since = _SINCE.fullmatch(unit)
-    if since and since[1].lower().rstrip("s") + "s" in _NS_OF and kind in "iuf":
-        return Column(_dates_since(values, _NS_OF[since[1].lower().rstrip("s") + "s"], since[2]))
+    size = unit_size(UNIT_WORDS.get(since[1].lower(), "")) if since else None
+    if since and size and kind in "iuf":
+        return Column(_dates_since(values, int(size), since[2]))
     if kind == "u":
         exact = values.astype(np.int64) if values.max(initial=0) < 2**63 else values.astype(float)
         return Column(exact, unit)

@@ -60,8 +60,7 @@ _NOT_CLOSED = (
 
 def read_arrays(path: Path, kind: ArrayKind, *, seconds: float | None = None) -> FileArrays:
     """All arrays of a file; processor time is limited to 3 s and one for every 5 MB."""
-    size, changed = _size_and_change(path)
-    return _read(str(path), str(path.resolve()), kind, seconds, size, changed)
+    return _run(kind, str(path.resolve()), seconds, *_size_and_change(path), str(path), _EXPORT)
 
 
 def check_readable(path: Path, kind: CheckKind, advice: str) -> None:
@@ -69,8 +68,7 @@ def check_readable(path: Path, kind: CheckKind, advice: str) -> None:
 
     To be called before a library of this process opens a file that may be damaged.
     """
-    size, _ = _size_and_change(path)
-    _run(kind, str(path), None, size, str(path), advice)
+    _run(kind, str(path.resolve()), None, *_size_and_change(path), str(path), advice)
 
 
 def _size_and_change(path: Path) -> tuple[int, int]:
@@ -78,24 +76,16 @@ def _size_and_change(path: Path) -> tuple[int, int]:
     try:
         state = path.stat()
     except OSError as error:
-        raise CampaignError(
-            f"cannot be opened ({error.strerror})", where=str(path), advice="check the path"
-        ) from error
+        what, advice = f"cannot be opened ({error.strerror})", "check the path"
+        raise CampaignError(what, where=str(path), advice=advice) from error
     return state.st_size, state.st_mtime_ns
 
 
 @lru_cache(maxsize=LIMITS.files_kept)
-def _read(
-    label: str, path: str, kind: ArrayKind, seconds: float | None, size: int, _: int
-) -> FileArrays:
-    """The arrays of a file of a size and time of change."""
-    return _run(kind, path, seconds, size, label, _EXPORT)
-
-
 def _run(
-    kind: str, path: str, seconds: float | None, size: int, label: str, advice: str
+    kind: str, path: str, seconds: float | None, size: int, _: int, label: str, advice: str
 ) -> FileArrays:
-    """Arrays that the process reads from a file of this size, or its error."""
+    """Arrays that the process reads from a file of a size and time of change, or its error."""
     limit = (
         LIMITS.processor_seconds + size / LIMITS.bytes_per_second if seconds is None else seconds
     )

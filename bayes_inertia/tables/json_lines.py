@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, require
 from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.table import Column, Table, joined_values
 from bayes_inertia.tables.text_cells import content, whole_lines
@@ -40,12 +40,10 @@ def _columns(records: Sequence[Any], lines: Sequence[int], label: str) -> dict[s
             column = cells.setdefault(name, [])
             column.extend([None] * (index - len(column)))
             column.append(value)
-        if len(cells) > LIMITS.most_columns_of_json:
-            what = f"more than {LIMITS.most_columns_of_json} different keys"
-            advice = "give every line the same keys"
-            raise CampaignError(what, where=f"{label}, line {line}", advice=advice)
-    if not cells:
-        raise CampaignError("the file is empty", where=label, advice="give rows of telemetry")
+        what = f"more than {LIMITS.most_columns_of_json} different keys"
+        few = len(cells) <= LIMITS.most_columns_of_json
+        require(few, f"{label}, line {line}", what, "give every line the same keys")
+    require(bool(cells), label, "the file is empty", "give rows of telemetry")
     return {
         name: _column(values + [None] * (len(records) - len(values)))
         for name, values in cells.items()
@@ -152,8 +150,8 @@ def _records(text: str, label: str) -> tuple[list[dict[str, Any]], list[int], tu
     """The objects, the lines where they begin, and what was left out."""
     if text.lstrip().startswith("["):
         listed = _parsed(text, f"{label}")
-        if not all(isinstance(record, dict) for record in listed):
-            raise CampaignError("a list of other things than objects", where=label, advice=_ADVICE)
+        objects = all(isinstance(record, dict) for record in listed)
+        require(objects, label, "a list of other things than objects", _ADVICE)
         return listed, list(range(1, len(listed) + 1)), ()
     records: list[dict[str, Any]] = []
     lines: list[int] = []
@@ -168,8 +166,7 @@ def _records(text: str, label: str) -> tuple[list[dict[str, Any]], list[int], tu
             if number < len(written) or len(records) < LIMITS.few_objects:
                 raise
             return records, lines, (f"line {number}, the last, breaks off and was left out",)
-        if not isinstance(record, dict):
-            raise CampaignError("no JSON object", where=where, advice=_ADVICE)
+        require(isinstance(record, dict), where, "no JSON object", _ADVICE)
         records.append(record)
         lines.append(number)
     return records, lines, ()
@@ -190,17 +187,15 @@ def _parsed(text: str, where: str) -> Any:
 
 
 def _flatten(value: Any, name: str, flat: dict[str, Any], depth: int, where: str) -> None:
-    if depth > LIMITS.deepest:
-        raise CampaignError("nested too deeply", where=where, advice=_ADVICE)
+    require(depth <= LIMITS.deepest, where, "nested too deeply", _ADVICE)
     if isinstance(value, dict):
         for key, item in value.items():
             _flatten(item, f"{name}.{key}" if name else key, flat, depth + 1, where)
     elif isinstance(value, list):
         for index, item in enumerate(value):
             _flatten(item, f"{name}[{index}]", flat, depth + 1, where)
-    elif name in flat:
-        raise CampaignError(f"two values are named {name}", where=where, advice=_ADVICE)
     else:
+        require(name not in flat, where, f"two values are named {name}", _ADVICE)
         flat[name] = value
 
 

@@ -41,6 +41,7 @@ class Limits:
     head_bytes: int = 1024  # Bytes by which a format is told.
 
     # `table.py`
+    most_marks_told: int = 8  # Of marks of no reading, the usual ones first.
     # Names of columns that a message lists, and the characters of one.
     most_names_told: int = 60
     longest_name_told: int = 60

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, require
 from bayes_inertia.files import read_bytes, text_of
 from bayes_inertia.tables.array_files import FileArrays
 from bayes_inertia.tables.array_tables import array_column, parquet_arrays
@@ -23,6 +23,9 @@ from bayes_inertia.tables.text_cells import content_lines, split_rows
 from bayes_inertia.tables.text_table import text_column
 
 _WITH_GROUPS: Mapping[str, ArrayKind] = {".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
+
+
+_AS_MANY = "give every line as many cells as the header; write decimal points, not commas"
 
 
 def read_table(path: Path, names: Sequence[str], group: str = "") -> Table:
@@ -64,12 +67,8 @@ def parse_csv(text: str, names: Sequence[str], label: str) -> Table:
     lines, rows = list[int](), list[tuple[str, ...]]()
     for line, cells in written:
         if len(cells) != len(header):
-            raise CampaignError(
-                f"{len(cells)} cells, but the header has {len(header)}",
-                where=f"{label}, line {line}",
-                advice="give every line as many cells as the header; "
-                "write decimal points, not commas",
-            )
+            what = f"{len(cells)} cells, but the header has {len(header)}"
+            raise CampaignError(what, where=f"{label}, line {line}", advice=_AS_MANY)
         lines.append(line)
         rows.append(wanted(cells))
     columns = {name: text_column([row[k] for row in rows], ".") for k, name in enumerate(names)}
@@ -78,15 +77,12 @@ def parse_csv(text: str, names: Sequence[str], label: str) -> Table:
 
 def _check_header(header: Sequence[str], names: Sequence[str], place: str) -> None:
     for separator, word in ((";", "semicolons"), ("\t", "tabs")):
-        if len(header) == 1 and separator in header[0]:
-            what = f"the cells are separated by {word}"
-            advice = "export with commas between cells and decimal points"
-            raise CampaignError(what, where=place, advice=advice)
-    doubled = sorted({name for name in header if name and header.count(name) > 1})
-    if doubled:
-        what = f"two columns are named {doubled[0]!r}"
-        advice = "give each column its own name"
-        raise CampaignError(what, where=place, advice=advice)
+        other = len(header) == 1 and separator in header[0]
+        advice = "export with commas between cells and decimal points"
+        require(not other, place, f"the cells are separated by {word}", advice)
+    doubled = min((name for name in header if name and header.count(name) > 1), default="")
+    what = f"two columns are named {doubled!r}"
+    require(not doubled, place, what, "give each column its own name")
     _check_present(names, header, place)
 
 
@@ -108,10 +104,9 @@ def _group(held: FileArrays, names: Sequence[str], group: str, label: str) -> st
         where = f"{label}, group /{best}" if groups else label
         _check_present(names, groups.get(best, []), where)
     named = [path for path in full if path.rpartition("/")[2] == group]
-    if len(full) > 1 and len(named) != 1:
-        what = f"several groups hold the columns: {', '.join(f'/{path}' for path in full)}"
-        advice = "name one group as the slew, or give each slew its own file"
-        raise CampaignError(what, where=label, advice=advice)
+    what = f"several groups hold the columns: {', '.join(f'/{path}' for path in full)}"
+    advice = "name one group as the slew, or give each slew its own file"
+    require(len(full) == 1 or len(named) == 1, label, what, advice)
     return (full if len(full) == 1 else named)[0]
 
 
@@ -129,14 +124,11 @@ def _columns(held: FileArrays, names: Sequence[str], label: str, group: str = ""
         values = held.arrays[below + name]
         # MATLAB vectors are matrices of one row or one column.
         one = values.size == max(values.shape, default=1)
-        if not one or values.dtype.kind == "b":
-            what = "truth values, not numbers" if one else f"shape {values.shape}, no column"
-            advice = "store each column as a vector of plain numbers"
-            raise CampaignError(f"has {what}", where=where, advice=advice)
+        what = "truth values, not numbers" if one else f"shape {values.shape}, no column"
+        advice = "store each column as a vector of plain numbers"
+        require(one and values.dtype.kind != "b", where, f"has {what}", advice)
         columns[name] = array_column(values.ravel())
         rows = columns[names[0]].values.size
-        if values.size != rows:
-            what = f"has {values.size} rows, but {names[0]} has {rows}"
-            advice = "give all columns one length"
-            raise CampaignError(what, where=where, advice=advice)
+        what = f"has {values.size} rows, but {names[0]} has {rows}"
+        require(values.size == rows, where, what, "give all columns one length")
     return Table(label, columns).only(names)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, require
 from bayes_inertia.files import by_word, vocabulary
 from bayes_inertia.tables import array_tables
 from bayes_inertia.tables.aem_file import aem_segments, is_aem, read_aem, refuse_other_messages
@@ -20,7 +20,7 @@ from bayes_inertia.tables.json_lines import json_arrays, read_json_lines
 from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.table import Column, Table, is_empty
 from bayes_inertia.tables.text_cells import TextOptions, content, packing
-from bayes_inertia.tables.text_table import read_42, read_text_table, text_column
+from bayes_inertia.tables.text_table import logged_column, read_42, read_text_table
 from bayes_inertia.tables.time_stamps import time_names
 
 # Names in small letters, without signs at their ends.
@@ -110,7 +110,7 @@ def _spread(column: Column, own: np.ndarray, rows: np.ndarray, count: int, unit:
     cells = [""] * count
     for row, cell in zip(rows.tolist(), column.values[own].tolist(), strict=True):
         cells[row] = cell
-    return text_column(cells, ",", unit or column.unit)
+    return logged_column(cells, ",", unit or column.unit)
 
 
 def _with_units(labels: Sequence[str], units: Sequence[str]) -> list[str]:
@@ -136,9 +136,8 @@ def file_format(path: Path) -> str:
     packed = packing(path)
     head, named = content(path, LIMITS.head_bytes), Path(path.stem) if packed else path
     form = _form_of(head, path, named.suffix.lower())
-    if packed and form not in _TEXT_FORMATS:
-        what = f"is packed by {packed}, and what it holds is read only as a file of its own"
-        raise CampaignError(what, where=str(path), advice="unpack it")
+    what = f"is packed by {packed}, and what it holds is read only as a file of its own"
+    require(not packed or form in _TEXT_FORMATS, str(path), what, "unpack it")
     return form
 
 
@@ -210,10 +209,8 @@ def read_raw(
     held = _arrays(file, form)
     if held is not None:
         return one_row_a_time(array_tables.table_of(held, str(file), table=table, columns=columns))
-    if table:
-        raise CampaignError(
-            f"no table {table!r}", where=str(file), advice="the file is one table: name none"
-        )
+    advice = "the file is one table: name none"
+    require(not table, str(file), f"no table {table!r}", advice)
     if form == "42":
         return read_42(file)
     if form == "json":
@@ -239,8 +236,7 @@ def _parquet_table(file: Path) -> Table:
         name: array_tables.array_column(a, held.units[name]) for name, a in held.arrays.items()
     }
     table = Table(str(file), columns)
-    if not table.rows:
-        raise CampaignError("holds no rows of numbers", where=table.label, advice="export it again")
+    require(table.rows > 0, table.label, "holds no rows of numbers", "export it again")
     return table
 
 

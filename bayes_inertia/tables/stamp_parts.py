@@ -172,17 +172,16 @@ def added_parts(
         if k == 0 and of_date:
             continue
         values = np.nan_to_num(table.numbers(name))
-        if k < len(names) - 1 and np.any(values % 1.0):
-            row = int(np.argmax(values % 1.0 > 0.0))
-            raise _wrong_part(table, names, k, row, "is not whole, and the next column adds to it")
+        advice = f"name whole units first and check `units`; named are {', '.join(names)}"
+        broken = (values % 1.0 > 0.0) & (k < len(names) - 1)
+        what = "{:.12g} is not whole, and the next column adds to it"
+        table.refuse(broken, name, what, advice)
         if k == 0:
             continue
         # A day with a leap second holds one more.
         most = sizes[k - 1] + (SECOND if sizes[k - 1] >= _SIZES["day"] else 0)
         wrong = (values < 0.0) | (values * float(sizes[k]) >= float(most))
-        if wrong.any():
-            what = "is no part of one of the column before it"
-            raise _wrong_part(table, names, k, int(np.argmax(wrong)), what)
+        table.refuse(wrong, name, "{:.12g} is no part of one of the column before it", advice)
         part, empty, resolution = exact_ns(table, name, sizes[k])
         ns, missing = ns + part, missing | empty
     return ns, missing, resolution
@@ -195,12 +194,11 @@ def exact_ns(
     column = table.column(name)
     values = table.numbers(name)
     missing = np.isnan(values)
-    size = float(np.max(np.abs(np.where(missing, 0.0, values)), initial=0.0))
-    if size * float(unit) >= 2.0**62 + zero * float(unit):
-        row = int(np.argmax(np.abs(np.where(missing, 0.0, values))))
-        what = f"{values[row]:g} is no time of this kind"
-        advice = "state the kind and unit that the column has"
-        raise CampaignError(what, where=table.place(row, name), advice=advice)
+    sizes = np.abs(np.where(missing, 0.0, values))
+    size = float(np.max(sizes, initial=0.0))
+    too_large = sizes >= max(size, 2.0**62 / float(unit) + zero)
+    advice = "state the kind and unit that the column has"
+    table.refuse(too_large & ~missing, name, "{:g} is no time of this kind", advice)
     if unit.denominator != 1:
         return _rounded(np.where(missing, 0.0, values), unit), missing, 1e-9
     one = int(unit)
@@ -243,35 +241,23 @@ def _rounded(values: np.ndarray, size: Fraction) -> np.ndarray:
     return np.rint(values * float(size)).astype(np.int64)
 
 
-def _wrong_part(table: Table, names: Sequence[str], k: int, row: int, what: str) -> CampaignError:
-    what = f"{table.numbers(names[k])[row]:.12g} {what}"
-    advice = f"name whole units first and check `units`; named are {', '.join(names)}"
-    return CampaignError(what, where=table.place(row, names[k]), advice=advice)
-
-
 def weeks_ns(table: Table, name: str, rollovers: int | None) -> tuple[np.ndarray, np.ndarray]:
     """Starts of GPS weeks [ns since week 0], (rows,), and (rows,) whether the cell is empty."""
     numbers = table.numbers(name)
     missing = np.isnan(numbers)
     numbers = np.where(missing, 0.0, numbers)
     wrong = (numbers != np.floor(numbers)) | (numbers < 0) | (numbers > 99999)
-    if wrong.any():
-        row = int(np.argmax(wrong))
-        raise CampaignError(
-            f"week {numbers[row]:g} is no GPS time",
-            where=table.place(row, name),
-            advice="name the column of whole weeks first, then that of the seconds of the week "
-            "(0 to 604800)",
-        )
+    advice = (
+        "name the column of whole weeks first, then that of the seconds of the week (0 to 604800)"
+    )
+    table.refuse(wrong, name, "week {:g} is no GPS time", advice)
     week = numbers.astype(np.int64)
-    if rollovers is None and 0 < week.max(initial=0) < 1024:
-        row = int(np.argmax(week > 0))
-        year = int(1980 + week[row] * 7 / 365.25)
-        raise CampaignError(
-            f"week {week[row]} lies in {year}, or is cut to ten bits, which begin anew every "
-            "1024 weeks",
-            where=table.place(row, name),
-            advice="add gps_rollovers to `time`: 2 for a log from 2019-04-07 to 2038, 1 from "
-            "1999-08-22, 0 before",
-        )
+    cut = (week > 0) & (rollovers is None and week.max(initial=0) < 1024)
+    year = int(1980 + week[np.argmax(week > 0)] * 7 / 365.25)
+    what = f"week {{:.0f}} lies in {year}, or is cut to ten bits, which begin anew every 1024 weeks"
+    advice = (
+        "add gps_rollovers to `time`: 2 for a log from 2019-04-07 to 2038, 1 from 1999-08-22, "
+        "0 before"
+    )
+    table.refuse(cut, name, what, advice)
     return (week + 1024 * (rollovers or 0)) * _SIZES["week"], missing

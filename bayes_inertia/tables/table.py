@@ -21,7 +21,7 @@ from bayes_inertia.files import vocabulary
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.tables.limits import LIMITS
 
-_EMPTY_WORDS = frozenset(vocabulary("tables")["no_reading"]["words"].split())
+_EMPTY_WORDS = tuple(vocabulary("tables")["no_reading"]["words"].split())
 
 
 def is_empty(cell: str) -> bool:
@@ -30,7 +30,7 @@ def is_empty(cell: str) -> bool:
     >>> [is_empty(cell) for cell in ("", "--.--", "N/A", "Invalid", "-nan(ind)", "0", "off")]
     [True, True, True, True, True, False, False]
     """
-    return not cell.strip("-_.*?#~ ") or cell.strip().lower() in _EMPTY_WORDS
+    return not cell.strip("-\u2013\u2212_.*?#~ ") or cell.strip().lower() in _EMPTY_WORDS
 
 
 # Names as CCSDS (SANA registry), ground systems and 42 write them, in capitals.
@@ -147,15 +147,17 @@ class Table:
             what, where = f"{shortened(cell)!r} {stored}", self.place(row, name)
             raise CampaignError(what, where=where, advice=_number_in_place_of(cell))
         values = column.values.astype(float)
-        infinite = np.isinf(values)
-        if infinite.any():
-            raise CampaignError(
-                "an infinite value",
-                where=self.place(int(np.argmax(infinite)), name),
-                advice="leave the cell empty, or remove the row",
-            )
+        advice = "leave the cell empty, or remove the row"
+        self.refuse(np.isinf(values), name, "an infinite value", advice)
         # Damage can make NaNs of which every calculation would warn.
         return np.where(np.isnan(values), np.nan, values)
+
+    def refuse(self, wrong: np.ndarray, name: str, what: str, advice: str) -> None:
+        """Raise an error at the first row (rows,) that is wrong; "{}" in `what`: its number."""
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            what = what.format(float(self.columns[name].values[row]))
+            raise CampaignError(what, where=self.place(row, name), advice=advice)
 
     def stack(self, names: Sequence[str]) -> np.ndarray:
         """(rows, len(names)) array of columns of numbers, in the file's own units."""
@@ -213,7 +215,7 @@ def _number_in_place_of(cell: str) -> str:
         return "write a decimal point, not a comma"
     if re.search(r"\d[-/:T]\d", cell):
         return "write times as seconds (or another unit of time) from an epoch, not as dates"
-    marks = ", ".join(sorted(map(repr, _EMPTY_WORDS)))
+    marks = ", ".join(map(repr, ("-", *_EMPTY_WORDS[: LIMITS.most_marks_told])))
     return f"write a number, or leave the cell empty; texts that mean no reading are {marks}"
 
 
@@ -267,7 +269,7 @@ def number_of(cell: str, decimal: str = ".") -> float:
     # Python reads 1_000 as a number; in telemetry it is a damaged cell.
     if "_" in cell:
         return math.nan
-    text = cell.replace(",", ".") if decimal == "," else cell
+    text = (cell.replace(",", ".") if decimal == "," else cell).replace("\u2212", "-")
     try:
         return float(text)
     except ValueError:

@@ -123,7 +123,8 @@ def _text_of(data: bytes, label: str, encoding: str) -> str:
     """The text of a file, with its NUL bytes, without a byte-order mark."""
     chosen = encoding or _encoding(data)
     try:
-        return data.decode(chosen).removeprefix("\ufeff")
+        # Files that were put together have several marks.
+        return data.decode(chosen).replace("\ufeff", "")
     except (UnicodeError, LookupError) as error:
         what = f"cannot be read as {chosen} text"
         advice = "export it again as UTF-8, or state another encoding"
@@ -257,7 +258,7 @@ def told_form(lines: Sequence[tuple[int, str]], options: TextOptions, label: str
             rows = [tuple(line.split(delimiter)) for _, line in sample]
         for decimal in [options.decimal] if options.decimal else (".", ","):
             trust = _TRUST.get(delimiter, 1.0) * (
-                1.0 if _width(rows) > 1 else LIMITS.trust_in_one_column
+                1.0 if usual_width(rows) > 1 else LIMITS.trust_in_one_column
             )
             score = trust * _score(rows, decimal)
             if score > best_score + 1e-9:
@@ -265,7 +266,7 @@ def told_form(lines: Sequence[tuple[int, str]], options: TextOptions, label: str
     return best
 
 
-def _width(rows: Sequence[tuple[str, ...]]) -> int:
+def usual_width(rows: Sequence[tuple[str, ...]]) -> int:
     """The most common number of cells."""
     lengths = [len(cells) for cells in rows]
     return max(set(lengths), key=lengths.count, default=0)
@@ -273,7 +274,7 @@ def _width(rows: Sequence[tuple[str, ...]]) -> int:
 
 def _score(rows: Sequence[tuple[str, ...]], decimal: str) -> float:
     """Score of rows as a table: of one length, and with readings in the lower half."""
-    width = _width(rows)
+    width = usual_width(rows)
     regular = [cells for cells in rows if len(cells) == width]
     cells = [cell for row in regular[len(regular) // 2 :] for cell in row]
     if not rows:

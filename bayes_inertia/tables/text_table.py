@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, require
 from bayes_inertia.files import vocabulary
 from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.table import (
@@ -38,10 +38,12 @@ from bayes_inertia.tables.text_cells import (
     is_reading,
     split_rows,
     told_form,
+    usual_width,
     whole_lines,
 )
 
 _BRACKETS = re.compile(r".*?\s*[\[(<]([^\[\]()<>]*)[\])>]\s*")
+_NUMBER_AND_UNIT = re.compile(r"([-+\u2212]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,].*)")
 _UNIT_WORDS = frozenset(vocabulary("tables")["units"]["words"].split())
 
 
@@ -58,12 +60,10 @@ def parse_text(text: str, label: str, options: TextOptions) -> Table:
     lines, comments = content_lines(text, (options.comment,) if options.comment else COMMENTS)
     if lines and lines[0][1].strip().lower().startswith("sep="):
         lines = lines[1:]  # A hint that Excel writes and reads.
-    if not lines:
-        raise CampaignError("the file is empty", where=label, advice="give rows of telemetry")
+    require(bool(lines), label, "the file is empty", "give rows of telemetry")
     form = told_form(lines, options, label)
     rows = list(split_rows(lines, form.delimiter, label))
-    lengths = [len(row.cells) for row in rows[-_judged(rows) :]]
-    count = max(set(lengths), key=lengths.count)
+    count = usual_width([row.cells for row in rows[-_judged(rows) :]])
     rows, notes = _without_end([_trimmed(row, count) for row in rows], count, form.decimal, text)
     stated = max(options.header_line, options.units_line) if options.header_line >= 0 else -1
     first = _first_data_row(rows, count, form.decimal, stated, label)
@@ -302,10 +302,38 @@ def _table(
     # Only the wanted cells: a last delimiter makes one more.
     cells = list(zip(*(row.cells[:count] for row in rows), strict=True))
     columns = {
-        name: text_column(values, decimal, unit)
+        part: logged_column(of_part, decimal, unit)
         for name, values, unit in zip(names, cells, units, strict=False)
+        for part, of_part in _parts(name, values).items()
     }
     return Table(label, columns, np.array([row.line for row in rows], dtype=int), notes=notes)
+
+
+def _parts(name: str, cells: Sequence[str]) -> dict[str, Sequence[str]]:
+    """A column, or one a number where its cells hold vectors such as "[0.1, 0.2, 0.3]"."""
+    if not next(filter(None, cells), "").startswith(("[", "(")):
+        return {name: cells}
+    inner = [cell.strip("[]() ").replace(",", " ").split() for cell in cells]
+    width = max(map(len, inner))
+    if width < 2 or any(len(numbers) not in (0, width) for numbers in inner):
+        return {name: cells}
+    own = [numbers or [""] * width for numbers in inner]
+    return {f"{name}[{k}]": [numbers[k] for numbers in own] for k in range(width)}
+
+
+def logged_column(cells: Sequence[str], decimal: str, unit: str = "") -> Column:
+    """A column of a raw log, whose cells may all state one unit, as "0.5 deg/s" does."""
+    numbers, units = list[str](), {unit} - {""}
+    for cell in cells:
+        match = _NUMBER_AND_UNIT.fullmatch(cell)
+        if not (match and _is_unit(match[2])) and not is_empty(cell):
+            return text_column(cells, decimal, unit)
+        numbers.append(match[1] if match else "")
+        units |= {match[2]} if match else set()
+    alike = len(units) == 1
+    return (
+        text_column(numbers, decimal, units.pop()) if alike else text_column(cells, decimal, unit)
+    )
 
 
 def text_column(cells: Sequence[str], decimal: str, unit: str = "") -> Column:
@@ -343,10 +371,8 @@ def read_42(path: Path) -> Table:
     table = read_text_table(path, _FORM_OF_42)
     count, unit = _UNITS_OF_42.get(stem, (0, ""))
     found = len(table.columns)
-    if count and found != count:
-        raise CampaignError(
-            f"{found} columns, but 42 writes {count}", where=str(path), advice="write it again"
-        )
+    what = f"{found} columns, but 42 writes {count}"
+    require(count in (0, found), str(path), what, "write it again")
     names = [f"{stem}[{k}]" for k in range(found)] if found > 1 else [stem]
     if stem not in _UNITS_OF_42:
         names = [f"c{k + 1}" for k in range(found)]
@@ -377,10 +403,8 @@ def _stamps(path: Path, rows: int) -> dict[str, Column]:
     if path.stem in ("time", "DynTime") or not beside.is_file():
         return {}
     time = next(iter(read_text_table(beside, _FORM_OF_42).columns.values()))
-    if time.values.size != rows:
-        what = f"{rows} rows, but {beside.name} beside it has {time.values.size}"
-        advice = "take both from one run"
-        raise CampaignError(what, where=str(path), advice=advice)
+    what = f"{rows} rows, but {beside.name} beside it has {time.values.size}"
+    require(time.values.size == rows, str(path), what, "take both from one run")
     return {"time": Column(time.values, "s")}
 
 

@@ -17,7 +17,7 @@ from functools import partial
 
 import numpy as np
 
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, require
 from bayes_inertia.files import by_word, vocabulary
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.tables import time_texts
@@ -287,20 +287,15 @@ def dates_of(number: float, kind: str) -> np.datetime64 | None:
 
 
 def _check_kind(table: Table, names: Sequence[str], kind: str, units: Sequence[str]) -> None:
-    if kind not in TIME_KINDS:
-        what = f"{kind!r} is no kind of time stamp"
-        advice = f"write one of {', '.join(TIME_KINDS)}"
-        raise CampaignError(what, where=table.label, advice=advice)
-    wanted = 2 if kind == "gps_week" else 1
-    if len(names) < wanted:
-        two = "the week and the seconds of the week"
-        what = f"{len(names)} columns are named for stamps of the kind {kind!r}"
-        advice = f"name {f'two columns, {two}' if wanted == 2 else 'one column'}"
-        raise CampaignError(what, where=table.label, advice=advice)
-    if units and len(units) != len(names):
-        what = f"{len(units)} units for {len(names)} columns of the time"
-        advice = 'give one a column, such as names = ["sec", "nanosec"], units = ["s", "ns"]'
-        raise CampaignError(what, where=table.label, advice=advice)
+    advice = f"write one of {', '.join(TIME_KINDS)}"
+    require(kind in TIME_KINDS, table.label, f"{kind!r} is no kind of time stamp", advice)
+    of_week = kind == "gps_week"
+    what = f"{len(names)} columns are named for stamps of the kind {kind!r}"
+    wanted = "two columns, the week and the seconds of the week" if of_week else "one column"
+    require(len(names) >= 1 + of_week, table.label, what, f"name {wanted}")
+    what = f"{len(units)} units for {len(names)} columns of the time"
+    advice = 'give one a column, such as names = ["sec", "nanosec"], units = ["s", "ns"]'
+    require(len(units) in (0, len(names)), table.label, what, advice)
 
 
 def _from_texts(
@@ -406,10 +401,8 @@ def _counting_times_of_day(table: Table, name: str) -> Table:
 
 
 def _check_years(table: Table, names: Sequence[str], kind: str, stamps: TimeStamps) -> None:
-    if not stamps.absolute:
-        return
     wrong = ((stamps.ns < SCALES.first) | (stamps.ns >= SCALES.last)) & ~stamps.missing
-    if wrong.any():
+    if stamps.absolute and wrong.any():
         row = int(np.argmax(wrong))
         year = 1958 + stamps.ns[row] / (365.25 * SCALES.day)
         what = f"as {kind!r} the stamp lies in the year {year:.0f}"

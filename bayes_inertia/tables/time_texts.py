@@ -14,7 +14,7 @@ from functools import cache
 
 import numpy as np
 
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, require
 from bayes_inertia.files import vocabulary
 from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.stamp_parts import SECOND, has_leap_second, unit_in_name
@@ -59,11 +59,10 @@ def form_of_format(text: str, where: str) -> re.Pattern[str]:
     """
     parts = re.split(r"%(.)", text)
     written = [re.sub(r"(\\ )+", r"\\s+", re.escape(literal)) for literal in parts[::2]]
+    advice = "write " + ", ".join(f"%{key}" for key in _DIRECTIVES)
     for directive in parts[1::2]:
-        if directive not in _DIRECTIVES:
-            what = f"the directive %{directive} is unknown"
-            advice = "write " + ", ".join(f"%{key}" for key in _DIRECTIVES)
-            raise CampaignError(what, where=where, advice=advice)
+        what = f"the directive %{directive} is unknown"
+        require(directive in _DIRECTIVES, where, what, advice)
     # Digits that follow each other without a sign between are two for each.
     tight = [k for k in range(1, len(written) - 1) if not written[k]]
     tight += [k - 1 for k in tight]
@@ -76,10 +75,9 @@ def form_of_format(text: str, where: str) -> re.Pattern[str]:
     pattern = re.sub(r"(\\\.|,)(\(\?P<part>\\d\+\))", r"(?:\1\2)?", pattern)
     groups = re.findall(r"\(\?P<(\w+)>", pattern)
     day = {"year", "doy"} <= set(groups) or {"year", "month", "day"} <= set(groups)
-    if len(set(groups)) < len(groups) or not day:
-        what = f"{text!r} gives " + ("no day" if not day else "something twice")
-        advice = 'write year, month and day, or year and day of year (%j), such as "%Y-%j"'
-        raise CampaignError(what, where=where, advice=advice)
+    what = f"{text!r} gives " + ("no day" if not day else "something twice")
+    advice = 'write year, month and day, or year and day of year (%j), such as "%Y-%j"'
+    require(day and len(set(groups)) == len(groups), where, what, advice)
     return re.compile(pattern)
 
 
@@ -195,16 +193,12 @@ def _month(text: str) -> int:
 def _zone_seconds(zone: str, utc: bool, text: str, place: Callable[[], str]) -> int:
     if not zone:
         return 0
-    if not utc:
-        what = f"{text!r} has the zone {zone!r}, but its clock is not UTC"
-        advice = 'state the kind of time "utc"'
-        raise CampaignError(what, where=place(), advice=advice)
+    what = f"{text!r} has the zone {zone!r}"
+    require(utc, place(), f"{what}, but its clock is not UTC", 'state the kind of time "utc"')
     if zone in ("Z", "z", "UTC", "UTCG", "GMT"):
         return 0
-    if zone.isalpha():
-        what = f"{text!r} has the zone {zone!r}, which is not read"
-        advice = "write UTC, or an offset such as +01:00"
-        raise CampaignError(what, where=place(), advice=advice)
+    advice = "write UTC, or an offset such as +01:00"
+    require(not zone.isalpha(), place(), f"{what}, which is not read", advice)
     digits = zone[1:].replace(":", "")
     size = int(digits[:2]) * 3600 + int(digits[2:]) * 60
     return size if zone[0] == "+" else -size
@@ -255,10 +249,9 @@ def _calendar_dates(table: Table, calendar: Mapping[str, str]) -> list[str]:
     # Beside a year alone, "day" is that of the year.
     keys = ("year", "month", "day") if "month" in calendar else ("year", "doy")
     columns = [calendar.get(key) or calendar.get("day" if key == "doy" else key) for key in keys]
-    if None in columns:
-        what = f"{', '.join(calendar.values())} give no date"
-        advice = "name the columns of year, month and day, or of year and day of year"
-        raise CampaignError(what, where=table.label, advice=advice)
+    what = f"{', '.join(calendar.values())} give no date"
+    advice = "name the columns of year, month and day, or of year and day of year"
+    require(None not in columns, table.label, what, advice)
     numbers = table.stack([name for name in columns if name])
     form = "{:.0f}-{:02.0f}-{:02.0f}" if len(keys) == 3 else "{:.0f}-{:03.0f}"
     return ["" if any(cell != cell for cell in row) else form.format(*row) for row in numbers]

@@ -17,6 +17,7 @@ from bayes_inertia.importing.mapping import parse_mapping
 from bayes_inertia.importing.starting_mapping import starting_mapping
 from bayes_inertia.tables import text_cells
 from bayes_inertia.tables.limits import Limits
+from bayes_inertia.tables.number_table import parse_csv
 from bayes_inertia.tables.raw_files import read_raw
 from bayes_inertia.tables.table import Column, Table
 from bayes_inertia.tables.time_stamps import times_to_seconds
@@ -120,3 +121,49 @@ def test_days_as_excel_and_matlab_count_them():
     }
     date = Table("a", {"t": Column(np.array(["2026-03-01T12:00:00Z"]))})
     assert set(ns.values()) == {int(times_to_seconds(date, ["t"], "utc").ns[0])}
+
+
+def test_vectors_in_one_cell_become_columns(tmp_path):
+    lists = [f'{k},"[0.1, {k}.5, 0, 1]"' if k != 3 else f"{k}," for k in range(9)]
+    table = read(tmp_path, "\n".join(["t,q", *lists]))
+    assert list(table.columns) == ["t", "q[0]", "q[1]", "q[2]", "q[3]"]
+    np.testing.assert_array_equal(np.isnan(table.numbers("q[1]")), np.arange(9) == 3)
+    tuples = [f"{k};({k}.5 2.5)" for k in range(9)]
+    assert read(tmp_path, "\n".join(["t;w", *tuples])).numbers("w[0]").tolist()[-1] == 8.5
+    words = [f"{k};[mode {k % 2} {k}] on" if k % 2 else f"{k};[mode]" for k in range(9)]
+    assert "w" in read(tmp_path, "\n".join(["t;w", *words])).columns
+
+
+def test_minus_signs_of_typesetters_and_byte_order_marks_within(tmp_path):
+    text = "\ufeff" + TEXT.replace(",0.010", ",\u22120.010") + "\ufeff" + TEXT
+    table = read(tmp_path, text)
+    assert table.numbers("wx")[1] == -0.01
+    assert table.rows == 80
+
+
+def test_units_in_cells_are_those_of_the_column(tmp_path):
+    rows = [f"{0.5 * k},{0.1 * k:.3f} deg/s,{k} mNm,{k}{'A' if k % 2 else 'B'}" for k in range(9)]
+    rows[3] = "1.5,---,3 mNm,"
+    table = read(tmp_path, "\n".join(["t_s,wx,u,id", *rows]))
+    assert [table.columns[name].unit for name in ("wx", "u", "id")] == ["deg/s", "mNm", ""]
+    assert table.numbers("wx")[4] == 0.4
+    assert np.isnan(table.numbers("wx")[3])
+    assert table.columns["id"].is_text
+    changed = "\n".join(["t_s,wx", *rows[:5], "2.5,1.0 rad/s,5 mNm,"])
+    with pytest.raises(CampaignError, match=r"'0.000 deg/s' is not a number"):
+        read(tmp_path, changed.replace("t_s,wx", "t_s,wx,u,id")).numbers("wx")
+    with pytest.raises(CampaignError, match=r"'0.000 deg/s' is not a number"):
+        parse_csv("\n".join(["t_s,wx,u,id", *rows]), ["t_s", "wx"], "a.csv")
+
+
+def test_flags_are_alike_in_small_and_capital_letters(tmp_path):
+    columns = log_columns(TURNS, 200.0)
+    columns["valid"] = np.array(["FALSE", *["TRUE"] * 399])
+    file = write_csv(tmp_path / "log.csv", columns)
+    change = (
+        'form = "quaternion"',
+        'form = "quaternion"\nvalid = { name = "valid", equals = true }',
+    )
+    mapping = parse_mapping(edited_mapping(tmp_path, change).read_text(), "mapping.toml")
+    fixes = read_logs([file], mapping, "mapping.toml").streams["attitude"]
+    assert "1 rows are flagged as not valid" in fixes.notes[0]
