@@ -330,10 +330,9 @@ def logged_column(cells: Sequence[str], decimal: str, unit: str = "") -> Column:
             return text_column(cells, decimal, unit)
         numbers.append(match[1] if match else "")
         units |= {match[2]} if match else set()
-    alike = len(units) == 1
-    return (
-        text_column(numbers, decimal, units.pop()) if alike else text_column(cells, decimal, unit)
-    )
+    if len(units) != 1:
+        return text_column(cells, decimal, unit)
+    return text_column(numbers, decimal, units.pop())
 
 
 def text_column(cells: Sequence[str], decimal: str, unit: str = "") -> Column:
