@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.ndimage import median_filter, uniform_filter1d
 
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import require
 from bayes_inertia.faults.limits import LIMITS
 from bayes_inertia.faults.noise import step_noise
 from bayes_inertia.maths.values import array_dataclass
@@ -70,13 +70,10 @@ def scan_motion(
 
 def _require_rest(slowest: float, largest: float, where: str) -> None:
     """Refuse a log of a body that turns all the time."""
-    if slowest > LIMITS.rests_below * largest:
-        raise CampaignError(
-            f"the body never rests: it turns by {slowest:.2g} rad/s at least, "
-            f"{largest:.2g} rad/s at most",
-            where=f"rates in {where}",
-            advice="state [[slews]] with start and end, or give one file a slew",
-        )
+    rates = f"it turns by {slowest:.2g} rad/s at least, {largest:.2g} rad/s at most"
+    rests = slowest <= LIMITS.rests_below * largest
+    advice = "state [[slews]] with start and end, or give one file a slew"
+    require(rests, f"rates in {where}", f"the body never rests: {rates}", advice)
 
 
 def _smoothed(time: np.ndarray, values: np.ndarray, segment: np.ndarray) -> tuple[np.ndarray, int]:
@@ -105,14 +102,12 @@ def _bridged(time: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _threshold(floor: float, largest: float, where: str) -> float:
-    if largest <= LIMITS.visible_motion * floor or largest == 0.0:
-        raise CampaignError(
-            f"no slew is to be seen: the largest rate, {largest:.2g} rad/s, is hardly above the "
-            f"noise, {floor:.2g} rad/s",
-            where=f"rates in {where}",
-            advice="give files that hold slews, check unit and scale, or state [[slews]] with "
-            "start and end",
-        )
+    rates = f"the largest rate, {largest:.2g} rad/s, is hardly above the noise, {floor:.2g} rad/s"
+    advice = (
+        "give files that hold slews, check unit and scale, or state [[slews]] with start and end"
+    )
+    moves = largest > LIMITS.visible_motion * floor and largest != 0.0
+    require(moves, f"rates in {where}", f"no slew is to be seen: {rates}", advice)
     # Half way between noise and slew, on a logarithmic scale.
     return float(
         min(np.sqrt(max(floor, 1e-4 * largest) * largest), LIMITS.largest_threshold * largest)

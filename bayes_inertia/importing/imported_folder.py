@@ -126,21 +126,12 @@ def slew_tables(
         if _is_regular(mapping, "wheel_torque"):
             torque = _at_regular_times(torque, start, window)
         inside["wheel_torque"] = _from_start(torque, start, window.end)
-    return SlewTables(
-        window,
-        start,
-        {
-            key: LoggedStream(
-                key,
-                np.round(stream.time - start, LIMITS.decimals_of_time),
-                stream.values,
-                stream.file,
-                stream.files,
-            )
-            for key, stream in inside.items()
-            if len(stream.time)
-        },
-    )
+    from_start = {
+        key: replace(stream, time=np.round(stream.time - start, LIMITS.decimals_of_time))
+        for key, stream in inside.items()
+        if len(stream.time)
+    }
+    return SlewTables(window, start, from_start)
 
 
 def _is_regular(mapping: MappingPart, key: str) -> bool:
@@ -170,14 +161,8 @@ def _from_start(torque: LoggedStream, start: float, end: float) -> LoggedStream:
     if not len(later.time) and _at_every_step(torque):
         # None is in force: they were lost.
         return later
-    first = torque.rows(before[-1:])
-    return LoggedStream(
-        torque.holds,
-        np.concatenate([[start], later.time]),
-        np.concatenate([first.values, later.values]),
-        np.concatenate([first.file, later.file]),
-        torque.files,
-    )
+    rows = torque.rows((torque.time <= end) & (np.arange(len(torque.time)) >= before[-1]))
+    return replace(rows, time=np.concatenate([[start], later.time]))
 
 
 def _at_every_step(torque: LoggedStream) -> bool:
