@@ -50,7 +50,9 @@ def counted_on(shares: Sequence[FileShare]) -> list[FileShare]:
     """Shares whose counters do not begin anew, with a note where one wrapped."""
     placed: dict[int, FileShare] = {}
     for group in _groups(shares):
-        found = next((w for w in (_wrap(of_stream) for of_stream in _streams(group)) if w), None)
+        # The stream with the most rows shows a wrap best.
+        streams = sorted(_streams(group), key=lambda files: -sum(len(f.values) for f in files))
+        found = next((w for w in map(_wrap, streams) if w), None)
         if found is None:
             continue
         period, centre, span = found
@@ -73,12 +75,12 @@ def _groups(shares: Sequence[FileShare]) -> list[list[FileShare]]:
     return list(groups.values())
 
 
-def _streams(group: Sequence[FileShare]) -> list[list[FileShare]]:
-    """The files of each stream, that with the most rows first."""
+def _streams(shares: Sequence[FileShare]) -> list[list[FileShare]]:
+    """The files of each stream."""
     streams: dict[int, list[FileShare]] = {}
-    for share in group:
+    for share in shares:
         streams.setdefault(id(share.stream), []).append(share)
-    return sorted(streams.values(), key=lambda files: -sum(len(f.values) for f in files))
+    return list(streams.values())
 
 
 def _wrap(files: Sequence[FileShare]) -> tuple[_Period, int, int] | None:
@@ -259,16 +261,14 @@ def _starts_of_files(
             advice="add the seconds that passed between the end of one file and the start of the "
             f'next, as each file has a clock of its own (epoch = "{ZERO_OF_FILE}")',
         )
-    by_stream: dict[int, list[FileShare]] = {}
-    for share in shares:
-        by_stream.setdefault(id(share.stream), []).append(share)
-    alike = len({len(of_stream) for of_stream in by_stream.values()}) == 1
-    counts = ", ".join(f"{v[0].stream.holds}: {len(v)}" for v in by_stream.values())
+    by_stream = _streams(shares)
+    alike = len({len(of_stream) for of_stream in by_stream}) == 1
+    counts = ", ".join(f"{v[0].stream.holds}: {len(v)}" for v in by_stream)
     what = f"streams have different numbers of files ({counts})"
     advice = "with a clock in each file, every stream needs one file a slew"
     require(alike, f"{label}, key streams", what, advice)
     starts, cursor = {}, 0
-    for together in zip(*by_stream.values(), strict=True):
+    for together in zip(*by_stream, strict=True):
         first = min(share.stamps.first_ns for share in together)
         starts.update({id(share): first - cursor for share in together})
         cursor += max(int(share.stamps.ns.max()) for share in together) - first

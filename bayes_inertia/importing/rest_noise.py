@@ -87,10 +87,9 @@ def rest_noise(logs: Logs, scan: MotionScan | None, mapping: MappingPart) -> lis
     """The noise of rates, star tracker and tachometers at rest; none without known motions."""
     if scan is None:
         return []
-    noises = [*_rates(logs, scan, mapping), *_momenta(logs, scan, mapping)]
-    if mapping.star_tracker is not None and "attitude" in logs.streams:
-        noises += _attitudes(logs, scan, mapping)
-    return noises
+    return [
+        noise for noises in (_rates, _momenta, _attitudes) for noise in noises(logs, scan, mapping)
+    ]
 
 
 def _rates(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[RestNoise]:
@@ -135,8 +134,8 @@ def _momenta(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[Res
 
 def _attitudes(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[RestNoise]:
     """Errors across and about the boresight."""
-    stream, tracker = logs.streams["attitude"], mapping.star_tracker
-    if tracker is None:
+    stream, tracker = logs.streams.get("attitude"), mapping.star_tracker
+    if stream is None or tracker is None:
         return
     boresight = np.array(tracker.boresight) / np.linalg.norm(tracker.boresight)
     across = np.linalg.svd(boresight[None, :])[2][1:]
