@@ -126,7 +126,7 @@ BAD = [
     (("files = {", 'file = "a.csv"\nfiles = {'), ["key slews.first.files", "file is given too"]),
     ((FILES, ""), ["key slews.first.file", "missing"]),
     (('rate = "rate.csv", ', ""), ["key slews.first.files.rate", "missing"]),
-    (('attitude = "tr', 'atitude = "tr'), ["slews.first.files.atitude", "here: rate, attitude"]),
+    (('attitude = "tr', 'atitude = "tr'), ["slews.first.files.atitude", 'mean "attitude"']),
     (('magnetic_field = "f', 'position = "f'), ["slews.first.files.position", "nothing is read"]),
     (('"rate.csv"', '"none.csv"'), ["key slews.first.files", "none.csv"]),
     (('"rate.csv"', '"b.csv"'), ["key slews.second.file", "two slews"]),
