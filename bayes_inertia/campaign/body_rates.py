@@ -132,7 +132,10 @@ def _smoothed(campaign: Campaign, slew: Slew) -> _Smoothed:
 
 
 def _by_wheels(campaign: Campaign, slew: Slew) -> np.ndarray:
-    """Changes (n, 3) of the rates by what the wheels took up, without gyroscopic torque [rad/s]."""
+    """Changes (n, 3) of the rates by what the wheels took up, gyroscopic torque included [rad/s].
+
+    By the trapezoidal rule, which stays bounded where much stored momentum turns them fast.
+    """
     momentum, time = slew.wheel_momentum, slew.time
     known = np.isfinite(momentum).all(axis=1) if momentum is not None else np.zeros(0, bool)
     if momentum is not None and known.any():
@@ -141,8 +144,15 @@ def _by_wheels(campaign: Campaign, slew: Slew) -> np.ndarray:
         momentum = held_integral(time, slew.wheel_torque, time)
     else:
         return np.zeros((len(time), 3))
-    taken_B = (momentum - momentum[0]) @ campaign.wheel_axes_B.T
-    return -np.linalg.solve(campaign.inertia.tensor, taken_B.T).T
+    stored_B, inertia = momentum @ campaign.wheel_axes_B.T, campaign.inertia.tensor
+    # J w' = H x w - h', with the total momentum H in the middle of each step.
+    rate_B = np.zeros((len(time), 3))
+    for k, step in enumerate(np.diff(time)):
+        total_B = 0.5 * (stored_B[k] + stored_B[k + 1]) + inertia @ rate_B[k]
+        half = 0.5 * step * np.cross(total_B, np.eye(3)).T
+        change = (inertia + half) @ rate_B[k] - (stored_B[k + 1] - stored_B[k])
+        rate_B[k + 1] = np.linalg.solve(inertia - half, change)
+    return rate_B
 
 
 def _beyond(known_B: np.ndarray, slew: Slew, seen: list[_Seen]) -> list[_Seen]:

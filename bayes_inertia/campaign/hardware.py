@@ -417,9 +417,7 @@ def body_rates(
     By least squares where there are more than three axes; zero across all where there are fewer.
     """
     rate_S = np.asarray(scale_factor) * readings - np.asarray(sensor.bias)
-    if len(sensor.axes) == 3:
-        return np.linalg.solve(sensor.axes, rate_S.T).T
-    return rate_S @ np.linalg.pinv(sensor.axes).T
+    return rate_S @ axes_to_body(sensor.axes).T
 
 
 def axes_to_body(axes: np.ndarray) -> np.ndarray:

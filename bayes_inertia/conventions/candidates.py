@@ -1,5 +1,9 @@
 """Every mistake in conventions that is tried, from the most common to the rarest.
 
+Of columns: each other value of a key that changes what the campaign's reader makes of them (unit,
+place of a scalar, sense), and other orders and signs of their names. So what a new kind of sensor
+states of its columns is tried without a word here. Of hardware: signs, orders and frames of axes.
+
 Units, and the order and direction of a quaternion, are mistaken most often (rarity 1); then the
 order of columns and a unit that two columns share (2); then the sign of one axis or wheel (3); then
 frames (4). That is the prior over mistakes: it decides only between mistakes that explain the data
@@ -9,53 +13,226 @@ alike.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, permutations, product
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args, get_origin
 
 import numpy as np
 
+from bayes_inertia.campaign.actuators import (
+    Actuator,
+    GimballedRotors,
+    KnownTorque,
+    Magnetorquer,
+    Thruster,
+)
 from bayes_inertia.campaign.body_rates import reference_of
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.schema import UNITS
+from bayes_inertia.campaign.description import Entry
+from bayes_inertia.campaign.schema import UNITS, TimeColumn
+from bayes_inertia.campaign.sensors import BY_KEY
+from bayes_inertia.campaign.sensors.direction import DirectionStream
+from bayes_inertia.campaign.sensors.momentum import MOMENTUM
+from bayes_inertia.campaign.sensors.rate import RATE
+from bayes_inertia.campaign.slew_parts import INPUTS, MORE
+from bayes_inertia.campaign.streams import Stream, StreamRows, inputs_of, stream_from_table
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.reading import (
-    STREAMS,
-    Columns,
+    FIELD,
+    TORQUE,
     KeyChange,
+    Mend,
     Mistake,
-    Reading,
     both,
     changed,
     direction_sensors,
+    followed,
+    preceded,
 )
+from bayes_inertia.conventions.stated import Stated, key_changes, said_of
 from bayes_inertia.files import vocabulary
-from bayes_inertia.tables.table import negated_name
+from bayes_inertia.tables.table import Table, negated_name
 
 # Units in which an inertia tensor is written by mistake, and what one is in kg m^2.
 _INERTIA_UNITS: Mapping[str, float] = vocabulary("conventions")["inertia_units"]
-# Names and field of `Reading` of what has a unit, or a column a wheel.
-_NAMED = {"time": ("time", "time")} | {
-    key: (stream.quantity, stream.field) for key, stream in STREAMS.items() if key != "attitude"
-}
 _OTHER_ORDERS = tuple(permutations(range(3)))[1:]
+# What a wrong value of a key means: the other value, and the stated one.
+_WORDS: Mapping[str, str] = {
+    "unit": "{what} is in {other}, not in {stated}",
+    "scalar": "the quaternion's scalar stands {other}, not {stated}",
+    "maps": "the quaternion maps {other}, not {stated}",
+    "acts_on": "the torque is the one on the {other}, not on the {stated}",
+}
+_OF_ANY_KEY = "{key} of {what} is {other}, not {stated}"
 
 
-def mistakes(campaign: Campaign, columns: Columns) -> list[Mistake]:
-    """All single mistakes that are tried for a campaign, the most common first."""
+def mistakes(campaign: Campaign, stated: Stated, own_axes: int, directions: bool) -> list[Mistake]:
+    """All single mistakes that are tried for a campaign, the most common first.
+
+    `own_axes`: of the rate sensor; none where its readings do not count. `directions`: whether
+    direction sensors are held against a law.
+    """
+    tried = list(_tried(campaign, stated, directions))
+    if not own_axes:
+        tried = [each for each in tried if each.entry.field != RATE.field]
     every = [
-        *_stream_mistakes(columns),
-        *_attitude_mistakes(columns),
-        *_sense_of_torque(columns),
-        *_rate_mistakes(campaign, columns),
-        *_wheel_axes(campaign, columns),
-        *_shared_units(columns),
-        *_inertia_mistakes(campaign),
-        *_spin_inertias(campaign, columns),
-        *_direction_mistakes(campaign, columns),
+        *(mistake for each in tried for mistake in _of_columns(each)),
+        *(_of_rate_axes(campaign, stated) if own_axes else ()),
+        *_of_wheel_axes(campaign, stated, tried),
+        *_of_shared_units(tried),
+        *_of_inertia(campaign),
+        *_of_spin_inertias(campaign, stated),
+        *(_of_constant_references(campaign) if directions else ()),
+        *(mistake for device in campaign.actuators for mistake in _of_record(device)),
     ]
     return sorted(every, key=lambda mistake: mistake.rarity)
+
+
+@dataclass(frozen=True)
+class Tried:
+    """Columns of which mistakes are tried."""
+
+    entry: Entry
+    spin_inertias: np.ndarray  # (wheels,) of the campaign [kg m^2]
+    what: str  # What they are called
+    sign: bool = False  # Whether a name may lack its sign
+    axes: bool = False  # Whether they are a vector that may be along other axes
+    of_unit: int = 1  # Rarity of another unit
+    rarer: int = 0  # What is added to the rarities of other orders and signs
+
+    def matrix(self, columns: Any) -> np.ndarray:
+        """(k, k) from columns, as keys state them, to what `Slew` has: unit vectors, once read."""
+        names = [str(k) for k in range(len(self.entry.columns.names))]
+        rows = {"t": 1e9 * np.arange(1.0, len(names) + 1.0)}
+        table = Table.of("unit vectors", rows | dict(zip(names, np.eye(len(names)), strict=True)))
+        if self.entry.field == "time":
+            read = stream_from_table(table, Stream("", _clock(columns.unit), 0.0, ()), np.zeros(0))
+            return np.array([[read["time"][0] / rows["t"][0]]])
+        entry = replace(self.entry, columns=columns.model_copy(update={"names": names}))
+        stream = Stream("", _clock("s"), 0.0, (entry,))
+        if entry.field.startswith(INPUTS):
+            (given,) = inputs_of([StreamRows(0, stream, table, ())]).values()
+            return given.values.T
+        values = stream_from_table(table, stream, self.spin_inertias)[entry.field]
+        return (values[:, list(entry.wheels)] if entry.wheels else values).T
+
+    def mend(self, how: Callable[[str, np.ndarray], Mend], matrix: np.ndarray) -> Mend:
+        """A reading in which a matrix (k, k) follows or precedes that of the columns."""
+        wheels = list(self.entry.wheels)
+        if wheels:
+            whole = np.eye(len(self.spin_inertias))
+            whole[np.ix_(wheels, wheels)] = matrix
+            matrix = whole
+        return how(self.entry.field, matrix)
+
+
+def _clock(unit: str) -> TimeColumn:
+    return TimeColumn(names=["t"], unit=unit)
+
+
+def _tried(campaign: Campaign, stated: Stated, directions: bool) -> Iterator[Tried]:
+    """Columns that laws depend on, and what of them is mistaken."""
+    devices = {f"{INPUTS}{device.name}": device for device in campaign.actuators}
+    read = {name for slew in campaign.slews for name in slew.more or ()}
+    sensors = {n: s for n, s in direction_sensors(campaign) if directions and n in read}
+    # Of a field as read and as looked at, that is in another unit which no planet has.
+    right = {name: _looks_at_earth(campaign, name) for name in sensors}
+    looked_at = [
+        name
+        for name, sensor in sensors.items()
+        if sensor.reference_N is None and not stated.of(f"{INPUTS}{name}")
+    ]
+    turned = any(isinstance(device, Magnetorquer) for device in campaign.actuators)
+    first = {entry.field for entry in stated.held} | {"time"}
+    for entry in stated.entries:
+        name = entry.field.removeprefix(MORE).removeprefix(INPUTS)
+        tried = partial(Tried, entry, campaign.spin_inertias)
+        if entry.field in first:
+            yield tried(said_of(entry.key)[0])
+        elif device := devices.get(entry.field):
+            # No thrust is negative.
+            signs, vector = not isinstance(device, Thruster), isinstance(device, KnownTorque)
+            yield tried(device.name, signs, vector)
+        elif entry.field == FIELD and (turned or looked_at):
+            given = [x for s in campaign.slews if (x := s.magnetic_field_N) is not None]
+            if given:
+                of_unit = 2 if is_of_earth(given) else 1
+                yield tried("the magnetic field", True, of_unit=of_unit, rarer=1)
+        elif entry.field == f"{INPUTS}{name}" and name in sensors:
+            of_unit = 2 if right[name] else 1
+            yield tried(f"what the {name} looks at", True, True, of_unit, 1)
+        elif name in sensors:
+            seen = f"the field that the {name} reads" if sensors[name].is_field else f"the {name}"
+            yield tried(seen, True, True, 1 if right[name] else 2)
+
+
+def _of_columns(tried: Tried) -> Iterator[Mistake]:
+    """Other values of keys, and other orders and signs of names."""
+    entry, form = tried.entry, tried.entry.columns
+    as_read = tried.matrix(form)
+    back = np.linalg.inv(as_read)
+    for other in _other_keys(tried, as_read):
+        matrix = tried.matrix(form.model_copy(update=other)) @ back
+        words = [
+            _WORDS.get(key, _OF_ANY_KEY).format(
+                key=key, what=tried.what, other=value, stated=getattr(form, key)
+            )
+            for key, value in other.items()
+        ]
+        changes = [change for item in other.items() for change in key_changes(entry, *item)]
+        rarity = tried.of_unit if "unit" in other else len(other)
+        said = ", and ".join(words)
+        said = said if "unit" in other else said.replace("_", " ")
+        yield Mistake(tuple(changes), rarity, tried.mend(followed, matrix), said)
+    for renamed in _other_names(tried):
+        mend = tried.mend(preceded, as_read @ renamed.matrix @ back)
+        rarity = renamed.rarity + tried.rarer
+        yield Mistake(key_changes(entry, "names", renamed.names), rarity, mend, renamed.words)
+
+
+def _other_keys(tried: Tried, as_read: np.ndarray) -> Iterator[dict[str, str]]:
+    """Other values of the keys that say what columns mean: of the unit, and of all others."""
+    form, senses = tried.entry.columns, {}
+    for key, field in type(form).model_fields.items():
+        values = get_args(field.annotation) if get_origin(field.annotation) is Literal else ()
+        others = [form.model_copy(update={key: value}) for value in values]
+        if any(not np.array_equal(tried.matrix(other), as_read) for other in others):
+            senses[key] = values
+    quantity = "magnetic_field" if tried.entry.key == "direction" else tried.entry.key
+    for unit in UNITS[quantity] if getattr(form, "unit", None) else ():
+        if unit != form.unit:
+            yield {"unit": unit}
+    for values in product(*senses.values()):
+        other = dict(zip(senses, values, strict=True))
+        differ = {key: value for key, value in other.items() if value != getattr(form, key)}
+        if differ:
+            yield differ
+
+
+def _other_names(tried: Tried) -> Iterator[OtherColumns]:
+    """Other orders and signs of columns, as far as they are mistaken."""
+    names, what = list(tried.entry.columns.names), tried.what
+    kind = BY_KEY.get(tried.entry.key)
+    which = range(len(names)) if kind is None else kind.exchangeable(tried.entry.columns)
+    yield from in_other_order(names, what, which)
+    if tried.sign:
+        yield from signed(names, what)
+    if tried.axes:
+        yield from along_other_axes(names, what)
+
+
+def _looks_at_earth(campaign: Campaign, name: str) -> bool:
+    """Whether the field that a direction sensor is said to look at has the size of the Earth's."""
+    sensor, stream = dict(direction_sensors(campaign))[name], DirectionStream(name)
+    reading = [slew for slew in campaign.slews if stream.of(slew) is not None]
+    return is_of_earth([reference_of(name, sensor, slew)[1] for slew in reading])
+
+
+def is_of_earth(fields: Sequence[np.ndarray]) -> bool:
+    """Whether magnetic fields (n, 3) [T] have the size of that in an orbit of the Earth."""
+    size = float(np.nanmedian(np.linalg.norm(np.concatenate(fields), axis=1)))
+    return LIMITS.weakest_field < size < LIMITS.strongest_field
 
 
 def listed(values: np.ndarray) -> list:
@@ -66,132 +243,11 @@ def listed(values: np.ndarray) -> list:
     return [float(f"{value + 0.0:.12g}") for value in values.tolist()]
 
 
-def unmended(reading: Reading) -> Reading:
-    """The reading as it is: that of a mistake which does not say yet how readings change."""
-    return reading
-
-
-def one_key(
-    key: str,
-    stated: Any,
-    mended: Any,
-    rarity: int,
-    words: str,
-    mend: Callable[[Reading], Reading] = unmended,
+def _of_array(
+    key: str, stated: np.ndarray, mended: np.ndarray, rarity: int, mend: Mend, words: str
 ) -> Mistake:
-    """A mistake in one key."""
-    return Mistake((KeyChange(key, stated, mended),), rarity, mend, words)
-
-
-def _stream_mistakes(columns: Columns) -> Iterator[Mistake]:
-    """Other units of each stream and of time, and other orders of its columns."""
-    for key, (name, field) in _NAMED.items():
-        if key in columns:
-            entry = columns[key]
-            stated = Stated(f"columns.{key}", key, entry["unit"], list(entry["names"]))
-            yield from of_columns(stated, name, partial(_preceding, field), signs=False)
-
-
-def _preceding(field: str, matrix: np.ndarray) -> Callable[[Reading], Reading]:
-    """A reading in which a matrix, as of columns in their order, precedes that of a field."""
-    if field == "time":
-        return changed(time=partial(np.multiply, float(matrix[0, 0])))
-    return changed(**{field: lambda values: values @ matrix})
-
-
-def _attitude_mistakes(columns: Columns) -> Iterator[Mistake]:
-    if "attitude" not in columns:
-        return
-    stated: dict[str, str] = {key: columns["attitude"][key] for key in _ATTITUDE}
-    as_written = np.linalg.inv(_from_columns(**stated))
-    for values in product(*(allowed for allowed, _ in _ATTITUDE.values())):
-        other = dict(zip(_ATTITUDE, values, strict=True))
-        differ = [key for key in _ATTITUDE if other[key] != stated[key]]
-        changes = (KeyChange(f"columns.attitude.{key}", stated[key], other[key]) for key in differ)
-        said = (f"{_ATTITUDE[key][1]} {other[key]}, not {stated[key]}" for key in differ)
-        words = ", and ".join(said).replace("_", " ")
-        if differ:
-            mend = changed(attitude=partial(np.matmul, _from_columns(**other) @ as_written))
-            yield Mistake(tuple(changes), len(differ), mend, words)
-    names = list(columns["attitude"]["names"])
-    first = 1 if stated["scalar"] == "first" else 0
-    for order in _OTHER_ORDERS:
-        index = list(range(4))
-        index[first : first + 3] = [first + k for k in order]
-        other_order = _from_columns(**stated) @ np.eye(4)[index] @ as_written
-        mend = changed(attitude=partial(np.matmul, other_order))
-        words = "the quaternion's vector elements stand in another order"
-        yield one_key("columns.attitude.names", names, [names[k] for k in index], 3, words, mend)
-
-
-# Values of the keys that say what a quaternion is, and how they are said.
-_ATTITUDE: Mapping[str, tuple[tuple[str, str], str]] = {
-    "scalar": (("first", "last"), "the quaternion's scalar stands"),
-    "maps": (("body_to_inertial", "inertial_to_body"), "the quaternion maps"),
-}
-
-
-def _from_columns(scalar: str, maps: str) -> np.ndarray:
-    """From four columns to a quaternion body from inertial, scalar last (4, 4)."""
-    order = np.eye(4)[[1, 2, 3, 0]] if scalar == "first" else np.eye(4)
-    sense = np.diag([-1.0, -1.0, -1.0, 1.0]) if maps == "body_to_inertial" else np.eye(4)
-    return sense @ order
-
-
-def _sense_of_torque(columns: Columns) -> Iterator[Mistake]:
-    if "wheel_torque" not in columns:
-        return
-    stated = columns["wheel_torque"]["acts_on"]
-    other = "body" if stated == "wheel" else "wheel"
-    words = f"the torque is the one on the {other}, not on the {stated}"
-    yield one_key(
-        "columns.wheel_torque.acts_on", stated, other, 1, words, changed(torque=np.negative)
-    )
-
-
-def _rate_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
-    if "rate" not in columns:
-        return
-    axes, names = campaign.gyro.axes, columns["rate"]["names"]
-    three = len(axes) == 3
-    if three and not np.allclose(axes, axes.T, atol=1e-3):
-        yield axes_mistake(axes, axes.T, 2, "the rate sensor's axes are written transposed")
-    if three and not np.allclose(axes, np.eye(3), atol=1e-3):
-        yield axes_mistake(axes, np.eye(3), 2, "the rates are along body axes already")
-    for other in signed(names, "the rates"):
-        yield axes_mistake(axes, other.matrix.T @ axes, other.rarity, other.words)
-    for other in along_other_axes("xyz", "the rate sensor", not three):
-        # Of other than three axes, in any order, it is the body's axes that are mistaken.
-        mended = other.matrix.T @ axes if three else axes @ other.matrix
-        yield axes_mistake(axes, mended, other.rarity, other.words)
-
-
-def _flipped_signs() -> list[tuple[float, ...]]:
-    """Signs of three axes, one flipped at least."""
-    return list(product((1.0, -1.0), repeat=3))[1:]
-
-
-def _axes_in_words(order: Sequence[int], signs: Sequence[float]) -> str:
-    """Axes in an order and with signs, as (-y, x, z)."""
-    named = ("-" * (s < 0.0) + "xyz"[k] for k, s in zip(order, signs, strict=True))
-    return f"({', '.join(named)})"
-
-
-def axes_mistake(axes: np.ndarray, mended: np.ndarray, rarity: int, words: str) -> Mistake:
-    """The mistake that the rate sensor's axes (n, 3) are others than stated."""
-    mend = changed(rate_axes_B=lambda _: mended)
-    return one_key("rate_sensor.axes", listed(axes), listed(mended), rarity, words, mend)
-
-
-def orders(count: int) -> Iterator[list[int]]:
-    """Other orders of columns: all, or of many columns those with two exchanged."""
-    if count <= LIMITS.most_wheels_in_any_order:
-        yield from (list(order) for order in list(permutations(range(count)))[1:])
-        return
-    for i, k in combinations(range(count), 2):
-        order = list(range(count))
-        order[i], order[k] = k, i
-        yield order
+    """A mistake in an array of one key."""
+    return Mistake((KeyChange(key, listed(stated), listed(mended)),), rarity, mend, words)
 
 
 class OtherColumns(NamedTuple):
@@ -203,11 +259,31 @@ class OtherColumns(NamedTuple):
     words: str
 
 
-def in_other_order(names: Sequence[str], what: str) -> Iterator[OtherColumns]:
-    """Columns of a quantity in other orders."""
+def orders(which: Sequence[int]) -> Iterator[list[int]]:
+    """Other orders of columns: all, or of many columns those with two exchanged."""
+    if len(which) <= LIMITS.most_wheels_in_any_order:
+        yield from (list(order) for order in list(permutations(which))[1:])
+        return
+    for i, k in combinations(range(len(which)), 2):
+        order = list(which)
+        order[i], order[k] = which[k], which[i]
+        yield order
+
+
+def in_other_order(
+    names: Sequence[str], what: str, which: Sequence[int] | None = None
+) -> Iterator[OtherColumns]:
+    """Columns of a quantity in other orders, or `which` of them."""
+    whole = list(range(len(names)))
+    which = whole if which is None else list(which)
     words = f"the columns of {what} stand in another order"
-    for order in orders(len(names)):
-        yield OtherColumns([names[k] for k in order], np.eye(len(names))[order], 2, words)
+    for order in orders(which):
+        index = list(whole)
+        for place, k in zip(which, order, strict=True):
+            index[place] = k
+        # Of a part of the columns, such as a quaternion's vector, it is a rarer mistake.
+        rarity = 2 if len(which) == len(whole) else 3
+        yield OtherColumns([names[k] for k in index], np.eye(len(names))[index], rarity, words)
 
 
 def signed(names: Sequence[str], what: str, vector: bool = True) -> Iterator[OtherColumns]:
@@ -227,156 +303,156 @@ def along_other_axes(
     names: Sequence[str], what: str, every: bool = False
 ) -> Iterator[OtherColumns]:
     """Columns of a vector along turned axes: in another order and with other signs, or either."""
-    turned_axes = product(_OTHER_ORDERS, _flipped_signs())
+    signs_of_axes = list(product((1.0, -1.0), repeat=3))
+    turned_axes = product(_OTHER_ORDERS, signs_of_axes[1:])
     if every:
-        turned_axes = product(permutations(range(3)), product((1.0, -1.0), repeat=3))
+        turned_axes = product(permutations(range(3)), signs_of_axes)
         next(turned_axes)  # As they are
     for order, signs in turned_axes:
         other = list(names)
         for name, k, sign in zip(names, order, signs, strict=True):
             other[k] = name if sign > 0.0 else negated_name(name)
-        words = f"{what} is along the axes {_axes_in_words(order, signs)}"
+        axes = ", ".join("-" * (s < 0.0) + "xyz"[k] for k, s in zip(order, signs, strict=True))
+        words = f"{what} is along the axes ({axes})"
         yield OtherColumns(other, (np.diag(signs) @ np.eye(3)[list(order)]).T, 4, words)
 
 
-def _wheel_axes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
+def _of_rate_axes(campaign: Campaign, stated: Stated) -> Iterator[Mistake]:
+    axes = campaign.gyro.axes
+    names = [name for entry in stated.of(RATE.field) for name in entry.columns.names]
+    three = len(axes) == 3
+    mistake = partial(axes_mistake, stated, axes)
+    if three and not np.allclose(axes, axes.T, atol=1e-3):
+        yield mistake(axes.T, 2, "the rate sensor's axes are written transposed")
+    if three and not np.allclose(axes, np.eye(3), atol=1e-3):
+        yield mistake(np.eye(3), 2, "the rates are along body axes already")
+    for other in signed(names, "the rates"):
+        yield mistake(other.matrix.T @ axes, other.rarity, other.words)
+    for other in along_other_axes("xyz", "the rate sensor", not three):
+        # Of other than three axes, in any order, it is the body's axes that are mistaken.
+        mended = other.matrix.T @ axes if three else axes @ other.matrix
+        yield mistake(mended, other.rarity, other.words)
+
+
+def axes_mistake(
+    stated: Stated, axes: np.ndarray, mended: np.ndarray, rarity: int, words: str
+) -> Mistake:
+    """The mistake that the rate sensor's axes (n, 3) are others than stated."""
+    key, mend = stated.key("rate_sensor", "axes"), changed(rate_axes_B=lambda _: mended)
+    return _of_array(key, axes, mended, rarity, mend, words)
+
+
+def _of_wheel_axes(campaign: Campaign, stated: Stated, tried: Sequence[Tried]) -> Iterator[Mistake]:
     axes_B, names = campaign.wheel_axes_B, [wheel.name for wheel in campaign.wheels]
     what = "the wheels' axes"
+
+    def mistake(mended_B: np.ndarray, words: str) -> Mistake:
+        changes = tuple(
+            KeyChange(stated.key("wheels", name, "axis"), listed(old), listed(new))
+            for name, old, new in zip(names, axes_B.T, mended_B.T, strict=True)
+            if not np.allclose(old, new)
+        )
+        return Mistake(changes, 3, changed(axes_B=lambda _: mended_B), words)
+
     for other in (*signed(names, what, vector=False), *in_other_order(names, what)):
-        yield _axes_of_wheels(campaign, axes_B @ other.matrix.T, other.words)
-    if "wheel_torque" in columns and {"wheel_momentum", "wheel_speed"} & set(columns):
+        yield mistake(axes_B @ other.matrix.T, other.words)
+    commands = [each for each in tried if each.entry.field == TORQUE]
+    if commands and stated.of(MOMENTUM.field):
         # The momentum alone has the other sign: all axes and the sense of the torque change.
         words = "the wheel momentum has the other sign (it is the body's)"
-        all_axes = _axes_of_wheels(campaign, -axes_B, words)
-        sense = next(_sense_of_torque(columns))
-        yield replace(both(all_axes, sense), rarity=3, words=words)
+        every = mistake(-axes_B, words)
+        for each in commands:
+            every = both(every, next(m for m in _of_columns(each) if "acts_on" in m.changes[0].key))
+        yield replace(every, rarity=3, words=words)
 
 
-def _axes_of_wheels(campaign: Campaign, axes_B: np.ndarray, words: str) -> Mistake:
-    stated = campaign.wheel_axes_B
-    changes = tuple(
-        KeyChange(f"wheels.{wheel.name}.axis", listed(old), listed(new))
-        for wheel, old, new in zip(campaign.wheels, stated.T, axes_B.T, strict=True)
-        if not np.allclose(old, new)
-    )
-    return Mistake(changes, 3, changed(axes_B=lambda _: axes_B), words)
-
-
-def _shared_units(columns: Columns) -> Iterator[Mistake]:
+def _of_shared_units(tried: Sequence[Tried]) -> Iterator[Mistake]:
     """Torque and momentum both in thousandths: one mistake, two keys."""
-    units = {f"{m.changes[0].key} {m.changes[0].mended}": m for m in _stream_mistakes(columns)}
-    for unit in UNITS["wheel_torque"]:
-        torque = units.get(f"columns.wheel_torque.unit {unit}")
-        momentum = units.get(f"columns.wheel_momentum.unit {unit} s")
+    units = {
+        (each.entry.key, mistake.changes[0].mended): mistake
+        for each in tried
+        if each.entry.wheels
+        for mistake in _of_columns(each)
+        if mistake.changes[0].key.endswith(".unit")
+    }
+    for unit in UNITS[TORQUE]:
+        torque = units.get(("wheel_torque", unit))
+        momentum = units.get(("wheel_momentum", f"{unit} s"))
         if torque is not None and momentum is not None:
             yield both(torque, momentum)
 
 
-def _inertia_mistakes(campaign: Campaign) -> Iterator[Mistake]:
+def _of_inertia(campaign: Campaign) -> Iterator[Mistake]:
     tensor = campaign.inertia.tensor
-    for unit, factor in _INERTIA_UNITS.items():
-        words = f"the inertia tensor is in {unit}, not in kg m^2"
-        yield _tensor_mistake(tensor, tensor * factor, 3, words)
-    for order in _OTHER_ORDERS:
-        words = "the inertia tensor is along other axes"
-        yield _tensor_mistake(tensor, tensor[np.ix_(order, order)], 4, words)
+    others = [
+        (tensor * factor, 3, f"the inertia tensor is in {unit}, not in kg m^2")
+        for unit, factor in _INERTIA_UNITS.items()
+    ]
+    words = "the inertia tensor is along other axes"
+    others += [(tensor[np.ix_(order, order)], 4, words) for order in _OTHER_ORDERS]
+    for mended, rarity, words in others:
+        mend = changed(inertia=partial(_other, mended))
+        yield _of_array("inertia.tensor", tensor, mended, rarity, mend, words)
 
 
-def _tensor_mistake(tensor: np.ndarray, mended: np.ndarray, rarity: int, words: str) -> Mistake:
-    mend = changed(inertia=lambda _: mended)
-    return one_key("inertia.tensor", listed(tensor), listed(mended), rarity, words, mend)
+def _other(mended: np.ndarray, _: np.ndarray) -> np.ndarray:
+    return mended
 
 
-def _spin_inertias(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
+def _of_spin_inertias(campaign: Campaign, stated: Stated) -> Iterator[Mistake]:
     """Spin inertias in a wrong unit, where they turn wheel speed into momentum."""
-    for unit, factor in _INERTIA_UNITS.items() if "wheel_speed" in columns else ():
+    speeds = any(entry.key == "wheel_speed" for entry in stated.entries)
+    for unit, factor in _INERTIA_UNITS.items() if speeds else ():
         changes = tuple(
-            KeyChange(f"wheels.{w.name}.spin_inertia", w.spin_inertia, w.spin_inertia * factor)
+            KeyChange(
+                stated.key("wheels", w.name, "spin_inertia"),
+                w.spin_inertia,
+                w.spin_inertia * factor,
+            )
             for w in campaign.wheels
         )
         words = f"the wheels' spin inertia is in {unit}, not in kg m^2"
-        yield Mistake(changes, 2, changed(momentum=partial(np.multiply, factor)), words)
+        mend = followed(MOMENTUM.field, factor * np.eye(len(campaign.wheels)))
+        yield Mistake(changes, 2, mend, words)
 
 
-class Stated(NamedTuple):
-    """Key of some columns in the description, their quantity, unit (None: none) and names."""
-
-    path: str
-    quantity: str
-    unit: str | None
-    names: list[str]
-
-
-def of_columns(
-    stated: Stated,
-    what: str,
-    mended: Callable[[np.ndarray], Callable[[Reading], Reading]],
-    *,
-    signs: bool = True,
-    turned_axes: bool = False,
-    of_unit: int = 1,
-    rarer: int = 0,
-) -> Iterator[Mistake]:
-    """Other units, orders and signs of columns; `mended`: by matrices (k, k) on their values.
-
-    `of_unit`: rarity of another unit. `rarer`: added to the rarities of other orders and signs.
-    """
-    path, quantity, own, names = stated
-    for unit, si in UNITS[quantity].items() if own else ():
-        if unit != own:
-            matrix = si / UNITS[quantity][str(own)] * np.eye(len(names))
-            words = f"{what} is in {unit}, not in {own}"
-            yield one_key(f"{path}.unit", own, unit, of_unit, words, mended(matrix))
-    others = [*in_other_order(names, what), *(signed(names, what) if signs else ())]
-    for other in (*others, *(along_other_axes(names, what) if turned_axes else ())):
-        rarity, mend = other.rarity + rarer, mended(other.matrix)
-        yield one_key(f"{path}.names", names, other.names, rarity, other.words, mend)
-
-
-def is_of_earth(fields: Sequence[np.ndarray]) -> bool:
-    """Whether magnetic fields (n, 3) [T] have the size of that in an orbit of the Earth."""
-    size = float(np.nanmedian(np.linalg.norm(np.concatenate(fields), axis=1)))
-    return LIMITS.weakest_field < size < LIMITS.strongest_field
-
-
-def _direction_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
-    for d, (name, sensor) in enumerate(direction_sensors(campaign)):
-        if f"sensors.{name}.direction" not in columns:
+def _of_constant_references(campaign: Campaign) -> Iterator[Mistake]:
+    """What a direction sensor is said to look at, where that does not change."""
+    for name, sensor in direction_sensors(campaign):
+        if sensor.reference_N is None:
             continue
-        reading = [slew for slew in campaign.slews if name in (slew.more or {})]
-        # Of a field as read and as looked at, that is in another unit which no planet has.
-        right = is_of_earth([reference_of(name, sensor, slew)[1] for slew in reading])
-        seen = f"the field that the {name} reads" if sensor.is_field else f"the {name}"
-        there = f"what the {name} looks at"
-        for key, field, what, of_unit, rarer in (
-            ("direction", "directions", seen, 1 if right else 2, 0),
-            ("reference", "references", there, 2 if right else 1, 1),
-        ):
-            entry = columns.get(f"sensors.{name}.{key}")
-            if entry is None:
-                continue
-            stated = Stated(entry["path"], "magnetic_field", entry["unit"], list(entry["names"]))
-            mended = partial(_preceded, field, d)
-            yield from of_columns(
-                stated, what, mended, turned_axes=True, of_unit=of_unit, rarer=rarer
-            )
-        if sensor.reference_N is not None:
-            constant = np.array(sensor.reference_N)
-            factors = {f"{there} lies the other way": (-1.0, 3)}
-            for unit, si in UNITS["magnetic_field"].items() if sensor.is_field else ():
-                factors |= {f"{there} is in {unit}, not in T": (si, 2 if right else 1)}
-            for words, (factor, rarity) in factors.items():
-                key, mend = f"sensors.{name}.reference_N", _preceded("references", d, factor)
-                if factor != 1.0:
-                    other = listed(factor * constant)
-                    yield one_key(key, listed(constant), other, rarity, words, mend)
+        there, constant = f"what the {name} looks at", np.array(sensor.reference_N)
+        factors = {f"{there} lies the other way": (-1.0, 3)}
+        for unit, si in UNITS["magnetic_field"].items() if sensor.is_field else ():
+            of_unit = 2 if _looks_at_earth(campaign, name) else 1
+            factors |= {f"{there} is in {unit}, not in T": (si, of_unit)}
+        for words, (factor, rarity) in factors.items():
+            if factor != 1.0:
+                key = f"sensors.{name}.reference_N"
+                mend = followed(f"{MORE}{name}.reference_N", factor * np.eye(3))
+                yield _of_array(key, constant, factor * constant, rarity, mend, words)
 
 
-def _preceded(field: str, d: int, matrix: np.ndarray | float) -> Callable[[Reading], Reading]:
-    """A reading in which a matrix (3, 3) or factor stands before that of direction sensor `d`."""
+def _of_record(device: Actuator) -> Iterator[Mistake]:
+    """Mistakes in the numbers of a device."""
+    if isinstance(device, KnownTorque):
+        other: Any = "inertial" if device.frame == "body" else "body"
+        words = f"{device.name} is along {other} axes, not along {device.frame} axes"
+        change = KeyChange(f"actuators.{device.name}.torque.frame", device.frame, other)
+        yield Mistake((change,), 4, _with_record(replace(device, frame=other)), words)
+    elif isinstance(device, Thruster | GimballedRotors):
+        field = "torque_B" if isinstance(device, Thruster) else "spin_axes_at_zero_B"
+        key = "torques" if isinstance(device, Thruster) else "spin_axes_at_zero"
+        vectors, path = getattr(device, field), f"actuators.{device.name}.{key}"
+        numbers = [f"number {k + 1}" for k in range(len(vectors))]
+        for signs in signed(numbers, f"{key.replace('_', ' ')}: {device.name}", vector=False):
+            record: dict[str, Any] = {field: signs.matrix @ vectors}
+            mend = _with_record(replace(device, **record))
+            yield _of_array(path, vectors, record[field], 3, mend, signs.words)
 
-    def with_one(matrices: np.ndarray) -> np.ndarray:
-        one = matrices[d] @ (matrix * np.eye(3) if np.isscalar(matrix) else matrix)
-        return np.concatenate([matrices[:d], one[None], matrices[d + 1 :]])
 
-    return changed(**{field: with_one})
+def _with_record(device: Actuator) -> Mend:
+    """A device has another record."""
+    return changed(
+        actuators=lambda devices: tuple(device if d.name == device.name else d for d in devices)
+    )

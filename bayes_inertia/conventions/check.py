@@ -9,22 +9,24 @@ the wrong unit was written in that unit too, and must be mended with it.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.description import Description
+from bayes_inertia.campaign.description import Entry
 from bayes_inertia.campaign.hardware import DirectionSensor
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.parsed_description import parse_description
 from bayes_inertia.campaign.reader import read_unmasked
 from bayes_inertia.campaign.schema import UNITS
-from bayes_inertia.campaign.sensors import BY_KEY, SensorStream
+from bayes_inertia.campaign.sensors import BY_KEY, KINDS, SensorStream
+from bayes_inertia.campaign.sensors.attitude import ATTITUDE
+from bayes_inertia.campaign.sensors.momentum import MOMENTUM
+from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.conventions import wording
 from bayes_inertia.conventions.candidates import mistakes
 from bayes_inertia.conventions.clocks import (
@@ -35,7 +37,6 @@ from bayes_inertia.conventions.clocks import (
     streams_apart,
 )
 from bayes_inertia.conventions.columns import copied_commands, faulty_columns, without_sign
-from bayes_inertia.conventions.devices import device_mistakes
 from bayes_inertia.conventions.doubts import (
     Factors,
     broken_limits,
@@ -53,23 +54,16 @@ from bayes_inertia.conventions.laws import (
 )
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.reading import (
-    LIKE_THE_FIRST,
-    Columns,
     KeyChange,
     Mistake,
     Reading,
     Teller,
     ToldTorques,
-    as_written,
-    description_for,
-    in_place_of_the_first,
-    in_words,
-    of_wheels,
     readings_of,
-    stated_columns,
     untold,
 )
 from bayes_inertia.conventions.search import Judgement, Remedy, judged
+from bayes_inertia.conventions.stated import Stated, further_sensors, stated_by
 from bayes_inertia.conventions.wording import invisible
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import description_path, read_bytes, text_of
@@ -81,13 +75,13 @@ def what_mends(
     misfits: Misfits,
     judgement: Judgement,
     singles: Sequence[Mistake],
-    columns: Columns,
+    stated: Stated,
     differ: Factors | None,
 ) -> tuple[tuple[Remedy, ...], Clocks]:
     """All that makes the data consistent, the best first, and what is said of the clocks."""
     mending, clock = judgement.remedies, Clocks()
     if not mending:
-        clock = clocks(misfits, judgement.reading, columns)
+        clock = clocks(misfits, judgement.reading, stated)
         mending = tuple(
             remedy
             for remedy in clock.remedies
@@ -96,30 +90,30 @@ def what_mends(
     # Two mistakes at once are less likely than one in a stream.
     first = mending[0].mistake if mending else None
     if first is None or (len(first.changes) > 1 and first not in singles):
-        return _of_streams(misfits, judgement.reading, columns, differ) or mending, clock
-    exact = _of_factor(misfits, judgement.reading, columns, differ)
+        return _of_streams(misfits, judgement.reading, stated, differ) or mending, clock
+    exact = _of_factor(misfits, judgement.reading, stated, differ)
     better = [remedy for remedy in exact if remedy.after < LIMITS.clearly * mending[0].after]
     return (*mending, *better), clock
 
 
 def _of_streams(
-    misfits: Misfits, reading: Reading, columns: Columns, differ: Factors | None
+    misfits: Misfits, reading: Reading, stated: Stated, differ: Factors | None
 ) -> tuple[Remedy, ...]:
     """Faults of one stream: its factor, its signs, or its clock by a known offset."""
-    if exact := _of_factor(misfits, reading, columns, differ):
+    if exact := _of_factor(misfits, reading, stated, differ):
         return exact
     before = worst(misfits.of(reading))
     if before <= LIMITS.impossible:
         return ()
     unsigned = without_sign(misfits, reading, before)
-    return known_offsets(misfits, reading, columns) if unsigned is None else (unsigned,)
+    return known_offsets(misfits, reading, stated) if unsigned is None else (unsigned,)
 
 
 def _of_factor(
-    misfits: Misfits, reading: Reading, columns: Columns, differ: Factors | None
+    misfits: Misfits, reading: Reading, stated: Stated, differ: Factors | None
 ) -> tuple[Remedy, ...]:
     """Spin inertias that are wrong by the factor between commands and tachometers."""
-    mistake = None if differ is None else differ.mistake(misfits.campaign, columns)
+    mistake = None if differ is None else differ.mistake(misfits.campaign, stated)
     if mistake is None:
         return ()
     before, after = (worst(misfits.of(r)) for r in (reading, mistake.mend(reading)))
@@ -244,8 +238,8 @@ class _Case:
     written: Campaign
     quick: bool
     torques: ToldTorques
+    stated: Stated
     text: str = ""
-    description: Description | None = None
 
 
 def check_conventions(
@@ -253,7 +247,8 @@ def check_conventions(
 ) -> ConventionsCheck:
     """The check; `told`: what effects, but for wheels, do to the body by name of the slew."""
     if isinstance(campaign, Campaign):
-        return _checked(_Case(campaign, campaign, quick, ToldTorques(campaign, told)))
+        torques, stated = ToldTorques(campaign, told), stated_by(campaign)
+        return _checked(_Case(campaign, campaign, quick, torques, stated))
     path = description_path(campaign)
     text = text_of(read_bytes(path), str(path))
     written = read_unmasked(campaign)
@@ -262,8 +257,8 @@ def check_conventions(
         # A fit needs no commands where tachometers are; here both are held against each other.
         written = read_unmasked(campaign, keep_commands=True)
         masked = replace(with_dirt_masked(written), dirt=masked.dirt)
-    description = parse_description(text, str(path))
-    case = _Case(masked, written, quick, ToldTorques(masked, told), text, description)
+    stated = stated_by(masked, parse_description(text, str(path)))
+    case = _Case(masked, written, quick, ToldTorques(masked, told), stated, text)
     if _suspect(written, masked):
         # Readings that are impossible in numbers are in a wrong unit, or marks for missing values.
         check = _checked(replace(case, campaign=written))
@@ -274,7 +269,7 @@ def check_conventions(
 
 def _suspect(written: Campaign, masked: Campaign) -> bool:
     """Whether so many readings are unbelievable that their unit may be to blame."""
-    for channel in ("rate", "wheel_momentum"):
+    for channel in (RATE.field, MOMENTUM.field):
         before, after = (
             np.concatenate([np.zeros(0), *map(np.ravel, readings_of(c, channel))])
             for c in (written, masked)
@@ -304,20 +299,20 @@ def _checked(case: _Case) -> ConventionsCheck:
     check = _of_first_sensors(case)
     if check.changes:
         return check
-    written = dict(in_place_of_the_first(case.written))
-    for name, alone in in_place_of_the_first(case.campaign):
-        description = description_for(case.description, name)
+    written = dict(further_sensors(case.written))
+    for sensor, alone in further_sensors(case.campaign):
+        own, stated = written[sensor], case.stated.by(sensor)
         other = _of_first_sensors(
-            _Case(alone, written[name], True, case.torques, case.text, description)
+            replace(case, campaign=alone, written=own, quick=True, stated=stated)
         )
         if other.verdict == "wrong":
-            return replace(other, sentence=f"With the sensor {name}: {other.sentence}")
+            return replace(other, sentence=f"With the sensor {sensor.name}: {other.sentence}")
         check = check.doubting([d for d in other.doubts if d not in check.doubts])
     said = [
         f"{name}: no law is held against it; the laws here are those of rate sensors, star "
         "trackers and direction sensors in slews of a turn or less"
         for name, hardware in case.campaign.more_sensors
-        if type(hardware) not in LIKE_THE_FIRST
+        if not getattr(KINDS.get(type(hardware)), "first", "")
         and not (isinstance(hardware, DirectionSensor) and DIRECTION in check.misfits)
     ]
     return replace(check, cannot_show=(*check.cannot_show, *said))
@@ -330,63 +325,46 @@ def _without_locked_wheels(case: _Case) -> _Case:
         return case
     # Others that rest are locked by the reader, and read zero.
     running = replace(case.campaign, wheels=case.written.wheels).without_locked_wheels()
-    description = case.description
-    if description is not None:
-        description = of_wheels(description, [wheel.name for wheel in written.wheels])
-    return replace(case, campaign=running, written=written, description=description)
+    kept = [k for k, wheel in enumerate(case.written.wheels) if wheel in written.wheels]
+    return replace(case, campaign=running, written=written, stated=case.stated.of_wheels(kept))
 
 
 def _of_first_sensors(case: _Case) -> ConventionsCheck:
     """The same by the first rate sensor and the first star tracker."""
-    check = _in_keys_of_format_1(case)
-    told = partial(in_words, description=case.description)
-    lists = ("cannot_show", "remarks", "doubts")
-    said: dict[str, Any] = {name: tuple(map(told, getattr(check, name))) for name in lists}
-    return replace(check, sentence=told(check.sentence), **said)
-
-
-def _in_keys_of_format_1(case: _Case) -> ConventionsCheck:
-    """The same, whose changes alone have the keys of the campaign's own format."""
-    campaign, written = case.campaign, case.written
-    columns = stated_columns(campaign, case.description)
+    campaign, written, stated = case.campaign, case.written, case.stated
     # Numbers whose squares overflow break every law, infinitely.
     with np.errstate(over="ignore", invalid="ignore"):
-        faults = faulty_columns(written, columns)
-        misfits = misfits_of(campaign)
+        faults = faulty_columns(written, stated)
+        misfits = misfits_of(campaign, case.torques)
         if misfits is None:  # The streams do not meet.
-            doubts = (*faults, *streams_apart(written, columns), *broken_limits(written, {}))
+            apart = streams_apart(written, stated)
+            doubts = (*faults, *apart, *broken_limits(written, stated, {}))
             verdict: Verdict = "doubtful" if doubts else "consistent"
             said = wording.verdict_in_words({}, (), verdict, (), doubts)
             return ConventionsCheck(campaign.name, verdict, said, {}, doubts=doubts)
-        if not misfits.own_axes:
-            columns = {key: entry for key, entry in columns.items() if key != "rate"}
-        if misfits.fit(DIRECTION, misfits.stated()) is None:
-            columns = {key: e for key, e in columns.items() if not key.startswith("sensors.")}
-        return _held_against_laws(case, misfits, columns, faults)
+        return _held_against_laws(case, misfits, faults)
 
 
-def _held_against_laws(
-    case: _Case, misfits: Misfits, columns: Columns, faults: tuple[str, ...]
-) -> ConventionsCheck:
-    campaign, stated = case.campaign, misfits.stated(case.torques)
-    of_devices = device_mistakes(case.torques, columns, case.description)
-    singles = sorted((*mistakes(campaign, columns), *of_devices), key=lambda m: m.rarity)
-    judgement = judged(misfits, stated, singles)
+def _held_against_laws(case: _Case, misfits: Misfits, faults: tuple[str, ...]) -> ConventionsCheck:
+    campaign, keys, stated = case.campaign, case.stated, misfits.stated()
+    directions = misfits.fit(DIRECTION, stated) is not None
+    singles = mistakes(campaign, keys, misfits.own_axes, directions)
+    judgement = judged(misfits, stated, singles, keys)
     reading = judgement.reading
     differ = None if faults else factors(misfits, reading)
     # What a column that is no reading makes wrong is no convention.
     mending: tuple[Remedy, ...] = ()
     clock = Clocks()
     if not faults:
-        mending, clock = what_mends(misfits, judgement, singles, columns, differ)
-    if misfits.smoothed:  # Rates that all sensors tell have no clock, and signs of the wheels'.
-        mending, clock = tuple(r for r in mending if not _needs_rates(r)), Clocks()
+        mending, clock = what_mends(misfits, judgement, singles, keys, differ)
+    if misfits.smoothed:
+        mending = tuple(r for r in mending if _is_told(r.mistake, misfits.own_axes))
     wrong = bool(mending) or worst(misfits.of(reading)) > LIMITS.hopeless
-    doubts = faults + _doubts(case, misfits, columns, reading, differ, bool(mending))
+    doubts = faults + _doubts(case, misfits, reading, differ, bool(mending))
     verdict: Verdict = "wrong" if wrong else "doubtful" if doubts else "consistent"
     if mending:
         reading = mending[0].mistake.mend(stated if mending[0] in judgement.remedies else reading)
-        mending = _completed(mending, case)
+        mending = (_completed(mending[0], case), *mending[1:])
     edits = wording.edited_lines(case.text, mending[0].mistake) if mending else ()
     fits = misfits.of(stated if wrong else reading)
     by_law = {law: round(fit.worst, 3) for law, fit in fits.items()}
@@ -398,31 +376,33 @@ def _held_against_laws(
         misfits=by_law,
         changes=_changes(mending),
         edits=tuple(edits),
-        cannot_show=() if case.quick else invisible(misfits, reading, () if wrong else singles),
+        cannot_show=() if case.quick else invisible(misfits, reading, singles * (not wrong), keys),
         remarks=clock.remarks,
         doubts=doubts,
         dirt=() if case.quick else dirt_of(campaign, misfits, stated, reading),
     )
 
 
-def _needs_rates(remedy: Remedy) -> bool:
-    """Whether a remedy rests on rates that a sensor reads: one of a clock, or of no key."""
-    keys = [change.key for change in remedy.mistake.changes]
-    return not keys or any(key.endswith(".offset_s") for key in keys)
+def _is_told(mistake: Mistake, own_axes: int) -> bool:
+    """Whether a mistake shows where rates are smoothed, and so follow fixes and signs of wheels."""
+    moved = set(mistake.shifts)
+    return bool(mistake.changes) and (not moved or (own_axes > 0 and ATTITUDE.field not in moved))
 
 
-def _completed(mending: tuple[Remedy, ...], case: _Case) -> tuple[Remedy, ...]:
-    """Remedies in the keys of the description, the first with the keys that share its unit."""
-    keys = tomllib.loads(case.text) if case.text else {}
-    first = with_companions(mending[0].mistake, case.campaign, keys)
-    mending = (replace(mending[0], mistake=first), *mending[1:])
-    return tuple(replace(r, mistake=as_written(r.mistake, case.description)) for r in mending)
+def _completed(remedy: Remedy, case: _Case) -> Remedy:
+    """A remedy with the keys of campaign.toml that share its wrong unit."""
+    mistake = remedy.mistake
+    more = [change for mended in mistake.changes for change in _companions(mended, case)]
+    if not more:
+        return remedy
+    names = ", ".join(dict.fromkeys(change.key for change in more))
+    words = f"{mistake.words}, and so is {names}"
+    return replace(remedy, mistake=replace(mistake, changes=(*mistake.changes, *more), words=words))
 
 
 def _doubts(
     case: _Case,
     misfits: Misfits,
-    columns: Columns,
     reading: Reading,
     differ: Factors | None,
     mended: bool,
@@ -431,14 +411,14 @@ def _doubts(
     factor = () if differ is None else differ.words()
     if mended:
         return factor
-    written = case.written
+    written, stated = case.written, case.stated
     holds = {law: fit.worst < LIMITS.ordinary for law, fit in misfits.of(reading).items()}
     return (
-        *(() if holds.get(DRIVE, True) else copied_commands(written, columns)),
+        *(() if holds.get(DRIVE, True) else copied_commands(written, stated)),
         *doubtful_places(misfits, reading),
         *factor,
-        *streams_apart(written, columns),
-        *broken_limits(written, holds),
+        *streams_apart(written, stated),
+        *broken_limits(written, stated, holds),
     )
 
 
@@ -461,30 +441,17 @@ def _changes(mending: Sequence[Remedy]) -> tuple[ConventionChange, ...]:
     )
 
 
-def with_companions(mistake: Mistake, campaign: Campaign, written: Mapping[str, Any]) -> Mistake:
-    """A mistake with the keys of campaign.toml (`written`) that share its wrong unit."""
-    more = [
-        change for mended in mistake.changes for change in _companions(mended, campaign, written)
-    ]
-    if not more:
-        return mistake
-    names = ", ".join(dict.fromkeys(change.key for change in more))
-    words = f"{mistake.words}, and so is {names}"
-    return replace(mistake, changes=(*mistake.changes, *more), words=words)
-
-
-def _companions(
-    mended: KeyChange, campaign: Campaign, written: Mapping[str, Any]
-) -> Iterator[KeyChange]:
-    quantity = mended.key.removeprefix("columns.").removesuffix(".unit")
-    if quantity in ("rate", "wheel_momentum") and _in_one_unit(campaign, BY_KEY[quantity]):
-        factor = UNITS[quantity][mended.mended] / UNITS[quantity][mended.stated]
-        sigmas = {f"wheels.{w.name}.momentum_sigma": w.momentum_sigma for w in campaign.wheels}
-        if quantity == "rate":
-            sigma = written.get("rate_sensor", {}).get("sigma", list(campaign.gyro.sigma))
-            sigmas = {"rate_sensor.sigma": sigma}
-        for key, sigma in sigmas.items():
+def _companions(mended: KeyChange, case: _Case) -> Iterator[KeyChange]:
+    campaign, stated = case.campaign, case.stated
+    path, _, word = mended.key.rpartition(".")
+    entry = next((e for e in stated.held if word == "unit" and path == e.path), None)
+    # A speed's noise is one of momentum.
+    of_noise = entry is not None and entry.key in (RATE.keys[0], MOMENTUM.keys[0])
+    if entry is not None and of_noise and _in_one_unit(campaign, BY_KEY[entry.key]):
+        units = UNITS[entry.key]
+        for key, sigma in _stated_noise(case, entry).items():
             if sigma is not None:
+                factor = units[mended.mended] / units[mended.stated]
                 yield KeyChange(key, sigma, _times(sigma, factor))
     if mended.key == "inertia.tensor":
         factor = float(np.trace(mended.mended) / np.trace(mended.stated))
@@ -492,6 +459,21 @@ def _companions(
         # No product of inertia is larger than the moments: this sd is in the tensor's own unit.
         if factor < 0.1 and products > np.trace(mended.mended):
             yield KeyChange("inertia.product_sigma", products, _times(products, factor))
+
+
+def _stated_noise(case: _Case, entry: Entry) -> dict[str, Any]:
+    """The noise of the readings of some columns, by its keys."""
+    key = case.stated.key
+    if entry.key in RATE.keys:
+        written = tomllib.loads(case.text).get(RATE.first, {}) if case.text else {}
+        return {key(RATE.first, "sigma"): written.get("sigma", list(case.campaign.gyro.sigma))}
+    # It stands beside the columns of the tachometers, or among the wheel's own keys.
+    beside = entry.columns.sigma is not None
+    return {
+        f"{path}.sigma" if beside else key("wheels", wheel.name, "momentum_sigma"): sigma
+        for path, wheel in zip(entry.paths, case.campaign.wheels, strict=True)
+        for sigma in [wheel.momentum_sigma]
+    }
 
 
 def _in_one_unit(campaign: Campaign, stream: SensorStream) -> bool:

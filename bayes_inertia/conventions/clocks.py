@@ -13,13 +13,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.sensors.attitude import ATTITUDE
+from bayes_inertia.campaign.sensors.momentum import MOMENTUM
+from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.conventions.law_data import LawData, LinearFit, fitted
 from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE, Misfits, worst
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import SampledSlews
-from bayes_inertia.conventions.reading import STREAMS, Columns, KeyChange, Mistake, Reading
+from bayes_inertia.conventions.reading import TORQUE, KeyChange, Mistake, Reading, unmended
 from bayes_inertia.conventions.search import Remedy
+from bayes_inertia.conventions.stated import Stated, key_changes, path_of, said_of
 from bayes_inertia.faults.known_offsets import KNOWN_OFFSETS, known_offset
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 
@@ -40,11 +44,13 @@ class Clocks:
     remarks: tuple[str, ...] = ()  # Latenesses that are physical
 
 
-def clocks(misfits: Misfits, reading: Reading, columns: Columns) -> Clocks:
+def clocks(misfits: Misfits, reading: Reading, stated: Stated) -> Clocks:
     """Streams that are late against each other."""
+    # Rates that all sensors tell follow the fixes.
+    laws = (CONSERVATION, DRIVE) if misfits.smoothed else (CLOSURE, CONSERVATION, DRIVE)
     told = {
         law: late
-        for law in (CLOSURE, CONSERVATION, DRIVE)
+        for law in laws
         if (late := lateness(misfits, reading, law)) is not None and late.explains
     }
     told = {
@@ -60,38 +66,35 @@ def clocks(misfits: Misfits, reading: Reading, columns: Columns) -> Clocks:
         if law not in gross
     )
     proposals = [
-        Remedy(_mistake(columns, shifts), late.before, late.after)
-        for shifts, late in _proposals(misfits, gross, told, columns)
+        Remedy(_mistake(stated, shifts), late.before, late.after)
+        for shifts, late in _proposals(misfits, gross, told, stated)
     ]
     return Clocks(tuple(proposals), remarks)
 
 
 def shifted_misfit(misfits: Misfits, reading: Reading, remedy: Remedy) -> float:
     """The worst misfit of all laws with a proposal's offsets."""
-    shifts = {}
-    for change in remedy.mistake.changes:
-        channel = STREAMS[change.key.split(".")[1]].channel
-        shifts[channel] = change.mended - (change.stated or 0.0)
-    moved = misfits.shifted(shifts)
+    moved = misfits.shifted(remedy.mistake.shifts)
     return np.inf if moved is None else worst(moved.of(reading))
 
 
-def known_offsets(misfits: Misfits, reading: Reading, columns: Columns) -> tuple[Remedy, ...]:
+def known_offsets(misfits: Misfits, reading: Reading, stated: Stated) -> tuple[Remedy, ...]:
     """Known offsets of clocks that make all laws hold, tried by name, the most common first."""
     campaign, laws = misfits.campaign, misfits.of(reading)
     before = worst(laws)
     fixes = sum(min(int(slew.fixes.sum()), LIMITS.fixes_per_slew) for slew in campaign.slews)
     turned = _turned(misfits.slews)
-    entries = [entry for entry in STREAMS if entry in columns]
-    wheels = [entry for entry in entries if entry.startswith("wheel")]
+    fields = list(dict.fromkeys(entry.field for entry in stated.held))
+    wheels = [field for field in fields if field in (TORQUE, MOMENTUM.field)]
     longest = max(slew.duration for slew in campaign.slews)
     found = []
-    for streams in (*([entry] for entry in entries), *([wheels] if len(wheels) > 1 else [])):
+    for streams in (*([field] for field in fields), *([wheels] if len(wheels) > 1 else [])):
         for offset in KNOWN_OFFSETS:
             for seconds in (-offset, offset) if offset < longest else ():
-                shifts = {STREAMS[entry].channel: seconds for entry in streams}
+                shifts = dict.fromkeys(streams, seconds)
                 moved = misfits.shifted(shifts)
-                least = LIMITS.share_beside_rates * fixes if streams == ["attitude"] else 0.0
+                alone = streams == [ATTITUDE.field]
+                least = LIMITS.share_beside_rates * fixes if alone else 0.0
                 if moved is None or moved.slews.fixes.sum() < least:
                     continue
                 if _turned(moved.slews) < LIMITS.motion_left * turned:
@@ -100,8 +103,7 @@ def known_offsets(misfits: Misfits, reading: Reading, columns: Columns) -> tuple
                 after = worst(fits)
                 mends = after < min(LIMITS.ordinary, before / LIMITS.improvement)
                 if mends and _still_tested(laws, fits, streams):
-                    mistake = _mistake(columns, dict.fromkeys(streams, seconds))
-                    found.append(Remedy(mistake, before, after))
+                    found.append(Remedy(_mistake(stated, shifts), before, after))
     best = min((remedy.after for remedy in found), default=0.0)
     return tuple(r for r in found if r.after <= LIMITS.equal_factor * best + LIMITS.equal_misfit)
 
@@ -114,7 +116,7 @@ def _still_tested(
         return True
     # Where no fix is left beside the rates, another law must have told of the clock.
     others = max((fit.worst for law, fit in laws.items() if law != CLOSURE), default=0.0)
-    held = streams == ["rate"] or laws[CLOSURE].worst < LIMITS.ordinary
+    held = streams == [RATE.field] or laws[CLOSURE].worst < LIMITS.ordinary
     return set(laws) - set(fits) == {CLOSURE} and others > LIMITS.impossible and held
 
 
@@ -123,18 +125,16 @@ def _turned(slews: SampledSlews) -> float:
     return float(np.linalg.norm(slews.turn[:, -1], axis=-1).sum())
 
 
-def streams_apart(campaign: Campaign, columns: Columns) -> tuple[str, ...]:
+def streams_apart(campaign: Campaign, stated: Stated) -> tuple[str, ...]:
     """Streams all of whose readings lie before or after the rates, and the offset that is known."""
     said = []
-    for entry, stream in STREAMS.items():
-        if entry not in columns or entry == "rate":
-            continue
-        pairs = [(_times(slew, stream.channel), _times(slew, "rate")) for slew in campaign.slews]
+    for entry in stated.held:
+        pairs = [(_times(slew, entry.field), _times(slew, RATE.field)) for slew in campaign.slews]
         pairs = [(own, rates) for own, rates in pairs if len(own) and len(rates)]
         if pairs and not any(_beside(own, rates).any() for own, rates in pairs):
-            stated = float(columns[entry].get("offset_s", 0.0))
-            count = sum(len(own) for own, _ in pairs)
-            said.append(apart_in_words(entry, count, pairs, stated))
+            count, path = sum(len(own) for own, _ in pairs), path_of(entry)
+            offset = entry.columns.offset_s
+            said.append(apart_in_words(entry.key, count, pairs, offset, path))
     return tuple(said)
 
 
@@ -153,10 +153,12 @@ def apart_in_words(
     count: int,
     pairs: Sequence[tuple[np.ndarray, np.ndarray]],
     stated: float = 0.0,
+    path: str = "",
 ) -> str:
     """That a stream lies outside every slew, and with which known offset it would not.
 
-    `pairs`: times of its readings and of the rates [s], slew by slew.
+    `pairs`: times of its readings and of the rates [s], slew by slew. `path`: its key; by default
+    that of format 1.
 
     >>> apart_in_words("attitude", 9, [(np.array([3605.0, 3690.0]), np.array([0.0, 99.0]))])[-58:]
     'columns.attitude.offset_s = -3600 (1 h, as of a time zone)'
@@ -164,17 +166,18 @@ def apart_in_words(
     own, rates = pairs[0]
     away = own[0] - rates[-1] if own[0] > rates[-1] else own[-1] - rates[0]
     where = f"{abs(away):.4g} s {'after' if away > 0.0 else 'before'} the rates"
-    said = f"all {count} {STREAMS[entry].readings} lie outside every slew ({where} at the nearest)"
+    said = f"all {count} {said_of(entry)[1]} lie outside every slew ({where} at the nearest)"
+    path = path or f"columns.{entry}"
     known = known_offset([(times, [(rates[0], rates[-1])]) for times, rates in pairs])
     if known is not None:
-        key = f"columns.{entry}.offset_s = {stated + known[0]:.9g}"
+        key = f"{path}.offset_s = {stated + known[0]:.9g}"
         return f"{said}; they lie beside the rates with {key} ({known[1]})"
-    return f"{said}; state their clock's offset as columns.{entry}.offset_s"
+    return f"{said}; state their clock's offset as {path}.offset_s"
 
 
 def _is_gross(misfits: Misfits, late: Lateness) -> bool:
     # A wheel that lags its command makes the command look early.
-    lag = channel_of(misfits, late.law) == "wheel_torque" and late.seconds > 0.0
+    lag = channel_of(misfits, late.law) == TORQUE and late.seconds > 0.0
     limit = gross_lateness(misfits.campaign, lag)
     steps = [float(np.median(np.diff(slew.time))) for slew in misfits.campaign.slews]
     return abs(late.seconds) > max(limit, LIMITS.late_steps * float(np.median(steps)))
@@ -184,28 +187,27 @@ def _proposals(
     misfits: Misfits,
     gross: Mapping[str, Lateness],
     told: Mapping[str, Lateness],
-    columns: Columns,
+    stated: Stated,
 ) -> Iterator[tuple[dict[str, float], Lateness]]:
-    """Offsets by entry of `[columns]` that explain what the laws say, the simplest first."""
-    momentum = "wheel_speed" if "wheel_speed" in columns else "wheel_momentum"
-    both = [entry for entry in ("wheel_torque", momentum) if entry in columns]
+    """Offsets by field of `Slew` that explain what the laws say, the simplest first."""
+    both = [field for field in (TORQUE, MOMENTUM.field) if stated.of(field)]
     tracker, wheels, commands = (told.get(law) for law in (CLOSURE, CONSERVATION, DRIVE))
     if tracker is not None and wheels is not None and _one(tracker.seconds, wheels.seconds):
         # Star tracker and wheels agree with each other: the gyro is late.
         if CLOSURE in gross or CONSERVATION in gross:
-            yield {"rate": -wheels.seconds}, wheels
+            yield {RATE.field: -wheels.seconds}, wheels
         return
     if wheels is None or CONSERVATION not in gross:
-        for law, entry in ((CLOSURE, "attitude"), (DRIVE, "wheel_torque")):
+        for law, field in ((CLOSURE, ATTITUDE.field), (DRIVE, TORQUE)):
             if law in gross:
-                yield {entry: gross[law].seconds}, gross[law]
+                yield {field: gross[law].seconds}, gross[law]
                 return
         return
     of_wheels = dict.fromkeys(both, wheels.seconds)
     if commands is not None and _one(commands.seconds, -wheels.seconds):
-        of_wheels = {momentum: wheels.seconds}
+        of_wheels = {MOMENTUM.field: wheels.seconds}
     elif tracker is not None or not fixes_in_motion(misfits):
-        yield {"rate": -wheels.seconds}, wheels
+        yield {RATE.field: -wheels.seconds}, wheels
     yield of_wheels, wheels
 
 
@@ -226,20 +228,23 @@ def _sense(seconds: float) -> str:
     return f"{size} s {'late' if seconds < 0.0 else 'early'}"
 
 
-def _mistake(columns: Columns, shifts: Mapping[str, float]) -> Mistake:
-    changes = []
-    for entry, seconds in shifts.items():
-        stated = float(columns.get(entry, {}).get("offset_s", 0.0))
-        # A known offset has six digits, an estimated one three.
-        mended = float(f"{stated + seconds:{'.6g' if abs(seconds) in KNOWN_OFFSETS else '.3g'}}")
-        changes.append(KeyChange(f"columns.{entry}.offset_s", stated, mended))
-    names = {k: stream.quantity for k, stream in STREAMS.items()}
-    names["wheel_torque"] = "the torque commands"
-    what = " and ".join(f"the time stamps of {names[entry]}" for entry in shifts)
+def _mistake(stated: Stated, shifts: Mapping[str, float]) -> Mistake:
+    changes: list[KeyChange] = []
+    what, moved = [], {}
+    for field, seconds in shifts.items():
+        for entry in stated.of(field):
+            offset = entry.columns.offset_s
+            # A known offset has six digits, an estimated one three.
+            digits = ".6g" if abs(seconds) in KNOWN_OFFSETS else ".3g"
+            mended = float(f"{offset + seconds:{digits}}")
+            moved[field] = mended - offset
+            changes += key_changes(entry, "offset_s", mended)
+            named = "the torque commands" if field == TORQUE else said_of(entry.key)[0]
+            what.append(f"the time stamps of {named}")
     seconds = next(iter(shifts.values()))
     why = KNOWN_OFFSETS.get(abs(seconds), "")
-    words = f"{what} are {_sense(seconds)}{why and f' ({why})'}"
-    return Mistake(tuple(changes), LIMITS.clock_rarity, lambda reading: reading, words)
+    words = f"{' and '.join(dict.fromkeys(what))} are {_sense(seconds)}{why and f' ({why})'}"
+    return Mistake(tuple(changes), LIMITS.clock_rarity, unmended, words, moved)
 
 
 @dataclass(frozen=True)
@@ -272,7 +277,8 @@ class Lateness:
 def lateness(misfits: Misfits, reading: Reading, law: str) -> Lateness | None:
     """The shift of a stream that makes one law hold best; None where none is better than none.
 
-    Closure shifts the star tracker, conservation the wheels, the drive the torque commands.
+    Closure shifts the star tracker, conservation the wheels, the drive the torque commands. Where
+    smoothed rates follow the wheels, conservation shifts the gyro's own axes the other way.
     """
     first = misfits.law(law, reading)
     if first is None or not first.early.any():
@@ -314,15 +320,17 @@ def with_known_offset(misfits: Misfits, reading: Reading, late: Lateness) -> Lat
 
 def _left(misfits: Misfits, reading: Reading, law: str, seconds: float) -> tuple[float, float]:
     """Residual of a law whose second stream is moved, and the shift that would lower it."""
-    moved = misfits.shifted({channel_of(misfits, law): seconds})
+    shifts = {channel_of(misfits, law): seconds}
+    if law == CONSERVATION and misfits.smoothed:
+        shifts = {RATE.field: -seconds}
+    moved = misfits.shifted(shifts)
     data = None if moved is None else moved.law(law, reading)
     return (np.inf, 0.0) if data is None else _shift(data)
 
 
 def channel_of(misfits: Misfits, law: str) -> str:
     """The channel that a law holds against its first stream."""
-    channels = {CLOSURE: "attitude", DRIVE: "wheel_torque"}
-    return channels.get(law, f"wheel_{misfits.wheel_channel}")
+    return {CLOSURE: ATTITUDE.field, DRIVE: TORQUE}.get(law, misfits.wheel_channel)
 
 
 def _shift(data: LawData) -> tuple[float, float]:

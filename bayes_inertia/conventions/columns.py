@@ -16,18 +16,21 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import axis_names
+from bayes_inertia.campaign.sensors.momentum import MOMENTUM
+from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.conventions.laws import Misfits, worst
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.reading import Columns, Mistake, Reading, readings_of
+from bayes_inertia.conventions.reading import TORQUE, Mistake, Reading, readings_of, unmended
 from bayes_inertia.conventions.search import Remedy
+from bayes_inertia.conventions.stated import Stated
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 from bayes_inertia.faults.noise import smooth_noise
 from bayes_inertia.faults.quantisation import resolution
 
 
-def faulty_columns(campaign: Campaign, columns: Columns) -> tuple[str, ...]:
+def faulty_columns(campaign: Campaign, stated: Stated) -> tuple[str, ...]:
     """Columns that are dead, or one for two, as sentences without full stop."""
-    rates, tachometers, commands = _streams(campaign, columns)
+    rates, tachometers, commands = _streams(campaign, stated)
     return (
         *_dead_rates(campaign, rates),
         *_copies(rates),
@@ -37,27 +40,23 @@ def faulty_columns(campaign: Campaign, columns: Columns) -> tuple[str, ...]:
     )
 
 
-def copied_commands(campaign: Campaign, columns: Columns) -> tuple[str, ...]:
+def copied_commands(campaign: Campaign, stated: Stated) -> tuple[str, ...]:
     """Commands that are one for two wheels: wrong only where tachometers contradict them."""
-    return tuple(_copies(_streams(campaign, columns)[2], 1e-9))
+    return tuple(_copies(_streams(campaign, stated)[2], 1e-9))
 
 
-def _streams(campaign: Campaign, columns: Columns) -> list[_Stream]:
+def _streams(campaign: Campaign, stated: Stated) -> list[_Stream]:
     """Rates, tachometers and commands."""
     wheels = [wheel.name for wheel in campaign.wheels]
-    sigma = [wheel.momentum_sigma for wheel in campaign.wheels]
-    speed = "wheel_speed" if "wheel_speed" in columns else "wheel_momentum"
-    sensor = campaign.rate_sensor
-    noise_of_axes = sensor.sigma if sensor else ()
+    axes, sigma = axis_names(campaign.rate_sensor), MOMENTUM.sigma(campaign)
     streams = []
-    for channel, key, called, of, noise in (
-        ("rate", "rate", "the rate about", axis_names(sensor), noise_of_axes),
-        ("wheel_momentum", speed, "the tachometer of", wheels, sigma),
-        ("wheel_torque", "wheel_torque", "the command of", wheels, sigma),
+    for field, called, of, noise in (
+        (RATE.field, "the rate about", axes, RATE.sigma(campaign)),
+        (MOMENTUM.field, "the tachometer of", wheels, sigma),
+        (TORQUE, "the command of", wheels, sigma),
     ):
-        stated = zip(of, columns.get(key, {}).get("names", of), strict=True)
-        names = [f"{called} {axis} (columns.{key}.names, {name})" for axis, name in stated]
-        streams.append(_Stream(readings_of(campaign, channel), names, noise))
+        names = [f"{called} {a} ({stated.column(field, k, a)})" for k, a in enumerate(of)]
+        streams.append(_Stream(readings_of(campaign, field), names, noise))
     return streams
 
 
@@ -184,13 +183,13 @@ def without_sign(misfits: Misfits, reading: Reading, before: float) -> Remedy | 
                 f"{what.format(names)} have lost their sign: with signs all laws hold, so bring "
                 "the columns with their signs"
             )
-            return Remedy(Mistake((), LIMITS.column_rarity, lambda r: r, words), before, after)
+            return Remedy(Mistake((), LIMITS.column_rarity, unmended, words), before, after)
     return None
 
 
 def _unsigned(campaign: Campaign, field: str) -> np.ndarray:
     """Which wheels' columns hold no negative number, but positive ones."""
-    channel = "wheel_momentum" if field == "momentum" else "wheel_torque"
+    channel = MOMENTUM.field if field == "momentum" else TORQUE
     values = np.concatenate(readings_of(campaign, channel))
     return (np.nanmin(values, axis=0) >= 0.0) & (np.nanmax(values, axis=0) > 0.0)
 
@@ -221,7 +220,7 @@ def _predicted(misfits: Misfits, reading: Reading, s: int, start: np.ndarray) ->
     """Momentum (N, wheels) of a slew from its start and the commands, else the body's motion."""
     slews = misfits.slews
     if slews.impulse is not None and not _unsigned(misfits.campaign, "impulse").any():
-        return start + reading.time * slews.impulse[s] @ reading.torque.T
+        return start + reading.time * reading.of(TORQUE, slews.impulse[s])
     axes_B = reading.axes_B
     if axes_B.shape[1] > LIMITS.wheels_felt:
         return None

@@ -13,6 +13,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.slew_parts import INPUTS, MORE
 from bayes_inertia.conventions.law_data import (
     LawData,
     Told,
@@ -28,7 +30,7 @@ from bayes_inertia.conventions.motion import (
     nearest_rotation,
     turned_back,
 )
-from bayes_inertia.conventions.reading import direction_sensors
+from bayes_inertia.conventions.reading import FIELD, direction_sensors
 
 
 def direction(told: Told) -> LawData | None:
@@ -73,6 +75,20 @@ def direction(told: Told) -> LawData | None:
     )
 
 
+def parts_of_directions(campaign: Campaign) -> list[str]:
+    """Which parts of a reading directions depend on, besides the motion."""
+    names = [name for name, _ in direction_sensors(campaign)]
+    return [part for name in names for part in (f"{MORE}{name}", _looked_at(campaign, name))]
+
+
+def _looked_at(campaign: Campaign, name: str) -> str:
+    """Which field of `Slew` has what a direction sensor looks at; none where that is constant."""
+    if dict(direction_sensors(campaign))[name].reference_N is not None:
+        return f"{MORE}{name}.reference_N"
+    own = any(name in (slew.inputs or {}) for slew in campaign.slews)
+    return f"{INPUTS}{name}" if own else FIELD
+
+
 def _known(slews: SampledSlews) -> np.ndarray:
     """Which moments (S, N, sensors) count: scale factors and bias leave the turn known so far.
 
@@ -95,10 +111,10 @@ def _in_one_size(told: Told, known: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     """Vectors seen and looked at (S, N, sensors, 3), zero where unknown, and their sizes."""
     there_N = np.where(known[..., None], told.slews.vectors_N, 0.0)
     seen_B = np.where(known[..., None], told.slews.vectors_B, 0.0)
-    seen_B = np.einsum("dij,sndj->sndi", told.reading.directions, seen_B)
-    there_N = np.einsum("dij,sndj->sndi", told.reading.references, there_N)
-    sizes = np.ones(known.shape[2])
-    for d, (_, sensor) in enumerate(direction_sensors(told.campaign)):
+    sizes, reading = np.ones(known.shape[2]), told.reading
+    for d, (name, sensor) in enumerate(direction_sensors(told.campaign)):
+        seen_B[:, :, d] = reading.of(f"{MORE}{name}", seen_B[:, :, d])
+        there_N[:, :, d] = reading.of(_looked_at(told.campaign, name), there_N[:, :, d])
         lengths = np.linalg.norm(seen_B[:, :, d], axis=-1)
         if not sensor.is_field:
             seen_B[:, :, d] /= np.where(known[..., d], lengths, 1.0)[..., None]
@@ -125,7 +141,7 @@ def _sd(
     square = integrated_noise(told)[:, None] ** 2 + np.full(sizes.shape, LIMITS.vector_share**2)
     for d, (name, _) in enumerate(direction_sensors(told.campaign)):
         both = (deviation(vectors[:, :, d], known[..., d]) for vectors in (seen_B, expected_B))
-        noise = told.reading.directions[d] @ np.diag(told.noise[name]) / sizes[d]
+        noise = told.reading.of(f"{MORE}{name}", np.diag(told.noise[name])) / sizes[d]
         square[:, d] += (LIMITS.physical_share * np.maximum(*both)) ** 2 + np.sum(noise**2)
     return np.sqrt(square)
 

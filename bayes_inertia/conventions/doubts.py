@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,8 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import axis_names
 from bayes_inertia.campaign.sensors import SensorStream, series_of
+from bayes_inertia.campaign.sensors.momentum import MOMENTUM
+from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.conventions.law_data import LinearFit, along_body
 from bayes_inertia.conventions.laws import (
     CLOSURE,
@@ -24,13 +25,14 @@ from bayes_inertia.conventions.laws import (
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import angle_of, composed, turned_back, without_mean
 from bayes_inertia.conventions.reading import (
-    Columns,
+    TORQUE,
     KeyChange,
     Mistake,
     Reading,
-    changed,
     direction_sensors,
+    followed,
 )
+from bayes_inertia.conventions.stated import Stated
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.limits import LIMITS as FAULTS
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
@@ -139,14 +141,17 @@ class Factors:
             what += " and have opposite signs"
         return f"commands and tachometers of {wheels} {what}; {side}"
 
-    def mistake(self, campaign: Campaign, columns: Columns) -> Mistake | None:
+    def mistake(self, campaign: Campaign, stated: Stated) -> Mistake | None:
         """Spin inertias wrong by the factors; None where they do not turn speeds into momentum."""
-        if "wheel_speed" not in columns or np.all(self.values == 1.0) or np.any(self.values < 0.0):
+        speeds = any(entry.key == "wheel_speed" for entry in stated.entries)
+        if not speeds or np.all(self.values == 1.0) or np.any(self.values < 0.0):
             return None
         factors = np.array([_rounded(value) for value in self.values])
         changes = tuple(
             KeyChange(
-                f"wheels.{w.name}.spin_inertia", w.spin_inertia, float(f"{w.spin_inertia / f:.3g}")
+                stated.key("wheels", w.name, "spin_inertia"),
+                w.spin_inertia,
+                float(f"{w.spin_inertia / f:.3g}"),
             )
             for w, f in zip(campaign.wheels, factors, strict=True)
             if f != 1.0
@@ -158,7 +163,7 @@ class Factors:
         return Mistake(
             changes,
             LIMITS.factor_rarity,
-            changed(momentum=partial(np.matmul, back)),
+            followed(MOMENTUM.field, back),
             f"the spin inertia of {names} is wrong by a factor of {said}",
         )
 
@@ -177,8 +182,8 @@ def factors(misfits: Misfits, reading: Reading) -> Factors | None:
     slews = misfits.slews
     if slews.momentum is None or slews.impulse is None:
         return None
-    seen = without_mean(slews.momentum @ reading.momentum.T, slews.valid)
-    asked = without_mean(reading.time * slews.impulse @ reading.torque.T, slews.valid)
+    seen = without_mean(reading.of(MOMENTUM.field, slews.momentum), slews.valid)
+    asked = without_mean(reading.time * reading.of(TORQUE, slews.impulse), slews.valid)
     both = np.sqrt((seen**2).sum((0, 1))), np.sqrt((asked**2).sum((0, 1)))
     sense = np.sign((seen * asked).sum((0, 1)))
     busy = np.maximum(both[0] / max(both[0].max(), 1e-300), both[1] / max(both[1].max(), 1e-300))
@@ -189,8 +194,7 @@ def factors(misfits: Misfits, reading: Reading) -> Factors | None:
     rough = np.where(
         (size > 1.0 / LIMITS.largest_factor) & (size < LIMITS.largest_factor), rough, 1.0
     )
-    scaled = replace(reading, torque=np.diag(rough) @ reading.torque)
-    fit = misfits.fit(DRIVE, scaled)
+    fit = misfits.fit(DRIVE, followed(TORQUE, np.diag(rough))(reading))
     assert fit is not None
     wheels = len(rough)
     left = fit.misfit.reshape(-1, wheels).max(axis=0)
@@ -208,7 +212,7 @@ def factors(misfits: Misfits, reading: Reading) -> Factors | None:
 
 def _side(misfits: Misfits, reading: Reading, values: np.ndarray) -> bool | None:
     """Whether conservation of momentum holds with the tachometers, or with what is commanded."""
-    with_commands = replace(reading, momentum=np.diag(1.0 / values) @ reading.momentum)
+    with_commands = followed(MOMENTUM.field, np.diag(1.0 / values))(reading)
     fits = [misfits.fit(CONSERVATION, r) for r in (reading, with_commands)]
     if any(fit is None for fit in fits):
         return None
@@ -218,7 +222,7 @@ def _side(misfits: Misfits, reading: Reading, values: np.ndarray) -> bool | None
     return bool(tachometers < commands)
 
 
-def broken_limits(campaign: Campaign, holds: Mapping[str, bool]) -> tuple[str, ...]:
+def broken_limits(campaign: Campaign, stated: Stated, holds: Mapping[str, bool]) -> tuple[str, ...]:
     """Limits of the hardware that readings are far beyond; laws that hold prove their units."""
     said = []
     for key, channel, unit, readings, proof in _LIMITS:
@@ -227,7 +231,7 @@ def broken_limits(campaign: Campaign, holds: Mapping[str, bool]) -> tuple[str, .
             continue
         name = max(beyond, key=lambda n: beyond[n][0] / beyond[n][1])
         largest, limit = beyond[name]
-        place = "rate_sensor.range" if key == "range" else f"wheels.{name}.{key}"
+        place = stated.key(*(("rate_sensor",) if key == "range" else ("wheels", name)), key)
         more = f" (and {len(beyond) - 1} more)" if len(beyond) > 1 and key != "range" else ""
         told = [holds[law] for law in proof if law in holds]
         blame = f"the limit or the unit of {readings} is wrong"
@@ -241,9 +245,9 @@ def broken_limits(campaign: Campaign, holds: Mapping[str, bool]) -> tuple[str, .
 
 
 _LIMITS = (
-    ("max_torque", "wheel_torque", "N m", "the torque commands", (DRIVE, CONSERVATION)),
-    ("max_momentum", "wheel_momentum", "N m s", "the wheel momentum", (DRIVE, CONSERVATION)),
-    ("range", "rate", "rad/s", "the rates", (CLOSURE, CONSERVATION)),
+    ("max_torque", TORQUE, "N m", "the torque commands", (DRIVE, CONSERVATION)),
+    ("max_momentum", MOMENTUM.field, "N m s", "the wheel momentum", (DRIVE, CONSERVATION)),
+    ("range", RATE.field, "rad/s", "the rates", (CLOSURE, CONSERVATION)),
 )
 
 
@@ -303,7 +307,7 @@ def _stale_bias(misfits: Misfits, stated: Reading, reading: Reading) -> list[dic
         return []
     axes = ", ".join(f"{off[k]:.2g} rad/s about {'xyz'[k]}" for k in np.flatnonzero(off))
     note = f"the rate bias is off the stated one by {axes} (body axes)"
-    entry = {"kind": "stale_bias", "channel": "rate", "slew": "", "rows": []}
+    entry = {"kind": "stale_bias", "channel": RATE.name, "slew": "", "rows": []}
     return [{**entry, "treated": "ignored", "note": note}]
 
 

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.motion import Motion, SampledSlews, without_mean
-from bayes_inertia.conventions.reading import Reading
+from bayes_inertia.conventions.reading import Reading, ToldTorques
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,8 +121,8 @@ class Told:
     slews: SampledSlews  # The telemetry
     reading: Reading  # Conventions, stated or supposed
     motion: Motion  # What the rates then tell of the motion
-    # Sd of the readings of "rate" (columns,) and "momentum" (wheels,), in the units stated
-    noise: Mapping[str, np.ndarray]
+    noise: Mapping[str, np.ndarray]  # Sd of each stream's readings (columns,), in the units stated
+    torques: ToldTorques  # On the body, by what is not a wheel
     # (3,): sd of the rate bias [rad/s] where it is supposed to be stale; None for the stated one
     bias_sd: np.ndarray | None = None
 
@@ -155,7 +156,7 @@ class LawData:
 def integrated_noise(told: Told) -> np.ndarray:
     """Angle (S,) that the noise of the rates adds up to over a slew [rad]."""
     # As stated, whatever the reading: in a larger unit of rate or time all would drown in it.
-    slews, rate = told.slews, told.noise["rate"]
+    slews, rate = told.slews, told.noise[RATE.name]
     steps = {slew.name: float(np.median(slew.rate_steps)) for slew in told.campaign.slews}
     step = np.array([steps[name] for name in slews.names])
     duration = np.ptp(slews.time, axis=1)

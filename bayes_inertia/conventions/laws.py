@@ -25,8 +25,10 @@ from bayes_inertia.campaign.body_rates import reads_motion
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import CorrelatedNoise
 from bayes_inertia.campaign.sensors import SensorStream, series_of
+from bayes_inertia.campaign.sensors.attitude import ATTITUDE
+from bayes_inertia.campaign.sensors.momentum import MOMENTUM
 from bayes_inertia.campaign.sensors.rate import RATE
-from bayes_inertia.conventions.direction import direction
+from bayes_inertia.conventions.direction import direction, parts_of_directions
 from bayes_inertia.conventions.law_data import (
     LawData,
     LinearFit,
@@ -51,7 +53,7 @@ from bayes_inertia.conventions.motion import (
     told_impulse,
     turned_back,
 )
-from bayes_inertia.conventions.reading import Reading, ToldTorques, stated_reading
+from bayes_inertia.conventions.reading import TORQUE, Reading, ToldTorques, stated_reading
 from bayes_inertia.faults.noise import smooth_noise
 
 
@@ -142,7 +144,7 @@ def conservation(told: Told) -> LawData | None:
     if wheels_B is None:
         return None
     body = np.einsum("snij,snj->sni", to_start, moving.rate_B @ told.reading.inertia.T)
-    torques = told.reading.torques.by_slew
+    torques = told.torques.under(told.reading)
     given = told_impulse(slews, moving, torques)
     stored = np.einsum("snij,snj->sni", to_start, wheels_B) + given[2]
     size = np.maximum(deviation(body, valid), deviation(stored, valid))
@@ -159,7 +161,7 @@ def conservation(told: Told) -> LawData | None:
     if slews.momentum is None and told.campaign.wheels:
         # Commands tell the wheels' momentum up to a constant in body axes.
         free = np.concatenate([free, to_start], axis=-1)
-    noise = _momentum_noise(told)
+    noise = _momentum_noise(told, slews.rate.shape[2])
     angle = np.minimum(norm_of(angle_of(moving.path), valid), 1.0)
     frame = LIMITS.frame_share * angle * norm_of(total, valid)
     return LawData(
@@ -168,11 +170,24 @@ def conservation(told: Told) -> LawData | None:
         free,
         _sigma(size, noise, frame, doubt),
         valid,
-        early=np.einsum("snij,snj->sni", to_start, _slope(wheels_B, told)),
-        noise=noise,
+        early=np.einsum("snij,snj->sni", to_start, _slope(_moved_by_clock(told, wheels_B), told)),
+        # Of what sensors read, be there smoothed rates beside it.
+        noise=_momentum_noise(told, len(told.reading.rate_axes_B)) or noise,
         factors=max(LIMITS.inertia_sd, told.campaign.inertia.relative_sigma),
         bias_from=12,
     )
+
+
+def _moved_by_clock(told: Told, wheels_B: np.ndarray) -> np.ndarray:
+    """Momentum (S, N, 3) whose clock is judged: the wheels' against that of all rates.
+
+    Where some rates are smoothed, and so follow the wheels, less that of the gyro's own axes.
+    """
+    reading, rate = told.reading, told.slews.rate
+    own = len(reading.rate_axes_B)
+    if own == rate.shape[2]:
+        return wheels_B
+    return -rate[..., :own] @ reading.body_rate[:, :own].T @ reading.inertia.T
 
 
 def _uncertain_momentum(told: Told, total: np.ndarray, size: np.ndarray) -> np.ndarray:
@@ -220,17 +235,21 @@ def wheel_momentum_B(told: Told) -> np.ndarray | None:
     if not reading.axes_B.shape[1]:
         return np.zeros((*slews.time.shape, 3))
     if slews.momentum is not None:
-        return slews.momentum @ (reading.axes_B @ reading.momentum).T
+        return reading.of(MOMENTUM.field, slews.momentum) @ reading.axes_B.T
     if slews.impulse is not None:
-        return reading.time * slews.impulse @ (reading.axes_B @ reading.torque).T
+        return reading.time * reading.of(TORQUE, slews.impulse) @ reading.axes_B.T
     return None
 
 
-def _momentum_noise(told: Told) -> float:
-    """Noise of J w + G h at one moment, rotors on gimbals of noisy angles included [N m s]."""
-    body = told.reading.inertia @ told.reading.body_rate @ np.diag(told.noise["rate"])
+def _momentum_noise(told: Told, columns: int) -> float:
+    """Noise of J w + G h at one moment, rotors on gimbals of noisy angles included [N m s].
+
+    `columns`: how many columns of the rates, the first ones, count.
+    """
+    per_sd = told.reading.inertia @ told.reading.body_rate
+    body = (per_sd * told.noise[RATE.name])[:, :columns]
     wander = [told.reading.inertia * sd for sd, _ in bias_wander(told)]
-    wheels = told.reading.momentum @ told.noise["momentum"]
+    wheels = told.reading.of(MOMENTUM.field, told.noise[MOMENTUM.name])
     rotors = [
         np.asarray(device.momentum) * device.angle_sigma
         for device in told.campaign.actuators
@@ -244,8 +263,8 @@ def drive(told: Told) -> LawData | None:
     slews, reading = told.slews, told.reading
     if slews.momentum is None or slews.impulse is None:
         return None
-    h = slews.momentum @ reading.momentum.T
-    impulse = reading.time * slews.impulse @ reading.torque.T
+    h = reading.of(MOMENTUM.field, slews.momentum)
+    impulse = reading.time * reading.of(TORQUE, slews.impulse)
     count, _, wheels = h.shape
     seen, commanded = _each_wheel(h), _each_wheel(impulse)
     valid = np.repeat(slews.valid, wheels, axis=0)
@@ -257,7 +276,8 @@ def drive(told: Told) -> LawData | None:
         LIMITS.gain_sd * commanded[..., None] * which,
         LIMITS.unseen_friction_share * (share * size[:, None, None])[..., None] * which,
     ]
-    noise = float(np.abs(reading.momentum @ told.noise["momentum"]).max(initial=0.0))
+    read = reading.of(MOMENTUM.field, told.noise[MOMENTUM.name])
+    noise = float(np.abs(read).max(initial=0.0))
     return LawData(
         seen - commanded,
         np.concatenate(regressors, axis=-1),
@@ -284,8 +304,8 @@ LAWS: Mapping[str, Callable[[Told], LawData | None]] = {
 """The laws by name."""
 
 
-RATES = ("rate", "rate_axes_B", "bias_B")
-"""Fields of a reading that the motion depends on, beside time."""
+RATES = (RATE.field, "rate_axes_B", "bias_B")
+"""Parts of a reading that the motion depends on, beside time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,15 +317,16 @@ class Misfits:
     # How many axes of the rate sensor, the last ones, are smoothed from all sensors: their noise
     # does not show
     smoothed: int = 0
+    told_torques: ToldTorques | None = None  # Those of the campaign; None for none
     kept: dict = field(default_factory=dict)
 
     def with_slews(self, slews: SampledSlews) -> Misfits:
         """The same laws for other telemetry of the campaign."""
-        return Misfits(self.campaign, slews, self.smoothed)
+        return replace(self, slews=slews, kept={})
 
     def shifted(self, shifts: Mapping[str, float]) -> Misfits | None:
         """The same laws with other clocks: what is added to stamps of channels of `Slew` [s]."""
-        slews = sampled(self.campaign, shifts)
+        slews = sampled(self.campaign, shifts, self.smoothed)
         return None if slews is None else self.with_slews(slews)
 
     def of(self, reading: Reading) -> dict[str, LinearFit]:
@@ -323,8 +344,8 @@ class Misfits:
     def kept_for(
         self, what: str, fields: Sequence[str], reading: Reading, make: Callable, *more: bytes
     ) -> Any:
-        """What is made of time and some fields of a reading, and of nothing else; made once."""
-        key = (what, reading.time, *more, *(getattr(reading, f).tobytes() for f in fields))
+        """What is made of time and some parts of a reading, and of nothing else; made once."""
+        key = (what, reading.time, *more, *reading.key(*fields))
         if key not in self.kept:
             self.kept[key] = make()
         return self.kept[key]
@@ -337,9 +358,14 @@ class Misfits:
         """One law as a linear problem; `bias_sd` (3,) [rad/s] where the rate bias may be stale."""
         return LAWS[law](replace(self.told(reading), bias_sd=bias_sd))
 
-    def stated(self, torques: ToldTorques | None = None) -> Reading:
+    def stated(self) -> Reading:
         """The reading that the campaign states."""
-        return stated_reading(self.campaign, torques, self.smoothed)
+        return stated_reading(self.campaign, self.smoothed)
+
+    @cached_property
+    def torques(self) -> ToldTorques:
+        """On the body, by what is not a wheel."""
+        return self.told_torques or ToldTorques(self.campaign)
 
     @property
     def own_axes(self) -> int:
@@ -357,7 +383,8 @@ class Misfits:
 
     def told(self, reading: Reading) -> Told:
         """Telemetry in physical units, under a reading."""
-        return Told(self.campaign, self.slews, reading, self.motion(reading), self.noise)
+        motion = self.motion(reading)
+        return Told(self.campaign, self.slews, reading, motion, self.noise, self.torques)
 
     def fit(self, law: str, reading: Reading) -> LinearFit | None:
         """The fit of one law; the same reading of the same channels is fitted once."""
@@ -369,22 +396,22 @@ class Misfits:
         return self.kept_for(law, self.parts_of(law), reading, fit)
 
     def parts_of(self, law: str) -> tuple[str, ...]:
-        """Which fields of a reading, besides time, a law depends on."""
+        """Which parts of a reading, besides time, a law depends on."""
         parts: dict[str, tuple[str, ...]] = {
-            CLOSURE: (*RATES, "attitude"),
-            DIRECTION: (*RATES, "attitude", "directions", "references"),
-            CONSERVATION: (*RATES, "axes_B", "inertia", "torques", self.wheel_channel),
-            DRIVE: ("torque", "momentum"),
+            CLOSURE: (*RATES, ATTITUDE.field),
+            DIRECTION: (*RATES, ATTITUDE.field, *parts_of_directions(self.campaign)),
+            CONSERVATION: (*RATES, "axes_B", "inertia", *self.torques.parts, self.wheel_channel),
+            DRIVE: (TORQUE, MOMENTUM.field),
         }
         return parts[law]
 
     @property
     def wheel_channel(self) -> str:
-        """Which field of a reading tells the wheels' momentum."""
-        return "torque" if self.slews.momentum is None else "momentum"
+        """Which field of `Slew` tells the wheels' momentum."""
+        return TORQUE if self.slews.momentum is None else MOMENTUM.field
 
 
-def misfits_of(campaign: Campaign) -> Misfits | None:
+def misfits_of(campaign: Campaign, torques: ToldTorques | None = None) -> Misfits | None:
     """The laws for a campaign; None if no slew has enough rates.
 
     The rate sensor's own axes count unless noise that shows drowns them; where they do not span
@@ -400,7 +427,7 @@ def misfits_of(campaign: Campaign) -> Misfits | None:
     elif len(own.axes) < 3:
         campaign, smoothed = _beside_smoothed(campaign), 3
     slews = sampled(campaign)
-    return None if slews is None else Misfits(campaign, slews, smoothed)
+    return None if slews is None else Misfits(campaign, slews, smoothed, torques)
 
 
 def _beside_smoothed(campaign: Campaign) -> Campaign:

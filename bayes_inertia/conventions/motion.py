@@ -19,9 +19,12 @@ import numpy as np
 from bayes_inertia.campaign.body_rates import reference_of
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.inputs import held_integral
+from bayes_inertia.campaign.sensors.attitude import ATTITUDE
+from bayes_inertia.campaign.sensors.momentum import MOMENTUM
+from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.conventions.limits import LIMITS
-from bayes_inertia.conventions.reading import Reading, ToldTorque, direction_sensors
+from bayes_inertia.conventions.reading import TORQUE, Reading, ToldTorque, direction_sensors
 from bayes_inertia.faults.outliers import without_outliers
 from bayes_inertia.maths.quaternion_product import product_components
 
@@ -130,20 +133,23 @@ class SampledSlews:
 
     def seen(self, reading: Reading) -> np.ndarray:
         """Quaternions (S, N, 4) of the star tracker under a reading, NaN where there is no fix."""
-        return self.attitude @ reading.attitude.T
+        return reading.of(ATTITUDE.field, self.attitude)
 
 
-def sampled(campaign: Campaign, shifts: Mapping[str, float] | None = None) -> SampledSlews | None:
+def sampled(
+    campaign: Campaign, shifts: Mapping[str, float] | None = None, smoothed: int = 0
+) -> SampledSlews | None:
     """The slews of a campaign at some sixty moments each; None if no slew has enough rates.
 
-    `shifts`: what to add to the time stamps of a channel of `Slew` [s], such as "attitude".
+    `shifts`: what to add to the time stamps of a channel of `Slew` [s]. `smoothed`: how many axes
+    of the rate sensor, the last ones, are no sensor's own: they have no stamps to shift.
     """
     shifts = shifts or {}
     pieces: list[dict] = []
     # Tachometers too slow for a piece leave what the rates and attitudes tell.
     for slow in (False, True):
         pieces = pieces or [
-            p for slew in campaign.slews for p in _pieces(slew, campaign, shifts, slow)
+            p for slew in campaign.slews for p in _pieces(slew, campaign, shifts, smoothed, slow)
         ]
     if not pieces:
         return None
@@ -164,14 +170,19 @@ def _stacked(arrays: list, count: int) -> np.ndarray | None:
 
 
 def _pieces(
-    slew: Slew, campaign: Campaign, shifts: Mapping[str, float], no_tachometers: bool
+    slew: Slew,
+    campaign: Campaign,
+    shifts: Mapping[str, float],
+    smoothed: int,
+    no_tachometers: bool,
 ) -> list[dict]:
     """The pieces of a slew between gaps of its rates or tachometers."""
-    time = slew.time + shifts.get("rate", 0.0)
-    channels = [_Channel(time, axis) for axis in _believable_rates(campaign, slew).T]
+    rates = _believable_rates(campaign, slew).T
+    own, shift = len(rates) - smoothed, shifts.get(RATE.field, 0.0)
+    channels = [_Channel(slew.time + shift * (k < own), axis) for k, axis in enumerate(rates)]
     wheels = None
     if slew.wheel_momentum is not None and slew.wheel_momentum.shape[1]:
-        time = slew.time + shifts.get("wheel_momentum", 0.0)
+        time = slew.time + shifts.get(MOMENTUM.field, 0.0)
         wheels = [_Channel(time, column) for column in slew.wheel_momentum.T]
         if no_tachometers or any(len(wheel.time) < 2 for wheel in wheels):
             wheels = None
@@ -195,7 +206,7 @@ def _commands(slew: Slew, shifts: Mapping[str, float]) -> list[_Channel]:
     """The torque commands that are known, where some were lost."""
     if slew.lost_command is None or slew.wheel_torque is None:
         return []
-    time = slew.time + shifts.get("wheel_torque", 0.0)
+    time = slew.time + shifts.get(TORQUE, 0.0)
     known = np.where(slew.lost_command == 0, 0.0, np.nan)
     return [_Channel(time, known)]
 
@@ -209,7 +220,7 @@ def _piece(
     shifts: Mapping[str, float],
 ) -> dict:
     """One piece, at evenly spaced moments and at its fixes."""
-    time = slew.time + shifts.get("attitude", 0.0)
+    time = slew.time + shifts.get(ATTITUDE.field, 0.0)
     fixes = np.flatnonzero(slew.fixes & (time >= span[0]) & (time <= span[1]))
     if len(fixes) > LIMITS.fixes_per_slew:
         fixes = fixes[np.linspace(0, len(fixes) - 1, LIMITS.fixes_per_slew).astype(int)]
@@ -226,7 +237,7 @@ def _piece(
         "rate": np.stack([rate.at(moments) for rate in rates], axis=1),
         "turn": turn - turn[0],
         "momentum": None if wheels is None else np.stack([w.at(moments) for w in wheels], axis=1),
-        "impulse": _impulse(slew, moments - shifts.get("wheel_torque", 0.0)),
+        "impulse": _impulse(slew, moments - shifts.get(TORQUE, 0.0)),
         "attitude": attitude,
         "vectors_B": vectors_B,
         "vectors_N": vectors_N,

@@ -6,48 +6,23 @@ signs, frames rotations. So a wrong convention is undone without reading the fil
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
+from bayes_inertia.campaign.actuators import Actuator, Magnetorquer
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.description import Description, Entry
-from bayes_inertia.campaign.hardware import (
-    DirectionSensor,
-    RateSensor,
-    StarTracker,
-    axes_to_body,
-    axis_names,
-)
-from bayes_inertia.campaign.slew_parts import INPUTS, MORE
+from bayes_inertia.campaign.description import FIELDS
+from bayes_inertia.campaign.hardware import DirectionSensor, axes_to_body
+from bayes_inertia.campaign.sensors.rate import RATE
+from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.campaign.slew_parts import INPUTS
+from bayes_inertia.errors import CampaignError
 
-Columns = Mapping[str, Mapping[str, Any]]
-"""What `[columns]` of campaign.toml states, by its entries."""
-
-
-class Stream(NamedTuple):
-    """Channel of `Slew` and field of `Reading` that hold an entry of `[columns]`, and its names."""
-
-    channel: str
-    field: str
-    quantity: str
-    readings: str
-
-
-STREAMS: Mapping[str, Stream] = {
-    "attitude": Stream("attitude", "attitude", "the star tracker", "star-tracker fixes"),
-    "rate": Stream("rate", "rate", "the rate", "rates"),
-    "wheel_torque": Stream("wheel_torque", "torque", "the wheel torque", "torque commands"),
-    "wheel_momentum": Stream(
-        "wheel_momentum", "momentum", "the wheel momentum", "tachometer readings"
-    ),
-    "wheel_speed": Stream("wheel_momentum", "momentum", "the wheel speed", "tachometer readings"),
-}
-"""Streams that the laws are held against, by their entry of `[columns]`."""
+# Fields of `Slew` that are no sensor's: commands of the wheels, and the magnetic field.
+TORQUE, FIELD = "wheel_torque", FIELDS["magnetic_field"]
 
 
 def direction_sensors(campaign: Campaign) -> list[tuple[str, DirectionSensor]]:
@@ -59,6 +34,101 @@ def readings_of(campaign: Campaign, channel: str) -> list[np.ndarray]:
     """Readings (n, columns) of a channel of `Slew`, of each slew that has them."""
     given = [getattr(slew, channel) for slew in campaign.slews]
     return [np.asarray(values) for values in given if values is not None]
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """Conversion of telemetry, as the campaign states it, into physics."""
+
+    time: float  # Factor on time
+    # By field of `Slew`: (k, k), from a reading as stated to what it is; as stated where none is
+    matrices: Mapping[str, np.ndarray]
+    rate_axes_B: np.ndarray  # (n, 3): axes of the rate sensor, as rows
+    axes_B: np.ndarray  # (3, wheels): spin axes of the wheels, as columns
+    inertia: np.ndarray  # (3, 3): inertia with locked wheels [kg m^2]
+    bias_B: np.ndarray  # (3,): what the rate still shows of a body at rest, along body axes [rad/s]
+    actuators: tuple[Actuator, ...]  # Devices beside wheels
+
+    def of(self, stream: str, values: np.ndarray) -> np.ndarray:
+        """Readings (..., k) of a field of `Slew` as they are, from those as stated."""
+        return values @ self.matrices[stream].T if stream in self.matrices else values
+
+    def key(self, *parts: str) -> tuple[bytes, ...]:
+        """What fields of this reading, and matrices of fields of `Slew`, are known by."""
+        found = (self.matrices.get(part, getattr(self, part, None)) for part in parts)
+        return tuple(b"" if part is None else part.tobytes() for part in found)
+
+    @property
+    def devices(self) -> np.ndarray:
+        """What the records of the actuators, and no others, are known by."""
+        return np.array([id(device) for device in self.actuators])
+
+    @property
+    def axes_to_body(self) -> np.ndarray:
+        """(3, n), of two axes and fewer (3, n + 3): from rates along axes to the body's rate.
+
+        The last three are rates of the body as other sensors tell them, where no axis reads.
+        """
+        along_axes = axes_to_body(self.rate_axes_B)
+        if len(self.rate_axes_B) > 2:
+            return along_axes
+        return np.column_stack([along_axes, np.eye(3) - along_axes @ self.rate_axes_B])
+
+    @property
+    def body_rate(self) -> np.ndarray:
+        """The same from the columns of `SampledSlews.rate`."""
+        along_axes, own = self.axes_to_body, len(self.rate_axes_B)
+        return np.column_stack(
+            [along_axes[:, :own] @ self.matrices[RATE.field], along_axes[:, own:]]
+        )
+
+
+def stated_reading(campaign: Campaign, smoothed: int = 0) -> Reading:
+    """The reading that a campaign states: scale factors, axes and records of its hardware.
+
+    `smoothed`: how many axes of the rate sensor, the last ones, are no sensor's own.
+    """
+    sensor, axes_B = campaign.gyro, campaign.wheel_axes_B
+    own = len(sensor.axes) - smoothed
+    spin = (axes_B * campaign.spin_inertias) @ axes_B.T
+    prior = campaign.inertia
+    return Reading(
+        time=1.0,
+        matrices={RATE.field: np.diag(sensor.scale_factor[:own])},
+        rate_axes_B=sensor.axes[:own],
+        axes_B=axes_B,
+        inertia=prior.tensor + (0.0 if prior.includes_wheel_spin else 1.0) * spin,
+        bias_B=axes_to_body(sensor.axes[:own]) @ np.asarray(sensor.bias[:own]),
+        actuators=tuple(campaign.actuators),
+    )
+
+
+Mend = Callable[[Reading], Reading]
+"""From a reading with a mistake to the reading without it."""
+
+
+def unmended(reading: Reading) -> Reading:
+    """The reading as it is: that of a mistake of no convention."""
+    return reading
+
+
+def changed(**how: Callable[[Any], Any]) -> Mend:
+    """A reading some of whose fields are what functions make of them."""
+    return lambda reading: replace(
+        reading, **{name: change(getattr(reading, name)) for name, change in how.items()}
+    )
+
+
+def followed(stream: str, matrix: np.ndarray) -> Mend:
+    """A reading in which a matrix, as of a unit or sense, follows that of a field of `Slew`."""
+    if stream == "time":
+        return changed(time=lambda factor: float(matrix[0, 0]) * factor)
+    return changed(matrices=lambda of: {**of, stream: matrix @ of.get(stream, np.eye(len(matrix)))})
+
+
+def preceded(stream: str, matrix: np.ndarray) -> Mend:
+    """A reading in which a matrix, as of columns in their order, precedes that of a field."""
+    return changed(matrices=lambda of: {**of, stream: of.get(stream, np.eye(len(matrix))) @ matrix})
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,91 +158,51 @@ def untold(campaign: Campaign) -> Mapping[str, ToldTorque]:
 
 @dataclass(frozen=True, eq=False)
 class ToldTorques:
-    """What devices and named effects do to the body; told when it is first asked for."""
+    """What devices and named effects do to the body; told once for each reading of theirs."""
 
     campaign: Campaign
     teller: Teller = untold
-
-    @cached_property
-    def by_slew(self) -> Mapping[str, ToldTorque]:
-        """By the name of a slew."""
-        return self.teller(self.campaign)
-
-    def tobytes(self) -> bytes:
-        """What these torques, and no others, are kept under."""
-        return id(self).to_bytes(8, "little")
-
-
-@dataclass(frozen=True, eq=False)
-class Reading:
-    """Conversion of telemetry, as the campaign states it, into physics."""
-
-    rate: np.ndarray  # (n, n): from the rate sensor's columns to the rates along its axes
-    rate_axes_B: np.ndarray  # (n, 3): those axes, as rows
-    time: float  # Factor on time
-    attitude: np.ndarray  # (4, 4): from the quaternion as stated to body from inertial, scalar last
-    # torque, momentum: (wheels, wheels): from the columns to the torque and momentum of each wheel
-    torque: np.ndarray
-    momentum: np.ndarray
-    axes_B: np.ndarray  # (3, wheels): spin axes of the wheels, as columns
-    inertia: np.ndarray  # (3, 3): inertia with locked wheels [kg m^2]
-    directions: np.ndarray  # (sensors, 3, 3): from each direction sensor's columns to its vector
-    references: np.ndarray  # (sensors, 3, 3): from what each is said to look at to what is there
-    bias_B: np.ndarray  # (3,): what the rate still shows of a body at rest, along body axes [rad/s]
-    torques: ToldTorques  # on the body, by what is not a wheel
+    kept: dict = field(default_factory=dict)
 
     @property
-    def axes_to_body(self) -> np.ndarray:
-        """(3, n), of two axes and fewer (3, n + 3): from rates along axes to the body's rate.
+    def parts(self) -> tuple[str, ...]:
+        """Which parts of a reading they depend on."""
+        devices = self.campaign.actuators
+        turned = [FIELD] if any(isinstance(device, Magnetorquer) for device in devices) else []
+        return ("devices", *turned, *(f"{INPUTS}{device.name}" for device in devices))
 
-        The last three are rates of the body as other sensors tell them, where no axis reads.
-        """
-        along_axes = axes_to_body(self.rate_axes_B)
-        if len(self.rate_axes_B) > 2:
-            return along_axes
-        return np.column_stack([along_axes, np.eye(3) - along_axes @ self.rate_axes_B])
+    def under(self, reading: Reading) -> Mapping[str, ToldTorque]:
+        """Torques by the name of a slew, under a reading of what devices were told."""
+        key = reading.key(*self.parts)
+        if key not in self.kept:
+            self.kept[key] = self._told(reading)
+        return self.kept[key]
 
-    @property
-    def body_rate(self) -> np.ndarray:
-        """The same from the columns of `SampledSlews.rate`."""
-        along_axes, own = self.axes_to_body, len(self.rate)
-        return np.column_stack([along_axes[:, :own] @ self.rate, along_axes[:, own:]])
+    def _told(self, reading: Reading) -> Mapping[str, ToldTorque]:
+        try:
+            slews = tuple(_told_otherwise(slew, reading) for slew in self.campaign.slews)
+            return self.teller(replace(self.campaign, slews=slews, actuators=reading.actuators))
+        except CampaignError:  # Such as a pulse that is on when the next begins: no such mistake.
+            return self.teller(self.campaign)
 
 
-def stated_reading(
-    campaign: Campaign, torques: ToldTorques | None = None, smoothed: int = 0
-) -> Reading:
-    """The reading that a campaign states: scale factors and axes of its hardware, told torques.
-
-    `smoothed`: how many axes of the rate sensor, the last ones, are no sensor's own.
-    """
-    sensor, axes_B = campaign.gyro, campaign.wheel_axes_B
-    own = len(sensor.axes) - smoothed
-    same = np.eye(len(campaign.wheels))
-    vectors = np.tile(np.eye(3), (len(direction_sensors(campaign)), 1, 1))
-    spin = (axes_B * campaign.spin_inertias) @ axes_B.T
-    prior = campaign.inertia
-    return Reading(
-        rate=np.diag(sensor.scale_factor[:own]),
-        rate_axes_B=sensor.axes[:own],
-        time=1.0,
-        attitude=np.eye(4),
-        torque=same,
-        momentum=same,
-        axes_B=axes_B,
-        inertia=prior.tensor + (0.0 if prior.includes_wheel_spin else 1.0) * spin,
-        directions=vectors,
-        references=vectors,
-        bias_B=axes_to_body(sensor.axes[:own]) @ np.asarray(sensor.bias[:own]),
-        torques=torques or ToldTorques(campaign),
-    )
+def _told_otherwise(slew: Slew, reading: Reading) -> Slew:
+    """A slew whose inputs and magnetic field are those of a reading."""
+    inputs = dict(slew.inputs or {})
+    for name, stream in inputs.items():
+        if f"{INPUTS}{name}" in reading.matrices:
+            inputs[name] = replace(stream, values=reading.of(f"{INPUTS}{name}", stream.values))
+    field_N = slew.magnetic_field_N
+    if field_N is not None and FIELD in reading.matrices:
+        slew = replace(slew, magnetic_field_N=reading.of(FIELD, field_N))
+    return replace(slew, inputs=inputs) if inputs else slew
 
 
 @dataclass(frozen=True)
 class KeyChange:
     """One key of campaign.toml and the value it should have."""
 
-    key: str  # Path of the key, such as "columns.rate.unit" or "wheels.x.axis"
+    key: str  # Path of the key, such as "sensors.gyro.rate.unit" or "actuators.x.axis"
     # stated, mended: its value as written, and the value that it should have
     stated: Any
     mended: Any
@@ -186,16 +216,10 @@ class Mistake:
     # How seldom the mistake is made, from 1; of two that explain the data alike the more common one
     # is proposed
     rarity: int
-    # From the reading as stated to the reading without the mistake
-    mend: Callable[[Reading], Reading]
+    mend: Mend
     words: str  # What went wrong, as the end of a sentence that begins with "It looks as if"
-
-
-def changed(**how: Callable[[Any], Any]) -> Callable[[Reading], Reading]:
-    """A reading some of whose fields are what functions make of them."""
-    return lambda reading: replace(
-        reading, **{field: change(getattr(reading, field)) for field, change in how.items()}
-    )
+    # What must be added to the time stamps of fields of `Slew` [s]
+    shifts: Mapping[str, float] = field(default_factory=dict)
 
 
 def both(first: Mistake, second: Mistake) -> Mistake:
@@ -206,172 +230,3 @@ def both(first: Mistake, second: Mistake) -> Mistake:
         mend=lambda reading: second.mend(first.mend(reading)),
         words=f"{first.words}, and {second.words}",
     )
-
-
-# A campaign built in memory is in SI units and has the package's senses.
-_IN_MEMORY: dict[str, dict[str, Any]] = {
-    "time": {"names": ["time"], "unit": "s"},
-    "wheel_torque": {"unit": "N m", "acts_on": "wheel"},
-    "wheel_momentum": {"unit": "N m s", "relative_to": "body"},
-    "attitude": {
-        "names": ["q1", "q2", "q3", "q4"],
-        "scalar": "last",
-        "maps": "inertial_to_body",
-    },
-}
-
-
-def stated_columns(
-    campaign: Campaign, description: Description | None = None
-) -> dict[str, Mapping[str, Any]]:
-    """What a campaign states of its columns, under the keys of `[columns]`.
-
-    A campaign in memory is in SI units. Wheels whose columns are in several units or tables are
-    left out.
-    """
-    rates = [f"rate_{axis}" for axis in axis_names(campaign.rate_sensor)]
-    columns: dict[str, Mapping[str, Any]] = {
-        "time": description.time.model_dump() if description else _IN_MEMORY["time"],
-        "rate": {"names": rates, "unit": "rad/s"},
-    }
-    for entry in () if description is None else _first(description):
-        if not entry.wheels or len(entry.wheels) == len(campaign.wheels):
-            columns[entry.key] = entry.columns.model_dump()
-    for key in () if description else ("wheel_torque", "wheel_momentum", "attitude"):
-        if any(getattr(slew, key) is not None for slew in campaign.slews):
-            names = [f"{key}.{wheel.name}" for wheel in campaign.wheels]
-            columns[key] = {"names": names, **_IN_MEMORY[key]}
-    return columns | _direction_columns(campaign, description)
-
-
-def _direction_columns(
-    campaign: Campaign, description: Description | None
-) -> dict[str, Mapping[str, Any]]:
-    """Columns of each direction sensor and of a reference of its own, by keys of format 2.
-
-    `path` is the key under which the file has them.
-    """
-    entries = () if description is None else description.entries
-    columns: dict[str, Mapping[str, Any]] = {}
-    for name, sensor in direction_sensors(campaign):
-        in_memory = {"names": ["x", "y", "z"], "unit": sensor.unit or None}
-        keys = {"direction": f"{MORE}{name}"}
-        if any(name in (slew.inputs or {}) for slew in campaign.slews):
-            keys["reference"] = f"{INPUTS}{name}"
-        for key, field in keys.items():
-            of_file = [e for e in entries if e.field == field]
-            path = of_file[0].path if of_file else f"sensors.{name}.{key}"
-            written = of_file[0].columns.model_dump() if of_file else in_memory
-            columns[f"sensors.{name}.{key}"] = {**written, "path": path}
-    return columns
-
-
-def of_wheels(description: Description, names: Sequence[str]) -> Description:
-    """A description of format 2 whose columns are of some of the wheels only."""
-    entries = []
-    for entry in description.entries:
-        of = [description.wheels[i].name for i in entry.wheels]
-        kept = [k for k, name in enumerate(of) if name in names]
-        if len(kept) < len(of):
-            columns = [entry.columns.names[k] for k in kept]
-            entry = replace(
-                entry,
-                columns=entry.columns.model_copy(update={"names": columns}),
-                paths=tuple(entry.paths[k] for k in kept),
-                wheels=tuple(names.index(of[k]) for k in kept),
-            )
-        entries += [entry] if kept or not of else []
-    return replace(description, entries=tuple(entries))
-
-
-# Keys of the readings in a slew and of the hardware, for sensors that the laws are held against.
-LIKE_THE_FIRST = {RateSensor: ("rate", "rate_sensor"), StarTracker: ("attitude", "star_tracker")}
-
-
-def in_place_of_the_first(campaign: Campaign) -> Iterator[tuple[str, Campaign]]:
-    """For each further rate sensor and star tracker, its name and a campaign that has it alone.
-
-    Sensors of directions stay.
-    """
-    beside = direction_sensors(campaign)
-    for name, hardware in campaign.more_sensors:
-        if type(hardware) not in LIKE_THE_FIRST:
-            continue
-        key, of_hardware = LIKE_THE_FIRST[type(hardware)]
-        slews = []
-        for slew in campaign.slews:
-            readings = (slew.more or {}).get(name)
-            more = {n: v for n, v in (slew.more or {}).items() if n in dict(beside)}
-            changed: dict[str, Any] = {"more": more or None, key: readings}
-            known = readings is not None and np.isfinite(readings).any(axis=1).sum() > 1
-            slews += [replace(slew, **changed)] if known else []
-        if slews:
-            # The first of a kind sits as it is stated, and no other is there to refer to.
-            alone: dict[str, Any] = {of_hardware: replace(hardware, mounting_sigma=None)}
-            alone |= {"slews": tuple(slews), "dirt": (), "reference": None}
-            yield name, replace(campaign, more_sensors=tuple(beside), **alone)
-
-
-def description_for(description: Description | None, name: str) -> Description | None:
-    """What the description says of a further sensor, as if it were the first of its kind."""
-    if description is None:
-        return None
-    entry = next(e for e in description.entries if e.field == f"{MORE}{name}")
-    first = replace(entry, field=entry.key)
-    others = [e for e in description.entries if e.field != entry.key and e is not entry]
-    table = "rate_sensor" if entry.key == "rate" else "star_tracker"
-    devices = {**description.devices, table: f"sensors.{name}"}
-    return replace(description, entries=(first, *others), devices=devices)
-
-
-def _first(description: Description) -> Iterator[Entry]:
-    """Entries of the sensors, wheels and environment that format 1 knows."""
-    return (entry for entry in description.entries if "." not in entry.field)
-
-
-def as_written(mistake: Mistake, description: Description | None) -> Mistake:
-    """A mistake with the keys of the campaign's own description."""
-    if description is None or not description.devices:
-        return mistake
-    entries = {entry.key: entry for entry in _first(description)}
-    rewritten = (_rewritten(old, entries, description) for old in mistake.changes)
-    return replace(mistake, changes=tuple(new for each in rewritten for new in each))
-
-
-def _rewritten(
-    change: KeyChange, entries: Mapping[str, Entry], description: Description
-) -> Iterator[KeyChange]:
-    table, _, rest = change.key.partition(".")
-    key, _, last = rest.rpartition(".")
-    if table == "columns" and key in entries:
-        entry = entries[key]
-        for k, path in enumerate(entry.paths):
-            stated, mended = change.stated, change.mended
-            if last == "names" and len(entry.paths) > 1:
-                stated, mended = [stated[k]], [mended[k]]
-            if stated != mended:
-                yield KeyChange(f"{path}.{last}", stated, mended)
-    elif table == "wheels" and last == "momentum_sigma":
-        # The noise stands beside the columns of the tachometers, or among the wheel's own keys.
-        beside = entries["wheel_momentum"].columns.sigma is not None
-        yield replace(change, key=f"actuators.{key}.momentum{'.' if beside else '_'}sigma")
-    else:
-        yield replace(change, key=in_words(change.key, description))
-
-
-def in_words(text: str, description: Description | None) -> str:
-    """A text in which keys are those of the campaign's own description."""
-    if description is None or not description.devices:
-        return text
-    paths = {entry.key: _any_wheel(entry.paths) for entry in _first(description)}
-    text = re.sub(r"\bcolumns\.(\w+)", lambda m: paths.get(m[1], m[1]), text)
-    for old, new in description.devices.items():
-        text = re.sub(rf"\b{re.escape(old)}\.", f"{new}.".replace("\\", r"\\"), text)
-    return text
-
-
-def _any_wheel(paths: Sequence[str]) -> str:
-    """One key for those of all wheels."""
-    if len(paths) == 1:
-        return paths[0]
-    return f"actuators.*.{paths[0].rpartition('.')[2]}"

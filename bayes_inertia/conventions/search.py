@@ -35,6 +35,7 @@ from bayes_inertia.conventions.motion import (
     without_mean,
 )
 from bayes_inertia.conventions.reading import Mistake, Reading, both
+from bayes_inertia.conventions.stated import Stated
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,9 @@ class Judgement:
     reading: Reading
 
 
-def judged(misfits: laws.Misfits, stated: Reading, singles: Sequence[Mistake]) -> Judgement:
+def judged(
+    misfits: laws.Misfits, stated: Reading, singles: Sequence[Mistake], keys: Stated
+) -> Judgement:
     """Causes that make inconsistent data consistent: nothing, a stale bias, mistakes, or both."""
     before = laws.worst(misfits.of(stated))
     if before <= LIMITS.suspicious:
@@ -65,7 +68,7 @@ def judged(misfits: laws.Misfits, stated: Reading, singles: Sequence[Mistake]) -
     own = with_own_bias(misfits, stated)
     reading = own if _is_stale(misfits, stated, own) else stated
     biased = laws.worst(misfits.of(reading))
-    search = _Search(misfits, stated, before)
+    search = _Search(misfits, stated, before, keys)
     if before <= LIMITS.impossible:
         return Judgement(_surely(search, singles, reading, biased), reading)
     return Judgement(_impossible(search, singles, biased), reading)
@@ -87,12 +90,13 @@ class _Search:
     misfits: laws.Misfits
     stated: Reading
     before: float
+    keys: Stated
 
     def alone(self, singles: Sequence[Mistake]) -> list[Mistake]:
-        return [*singles, *turned_sensor(self.misfits, self.stated)]
+        return [*singles, *turned_sensor(self.misfits, self.stated, self.keys)]
 
     def beside_bias(self, singles: Sequence[Mistake]) -> list[Mistake]:
-        turned = turned_beside_bias(self.misfits, self.stated)
+        turned = turned_beside_bias(self.misfits, self.stated, self.keys)
         return [beside_stale_bias(self.misfits, mistake) for mistake in (*singles, *turned)]
 
     def ranked(self, tried: Sequence[Mistake], ordinary: float) -> tuple[Remedy, ...]:
@@ -184,12 +188,12 @@ def _may_meet(first: Mistake, second: Mistake) -> bool:
 def _scales(mistake: Mistake) -> bool:
     """Whether a mistake is one of scale; two of these in different quantities may compensate."""
     return any(
-        isinstance(c.stated, str) and c.key.endswith(".unit") and "time" not in c.key
+        isinstance(c.stated, str) and c.key.endswith(".unit") and not c.key.endswith("time.unit")
         for c in mistake.changes
     ) or any(c.key.endswith((".spin_inertia", "inertia.tensor")) for c in mistake.changes)
 
 
-def turned_sensor(misfits: laws.Misfits, reading: Reading) -> list[Mistake]:
+def turned_sensor(misfits: laws.Misfits, reading: Reading, keys: Stated) -> list[Mistake]:
     """Rotations of the rate sensor's frame that fixes, and wheel momentum, propose."""
     axes = reading.rate_axes_B
     words = "the rates are along other axes"
@@ -197,18 +201,22 @@ def turned_sensor(misfits: laws.Misfits, reading: Reading) -> list[Mistake]:
     rotations = [told(misfits, reading) for told in found]
     return [
         axes_mistake(
-            axes, np.round(axes @ rotation.T, LIMITS.axis_decimals), LIMITS.sensor_rarity, words
+            keys,
+            axes,
+            np.round(axes @ rotation.T, LIMITS.axis_decimals),
+            LIMITS.sensor_rarity,
+            words,
         )
         for rotation in rotations
         if rotation is not None and not _whole(rotation) and not _whole(axes @ rotation.T)
     ]
 
 
-def turned_beside_bias(misfits: laws.Misfits, reading: Reading) -> list[Mistake]:
+def turned_beside_bias(misfits: laws.Misfits, reading: Reading, keys: Stated) -> list[Mistake]:
     """The rotation that the data propose where the rate bias is stale as well, by turns."""
     best: list[Mistake] = []
     for _ in range(LIMITS.sensor_rounds):
-        proposed = turned_sensor(misfits, reading)
+        proposed = turned_sensor(misfits, reading, keys)
         if not proposed:
             break
         mended = [with_own_bias(misfits, mistake.mend(reading)) for mistake in proposed]

@@ -7,6 +7,8 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from bayes_inertia.campaign.sensors.attitude import ATTITUDE
+from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.conventions.clocks import fixes_in_motion
 from bayes_inertia.conventions.doubts import LAWS_IN_WORDS
 from bayes_inertia.conventions.laws import (
@@ -20,6 +22,7 @@ from bayes_inertia.conventions.laws import (
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.reading import Mistake, Reading
 from bayes_inertia.conventions.search import Remedy
+from bayes_inertia.conventions.stated import Stated, path_of
 from bayes_inertia.files import vocabulary
 
 _WORDS: Mapping[str, Any] = vocabulary("conventions")
@@ -27,15 +30,17 @@ _NATURE: Mapping[str, Mapping[str, str]] = _WORDS["nature"]
 _AS_CONTENT = ": the data would be as content if "
 
 
-def invisible(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> tuple[str, ...]:
+def invisible(
+    misfits: Misfits, stated: Reading, singles: Sequence[Mistake], keys: Stated
+) -> tuple[str, ...]:
     """Conventions that the data cannot show, and mistakes that leave them as consistent."""
     laws = misfits.of(stated)
-    said = [*_by_nature(misfits), *_without_telemetry(misfits, set(laws))]
+    said = [*_by_nature(misfits, keys), *_without_telemetry(misfits, set(laws), keys)]
     largest = LIMITS.equal_factor * worst(laws) + LIMITS.equal_misfit
     for mistake in singles:
         if misfits.mends(mistake.mend(stated), min(largest, LIMITS.ordinary)):
-            keys = ", ".join(dict.fromkeys(change.key for change in mistake.changes))
-            said.append(f"{keys}{_AS_CONTENT}{mistake.words}")
+            named = _each_once([change.key for change in mistake.changes])
+            said.append(f"{', '.join(named)}{_AS_CONTENT}{mistake.words}")
     return tuple(dict.fromkeys(said))
 
 
@@ -49,15 +54,19 @@ def invisible_in_brief(cannot_show: Sequence[str]) -> list[str]:
     >>> invisible_in_brief([f"{alike}they are exchanged"])
     ['other values would do as well: actuators.*.axis (they are exchanged)']
     """
-    brief = {line: short for lines in _NATURE.values() for line, short in lines.items()}
-    nature = [brief[line] for line in cannot_show if line in brief]
+    brief = {_reason(line): s for lines in _NATURE.values() for line, s in lines.items()}
+    nature = [
+        short if " " in short else line.partition(":")[0]
+        for line in cannot_show
+        if (short := brief.get(_reason(line)))
+    ]
     lines: list[str] = []
     others: dict[str, list[str]] = {}
     for line in cannot_show:
         keys, alike, words = line.partition(_AS_CONTENT)
         if alike:
             others.setdefault(_any_wheel(keys), []).append(words)
-        elif line not in brief:
+        elif _reason(line) not in brief:
             lines.append(line)
     if others:
         counted = [
@@ -66,6 +75,21 @@ def invisible_in_brief(cannot_show: Sequence[str]) -> list[str]:
         ]
         lines.append(f"other values would do as well: {', '.join(counted)}")
     return [*lines, f"as no campaign can: {'; '.join(nature)}"] if nature else lines
+
+
+def _each_once(paths: Sequence[str]) -> list[str]:
+    """Keys of which those of columns of several wheels are one."""
+    ends = [path.split(".")[-2:] for path in paths]
+    alike = (
+        f"actuators.*.{'.'.join(end)}" if ends.count(end) > 1 and path.count(".") > 2 else path
+        for path, end in zip(paths, ends, strict=True)
+    )
+    return list(dict.fromkeys(alike))
+
+
+def _reason(line: str) -> str:
+    """What follows the key of a line, where it has one."""
+    return line.partition(": ")[2] or line
 
 
 def _any_wheel(keys: str) -> str:
@@ -77,20 +101,27 @@ def _any_wheel(keys: str) -> str:
     return " with ".join(dict.fromkeys(named))
 
 
-def _by_nature(misfits: Misfits) -> list[str]:
+def _by_nature(misfits: Misfits, keys: Stated) -> list[str]:
     """Conventions that no campaign of this kind can show."""
     campaign = misfits.campaign
     said = list(_NATURE["tensor"])
     if campaign.wheels:
         said += _NATURE["wheels"]
     if misfits.slews.fixes.any():
-        said += _NATURE["tracker"]
+        tracker = f"{keys.key(ATTITUDE.first)}."
+        said += [line.replace(f"{ATTITUDE.first}.", tracker) for line in _NATURE["tracker"]]
         if not fixes_in_motion(misfits):
-            said.append(_WORDS["fixes_at_rest"])
+            said.append(f"{_clock(keys, ATTITUDE.field)}: {_WORDS['fixes_at_rest']}")
     return said
 
 
-def _without_telemetry(misfits: Misfits, laws: set[str]) -> list[str]:
+def _clock(keys: Stated, stream: str) -> str:
+    """The key of a stream's offset."""
+    entries = keys.of(stream)
+    return f"{path_of(entries[0]) if entries else f'columns.{stream}'}.offset_s"
+
+
+def _without_telemetry(misfits: Misfits, laws: set[str], keys: Stated) -> list[str]:
     """Conventions that are invisible because telemetry is missing."""
     said = []
     if not laws & {CLOSURE, DIRECTION}:
@@ -101,8 +132,11 @@ def _without_telemetry(misfits: Misfits, laws: set[str]) -> list[str]:
     if DRIVE not in laws and misfits.campaign.wheels:
         said.append("torque commands and tachometers are not both there: neither checks the other")
     if misfits.smoothed:
-        stream = "rate" if misfits.own_axes else "attitude"
-        said.append(f"columns.{stream}.offset_s: rates that no sensor reads check no clock")
+        unread = "rates that no sensor reads check no clock"
+        if fixes_in_motion(misfits):
+            said.append(f"{_clock(keys, ATTITUDE.field)}: {unread}")
+        if misfits.own_axes and CONSERVATION not in laws:
+            said.append(f"{_clock(keys, RATE.field)}: {unread}")
     return said
 
 

@@ -18,7 +18,7 @@ from jax import Array
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import Numbers
+from bayes_inertia.campaign.hardware import Numbers, axes_to_body
 from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.campaign.slew import Slew, between_fix_groups
 from bayes_inertia.flight.closed_loop import (
@@ -288,7 +288,7 @@ def control_law(spacecraft: Spacecraft, controller: Controller, period: float) -
     return ControlLaw(
         inertia_B=jnp.asarray(controller.inertia_B),
         scale_factor=jnp.asarray(controller.scale_factor),
-        rate_axes_inverse=jnp.asarray(np.linalg.inv(sensor.axes)),
+        rate_axes_inverse=jnp.asarray(axes_to_body(sensor.axes)),
         wheel_axes_B=jnp.asarray(G),
         allocation=jnp.asarray(allocation(spacecraft.wheels)),
         spin_inertia=jnp.asarray([w.spin_inertia for w in spacecraft.wheels]),

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import axes_to_body
 from bayes_inertia.files import vocabulary
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.objective import prior_equations, prior_rows
@@ -127,7 +128,7 @@ def turned_axes(campaign: Campaign) -> tuple[np.ndarray, np.ndarray]:
     )
     if not len(rates):
         return np.zeros(3), np.eye(3)
-    body = np.linalg.inv(sensor.axes)
+    body = axes_to_body(sensor.axes)
     rates = (rates * np.array(sensor.scale_factor) - np.array(sensor.bias)) @ body.T
     power = rates.T @ rates / len(rates) - body @ np.diag(np.square(sigma)) @ body.T
     values, axes = np.linalg.eigh(power)

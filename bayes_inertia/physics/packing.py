@@ -22,6 +22,7 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import axes_to_body
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.slew import Slew, between_fix_groups
 from bayes_inertia.errors import CampaignError
@@ -115,7 +116,7 @@ def longest_step(campaign: Campaign) -> float:
     """
     seen = campaign.with_body_rates
     readings = np.concatenate([s.complete_rates()[1] for s in seen.slews])
-    rates = np.linalg.norm(readings @ np.linalg.inv(seen.gyro.axes).T, axis=1)
+    rates = np.linalg.norm(readings @ axes_to_body(seen.gyro.axes).T, axis=1)
     high = float(np.quantile(rates, NUMERICS.largest_quantile)) if len(rates) else 0.0
     fastest = max(NUMERICS.fastest_over_quantile * high, 1e-9)
     return float(2.0 ** np.floor(np.log2(NUMERICS.straight_turn / fastest)))

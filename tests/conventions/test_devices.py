@@ -14,16 +14,18 @@ from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.parsed_description import parse_description
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.campaign.writer import write_campaign
+from bayes_inertia.conventions.candidates import mistakes
 from bayes_inertia.conventions.check import check_conventions
-from bayes_inertia.conventions.devices import device_mistakes
 from bayes_inertia.conventions.laws import CONSERVATION, Misfits
 from bayes_inertia.conventions.motion import sampled
 from bayes_inertia.conventions.reading import (
+    FIELD,
     ToldTorque,
-    stated_columns,
+    ToldTorques,
     stated_reading,
     untold,
 )
+from bayes_inertia.conventions.stated import stated_by
 
 
 @pytest.fixture(scope="module")
@@ -144,6 +146,15 @@ def test_a_wrong_sign_of_a_gimbal_angle_is_named(example, tmp_path):
     assert first.mended == [f"cmg_{i + 1}" for i in range(6)]
 
 
+def told_fields(campaign):
+    """A teller that tells the magnetic field of each slew."""
+    return {slew.name: slew.magnetic_field_N[0].tolist() for slew in campaign.slews}
+
+
+def of_the_field(tried):
+    return [m for m in tried if m.changes[0].key.startswith("environment")]
+
+
 def test_another_unit_or_order_of_the_field_is_one_for_torquers_and_magnetometer(example):
     off = {"torquers": InputStream(np.zeros(1), np.zeros((1, 3)))}
     slews = [
@@ -156,15 +167,16 @@ def test_another_unit_or_order_of_the_field_is_one_for_torquers_and_magnetometer
         more_sensors=(("field", DirectionSensor(2e-7, unit="T")),),
         slews=tuple(slews),
     )
-    stated = stated_reading(campaign)
-    tried = list(device_mistakes(stated.torques, stated_columns(campaign)))
+    stated, torques = stated_reading(campaign), ToldTorques(campaign, told_fields)
+    tried = of_the_field(mistakes(campaign, stated_by(campaign), 3, True))
     (unit,) = (m for m in tried if m.changes[0].mended == "nT")
-    (order,) = (m for m in tried if m.changes[0].mended == ["y", "x", "z"])
+    (order,) = (m for m in tried if m.changes[0].mended == ["By_N_T", "Bx_N_T", "Bz_N_T"])
     for mistake, matrix in ((unit, 1e-9 * np.eye(3)), (order, np.eye(3)[[1, 0, 2]])):
         mended = mistake.mend(stated)
-        np.testing.assert_allclose(mended.references[0], matrix)
-        np.testing.assert_array_equal(mended.directions, stated.directions)
-        assert mended.torques is not stated.torques
+        assert set(mended.matrices) - set(stated.matrices) == {FIELD}
+        np.testing.assert_allclose(mended.matrices[FIELD], matrix)
+        (fields,) = {tuple(field) for field in torques.under(mended).values()}
+        np.testing.assert_allclose(fields, matrix @ np.full(3, 2e-5))
 
 
 def test_the_field_of_an_orbit_is_in_no_column(example, by_torque):
@@ -180,13 +192,12 @@ def test_the_field_of_an_orbit_is_in_no_column(example, by_torque):
             for slew in example.slews
         ],
     )
-    stated, columns = stated_reading(campaign), stated_columns(campaign)
     said = parse_description((by_torque / "campaign.toml").read_text(), "campaign.toml")
     entries = [entry for entry in said.entries if not entry.path.startswith("environment")]
     of_orbit = replace(said, entries=tuple(entries))
     for description, some in ((None, True), (said, True), (of_orbit, False)):
-        keys = [m.changes[0].key for m in device_mistakes(stated.torques, columns, description)]
-        assert any(key.startswith("environment") for key in keys) == some
+        tried = mistakes(campaign, stated_by(campaign, description), 0, True)
+        assert bool(of_the_field(tried)) == some
 
 
 def test_the_noise_of_gimbal_angles_is_noise_of_the_momentum(example):

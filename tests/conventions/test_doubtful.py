@@ -15,6 +15,7 @@ from bayes_inertia.app.commands.check import show_check
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.conventions.check import check_conventions
 from bayes_inertia.conventions.columns import faulty_columns
+from bayes_inertia.conventions.stated import Stated
 from bayes_inertia.conventions.wording import invisible_in_brief
 from tests.support.wrong_conventions import with_keys
 
@@ -201,11 +202,11 @@ def test_a_dead_axis_is_doubtful_although_all_laws_hold():
 def test_columns_are_not_accused_where_steps_are_coarse_noise_is_absent_or_a_wheel_is_off():
     campaign = read_campaign(EXAMPLE)
     coarse = with_channel("rate", lambda w: np.round(w / 3e-4) * 3e-4 * [0.0, 1.0, 1.0])
-    assert faulty_columns(coarse, {}) == ()
+    assert faulty_columns(coarse, Stated((), {})) == ()
     ramp = np.linspace(0.0, 0.01, 200)[:, None] * [1.0, 1.0, -2.0]
     noiseless = replace(campaign.slews[0], time=np.arange(200.0), rate=ramp, attitude=None,
                         magnetic_field_N=None, position_N=None, **NO_WHEELS)  # fmt: skip
-    assert faulty_columns(replace(campaign, slews=(noiseless,)), {}) == ()
+    assert faulty_columns(replace(campaign, slews=(noiseless,)), Stated((), {})) == ()
     off = [
         replace(
             slew,

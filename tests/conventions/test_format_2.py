@@ -79,7 +79,7 @@ def test_a_further_tracker_may_be_mounted_roughly_or_be_the_reference(folder):
     slews = [replace(s, more={"second": s.attitude * [-1, -1, -1, 1]}) for s in campaign.slews]
     check = check_conventions(replace(campaign, slews=slews), quick=True)
     assert check.sentence.startswith("With the sensor second: ")
-    assert check.changes[0].key == "columns.attitude.maps"
+    assert check.changes[0].key == "sensors.second.attitude.maps"
 
 
 @pytest.mark.slow

@@ -49,6 +49,10 @@ class AttitudeStream(SensorStream):
         # The inverse rotation is the conjugate; the scalar's sign is kept.
         return quaternion * ([-1.0, -1.0, -1.0, 1.0] if entry.maps == "body_to_inertial" else 1.0)
 
+    def exchangeable(self, entry: Any) -> Sequence[int]:
+        """The quaternion's vector."""
+        return range(1, 4) if entry.scalar == "first" else range(3)
+
     def components(self, campaign: Campaign) -> tuple[str, ...]:
         """Body axes of the small rotation."""
         return ("about x", "about y", "about z")

@@ -111,6 +111,10 @@ class SensorStream(ABC):
             whole=not self.is_series,
         )
 
+    def exchangeable(self, entry: Any) -> Sequence[int]:
+        """Which of the columns of an entry may stand in another order by mistake: all."""
+        return range(len(entry.names))
+
     @abstractmethod
     def components(self, campaign: Campaign) -> tuple[str, ...]:
         """Names of the components of a residual."""
