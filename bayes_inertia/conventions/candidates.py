@@ -44,11 +44,12 @@ from bayes_inertia.conventions.reading import (
     KeyChange,
     Mend,
     Mistake,
+    Reading,
     both,
-    changed,
     direction_sensors,
     followed,
     preceded,
+    with_values,
 )
 from bayes_inertia.conventions.stated import Stated, key_changes, said_of
 from bayes_inertia.files import vocabulary
@@ -162,7 +163,7 @@ def _tried(campaign: Campaign, stated: Stated, directions: bool) -> Iterator[Tri
         elif entry.field == f"{INPUTS}{name}" and name in sensors:
             of_unit = 2 if right[name] else 1
             yield tried(f"what the {name} looks at", True, True, of_unit, 1)
-        elif name in sensors:
+        elif entry.field == f"{MORE}{name}" and name in sensors:
             seen = f"the field that the {name} reads" if sensors[name].is_field else f"the {name}"
             yield tried(seen, True, True, 1 if right[name] else 2)
 
@@ -338,8 +339,8 @@ def axes_mistake(
     stated: Stated, axes: np.ndarray, mended: np.ndarray, rarity: int, words: str
 ) -> Mistake:
     """The mistake that the rate sensor's axes (n, 3) are others than stated."""
-    key, mend = stated.key("rate_sensor", "axes"), changed(rate_axes_B=lambda _: mended)
-    return _of_array(key, axes, mended, rarity, mend, words)
+    key = stated.key("rate_sensor", "axes")
+    return _of_array(key, axes, mended, rarity, with_values(rate_axes_B=mended), words)
 
 
 def _of_wheel_axes(campaign: Campaign, stated: Stated, tried: Sequence[Tried]) -> Iterator[Mistake]:
@@ -352,7 +353,7 @@ def _of_wheel_axes(campaign: Campaign, stated: Stated, tried: Sequence[Tried]) -
             for name, old, new in zip(names, axes_B.T, mended_B.T, strict=True)
             if not np.allclose(old, new)
         )
-        return Mistake(changes, 3, changed(axes_B=lambda _: mended_B), words)
+        return Mistake(changes, 3, with_values(axes_B=mended_B), words)
 
     for other in (*signed(names, what, vector=False), *in_other_order(names, what)):
         yield mistake(axes_B @ other.matrix.T, other.words)
@@ -391,12 +392,9 @@ def _of_inertia(campaign: Campaign) -> Iterator[Mistake]:
     words = "the inertia tensor is along other axes"
     others += [(tensor[np.ix_(order, order)], 4, words) for order in _OTHER_ORDERS]
     for mended, rarity, words in others:
-        mend = changed(inertia=partial(_other, mended))
-        yield _of_array("inertia.tensor", tensor, mended, rarity, mend, words)
-
-
-def _other(mended: np.ndarray, _: np.ndarray) -> np.ndarray:
-    return mended
+        yield _of_array(
+            "inertia.tensor", tensor, mended, rarity, with_values(inertia=mended), words
+        )
 
 
 def _of_spin_inertias(campaign: Campaign, stated: Stated) -> Iterator[Mistake]:
@@ -453,6 +451,9 @@ def _of_record(device: Actuator) -> Iterator[Mistake]:
 
 def _with_record(device: Actuator) -> Mend:
     """A device has another record."""
-    return changed(
-        actuators=lambda devices: tuple(device if d.name == device.name else d for d in devices)
-    )
+
+    def mended(reading: Reading) -> Reading:
+        devices = tuple(device if d.name == device.name else d for d in reading.actuators)
+        return replace(reading, actuators=devices)
+
+    return mended

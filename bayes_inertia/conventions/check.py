@@ -29,13 +29,7 @@ from bayes_inertia.campaign.sensors.momentum import MOMENTUM
 from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.conventions import wording
 from bayes_inertia.conventions.candidates import mistakes
-from bayes_inertia.conventions.clocks import (
-    Clocks,
-    clocks,
-    known_offsets,
-    shifted_misfit,
-    streams_apart,
-)
+from bayes_inertia.conventions.clocks import Clocks, clocks, known_offsets, streams_apart
 from bayes_inertia.conventions.columns import copied_commands, faulty_columns, without_sign
 from bayes_inertia.conventions.doubts import (
     Factors,
@@ -82,26 +76,18 @@ def what_mends(
     mending, clock = judgement.remedies, Clocks()
     if not mending:
         clock = clocks(misfits, judgement.reading, stated)
-        mending = tuple(
-            remedy
-            for remedy in clock.remedies
-            if shifted_misfit(misfits, judgement.reading, remedy) < LIMITS.ordinary
-        )
+        mending = clock.remedies
+    exact = _of_factor(misfits, judgement.reading, stated, differ)
     # Two mistakes at once are less likely than one in a stream.
     first = mending[0].mistake if mending else None
     if first is None or (len(first.changes) > 1 and first not in singles):
-        return _of_streams(misfits, judgement.reading, stated, differ) or mending, clock
-    exact = _of_factor(misfits, judgement.reading, stated, differ)
+        return exact or _of_streams(misfits, judgement.reading, stated) or mending, clock
     better = [remedy for remedy in exact if remedy.after < LIMITS.clearly * mending[0].after]
     return (*mending, *better), clock
 
 
-def _of_streams(
-    misfits: Misfits, reading: Reading, stated: Stated, differ: Factors | None
-) -> tuple[Remedy, ...]:
-    """Faults of one stream: its factor, its signs, or its clock by a known offset."""
-    if exact := _of_factor(misfits, reading, stated, differ):
-        return exact
+def _of_streams(misfits: Misfits, reading: Reading, stated: Stated) -> tuple[Remedy, ...]:
+    """Faults of one stream: its signs, or its clock by a known offset."""
     before = worst(misfits.of(reading))
     if before <= LIMITS.impossible:
         return ()
@@ -325,7 +311,8 @@ def _without_locked_wheels(case: _Case) -> _Case:
         return case
     # Others that rest are locked by the reader, and read zero.
     running = replace(case.campaign, wheels=case.written.wheels).without_locked_wheels()
-    kept = [k for k, wheel in enumerate(case.written.wheels) if wheel in written.wheels]
+    names = [wheel.name for wheel in written.wheels]
+    kept = [k for k, wheel in enumerate(case.written.wheels) if wheel.name in names]
     return replace(case, campaign=running, written=written, stated=case.stated.of_wheels(kept))
 
 
@@ -469,10 +456,10 @@ def _stated_noise(case: _Case, entry: Entry) -> dict[str, Any]:
         return {key(RATE.first, "sigma"): written.get("sigma", list(case.campaign.gyro.sigma))}
     # It stands beside the columns of the tachometers, or among the wheel's own keys.
     beside = entry.columns.sigma is not None
+    wheels = [case.campaign.wheels[k] for k in entry.wheels]
     return {
-        f"{path}.sigma" if beside else key("wheels", wheel.name, "momentum_sigma"): sigma
-        for path, wheel in zip(entry.paths, case.campaign.wheels, strict=True)
-        for sigma in [wheel.momentum_sigma]
+        f"{path}.sigma" if beside else key("wheels", w.name, "momentum_sigma"): w.momentum_sigma
+        for path, w in zip(entry.paths, wheels, strict=True)
     }
 
 

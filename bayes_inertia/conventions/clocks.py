@@ -65,17 +65,13 @@ def clocks(misfits: Misfits, reading: Reading, stated: Stated) -> Clocks:
         for law, late in told.items()
         if law not in gross
     )
-    proposals = [
-        Remedy(_mistake(stated, shifts), late.before, late.after)
-        for shifts, late in _proposals(misfits, gross, told, stated)
-    ]
+    proposals = []
+    for shifts, late in _proposals(misfits, gross, told, stated):
+        mistake = _mistake(stated, shifts)
+        moved = misfits.shifted(mistake.shifts)
+        if moved is not None and worst(moved.of(reading)) < LIMITS.ordinary:
+            proposals.append(Remedy(mistake, late.before, late.after))
     return Clocks(tuple(proposals), remarks)
-
-
-def shifted_misfit(misfits: Misfits, reading: Reading, remedy: Remedy) -> float:
-    """The worst misfit of all laws with a proposal's offsets."""
-    moved = misfits.shifted(remedy.mistake.shifts)
-    return np.inf if moved is None else worst(moved.of(reading))
 
 
 def known_offsets(misfits: Misfits, reading: Reading, stated: Stated) -> tuple[Remedy, ...]:
@@ -206,7 +202,7 @@ def _proposals(
     of_wheels = dict.fromkeys(both, wheels.seconds)
     if commands is not None and _one(commands.seconds, -wheels.seconds):
         of_wheels = {MOMENTUM.field: wheels.seconds}
-    elif tracker is not None or not fixes_in_motion(misfits):
+    elif tracker is not None or misfits.smoothed or not fixes_in_motion(misfits):
         yield {RATE.field: -wheels.seconds}, wheels
     yield of_wheels, wheels
 

@@ -10,8 +10,8 @@ channel's own readings at their own times.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -145,28 +145,33 @@ def sampled(
     of the rate sensor, the last ones, are no sensor's own: they have no stamps to shift.
     """
     shifts = shifts or {}
-    pieces: list[dict] = []
+    pieces: list[SampledSlews] = []
     # Tachometers too slow for a piece leave what the rates and attitudes tell.
     for slow in (False, True):
         pieces = pieces or [
             p for slew in campaign.slews for p in _pieces(slew, campaign, shifts, smoothed, slow)
         ]
-    if not pieces:
-        return None
-    count = max(len(piece["time"]) for piece in pieces)
+    return _side_by_side(pieces) if pieces else None
+
+
+def _side_by_side(pieces: Sequence[SampledSlews]) -> SampledSlews:
+    """Pieces, the last moment of each repeated to one length; without what one of them lacks."""
+    count = max(piece.time.shape[1] for piece in pieces)
+
+    def stacked(values: Sequence[np.ndarray | None]) -> np.ndarray | None:
+        given = [v for v in values if v is not None]
+        if len(given) < len(values):
+            return None
+        rest = [np.repeat(v[:, -1:], count - v.shape[1], axis=1) for v in given]
+        return np.concatenate([np.hstack(both) for both in zip(given, rest, strict=True)])
+
+    names = tuple(name for piece in pieces for name in piece.names)
+    valid = np.array([np.arange(count) < piece.time.shape[1] for piece in pieces])
+    arrays = [f.name for f in fields(SampledSlews) if f.name not in ("names", "valid")]
     padded: dict[str, Any] = {
-        key: _stacked([piece[key] for piece in pieces], count) for key in pieces[0] if key != "name"
+        name: stacked([getattr(piece, name) for piece in pieces]) for name in arrays
     }
-    valid = np.array([np.arange(count) < len(piece["time"]) for piece in pieces])
-    names = tuple(piece["name"] for piece in pieces)
     return SampledSlews(names=names, valid=valid, **padded)
-
-
-def _stacked(arrays: list, count: int) -> np.ndarray | None:
-    """Arrays side by side, their last row repeated to the same length; None if one is absent."""
-    if any(array is None for array in arrays):
-        return None
-    return np.stack([np.concatenate([a, np.repeat(a[-1:], count - len(a), 0)]) for a in arrays])
 
 
 def _pieces(
@@ -175,7 +180,7 @@ def _pieces(
     shifts: Mapping[str, float],
     smoothed: int,
     no_tachometers: bool,
-) -> list[dict]:
+) -> list[SampledSlews]:
     """The pieces of a slew between gaps of its rates or tachometers."""
     rates = _believable_rates(campaign, slew).T
     own, shift = len(rates) - smoothed, shifts.get(RATE.field, 0.0)
@@ -218,7 +223,7 @@ def _piece(
     wheels: list[_Channel] | None,
     span: tuple[float, float],
     shifts: Mapping[str, float],
-) -> dict:
+) -> SampledSlews:
     """One piece, at evenly spaced moments and at its fixes."""
     time = slew.time + shifts.get(ATTITUDE.field, 0.0)
     fixes = np.flatnonzero(slew.fixes & (time >= span[0]) & (time <= span[1]))
@@ -231,17 +236,21 @@ def _piece(
         attitude[np.searchsorted(moments, time[fixes])] = np.asarray(slew.attitude)[fixes]
     vectors_B, vectors_N = _vectors(campaign, slew, moments)
     turn = np.stack([rate.integral(moments) for rate in rates], axis=1)
-    return {
-        "name": slew.name,
-        "time": moments,
-        "rate": np.stack([rate.at(moments) for rate in rates], axis=1),
-        "turn": turn - turn[0],
-        "momentum": None if wheels is None else np.stack([w.at(moments) for w in wheels], axis=1),
-        "impulse": _impulse(slew, moments - shifts.get(TORQUE, 0.0)),
-        "attitude": attitude,
-        "vectors_B": vectors_B,
-        "vectors_N": vectors_N,
-    }
+    impulse = _impulse(slew, moments - shifts.get(TORQUE, 0.0))
+    return SampledSlews(
+        names=(slew.name,),
+        time=moments[None],
+        valid=np.ones((1, len(moments)), dtype=bool),
+        rate=np.stack([rate.at(moments) for rate in rates], axis=1)[None],
+        turn=(turn - turn[0])[None],
+        momentum=None
+        if wheels is None
+        else np.stack([w.at(moments) for w in wheels], axis=1)[None],
+        impulse=None if impulse is None else impulse[None],
+        attitude=attitude[None],
+        vectors_B=vectors_B[None],
+        vectors_N=vectors_N[None],
+    )
 
 
 def _vectors(campaign: Campaign, slew: Slew, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -53,6 +53,14 @@ class Reading:
         """Readings (..., k) of a field of `Slew` as they are, from those as stated."""
         return values @ self.matrices[stream].T if stream in self.matrices else values
 
+    def matrix(self, stream: str, columns: int) -> np.ndarray:
+        """(k, k): from a reading of a field of `Slew`, of k columns, to what it is."""
+        return self.matrices.get(stream, np.eye(columns))
+
+    def with_matrix(self, stream: str, matrix: np.ndarray) -> Reading:
+        """The same with another matrix of a field of `Slew`."""
+        return replace(self, matrices={**self.matrices, stream: matrix})
+
     def key(self, *parts: str) -> tuple[bytes, ...]:
         """What fields of this reading, and matrices of fields of `Slew`, are known by."""
         found = (self.matrices.get(part, getattr(self, part, None)) for part in parts)
@@ -112,23 +120,21 @@ def unmended(reading: Reading) -> Reading:
     return reading
 
 
-def changed(**how: Callable[[Any], Any]) -> Mend:
-    """A reading some of whose fields are what functions make of them."""
-    return lambda reading: replace(
-        reading, **{name: change(getattr(reading, name)) for name, change in how.items()}
-    )
+def with_values(**values: Any) -> Mend:
+    """A reading with other values of some of its fields."""
+    return lambda reading: replace(reading, **values)
 
 
 def followed(stream: str, matrix: np.ndarray) -> Mend:
     """A reading in which a matrix, as of a unit or sense, follows that of a field of `Slew`."""
     if stream == "time":
-        return changed(time=lambda factor: float(matrix[0, 0]) * factor)
-    return changed(matrices=lambda of: {**of, stream: matrix @ of.get(stream, np.eye(len(matrix)))})
+        return lambda reading: replace(reading, time=float(matrix[0, 0]) * reading.time)
+    return lambda reading: reading.with_matrix(stream, matrix @ reading.matrix(stream, len(matrix)))
 
 
 def preceded(stream: str, matrix: np.ndarray) -> Mend:
     """A reading in which a matrix, as of columns in their order, precedes that of a field."""
-    return changed(matrices=lambda of: {**of, stream: of.get(stream, np.eye(len(matrix))) @ matrix})
+    return lambda reading: reading.with_matrix(stream, reading.matrix(stream, len(matrix)) @ matrix)
 
 
 @dataclass(frozen=True, eq=False)

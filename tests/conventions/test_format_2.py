@@ -65,6 +65,16 @@ def test_a_wrong_key_is_named_as_the_file_writes_it(folder, old, new, keys, mend
     assert check.edits
 
 
+def test_the_unit_of_one_wheel_alone_is_named(folder):
+    """Wheels whose columns say different things were left out."""
+    text = (folder / "campaign.toml").read_text()
+    (folder / "one.toml").write_text(text.replace('unit = "N m s"', 'unit = "mN m s"', 1))
+    check = check_conventions(folder / "one.toml", quick=True)
+    first = [(c.key, c.mended) for c in check.changes if c.proposal == 1]
+    name = read_campaign(folder).wheels[0].name
+    assert first == [(f"actuators.{name}.momentum.unit", "N m s")]
+
+
 def two_trackers(folder, **changes):
     """The example with a second star tracker, which reads what the first does."""
     campaign = read_campaign(folder)
