@@ -15,7 +15,7 @@ from scipy import optimize
 from scipy.linalg import block_diag
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.diagnosis.random_signals import projected_signal
+from bayes_inertia.diagnosis.linear_system import projected_signal
 from bayes_inertia.diagnosis.torque_response import coefficient_columns, torque_response
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.marginal_posterior import prior_roots

@@ -21,12 +21,9 @@ from analyses import made_rows, results_of, rows_of
 from analyses.naming.fixed_shape_campaigns import draw
 from bayes_inertia.diagnosis.clean_start import clean_start
 from bayes_inertia.diagnosis.hypothesis_table import log_evidence_of_random
-from bayes_inertia.diagnosis.linear_system import linear_model, random_members
-from bayes_inertia.diagnosis.random_signals import (
-    STOCHASTIC_CANDIDATES,
-    random_candidates,
-    with_p_values,
-)
+from bayes_inertia.diagnosis.linear_system import linear_model
+from bayes_inertia.diagnosis.random_signals import STOCHASTIC_CANDIDATES, random_members
+from bayes_inertia.diagnosis.score_test import random_candidates, with_p_values
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.files import write_atomically
 from bayes_inertia.physics.forward_model import Model

@@ -57,7 +57,7 @@ def to_json(investigation: Investigation) -> dict[str, Any]:
         "could_hide": investigation.blind_spots,
         **picked(diagnosis, "why_unknown", "nameless_lead", "nameless_source"),
         "formulas": _formulas(diagnosis),
-        **picked(diagnosis, "hypotheses", "threshold", "rules", "noise"),
+        **picked(diagnosis, "hypotheses", "threshold", "rules", "noise", "noise_probabilities"),
         "treatment": diagnosis.treatment.json(),
         "skipped": [{"effect": name, "reason": reason} for name, reason in diagnosis.skipped],
         "alike": alike_pairs(diagnosis),

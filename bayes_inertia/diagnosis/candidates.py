@@ -52,7 +52,7 @@ def oscillator_columns(
                 torque_B[s, :, i, f, k] += reaction[:, j]
                 if i != j:
                     torque_B[s, :, j, f, k] += reaction[:, i]
-    return response.residual_change(scale * torque_B.reshape(*torque_B.shape[:3], -1))
+    return response.changes({"body_torque": scale * torque_B.reshape(*torque_B.shape[:3], -1)})
 
 
 def _reaction(time: np.ndarray, rate_B: np.ndarray, frequency: float) -> np.ndarray:

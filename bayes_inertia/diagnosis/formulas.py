@@ -17,9 +17,9 @@ import numpy as np
 
 from bayes_inertia.diagnosis.hypothesis_table import log_evidence_of_columns
 from bayes_inertia.diagnosis.limits import LIMITS
+from bayes_inertia.diagnosis.linear_system import LinearModel
 from bayes_inertia.diagnosis.result import FormulaSearch, FormulaTerm
-from bayes_inertia.diagnosis.torque_response import TorqueResponse, changes_of
-from bayes_inertia.inference.linearised_fit import LinearisedFit
+from bayes_inertia.diagnosis.torque_response import TorqueResponse
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.device_arrays import repeated
 from bayes_inertia.maths.values import array_dataclass
@@ -27,6 +27,7 @@ from bayes_inertia.physics.effects.formula import (
     PLACES,
     Driver,
     Formula,
+    Place,
     driver_of,
     driver_values,
     drivers_known,
@@ -35,20 +36,21 @@ from bayes_inertia.physics.effects.formula import (
 from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.slew_context import State
 
-# Hooks of an effect and of the linear response that differ in name.
-_RESPONSE_HOOK = {"wheel_torque": "delivered_torque"}
+
+def response_hook(place: Place) -> str:
+    """The hook of the linear response that a place's hook of an effect is."""
+    return "delivered_torque" if place.hook == "wheel_torque" else place.hook
 
 
 def search_formulas(
-    response: TorqueResponse, fit: LinearisedFit, effects: Sequence[np.ndarray] = ()
+    response: TorqueResponse, linear: LinearModel, named: Collection[str] = ()
 ) -> FormulaSearch:
     """Weigh every term of the grammar at a fit; what it holds is projected off.
 
-    `effects`: columns (slews, numbers, k) of each effect that has a name: a term that one of them
-    can make is that effect.
+    `named`: effects that have a name: a term that one of them can make is that effect.
     """
-    named = [_named(columns, fit) for columns in effects]
-    return weighed(projected(block, fit, named) for block in blocks(response))
+    effects = [_independent(linear, m.columns) for m in linear.members if m.name in named]
+    return weighed(projected(block, linear, effects) for block in blocks(response))
 
 
 @array_dataclass
@@ -190,11 +192,11 @@ def _columns(response: TorqueResponse, place: str, values: np.ndarray, rows: int
             quaternion.to_body(jnp.asarray(response.attitude)[:, :, None], jnp.eye(3)[None, None])
         )
         unit = np.einsum("snji,snjk->snik", turn, unit)
-    hook = PLACES[place].hook
+    hook = response_hook(PLACES[place])
     if hook == "rate_output" and response.estimate.model.n_base != N_BASE:
         # As `Formula` has it: along each of other than three axes the error of the body's.
         unit = response.estimate.model.campaign.gyro.axes @ unit
-    return changes_of(response, {_RESPONSE_HOOK.get(hook, hook): unit}, unit.shape[-1])
+    return response.changes({hook: unit})
 
 
 class Projected(NamedTuple):
@@ -208,8 +210,8 @@ class Projected(NamedTuple):
         Gram matrix of its columns.
     gradient : (c,) array
         Their products with the residuals.
-    named : sequence of (c, c) arrays
-        What each effect that has a name can make of that matrix.
+    named : sequence of (c, r) arrays
+        Their products with independent columns of each effect that has a name.
     """
 
     block: Block
@@ -220,36 +222,25 @@ class Projected(NamedTuple):
     def has_a_name(self, basis: np.ndarray) -> bool:
         """Whether one effect can make a form (c, coefficients) of the block."""
         least = LIMITS.same_effect * np.trace(basis.T @ self.matrix @ basis)
-        return any(np.trace(basis.T @ part @ basis) > least for part in self.named)
+        return any(np.sum((basis.T @ cross) ** 2) > least for cross in self.named)
 
 
-class _Named(NamedTuple):
-    """An effect that has a name: independent columns (slews, numbers, k), their share in a fit."""
-
-    columns: np.ndarray
-    imitated: np.ndarray
-
-
-def _named(columns: np.ndarray, fit: LinearisedFit) -> _Named:
-    """Orthonormal once everything fitted is projected off; what that leaves nothing of is out."""
-    matrix, _ = fit.projected(columns)
-    powers, directions = np.linalg.eigh(matrix)
-    kept = powers > LIMITS.jitter * np.sum(columns**2)
-    own = columns @ (directions[:, kept] / np.sqrt(powers[kept]))
-    return _Named(own, fit.imitated(own))
+def _independent(linear: LinearModel, columns: np.ndarray) -> np.ndarray:
+    """Combinations (c, r) of an effect's columns, orthonormal once everything fitted is projected
+    off; what that leaves nothing of is out.
+    """
+    powers, directions = np.linalg.eigh(linear.system.matrix[np.ix_(columns, columns)])
+    kept = powers > LIMITS.jitter * np.sum(linear.columns[..., columns] ** 2)
+    chosen = np.zeros((len(linear.system.matrix), np.count_nonzero(kept)))
+    chosen[columns] = directions[:, kept] / np.sqrt(powers[kept])
+    return chosen
 
 
-def projected(block: Block, fit: LinearisedFit, named: Sequence[_Named] = ()) -> Projected:
+def projected(block: Block, linear: LinearModel, named: Sequence[np.ndarray] = ()) -> Projected:
     """Project everything fitted off a block."""
-    matrix, gradient = fit.projected(block.columns)
-    if not named:
-        return Projected(block, matrix, gradient)
-    imitated, parts = fit.imitated(block.columns), []
-    for effect in named:
-        cross = np.einsum("snk,snc->kc", effect.columns, block.columns, optimize=True)
-        cross -= effect.imitated.T @ imitated
-        parts.append(cross.T @ cross)
-    return Projected(block, matrix, gradient, parts)
+    signal = linear.projected(block.columns).repeated()
+    cross = [signal.cross[0] @ effect for effect in named]
+    return Projected(block, signal.matrix[0, :, 0], signal.gradient[0], cross)
 
 
 def weighed(projections: Iterable[Projected]) -> FormulaSearch:

@@ -29,6 +29,7 @@ import numpy as np
 from scipy.special import gammaln, log_ndtr, logsumexp
 
 from bayes_inertia.diagnosis.limits import LIMITS
+from bayes_inertia.maths.numerics import NUMERICS
 from bayes_inertia.maths.values import array_dataclass
 
 
@@ -138,6 +139,17 @@ class FixedMember:
     def columns(self) -> np.ndarray:
         """All its columns, in the order of its parameters."""
         return np.sort(np.concatenate([self.index, self.shape]))
+
+
+def visible(matrix: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The directions of an effect that a campaign can see.
+
+    `matrix` (c, c): S. `index` (n,): the effect's columns. Returns `powers` (r,): signal-to-noise
+    power of an effect of prior size; `directions` (n, r): unit vectors.
+    """
+    powers, directions = np.linalg.eigh(matrix[np.ix_(index, index)])
+    seen = powers > NUMERICS.visible_power
+    return powers[seen], directions[:, seen]
 
 
 @array_dataclass
@@ -454,17 +466,14 @@ def of_columns(
 ) -> tuple[Given, list[FixedMember]]:
     """The linear model of a few effects alone, and of so many last columns."""
     last = np.arange(given.gradient.shape[1] - further, given.gradient.shape[1])
-    parts = [part for m in members for part in (m.index, m.shape)]
-    index = np.concatenate([*parts, last])
-    place = {int(i): k for k, i in enumerate(index)}
-    moved = [
-        replace(
-            m,
-            index=np.array([place[int(i)] for i in m.index], int),
-            shape=np.array([place[int(i)] for i in m.shape], int),
-        )
-        for m in members
-    ]
+    moved, parts, first = list[FixedMember](), [last], 0
+    for m in members:
+        here = np.arange(first, first + len(m.index) + len(m.shape))
+        own, shape = here[: len(m.index)], here[len(m.index) :]
+        moved.append(replace(m, index=own, shape=shape))
+        parts[-1:] = [m.index, m.shape, last]
+        first += len(here)
+    index = np.concatenate(parts)
     small = given.matrix[:, index][:, :, index], given.gradient[:, index]
     return Given(given.log_weight, *small), moved
 

@@ -232,6 +232,8 @@ class Limits:
     eigenvalue_floor: float = 1e-7
     # Grid of the log size above the smallest visible: from, to, points.
     log_sizes: tuple[float, float, int] = (-2.0, 18.0, 41)
+    # Rounds of that, each around the best of the last: the size to 1e-4.
+    rounds_of_size: int = 4
     # p-value of what a torque leaves, above which nothing else is tried.
     sufficient: float = 1e-4
     # Log evidence by which another kind of signal must be better than a torque.

@@ -32,20 +32,28 @@ from scipy import optimize, stats
 from scipy.special import softmax
 
 from bayes_inertia.diagnosis.candidates import candidate_effects
-from bayes_inertia.diagnosis.hypothesis_table import FixedMember
+from bayes_inertia.diagnosis.hypothesis_table import (
+    FixedMember,
+    Names,
+    System,
+    given_fixed,
+    log_evidence_of,
+    nothing,
+    visible,
+)
 from bayes_inertia.diagnosis.limits import LIMITS
-from bayes_inertia.diagnosis.linear_system import LinearModel, linear_model, log_evidence_of_each
+from bayes_inertia.diagnosis.linear_system import LinearModel, linear_model, mixed, parameters_of
 from bayes_inertia.diagnosis.result import AlternativeParameters, Diagnosis
+from bayes_inertia.diagnosis.table_search import Table, given_row
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.likelihood import padded_sensitivities
 from bayes_inertia.inference.linearised_fit import LinearisedFit, Rows
 from bayes_inertia.inference.optimizer import estimate, move_to
 from bayes_inertia.inference.posterior import Posterior, sd_of_interval
-from bayes_inertia.inference.settings import OPEN_VERDICTS
+from bayes_inertia.inference.settings import NOTHING, OPEN_VERDICTS
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import filled
-from bayes_inertia.maths.numerics import NUMERICS as MATHS_NUMERICS
 from bayes_inertia.maths.values import AnyArray, array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, FlexibleMode
@@ -119,10 +127,10 @@ def _shifts(
     """How far an effect could move each element of J and K that was fitted."""
     space, matrix = estimate.model.space, linear.system.matrix
     part, index = space.slice_of(member.name), member.columns
-    block = matrix[np.ix_(index, index)]
-    seen = np.count_nonzero(np.linalg.eigvalsh(block) > MATHS_NUMERICS.visible_power)
-    limit = noncentrality_at_even_odds(max(int(seen), 1), threshold)
-    shift, amplitude = largest_shifts(matrix[-len(linear.null) :, index], block / limit)
+    seen = len(visible(matrix, index)[0])
+    limit = noncentrality_at_even_odds(max(seen, 1), threshold)
+    block = matrix[np.ix_(index, index)] / limit
+    shift, amplitude = largest_shifts(matrix[-len(linear.null) :, index], block)
     values = space.nulls[part] + amplitude * space.sd[part]
     unseen = np.sum(amplitude**2, 1) > 0.5 * LIMITS.hidden_amplitude**2
     names = [name.split(".", 1)[1] for name in space.names[part]]
@@ -191,9 +199,9 @@ def undetected_alternatives(
     """
     held = _with_candidates(estimate, library)
     linear = linear_model(held, linearised=_linearised(estimate, held))
-    evidence = log_evidence_of_each(linear)
+    evidence = [log_evidence_of(nothing(linear.system), [m]) for m in linear.members]
     # The first is nothing; a log evidence may be too large for its exponential.
-    log_odds = [0.0, *(evidence[m.name] - np.log(len(linear.members)) for m in linear.members)]
+    log_odds = np.append(0.0, np.array(evidence) - np.log(len(linear.members)))
     probabilities = softmax(log_odds)[1:].tolist()
     rows = (
         _alternative(held, linear, member, probability)
@@ -239,23 +247,39 @@ def _linearised(estimate: Estimate, held: Estimate) -> LinearisedFit:
 def _alternative(
     estimate: Estimate, linear: LinearModel, member: FixedMember, probability: float
 ) -> AlternativeParameters | None:
-    """J and K with one effect more; None if the campaign cannot see it."""
-    S, u, index = linear.system.matrix, linear.system.gradient[member.index], member.index
-    powers, directions = np.linalg.eigh(S[np.ix_(index, index)])
-    visible = powers > MATHS_NUMERICS.visible_power
-    if not visible.any():
+    """J and K with one effect more, of prior size; None if the campaign cannot see it."""
+    system, names = linear.system, estimate.model.space.names[: len(linear.null)]
+    _, directions = visible(system.matrix, member.index)
+    own, base = directions.shape[1], np.arange(-len(names), 0)
+    if not own:
         return None
-    information = powers[visible] + 1.0
-    moved = S[-len(linear.null) :, index] @ directions[:, visible]
-    u = np.maximum(u, 0.0) if member.one_sided else u
-    return AlternativeParameters(
-        member.name,
-        "",
-        probability,
-        tuple(estimate.model.space.names[: len(linear.null)]),
-        linear.null - moved @ (u @ directions[:, visible] / information),
-        linear.covariance + moved / information @ moved.T,
-    )
+    turn = np.zeros((len(system.matrix), own + len(names)))
+    turn[member.index, :own], turn[base, base] = directions, 1.0
+    gradient = np.maximum(system.gradient, 0.0) if member.one_sided else system.gradient
+    seen = nothing(System(turn.T @ system.matrix @ turn, turn.T @ gradient))
+    unit = FixedMember(member.name, np.arange(own), np.arange(0), np.ones(1), np.ones(1))
+    mean, covariance = parameters_of(linear, given_fixed(seen, unit))
+    return AlternativeParameters(member.name, "", probability, names, mean, covariance)
+
+
+def other_rows(table: Table, named: Names) -> tuple[AlternativeParameters, ...]:
+    """J and K of all rows but that of the effects named; many improbable ones are one row."""
+    space = table.first.estimate.model.space
+    names, instead_of = space.names[: space.n_base], " and ".join(sorted(named)) or NOTHING
+    listed, rest = list[AlternativeParameters](), list[AlternativeParameters]()
+    for row, probability in table.rows.items():
+        if row != named and probability > LIMITS.negligible_probability:
+            moments = parameters_of(*given_row(table, row))
+            effects = " and ".join(sorted(row))
+            own = AlternativeParameters(effects, instead_of, probability, names, *moments)
+            (listed if probability > LIMITS.least_probability else rest).append(own)
+    if rest:
+        weights = np.array([row.probability for row in rest])
+        moments = (np.array([getattr(r, x) for r in rest]) for x in ("mean", "covariance"))
+        mean, spread, within = mixed(weights / weights.sum(), *moments)
+        merged = "others", instead_of, float(weights.sum()), names, mean, within + spread
+        listed.append(AlternativeParameters(*merged))
+    return tuple(listed)
 
 
 # The case with a torque and a rate error of free shape, among those averaged over.

@@ -1,4 +1,4 @@
-"""Effects without a fixed shape, and shapes without a name: their coefficients and significance.
+"""Effects without a fixed shape, and shapes without a name: their forms, and their coefficients.
 
 A signal of unit size has coefficients c = T z, z standard normal; with size a the data are r = D a
 T z + e beyond all that is fitted. With A = D^T P D and g = D^T P r, P projecting off the fit with
@@ -11,48 +11,39 @@ sizes and over shapes (a correlation time) with their prior. A fit takes the coe
 slews as independent; here a process that goes on between slews is one over the campaign. Where a
 process on knots can act, two rivals without a name can act as well: a signal that is smooth (a
 squared-exponential kernel, of any length), and one that is the same in every slew.
-
-Such an average has a mean of one without its signal, so that its p-value is at most one over it
-(Markov's inequality). That bound is too cautious by a factor of about 20. The p-value itself is
-simulated: of one candidate
-
-    P(B >= b) = E[ 1(B >= b) / B ],
-
-the expectation over campaigns that have the signal, drawn from its prior (importance sampling: such
-a campaign is B times as probable with the signal as without). A thousand campaigns are enough for
-any p-value, because all of them are near b or above it. That of the largest of several is at most
-the sum.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
+from scipy.linalg import block_diag
 from scipy.special import logsumexp
 
+from bayes_inertia.diagnosis.formulas import DRIVEN_BY_LIBRARY, told_blocks
 from bayes_inertia.diagnosis.hypothesis_table import (
-    Names,
     RandomMember,
-    draw_coefficients,
-    log_evidence_of_random,
+    Signal,
+    signal_of,
 )
 from bayes_inertia.diagnosis.limits import LIMITS
-from bayes_inertia.diagnosis.result import Candidate
-from bayes_inertia.inference.linearised_fit import LinearisedFit
+from bayes_inertia.diagnosis.linear_system import LinearModel, ProjectedSignal
+from bayes_inertia.diagnosis.torque_response import PROGRAMS, TorqueResponse, coefficient_columns
+from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.marginal_posterior import prior_roots
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect, require_effects, require_of_effect
 from bayes_inertia.physics.effects import REMAINDERS, STOCHASTIC
+from bayes_inertia.physics.effects.formula import PLACES
 from bayes_inertia.physics.effects.scales import sd_and_time
 from bayes_inertia.physics.effects.tachometer_noise_walk import TachometerNoiseWalk
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.processes import Process
-from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.stated_noise import stated_terms
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
@@ -63,79 +54,6 @@ NAMELESS = {
     "tachometers": "nameless_tachometer_error",
     "star tracker": "nameless_star_tracker_error",
 }
-
-
-@array_dataclass
-class ProjectedSignal:
-    """Coefficients of all slews, everything fitted projected off.
-
-    Parameters
-    ----------
-    gradient : (slews, k) array
-        g, by slew.
-    matrix : (slews, k, slews, k) array
-        A: what is fitted in common couples slews.
-    cross : (slews, k, c) array
-        Their products with the columns of effects of a fixed shape.
-    """
-
-    gradient: np.ndarray
-    matrix: np.ndarray
-    cross: np.ndarray
-
-    def repeated(self) -> ProjectedSignal:
-        """The same if the coefficients are one draw for all slews."""
-        return ProjectedSignal(
-            self.gradient.sum(0, keepdims=True),
-            self.matrix.sum((0, 2))[None, :, None],
-            self.cross.sum(0, keepdims=True),
-        )
-
-
-def projected_signal(
-    fit: LinearisedFit, columns: np.ndarray, others: np.ndarray
-) -> tuple[ProjectedSignal, np.ndarray]:
-    """Project everything fitted off a signal.
-
-    `columns` (slews, numbers, k): changes of its whitened residuals by the coefficients of each
-    slew. `others` (slews, numbers, c): columns of effects of a fixed shape. Returns: the signal;
-    the share (unknowns, slews k) of each slew's columns that the fit imitates.
-    """
-    slews, _, k = columns.shape
-    gradient, matrix = np.zeros((slews, k)), np.zeros((slews, k, slews, k))
-    imitated = np.zeros((len(fit.inverse_root), slews, k))
-    for s, own in enumerate(columns):
-        gradient[s] = own.T @ fit.residual[s]
-        matrix[s, :, s] = own.T @ own
-        imitated[fit.index(s), s] = fit.columns[s].T @ own
-    imitated = fit.inverse_root @ imitated.reshape(len(imitated), -1)
-    matrix -= (imitated.T @ imitated).reshape(matrix.shape)
-    fitted = (imitated.T @ fit.whitened_gradient).reshape(slews, k)
-    cross = np.swapaxes(columns, 1, 2) @ others
-    cross -= (imitated.T @ fit.imitated(others)).reshape(cross.shape)
-    return ProjectedSignal(fitted - gradient, matrix, cross), imitated
-
-
-def p_values_of_largest(
-    members: Sequence[RandomMember],
-    log_bayes_factors: np.ndarray,
-    rng: np.random.Generator,
-    draws: int = LIMITS.draws,
-) -> np.ndarray:
-    """Probability that any Bayes factor is so large where nothing is random, at most.
-
-    `log_bayes_factors` (m,). Returns (m,): the sum over the members, each simulated by itself.
-    """
-    asked, total = np.asarray(log_bayes_factors)[:, None], np.zeros(len(log_bayes_factors))
-    for member in members:
-        assert member.matrix is not None
-        drawn = draw_coefficients(member, rng, draws)
-        powers, along = np.linalg.eigh(member.matrix)
-        sd = np.sqrt(np.maximum(powers, 0.0))[:, None]
-        noise = along @ (sd * rng.standard_normal(drawn.shape))
-        evidence = logsumexp(log_evidence_of_random(member, member.matrix @ drawn + noise), axis=0)
-        total += np.mean((evidence >= asked) * np.exp(-evidence), axis=1)
-    return np.minimum(total, 1.0)
 
 
 # Where in a slew's signal chain an effect enters, in the words of `unexplained`.
@@ -165,53 +83,6 @@ def candidate_kinds(
         require_of_effect(any(map(effect.acts, SOURCES)), effect, what, advice)
     fixed = (e for e in (*library, *stochastic) if not isinstance(e, StochasticEffect))
     return tuple(fixed), tuple(random.values())
-
-
-def random_candidates(
-    members: Sequence[RandomMember], log_evidence: Mapping[Names, float]
-) -> tuple[Candidate, ...]:
-    """List the effects without a fixed shape; their evidence is that of their rows of the table.
-
-    Degrees of freedom are their parameters, a score is twice the log evidence, a p-value an upper
-    bound by Markov's inequality: the expectation of a Bayes factor is one.
-    """
-    rows = []
-    for member in members:
-        if member.starts is not None:
-            value = log_evidence[frozenset([member.name])]
-            score, dof = 2.0 * max(value, 0.0), member.starts.shape[1]
-            rows.append(Candidate(member.name, dof, score, float(np.exp(-0.5 * score)), value))
-    return tuple(rows)
-
-
-def p_values_decide(weighed: Sequence[Candidate]) -> bool:
-    """Whether bounds of the p-values leave open what is significant.
-
-    Returns: false where the largest evidence is weak, or so clear that its bound is enough.
-
-    Examples
-    --------
-    >>> of = [Candidate("torque_noise", 2, 2.0 * x, 0.1, x) for x in (0.5, 5.0, 50.0)]
-    >>> [p_values_decide([candidate]) for candidate in of]
-    [False, True, False]
-    """
-    largest = max((c.log_bayes_factor for c in weighed), default=0.0)
-    return LIMITS.weak < largest < LIMITS.clear
-
-
-def with_p_values(
-    weighed: Sequence[Candidate], members: Sequence[RandomMember], rng: np.random.Generator
-) -> tuple[Candidate, ...]:
-    """Simulate how probable such evidence is where nothing is random.
-
-    `members`: at the fit. Returns: the same with p-values; in campaigns of very many slews they
-    stay bounds, to save memory.
-    """
-    effects = [member for member in members if member.starts is not None]
-    if not effects or any(member.matrix is None for member in effects):
-        return tuple(weighed)
-    p_values = p_values_of_largest(effects, np.array([c.log_bayes_factor for c in weighed]), rng)
-    return tuple(replace(c, p_value=float(p)) for c, p in zip(weighed, p_values, strict=True))
 
 
 def usable(
@@ -247,22 +118,66 @@ def parameters_at(model: Model, effect: Effect, size: float, shape: float) -> np
     return values
 
 
+@array_dataclass
+class CandidateRoots:
+    """Roots of the covariance of one effect's coefficients in all slews.
+
+    Parameters
+    ----------
+    blocks : (slews, b, m, m) array
+        Of each slew, where slews are independent: the diagonal blocks.
+    across : (slews m, slews m) array or None
+        Of one block in all slews, where these are one process.
+    """
+
+    blocks: np.ndarray
+    across: np.ndarray | None = None
+
+    @property
+    def anew(self) -> np.ndarray:
+        """Of the process less its first value in each slew (n, n)."""
+        return dense(self.blocks - self.blocks[..., :1, :])
+
+    @property
+    def repeated(self) -> np.ndarray:
+        """Where one draw is that of each slew (n, n)."""
+        slews = len(self.blocks)
+        return np.kron(np.ones((slews, 1)) * np.eye(1, slews), dense(self.blocks[:1]))
+
+    @property
+    def best(self) -> np.ndarray:
+        """Of one process in all slews, else of each by itself (n, n)."""
+        if self.across is None:
+            return dense(self.blocks)
+        n, b, m, _ = self.blocks.shape
+        across = self.across.reshape(n, m, n, m)
+        return np.einsum("smtk,ij->simtjk", across, np.eye(b)).reshape(n * b * m, n * b * m)
+
+
+def dense(blocks: np.ndarray) -> np.ndarray:
+    """The matrix (slews b m, slews b m) of its diagonal blocks (slews, b, m, m)."""
+    return block_diag(*blocks.reshape(-1, *blocks.shape[2:]))
+
+
 def roots_at(model: Model, shape: float) -> list[CandidateRoots]:
     """Roots of all random effects of a model, of size one, so many prior sds from their times."""
     theta = model.space.mean
     for effect in model.effects:
         part = model.space.slice_of(effect.name)
         theta[part] = parameters_at(model, effect, 1.0, shape)
-    slews = model.data.contexts
-    blocks = prior_roots(model.structure, theta, slews)
+    slews, found = model.data.contexts, []
+    blocks = iter(prior_roots(model.structure, theta, slews))
     active = model.structure.active_effects(jnp.asarray(theta))
     # Devices of the campaign, which have no coefficients, stand before them.
-    pairs = zip(active, model.structure.coefficients, strict=False)
-    random = [(e, p) for (e, p), n in pairs if n and isinstance(e, StochasticEffect)]
-    return [
-        candidate_roots(effect, p, slews, np.asarray(own))
-        for (effect, p), own in zip(random, blocks, strict=True)
-    ]
+    for (effect, p), n in zip(active, model.structure.coefficients, strict=False):
+        if not (n and isinstance(effect, StochasticEffect)):
+            continue
+        own, across = np.asarray(next(blocks)), effect.covariance_across_slews(p, slews)
+        if across is not None:
+            floor = LIMITS.jitter * np.trace(across) / len(across)
+            across = np.linalg.cholesky(np.asarray(across) + floor * np.eye(len(across)))
+        found.append(CandidateRoots(own, across))
+    return found
 
 
 class Forms(NamedTuple):
@@ -287,17 +202,19 @@ def forms_of(effect: StochasticEffect, model: Model, roots: Sequence[CandidateRo
     part, lasts = model.space.slice_of(effect.name), roots[0].across is not None
     shapes = np.array(LIMITS.shapes) if part.stop - part.start > 1 else np.zeros(1)
     shapes = shapes if lasts else shapes[shapes <= LIMITS.longest_in_slew]
-    on = [own.best for own in roots[: len(shapes)]]
+    roots = roots[: len(shapes)]
+    on = [own.best for own in roots]
     # A time that nobody stated is a guess: beyond what is thought of all are as probable.
     odds = -0.5 * np.minimum(shapes, LIMITS.longest_in_slew) ** 2
+    long = np.full(len(shapes), True)
     if lasts:
         long = (shapes == shapes[-1]) | (shapes >= LIMITS.longest_in_slew)
-        other = [own.anew for own, kept in zip(roots, long, strict=False) if kept]
+        other = [own.anew for own in roots]
     elif roots[0].blocks.shape[-1] == 1 and effect.acts("rate_output"):
-        long = np.full(len(shapes), True)
-        other = [own.repeated for own in roots[: len(shapes)]]
+        other = [own.repeated for own in roots]
     else:
         return Forms(on, shapes, odds)
+    other = [root for root, kept in zip(other, long, strict=True) if kept]
     more = odds[long] + logsumexp(odds) - logsumexp(odds[long])
     return Forms([*on, *other], np.append(shapes, shapes[long]), np.append(odds, more))
 
@@ -320,69 +237,106 @@ def smooth_roots(blocks: np.ndarray) -> list[np.ndarray]:
     return roots
 
 
-@array_dataclass
-class CandidateRoots:
-    """Of one effect.
+def random_members(
+    linear: LinearModel,
+    response: TorqueResponse,
+    effects: Sequence[StochasticEffect],
+    *,
+    nameless: bool = True,
+    driven: bool = True,
+) -> tuple[RandomMember, ...]:
+    """Random effects, and shapes without a name, beside the effects of a fixed shape.
 
-    Parameters
-    ----------
-    blocks : (slews, b, m, m) array
-        Of each slew, where slews are independent: the diagonal blocks.
-    across : (slews m, slews m) array or None
-        Of one block in all slews, where these are one process.
+    `driven`: whether a shape may follow something known; not where formulas say what it follows.
     """
+    forget_surplus(PROGRAMS)
+    fit, shapes = linear.fit, (TachometerShape(),) if nameless else ()
+    both = usable((*effects, *shapes), fit.model, fit.residual.size)
+    model = Model(fit.model.campaign, both, fit.model.structure.drive)
+    roots = zip(*(roots_at(model, x) for x in LIMITS.shapes), strict=True)
+    members: list[RandomMember] = []
+    unnamed: dict[str, list[list[Signal]]] = {}
+    for effect, own in zip(both, roots, strict=True):
+        source = next(name for hook, name in SOURCES.items() if effect.acts(hook))
+        has_name = not isinstance(effect, TachometerShape)
+        if not has_name and source in unnamed:
+            continue
+        columns = coefficient_columns(response, effect)
+        if not columns.any():
+            continue
+        signal = linear.projected(columns)
+        if has_name:
+            # Numbers in the bases of all forms of all effects, were they all like this one.
+            numbers = len(both) * len(own) * signal.gradient.size**2
+            kept = len(linear.held) == 0 and numbers <= LIMITS.largest_matrices
+            members.append(_random(effect, model, signal, own, kept=kept))
+        if nameless and own[0].blocks.shape[-1] > 1 and source not in unnamed:
+            unnamed[source] = _free(effect, model, signal, own)
+    for source, forms in (_driven(linear, response) if nameless and driven else {}).items():
+        unnamed.setdefault(source, []).append(forms)
+    for source, groups in unnamed.items():
+        # Smooth, repeated, in proportion to something known: each kind is as probable.
+        odds = np.concatenate([np.full(len(forms), -np.log(len(forms))) for forms in groups])
+        members.append(RandomMember(NAMELESS[source], [*chain(*groups)], odds))
+    return tuple(members)
 
-    blocks: np.ndarray
-    across: np.ndarray | None = None
 
-    @property
-    def anew(self) -> np.ndarray:
-        """Of the process less its first value in each slew (slews, b m, b m)."""
-        return dense(self.blocks - self.blocks[..., :1, :])
+def _random(
+    effect: StochasticEffect,
+    model: Model,
+    signal: ProjectedSignal,
+    roots: Sequence[CandidateRoots],
+    *,
+    kept: bool,
+) -> RandomMember:
+    """A random effect; `roots` are its own at each of `LIMITS.shapes`.
 
-    @property
-    def repeated(self) -> np.ndarray:
-        """Of all slews (slews b m, slews b m), where one draw is that of each of them."""
-        slews = len(self.blocks)
-        return np.kron(np.ones((slews, 1)) * np.eye(1, slews), dense(self.blocks)[0])
-
-    @property
-    def best(self) -> np.ndarray:
-        """Of all slews (slews b m, slews b m) where they are one process, else of each."""
-        if self.across is None:
-            return dense(self.blocks)
-        n, b, m, _ = self.blocks.shape
-        across = self.across.reshape(n, m, n, m)
-        return np.einsum("smtk,ij->simtjk", across, np.eye(b)).reshape(n * b * m, n * b * m)
-
-
-def candidate_roots(
-    effect: StochasticEffect, p: Mapping[str, Array], slews: SlewContext, blocks: np.ndarray
-) -> CandidateRoots:
-    """The roots of an effect.
-
-    `blocks` (slews, b, m, m).
+    `kept`: whether bases are, from which campaigns are simulated.
     """
-    across = effect.covariance_across_slews(p, slews)
-    if across is None:
-        return CandidateRoots(blocks)
-    covariance = np.asarray(across)
-    floor = LIMITS.jitter * np.trace(covariance) / len(covariance)
-    return CandidateRoots(blocks, np.linalg.cholesky(covariance + floor * np.eye(len(covariance))))
+    own, largest = forms_of(effect, model, roots), largest_size(effect, model)
+    forms = [_signal(signal, root, largest, kept=kept) for root in own.roots]
+    n = signal.gradient.size
+    matrix = signal.matrix.reshape(n, n) if kept else None
+    starts = [
+        parameters_at(model, effect, size, shape)
+        for form, shape in zip(forms, own.shapes, strict=True)
+        for size in form.sizes
+    ]
+    return RandomMember(effect.name, forms, own.log_odds, np.array(starts), matrix)
 
 
-def dense(blocks: np.ndarray) -> np.ndarray:
-    """Block-diagonal matrices of their diagonal blocks.
+def _free(
+    effect: StochasticEffect, model: Model, signal: ProjectedSignal, roots: Sequence[CandidateRoots]
+) -> list[list[Signal]]:
+    """Smooth signals where an effect on knots enters, and such that repeat in every slew."""
+    largest, same = largest_size(effect, model), signal.repeated()
+    smooth = smooth_roots(roots[LIMITS.shapes.index(0.0)].blocks)
+    return [
+        [_signal(signal, dense(root), largest) for root in smooth],
+        [_signal(same, dense(root[:1]), largest) for root in smooth],
+    ]
 
-    `blocks` (slews, b, m, m). Returns (slews, b m, b m).
 
-    Examples
-    --------
-    >>> dense(np.ones((1, 2, 1, 1)))[0].tolist()
-    [[1.0, 0.0], [0.0, 1.0]]
-    """
-    slews, b, m, _ = blocks.shape
-    return np.einsum("simk,ij->simjk", blocks, np.eye(b)).reshape(slews, b * m, b * m)
+def _driven(linear: LinearModel, response: TorqueResponse) -> dict[str, list[Signal]]:
+    """Disturbances in proportion to something known, along any axes: by where they enter."""
+    found: dict[str, list[Signal]] = {}
+    for block in told_blocks(response):
+        formula = block.formula
+        if (formula.place, formula.driver) not in DRIVEN_BY_LIBRARY:
+            signal = linear.projected(block.columns).repeated()
+            source = SOURCES[PLACES[formula.place].hook]
+            found.setdefault(source, []).append(_signal(signal, np.eye(signal.gradient.size), 1.0))
+    return found
+
+
+def _signal(
+    projected: ProjectedSignal, root: np.ndarray, largest: float, *, kept: bool = False
+) -> Signal:
+    """One form; `root` (n, n) of all coefficients. `kept`: whether its basis is."""
+    n, cross = len(root), projected.cross
+    matrix, gradient = projected.matrix.reshape(n, n), projected.gradient.ravel()
+    found = signal_of(matrix, gradient, cross.reshape(n, -1), root, largest)
+    return found if kept else replace(found, basis=np.zeros((0, len(found.powers))))
 
 
 @dataclass(frozen=True)

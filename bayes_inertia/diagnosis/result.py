@@ -327,6 +327,8 @@ def _card(diagnosis: Diagnosis) -> Card:
         for h in diagnosis.hypotheses[: LIMITS.listed]
     )
     answers = ", ".join(f"{name} {share}" for name, share, _ in rows[:3])
+    if diagnosis.why_unknown == "misfit":
+        answers = f"the residuals fit no answer; if one had to be right: {answers}"
     verdict = ", ".join(part for part in (diagnosis.verdict, named) if part)
     lines = (f"Diagnosis of {campaign}: {verdict}", answers)
     head = ("answer", "probability", "log evidence")
@@ -379,11 +381,15 @@ class Diagnosis:
     treatment : DirtTreatment
         What was done about dirt in the telemetry; its level is `noise`.
     hypotheses : tuple of Hypothesis
-        Possible answers, most probable first; their probabilities add up to one.
+        Possible answers, most probable first; their probabilities add up to one: they compare the
+        answers with each other, even where the residuals fit none ("misfit").
     other_rows : tuple of AlternativeParameters
         J and K of all rows of the table but that of the effects named.
     formulas : FormulaSearch or None
         All terms that were weighed, where a formula is named or may be what has no name.
+    noise_probabilities : dict
+        Of "white" and "correlated" noise of the rates, where both were tried; empty where the
+        residuals show no correlated noise. Correlated noise is taken if it has a twentieth.
     """
 
     verdict: str
@@ -406,6 +412,7 @@ class Diagnosis:
     hypotheses: tuple[Hypothesis, ...] = ()
     other_rows: tuple[AlternativeParameters, ...] = ()
     formulas: FormulaSearch | None = None
+    noise_probabilities: dict[str, float] = field(default_factory=dict)
 
     def to_dataframe(self) -> pd.DataFrame:
         """The candidates as a table, best evidence first.

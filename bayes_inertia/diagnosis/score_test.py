@@ -5,11 +5,23 @@ parameters and nuisances. With u the projected gradient and S the projected norm
 units of the candidates' prior sd, u^T S^-1 u is the score statistic (Rao 1948): chi^2 with its rank
 as degrees of freedom if the effect is absent. Directions in which a prior-sized effect would move
 the residuals by less than one sigma in all are not counted: this campaign cannot see them.
+
+What has no fixed shape has no score, but the Bayes factor of a random signal. It has a mean of one
+where there is no signal, so that its p-value is at most one over it (Markov's inequality). That
+bound is too cautious by a factor of about 20. The p-value itself is simulated: of one candidate
+
+    P(B >= b) = E[ 1(B >= b) / B ],
+
+the expectation over campaigns that have the signal, drawn from its prior (importance sampling: such
+a campaign is B times as probable with the signal as without). A thousand campaigns are enough for
+any p-value, because all of them are near b or above it. That of the largest of several is at most
+the sum.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +29,14 @@ from scipy import stats
 from scipy.special import logsumexp
 
 from bayes_inertia.diagnosis.candidates import FlexibleModeCandidate
-from bayes_inertia.diagnosis.limits import LIMITS
+from bayes_inertia.diagnosis.hypothesis_table import (
+    Names,
+    RandomMember,
+    draw_coefficients,
+    log_evidence_of_random,
+    visible,
+)
+from bayes_inertia.diagnosis.limits import LIMITS, Rules
 from bayes_inertia.diagnosis.linear_system import LinearModel
 from bayes_inertia.diagnosis.result import Candidate
 from bayes_inertia.inference.laplace import Estimate
@@ -25,7 +44,6 @@ from bayes_inertia.inference.noise_model import log_normalisation
 from bayes_inertia.inference.objective import negative_log_posterior, prior_equations
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.linear_algebra import canonical_correlation, inverse_root
-from bayes_inertia.maths.numerics import NUMERICS as MATHS_NUMERICS
 from bayes_inertia.maths.values import array_dataclass
 
 
@@ -110,21 +128,10 @@ class ScoreTests:
     matrix: np.ndarray
     nonlinear: Mapping[str, FlexibleModeCandidate]
 
-    def visible(self, k: int) -> tuple[np.ndarray, np.ndarray]:
-        """Find the directions of a candidate that this campaign can see.
-
-        Returns `powers` (r,): signal-to-noise power of an effect of prior size; `directions` (n,
-        r): unit vectors in the space of its parameters.
-        """
-        index = self.indices[k]
-        powers, directions = np.linalg.eigh(self.matrix[np.ix_(index, index)])
-        keep = powers > MATHS_NUMERICS.visible_power
-        return powers[keep], directions[:, keep]
-
     def dof(self, k: int) -> int:
         """Count the degrees of freedom of a score."""
         nonlinear = self.nonlinear.get(self.names[k])
-        return len(self.visible(k)[0]) if nonlinear is None else nonlinear.dof
+        return len(visible(self.matrix, self.indices[k])[0]) if nonlinear is None else nonlinear.dof
 
     def score(self, k: int, gradient: np.ndarray | None = None) -> np.ndarray:
         """Compute the score statistic of a candidate.
@@ -135,7 +142,7 @@ class ScoreTests:
         if self.names[k] in self.nonlinear:
             return np.asarray(self.nonlinear[self.names[k]].score)
         gradient = self.gradient if gradient is None else gradient
-        powers, directions = self.visible(k)
+        powers, directions = visible(self.matrix, self.indices[k])
         along = gradient[..., self.indices[k]] @ directions
         if self.one_sided[k]:
             along = np.maximum(along * np.sign(directions.sum(0)), 0.0)
@@ -200,12 +207,9 @@ class ScoreTests:
         return float(np.interp(false_alarms, alarms, smallest))
 
 
-def score_tests(linear: LinearModel, mode: FlexibleModeCandidate | None = None) -> ScoreTests:
-    """Score all effects of a linear model against all that is fitted.
-
-    `mode`: the flexible mode among them.
-    """
-    members = linear.members
+def score_tests(linear: LinearModel) -> ScoreTests:
+    """Score all effects of a linear model against all that is fitted."""
+    members, mode = linear.members, linear.mode
     n = linear.columns.shape[-1]
     return ScoreTests(
         names=tuple(m.name for m in members),
@@ -217,18 +221,86 @@ def score_tests(linear: LinearModel, mode: FlexibleModeCandidate | None = None) 
     )
 
 
-def ranked_candidates(
-    tests: ScoreTests, log_evidence: Mapping[frozenset[str], float]
+def scored(
+    linear: LinearModel,
+    random: Sequence[RandomMember],
+    log_evidence: Mapping[Names, float],
+    rules: Rules,
+    rng: np.random.Generator,
+    log_costs: Mapping[str, float],
+) -> tuple[tuple[Candidate, ...], float]:
+    """All candidates, best evidence first, and the p-value below which one is significant.
+
+    Their evidence is that of their rows of the table. `log_costs`: of those that were searched for
+    among many, whose p-values count as many tests (Bonferroni, weighted by their prior
+    probabilities).
+    """
+    tests = score_tests(linear)
+    threshold = tests.threshold(rules.false_alarm_probability, rng, further=LIMITS.random_tests)
+    fixed = []
+    for k, name in enumerate(tests.names):
+        score = tests.score(k)
+        p_value = float(tests.p_value(k, score)) * float(np.exp(log_costs.get(name, 0.0)))
+        value = log_evidence[frozenset([name])]
+        fixed.append(Candidate(name, tests.dof(k), float(score), min(1.0, p_value), value))
+    found = random_candidates(random, log_evidence)
+    largest = max((c.log_bayes_factor for c in found), default=0.0)
+    # Where the largest evidence is weak, or so clear that its bound is enough, bounds decide.
+    bounded = not LIMITS.weak < largest < LIMITS.clear
+    if not bounded and not any(c.p_value < threshold for c in fixed):
+        found = with_p_values(found, random, rng.spawn(1)[0])
+    return tuple(sorted((*fixed, *found), key=lambda row: -row.log_bayes_factor)), threshold
+
+
+def random_candidates(
+    members: Sequence[RandomMember], log_evidence: Mapping[Names, float]
 ) -> tuple[Candidate, ...]:
-    """List all candidates; their evidence is that of their rows of the table."""
-    scores = [tests.score(k) for k in range(len(tests.names))]
-    return tuple(
-        Candidate(
-            effect=name,
-            dof=tests.dof(k),
-            score=float(score),
-            p_value=float(tests.p_value(k, score)),
-            log_bayes_factor=log_evidence[frozenset([name])],
-        )
-        for k, (name, score) in enumerate(zip(tests.names, scores, strict=True))
-    )
+    """List the effects without a fixed shape; their evidence is that of their rows of the table.
+
+    Degrees of freedom are their parameters, a score is twice the log evidence, a p-value an upper
+    bound by Markov's inequality: the expectation of a Bayes factor is one.
+    """
+    rows = []
+    for member in members:
+        if member.starts is not None:
+            value = log_evidence[frozenset([member.name])]
+            score, dof = 2.0 * max(value, 0.0), member.starts.shape[1]
+            rows.append(Candidate(member.name, dof, score, float(np.exp(-0.5 * score)), value))
+    return tuple(rows)
+
+
+def with_p_values(
+    weighed: Sequence[Candidate], members: Sequence[RandomMember], rng: np.random.Generator
+) -> tuple[Candidate, ...]:
+    """Simulate how probable such evidence is where nothing is random.
+
+    `members`: at the fit. Returns: the same with p-values; in campaigns of very many slews they
+    stay bounds, to save memory.
+    """
+    effects = [member for member in members if member.starts is not None]
+    if not effects or any(member.matrix is None for member in effects):
+        return tuple(weighed)
+    p_values = p_values_of_largest(effects, np.array([c.log_bayes_factor for c in weighed]), rng)
+    return tuple(replace(c, p_value=float(p)) for c, p in zip(weighed, p_values, strict=True))
+
+
+def p_values_of_largest(
+    members: Sequence[RandomMember],
+    log_bayes_factors: np.ndarray,
+    rng: np.random.Generator,
+    draws: int = LIMITS.draws,
+) -> np.ndarray:
+    """Probability that any Bayes factor is so large where nothing is random, at most.
+
+    `log_bayes_factors` (m,). Returns (m,): the sum over the members, each simulated by itself.
+    """
+    asked, total = np.asarray(log_bayes_factors)[:, None], np.zeros(len(log_bayes_factors))
+    for member in members:
+        assert member.matrix is not None
+        drawn = draw_coefficients(member, rng, draws)
+        powers, along = np.linalg.eigh(member.matrix)
+        sd = np.sqrt(np.maximum(powers, 0.0))[:, None]
+        noise = along @ (sd * rng.standard_normal(drawn.shape))
+        evidence = logsumexp(log_evidence_of_random(member, member.matrix @ drawn + noise), axis=0)
+        total += np.mean((evidence >= asked) * np.exp(-evidence), axis=1)
+    return np.minimum(total, 1.0)

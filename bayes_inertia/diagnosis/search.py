@@ -10,11 +10,11 @@ read off there.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import expit, logsumexp
 
 from bayes_inertia.campaign.block_means import without_surplus_rows
 from bayes_inertia.campaign.campaign import Campaign
@@ -31,18 +31,12 @@ from bayes_inertia.diagnosis.clean_start import (
 from bayes_inertia.diagnosis.formulas import search_formulas
 from bayes_inertia.diagnosis.hypothesis_table import Names
 from bayes_inertia.diagnosis.limits import LIMITS, Rules, rules_of
-from bayes_inertia.diagnosis.linear_system import mixed, parameters_of
-from bayes_inertia.diagnosis.random_signals import (
-    STOCHASTIC_CANDIDATES,
-    candidate_kinds,
-    p_values_decide,
-    random_candidates,
-    with_p_values,
-)
+from bayes_inertia.diagnosis.linear_system import LinearModel, linear_model
+from bayes_inertia.diagnosis.quoted_parameters import other_rows
+from bayes_inertia.diagnosis.random_signals import STOCHASTIC_CANDIDATES, candidate_kinds
 from bayes_inertia.diagnosis.residuals import correlations, final_tests, is_explained
 from bayes_inertia.diagnosis.result import (
     AlternativeEffect,
-    AlternativeParameters,
     Candidate,
     Diagnosis,
     FormulaSearch,
@@ -53,9 +47,9 @@ from bayes_inertia.diagnosis.result import (
 from bayes_inertia.diagnosis.score_test import (
     ScoreTests,
     log_evidence_of_fit,
-    ranked_candidates,
     sampled_evidence,
     score_tests,
+    scored,
 )
 from bayes_inertia.diagnosis.table_search import (
     SHAPELESS,
@@ -63,8 +57,6 @@ from bayes_inertia.diagnosis.table_search import (
     Search,
     Table,
     fit_of,
-    fixed_part,
-    given_row,
     hypotheses_of,
     read_table,
     table_of,
@@ -75,7 +67,6 @@ from bayes_inertia.diagnosis.table_search import (
 )
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.laplace import Estimate, model_of
-from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.optimizer import move_to
 from bayes_inertia.inference.settings import NOTHING, OPEN_VERDICTS
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
@@ -121,42 +112,48 @@ class Weighed:
 def weigh_campaign(begin: CleanStart, search: Search) -> Weighed:
     """Weigh everything that may be missing, until noise and table agree."""
     rng, effects = np.random.default_rng([search.seed, 3]), search.effects
+    rules, costs = search.rules, effects.log_costs
     count = len(effects.linear) + (effects.flexible_mode is not None) + len(search.stochastic)
     for rounds_left in reversed(range(LIMITS.rounds_of_noise)):
         search.say(f"weighing {count} effects and their sets", 0, 0)
         table = table_of(begin.base, search)
-        candidates, threshold = _scored(table, search.rules, rng, effects.log_costs)
+        at = table.first
+        candidates, threshold = scored(at.linear, at.random, at.log_evidence, rules, rng, costs)
         # What was searched for as a formula was significant before.
-        significant = bool(effects.log_costs) or any(c.p_value < threshold for c in candidates)
-        reading = read_table(table, search.rules, significant=significant)
-        fixed = fixed_part(reading.row, table.refitted)
-        final = fit_of(table, fixed, begin.base, search)
+        significant = bool(costs) or any(c.p_value < threshold for c in candidates)
+        reading = read_table(table, rules, significant=significant)
+        fixed = table.fixed_part(reading.row)
+        final = fit_of(table, fixed, search)
         search.say("measuring the noise again", 0, 0)
         again = measured_again(begin, final)
         if again is None or not rounds_left:
             break
         begin = again
-    random = [e for e in search.stochastic if e.name in reading.named]
-    if random:
-        search.say(f"fitting {random[0].name}", 0, 0)
-        table, fits = _with_random(table, fixed, final, begin.base, random[0])
-        reading = read_table(table, search.rules, significant=True)
-        fixed = fixed_part(reading.row, table.refitted)
-        if random[0].name in reading.row:
+    for effect in [e for e in search.stochastic if e.name in reading.named]:
+        search.say(f"fitting {effect.name}", 0, 0)
+        table, fits = _with_random(table, fixed, final, effect)
+        reading = read_table(table, rules, significant=True)
+        fixed = table.fixed_part(reading.row)
+        if effect.name in reading.row:
             begin, final = at_measured_level(begin, fits[fixed])
         else:
-            final = fit_of(table, fixed, begin.base, search)
-    steps = _steps(table, reading, final, begin.base, search)
-    if not is_explained(final_tests(final), search.rules):
+            final = fit_of(table, fixed, search)
+    steps = _steps(table, reading, final, search)
+    if not is_explained(final_tests(final), rules):
         reading = unexplained_reading(table, reading)
-    steps = tuple(replace(s, alternatives=_alternatives(table, reading, s.added)) for s in steps)
+    tests = score_tests(table.first.linear)
+    steps = tuple(
+        replace(step, alternatives=_alternatives(table, tests, reading, step.added))
+        for step in steps
+    )
     return Weighed(table, reading, begin, final, steps, candidates, threshold)
 
 
-def _alternatives(table: Table, reading: Reading, added: str) -> tuple[AlternativeEffect, ...]:
+def _alternatives(
+    table: Table, tests: ScoreTests, reading: Reading, added: str
+) -> tuple[AlternativeEffect, ...]:
     """What could be there instead of an effect named."""
     own = next((names for names in reading.ambiguous_with if names[0] == added), ())
-    tests = _tests(table)
     place = {name: k for k, name in enumerate(tests.names)}
     found = []
     for other in own[1:]:
@@ -170,57 +167,26 @@ def _alternatives(table: Table, reading: Reading, added: str) -> tuple[Alternati
     return tuple(found)
 
 
-def _tests(table: Table) -> ScoreTests:
-    """Score tests of all candidates at the fit without effects."""
-    first = table.refitted[frozenset()]
-    return score_tests(first.linear, first.mode)
-
-
-def _scored(
-    table: Table, rules: Rules, rng: np.random.Generator, log_costs: Mapping[str, float]
-) -> tuple[tuple[Candidate, ...], float]:
-    """All candidates at the fit without effects, and the threshold of their p-values.
-
-    `log_costs`: of those that were searched for among many, whose p-values count as many tests
-    (Bonferroni, weighted by their prior probabilities).
-    """
-    first = table.refitted[frozenset()]
-    tests = _tests(table)
-    threshold = tests.threshold(rules.false_alarm_probability, rng, further=LIMITS.random_tests)
-    ranked = tuple(
-        replace(c, p_value=min(1.0, c.p_value * float(np.exp(log_costs.get(c.effect, 0.0)))))
-        for c in ranked_candidates(tests, first.log_evidence)
-    )
-    random = random_candidates(first.random, first.log_evidence)
-    if not any(c.p_value < threshold for c in ranked) and p_values_decide(random):
-        random = with_p_values(random, first.random, rng.spawn(1)[0])
-    return tuple(sorted((*ranked, *random), key=lambda row: -row.log_bayes_factor)), threshold
-
-
-def _steps(
-    table: Table, reading: Reading, final: Estimate, base: Estimate, search: Search
-) -> tuple[Step, ...]:
+def _steps(table: Table, reading: Reading, final: Estimate, search: Search) -> tuple[Step, ...]:
     """The effects of the best row one after the other, the best first, a random one last."""
-    random = {effect.name for effect in search.stochastic} & reading.row
-    order: list[str] = []
-    for left in (set(reading.row) - random, set(random)):
-        while left:
-            best = max(left, key=lambda n: table.log_evidence.get(frozenset([*order, n]), -np.inf))
-            order.append(best)
-            left.remove(best)
+    random = {effect.name for effect in search.stochastic}
     steps: list[Step] = []
-    before, value = base, 0.0
-    for i, name in enumerate(order):
-        held, last = frozenset(order[: i + 1]), i == len(order) - 1
-        after = final if last else fit_of(table, held, base, search)
+    held, left, before, value = frozenset[str](), reading.row, table.first.estimate, 0.0
+    while left:
+        best = max(
+            sorted(left - random or left),
+            key=lambda name: table.log_evidence.get(held | {name}, -np.inf),
+        )
+        held, left = held | {best}, left - {best}
+        after = fit_of(table, held, search) if left else final
         now = table.log_evidence.get(held, value)
-        steps.append(Step(name, before, after, now - value, stochastic=name in random))
+        steps.append(Step(best, before, after, now - value, stochastic=best in random))
         before, value = after, now
     return tuple(steps)
 
 
 def _with_random(
-    table: Table, fixed: Names, before: Estimate, base: Estimate, effect: StochasticEffect
+    table: Table, fixed: Names, before: Estimate, effect: StochasticEffect
 ) -> tuple[Table, dict[Names, Estimate]]:
     """Fit the best row that has a random effect, and this effect with fewer others.
 
@@ -228,19 +194,19 @@ def _with_random(
     takes a part of it there may be needless beside it. Returns: the table with the evidence of
     these fits, and the fits by what stands beside the random effect.
     """
-    (member,) = (m for m in table.refitted[frozenset()].random if m.name == effect.name)
-    start = member.likely_start
+    first, own = table.first, frozenset([effect.name])
+    start = next(m.likely_start for m in first.random if m.name == effect.name)
     whole = with_stochastic(before, effect, start)
-    fits, own = {fixed: whole}, frozenset([effect.name])
+    fits = {fixed: whole}
     for kept in {frozenset[str](), *(fixed - {name} for name in fixed)} - {fixed}:
         if kept | own in table.log_evidence:
-            fits[kept] = without_effects(whole, fixed - kept, base, {effect.name: start})
+            known = {effect.name: start}
+            fits[kept] = without_effects(whole, fixed - kept, first.estimate, known)
     evidence = {kept: log_evidence_of_fit(fit) for kept, fit in fits.items()}
-    first = table.log_evidence[fixed | own] - evidence[fixed]
-    gained = {k: first + e - table.log_evidence[k | own] for k, e in evidence.items()}
+    offset = table.log_evidence[fixed | own] - evidence[fixed]
+    gained = {k: offset + e - table.log_evidence[k | own] for k, e in evidence.items()}
     rough = max(map(abs, gained.values())) > LIMITS.linear
-    best = max(evidence, key=lambda kept: evidence[kept] + table.log_prior[kept | own])
-    least = first + evidence[best] + table.log_prior[best | own]
+    least = offset + max(e + table.log_prior[k | own] for k, e in evidence.items())
     values = {}
     for row, value in table.log_evidence.items():
         if own <= row and row - own in gained:
@@ -249,35 +215,6 @@ def _with_random(
         elif not (own <= row and (rough or value + table.log_prior[row] > least)):
             values[row] = value
     return with_evidence(table, values), fits
-
-
-def other_rows(table: Table, named: Names) -> tuple[AlternativeParameters, ...]:
-    """J and K of all rows but that of the effects named; many improbable ones are one row."""
-    space = table.refitted[frozenset()].estimate.model.space
-    names = space.names[: space.n_base]
-    instead_of = " and ".join(sorted(named)) or NOTHING
-    rows = []
-    for row, probability in table.rows.items():
-        if row != named and probability > LIMITS.negligible_probability:
-            mean, covariance = parameters_of(*given_row(table, row))
-            effects = " and ".join(sorted(row))
-            rows.append(
-                AlternativeParameters(effects, instead_of, probability, names, mean, covariance)
-            )
-    listed = [row for row in rows if row.probability > LIMITS.least_probability]
-    rest = [row for row in rows if row.probability <= LIMITS.least_probability]
-    return (*listed, _together(rest)) if rest else tuple(listed)
-
-
-def _together(rows: Sequence[AlternativeParameters]) -> AlternativeParameters:
-    """Several rows as one."""
-    weights = np.array([row.probability for row in rows])
-    means, covariances = (np.array([getattr(r, x) for r in rows]) for x in ("mean", "covariance"))
-    total = float(weights.sum())
-    mean, spread, within = mixed(weights / weights.sum(), means, covariances)
-    return replace(
-        rows[0], effect="others", probability=total, mean=mean, covariance=within + spread
-    )
 
 
 @with_bar
@@ -357,13 +294,14 @@ def _diagnosed(begin: CleanStart, search: Search) -> Diagnosis:
 
     Noise that a twentieth of the probability leaves open is noise: nothing is named for it.
     """
-    weighed = weigh_campaign(begin, search)
+    weighed, odds = weigh_campaign(begin, search), dict[str, float]()
     search.say("measuring correlated noise", 0, 0)
     coloured = with_correlated_noise(begin, begin.base, weighed.final)
     if coloured is not None:
         other = weigh_campaign(coloured, search)
-        least = _log_evidence(weighed) - search.rules.log_evidence_margin
-        if holds_correlated_noise(weighed.final) or _log_evidence(other) > least:
+        lead = _log_evidence(other) - _log_evidence(weighed)
+        odds = {"white": float(expit(-lead)), "correlated": float(expit(lead))}
+        if holds_correlated_noise(weighed.final) or lead > -search.rules.log_evidence_margin:
             weighed = other
     weighed, formulas = with_formulas(weighed, search)
     table, reading, noise = weighed.table, weighed.reading, dict(weighed.begin.noise)
@@ -380,11 +318,12 @@ def _diagnosed(begin: CleanStart, search: Search) -> Diagnosis:
         tests=final_tests(weighed.final),
         rules=search.rules,
         skipped=search.effects.skipped,
-        correlations=correlations(_tests(table)),
+        correlations=correlations(score_tests(table.first.linear)),
         treatment=replace(weighed.begin.treatment, level=noise),
         hypotheses=_checked(table, search.seed),
         other_rows=other_rows(table, reading.row),
         formulas=formulas,
+        noise_probabilities=odds,
     )
 
 
@@ -425,8 +364,7 @@ def with_formulas(weighed: Weighed, search: Search) -> tuple[Weighed, FormulaSea
         if now.reading.verdict == "consistent" or (found and now.reading.verdict == "named"):
             break
         search.say("weighing formulas", 0, 0)
-        linear = now.table.refitted[frozenset()].linear
-        known = [linear.columns[..., m.columns] for m in linear.members if m.name not in found]
+        known = {member.name for member in now.table.first.linear.members} - found.keys()
         searches = [search_formulas(*at, known) for at in _responses(now)]
         clearest = max(searches, key=lambda s: s.log_evidence)
         if clearest.log_evidence < -np.log(search.rules.false_alarm_probability):
@@ -469,13 +407,13 @@ def _contested(weighed: Weighed, search: FormulaSearch, rules: Rules) -> bool:
     return search.terms[0].log_weight + single > named - rules.log_evidence_margin
 
 
-def _responses(weighed: Weighed) -> list[tuple[TorqueResponse, LinearisedFit]]:
+def _responses(weighed: Weighed) -> list[tuple[TorqueResponse, LinearModel]]:
     """Fits at which formulas are looked for: without effects, and with what is named in part."""
-    first, final = weighed.table.refitted[frozenset()], weighed.final
-    fits = [(first.response, first.linear.fit)]
+    first, final = weighed.table.first, weighed.final
+    fits = [(first.response, first.linear)]
     fixed = not any(isinstance(e, StochasticEffect) for e in final.model.effects)
     part = fixed and weighed.reading.named and weighed.reading.verdict in OPEN_VERDICTS
-    return [*fits, (torque_response(final), final.linearised())] if part else fits
+    return [*fits, (torque_response(final), linear_model(final))] if part else fits
 
 
 def _with_candidates(begin: CleanStart, effects: CandidateEffects) -> CleanStart:

@@ -8,7 +8,7 @@ it. Of the probabilities is read what is named, what could be it as well, and ho
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -36,8 +36,8 @@ from bayes_inertia.diagnosis.hypothesis_table import (
     posterior,
 )
 from bayes_inertia.diagnosis.limits import LIMITS, Rules
-from bayes_inertia.diagnosis.linear_system import LinearModel, linear_model, random_members
-from bayes_inertia.diagnosis.random_signals import NAMELESS
+from bayes_inertia.diagnosis.linear_system import LinearModel, linear_model
+from bayes_inertia.diagnosis.random_signals import NAMELESS, random_members
 from bayes_inertia.diagnosis.result import Hypothesis, within_prior
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.descent import compiled_meanwhile
@@ -124,8 +124,6 @@ class RefittedRow:
         The linear model there.
     response : TorqueResponse
         What torques and errors of sensors do there.
-    mode : FlexibleModeCandidate or None
-        The flexible mode that its residuals show best.
     log_evidence : mapping
         Of all sets, against nothing.
     random : tuple of RandomMember
@@ -136,7 +134,6 @@ class RefittedRow:
     estimate: Estimate
     linear: LinearModel
     response: TorqueResponse
-    mode: FlexibleModeCandidate | None
     log_evidence: Mapping[Names, float]
     random: tuple[RandomMember, ...] = ()
 
@@ -160,28 +157,37 @@ class Table:
     log_prior: dict[Names, float]
     refitted: dict[Names, RefittedRow]
 
+    @property
+    def first(self) -> RefittedRow:
+        """The fit without effects."""
+        return self.refitted[frozenset()]
+
+    def fixed_part(self, row: Names) -> Names:
+        """The members of a row that have a fixed shape."""
+        return _fixed_part(row, self.refitted)
+
 
 def table_of(base: Estimate, search: Search) -> Table:
     """Weigh everything that may be missing."""
     refitted: dict[Names, RefittedRow] = {}
     names: Names | None = frozenset()
     while names is not None and len(refitted) <= search.rules.max_refits:
-        near = _nearest(names, refitted)
-        estimate = base if near is None else _refit(names, base, near, search)
-        refitted[names] = _weighed(names, estimate, base, search, near)
+        estimate = _refit(names, refitted, search) if refitted else base
+        refitted[names] = _weighed(names, estimate, refitted, search)
         table = _read(refitted, search.rules)
         names = _next(table)
     return table
 
 
 def _weighed(
-    names: Names, estimate: Estimate, base: Estimate, search: Search, near: RefittedRow | None
+    names: Names, estimate: Estimate, refitted: Mapping[Names, RefittedRow], search: Search
 ) -> RefittedRow:
     """All sets weighed around a fit; as at the nearest fit where that foretold this one."""
-    costs, held, linear = search.effects.log_costs, sorted(names), None
-    at = estimate.linearised()
-    if near is not None:
-        linear = linear_model(estimate, held, base.objective, None, costs, at)
+    costs, linear, before = search.effects.log_costs, None, estimate.objective
+    at, held = estimate.linearised(), sorted(names)
+    if refitted:
+        near, before = _below(names, refitted), refitted[frozenset()].estimate.objective
+        linear = linear_model(estimate, held, before, None, costs, at)
         members = [m for m in linear.members if m.name in names]
         own = log_evidence_of(nothing(linear.system), members) + linear.offset
         if abs(own - near.log_evidence.get(names, np.inf)) < LIMITS.linear:
@@ -189,18 +195,16 @@ def _weighed(
     response = torque_response(estimate)
     mode = flexible_mode_candidate(at, search.effects, response)
     if linear is None or mode is not None:
-        linear = linear_model(estimate, held, base.objective, mode, costs, at)
+        linear = linear_model(estimate, held, before, mode, costs, at)
     random = random_members(linear, response, search.stochastic, driven=not costs)
     largest = min(max(3, len(names) + 1), search.rules.max_effects)
     values = evidence_of_sets(linear.system, linear.members, random, largest, names)
     values = {row: value + linear.offset for row, value in values.items()}
-    return RefittedRow(names, estimate, linear, response, mode, values, random)
+    return RefittedRow(names, estimate, linear, response, values, random)
 
 
-def fixed_part(row: Names, refitted: Mapping[Names, RefittedRow]) -> Names:
-    """The members of a row that have a fixed shape."""
-    base = refitted[frozenset()]
-    return row & frozenset(member.name for member in base.linear.members)
+def _fixed_part(row: Names, refitted: Mapping[Names, RefittedRow]) -> Names:
+    return row & {member.name for member in refitted[frozenset()].linear.members}
 
 
 def given_row(table: Table, row: Names) -> tuple[LinearModel, Given]:
@@ -215,31 +219,34 @@ def given_row(table: Table, row: Names) -> tuple[LinearModel, Given]:
 
 def _weighed_at(row: Names, refitted: Mapping[Names, RefittedRow]) -> RefittedRow:
     """The refit nearest to a row, of those around which it was weighed."""
-    own = fixed_part(row, refitted)
-    return min(
-        (r for r in refitted.values() if row in r.log_evidence),
-        key=lambda r: (len(r.names ^ own), -r.log_evidence[r.names]),
-    )
+    weighed = (r for r in refitted.values() if row in r.log_evidence)
+    return _nearest(_fixed_part(row, refitted), weighed)
+
+
+def _below(names: Names, refitted: Mapping[Names, RefittedRow]) -> RefittedRow:
+    """The refit that lacks fewest of a set of effects, and holds no others."""
+    return _nearest(names, (r for r in refitted.values() if r.names <= names))
+
+
+def _nearest(names: Names, among: Iterable[RefittedRow]) -> RefittedRow:
+    """The refit that differs in fewest effects, the best of several."""
+    return min(among, key=lambda r: (len(r.names ^ names), -r.log_evidence[r.names]))
 
 
 def _read(refitted: Mapping[Names, RefittedRow], rules: Rules) -> Table:
     """The table as it stands: each row as weighed at the refit nearest to it."""
-    values: dict[Names, float] = {}
     rows = {row for at in refitted.values() for row in at.log_evidence}
     rows = {row for row in rows if len(row) <= rules.max_effects}
-    for row in rows:
-        at = _weighed_at(row, refitted)
-        values[row] = at.log_evidence[row]
+    values = {row: _weighed_at(row, refitted).log_evidence[row] for row in rows}
     base = refitted[frozenset()]
-    named = {m.name for m in base.linear.members} | {m.name for m in base.random} - SHAPELESS
-    shapes = max(sum(m.name in SHAPELESS for m in base.random), 1)
-    prior = {row: _log_prior(row, len(named) + 1, shapes) for row in values}
+    random = {m.name for m in base.random}
+    members = len(base.linear.members) + len(random - SHAPELESS) + 1
+    # All shapes without a name together are one member.
+    shapes = np.log(max(len(random & SHAPELESS), 1))
+    prior = {
+        row: log_prior_of_set(len(row), members) - shapes * len(row & SHAPELESS) for row in values
+    }
     return Table(posterior(values, prior), values, prior, dict(refitted))
-
-
-def _log_prior(row: Names, members: int, shapes: int) -> float:
-    """Log prior of a row: all shapes without a name together are one member."""
-    return log_prior_of_set(len(row), members) - np.log(shapes) * len(row & SHAPELESS)
 
 
 def with_evidence(table: Table, log_evidence: dict[Names, float]) -> Table:
@@ -252,66 +259,53 @@ def _next(table: Table) -> Names | None:
     """The effects of fixed shape of the best row and of the best names alone, if not refitted."""
     best = next(iter(table.rows))
     with_names = next((row for row in table.rows if not row & SHAPELESS), best)
-    wanted = (fixed_part(row, table.refitted) for row in (best, with_names))
+    wanted = (table.fixed_part(row) for row in (best, with_names))
     return next((names for names in wanted if names not in table.refitted), None)
 
 
-def fit_of(table: Table, names: Names, base: Estimate, search: Search) -> Estimate:
+def fit_of(table: Table, names: Names, search: Search) -> Estimate:
     """The fit of a set of effects of fixed shape, brought to its end."""
     if not names:
-        return base
-    row, near = table.refitted.get(names), _nearest(names, table.refitted)
-    assert near is not None
-    fitted = row.estimate if row else _refit(names, base, near, search)
+        return table.first.estimate
+    row = table.refitted.get(names)
+    fitted = row.estimate if row else _refit(names, table.refitted, search)
     return re_estimate(fitted, fitted.theta, fitted.free)
 
 
-def _nearest(names: Names, refitted: Mapping[Names, RefittedRow]) -> RefittedRow | None:
-    """The refit that lacks fewest of a set of effects, and holds no others."""
-    return min(
-        (r for r in refitted.values() if r.names <= names),
-        key=lambda r: (len(r.names ^ names), -r.log_evidence[r.names]),
-        default=None,
-    )
-
-
-def _refit(names: Names, base: Estimate, near: RefittedRow, search: Search) -> Estimate:
+def _refit(names: Names, refitted: Mapping[Names, RefittedRow], search: Search) -> Estimate:
     """Fit a set of effects, begun where the nearest linear model has them."""
+    near, base = _below(names, refitted), refitted[frozenset()].estimate
     estimate, theta = near.estimate, near.estimate.theta.copy()
-    if FLEXIBLE_MODE in names and FLEXIBLE_MODE not in near.names:
-        estimate, theta = _with_mode(estimate, search.effects, near.mode)
+    if FLEXIBLE_MODE in names - near.names:
+        estimate, theta = _with_mode(estimate, search.effects, near.linear.mode)
     space = estimate.model.space
     scales = {e.name: e.prior_scale for e in estimate.model.effects}
-    predicted = _amplitudes(near.linear, sorted(names))
+    predicted = amplitudes(near.linear, names)
     free = [np.intersect1d(np.arange(estimate.model.n_known), base.free)]
     for name in sorted(names):
         part = space.slice_of(name)
         free.append(np.arange(part.start, part.stop))
         if name in near.names or name == FLEXIBLE_MODE:
             continue
-        step = (
-            np.clip(predicted[name], -LIMITS.largest_amplitude, LIMITS.largest_amplitude)
-            * space.sd[part]
-        )
-        theta[part] = space.nulls[part] + step / scales[name]
-        inset = 1e-3 * space.sd[part]
-        theta[part] = np.clip(theta[part], space.lower[part] + inset, space.upper[part] - inset)
-    fitted = re_estimate(
-        estimate, theta, np.concatenate(free), tolerance=LIMITS.comparison_tolerance
-    )
+        sd, largest = space.sd[part], LIMITS.largest_amplitude
+        step = np.clip(predicted[name], -largest, largest) * sd / scales[name]
+        inside = space.lower[part] + 1e-3 * sd, space.upper[part] - 1e-3 * sd
+        theta[part] = np.clip(space.nulls[part] + step, *inside)
+    tolerance = LIMITS.comparison_tolerance
+    fitted = re_estimate(estimate, theta, np.concatenate(free), tolerance=tolerance)
     for name in sorted(names):
-        fitted = within_prior(fitted, name, search.rules, tolerance=LIMITS.comparison_tolerance)
+        fitted = within_prior(fitted, name, search.rules, tolerance=tolerance)
     return fitted
 
 
-def _amplitudes(linear: LinearModel, names: Sequence[str]) -> dict[str, np.ndarray]:
-    """Best amplitudes of a set of effects, of the stated prior [prior sd]."""
-    members = {m.name: m for m in linear.members}
-    index = np.concatenate([members[n].index for n in names])
+def amplitudes(linear: LinearModel, names: Names) -> dict[str, np.ndarray]:
+    """Best amplitudes of a set of effects, of the stated prior [prior sd]; shapes stay at zero."""
+    members = [m for m in linear.members if m.name in names]
+    index = np.concatenate([m.index for m in members])
     block = linear.system.matrix[np.ix_(index, index)] + np.eye(len(index))
-    values = np.linalg.solve(block, linear.system.gradient[index])
-    ends = np.cumsum([len(members[n].index) for n in names])[:-1]
-    return dict(zip(names, np.split(values, ends), strict=True))
+    values = np.zeros(len(linear.system.gradient))
+    values[index] = np.linalg.solve(block, linear.system.gradient[index])
+    return {m.name: values[m.columns] for m in members}
 
 
 def _with_mode(
@@ -368,26 +362,22 @@ def read_table(table: Table, rules: Rules, *, significant: bool) -> Reading:
     `significant`: whether anything is, at the level of false alarms of the rules; where nothing is,
     nothing is named.
     """
-    best = next(iter(table.rows))
-    if not significant or not best:
+    if not significant or not next(iter(table.rows)):
         return Reading("consistent")
     row = next((row for row in table.rows if row and not row & SHAPELESS), frozenset[str]())
-    named = tuple(sorted(row, key=lambda name: -_single(table, name)))
-    shape = next((row for row in table.rows if row & SHAPELESS), None)
-    reading = Reading("named", named)
-    if shape is not None:
+    shape = next((row for row in table.rows if row & SHAPELESS), frozenset[str]())
+    reading = Reading("named", tuple(sorted(row, key=lambda name: -_single(table, name))))
+    if shape:
         lead = float(np.log(table.rows[shape]) - np.log(table.rows[row]))
         (own,) = shape & SHAPELESS
         reading = reading._replace(nameless_lead=lead, nameless_source=_SOURCES[own])
-    if reading.nameless_lead > rules.log_evidence_margin:
-        # Beside the shape, the names may still explain a part.
-        verdict = "partial" if shape is not None and shape - SHAPELESS else "unknown"
-        kept = tuple(name for name in named if shape is not None and name in shape)
-        if verdict == "unknown" or not kept:
-            return reading._replace(verdict="unknown", why_unknown="imitation")
-        return reading._replace(verdict=verdict)
-    sets = _ambiguous_sets(table, named, rules)
-    return reading._replace(verdict="ambiguous" if sets else "named", ambiguous_with=sets)
+    if reading.nameless_lead <= rules.log_evidence_margin:
+        sets = _ambiguous_sets(table, reading.named, rules)
+        return reading._replace(verdict="ambiguous" if sets else "named", ambiguous_with=sets)
+    # Beside the shape, the names may still explain a part.
+    if row & shape:
+        return reading._replace(verdict="partial")
+    return reading._replace(verdict="unknown", why_unknown="imitation")
 
 
 def _ambiguous_sets(

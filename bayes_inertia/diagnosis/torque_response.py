@@ -9,8 +9,9 @@ effects without a fixed shape: no model is compiled for them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -65,55 +66,51 @@ class TorqueResponse:
     transition: np.ndarray
     inverse_inertia: np.ndarray
 
-    def residual_change(self, torque_B: np.ndarray) -> np.ndarray:
-        """Compute the change of the whitened residuals by torques on the body.
+    def changes(self, signals: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Compute the changes of the whitened residuals by signals in hooks of effects.
 
-        `torque_B` (slews, n, 3, k) [N m]. Returns (slews, numbers, k).
+        `signals` (slews, n, components, k): k histories on the grid of a torque on the body or the
+        wheels [N m], or of errors of the sensors with such a hook. Returns (slews, numbers, k).
         """
-        kick = np.zeros((*torque_B.shape[:2], 6, torque_B.shape[-1]))
-        kick[:, :, 3:] = np.einsum("sij,snjk->snik", self.inverse_inertia, torque_B)
-        rate_of_change = np.linalg.solve(self.transition, kick)
-        step = np.diff(self.time, axis=1)[..., None, None]
-        middle = 0.5 * (rate_of_change[:, 1:] + rate_of_change[:, :-1]) * step
-        carried = np.concatenate([np.zeros_like(kick[:, :1]), np.cumsum(middle, axis=1)], axis=1)
-        moved = self.transition @ carried
-        turn, rate_B = moved[:, :, :3], moved[:, :, 3:]
-        return -self._of_channels(
-            lambda channel, fit, rows: channel.whitened_motion(fit, turn[rows], rate_B[rows])
-        )
-
-    def reading_change(self, channel: str, error: np.ndarray) -> np.ndarray:
-        """Compute the size of the change of the whitened residuals by errors of one sensor.
-
-        `error` (slews, n, components, k): k histories of the readings' error. Returns (slews,
-        numbers, k).
-        """
-
-        def change(each: Channel, fit: SensorAtFit, rows: tuple[np.ndarray, ...]) -> np.ndarray:
-            if each.name == channel:
-                return each.whitened_columns(fit.factors, error[rows])
-            return np.zeros((*fit.factors.shape[:3], error.shape[-1]))
-
-        return self._of_channels(change)
-
-    def _of_channels(
-        self, change: Callable[[Channel, SensorAtFit, tuple[np.ndarray, ...]], np.ndarray]
-    ) -> np.ndarray:
-        """Changes (slews, n, components, k) of each channel's readings, one after the other."""
-        model, theta, parts = self.estimate.model, self.estimate.theta, []
+        signals, model, parts = dict(signals), self.estimate.model, []
+        count = next(iter(signals.values())).shape[-1]
+        if "delivered_torque" in signals:
+            delivered = signals.pop("delivered_torque")
+            taken, axes_B = _integral(delivered[:, :-1], self.time), model.campaign.wheel_axes_B
+            signals["momentum_output"] = taken
+            # The body feels the motor, and the gyroscopic torque of the momentum that wheels took.
+            gyroscopic = np.cross(self.rate_B[..., None], _along(axes_B, taken), axis=2)
+            signals["body_torque"] = -_along(axes_B, delivered) - gyroscopic
+        torque_B = signals.pop("body_torque", None)
+        moved = None if torque_B is None else self._motion(torque_B)
         telemetry, slews = model.data.arrays.telemetry, np.arange(len(self.time))[:, None]
-        sample = np.asarray(telemetry.sample)
         for channel, readings, white in zip(
             model.channels, telemetry.readings, self.estimate.white, strict=True
         ):
-            rows = slews, sample[slews, np.asarray(readings.row)]
-            fit = SensorAtFit(model.campaign, theta, readings, np.asarray(white.factors))
-            columns = change(channel, fit, rows)
+            rows = slews, np.asarray(telemetry.sample)[slews, np.asarray(readings.row)]
+            factors = np.asarray(white.factors)
+            fit = SensorAtFit(model.campaign, self.estimate.theta, readings, factors)
+            columns = np.zeros((*np.shape(readings.valid), count))
+            if moved is not None:
+                turn, rate_B = moved[:, :, :3], moved[:, :, 3:]
+                columns = columns - channel.whitened_motion(fit, turn[rows], rate_B[rows])
+            if channel.hook in signals and channel.stream.field:
+                error = np.moveaxis(signals[channel.hook][rows], -1, -2)
+                read = channel.read(fit.theta[slice(*channel.parameters)], error)
+                columns = columns - channel.whitened_columns(factors, np.moveaxis(read, -1, -2))
             if white.memory is not None:
                 columns = np.asarray(innovations(columns, white.memory))
             columns = columns[:, :, : None if channel.compared else 0]
-            parts.append(columns.reshape(len(columns), -1, columns.shape[-1]))
+            parts.append(columns.reshape(len(columns), -1, count))
         return np.concatenate(parts, 1)
+
+    def _motion(self, torque_B: np.ndarray) -> np.ndarray:
+        """Changes (slews, n, 6, k) of attitude and rate by torques on the body."""
+        kick = np.zeros((*torque_B.shape[:2], 6, torque_B.shape[-1]))
+        kick[:, :, 3:] = np.einsum("sij,snjk->snik", self.inverse_inertia, torque_B)
+        rate_of_change = np.linalg.solve(self.transition, kick)
+        middle = 0.5 * (rate_of_change[:, 1:] + rate_of_change[:, :-1])
+        return self.transition @ _integral(middle, self.time)
 
 
 def torque_response(estimate: Estimate) -> TorqueResponse:
@@ -203,11 +200,6 @@ def _tangents(
     return jax.vmap(one)(local, data.arrays.slews, data.arrays.telemetry, data.arrays.reference)
 
 
-_READINGS = ("rate_output", "attitude_output", "momentum_output")
-# Of the wheels: in the measured drive neither is compared with data.
-_OF_WHEELS = ("momentum_output", "delivered_torque")
-
-
 def coefficient_columns(response: TorqueResponse, effect: StochasticEffect) -> np.ndarray:
     """Take the derivatives of the whitened residuals towards an effect's coefficients.
 
@@ -215,106 +207,98 @@ def coefficient_columns(response: TorqueResponse, effect: StochasticEffect) -> n
     all channels one after the other; zero where the campaign does not see the effect.
     """
     model = response.estimate.model
-    hooks = tuple(
-        hook
-        for hook in (*_READINGS, "body_torque", "delivered_torque")
-        if effect.acts(hook) and not (model.structure.drive == "measured" and hook in _OF_WHEELS)
+    contexts, grid, count = (
+        model.data.contexts,
+        response.time.shape,
+        effect.coefficient_count(model.campaign),
     )
-    grid, contexts = response.time.shape[1], model.data.contexts
+    # Where tachometers drive the model, what the wheels are given moves nothing.
+    torques = ("body_torque", "delivered_torque")[: 1 + (model.structure.drive == "commanded")]
+    acting = tuple(hook for hook in torques if effect.acts(hook))
+    sensors = [
+        (channel, constants)
+        for channel, constants in zip(model.channels, model.data.sensors, strict=True)
+        if channel.compared and channel.stream.field and effect.acts(channel.hook)
+    ]
+    channels, constants = tuple(c for c, _ in sensors), tuple(x for _, x in sensors)
     motion = (response.attitude, response.rate_B, response.wheel_momentum)
-    gyro = model.structure.place("rate")
-    rate_S = response.rate_B @ np.asarray(model.data.sensors[gyro].axes).T
     # Of padding: the last instant again.
-    *path, rate_S = (repeated(x, contexts.time.shape[1]) for x in (*motion, rate_S))
+    path = (repeated(x, contexts.time.shape[1]) for x in motion)
     states = np.zeros((*contexts.time.shape, 0))
-    inputs = contexts, Trajectory(contexts.time, *path, states), rate_S  # type: ignore[call-arg]
-    count = effect.coefficient_count(model.campaign)
-    parts = [_unit_signals(effect, hooks, count, *of_slew(k, inputs)) for k in range(model.n_slews)]
-    units = of_all_slews(parts, (grid,) * len(hooks))
-    return changes_of(response, dict(zip(hooks, units, strict=True)), count)
+    inputs = contexts, Trajectory(contexts.time, *path, states)  # type: ignore[call-arg]
+    parts = [
+        _unit_signals(effect, channels, acting, count, constants, *of_slew(k, inputs))
+        for k in range(model.n_slews)
+    ]
+    hooks = [*(channel.hook for channel in channels), *acting]
+    signals = dict(zip(hooks, of_all_slews(parts, grid[1:] * len(hooks)), strict=True))
+    return response.changes(signals or {"body_torque": np.zeros((*grid, 3, count))})
 
 
-def changes_of(response: TorqueResponse, units: Mapping[str, np.ndarray], count: int) -> np.ndarray:
-    """Changes of the whitened residuals by signals (slews, n, components, k) in hooks."""
-    estimate = response.estimate
-    campaign = estimate.model.campaign
-    torque_B, momentum = units.get("body_torque"), units.get("momentum_output")
-    if "delivered_torque" in units:
-        axes_B, delivered = campaign.wheel_axes_B, units["delivered_torque"]
-        momentum = _integral(delivered, response.time)
-        # The body feels the motor, and the gyroscopic torque of the momentum that the wheel took.
-        taken = np.einsum("iw,snwk->snik", axes_B, momentum)
-        gyroscopic = np.cross(response.rate_B[..., None], taken, axis=2)
-        torque_B = -np.einsum("iw,snwk->snik", axes_B, delivered) - gyroscopic
-    if torque_B is None and not units:
-        torque_B = np.zeros((*response.time.shape, 3, count))
-    parts = [response.residual_change(torque_B)] if torque_B is not None else []
-    if "rate_output" in units:
-        factors = estimate.theta[6 : estimate.model.n_base]
-        error = units["rate_output"] / factors[:, None]
-        parts.append(-response.reading_change("rate", error))
-    if "attitude_output" in units:
-        parts.append(-response.reading_change("attitude", units["attitude_output"]))
-    if momentum is not None:
-        parts.append(-response.reading_change("momentum", momentum))
-    return sum(parts[1:], start=parts[0])
+def _along(axes_B: np.ndarray, of_wheels: np.ndarray) -> np.ndarray:
+    """What the wheels have together (slews, n, 3, k), body axes."""
+    return np.einsum("iw,snwk->snik", axes_B, of_wheels)
 
 
-def _integral(held: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Integrals (slews, n, ...) of what is held over each interval of the grid."""
-    pieces = held[:, :-1] * np.diff(time, axis=1)[..., None, None]
-    return np.concatenate([np.zeros_like(held[:, :1]), np.cumsum(pieces, axis=1)], axis=1)
+def _integral(pieces: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Integrals (slews, n, ...) of what has one value (slews, n - 1, ...) between instants."""
+    sums = np.cumsum(pieces * np.diff(time, axis=1)[..., None, None], axis=1)
+    return np.concatenate([np.zeros_like(sums[:, :1]), sums], axis=1)
 
 
-@partial(jax.jit, static_argnums=(0, 1, 2))
+@partial(jax.jit, static_argnums=(0, 1, 2, 3))
 def _unit_signals(
     effect: StochasticEffect,
-    hooks: tuple[str, ...],
+    channels: tuple[Channel, ...],
+    torques: tuple[str, ...],
     count: int,
+    constants: tuple[Any, ...],
     contexts: SlewContext,
     path: Trajectory,
-    rate_S: Array,
 ) -> tuple[Array, ...]:
-    """What unit coefficients add in each hook (slews, n, components, k)."""
+    """What unit coefficients add to each reading, then to each torque (slews, n, components, k)."""
 
-    def one(slew: SlewContext, motion: Trajectory, reading: Array) -> tuple[Array, ...]:
+    def one(slew: SlewContext, motion: Trajectory) -> tuple[Array, ...]:
         def values(c: Array) -> tuple[Array, ...]:
-            return tuple(_value(effect, hook, c, slew, motion, reading) for hook in hooks)
+            p = {"coefficients": c}
+            errors = [
+                _error(channel, x, effect, p, slew, motion)
+                for channel, x in zip(channels, constants, strict=True)
+            ]
+            return (*errors, *(_torque(effect, hook, p, slew, motion) for hook in torques))
 
         still = jnp.zeros(count)
         return jax.vmap(lambda unit: jax.jvp(values, (still,), (unit,))[1], out_axes=-1)(
             jnp.eye(count)
         )
 
-    return jax.vmap(one)(contexts, path, rate_S)
+    return jax.vmap(one)(contexts, path)
 
 
-def _value(
+def _error(
+    channel: Channel,
+    constants: Any,
     effect: StochasticEffect,
-    hook: str,
-    coefficients: Array,
+    p: Any,
     slew: SlewContext,
     motion: Trajectory,
-    rate_S: Array,
 ) -> Array:
-    """What a hook gives along a slew (n, components); of attitudes the small rotation."""
-    p, attitude = {"coefficients": coefficients}, motion.attitude
-    if hook == "rate_output":
-        return effect.rate_output(p, slew, motion, rate_S)
-    if hook == "momentum_output":
-        return effect.momentum_output(p, slew, motion, motion.wheel_momentum)
-    if hook == "attitude_output":
-        turned = effect.attitude_output(p, slew, motion, attitude)
-        return 2.0 * quaternion.multiply(quaternion.conjugate(attitude), turned)[..., :3]
+    """What an effect adds to the readings of a sensor (n, components)."""
+    perfect = channel.sensed(constants, jnp.zeros(0), slew, motion)  # type: ignore[arg-type]
+    read = channel.with_effect(effect, p, constants, slew, motion, perfect)
+    return channel.gap(read, perfect)
+
+
+def _torque(
+    effect: StochasticEffect, hook: str, p: Any, slew: SlewContext, motion: Trajectory
+) -> Array:
+    """What an effect adds to the torques on the wheels or the body (n, components)."""
     if hook == "delivered_torque":
         return effect.delivered_torque(p, slew, slew.torque)
 
-    nothing = jnp.zeros(3)
-
-    def torque(t: Array, q: Array, rate_B: Array, momentum: Array, states: Array) -> Array:
+    def torque(t: Array, *state: Array) -> Array:
         # Without inertia and field: a random torque does not follow them.
-        state = State(q, rate_B, momentum, states, jnp.eye(3), nothing, nothing)
-        return effect.body_torque(p, slew, t, state)
+        return effect.body_torque(p, slew, t, State(*state, jnp.eye(3), jnp.zeros(3), jnp.zeros(3)))
 
     return jax.vmap(torque)(*motion[:-1])
 

@@ -21,25 +21,30 @@ linear in a few numbers; in the table they show that a name would be an imitatio
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 from scipy import linalg, stats
 from scipy.interpolate import make_interp_spline
-from scipy.optimize import minimize_scalar
 
 from bayes_inertia.campaign.sensors.rate import RATE
-from bayes_inertia.diagnosis.formulas import told_blocks
-from bayes_inertia.diagnosis.hypothesis_table import log_evidence_of_columns
+from bayes_inertia.diagnosis.formulas import response_hook, told_blocks
+from bayes_inertia.diagnosis.hypothesis_table import (
+    RandomMember,
+    Signal,
+    System,
+    given_random,
+    log_evidence_of_columns,
+)
 from bayes_inertia.diagnosis.limits import LIMITS
-from bayes_inertia.diagnosis.torque_response import TorqueResponse, changes_of, torque_response
+from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.residual_tests import effective_parameters
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.effects.formula import driver_of
-from bayes_inertia.physics.effects.scales import torque_scale
+from bayes_inertia.physics.effects.formula import PLACES, driver_of
 
 
 @array_dataclass
@@ -97,14 +102,14 @@ def cardinal_splines(times: np.ndarray, time: np.ndarray) -> np.ndarray:
     return make_interp_spline(time, np.eye(len(time)), k=3)(np.clip(times, time[0], time[-1]))
 
 
-# Where a signal may enter: hook and unit. The rate sensor's is in its own axes.
+# Where a signal may enter: the place of a formula, and its unit. The rate sensor's is in its own
+# axes.
 _SOURCES = {
     "body torque": ("body_torque", "N m"),
-    "wheel torque": ("delivered_torque", "N m"),
-    "rate sensor": ("rate_output", "rad/s"),
-    "tachometers": ("momentum_output", "N m s"),
+    "wheel torque": ("wheel_torque", "N m"),
+    "rate sensor": ("rate_error", "rad/s"),
+    "tachometers": ("tachometer_error", "N m s"),
 }
-_OF_WHEELS = ("wheel torque", "tachometers")
 
 
 def signal_basis(fit: LinearisedFit, response: TorqueResponse, source: str) -> SignalBasis | None:
@@ -112,35 +117,26 @@ def signal_basis(fit: LinearisedFit, response: TorqueResponse, source: str) -> S
 
     Returns: none for what acts in wheels that are not predicted, or in no rate sensor.
     """
-    campaign, (hook, unit) = response.estimate.model.campaign, _SOURCES[source]
-    of_wheels, sigma = source in _OF_WHEELS, np.array(RATE.sigma(campaign), float)
-    components = {"rate sensor": len(sigma)}.get(source, len(campaign.wheels) if of_wheels else 3)
-    if components == 0 or (of_wheels and not fit.channels["momentum"].valid.any()):
+    campaign, (key, unit) = response.estimate.model.campaign, _SOURCES[source]
+    place, components = PLACES[key], 3
+    if place.rows == "wheels":
+        predicted = fit.channels["momentum"].valid.any()
+        components = len(campaign.wheels) if predicted else 0
+    elif source == "rate sensor":
+        components = len(RATE.sigma(campaign))
+    if components == 0:
         return None
-    scale = {
-        "rate_output": float(np.max(sigma, initial=0.0)),
-        "momentum_output": max((w.momentum_sigma or 0.0 for w in campaign.wheels), default=0.0),
-    }.get(hook) or torque_scale(campaign)
-    time = knots(fit, components)
-    splines, parts = _splines_on_grid(response, time), []
+    scale, time, parts = place.size(campaign), knots(fit, components), []
+    # The integration grid counts from each slew's zero.
+    grids = [slew.time[0] + t for slew, t in zip(campaign.slews, response.time, strict=True)]
+    splines = np.stack([cardinal_splines(g, t) for g, t in zip(grids, time, strict=True)])
     for start in range(0, splines.shape[-1], LIMITS.knots_at_a_time):
         some = splines[..., start : start + LIMITS.knots_at_a_time]
         units = np.einsum("snk,ij->snikj", some, scale * np.eye(components))
         units = units.reshape(*some.shape[:2], components, -1)
         # What the data gain is what the residuals of the model without it gain.
-        parts.append(-changes_of(response, {hook: units}, units.shape[-1]))
+        parts.append(-response.changes({response_hook(place): units}))
     return SignalBasis(source, unit, time, np.concatenate(parts, -1), components, scale)
-
-
-def _splines_on_grid(response: TorqueResponse, time: np.ndarray) -> np.ndarray:
-    """Splines (slews, n, knots) on the integration grid, which counts from each slew's zero."""
-    first = [slew.time[0] for slew in response.estimate.model.campaign.slews]
-    return np.stack(
-        [
-            cardinal_splines(grid + t0, t)
-            for grid, t0, t in zip(response.time, first, time, strict=True)
-        ]
-    )
 
 
 @array_dataclass
@@ -202,8 +198,9 @@ def infer_signal(fit: LinearisedFit, basis: SignalBasis) -> FreeSignal:
 
     Returns: at the length scale and size of the highest marginal likelihood.
     """
-    evidence, log_size, smooth = _most_likely(_normal_equations(fit, basis), basis)
-    means, variances, effective = smooth.solution(log_size)
+    found = (_most_likely(form) for form in _forms(fit, basis))
+    evidence, size, form = max(found, key=lambda each: each[0])
+    means, variances, effective = form.solution(size)
     signal = np.stack([B @ m for B, m in zip(basis.columns, means, strict=True)])
     left = fit.settled_residual - fit.unfitted(signal)
     taken = effective_parameters(fit.model, fit.point, fit.information, fit.covariance)
@@ -215,7 +212,7 @@ def infer_signal(fit: LinearisedFit, basis: SignalBasis) -> FreeSignal:
         time=basis.time,
         mean=basis.scale * np.array(means).reshape(shape),
         sd=basis.scale * np.sqrt(np.array(variances)).reshape(shape),
-        length=smooth.length,
+        length=form.length,
         log_evidence=evidence,
         chi2_before=float(np.sum(fit.settled_residual**2)),
         chi2_after=float(np.sum(left**2)),
@@ -226,38 +223,11 @@ def infer_signal(fit: LinearisedFit, basis: SignalBasis) -> FreeSignal:
 
 
 @array_dataclass
-class _NormalEquations:
-    """Of the knots, start states integrated out.
+class _Form:
+    """A smooth signal of one length scale [s], along independent directions of each slew.
 
-    By slew `knots` (K, K), `cross` (K, s) with the shared unknowns, `gradient` (K,); `shared` (s,
-    s) of all slews.
-    """
-
-    knots: list[np.ndarray]
-    cross: list[np.ndarray]
-    gradient: list[np.ndarray]
-    shared: np.ndarray
-
-
-def _normal_equations(fit: LinearisedFit, basis: SignalBasis) -> _NormalEquations:
-    knots, cross, gradient, shared = [], [], [], fit.prior_precision
-    for B, L, S, r in zip(basis.columns, fit.local, fit.shared, fit.settled_residual, strict=True):
-        factor = linalg.cho_factor(L.T @ L + np.eye(L.shape[1]))
-        by_knots, by_shared = linalg.cho_solve(factor, L.T @ B), linalg.cho_solve(factor, L.T @ S)
-        knots.append(B.T @ B - (B.T @ L) @ by_knots)
-        cross.append(B.T @ S - (B.T @ L) @ by_shared)
-        # At the optimum the residuals are already the projected ones.
-        gradient.append(B.T @ r)
-        shared = shared + S.T @ S - (S.T @ L) @ by_shared
-    return _NormalEquations(knots, cross, gradient, shared)
-
-
-@array_dataclass
-class _SmoothPrior:
-    """The same in the eigenbasis of each slew, for one length scale [s].
-
-    `back` (slews of (K, q)) leads to the knots; `power` (Q,), `cross` (Q, s) and `gradient` (Q,)
-    are of all slews, one after the other.
+    `back` (slews of (K, q)) leads to the knots; `power` (Q,), `cross` (Q, s) with the shared
+    unknowns and `gradient` (Q,) are of all slews, one after the other; `shared` (s, s).
     """
 
     length: float
@@ -267,89 +237,82 @@ class _SmoothPrior:
     gradient: np.ndarray
     shared: np.ndarray
 
-    def evidence(self, log_size: float) -> float:
-        """Log marginal likelihood against no signal, for a prior of sd exp(log_size)."""
-        a2 = np.exp(2.0 * log_size)
-        M = 1.0 + a2 * self.power
-        left = self.shared - a2 * (self.cross.T / M) @ self.cross
-        v = (self.cross.T / M) @ self.gradient
-        fit = a2 * np.sum(self.gradient**2 / M) + a2**2 * v @ np.linalg.solve(left, v)
-        volume = np.sum(np.log(M)) + np.linalg.slogdet(left)[1] - np.linalg.slogdet(self.shared)[1]
-        return float(0.5 * (fit - volume))
+    def evidence(self, sizes: np.ndarray) -> np.ndarray:
+        """Log marginal likelihood (g,) against no signal, for priors of such sds."""
+        none, even = np.zeros((0, len(self.power))), np.ones(len(sizes))
+        signal = Signal(self.power, none, self.cross, self.gradient, sizes, even)
+        known = System(self.shared, np.zeros(len(self.shared)))
+        given = given_random(known, RandomMember("", [signal], np.zeros(1)))
+        moved = np.linalg.solve(given.matrix, given.gradient[..., None])[..., 0]
+        volume = np.linalg.slogdet(given.matrix)[1] - np.linalg.slogdet(self.shared)[1]
+        return given.log_weight + 0.5 * (np.sum(given.gradient * moved, 1) - volume)
 
-    def solution(self, log_size: float) -> tuple[list[np.ndarray], list[np.ndarray], float]:
+    def solution(self, a: float) -> tuple[list[np.ndarray], list[np.ndarray], float]:
         """Mean and variance of the values at the knots by slew, and effective parameters."""
-        a = np.exp(log_size)
         M = 1.0 + a**2 * self.power
         left = np.linalg.cholesky(self.shared - a**2 * (self.cross.T / M) @ self.cross)
         spread = a * np.linalg.solve(left, (self.cross / M[:, None]).T).T
         z = a * (self.gradient / M + spread @ (spread.T @ self.gradient))
         effective = float(np.sum(1.0 - 1.0 / M) - np.sum(spread**2))
-        means, variances, start = [], [], 0
-        for back in self.back:
-            part = slice(start, start + back.shape[1])
-            means.append(a * back @ z[part])
-            variances.append(
-                a**2 * (np.sum(back**2 / M[part], 1) + np.sum((back @ spread[part]) ** 2, 1))
-            )
-            start += back.shape[1]
+        ends = np.cumsum([back.shape[1] for back in self.back])[:-1]
+        parts = zip(*(np.split(x, ends) for x in (z, M, spread)), strict=True)
+        means, variances = [], []
+        for back, (own, seen, with_shared) in zip(self.back, parts, strict=True):
+            means.append(a * back @ own)
+            variance = np.sum(back**2 / seen, 1) + np.sum((back @ with_shared) ** 2, 1)
+            variances.append(a**2 * variance)
         return means, variances, effective
 
 
-def _smooth_prior(
-    normal: _NormalEquations, basis: SignalBasis, length: float, rings: bool
-) -> _SmoothPrior:
-    """`rings`: the kernel of a derivative (of unit variance too) in place of the signal's own."""
-    backs, powers, crosses, gradients = [], [], [], []
-    for time, knots, cross, gradient in zip(
-        basis.time, normal.knots, normal.cross, normal.gradient, strict=True
-    ):
-        apart = ((time[:, None] - time[None, :]) / length) ** 2
-        kernel = np.exp(-0.5 * apart) * (1.0 - apart if rings else 1.0)
-        values, vectors = np.linalg.eigh(kernel)
-        keep = values > LIMITS.eigenvalue_floor * values[-1]
-        root = np.kron(vectors[:, keep] * np.sqrt(values[keep]), np.eye(basis.components))
-        power, turn = np.linalg.eigh(root.T @ knots @ root)
-        back = root @ turn
-        backs.append(back)
-        powers.append(np.maximum(power, 0.0))
-        crosses.append(back.T @ cross)
-        gradients.append(back.T @ gradient)
-    return _SmoothPrior(
-        length,
-        backs,
-        np.concatenate(powers),
-        np.concatenate(crosses),
-        np.concatenate(gradients),
-        normal.shared,
-    )
-
-
-def _most_likely(normal: _NormalEquations, basis: SignalBasis) -> tuple[float, float, _SmoothPrior]:
-    """The highest log evidence, and the log size and length scale that it is reached at."""
+def _forms(fit: LinearisedFit, basis: SignalBasis) -> Iterator[_Form]:
+    """Smooth signals of all length scales; torques that ring as well."""
     durations = basis.time[:, -1] - basis.time[:, 0]
     spacing = float(np.median(durations)) / (basis.time.shape[1] - 1)
     lengths = np.geomspace(1.5 * spacing, 2.0 * float(durations.max()), LIMITS.length_scales)
-    kinds = product((False, True) if basis.unit == "N m" else (False,), lengths)
-    priors = (_smooth_prior(normal, basis, float(length), rings) for rings, length in kinds)
-    found = ((*_best_size(smooth), smooth) for smooth in priors)
-    return max(found, key=lambda each: each[0])
+    slews, shared = [], fit.prior_precision
+    for B, L, S, r in zip(basis.columns, fit.local, fit.shared, fit.settled_residual, strict=True):
+        # Start states are integrated out. At the optimum the residuals are the projected ones.
+        factor = linalg.cho_factor(L.T @ L + np.eye(L.shape[1]))
+        by_knots, by_shared = linalg.cho_solve(factor, L.T @ B), linalg.cho_solve(factor, L.T @ S)
+        slews.append((B.T @ B - (B.T @ L) @ by_knots, B.T @ S - (B.T @ L) @ by_shared, B.T @ r))
+        shared = shared + S.T @ S - (S.T @ L) @ by_shared
+    for rings, length in product((False, True) if basis.unit == "N m" else (False,), lengths):
+        backs, parts = [], []
+        for time, (matrix, cross, gradient) in zip(basis.time, slews, strict=True):
+            root = np.kron(_kernel_root(time / length, rings), np.eye(basis.components))
+            power, turn = np.linalg.eigh(root.T @ matrix @ root)
+            back = root @ turn
+            backs.append(back)
+            parts.append((np.maximum(power, 0.0), back.T @ cross, back.T @ gradient))
+        yield _Form(float(length), backs, *map(np.concatenate, zip(*parts, strict=True)), shared)
 
 
-def _best_size(smooth: _SmoothPrior) -> tuple[float, float]:
-    """The highest log evidence at one length scale, and its log size.
+def _kernel_root(time: np.ndarray, rings: bool) -> np.ndarray:
+    """Root (k, q) of a smooth signal's covariance at knots, their times (k,) in length scales.
+
+    `rings`: of the derivative of such a signal, of unit variance too.
+    """
+    apart = (time[:, None] - time[None, :]) ** 2
+    kernel = np.exp(-0.5 * apart) * (1.0 - apart if rings else 1.0)
+    values, vectors = np.linalg.eigh(kernel)
+    keep = values > LIMITS.eigenvalue_floor * values[-1]
+    return vectors[:, keep] * np.sqrt(values[keep])
+
+
+def _most_likely(form: _Form) -> tuple[float, float, _Form]:
+    """The highest log evidence at one length scale, and its size.
 
     The evidence has several maxima: slow and fast parts of a signal differ by orders of magnitude
-    in what they do.
+    in what they do. Sizes are tried ever closer around the best.
     """
-    smallest = -0.5 * np.log(max(smooth.power.max(), 1e-30))
     low, high, points = LIMITS.log_sizes
-    sizes = np.linspace(smallest + low, smallest + high, points)
-    top = float(sizes[np.argmax([smooth.evidence(x) for x in sizes])])
-    optimum = minimize_scalar(
-        lambda x: -smooth.evidence(x), bounds=(top - 0.5, top + 0.5), method="bounded"
-    )
-    return -float(optimum.fun), float(optimum.x)
+    half, smallest = 0.5 * (high - low), -0.5 * np.log(max(form.power.max(), 1e-30))
+    best, evidence = smallest + low + half, np.zeros(1)
+    for _ in range(LIMITS.rounds_of_size):
+        log_sizes = np.linspace(best - half, best + half, points)
+        evidence = form.evidence(np.exp(log_sizes))
+        best, half = float(log_sizes[np.argmax(evidence)]), 2.0 * half / (points - 1)
+    return float(evidence.max()), float(np.exp(best)), form
 
 
 @dataclass(frozen=True)

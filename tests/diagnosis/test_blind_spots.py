@@ -8,7 +8,8 @@ import pytest
 from support.refits import fitted_with
 
 from bayes_inertia.campaign.prior import GaussianPrior
-from bayes_inertia.diagnosis.linear_system import linear_model, log_evidence_of_each
+from bayes_inertia.diagnosis.hypothesis_table import log_evidence_of, nothing
+from bayes_inertia.diagnosis.linear_system import linear_model
 from bayes_inertia.diagnosis.quoted_parameters import (
     largest_shifts,
     noncentrality_at_even_odds,
@@ -85,8 +86,9 @@ def test_odds_beyond_the_largest_float_are_probabilities():
     turned = [replace(slew, rate=slew.rate + shift) for slew in small.slews]
     campaign, library = replace(small, slews=tuple(turned)), by_name(["rate_bias"])
     fitted = estimate(Model(campaign), starts=1, discount=False)
-    evidence = log_evidence_of_each(linear_model(move_to(fitted, Model(campaign, library))))
-    assert evidence["rate_bias"] > np.log(np.finfo(float).max)
+    linear = linear_model(move_to(fitted, Model(campaign, library)))
+    evidence = log_evidence_of(nothing(linear.system), linear.members)
+    assert evidence > np.log(np.finfo(float).max)
     (row,) = undetected_alternatives(fitted, library)
     assert row.probability == pytest.approx(1.0)
 

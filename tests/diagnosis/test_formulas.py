@@ -54,7 +54,7 @@ def fit():
 
 @pytest.fixture(scope="module")
 def search(fit):
-    return search_formulas(torque_response(fit), fit.linearised())
+    return search_formulas(torque_response(fit), linear_model(fit))
 
 
 @pytest.mark.long
@@ -85,11 +85,8 @@ def test_a_law_that_an_effect_can_make_is_no_formula(fit, search):
     """Friction alike on all wheels is friction; drag in the square of the rate is another law."""
     effects = WheelFriction(), ViscousTorque()
     linear = linear_model(move_to(fit, Model(fit.model.campaign, effects)))
-    columns = [linear.columns[..., member.columns] for member in linear.members]
-    left = {
-        t.formula.name
-        for t in search_formulas(torque_response(fit), fit.linearised(), columns).terms
-    }
+    names = [effect.name for effect in effects]
+    left = {t.formula.name for t in search_formulas(torque_response(fit), linear, names).terms}
     same = {
         f"formula_{law}_{form}"
         for law in ("wheel_torque_wheel_signs", "body_torque_rate")
@@ -113,7 +110,7 @@ def test_terms_stand_in_the_order_of_their_odds():
 def test_noise_alone_gives_false_alarms_as_rarely_as_stated(fit):
     """Markov: odds of 50 in at most one campaign of 50; a torque beside the noise gives them."""
     rng, linear, draws = np.random.default_rng(3), fit.linearised(), 40
-    own = [projected(block, linear) for block in blocks(torque_response(fit))]
+    own = [projected(block, linear_model(fit)) for block in blocks(torque_response(fit))]
     noise = linear.replicates(rng, draws, np.ones_like(linear.residual))
     found = np.array([_searched(own, noise[..., k]) for k in range(draws)])
     assert np.mean(found > np.log(50.0)) <= 0.02 + 2.0 * np.sqrt(0.02 / draws)

@@ -14,7 +14,8 @@ from bayes_inertia.diagnosis.hypothesis_table import (
     log_evidence_of_random,
     signal_of,
 )
-from bayes_inertia.diagnosis.random_signals import p_values_of_largest, projected_signal
+from bayes_inertia.diagnosis.linear_system import projected_signal
+from bayes_inertia.diagnosis.score_test import p_values_of_largest
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.maths.linear_algebra import inverse_root
 

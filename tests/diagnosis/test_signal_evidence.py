@@ -11,7 +11,7 @@ from bayes_inertia.diagnosis.hypothesis_table import (
     log_evidence_of_random,
     signal_of,
 )
-from bayes_inertia.diagnosis.random_signals import projected_signal
+from bayes_inertia.diagnosis.linear_system import projected_signal
 from bayes_inertia.maths.linear_algebra import inverse_root
 
 SLEWS, NUMBERS, SHARED, LOCAL, K = 3, 40, 2, 2, 4

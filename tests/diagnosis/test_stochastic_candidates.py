@@ -9,13 +9,9 @@ from scipy.special import logsumexp
 
 from bayes_inertia.diagnosis.hypothesis_table import log_evidence_of_random
 from bayes_inertia.diagnosis.limits import LIMITS, Rules
-from bayes_inertia.diagnosis.linear_system import linear_model, random_members
-from bayes_inertia.diagnosis.random_signals import (
-    STOCHASTIC_CANDIDATES,
-    random_candidates,
-    usable,
-    with_p_values,
-)
+from bayes_inertia.diagnosis.linear_system import linear_model
+from bayes_inertia.diagnosis.random_signals import STOCHASTIC_CANDIDATES, random_members, usable
+from bayes_inertia.diagnosis.score_test import random_candidates, with_p_values
 from bayes_inertia.diagnosis.table_search import with_stochastic, without_effects
 from bayes_inertia.diagnosis.torque_response import coefficient_columns, torque_response
 from bayes_inertia.inference import optimizer

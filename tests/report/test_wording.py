@@ -60,6 +60,26 @@ def test_what_is_said_of_stated_probabilities_is_what_was_measured():
     assert all(abs(found[n, int(s)] - float(t)) <= 0.5 for t, n, s in claims)
 
 
+def test_probabilities_beside_a_misfit_are_said_to_compare_answers_only():
+    nothing = {"kind": "nothing", "effects": [], "probability": 0.8, "log_prior": -0.7}
+    explained = {"hypotheses": [nothing | {"log_evidence": 0.0}], "why_unknown": ""}
+    (plain,), (refuted,) = (
+        sentences("diagnosis", "probabilities", explained | {"why_unknown": why})
+        for why in ("", "misfit")
+    )
+    assert plain == "How probable each answer is: nothing is missing 80 %."
+    assert refuted.startswith("The residuals fit none of the answers that were tried.")
+    assert refuted.endswith("nothing is missing 80 %.")
+    notes = [page_of("answers.html", d=explained | {"why_unknown": w}) for w in ("", "misfit")]
+    assert ["fit none of these answers" in note for note in notes] == [False, True]
+
+
+def test_the_probability_of_the_noise_that_lost_is_said():
+    (said,) = sentences("diagnosis", "noises", {"noise_probabilities": {"white": 0.03}})
+    assert "white 3 %, correlated 97 %" in said
+    assert sentences("diagnosis", "noises", {"noise_probabilities": {}}) == []
+
+
 @pytest.mark.parametrize(
     ("reduced", "interval", "p_white", "expected"),
     [
