@@ -42,7 +42,7 @@ def eigenvalues(
     theta, part = model.space.mean, model.space.slice_of(effect.name)
     theta[part.start + 1 : part.stop] = time
     columns = coefficient_columns(torque_response(plain), effect)
-    signal, _ = projected_signal(plain.linearised(), columns, columns[..., :0])
+    signal, _ = projected_signal(plain.linearised(), columns)
     slews, k = signal.gradient.shape
     if isinstance(effect, RateRandomWalk | TachometerNoiseWalk):
         axes = k // effect.knots

@@ -32,8 +32,12 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import FlexibleMode, candidates_in
 from bayes_inertia.physics.forward_model import lacks
 
-# Products of the coupling's components: xx, yy, zz, xy, xz, yz.
-PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+# Products of the coupling's components: xx, yy, zz, xy, xz, yz; and what each is in a tensor.
+_ROW, _COLUMN = np.array([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]).T
+_UNIT = np.eye(3)
+_TENSORS = np.maximum(
+    _UNIT[_ROW, :, None] * _UNIT[_COLUMN, None, :], _UNIT[_COLUMN, :, None] * _UNIT[_ROW, None, :]
+)
 
 
 def oscillator_columns(
@@ -44,15 +48,12 @@ def oscillator_columns(
     `frequencies` (f,) [Hz]. `scale`: size of a unit product of the coupling's components [kg m^2].
     Returns (slews, numbers, 6 f).
     """
-    torque_B = np.zeros((*response.rate_B.shape, len(frequencies), len(PAIRS)))
+    torque_B = np.zeros((*response.rate_B.shape, len(frequencies), len(_ROW)))
     for s, (time, rate_B) in enumerate(zip(response.time, response.rate_B, strict=True)):
         for f, frequency in enumerate(frequencies):
             reaction = _reaction(time, rate_B, frequency)
-            for k, (i, j) in enumerate(PAIRS):
-                torque_B[s, :, i, f, k] += reaction[:, j]
-                if i != j:
-                    torque_B[s, :, j, f, k] += reaction[:, i]
-    return response.changes({"body_torque": scale * torque_B.reshape(*torque_B.shape[:3], -1)})
+            torque_B[s, :, :, f] = np.einsum("kij,nj->nik", scale * _TENSORS, reaction)
+    return response.changes({"body_torque": torque_B.reshape(*torque_B.shape[:3], -1)})
 
 
 def _reaction(time: np.ndarray, rate_B: np.ndarray, frequency: float) -> np.ndarray:
@@ -90,9 +91,6 @@ def _filter(frequency: float, step: float) -> tuple[np.ndarray, np.ndarray]:
         ([1.0, 0.0, 0.0], [1.0, 2.0 * LIMITS.damping_ratio * omega, omega**2]), step, method="foh"
     )
     return np.ravel(above), below
-
-
-_ROW, _COLUMN = np.array(PAIRS).T
 
 
 @array_dataclass
@@ -139,10 +137,8 @@ def theta_with_mode(estimate: Estimate, mode: FlexibleModeCandidate) -> np.ndarr
     space = estimate.model.space
     part, theta = space.slice_of(mode.name), estimate.theta.copy()
     coupling, frequency = slice(part.start, part.start + 3), part.start + 3
-    theta[coupling] = (
-        np.clip(mode.coupling, -LIMITS.largest_amplitude, LIMITS.largest_amplitude)
-        * space.sd[coupling]
-    )
+    largest = LIMITS.largest_amplitude
+    theta[coupling] = np.clip(mode.coupling, -largest, largest) * space.sd[coupling]
     theta[frequency] = mode.frequency
     return theta
 
@@ -218,16 +214,12 @@ def _gains(
     response: TorqueResponse, fit: LinearisedFit, scale: float, tried: np.ndarray
 ) -> np.ndarray:
     """Gain of the best coupling at each frequency, over an even set of directions."""
-    gains, k = [], len(PAIRS)
-    step = LIMITS.frequencies_at_a_time
+    gains, step, k = [], LIMITS.frequencies_at_a_time, len(_ROW)
     for part in np.split(tried, np.arange(step, len(tried), step)):
-        columns = oscillator_columns(response, part, scale)
-        imitated = fit.imitated(columns)
-        gradient = fit.projected_gradient(columns, imitated).reshape(-1, k)
-        by_mode, imitated = (x.reshape(*x.shape[:-1], -1, k) for x in (columns, imitated))
-        matrix = np.einsum("snfa,snfb->fab", by_mode, by_mode, optimize=True)
-        matrix -= np.einsum("ufa,ufb->fab", imitated, imitated)
-        along, power = _along_directions(gradient, matrix)
+        matrix, gradient = fit.projected(oscillator_columns(response, part, scale))
+        each = np.arange(len(part))
+        blocks = matrix.reshape(len(part), k, len(part), k)[each, :, each]
+        along, power = _along_directions(gradient.reshape(-1, k), blocks)
         gains.append(np.max(along**2 / power, axis=1))
     return np.concatenate(gains)
 
@@ -268,8 +260,7 @@ def _products(delta: np.ndarray) -> np.ndarray:
 
 def _tangents(delta: np.ndarray) -> np.ndarray:
     """Derivatives (6, 3) of the products."""
-    unit = np.eye(3)
-    return unit[_ROW] * delta[_COLUMN, None] + unit[_COLUMN] * delta[_ROW, None]
+    return _UNIT[_ROW] * delta[_COLUMN, None] + _UNIT[_COLUMN] * delta[_ROW, None]
 
 
 def _directions() -> np.ndarray:
@@ -325,8 +316,12 @@ def candidate_effects(campaign: Campaign, library: Sequence[Effect]) -> Candidat
 
 def _wanted(effect: Effect, campaign: Campaign) -> str:
     """What an effect needs and a campaign does not have; empty if it can act."""
-    slews = campaign.slews
-    empty = [c for c in effect.needs if any(_is_empty(getattr(slew, c)) for slew in slews)]
+    columns = {c: [getattr(slew, c) for slew in campaign.slews] for c in effect.needs}
+    empty = [
+        name
+        for name, given in columns.items()
+        if any(x is None or not np.isfinite(x).all(axis=-1).any() for x in given)
+    ]
     return f"{', '.join(empty)} in every slew" if empty else lacks(effect, campaign)
 
 
@@ -345,10 +340,6 @@ def _check_names(library: Sequence[Effect]) -> None:
                 where=FLEXIBLE_MODE,
                 advice="give a FlexibleMode itself",
             )
-
-
-def _is_empty(column: np.ndarray | None) -> bool:
-    return column is None or not np.isfinite(column).all(axis=-1).any()
 
 
 def flexible_mode_candidate(

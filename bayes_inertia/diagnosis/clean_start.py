@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.score_test import log_evidence_of_fit
@@ -80,9 +79,9 @@ def clean_start(model: Model, *, seed: int = 0, as_stated: bool = False) -> Clea
         noise = _noise(fit.estimate, fit.treatment)
         compiled.result()
     estimate = optimizer.with_noise(fit.estimate, noise)
-    model = _flown(model, base.campaign)
-    estimate = optimizer.move_to(estimate, _flown(model, estimate.model.campaign))
-    return CleanStart(model, estimate, noise, fit.treatment, as_stated)
+    stated = replace(model, campaign=base.campaign)
+    estimate = optimizer.move_to(estimate, replace(model, campaign=estimate.model.campaign))
+    return CleanStart(stated, estimate, noise, fit.treatment, as_stated)
 
 
 def _without_local_dirt(fit: CleanFit, stated: Model) -> CleanFit:
@@ -108,13 +107,6 @@ def _noise(estimate: Estimate, treatment: DirtTreatment) -> dict[str, float]:
         else:
             measured[channel] = level_of_rounded(measured[channel], steps[channel])
     return measured
-
-
-def _flown(model: Model, campaign: Campaign) -> Model:
-    """The model of a campaign as it is treated."""
-    if campaign is model.campaign:
-        return model
-    return Model(campaign, model.effects, model.structure.drive)
 
 
 def with_correlated_noise(start: CleanStart, *fits: Estimate) -> CleanStart | None:
@@ -194,7 +186,11 @@ def _colour_at(start: CleanStart, final: Estimate) -> Colour | None:
     colour, slews = start.treatment.colour, final.model.campaign.slews
     if colour is None or "rate" in start.treatment.rounded:
         return colour
-    again = colour_of(slews, _in_stated_sigmas(start, final), slow=True)
+    # Residuals of the rates in the sigmas that the campaign states.
+    stated = np.array(RATE.sigma(start.stated.campaign))
+    ratio = np.array(RATE.sigma(final.model.campaign)) / stated if len(stated) else 1.0
+    series = [ratio * own for own in plain_series(final)["rate"]]
+    again = colour_of(slews, series, slow=True)
     if again is None:
         return colour
     treatment = replace(start.treatment, colour=again)
@@ -202,13 +198,6 @@ def _colour_at(start: CleanStart, final: Estimate) -> Colour | None:
     fit = optimizer.with_noise(fit, _noise(fit, treatment))
     gain = log_evidence_of_noise(fit) - log_evidence_of_noise(final)
     return again if gain > LIMITS.linear else colour
-
-
-def _in_stated_sigmas(start: CleanStart, final: Estimate) -> list[np.ndarray]:
-    """Residuals of the rates in the sigmas that the campaign states."""
-    stated = np.array(RATE.sigma(start.stated.campaign))
-    ratio = np.array(RATE.sigma(final.model.campaign)) / stated if len(stated) else 1.0
-    return [series * ratio for series in plain_series(final)["rate"]]
 
 
 def at_measured_level(start: CleanStart, final: Estimate) -> tuple[CleanStart, Estimate]:

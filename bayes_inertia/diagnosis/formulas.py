@@ -33,6 +33,7 @@ from bayes_inertia.physics.effects.formula import (
     drivers_known,
     knows,
 )
+from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.slew_context import State
 
@@ -94,21 +95,14 @@ def blocks(
     places: Collection[str] = tuple(PLACES),
 ) -> Iterator[Block]:
     """Driver by driver and place by place."""
-    campaign, structure = response.estimate.model.campaign, response.estimate.model.structure
-    wheels = len(campaign.wheels)
+    model = response.estimate.model
     for key, wheel, values, middle in followed or drivers(response):
         rms = float(np.sqrt(np.mean(values**2, axis=(0, 1)).max()))
-        if not rms > 0.0:
-            continue
-        for name in places:
+        for name in (p for p in places if rms > 0.0 and _allowed(p, key, model)):
             place = PLACES[name]
-            if not _allowed(name, key, wheels, structure.drive):
-                continue
-            if name == "rate_error" and campaign.rate_sensor is None:
-                continue
             formula = Formula(name, key, "full", wheel=wheel, rms=rms, middle=middle)
-            rows = wheels if place.rows == "wheels" else 3
-            columns = _columns(response, name, place.size(campaign) / rms * values, rows)
+            rows = len(model.campaign.wheels) if place.rows == "wheels" else 3
+            columns = _columns(response, name, place.size(model.campaign) / rms * values, rows)
             if columns.any():
                 yield Block(formula, (rows, values.shape[-1]), columns)
 
@@ -139,17 +133,16 @@ def drivers(response: TorqueResponse) -> Iterator[Followed]:
             yield Followed(key, wheel, values - middle, middle)
 
 
-def _allowed(place: str, key: str, wheels: int, drive: str) -> bool:
-    """Whether a place goes with a driver."""
-    driver = driver_of(key)
-    if not knows(place, key):
-        return False
+def _allowed(place: str, key: str, model: Model) -> bool:
+    """Whether a place goes with a driver in a campaign."""
+    driver, campaign = driver_of(key), model.campaign
     if PLACES[place].rows == "wheels":
         # Where tachometers drive the model, torques on the wheels do nothing.
-        return wheels > 0 and drive == "commanded" and not (driver.of_one_wheel or driver.needs)
-    if place == "inertial_torque":
-        return driver.columns in ("one", "wheels")
-    return True
+        acts = bool(campaign.wheels) and model.structure.drive == "commanded"
+        return acts and knows(place, key) and not (driver.of_one_wheel or driver.needs)
+    if place == "inertial_torque" and driver.columns not in ("one", "wheels"):
+        return False
+    return knows(place, key) and not (place == "rate_error" and campaign.rate_sensor is None)
 
 
 def _along(response: TorqueResponse, driver: Driver, wheel: int) -> np.ndarray:
@@ -245,14 +238,13 @@ def projected(block: Block, linear: LinearModel, named: Sequence[np.ndarray] = (
 
 def weighed(projections: Iterable[Projected]) -> FormulaSearch:
     """Weigh all terms of all blocks."""
-    of_place: dict[str, list[list[FormulaTerm]]] = {}
-    for own in projections:
-        of_place.setdefault(own.block.formula.place, []).append(_weighed(own))
+    found = [(own.block.formula.place, _weighed(own)) for own in projections]
+    # Places, and drivers of a place, are each as probable.
+    drivers_of = Counter(place for place, _ in found)
     terms = [
-        term._replace(log_prior=term.log_prior - np.log(len(of_place) * len(of_drivers)))
-        for of_drivers in of_place.values()
-        for of_driver in of_drivers
-        for term in of_driver
+        term._replace(log_prior=term.log_prior - np.log(len(drivers_of) * drivers_of[place]))
+        for place, terms in found
+        for term in terms
     ]
     return FormulaSearch(tuple(sorted(terms, key=lambda term: -term.log_weight)))
 

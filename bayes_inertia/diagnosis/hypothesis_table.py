@@ -218,6 +218,11 @@ class RandomMember:
     matrix: np.ndarray | None = None
 
     @property
+    def log_shares(self) -> np.ndarray:
+        """Log prior probabilities (signals,) of its forms."""
+        return self.log_odds - logsumexp(self.log_odds)
+
+    @property
     def likely_start(self) -> np.ndarray:
         """Parameters (h,) of the effect where its evidence is largest."""
         assert self.starts is not None
@@ -276,7 +281,7 @@ def _log_share_above(size: np.ndarray, before: Given, i: int) -> np.ndarray:
 def given_random(system: System, member: RandomMember) -> Given:
     """The linear model given a random signal, at each of its forms and sizes."""
     parts = []
-    for signal, log_odds in zip(member.signals, _log_odds(member), strict=True):
+    for signal, log_odds in zip(member.signals, member.log_shares, strict=True):
         shares, cross = _shares(signal), signal.cross
         matrix = np.array([cross.T @ (share[:, None] * cross) for share in shares])
         parts.append(
@@ -287,10 +292,6 @@ def given_random(system: System, member: RandomMember) -> Given:
             )
         )
     return Given(*(np.concatenate(x) for x in zip(*parts, strict=True)))
-
-
-def _log_odds(member: RandomMember) -> np.ndarray:
-    return member.log_odds - logsumexp(member.log_odds)
 
 
 def _shares(signal: Signal) -> np.ndarray:
@@ -313,7 +314,7 @@ def log_evidence_of_random(member: RandomMember, gradient: np.ndarray | None = N
     """
     gains = [
         _gains(signal, gradient) + log_odds
-        for signal, log_odds in zip(member.signals, _log_odds(member), strict=True)
+        for signal, log_odds in zip(member.signals, member.log_shares, strict=True)
     ]
     return np.concatenate(gains)
 
@@ -321,7 +322,7 @@ def log_evidence_of_random(member: RandomMember, gradient: np.ndarray | None = N
 def draw_coefficients(member: RandomMember, rng: np.random.Generator, k: int) -> np.ndarray:
     """Coefficients (n, k) of k signals drawn from the prior."""
     weights = [
-        s.weights * np.exp(x) for s, x in zip(member.signals, _log_odds(member), strict=True)
+        s.weights * np.exp(x) for s, x in zip(member.signals, member.log_shares, strict=True)
     ]
     chosen = rng.choice(sum(map(len, weights)), k, p=np.concatenate(weights))
     drawn, first = np.zeros((len(member.signals[0].basis), k)), 0

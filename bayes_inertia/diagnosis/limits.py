@@ -180,7 +180,7 @@ class Limits:
     # Filters kept: of all frequencies, for four lengths of slews.
     filters: int = 1280
     # Frequencies tried at once, to save memory.
-    frequencies_at_a_time: int = 20
+    frequencies_at_a_time: int = 5
     # Around so many of the best frequencies others are tried ...
     refined_frequencies: int = 6
     # ... at these shares of the spacing.

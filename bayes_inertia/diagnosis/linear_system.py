@@ -9,17 +9,13 @@ for all sets. What else may act, random signals and formulas, is projected besid
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 from scipy.special import logsumexp
 
 from bayes_inertia.diagnosis.candidates import FlexibleModeCandidate
-from bayes_inertia.diagnosis.hypothesis_table import (
-    FixedMember,
-    Given,
-    System,
-    fixed_member,
-)
+from bayes_inertia.diagnosis.hypothesis_table import FixedMember, Given, System, fixed_member
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.objective import prior_rows
@@ -92,25 +88,30 @@ class LinearModel:
     root: np.ndarray
     mode: FlexibleModeCandidate | None = None
 
+    @cached_property
+    def imitated(self) -> np.ndarray:
+        """What the fit imitates (unknowns, c) of the columns."""
+        return self.fit.imitated(self.columns)
+
     def projected(self, columns: np.ndarray) -> ProjectedSignal:
-        """A signal beside the effects, as `projected_signal`; its cross products end with J and K.
+        """A signal, as `projected_signal`, beside the effects; J and K are last of these.
 
         The data are those before the effects were fitted.
         """
-        signal, imitated = projected_signal(self.fit, columns, self.columns)
-        gradient = signal.gradient + signal.cross[..., self.held] @ self.amplitude
+        alone, imitated = projected_signal(self.fit, columns)
+        cross = np.swapaxes(columns, 1, 2) @ self.columns
+        cross -= (imitated.T @ self.imitated).reshape(cross.shape)
+        gradient = alone.gradient + cross[..., self.held] @ self.amplitude
         moved = (self.root @ imitated).T.reshape(*gradient.shape, -1)
-        return ProjectedSignal(gradient, signal.matrix, np.concatenate([signal.cross, moved], -1))
+        return ProjectedSignal(gradient, alone.matrix, np.concatenate([cross, moved], -1))
 
 
-def projected_signal(
-    fit: LinearisedFit, columns: np.ndarray, others: np.ndarray
-) -> tuple[ProjectedSignal, np.ndarray]:
-    """Project everything fitted off a signal.
+def projected_signal(fit: LinearisedFit, columns: np.ndarray) -> tuple[ProjectedSignal, np.ndarray]:
+    """Project everything fitted off a signal, beside no effect.
 
     `columns` (slews, numbers, k): changes of its whitened residuals by the coefficients of each
-    slew. `others` (slews, numbers, c): columns of effects of a fixed shape. Returns: the signal;
-    the share (unknowns, slews k) of each slew's columns that the fit imitates.
+    slew. Returns: the signal; the share (unknowns, slews k) of each slew's columns that the fit
+    imitates.
     """
     slews, _, k = columns.shape
     gradient, matrix = np.zeros((slews, k)), np.zeros((slews, k, slews, k))
@@ -122,9 +123,7 @@ def projected_signal(
     imitated = fit.inverse_root @ imitated.reshape(len(imitated), -1)
     matrix -= (imitated.T @ imitated).reshape(matrix.shape)
     fitted = (imitated.T @ fit.whitened_gradient).reshape(slews, k)
-    cross = np.swapaxes(columns, 1, 2) @ others
-    cross -= (imitated.T @ fit.imitated(others)).reshape(cross.shape)
-    return ProjectedSignal(fitted - gradient, matrix, cross), imitated
+    return ProjectedSignal(fitted - gradient, matrix, np.zeros((slews, k, 0))), imitated
 
 
 def linear_model(

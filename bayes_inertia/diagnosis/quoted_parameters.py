@@ -57,7 +57,6 @@ from bayes_inertia.maths.device_arrays import filled
 from bayes_inertia.maths.values import AnyArray, array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, FlexibleMode
-from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
@@ -216,10 +215,8 @@ def _with_candidates(estimate: Estimate, library: Sequence[Effect]) -> Estimate:
     known = {effect.name for effect in model.effects}
     usable = candidate_effects(model.campaign, library).linear
     others = tuple(effect for effect in usable if effect.name not in known)
-    if not others:
-        return estimate
-    drive, effects = model.structure.drive, (*model.effects, *others)
-    return move_to(estimate, Model(model.campaign, effects, drive, model.noise))
+    larger = replace(model, effects=(*model.effects, *others))
+    return move_to(estimate, larger) if others else estimate
 
 
 def _linearised(estimate: Estimate, held: Estimate) -> LinearisedFit:
@@ -275,8 +272,11 @@ def other_rows(table: Table, named: Names) -> tuple[AlternativeParameters, ...]:
             (listed if probability > LIMITS.least_probability else rest).append(own)
     if rest:
         weights = np.array([row.probability for row in rest])
-        moments = (np.array([getattr(r, x) for r in rest]) for x in ("mean", "covariance"))
-        mean, spread, within = mixed(weights / weights.sum(), *moments)
+        means, covariances = (
+            np.array([r.mean for r in rest]),
+            np.array([r.covariance for r in rest]),
+        )
+        mean, spread, within = mixed(weights / weights.sum(), means, covariances)
         merged = "others", instead_of, float(weights.sum()), names, mean, within + spread
         listed.append(AlternativeParameters(*merged))
     return tuple(listed)
@@ -313,18 +313,6 @@ def fitted_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
     return free if diagnosis.why_unknown == "imitation" else tried
 
 
-def remainder_alternatives(diagnosis: Diagnosis) -> tuple[AlternativeParameters, ...]:
-    """J and K with a torque and a rate error of free shape beside the effects that were tried.
-
-    Returns: one, of probability 0.5; empty unless the verdict is "unknown" because no candidate
-    explains the data.
-    """
-    if diagnosis.verdict != "unknown" or diagnosis.why_unknown != "misfit":
-        return ()
-    free = _quoted_row(_refitted(replace(diagnosis, verdict="partial")))
-    return (replace(free, effect=FREE_SHAPES, probability=LIMITS.remainder_probability),)
-
-
 def averaged_posterior(
     posterior: Posterior,
     alternatives: Sequence[AlternativeParameters],
@@ -345,12 +333,9 @@ def averaged_posterior(
     rng, names = np.random.default_rng([seed, 4]), alternatives[0].names
     named_draws: Any = posterior.tree["posterior"]
     draws = np.stack([named_draws[name].values for name in names], -1)
-    given = {
-        name: {"mean": float(x.mean()), "sd": float(x.std(ddof=1))}
-        for name, x in zip(names, np.moveaxis(draws, -1, 0), strict=True)
-    }
-    probabilities = [a.probability for a in alternatives]
+    flat, probabilities = draws.reshape(-1, len(names)), [a.probability for a in alternatives]
     first = max(0.0, 1.0 - sum(probabilities))
+    own = AlternativeParameters("", "", first, names, flat.mean(0), np.cov(flat.T))
     which = rng.choice(len(alternatives) + 1, size=draws.shape[:2], p=[first, *probabilities])
     for k, alternative in enumerate(alternatives, 1):
         # An alternative that no body allows, or no prior, has no draws: the fit's own stay.
@@ -358,9 +343,7 @@ def averaged_posterior(
             draws[which == k] = inertia_tensor.draw_physical(
                 partial(_drawn, alternative, rng), int(np.sum(which == k)), ends=ends
             )
-    named = posterior.attributes["effects"]
-    rows = [{"effects": named, "probability": first, "parameters": given}]
-    rows += [_row(named, alternative) for alternative in alternatives]
+    rows = [_row(posterior.attributes["effects"], row) for row in (own, *alternatives)]
     return _with_group(posterior, names, draws, rows)
 
 
@@ -391,15 +374,11 @@ def _with_group(
 
 def _row(named: Sequence[str], alternative: AlternativeParameters) -> dict[str, Any]:
     own = alternative.effect.split(" and ") if alternative.effect else []
-    effects = own if alternative.instead_of else [*named, *own]
-    parameters = {
-        name: {"mean": float(m), "sd": float(s)}
-        for name, m, s in zip(alternative.names, alternative.mean, alternative.sd, strict=True)
-    }
+    each = zip(alternative.names, alternative.mean, alternative.sd, strict=True)
     return {
-        "effects": effects,
+        "effects": own if alternative.instead_of else [*named, *own],
         "probability": alternative.probability,
-        "parameters": parameters,
+        "parameters": {name: {"mean": float(m), "sd": float(sd)} for name, m, sd in each},
     }
 
 
@@ -471,12 +450,16 @@ def quoted_parameters(found: Estimate | Diagnosis) -> QuotedParameters:
 def alternatives_of(diagnosis: Diagnosis) -> tuple[AlternativeParameters, ...]:
     """J and K given what a diagnosis could not rule out.
 
-    Returns: one for each other row of the table, or, where no candidate explains the data, one with
-    free shapes; empty where there is nothing to average over.
+    Returns: one for each other row of the table. Where the verdict is "unknown" because no
+    candidate explains the data, one of probability 0.5: with a torque and a rate error of free
+    shape beside the effects that were tried. Empty where there is nothing to average over.
     """
-    if diagnosis.verdict in OPEN_VERDICTS:
-        return remainder_alternatives(diagnosis)
-    return diagnosis.other_rows
+    if diagnosis.verdict not in OPEN_VERDICTS:
+        return diagnosis.other_rows
+    if diagnosis.why_unknown != "misfit":
+        return ()
+    free = _quoted_row(_refitted(replace(diagnosis, verdict="partial")))
+    return (replace(free, effect=FREE_SHAPES, probability=LIMITS.remainder_probability),)
 
 
 def averaged_parameters(
@@ -498,8 +481,8 @@ def averaged_parameters(
     (array([1.]), array([1.39]))
     """
     rows = (first, *alternatives)
-    shares = np.array([1.0 - sum(r.probability for r in alternatives)])
-    shares = np.append(shares, [r.probability for r in alternatives])
+    shares = np.array([r.probability for r in rows])
+    shares[0] = 1.0 - shares[1:].sum()
     means, sds = (np.array([getattr(r, key) for r in rows]) for key in ("mean", "sd"))
     low, middle, high = (
         np.array([_quantile(level, shares, m, s) for m, s in zip(means.T, sds.T, strict=True)])
@@ -528,7 +511,7 @@ def _quoted_row(fit: Estimate) -> AlternativeParameters:
 def _refitted(diagnosis: Diagnosis) -> Estimate:
     """The full fit of an open verdict from where the last ended, each slew as it scatters."""
     final = diagnosis.final
-    model = Model(final.model.campaign, fitted_effects(diagnosis), final.model.structure.drive)
+    model = replace(final.model, effects=fitted_effects(diagnosis))
     known = dict(zip(final.model.space.names, final.theta, strict=True))
     mean = zip(model.space.names, model.space.mean, strict=True)
     return estimate(model, start=np.array([known.get(name, value) for name, value in mean]))

@@ -26,11 +26,7 @@ from scipy.linalg import block_diag
 from scipy.special import logsumexp
 
 from bayes_inertia.diagnosis.formulas import DRIVEN_BY_LIBRARY, told_blocks
-from bayes_inertia.diagnosis.hypothesis_table import (
-    RandomMember,
-    Signal,
-    signal_of,
-)
+from bayes_inertia.diagnosis.hypothesis_table import RandomMember, Signal, signal_of
 from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.linear_system import LinearModel, ProjectedSignal
 from bayes_inertia.diagnosis.torque_response import PROGRAMS, TorqueResponse, coefficient_columns
@@ -172,11 +168,11 @@ def roots_at(model: Model, shape: float) -> list[CandidateRoots]:
     for (effect, p), n in zip(active, model.structure.coefficients, strict=False):
         if not (n and isinstance(effect, StochasticEffect)):
             continue
-        own, across = np.asarray(next(blocks)), effect.covariance_across_slews(p, slews)
+        across, root = effect.covariance_across_slews(p, slews), None
         if across is not None:
             floor = LIMITS.jitter * np.trace(across) / len(across)
-            across = np.linalg.cholesky(np.asarray(across) + floor * np.eye(len(across)))
-        found.append(CandidateRoots(own, across))
+            root = np.linalg.cholesky(np.asarray(across) + floor * np.eye(len(across)))
+        found.append(CandidateRoots(np.asarray(next(blocks)), root))
     return found
 
 
@@ -202,39 +198,17 @@ def forms_of(effect: StochasticEffect, model: Model, roots: Sequence[CandidateRo
     part, lasts = model.space.slice_of(effect.name), roots[0].across is not None
     shapes = np.array(LIMITS.shapes) if part.stop - part.start > 1 else np.zeros(1)
     shapes = shapes if lasts else shapes[shapes <= LIMITS.longest_in_slew]
-    roots = roots[: len(shapes)]
-    on = [own.best for own in roots]
     # A time that nobody stated is a guess: beyond what is thought of all are as probable.
     odds = -0.5 * np.minimum(shapes, LIMITS.longest_in_slew) ** 2
-    long = np.full(len(shapes), True)
-    if lasts:
-        long = (shapes == shapes[-1]) | (shapes >= LIMITS.longest_in_slew)
-        other = [own.anew for own in roots]
-    elif roots[0].blocks.shape[-1] == 1 and effect.acts("rate_output"):
-        other = [own.repeated for own in roots]
-    else:
-        return Forms(on, shapes, odds)
-    other = [root for root, kept in zip(other, long, strict=True) if kept]
+    of_each = roots[0].blocks.shape[-1] == 1 and effect.acts("rate_output")
+    other = "anew" if lasts else "repeated" if of_each else ""
+    forms = [own.best for own in roots[: len(shapes)]]
+    if not other:
+        return Forms(forms, shapes, odds)
+    long = shapes >= (min(LIMITS.longest_in_slew, shapes[-1]) if lasts else shapes[0])
+    forms += [getattr(own, other) for own, kept in zip(roots, long, strict=False) if kept]
     more = odds[long] + logsumexp(odds) - logsumexp(odds[long])
-    return Forms([*on, *other], np.append(shapes, shapes[long]), np.append(odds, more))
-
-
-def largest_size(effect: StochasticEffect, model: Model) -> float:
-    """The largest size that the prior of an effect has, in medians."""
-    scale = np.asarray(model.space.marginals()["scale"])[model.space.slice_of(effect.name).start]
-    return float(np.exp(LIMITS.largest_random_size * scale))
-
-
-def smooth_roots(blocks: np.ndarray) -> list[np.ndarray]:
-    """Roots (slews, b, m, m) of squared-exponential kernels of the same mean variance."""
-    m = blocks.shape[-1]
-    sd = np.sqrt(np.mean(np.sum(blocks**2, -1)))
-    apart = np.subtract.outer(np.arange(m), np.arange(m))
-    roots = []
-    for length in np.geomspace(LIMITS.shortest, m, LIMITS.lengths):
-        kernel = np.exp(-0.5 * (apart / length) ** 2) + LIMITS.jitter * np.eye(m)
-        roots.append(np.broadcast_to(sd * np.linalg.cholesky(kernel), blocks.shape))
-    return roots
+    return Forms(forms, np.append(shapes, shapes[long]), np.append(odds, more))
 
 
 def random_members(
@@ -254,6 +228,7 @@ def random_members(
     both = usable((*effects, *shapes), fit.model, fit.residual.size)
     model = Model(fit.model.campaign, both, fit.model.structure.drive)
     roots = zip(*(roots_at(model, x) for x in LIMITS.shapes), strict=True)
+    scales = np.asarray(model.space.marginals()["scale"])
     members: list[RandomMember] = []
     unnamed: dict[str, list[list[Signal]]] = {}
     for effect, own in zip(both, roots, strict=True):
@@ -265,13 +240,17 @@ def random_members(
         if not columns.any():
             continue
         signal = linear.projected(columns)
+        # The largest size that its prior has, in medians.
+        scale = float(scales[model.space.slice_of(effect.name).start])
+        largest = float(np.exp(LIMITS.largest_random_size * scale))
         if has_name:
             # Numbers in the bases of all forms of all effects, were they all like this one.
             numbers = len(both) * len(own) * signal.gradient.size**2
             kept = len(linear.held) == 0 and numbers <= LIMITS.largest_matrices
-            members.append(_random(effect, model, signal, own, kept=kept))
+            own_forms = forms_of(effect, model, own)
+            members.append(_random(effect, model, signal, own_forms, largest, kept=kept))
         if nameless and own[0].blocks.shape[-1] > 1 and source not in unnamed:
-            unnamed[source] = _free(effect, model, signal, own)
+            unnamed[source] = _free(signal, own, largest)
     for source, forms in (_driven(linear, response) if nameless and driven else {}).items():
         unnamed.setdefault(source, []).append(forms)
     for source, groups in unnamed.items():
@@ -285,15 +264,12 @@ def _random(
     effect: StochasticEffect,
     model: Model,
     signal: ProjectedSignal,
-    roots: Sequence[CandidateRoots],
+    own: Forms,
+    largest: float,
     *,
     kept: bool,
 ) -> RandomMember:
-    """A random effect; `roots` are its own at each of `LIMITS.shapes`.
-
-    `kept`: whether bases are, from which campaigns are simulated.
-    """
-    own, largest = forms_of(effect, model, roots), largest_size(effect, model)
+    """A random effect; `kept`: whether bases are, from which campaigns are simulated."""
     forms = [_signal(signal, root, largest, kept=kept) for root in own.roots]
     n = signal.gradient.size
     matrix = signal.matrix.reshape(n, n) if kept else None
@@ -306,15 +282,22 @@ def _random(
 
 
 def _free(
-    effect: StochasticEffect, model: Model, signal: ProjectedSignal, roots: Sequence[CandidateRoots]
+    signal: ProjectedSignal, roots: Sequence[CandidateRoots], largest: float
 ) -> list[list[Signal]]:
-    """Smooth signals where an effect on knots enters, and such that repeat in every slew."""
-    largest, same = largest_size(effect, model), signal.repeated()
-    smooth = smooth_roots(roots[LIMITS.shapes.index(0.0)].blocks)
-    return [
-        [_signal(signal, dense(root), largest) for root in smooth],
-        [_signal(same, dense(root[:1]), largest) for root in smooth],
-    ]
+    """Smooth signals where an effect on knots enters, and such that repeat in every slew.
+
+    They have squared-exponential kernels of the mean variance of the effect.
+    """
+    blocks, same = roots[LIMITS.shapes.index(0.0)].blocks, signal.repeated()
+    kinds: list[list[Signal]] = [[], []]
+    m, sd = blocks.shape[-1], np.sqrt(np.mean(np.sum(blocks**2, -1)))
+    apart = np.subtract.outer(np.arange(m), np.arange(m))
+    for length in np.geomspace(LIMITS.shortest, m, LIMITS.lengths):
+        kernel = np.exp(-0.5 * (apart / length) ** 2) + LIMITS.jitter * np.eye(m)
+        root = np.broadcast_to(sd * np.linalg.cholesky(kernel), blocks.shape)
+        kinds[0].append(_signal(signal, dense(root), largest))
+        kinds[1].append(_signal(same, dense(root[:1]), largest))
+    return kinds
 
 
 def _driven(linear: LinearModel, response: TorqueResponse) -> dict[str, list[Signal]]:

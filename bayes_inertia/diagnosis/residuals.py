@@ -14,9 +14,7 @@ import numpy as np
 from scipy import stats
 
 from bayes_inertia.campaign.sensors import stream_named
-from bayes_inertia.diagnosis.candidates import FLEXIBLE_MODE
 from bayes_inertia.diagnosis.limits import LIMITS, Rules
-from bayes_inertia.diagnosis.score_test import ScoreTests
 from bayes_inertia.inference.channel_rows import ChannelRows
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
@@ -25,16 +23,6 @@ from bayes_inertia.inference.rounding import has_one_error, rounding_steps
 from bayes_inertia.inference.slew_shares import eliminated
 from bayes_inertia.maths.linear_algebra import solve
 from bayes_inertia.maths.values import array_dataclass
-
-
-def correlations(tests: ScoreTests) -> dict[tuple[str, str], float]:
-    """Canonical correlations of all pairs of linear candidates."""
-    return {
-        (a, b): tests.canonical_correlation(i, j)
-        for i, a in enumerate(tests.names)
-        for j, b in enumerate(tests.names)
-        if i < j and FLEXIBLE_MODE not in (a, b)
-    }
 
 
 def final_tests(estimate: Estimate) -> dict[str, ChannelTest]:
@@ -56,18 +44,13 @@ def final_tests(estimate: Estimate) -> dict[str, ChannelTest]:
 
 
 def is_explained(tests: dict[str, ChannelTest], rules: Rules) -> bool:
-    """Test whether nothing is left in the residuals that noise would not leave."""
-    return min(_p_values(tests), default=1.0) > rules.misfit_p_value
+    """Test whether nothing is left in the residuals that noise would not leave.
 
-
-def _p_values(tests: dict[str, ChannelTest]) -> list[float]:
-    """Of residuals that are not smaller than the noise, and of all for structure."""
-    large = [
-        t.p_chi2
-        for t in tests.values()
-        if t.p_chi2 is not None and t.reduced_chi2 is not None and t.reduced_chi2 > 1.0
-    ]
-    return large + [t.p_white for t in tests.values() if t.p_white is not None]
+    Residuals may be smaller than the noise; structure none may have.
+    """
+    p_values = [t.p_white for t in tests.values()]
+    p_values += [t.p_chi2 for t in tests.values() if t.reduced_chi2 and t.reduced_chi2 > 1.0]
+    return min((p for p in p_values if p is not None), default=1.0) > rules.misfit_p_value
 
 
 @dataclass(frozen=True)
@@ -153,18 +136,21 @@ def scan_residuals(
     fit, rng = estimate.linearised(), np.random.default_rng([seed, 5])
     noise = fit.weight if stated else np.ones_like(fit.weight)
     scans = channel_scans(fit, noise)
-    largest = 0.5 * _largest_scores(fit, scans, rng, replicates, noise) ** 2
+    largest = []
+    for start in range(0, replicates, LIMITS.replicates_at_a_time):
+        drawn = fit.replicates(rng, min(LIMITS.replicates_at_a_time, replicates - start), noise)
+        scores = (s.scores(fit.channels[n].shaped(drawn)) for n, s in scans.items())
+        largest.append(np.max([x.max((0, 1, 2, 3)) for x in scores], axis=0))
     # Half the square of a normal score has an exponential tail, and the largest of many such a
     # Gumbel distribution.
-    null = stats.gumbel_r(*stats.gumbel_r.fit(largest))
+    null = stats.gumbel_r(*stats.gumbel_r.fit(0.5 * np.concatenate(largest) ** 2))
     windows: list[Window] = []
     smallest = 1.0
     for name, scan in scans.items():
-        scores = scan.scores(fit.channels[name].shaped(fit.settled_residual[..., None]))
-        shift, energy = (x[..., 0] for x in scores)
-        p_value = np.maximum(null.sf(0.5 * np.maximum(shift, energy) ** 2), 1e-300)
+        score = scan.scores(fit.channels[name].shaped(fit.settled_residual[..., None]))[..., 0]
+        p_value = np.maximum(null.sf(0.5 * score.max(0) ** 2), 1e-300)
         smallest = min(smallest, float(p_value.min()))
-        windows += _significant_windows(fit, name, scan, shift, energy, p_value)
+        windows += _significant_windows(fit, name, scan, score, p_value)
     return Disagreement(
         tuple(sorted(windows, key=lambda w: (w.p_value, -w.score))),
         smallest,
@@ -173,39 +159,16 @@ def scan_residuals(
     )
 
 
-def _largest_scores(
-    fit: LinearisedFit,
-    scans: dict[str, ChannelScan],
-    rng: np.random.Generator,
-    replicates: int,
-    noise: np.ndarray,
-) -> np.ndarray:
-    """The largest score (replicates,) anywhere in each of many fits of a perfect model."""
-    largest = []
-    for start in range(0, replicates, LIMITS.replicates_at_a_time):
-        drawn = fit.replicates(rng, min(LIMITS.replicates_at_a_time, replicates - start), noise)
-        by_channel = [
-            np.maximum(*scan.scores(fit.channels[name].shaped(drawn)))
-            .reshape(-1, drawn.shape[-1])
-            .max(0)
-            for name, scan in scans.items()
-        ]
-        largest.append(np.max(by_channel, axis=0))
-    return np.concatenate(largest)
-
-
 def _significant_windows(
-    fit: LinearisedFit,
-    name: str,
-    scan: ChannelScan,
-    shift: np.ndarray,
-    energy: np.ndarray,
-    p_value: np.ndarray,
+    fit: LinearisedFit, name: str, scan: ChannelScan, scores: np.ndarray, p_value: np.ndarray
 ) -> list[Window]:
-    """The most significant windows of each slew of one channel that do not overlap."""
+    """The most significant windows of each slew of one channel that do not overlap.
+
+    `scores` (2, slews, w, components): of shift and energy; `p_value` of the larger.
+    """
     channel, campaign = fit.channels[name], fit.model.campaign
     components = stream_named(name, campaign).components(campaign)
-    score = np.maximum(shift, energy)
+    score, kind = scores.max(0), scores.argmax(0)
     windows = []
     for s, slew in enumerate(campaign.slews):
         covered = np.zeros(channel.valid.shape[1], bool)
@@ -223,7 +186,7 @@ def _significant_windows(
                     component=components[c],
                     t_start=float(channel.time[s, first]),
                     t_end=float(channel.time[s, last]),
-                    kind="shift" if shift[s, w, c] >= energy[s, w, c] else "energy",
+                    kind=("shift", "energy")[kind[s, w, c]],
                     score=float(score[s, w, c]),
                     p_value=float(p_value[s, w, c]),
                 )
@@ -233,20 +196,17 @@ def _significant_windows(
 
 def _binned(fit: LinearisedFit, name: str, noise: np.ndarray) -> BinnedResiduals:
     """Mean residuals of one channel in even bins over each slew."""
-    channel = fit.channels[name]
+    channel, bins = fit.channels[name], LIMITS.bins
     scaled = channel.shaped(fit.settled_residual) / channel.shaped(noise)
-    slews, _, components = channel.valid.shape
     times = fit.channels["rate"].time
-    edges = np.stack(
-        [np.linspace(t[0], t[-1] * (1 + 1e-12) + 1e-12, LIMITS.bins + 1) for t in times]
-    )
-    bins = LIMITS.bins
+    edges = np.stack([np.linspace(t[0], t[-1] * (1 + 1e-12) + 1e-12, bins + 1) for t in times])
+    slews, _, components = channel.valid.shape
     count, total = np.zeros((2, slews, components, bins))
-    for s, (edge, time, valid) in enumerate(zip(edges, channel.time, channel.valid, strict=True)):
-        place = np.clip(np.searchsorted(edge, time, side="right") - 1, 0, bins - 1)
-        place = (place[:, None] + bins * np.arange(components))[valid]
-        for of_slew, each in ((count, np.ones(len(place))), (total, scaled[s][valid])):
-            of_slew[s] = np.bincount(place, each, components * bins).reshape(components, bins)
+    for s, c in np.ndindex(slews, components):
+        there = channel.valid[s, :, c]
+        time, each = channel.time[s, there], scaled[s, there, c]
+        count[s, c], _ = np.histogram(time, edges[s])
+        total[s, c], _ = np.histogram(time, edges[s], weights=each)
     shift = np.where(count > 0, total / np.sqrt(np.maximum(count, 1)), np.nan)
     names = stream_named(name, fit.model.campaign).components(fit.model.campaign)
     return BinnedResiduals(names, edges, shift)
@@ -297,11 +257,11 @@ class ChannelScan:
     energy: np.ndarray
     dof: np.ndarray
 
-    def scores(self, residuals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def scores(self, residuals: np.ndarray) -> np.ndarray:
         """Score the windows of k sets of residuals.
 
-        `residuals` (slews, rows, components, k). Returns `shift, energy` (slews, w, components, k):
-        normal scores of the mean's shift and of too large a mean square.
+        `residuals` (slews, rows, components, k). Returns (2, slews, w, components, k): normal
+        scores of the mean's shift and of too large a mean square.
         """
         shift = (
             np.abs(_sums(residuals, self.start, self.stop))
@@ -316,7 +276,7 @@ class ChannelScan:
         energy = np.where(
             self.dof[..., None] > 0.5, (np.cbrt(ratio) - 1.0 + spread) / np.sqrt(spread), 0.0
         )
-        return shift, np.maximum(energy, 0.0)
+        return np.stack([shift, np.maximum(energy, 0.0)])
 
 
 def channel_scans(fit: LinearisedFit, noise: np.ndarray) -> dict[str, ChannelScan]:
@@ -329,47 +289,30 @@ def channel_scans(fit: LinearisedFit, noise: np.ndarray) -> dict[str, ChannelSca
     channels = {name: c for name, c in fit.channels.items() if c.valid.any()}
     numbers = sum(c.valid.size for c in channels.values())
     shortest = 2 ** max(0, int(np.ceil(np.log2(4.0 * numbers / LIMITS.windows))))
-    covariances = [fit.covariance_of(s) for s in range(len(fit.residual))]
-    return {
-        name: _channel_scan(
-            c,
-            c.shaped(fit.columns),
-            covariances,
-            c.shaped(noise) ** 2,
-            shortest if c.valid.shape[1] > 8 * shortest else 1,
-        )
-        for name, c in channels.items()
-    }
+    return {name: _channel_scan(fit, c, noise, shortest) for name, c in channels.items()}
 
 
 def _channel_scan(
-    channel: ChannelRows,
-    columns: np.ndarray,
-    covariances: list[np.ndarray],
-    variance: np.ndarray,
-    shortest: int,
+    fit: LinearisedFit, channel: ChannelRows, noise: np.ndarray, shortest: int
 ) -> ChannelScan:
-    """The scan of one channel with these columns (slews, rows, components, unknowns)."""
-    start, stop = scan_windows(channel.valid.shape[1], shortest)
+    """The scan of one channel, its shortest windows as long, if it has many more rows."""
+    rows, columns = channel.valid.shape[1], channel.shaped(fit.columns)
+    start, stop = scan_windows(rows, shortest if rows > 8 * shortest else 1)
     valid = channel.valid.astype(float)
     n = _sums(valid, start, stop)
-    leverage = _taken_by_fit(columns, covariances)
-    taken = _taken_by_fit(_sums(columns, start, stop), covariances)
+    leverage = _taken_by_fit(columns, fit)
+    taken = _taken_by_fit(_sums(columns, start, stop), fit)
     # Noise is the same for all numbers of one channel and slew.
-    scale = _sums(variance * valid, start, stop) / np.maximum(n, 1.0)
+    scale = _sums(channel.shaped(noise) ** 2 * valid, start, stop) / np.maximum(n, 1.0)
     left = np.where(n > 0, np.maximum(scale * (n - taken), 1e-3 * scale * n), 0.0)
     dof = np.where(n > 0, n - _sums(leverage * valid, start, stop), 0.0)
     return ChannelScan(start, stop, np.sqrt(left), scale * np.maximum(dof, 0.0), dof)
 
 
-def _taken_by_fit(columns: np.ndarray, covariances: list[np.ndarray]) -> np.ndarray:
+def _taken_by_fit(columns: np.ndarray, fit: LinearisedFit) -> np.ndarray:
     """Variance (slews, r, components) that fitting takes from columns (slews, r, components, p)."""
-    return np.stack(
-        [
-            np.einsum("rcp,pq,rcq->rc", x, covariance, x, optimize=True)
-            for x, covariance in zip(columns, covariances, strict=True)
-        ]
-    )
+    covariances = [fit.covariance_of(s) for s in range(len(columns))]
+    return np.einsum("srcp,spq,srcq->src", columns, np.array(covariances), columns, optimize=True)
 
 
 def _sums(values: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
@@ -386,27 +329,15 @@ def held_out_chi2(estimate: Estimate) -> float | None:
 
     Returns: 1 if the predictions are as good as noise allows; None with fewer than two slews.
     """
-    info = estimate.information
-    slews = len(info.chi2)
+    slews, fit, total = estimate.model.n_slews, estimate.linearised(), 0.0
     if slews < 2:
         return None
-    fit = estimate.linearised()
-    total, numbers = 0.0, 0.0
+    info, own = fit.information, eliminated(fit.information, fit.point.local, fit.n_shared)
     for s in range(slews):
-        chi2, allowed = _prediction_chi2(fit, s)
-        total = total + chi2 - allowed
-        numbers = numbers + (info.n_data[s].sum() - fit.n_local)
-    return float(total / numbers)
-
-
-def _prediction_chi2(fit: LinearisedFit, s: int) -> tuple[float, float]:
-    """chi^2 of one slew predicted from the others, and how much of it is no misfit.
-
-    The prediction is itself uncertain: the others leave theta and bias open to some degree.
-    """
-    step, known = fit.shares.without(s)
-    own = eliminated(fit.information, fit.point.local, fit.n_shared)
-    gradient = own.gradient[s] + own.matrix[s] @ step
-    left = fit.information.chi2[s].sum() - own.pull[s] @ own.pull[s]
-    chi2 = left + step @ (own.gradient[s] + gradient)
-    return chi2, gradient @ solve(own.matrix[s] + known, gradient)
+        step, known = fit.shares.without(s)
+        gradient = own.gradient[s] + own.matrix[s] @ step
+        left = info.chi2[s].sum() - own.pull[s] @ own.pull[s]
+        # The prediction is itself uncertain: the others leave theta and bias open to some degree.
+        allowed = gradient @ solve(own.matrix[s] + known, gradient)
+        total = total + left + step @ (own.gradient[s] + gradient) - allowed
+    return float(total / (info.n_data.sum() - slews * fit.n_local))

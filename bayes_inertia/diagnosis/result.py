@@ -24,7 +24,6 @@ from bayes_inertia.maths.printed import Card, shown_as
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects.formula import Formula
-from bayes_inertia.physics.forward_model import Model
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -74,8 +73,7 @@ def within_prior(fitted: Estimate, effect: str, rules: Rules, *, tolerance: floa
             replace(e, prior_scale=wider * e.prior_scale) if e.name == effect else e
             for e in model.effects
         )
-        larger = Model(model.campaign, effects, model.structure.drive, model.noise)
-        wide = move_to(fitted, larger)
+        wide = move_to(fitted, replace(model, effects=effects))
         fitted = re_estimate(wide, wide.theta, wide.free, tolerance=tolerance)
     return fitted
 
@@ -90,15 +88,12 @@ def beyond_prior(
     scales = {effect.name: effect.prior_scale for effect in final.model.effects}
     space, rows = final.model.space, []
     for effect in effects:
-        part, distances = space.slice_of(effect), np.abs(_distances(final, effect))
-        distances = distances * scales[effect]
+        distances = np.abs(_distances(final, effect)) * scales[effect]
         if distances.max(initial=0.0) <= rules.prior_sd_at_most:
             continue
-        worst = int(np.argmax(distances))
-        k = part.start + worst
-        name, value, size = space.names[k].split(".", 1)[1], final.theta[k], distances[worst]
-        found = float(value), space.units[k], float(size)
-        rows.append(BeyondPrior(effect, name, *found, scales[effect]))
+        k = space.slice_of(effect).start + int(np.argmax(distances))
+        name, found = space.names[k].split(".", 1)[1], (float(final.theta[k]), space.units[k])
+        rows.append(BeyondPrior(effect, name, *found, float(distances.max()), scales[effect]))
     return tuple(rows)
 
 

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -172,12 +173,17 @@ class ScoreTests:
         both = np.concatenate([self.indices[j], self.indices[k]])
         return canonical_correlation(self.matrix[np.ix_(both, both)], len(self.indices[j]))
 
+    @property
+    def correlations(self) -> dict[tuple[str, str], float]:
+        """Canonical correlations of all pairs of linear candidates."""
+        linear = [k for k, name in enumerate(self.names) if name not in self.nonlinear]
+        return {
+            (self.names[j], self.names[k]): self.canonical_correlation(j, k)
+            for j, k in combinations(linear, 2)
+        }
+
     def threshold(
-        self,
-        false_alarms: float,
-        rng: np.random.Generator,
-        draws: int = 20_000,
-        further: int = 0,
+        self, false_alarms: float, rng: np.random.Generator, draws: int = 20_000, further: int = 0
     ) -> float:
         """Find the p-value below which a candidate is significant among all.
 

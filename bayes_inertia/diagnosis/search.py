@@ -34,7 +34,7 @@ from bayes_inertia.diagnosis.limits import LIMITS, Rules, rules_of
 from bayes_inertia.diagnosis.linear_system import LinearModel, linear_model
 from bayes_inertia.diagnosis.quoted_parameters import other_rows
 from bayes_inertia.diagnosis.random_signals import STOCHASTIC_CANDIDATES, candidate_kinds
-from bayes_inertia.diagnosis.residuals import correlations, final_tests, is_explained
+from bayes_inertia.diagnosis.residuals import final_tests, is_explained
 from bayes_inertia.diagnosis.result import (
     AlternativeEffect,
     Candidate,
@@ -138,14 +138,9 @@ def weigh_campaign(begin: CleanStart, search: Search) -> Weighed:
             begin, final = at_measured_level(begin, fits[fixed])
         else:
             final = fit_of(table, fixed, search)
-    steps = _steps(table, reading, final, search)
     if not is_explained(final_tests(final), rules):
         reading = unexplained_reading(table, reading)
-    tests = score_tests(table.first.linear)
-    steps = tuple(
-        replace(step, alternatives=_alternatives(table, tests, reading, step.added))
-        for step in steps
-    )
+    steps = _steps(table, reading, final, search)
     return Weighed(table, reading, begin, final, steps, candidates, threshold)
 
 
@@ -169,7 +164,7 @@ def _alternatives(
 
 def _steps(table: Table, reading: Reading, final: Estimate, search: Search) -> tuple[Step, ...]:
     """The effects of the best row one after the other, the best first, a random one last."""
-    random = {effect.name for effect in search.stochastic}
+    random, tests = {effect.name for effect in search.stochastic}, score_tests(table.first.linear)
     steps: list[Step] = []
     held, left, before, value = frozenset[str](), reading.row, table.first.estimate, 0.0
     while left:
@@ -180,7 +175,8 @@ def _steps(table: Table, reading: Reading, final: Estimate, search: Search) -> t
         held, left = held | {best}, left - {best}
         after = fit_of(table, held, search) if left else final
         now = table.log_evidence.get(held, value)
-        steps.append(Step(best, before, after, now - value, stochastic=best in random))
+        others = _alternatives(table, tests, reading, best)
+        steps.append(Step(best, before, after, now - value, others, best in random))
         before, value = after, now
     return tuple(steps)
 
@@ -318,7 +314,7 @@ def _diagnosed(begin: CleanStart, search: Search) -> Diagnosis:
         tests=final_tests(weighed.final),
         rules=search.rules,
         skipped=search.effects.skipped,
-        correlations=correlations(score_tests(table.first.linear)),
+        correlations=score_tests(table.first.linear).correlations,
         treatment=replace(weighed.begin.treatment, level=noise),
         hypotheses=_checked(table, search.seed),
         other_rows=other_rows(table, reading.row),
@@ -418,7 +414,6 @@ def _responses(weighed: Weighed) -> list[tuple[TorqueResponse, LinearModel]]:
 
 def _with_candidates(begin: CleanStart, effects: CandidateEffects) -> CleanStart:
     """The start of a search among other effects."""
-    drive = begin.stated.structure.drive
-    stated = Model(begin.stated.campaign, effects.linear, drive)
-    base = move_to(begin.base, Model(begin.base.model.campaign, effects.linear, drive))
+    stated = replace(begin.stated, effects=effects.linear)
+    base = move_to(begin.base, replace(begin.base.model, effects=effects.linear))
     return replace(begin, stated=stated, base=base)

@@ -44,7 +44,6 @@ from bayes_inertia.inference.descent import compiled_meanwhile
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import move_to, re_estimate
 from bayes_inertia.inference.settings import NOTHING
-from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 from bayes_inertia.progress import Progress
 
@@ -54,8 +53,7 @@ def with_stochastic(before: Estimate, effect: StochasticEffect, start: np.ndarra
 
     Returns: of a model that holds what is fitted and nothing else.
     """
-    old = before.model
-    model = Model(old.campaign, (*before.effects_fitted, effect), old.structure.drive)
+    model = replace(before.model, effects=(*before.effects_fitted, effect))
     begin = move_to(before, model)
     part = model.space.slice_of(effect.name)
     theta = begin.theta.copy()
@@ -164,7 +162,12 @@ class Table:
 
     def fixed_part(self, row: Names) -> Names:
         """The members of a row that have a fixed shape."""
-        return _fixed_part(row, self.refitted)
+        return row & {member.name for member in self.first.linear.members}
+
+    def weighed_at(self, row: Names) -> RefittedRow:
+        """The refit nearest to a row, of those around which it was weighed."""
+        weighed = (r for r in self.refitted.values() if row in r.log_evidence)
+        return _nearest(self.fixed_part(row), weighed)
 
 
 def table_of(base: Estimate, search: Search) -> Table:
@@ -203,24 +206,14 @@ def _weighed(
     return RefittedRow(names, estimate, linear, response, values, random)
 
 
-def _fixed_part(row: Names, refitted: Mapping[Names, RefittedRow]) -> Names:
-    return row & {member.name for member in refitted[frozenset()].linear.members}
-
-
 def given_row(table: Table, row: Names) -> tuple[LinearModel, Given]:
     """The linear model given the members of a row, at the refit nearest to it."""
-    at = _weighed_at(row, table.refitted)
+    at = table.weighed_at(row)
     fixed = [m for m in at.linear.members if m.name in row]
     random = [m for m in at.random if m.name in row]
     system = at.linear.system
     given = given_random(system, random[0]) if random else nothing(system)
     return at.linear, given_all(*of_columns(given, fixed, len(at.linear.null)))
-
-
-def _weighed_at(row: Names, refitted: Mapping[Names, RefittedRow]) -> RefittedRow:
-    """The refit nearest to a row, of those around which it was weighed."""
-    weighed = (r for r in refitted.values() if row in r.log_evidence)
-    return _nearest(_fixed_part(row, refitted), weighed)
 
 
 def _below(names: Names, refitted: Mapping[Names, RefittedRow]) -> RefittedRow:
@@ -235,18 +228,16 @@ def _nearest(names: Names, among: Iterable[RefittedRow]) -> RefittedRow:
 
 def _read(refitted: Mapping[Names, RefittedRow], rules: Rules) -> Table:
     """The table as it stands: each row as weighed at the refit nearest to it."""
+    table = Table({}, {}, {}, dict(refitted))
     rows = {row for at in refitted.values() for row in at.log_evidence}
     rows = {row for row in rows if len(row) <= rules.max_effects}
-    values = {row: _weighed_at(row, refitted).log_evidence[row] for row in rows}
-    base = refitted[frozenset()]
-    random = {m.name for m in base.random}
-    members = len(base.linear.members) + len(random - SHAPELESS) + 1
+    values = {row: table.weighed_at(row).log_evidence[row] for row in rows}
+    random = {m.name for m in table.first.random}
+    members = len(table.first.linear.members) + len(random - SHAPELESS) + 1
     # All shapes without a name together are one member.
     shapes = np.log(max(len(random & SHAPELESS), 1))
-    prior = {
-        row: log_prior_of_set(len(row), members) - shapes * len(row & SHAPELESS) for row in values
-    }
-    return Table(posterior(values, prior), values, prior, dict(refitted))
+    prior = {r: log_prior_of_set(len(r), members) - shapes * len(r & SHAPELESS) for r in values}
+    return with_evidence(replace(table, log_prior=prior), values)
 
 
 def with_evidence(table: Table, log_evidence: dict[Names, float]) -> Table:
@@ -316,8 +307,7 @@ def _with_mode(
     assert effects.flexible_mode is not None
     model, frequency = estimate.model, float(2.0 ** np.round(np.log2(candidate.frequency)))
     mode = replace(effects.flexible_mode, frequency=frequency)
-    larger = Model(model.campaign, (*model.effects, mode), model.structure.drive)
-    start = move_to(estimate, larger)
+    start = move_to(estimate, replace(model, effects=(*model.effects, mode)))
     return start, theta_with_mode(start, candidate)
 
 

@@ -95,9 +95,10 @@ class TorqueResponse:
                 turn, rate_B = moved[:, :, :3], moved[:, :, 3:]
                 columns = columns - channel.whitened_motion(fit, turn[rows], rate_B[rows])
             if channel.hook in signals and channel.stream.field:
-                error = np.moveaxis(signals[channel.hook][rows], -1, -2)
-                read = channel.read(fit.theta[slice(*channel.parameters)], error)
-                columns = columns - channel.whitened_columns(factors, np.moveaxis(read, -1, -2))
+                error: Any = np.moveaxis(signals[channel.hook][rows], -1, -2)
+                own: Any = fit.theta[slice(*channel.parameters)]
+                read = np.moveaxis(np.asarray(channel.read(own, error)), -1, -2)
+                columns = columns - channel.whitened_columns(factors, read)
             if white.memory is not None:
                 columns = np.asarray(innovations(columns, white.memory))
             columns = columns[:, :, : None if channel.compared else 0]
@@ -179,8 +180,7 @@ def _tangents(
 
         def path(y):
             start = begin._replace(
-                attitude=quaternion.turned(begin.attitude, y[:3]),
-                rate_B=begin.rate_B + y[3:],
+                attitude=quaternion.turned(begin.attitude, y[:3]), rate_B=begin.rate_B + y[3:]
             )
             setting = structure.drive, structure.rows_per_step
             trajectory, _ = simulate_slew(slew, start, J, active, *setting)
@@ -206,12 +206,8 @@ def coefficient_columns(response: TorqueResponse, effect: StochasticEffect) -> n
     `response`: of the fit; the effect need not be part of its model. Returns (slews, numbers, k):
     all channels one after the other; zero where the campaign does not see the effect.
     """
-    model = response.estimate.model
-    contexts, grid, count = (
-        model.data.contexts,
-        response.time.shape,
-        effect.coefficient_count(model.campaign),
-    )
+    model, grid = response.estimate.model, response.time.shape
+    contexts, count = model.data.contexts, effect.coefficient_count(model.campaign)
     # Where tachometers drive the model, what the wheels are given moves nothing.
     torques = ("body_torque", "delivered_torque")[: 1 + (model.structure.drive == "commanded")]
     acting = tuple(hook for hook in torques if effect.acts(hook))
@@ -257,50 +253,31 @@ def _unit_signals(
     path: Trajectory,
 ) -> tuple[Array, ...]:
     """What unit coefficients add to each reading, then to each torque (slews, n, components, k)."""
+    nothing, still = jnp.zeros(3), jnp.zeros(count)
 
     def one(slew: SlewContext, motion: Trajectory) -> tuple[Array, ...]:
         def values(c: Array) -> tuple[Array, ...]:
-            p = {"coefficients": c}
-            errors = [
-                _error(channel, x, effect, p, slew, motion)
-                for channel, x in zip(channels, constants, strict=True)
-            ]
-            return (*errors, *(_torque(effect, hook, p, slew, motion) for hook in torques))
+            p, found = {"coefficients": c}, list[Array]()
 
-        still = jnp.zeros(count)
-        return jax.vmap(lambda unit: jax.jvp(values, (still,), (unit,))[1], out_axes=-1)(
-            jnp.eye(count)
-        )
+            def torque(t: Array, q: Array, rate_B: Array, momentum: Array, states: Array) -> Array:
+                # Without inertia and field: a random torque does not follow them.
+                state = State(q, rate_B, momentum, states, jnp.eye(3), nothing, nothing)
+                return effect.body_torque(p, slew, t, state)
+
+            for channel, known in zip(channels, constants, strict=True):
+                perfect = channel.sensed(known, still[:0], slew, motion)  # type: ignore[arg-type]
+                read = channel.with_effect(effect, p, known, slew, motion, perfect)
+                found.append(channel.gap(read, perfect))
+            if "body_torque" in torques:
+                found.append(jax.vmap(torque)(*motion[:-1]))
+            if "delivered_torque" in torques:
+                found.append(effect.delivered_torque(p, slew, slew.torque))
+            return tuple(found)
+
+        along = jax.vmap(lambda unit: jax.jvp(values, (still,), (unit,))[1], out_axes=-1)
+        return along(jnp.eye(count))
 
     return jax.vmap(one)(contexts, path)
-
-
-def _error(
-    channel: Channel,
-    constants: Any,
-    effect: StochasticEffect,
-    p: Any,
-    slew: SlewContext,
-    motion: Trajectory,
-) -> Array:
-    """What an effect adds to the readings of a sensor (n, components)."""
-    perfect = channel.sensed(constants, jnp.zeros(0), slew, motion)  # type: ignore[arg-type]
-    read = channel.with_effect(effect, p, constants, slew, motion, perfect)
-    return channel.gap(read, perfect)
-
-
-def _torque(
-    effect: StochasticEffect, hook: str, p: Any, slew: SlewContext, motion: Trajectory
-) -> Array:
-    """What an effect adds to the torques on the wheels or the body (n, components)."""
-    if hook == "delivered_torque":
-        return effect.delivered_torque(p, slew, slew.torque)
-
-    def torque(t: Array, *state: Array) -> Array:
-        # Without inertia and field: a random torque does not follow them.
-        return effect.body_torque(p, slew, t, State(*state, jnp.eye(3), jnp.zeros(3), jnp.zeros(3)))
-
-    return jax.vmap(torque)(*motion[:-1])
 
 
 # What is compiled for each effect and size of slew.

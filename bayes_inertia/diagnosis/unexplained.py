@@ -284,7 +284,8 @@ def _forms(fit: LinearisedFit, basis: SignalBasis) -> Iterator[_Form]:
             back = root @ turn
             backs.append(back)
             parts.append((np.maximum(power, 0.0), back.T @ cross, back.T @ gradient))
-        yield _Form(float(length), backs, *map(np.concatenate, zip(*parts, strict=True)), shared)
+        power, cross, gradient = (np.concatenate(x) for x in zip(*parts, strict=True))
+        yield _Form(float(length), backs, power, cross, gradient, shared)
 
 
 def _kernel_root(time: np.ndarray, rings: bool) -> np.ndarray:
@@ -483,19 +484,18 @@ def _quiet_before(estimate: Estimate, time: np.ndarray, along: np.ndarray) -> fl
     campaign = estimate.model.campaign
     if not campaign.has_commands:
         return None
-    before, after = [], []
+    before, after = list[np.ndarray](), list[np.ndarray]()
     for slew, t, y in zip(campaign.slews, time, along, strict=True):
-        if slew.wheel_torque is None:
-            continue
-        effort = np.linalg.norm(slew.wheel_torque, axis=1)
-        early = t < slew.time[np.argmax(effort > LIMITS.active_share * effort.max())]
-        if np.count_nonzero(early) > 2:
-            before.append(y[early])
-            after.append(y[~early])
+        if slew.wheel_torque is not None:
+            effort = np.linalg.norm(slew.wheel_torque, axis=1)
+            early = t < slew.time[np.argmax(effort > LIMITS.active_share * effort.max())]
+            if np.count_nonzero(early) > 2:
+                before.append(y[early])
+                after.append(y[~early])
     if not before:
         return None
-    power_before = np.mean(np.concatenate(before) ** 2)
-    return float(np.sqrt(power_before / max(np.mean(np.concatenate(after) ** 2), 1e-300)))
+    powers = [float(np.mean(np.concatenate(part) ** 2)) for part in (before, after)]
+    return float(np.sqrt(powers[0] / max(powers[1], 1e-300)))
 
 
 @array_dataclass

@@ -1,5 +1,7 @@
 """The linear model of all that may be missing agrees with scores, refits and fits in full."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.refits import fitted_with
@@ -11,8 +13,13 @@ from bayes_inertia.diagnosis.hypothesis_table import (
     nothing,
 )
 from bayes_inertia.diagnosis.linear_system import linear_model, parameters_of
+from bayes_inertia.diagnosis.table_search import amplitudes
 from bayes_inertia.inference.objective import prior_rows
+from bayes_inertia.inference.optimizer import estimate, move_to
 from bayes_inertia.maths.linear_algebra import inverse
+from bayes_inertia.physics.effects import FlexibleMode
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.small_campaign import small_campaign
 
 
 def log_bayes_factor(before, after, effect):
@@ -45,6 +52,22 @@ def log_bayes_factor(before, after, effect):
 def weighed(lagging):
     """The linear model at the fit without effects."""
     return linear_model(lagging.base, (), lagging.base.objective)
+
+
+def test_a_shape_has_no_amplitude_to_begin_a_refit_from():
+    """An effect of three amplitudes and a frequency: one number for each of its parameters."""
+    campaign, mode = small_campaign(), FlexibleMode()
+    plain = estimate(Model(campaign), starts=1, discount=False)
+    held = move_to(plain, Model(campaign, (mode,)))
+    # Undeformed it leaves no trace: a coupling at which it does.
+    theta = held.theta.copy()
+    part = held.model.space.slice_of(mode.name)
+    theta[part][:3] = held.model.space.sd[part][:3]
+    linear = linear_model(replace(held, point=replace(held.point, theta=theta)))
+    found = amplitudes(linear, frozenset([mode.name]))[mode.name]
+    logarithmic = [prior.logarithmic for prior in held.model.space.priors[part]]
+    assert len(found) == len(logarithmic)
+    assert np.all((found == 0.0) == logarithmic)
 
 
 @pytest.mark.long

@@ -44,7 +44,6 @@ def linear_fit(width=1.0):
         whitened_gradient=np.zeros(len(hessian)),
         residual=np.zeros((SLEWS, NUMBERS)),
         valid=np.ones((SLEWS, NUMBERS)),
-        imitated=lambda others: np.zeros((len(hessian), others.shape[-1])),
     )
     made.replicates = MethodType(LinearisedFit.replicates, made)
     made.simulated_gradient = MethodType(LinearisedFit.simulated_gradient, made)
@@ -74,7 +73,7 @@ def family(fit, signals):
     """Members of the table, of signals."""
     members = []
     for columns, roots, odds in signals:
-        (projected, _), n = projected_signal(fit, columns, columns[..., :0]), SLEWS * K
+        (projected, _), n = projected_signal(fit, columns), SLEWS * K
         matrix, gradient = projected.matrix.reshape(n, n), projected.gradient.ravel()
         forms = [signal_of(matrix, gradient, np.zeros((n, 0)), root, 3.0) for root in roots]
         members.append(RandomMember("", forms, np.log(odds), matrix=matrix))

@@ -11,9 +11,9 @@ from bayes_inertia.app.diagnosis_json import next_fit_from
 from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.diagnosis.quoted_parameters import (
     FREE_SHAPES,
+    alternatives_of,
     fitted_effects,
     quoted_parameters,
-    remainder_alternatives,
 )
 from bayes_inertia.diagnosis.residuals import scan_residuals
 from bayes_inertia.diagnosis.result import Step
@@ -28,7 +28,7 @@ from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 @pytest.mark.slow
 def test_what_no_candidate_explains_is_averaged_over_free_shapes(pumped, pumped_truth, content_of):
     assert pumped.why_unknown == "misfit"
-    alternatives = remainder_alternatives(pumped)
+    alternatives = alternatives_of(pumped)
     (free,) = alternatives
     assert (free.effect, free.instead_of, free.probability) == (FREE_SHAPES, "", 0.5)
     # What the free shapes may have done is taken from what is known of J and K.
@@ -49,9 +49,9 @@ def test_what_no_candidate_explains_is_averaged_over_free_shapes(pumped, pumped_
 
 @pytest.mark.slow
 def test_what_is_named_is_not_averaged_and_imitations_give_way_to_free_shapes(lagging):
-    assert remainder_alternatives(lagging) == ()
+    assert FREE_SHAPES not in {row.effect for row in alternatives_of(lagging)}
     imitated = replace(lagging, verdict="unknown", why_unknown="imitation")
-    assert remainder_alternatives(imitated) == ()
+    assert alternatives_of(imitated) == ()
     assert fitted_effects(imitated) == REMAINDERS
     # A shape that is free is tried, and not kept beside the remainder.
     (lag,) = lagging.steps
@@ -80,7 +80,7 @@ def test_what_is_quoted_holds_the_truth_whatever_the_verdict(pumped, pumped_trut
     assert np.all(np.abs(named.mean - lagging.final.theta[:9]) < lagging.final.sd[:9])
     assert np.all(named.sd > 0.95 * lagging.final.sd[:9])
     quoted = quoted_parameters(pumped)
-    (free,) = remainder_alternatives(pumped)
+    (free,) = alternatives_of(pumped)
     assert quoted.names == free.names
     # Half of the average is the fit with free shapes: a tenth of that lies outside the interval.
     assert np.all(quoted.sd > 0.5 * free.sd)

@@ -47,13 +47,12 @@ def fit_of(fitted, data):
         columns=fitted,
         residual=data,
         index=indices,
-        imitated=lambda others: np.zeros((size, others.shape[-1])),
     )
 
 
 def projected(fit, columns):
     """The signal, beside no effect of a fixed shape."""
-    return projected_signal(fit, columns, columns[..., :0])[0]
+    return projected_signal(fit, columns)[0]
 
 
 def drawn(rng, fitted, columns, size):
