@@ -35,6 +35,7 @@ from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor
 from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.diagnosis.candidates import candidate_effects
+from bayes_inertia.diagnosis.linear_system import linear_model
 from bayes_inertia.diagnosis.quoted_parameters import quoted_parameters
 from bayes_inertia.diagnosis.score_test import score_tests
 from bayes_inertia.diagnosis.search import diagnose
@@ -161,7 +162,7 @@ def campaign_with(name: str, index: int) -> tuple[Campaign, float, np.ndarray]:
     values = direction(effect, rng, clean)
     fit = move_to(plain_fit(clean), Model(clean, (effect,), "commanded"))
     step = unit_step(effect, values, clean)
-    size = float(np.sqrt(wanted / (step @ score_tests(fit, (name,)).matrix @ step)))
+    size = float(np.sqrt(wanted / (step @ score_tests(linear_model(fit)).matrix @ step)))
     hidden = {name: scaled(values, size)}
     model = Model(plan, (effect,), "commanded")
     theta = theta_of(model, truth, hidden, np.random.default_rng([index, 2]))
