@@ -393,9 +393,15 @@ class Posterior:
                 self._rows(_moments).items(), tree["estimate"]["robust_principal_sd"], strict=True
             )
         }
-        prior = _ratios(np.stack([tree["prior"][n].values.ravel() for n in ELEMENTS], -1))
+        prior = np.stack([tree["prior"][n].values.ravel() for n in ELEMENTS], -1)
+        sds, before = (
+            {n: x.std(ddof=1) for n, x in _ratios(draws).items()}
+            for draws in (prior, self._preflight(prior))
+        )
         content["ratios"] = {
-            name: row | {"unit": "", "prior_sd": float(prior[name].std(ddof=1))}
+            name: row
+            | {"unit": "", "prior_sd": float(sds[name])}
+            | {"contraction": float(1.0 - (row["sd"] / before[name]) ** 2)}
             for name, row in self._rows(_ratios).items()
         }
         content["likelihood"] = None if self.likelihood is None else self.likelihood.json()
@@ -433,6 +439,14 @@ class Posterior:
                 and not self._is_size(name),
             }
         return rows
+
+    def _preflight(self, prior: np.ndarray) -> np.ndarray:
+        """Draws (n, 6) of J before former results too: those of the prior without one."""
+        estimate: Any = self.tree["estimate"]
+        if "preflight_sd" not in estimate:
+            return prior
+        noise = np.random.default_rng(0).normal(size=prior.shape)
+        return prior.mean(axis=0) + np.array(estimate["preflight_sd"])[:6] * noise
 
     def _contraction(self, i: int, sd: float) -> float:
         """Share of a parameter's prior variance that the data took away, former results' too."""

@@ -191,7 +191,14 @@ def test_what_former_results_determined_stays_determined(made):
     before, estimate = posterior.summary()["parameters"], posterior.tree["estimate"]
     estimate["preflight_sd"] = estimate["prior_sd"].copy()
     estimate["prior_sd"] = 0.0 * estimate["theta"] + 1.2 * posterior.samples.std(0)
-    rows = Posterior(posterior.tree).summary()["parameters"]
+    for name in ELEMENTS:
+        prior = posterior.tree["posterior"][name].values
+        posterior.tree["prior"][name].values[:] = prior.mean() + 1.2 * np.resize(
+            prior - prior.mean(), posterior.tree["prior"][name].shape
+        )
+    told = Posterior(posterior.tree).summary()
+    rows, ratios = told["parameters"], told["ratios"]
     assert rows == {
         name: row | {"prior_sd": rows[name]["prior_sd"]} for name, row in before.items()
     }
+    assert all(row["contraction"] > 0.9 for row in ratios.values())
