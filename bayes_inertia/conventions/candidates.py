@@ -295,7 +295,8 @@ def signed(names: Sequence[str], what: str, vector: bool = True) -> Iterator[Oth
     for flipped in flips if count else ():
         sign = np.where(np.isin(np.arange(count), flipped), -1.0, 1.0)
         other = [negated_name(n) if s < 0.0 else n for n, s in zip(names, sign, strict=True)]
-        which = "all columns" if len(flipped) == count else " and ".join(names[k] for k in flipped)
+        every = len(flipped) == count > 1
+        which = "all columns" if every else " and ".join(names[k] for k in flipped)
         words = f"{which} of {what} {'have' if len(flipped) > 1 else 'has'} the other sign"
         yield OtherColumns(other, np.diag(sign), 3 if len(flipped) in (1, count) else 4, words)
 

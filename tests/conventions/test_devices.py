@@ -14,7 +14,7 @@ from bayes_inertia.campaign.inputs import InputStream
 from bayes_inertia.campaign.parsed_description import parse_description
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.campaign.writer import write_campaign
-from bayes_inertia.conventions.candidates import mistakes
+from bayes_inertia.conventions.candidates import mistakes, signed
 from bayes_inertia.conventions.check import check_conventions
 from bayes_inertia.conventions.laws import CONSERVATION, Misfits
 from bayes_inertia.conventions.motion import sampled
@@ -47,6 +47,12 @@ def with_device(campaign, device, values_of):
         for slew in campaign.slews
     ]
     return replace(campaign, wheels=(), actuators=(device,), slews=tuple(slews))
+
+
+def test_an_only_column_is_not_called_all_columns():
+    (alone,) = signed(["m1"], "torquer")
+    assert alone.words == "m1 of torquer has the other sign"
+    assert next(signed(["m1", "m2"], "torquers")).words.startswith("all columns of torquers have")
 
 
 @pytest.fixture(scope="module")
