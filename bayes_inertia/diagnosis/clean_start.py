@@ -15,15 +15,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_inertia.campaign.sensors.rate import RATE
+from bayes_inertia.campaign.sensors import stream_named, streams_of
 from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.score_test import log_evidence_of_fit
 from bayes_inertia.diagnosis.torque_response import tangents
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import (
     CleanFit,
-    colour_of_rounding,
-    colour_seen,
+    colours_of_rounding,
+    colours_seen,
     masks_at,
     noise_factors,
     refitted,
@@ -93,7 +93,7 @@ def _without_local_dirt(fit: CleanFit, stated: Model) -> CleanFit:
 
     fit = without_outliers(fit, stated.campaign, repeat)
     rounded = tuple(sorted(rounded_channels(fit.estimate)))
-    colour = colour_of_rounding(fit.estimate) if "rate" in rounded else None
+    colour = colours_of_rounding(fit.estimate, rounded)
     treatment = replace(fit.treatment, rounded=rounded, colour=colour)
     return fit if treatment == fit.treatment else repeat(fit, treatment)
 
@@ -102,7 +102,7 @@ def _noise(estimate: Estimate, treatment: DirtTreatment) -> dict[str, float]:
     """By channel, what its noise is multiplied by: as measured, or as rounding makes it."""
     measured, steps = noise_factors(estimate), rounding_steps(estimate.model.campaign)
     for channel in treatment.rounded:
-        if channel == "rate" and treatment.colour is not None:
+        if channel in treatment.colour:
             measured[channel] = 1.0  # The colour holds it all.
         else:
             measured[channel] = level_of_rounded(measured[channel], steps[channel])
@@ -115,9 +115,9 @@ def with_correlated_noise(start: CleanStart, *fits: Estimate) -> CleanStart | No
     It is measured until fit and noise agree: a fit that takes the noise for white explains part of
     what is slow in it. Returns: none where noise is white, or has a colour already.
     """
-    if start.as_stated or start.treatment.colour is not None:
+    if start.as_stated or start.treatment.colour:
         return None
-    colour = next(filter(None, (colour_seen(fit, slow=True) for fit in fits)), None)
+    colour = next(filter(None, (colours_seen(fit, slow=True) for fit in fits)), None)
     if colour is None:
         return None
     coloured = _restarted(start, replace(start.treatment, colour=colour), start.base)
@@ -149,7 +149,9 @@ def log_evidence_of_noise(estimate: Estimate) -> float:
 
     A reading that is left out counts as one spread over an SI unit, far beyond any noise.
     """
-    numbers = LIMITS.numbers_of_colour * (RATE.correlated(estimate.model.campaign) is not None)
+    campaign = estimate.model.campaign
+    coloured = sum(stream.correlated(campaign) is not None for stream in streams_of(campaign))
+    numbers = LIMITS.numbers_of_colour * coloured
     return log_evidence_of_fit(estimate) - 0.5 * numbers * float(np.log(LIMITS.readings_a_number))
 
 
@@ -170,7 +172,8 @@ def measured_again(start: CleanStart, final: Estimate) -> CleanStart | None:
     """
     treatment = start.treatment
     if not start.as_stated:
-        treatment = replace(treatment, colour=_colour_at(start, final))
+        again = {c: _colour_at(start, final, c) for c in treatment.colour}
+        treatment = replace(treatment, colour=again)
         if final is not start.base:
             masked = masks_at(final, start.stated.campaign, start.treatment)
             treatment = replace(treatment, masked=masked)
@@ -181,19 +184,21 @@ def measured_again(start: CleanStart, final: Estimate) -> CleanStart | None:
     return replace(start, base=optimizer.with_noise(start.base, noise), noise=noise)
 
 
-def _colour_at(start: CleanStart, final: Estimate) -> Colour | None:
+def _colour_at(start: CleanStart, final: Estimate, channel: str) -> Colour:
     """Correlated noise as a fit leaves it, if that explains more than the one measured before."""
-    colour, slews = start.treatment.colour, final.model.campaign.slews
-    if colour is None or "rate" in start.treatment.rounded:
+    colour, slews = start.treatment.colour[channel], final.model.campaign.slews
+    if channel in start.treatment.rounded:
         return colour
-    # Residuals of the rates in the sigmas that the campaign states.
-    stated = np.array(RATE.sigma(start.stated.campaign))
-    ratio = np.array(RATE.sigma(final.model.campaign)) / stated if len(stated) else 1.0
-    series = [ratio * own for own in plain_series(final)["rate"]]
+    # Residuals in the sigmas that the campaign states.
+    stated, used = (
+        np.array(stream_named(channel, each.campaign).sigma(each.campaign), float)
+        for each in (start.stated, final.model)
+    )
+    series = [(used / stated) * own for own in plain_series(final)[channel]]
     again = colour_of(slews, series, slow=True)
     if again is None:
         return colour
-    treatment = replace(start.treatment, colour=again)
+    treatment = replace(start.treatment, colour={**start.treatment.colour, channel: again})
     fit = _treated(start, final, treatment)
     fit = optimizer.with_noise(fit, _noise(fit, treatment))
     gain = log_evidence_of_noise(fit) - log_evidence_of_noise(final)

@@ -439,5 +439,5 @@ class Diagnosis:
     @property
     def dirt(self) -> tuple[Dirt, ...]:
         """What is wrong with the telemetry, and what was done about it before the search."""
-        done = replace(self.treatment, masked=(), colour=None)
+        done = replace(self.treatment, masked=(), colour={})
         return records_of_dirt(self.final.model.campaign, done)

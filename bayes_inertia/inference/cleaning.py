@@ -24,7 +24,7 @@ torques change is left alone all the same, since an effect could do that where r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -368,42 +368,53 @@ def _with_rounding(fit: CleanFit) -> DirtTreatment:
         for channel, factor in rounded_channels(fit.estimate).items()
         if tests[channel].too_large and noise.of(channel).is_stated
     }
-    colour = colour_of_rounding(fit.estimate) if "rate" in rounded else None
-    level.update(rounded if colour is None else {**rounded, "rate": 1.0})
+    colour = colours_of_rounding(fit.estimate, rounded)
+    level.update(rounded | dict.fromkeys(colour, 1.0))
     return replace(fit.treatment, level=level, rounded=tuple(sorted(rounded)), colour=colour)
 
 
-def colour_of_rounding(estimate: Estimate) -> Colour | None:
+def colours_of_rounding(estimate: Estimate, rounded: Iterable[str]) -> dict[str, Colour]:
     """The noise of coarsely rounded rates: their errors last while the readings stay the same.
 
-    They do so longer at rest than in motion.
+    They do so longer at rest than in motion. `rounded`: channels. Returns: by channel.
     """
-    campaign = estimate.model.campaign
-    if not has_one_error(rounding_steps(campaign)["rate"]):
-        return None
-    return colour_of(campaign.slews, plain_series(estimate)["rate"], slow=True, alike=False)
+    steps = rounding_steps(estimate.model.campaign)
+    coarse = (channel for channel in rounded if has_one_error(steps[channel]))
+    return _colours(estimate, coarse, slow=True, alike=False)
+
+
+def _colours(estimate: Estimate, channels: Iterable[str], **how: bool) -> dict[str, Colour]:
+    """The correlated noise that residuals show, by channel; `how`: as `colour_of` takes it."""
+    campaign, series = estimate.model.campaign, plain_series(estimate)
+    seen = {
+        channel: colour_of(campaign.slews, series[channel], **how)
+        for channel in channels
+        if stream_named(channel, campaign).may_be_correlated
+    }
+    return {channel: colour for channel, colour in seen.items() if colour is not None}
 
 
 def _with_colour(fit: CleanFit) -> DirtTreatment:
-    """The treatment with correlated noise of the rate sensor, if that is what there is."""
-    if fit.treatment.colour is not None or fit.estimate.model.noise.of("rate").heavy:
-        return fit.treatment
-    colour = colour_seen(fit.estimate)
-    if colour is None or max(colour.times) > LIMITS.longest_colour * colour.spacing:
-        return fit.treatment
-    return replace(fit.treatment, colour=colour)
+    """The treatment with correlated noise of rate sensors, where that is what there is."""
+    seen = {
+        channel: colour
+        for channel, colour in colours_seen(fit.estimate).items()
+        if max(colour.times) <= LIMITS.longest_colour * colour.spacing
+        and not fit.estimate.model.noise.of(channel).heavy
+    }
+    return replace(fit.treatment, colour={**seen, **fit.treatment.colour})
 
 
-def colour_seen(estimate: Estimate, *, slow: bool = False) -> Colour | None:
-    """Correlated noise of the rate sensor in an estimate's residuals.
+def colours_seen(estimate: Estimate, *, slow: bool = False) -> dict[str, Colour]:
+    """Correlated noise of rate sensors in an estimate's residuals.
 
-    Returns: in the sigmas of the estimate's campaign; None where the residuals are white, or where
-    what they are is not alike everywhere.
+    Returns: by channel, in the sigmas of the estimate's campaign; none where the residuals are
+    white, or where what they are is not alike everywhere.
     """
-    tests = estimate.tests["rate"]
-    if tests.p_white is None or tests.p_white >= LIMITS.reject_below:
-        return None
-    return colour_of(estimate.model.campaign.slews, plain_series(estimate)["rate"], slow=slow)
+    tests = estimate.tests
+    p_white = {c.name: tests[c.name].p_white for c in estimate.model.channels if c.name in tests}
+    other = (c for c, p in p_white.items() if p is not None and p < LIMITS.reject_below)
+    return _colours(estimate, other, slow=slow)
 
 
 def _with_level(fit: CleanFit) -> DirtTreatment:

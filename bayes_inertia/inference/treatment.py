@@ -32,8 +32,8 @@ class DirtTreatment:
         Readings that are left out, by channel, slew and rows.
     level : mapping of float
         By channel, what its stated noise is multiplied by.
-    colour : Colour or None
-        Correlation and level of the rate sensor's noise.
+    colour : mapping of Colour
+        By channel, correlation and level of its noise where that is correlated in time.
     rounded : tuple of str
         Channels whose noise follows from the step to which readings are rounded: their level, or
         the colour of coarsely rounded rates.
@@ -41,13 +41,13 @@ class DirtTreatment:
 
     masked: tuple[Dirt, ...] = ()
     level: Mapping[str, float] = field(default_factory=lambda: dict.fromkeys(CHANNELS, 1.0))
-    colour: Colour | None = None
+    colour: Mapping[str, Colour] = field(default_factory=dict)
     rounded: tuple[str, ...] = ()
 
     @property
     def is_nothing(self) -> bool:
         """Whether the campaign stays as it is."""
-        return not self.masked and self.colour is None and not self.louder
+        return not (self.masked or self.colour or self.louder)
 
     @property
     def louder(self) -> dict[str, float]:
@@ -70,11 +70,15 @@ class DirtTreatment:
             )
             for channel, factor in self.louder.items()
         ]
-        if self.colour is not None:
-            kind: DirtKind = "quantised" if "rate" in self.rounded else "coloured"
-            colour = Dirt(kind, "rate", "", (), "modelled", _colour_in_words(self.colour))
-            return (*self.masked, colour, *noise)
-        return (*self.masked, *noise)
+        coloured = [
+            Dirt(self._kind_of(channel), channel, "", (), "modelled", _in_words(channel, colour))
+            for channel, colour in self.colour.items()
+        ]
+        return (*self.masked, *coloured, *noise)
+
+    def _kind_of(self, channel: str) -> DirtKind:
+        """What makes a channel's noise correlated."""
+        return "quantised" if channel in self.rounded else "coloured"
 
     def json(self) -> dict[str, Any]:
         """The treatment as plain numbers.
@@ -84,9 +88,9 @@ class DirtTreatment:
         dict
             That `treatment_from` reads.
         """
-        colour = self.colour and {
-            "axes": [axis._asdict() for axis in self.colour.axes],
-            "spacing": self.colour.spacing,
+        colour = {
+            channel: {"axes": [axis._asdict() for axis in each.axes], "spacing": each.spacing}
+            for channel, each in self.colour.items()
         }
         masked = [dirt.json() for dirt in self.masked]
         return {
@@ -105,13 +109,16 @@ def treatment_from(content: Mapping[str, Any]) -> DirtTreatment:
     >>> treatment_from(DirtTreatment().json()) == DirtTreatment()
     True
     """
-    colour = content["colour"] and Colour(
-        tuple(ColourOfAxis(**axis) for axis in content["colour"]["axes"]),
-        content["colour"]["spacing"],
-    )
+    written = content["colour"] or {}
+    # Files of earlier versions state that of the first rate sensor alone.
+    written = {"rate": written} if "axes" in written else written
+    colour = {
+        channel: Colour(tuple(ColourOfAxis(**axis) for axis in each["axes"]), each["spacing"])
+        for channel, each in written.items()
+    }
     masked = tuple(Dirt(**{**row, "rows": tuple(row["rows"])}) for row in content["masked"])
     rounded = tuple(content["rounded"])
-    return DirtTreatment(masked, dict(content["level"]), colour or None, rounded)
+    return DirtTreatment(masked, dict(content["level"]), colour, rounded)
 
 
 def records_of_dirt(campaign: Campaign, treatment: DirtTreatment) -> tuple[Dirt, ...]:
@@ -134,9 +141,10 @@ def treated(campaign: Campaign, treatment: DirtTreatment, drive: Drive) -> Campa
     slews = tuple(_masked(campaign, slew, treatment.masked) for slew in campaign.slews)
     dirt = records_of_dirt(campaign, treatment)
     campaign = replace(campaign, slews=slews, dirt=dirt)
-    if treatment.colour is not None:
-        sensor = _with_colour(campaign.gyro, treatment.colour)
-        campaign = replace(campaign, rate_sensor=sensor)
+    for channel, colour in treatment.colour.items():
+        stream = stream_named(channel, campaign)
+        sensor = _with_colour(stream.hardware(campaign), colour)
+        campaign = stream.with_hardware(campaign, sensor)
     if treatment.louder:
         campaign = with_measured_noise(campaign, treatment.level, drive)
     return campaign
@@ -158,12 +166,12 @@ def _with_colour(sensor: RateSensor, colour: Colour) -> RateSensor:
     return replace(sensor, sigma=sigma, correlated_noise=CorrelatedNoise(shares, colour.times))
 
 
-def _colour_in_words(colour: Colour) -> str:
+def _in_words(channel: str, colour: Colour) -> str:
     axes = colour.axes
     share, sd = (max(getattr(axis, key) for axis in axes) for key in ("share", "sd"))
     longest = max(t for t, axis in zip(colour.times, axes, strict=True) if axis.share == share)
     return (
-        "the noise of the rate sensor is correlated in time: "
+        f"the noise of the {_SENSORS.get(channel, channel)} is correlated in time: "
         f"{100.0 * share:.0f} % of its variance over {longest:.2g} s; "
         f"its sd is {sd:.2f} times what is stated"
     )

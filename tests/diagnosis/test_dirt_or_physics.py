@@ -142,7 +142,7 @@ def test_a_lag_beside_correlated_noise_is_named_and_the_noise_listed(flight):
     assert kinds(diagnosis) == {("coloured", "rate", "modelled")}
     # Taken as white, the noise is not explained.
     begin = begun(campaign)
-    assert begin.treatment.colour is None
+    assert not begin.treatment.colour
     assert begin.base.tests["rate"].p_white < 1e-6
 
 
@@ -211,8 +211,9 @@ def test_a_process_of_the_rates_that_lasts_for_few_readings_is_noise(flown, read
 def test_noise_whose_colour_is_known_has_one_table(flown):
     """Coarse rounding is no guess, and telemetry taken as stated has white noise."""
     fit = optimizer.estimate(Model(coloured(flown.campaign, 0.9)), starts=1, discount=False)
-    noise, rounded = dict.fromkeys(CHANNELS, 1.0), DirtTreatment((), {}, Colour((), 0.1), ("rate",))
+    noise = dict.fromkeys(CHANNELS, 1.0)
+    rounded = DirtTreatment((), {}, {"rate": Colour((), 0.1)}, ("rate",))
     white = CleanStart(fit.model, fit, noise, DirtTreatment())
-    assert with_correlated_noise(white, fit).treatment.colour is not None
+    assert with_correlated_noise(white, fit).treatment.colour
     assert with_correlated_noise(replace(white, treatment=rounded), fit) is None
     assert with_correlated_noise(replace(white, as_stated=True), fit) is None

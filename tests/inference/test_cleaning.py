@@ -19,6 +19,7 @@ from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import (
     away_from_switches,
     clean_fit,
+    colours_seen,
     outlying_fixes,
     outlying_readings,
 )
@@ -139,7 +140,8 @@ def test_coarse_rounding_is_counted_once(flown):
     assert [(d.kind, d.channel) for d in result.treatment.dirt] == [("quantised", "rate")]
     # The power of about a hundred independent errors an axis and slew.
     assert result.estimate.tests["rate"].reduced_chi2 == pytest.approx(1.0, abs=0.15)
-    assert all(1.5 < axis.sd < 2.5 for axis in result.treatment.colour.axes)  # sqrt(1 + 36 / 12)
+    axes = result.treatment.colour["rate"].axes
+    assert all(1.5 < axis.sd < 2.5 for axis in axes)  # sqrt(1 + 36 / 12)
 
 
 @pytest.mark.long
@@ -149,7 +151,7 @@ def test_a_missing_effect_is_neither_masked_nor_taken_for_noise(name):
     result = clean_fit(fitted(read_campaign(DATA / name)))
     assert too_large(result.estimate)
     assert not result.treatment.masked
-    assert result.treatment.colour is None
+    assert not result.treatment.colour
 
 
 def motion(rows=400, at_rest=90):
@@ -319,9 +321,33 @@ def test_correlated_noise_is_that_of_each_axis_of_the_gyro(flown, axes):
     campaign = replace(flown.campaign, rate_sensor=RateSensor(2e-5, axes), slews=slews)
     shares = np.linspace(0.2, 0.8, len(axes))
     colour = Colour(tuple(ColourOfAxis(1.5, share, 0.5, 50.0) for share in shares), 1.0)
-    sensor = treated(campaign, DirtTreatment(colour=colour), "commanded").gyro
+    sensor = treated(campaign, DirtTreatment(colour={"rate": colour}), "commanded").gyro
     np.testing.assert_allclose(sensor.sigma, 3e-5)
     np.testing.assert_allclose(sensor.correlated_noise.share, shares)
+
+
+def test_correlated_noise_of_a_further_gyro_is_its_own(flown, clean_at):
+    rng, slews, sigma = np.random.default_rng(3), [], 1e-4
+    for slew, residual in zip(flown.campaign.slews, clean_at.residual_series["rate"], strict=True):
+        n = len(slew.time)
+        exact = slew.rate - residual[:n] * flown.campaign.gyro.sigma
+        slews.append(replace(slew, more={"mems": exact + sigma * gauss_markov(rng, n)}))
+    sensors = (("mems", RateSensor(sigma)),)
+    fit = fitted(replace(flown.campaign, slews=tuple(slews), more_sensors=sensors))
+    colour = colours_seen(fit)
+    assert list(colour) == ["mems"]
+    assert np.mean([axis.correlation for axis in colour["mems"].axes]) == pytest.approx(
+        0.8, abs=0.1
+    )
+    treatment = DirtTreatment(colour=colour)
+    seen = treated(fit.model.campaign, treatment, "commanded")
+    assert "noise of the mems is correlated in time" in treatment.dirt[0].note
+    assert seen.gyro == flown.campaign.gyro
+    again = optimizer.estimate(Model(seen), start=fit.theta, starts=1)
+    assert again.tests["mems"].p_white > 1e-3 > fit.tests["mems"].p_white
+    wider = again.sd[9:12] / fit.sd[9:12]
+    assert wider.min() > 1.0
+    assert wider.max() > 1.3
 
 
 def test_a_treatment_survives_its_json(flown):
@@ -329,8 +355,10 @@ def test_a_treatment_survives_its_json(flown):
     rng, slews = np.random.default_rng(1), named(motion())
     colour = colour_of(slews, [gauss_markov(rng) for _ in slews])
     result = clean_fit(fitted(campaign))
-    treatment = replace(result.treatment, colour=colour, rounded=("rate",))
+    treatment = replace(result.treatment, colour={"rate": colour}, rounded=("rate",))
     assert treatment_from(treatment.json()) == treatment
+    of_the_first_gyro = treatment.json()["colour"]["rate"]
+    assert treatment_from(treatment.json() | {"colour": of_the_first_gyro}) == treatment
     assert treatment_from(DirtTreatment().json()).is_nothing
 
 

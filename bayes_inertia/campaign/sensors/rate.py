@@ -26,6 +26,7 @@ class RateStream(SensorStream):
     unit = "rad/s"
     keys = ("rate",)
     first = "rate_sensor"
+    may_be_correlated = True
     written = ("rate", {"unit": "rad/s"}, ("wx_radps", "wy_radps", "wz_radps"))
 
     def read(self, table: Table, entry: Any, spin_inertias: np.ndarray) -> np.ndarray | None:

@@ -42,6 +42,8 @@ class SensorStream(ABC):
     noise: ClassVar[tuple[str, ...]] = ("sigma",)
     # Whether every row of a slew may hold a reading; else there are fixes here and there.
     is_series: ClassVar[bool] = True
+    # Whether its hardware has a field for noise that is correlated in time.
+    may_be_correlated: ClassVar[bool] = False
 
     def of(self, slew: Slew) -> np.ndarray | None:
         """Readings (n, columns) of a slew, None where it has none."""
