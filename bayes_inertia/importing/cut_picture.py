@@ -19,14 +19,15 @@ def cut_picture(cut: SlewCut, clock: str) -> str:
     import matplotlib as mpl
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
+    from matplotlib.ticker import NullLocator, StrMethodFormatter
 
     scan = cut.scan
     assert scan is not None
     settings: Any = {"svg.hashsalt": "bayes-inertia", "svg.fonttype": "none", "font.size": 9}
     with mpl.rc_context(settings):
-        figure = Figure(figsize=LIMITS.picture_size, layout="constrained")
+        figure = Figure(figsize=LIMITS.picture_size)
         FigureCanvasSVG(figure)
-        axes = figure.add_subplot()
+        axes = figure.add_axes(LIMITS.picture_axes)
         _shade(axes, cut)
         time, speed = _thinned(scan)
         axes.plot(time, speed, color=_LINE, linewidth=0.8)
@@ -41,6 +42,9 @@ def cut_picture(cut: SlewCut, clock: str) -> str:
                 fontsize=8,
             )
         axes.set_yscale("log")
+        # Powers of ten as formulas, and marks between them, take longer than all the rest.
+        axes.yaxis.set_minor_locator(NullLocator())
+        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         bottom = LIMITS.bottom_of_axis * np.degrees(scan.low)
         axes.set_ylim(bottom=bottom)
         axes.set_xlabel(f"time since {clock} [s]")

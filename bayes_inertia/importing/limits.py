@@ -37,6 +37,8 @@ class Limits:
 
     # `cut_picture.py`
     picture_size: tuple[float, float] = (9.0, 4.5)  # [inch]
+    # Left, bottom, width and height, as shares: a layout engine would draw all of it four times.
+    picture_axes: tuple[float, float, float, float] = (0.085, 0.11, 0.905, 0.82)
     most_points_drawn: int = 6000
     label_height: float = 0.97  # Of the height.
     # The axis of speeds begins at this share of the lower threshold.
