@@ -217,7 +217,7 @@ def _measure(
 def slew_input(time, torque, axes, spin, momentum=None) -> SlewInput:
     """A slew for the simulator with a wheel momentum (n, wheels) to drive the measured mode."""
     slew = idle_slew(time, np.shape(axes)[1], axes, spin, torque)
-    return slew if momentum is None else slew._replace(momentum=jnp.asarray(momentum))
+    return slew if momentum is None else slew._replace(momentum=np.asarray(momentum))
 
 
 @pytest.fixture(scope="session")

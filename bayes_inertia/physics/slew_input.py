@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Literal, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -87,7 +88,7 @@ def without_slow_error(slew: SlewInput, modes: Array, size: Array) -> SlewInput:
     Examples
     --------
     >>> slew = idle_slew([0.0, 1.0], wheels=1)
-    >>> without_slow_error(slew, jnp.ones((2, 1)), jnp.array([[0.5]])).momentum.tolist()
+    >>> without_slow_error(slew, np.ones((2, 1)), np.array([[0.5]])).momentum.tolist()
     [[-0.5], [-0.5]]
     """
     return slew._replace(
@@ -133,26 +134,26 @@ def idle_slew(
     >>> idle_slew([0.0, 1.0]).context.step.tolist()
     [1.0, 0.0]
     """
-    grid = jnp.asarray(time, dtype=float)
+    grid = np.asarray(time, dtype=float)
     n = len(grid)
-    axes = (
-        jnp.zeros((3, wheels)) if wheel_axes_B is None else jnp.asarray(wheel_axes_B, dtype=float)
-    )
+    axes = np.zeros((3, wheels)) if wheel_axes_B is None else np.asarray(wheel_axes_B, dtype=float)
     wheels = axes.shape[1]
-    spin = jnp.zeros(wheels) if spin_inertia is None else jnp.asarray(spin_inertia, dtype=float)
-    commands = jnp.zeros((n, wheels)) if torque is None else jnp.asarray(torque, dtype=float)
-    context = SlewContext(
-        index=jnp.asarray(0),
-        slews=jnp.asarray(1),
-        start=jnp.asarray(0.0),
-        middle=0.5 * (grid[0] + grid[-1]),
-        time=grid,
-        step=jnp.append(jnp.diff(grid), 0.0),
-        torque=commands,
-        wheel_axes_B=axes,
-        spin_inertia=spin,
-        boresight_B=jnp.array([0.0, 0.0, 1.0]),
-        rate_axes=jnp.eye(3),
+    # Of numpy first: each operation of JAX would be compiled for each number of rows.
+    context = {
+        "index": 0,
+        "slews": 1,
+        "start": 0.0,
+        "middle": 0.5 * (grid[0] + grid[-1]),
+        "time": grid,
+        "step": np.append(np.diff(grid), 0.0),
+        "torque": np.zeros((n, wheels)) if torque is None else np.asarray(torque, dtype=float),
+        "wheel_axes_B": axes,
+        "spin_inertia": np.zeros(wheels) if spin_inertia is None else np.asarray(spin_inertia),
+        "boresight_B": np.array([0.0, 0.0, 1.0]),
+        "rate_axes": np.eye(3),
+    }
+    known, momentum, nothing = jax.tree.map(
+        jnp.asarray, (context, np.zeros((n, wheels)), np.zeros((n, 3)))
     )
-    nothing = Environment(*(jnp.zeros((n, 3)) for _ in Environment._fields))
-    return SlewInput(context, jnp.zeros((n, wheels)), nothing)
+    environment = Environment(*(nothing for _ in Environment._fields))
+    return SlewInput(SlewContext(**known), momentum, environment)

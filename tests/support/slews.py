@@ -51,7 +51,8 @@ def run(slew, start, J_B=J, effects=(), values=None, drive="commanded"):
     spare = -n % PAD
 
     def longer(rows):
-        return jnp.concatenate([rows, jnp.repeat(rows[-1:], spare, axis=0)])
+        rows = np.asarray(rows)
+        return np.concatenate([rows, np.repeat(rows[-1:], spare, axis=0)])
 
     context = slew.context._replace(
         time=longer(slew.context.time),
@@ -59,10 +60,8 @@ def run(slew, start, J_B=J, effects=(), values=None, drive="commanded"):
         torque=longer(slew.context.torque),
     )
     slew = type(slew)(context, *jax.tree.map(longer, tuple(slew[1:])))
-    return jax.tree.map(
-        lambda rows: rows[:n],
-        _run(slew, start, jnp.asarray(J_B), ActiveEffects(effects, values or {}), drive)[0],
-    )
+    flown = _run(slew, start, jnp.asarray(J_B), ActiveEffects(effects, values or {}), drive)[0]
+    return jax.tree.map(lambda rows: np.asarray(rows)[:n], flown)
 
 
 def start_with(wheels, rate=RATE, attitude=ATTITUDE):
