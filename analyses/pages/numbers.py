@@ -202,6 +202,17 @@ def unexplained() -> Iterator[tuple[str, str]]:
             yield f"remainder.{name}.{method}", percent(share)
 
 
+def spacecraft() -> Iterator[tuple[str, str]]:
+    """Spacecraft of all kinds: trusted, and errors over sds."""
+    found = rows("spacecraft")
+    z = np.abs(np.concatenate([row["z"] for row in found]))
+    yield "spacecraft.campaigns", f"{len(found)}"
+    yield "spacecraft.trusted", f"{sum(row['trusted'] for row in found)}"
+    yield "spacecraft.kinds", f"{len({row['kind'] for row in found})}"
+    yield "spacecraft.held", percent(float(np.mean(z < _HALF)))
+    yield "spacecraft.largest", f"{z.max():.1f}"
+
+
 def conventions() -> Iterator[tuple[str, str]]:
     """Wrong conventions named, right ones left alone."""
     found = content("conventions")
@@ -416,6 +427,7 @@ GROUPS: tuple[Callable[[], Iterator[tuple[str, str]]], ...] = (
     unexplained,
     conventions,
     conventions_of_kinds,
+    spacecraft,
     dirt,
     distortions,
     sampling,

@@ -38,6 +38,14 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
             "unmodelled_disturbance",
         ),
         (
+            "Spacecraft of other kinds: gyros of any number and axes, thrusters, rotors, no gyro, "
+            "no star tracker, no actuator",
+            "{spacecraft.trusted} of {spacecraft.campaigns} campaigns of {spacecraft.kinds} kinds "
+            "are trusted, described by keys alone and flown by another simulator; 90 % intervals "
+            "hold in {spacecraft.held} %, the largest error is {spacecraft.largest} sd",
+            "spacecraft",
+        ),
+        (
             "A gyro whose bias walks",
             "errors are {walk.stated_low} to {walk.stated_high} times their sd with the walk "
             "stated, {walk.estimated_low} to {walk.estimated_high} with its size estimated; up to "
