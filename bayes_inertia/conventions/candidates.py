@@ -13,7 +13,7 @@ alike.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import combinations, permutations, product
 from typing import Any, Literal, NamedTuple, get_args, get_origin
@@ -53,6 +53,7 @@ from bayes_inertia.conventions.reading import (
 )
 from bayes_inertia.conventions.stated import Stated, key_changes, said_of
 from bayes_inertia.files import vocabulary
+from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.tables.table import Table, negated_name
 
 # Units in which an inertia tensor is written by mistake, and what one is in kg m^2.
@@ -90,7 +91,7 @@ def mistakes(campaign: Campaign, stated: Stated, own_axes: int, directions: bool
     return sorted(every, key=lambda mistake: mistake.rarity)
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Tried:
     """Columns of which mistakes are tried."""
 

@@ -54,6 +54,7 @@ def weighed(lagging):
     return linear_model(lagging.base, (), lagging.base.objective)
 
 
+@pytest.mark.slow
 def test_a_shape_has_no_amplitude_to_begin_a_refit_from():
     """An effect of three amplitudes and a frequency: one number for each of its parameters."""
     campaign, mode = small_campaign(), FlexibleMode()
