@@ -423,8 +423,8 @@ def _of_constant_references(campaign: Campaign) -> Iterator[Mistake]:
             continue
         there, constant = f"what the {name} looks at", np.array(sensor.reference_N)
         factors = {f"{there} lies the other way": (-1.0, 3)}
+        of_unit = 2 if sensor.is_field and _looks_at_earth(campaign, name) else 1
         for unit, si in UNITS["magnetic_field"].items() if sensor.is_field else ():
-            of_unit = 2 if _looks_at_earth(campaign, name) else 1
             factors |= {f"{there} is in {unit}, not in T": (si, of_unit)}
         for words, (factor, rarity) in factors.items():
             if factor != 1.0:

@@ -385,12 +385,10 @@ def colours_of_rounding(estimate: Estimate, rounded: Iterable[str]) -> dict[str,
 
 def _colours(estimate: Estimate, channels: Iterable[str], **how: bool) -> dict[str, Colour]:
     """The correlated noise that residuals show, by channel; `how`: as `colour_of` takes it."""
-    campaign, series = estimate.model.campaign, plain_series(estimate)
-    seen = {
-        channel: colour_of(campaign.slews, series[channel], **how)
-        for channel in channels
-        if stream_named(channel, campaign).may_be_correlated
-    }
+    campaign = estimate.model.campaign
+    asked = [c for c in channels if stream_named(c, campaign).may_be_correlated]
+    series = plain_series(estimate) if asked else {}
+    seen = {channel: colour_of(campaign.slews, series[channel], **how) for channel in asked}
     return {channel: colour for channel, colour in seen.items() if colour is not None}
 
 

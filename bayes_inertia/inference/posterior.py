@@ -394,10 +394,9 @@ class Posterior:
             )
         }
         prior = np.stack([tree["prior"][n].values.ravel() for n in ELEMENTS], -1)
-        sds, before = (
-            {n: x.std(ddof=1) for n, x in _ratios(draws).items()}
-            for draws in (prior, self._preflight(prior))
-        )
+        sds = before = {n: x.std(ddof=1) for n, x in _ratios(prior).items()}
+        if "preflight_sd" in tree["estimate"]:
+            before = {n: x.std(ddof=1) for n, x in _ratios(self._preflight(prior)).items()}
         content["ratios"] = {
             name: row
             | {"unit": "", "prior_sd": float(sds[name])}
@@ -441,12 +440,10 @@ class Posterior:
         return rows
 
     def _preflight(self, prior: np.ndarray) -> np.ndarray:
-        """Draws (n, 6) of J before former results too: those of the prior without one."""
-        estimate: Any = self.tree["estimate"]
-        if "preflight_sd" not in estimate:
-            return prior
+        """Draws (n, 6) of J before former results too, about the mean of the prior's."""
+        sd: Any = self.tree["estimate"]["preflight_sd"]
         noise = np.random.default_rng(0).normal(size=prior.shape)
-        return prior.mean(axis=0) + np.array(estimate["preflight_sd"])[:6] * noise
+        return prior.mean(axis=0) + np.array(sd)[:6] * noise
 
     def _contraction(self, i: int, sd: float) -> float:
         """Share of a parameter's prior variance that the data took away, former results' too."""

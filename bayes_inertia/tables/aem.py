@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_inertia.errors import require
+from bayes_inertia.errors import CampaignError, require
 from bayes_inertia.tables.table import Column, StatedAttitude, Table, joined_values
 from bayes_inertia.tables.text_table import text_column
 
@@ -68,10 +68,11 @@ def segment_table(segment: AemSegment) -> Table:
     names = segment.names or _names_of_type(segment)
     segment.require(bool(segment.rows), "a segment has no attitudes", "export it again")
     for index, row in enumerate(segment.rows):
-        where = f"line {segment.lines[index]}" if segment.lines else f"attitude {index + 1}"
-        what = f"{len(row) - 1} numbers, but {_type(segment)} has {len(names)}"
-        whole = len(row) == len(names) + 1
-        require(whole, f"{segment.label}, {where}", what, "mend or remove the line")
+        if len(row) != len(names) + 1:
+            where = f"line {segment.lines[index]}" if segment.lines else f"attitude {index + 1}"
+            what = f"{len(row) - 1} numbers, but {_type(segment)} has {len(names)}"
+            advice = "mend or remove the line"
+            raise CampaignError(what, where=f"{segment.label}, {where}", advice=advice)
     cells = list(zip(*segment.rows, strict=True))
     columns = {EPOCH: Column(np.array(cells[0], dtype=np.dtypes.StringDType()))}
     for name, values in zip(names, cells[1:], strict=True):

@@ -40,9 +40,10 @@ def _columns(records: Sequence[Any], lines: Sequence[int], label: str) -> dict[s
             column = cells.setdefault(name, [])
             column.extend([None] * (index - len(column)))
             column.append(value)
-        what = f"more than {LIMITS.most_columns_of_json} different keys"
-        few = len(cells) <= LIMITS.most_columns_of_json
-        require(few, f"{label}, line {line}", what, "give every line the same keys")
+        if len(cells) > LIMITS.most_columns_of_json:
+            what = f"more than {LIMITS.most_columns_of_json} different keys"
+            advice = "give every line the same keys"
+            raise CampaignError(what, where=f"{label}, line {line}", advice=advice)
     require(bool(cells), label, "the file is empty", "give rows of telemetry")
     return {
         name: _column(values + [None] * (len(records) - len(values)))
@@ -194,8 +195,9 @@ def _flatten(value: Any, name: str, flat: dict[str, Any], depth: int, where: str
     elif isinstance(value, list):
         for index, item in enumerate(value):
             _flatten(item, f"{name}[{index}]", flat, depth + 1, where)
+    elif name in flat:
+        raise CampaignError(f"two values are named {name}", where=where, advice=_ADVICE)
     else:
-        require(name not in flat, where, f"two values are named {name}", _ADVICE)
         flat[name] = value
 
 

@@ -193,12 +193,15 @@ def _month(text: str) -> int:
 def _zone_seconds(zone: str, utc: bool, text: str, place: Callable[[], str]) -> int:
     if not zone:
         return 0
-    what = f"{text!r} has the zone {zone!r}"
-    require(utc, place(), f"{what}, but its clock is not UTC", 'state the kind of time "utc"')
+    # A log has a million stamps: nothing is said of those that are right.
+    if not utc:
+        what = f"{text!r} has the zone {zone!r}, but its clock is not UTC"
+        raise CampaignError(what, where=place(), advice='state the kind of time "utc"')
     if zone in ("Z", "z", "UTC", "UTCG", "GMT"):
         return 0
-    advice = "write UTC, or an offset such as +01:00"
-    require(not zone.isalpha(), place(), f"{what}, which is not read", advice)
+    if zone.isalpha():
+        what = f"{text!r} has the zone {zone!r}, which is not read"
+        raise CampaignError(what, where=place(), advice="write UTC, or an offset such as +01:00")
     digits = zone[1:].replace(":", "")
     size = int(digits[:2]) * 3600 + int(digits[2:]) * 60
     return size if zone[0] == "+" else -size
