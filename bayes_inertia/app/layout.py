@@ -68,6 +68,8 @@ class Layout:
     # `terminal.py`
     # In fewer columns, tables are made as narrow as they can be.
     narrow_columns: int = 100
+    # The first column keeps one part of so many of the width; what finds no room follows below.
+    widest_first_column: int = 4
     heading_width: int = 12  # of a line of a column's heading there
     # Characters of a message, and how many of them are its end, which says what to do.
     longest_message: int = 4000

@@ -192,21 +192,52 @@ def _in_lines(heading: str) -> str:
 def print_table(
     columns: Iterable[str], rows: Iterable[Sequence[str]], wrapping: Sequence[str] = ()
 ) -> None:
-    """Print a table that fits 80 columns: the first column gives way, numbers never do."""
+    """Print a table that fits the terminal: the first column gives way, numbers never do.
+
+    Columns that find no room beside it follow below, in a table with the same first column.
+    """
     console = plain_console()
     narrow = console.width < LAYOUT.narrow_columns
-    table = Table(box=SIMPLE, show_edge=False, pad_edge=False, collapse_padding=True)
     first, *others = columns
-    table.add_column(first, overflow="fold")
-    for heading in others:
-        if heading in wrapping:
-            longest = max(map(len, heading.split()))
-            table.add_column(heading, overflow="fold", min_width=longest)
-        else:
-            table.add_column(_in_lines(heading) if narrow else heading, no_wrap=True)
-    for row in rows:
-        table.add_row(*row)
-    console.print(table)
+    headings = [first, *(_in_lines(x) if narrow and x not in wrapping else x for x in others)]
+    cells = [headings, *rows]
+    widths = [
+        max(len(line) for row in cells for line in row[k].splitlines() or [""])
+        if headings[k] not in wrapping
+        else max(map(len, headings[k].split()))
+        for k in range(len(headings))
+    ]
+    kept = min(widths[0], console.width // LAYOUT.widest_first_column)
+    for block in _blocks([width + 2 for width in widths[1:]], console.width - kept):
+        if 1 not in block:
+            console.print()
+        table = Table(box=SIMPLE, show_edge=False, pad_edge=False, collapse_padding=True)
+        table.add_column(headings[0], overflow="fold")
+        for k in block:
+            fold = headings[k] in wrapping
+            least = widths[k] if fold else None
+            overflow = "fold" if fold else "ellipsis"
+            table.add_column(headings[k], no_wrap=not fold, min_width=least, overflow=overflow)
+        for row in cells[1:]:
+            table.add_row(row[0], *(row[k] for k in block))
+        console.print(table)
+
+
+def _blocks(widths: Sequence[int], room: int) -> list[list[int]]:
+    """Which columns, counted from 1, stand beside each other in so much room.
+
+    >>> _blocks([5, 5, 9, 20], 11)
+    [[1, 2], [3], [4]]
+    """
+    blocks: list[list[int]] = [[]]
+    used = 0
+    for k, width in enumerate(widths, 1):
+        if blocks[-1] and used + width > room:
+            blocks.append([])
+            used = 0
+        blocks[-1].append(k)
+        used += width
+    return blocks
 
 
 def indented(line: str) -> Padding:

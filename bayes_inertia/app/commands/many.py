@@ -96,7 +96,7 @@ def show_fits(result: WorkResult, folder: Path) -> None:
         )
         for row in result.rows
     )
-    print_table(("campaign", "use", *names, "χ²"), cells, names[6:])
+    print_table(("campaign", "use", *names, "χ²"), cells)
     for row in result.rows:
         if not row["trusted"]:
             console.print(f"{row['campaign']}: {row['reasons']}")
