@@ -49,7 +49,7 @@ def words_of_effects() -> int:
     "encoding",
     [
         "cp1252",
-        "ascii",
+        pytest.param("ascii", marks=pytest.mark.long),
         pytest.param("latin-1", marks=pytest.mark.long),
         pytest.param("cp437", marks=pytest.mark.long),
     ],

@@ -80,7 +80,11 @@ assert dict(os.environ) == before
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "off", ['jax.config.update("jax_enable_x64", False)', "jax.enable_x64(False).__enter__()"]
+    "off",
+    [
+        'jax.config.update("jax_enable_x64", False)',
+        pytest.param("jax.enable_x64(False).__enter__()", marks=pytest.mark.long),
+    ],
 )
 def test_single_precision_is_refused_at_once(off):
     code = f"""

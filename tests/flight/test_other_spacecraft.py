@@ -43,7 +43,7 @@ def plan_of(campaign):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [by_thrusters, by_rotors])
+@pytest.mark.parametrize("kind", [by_thrusters, pytest.param(by_rotors, marks=pytest.mark.long)])
 def test_the_input_of_a_device_turns_the_model_as_planned(kind):
     campaign = kind()
     mission, plan = Mission.of(campaign), plan_of(campaign)
@@ -104,7 +104,9 @@ def test_parallel_gimbals_turn_two_axes():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [gyroless, two_axes_and_vectors])
+@pytest.mark.parametrize(
+    "kind", [pytest.param(gyroless, marks=pytest.mark.long), two_axes_and_vectors]
+)
 def test_every_sensor_of_the_campaign_tells_of_a_flight(kind, tmp_path):
     campaign = kind()
     mission, plan = Mission.of(campaign), plan_of(campaign)

@@ -326,6 +326,7 @@ def test_correlated_noise_is_that_of_each_axis_of_the_gyro(flown, axes):
     np.testing.assert_allclose(sensor.correlated_noise.share, shares)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_correlated_noise_of_a_further_gyro_is_its_own(flown, clean_at):
     rng, slews, sigma = np.random.default_rng(3), [], 1e-4

@@ -75,6 +75,7 @@ def test_tachometers_that_walk_leave_white_residuals_too(flown):
     assert not estimate.tests["momentum"].rejected
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_other_misfit_is_seen_beside_a_free_shape(with_bias):
     """A ringing that no Gauss-Markov process makes is still rejected."""

@@ -183,6 +183,7 @@ def test_one_slew_about_z_leaves_the_rest_of_the_tensor_to_the_prior(
     )
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_common_wheel_gain_is_always_stated_and_shown_where_it_is_fitted(flown, observability):
     stated = [d for d in observability.degeneracies if d.name == "common wheel gain"]

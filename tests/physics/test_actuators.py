@@ -135,6 +135,7 @@ def test_thrusters_by_on_times_are_the_torque_that_they_make():
         np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-13)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_thrusters_that_are_turned_and_stronger_are_told_as_such():
     torque_B = 0.01 * np.eye(3)[:2]

@@ -234,7 +234,11 @@ class NotADataclass(Torque):
         (DoubledName(), "'torque_x'.*used twice"),
         (Degrees(), "not in SI units"),
         (NoUnit(), "no unit"),
-        pytest.param(NoFingerprint(), "torque_z changes nothing", marks=pytest.mark.slow),
+        pytest.param(
+            NoFingerprint(),
+            "torque_z changes nothing",
+            marks=(pytest.mark.slow, pytest.mark.long),
+        ),
         pytest.param(WrongDerivative(), "finite difference", marks=pytest.mark.slow),
         (BranchOnValue(), "TracerBoolConversionError"),
         (OneNumber(), r"body_torque returned .*\(\), not an array of shape \(3,\)"),

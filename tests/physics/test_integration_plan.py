@@ -87,11 +87,11 @@ def errors(monkeypatch, campaign, effects=(), drive=None, parts=1) -> tuple[int,
 @pytest.mark.parametrize(
     ("campaign", "drive"),
     [
-        (read_campaign(EXAMPLE), "commanded"),
+        pytest.param(read_campaign(EXAMPLE), "commanded", marks=pytest.mark.long),
         pytest.param(
             read_campaign(EXAMPLE), "measured", marks=(pytest.mark.slow, pytest.mark.long)
         ),
-        (thrown(), "measured"),
+        pytest.param(thrown(), "measured", marks=pytest.mark.long),
         (dense(), "commanded"),
     ],
     ids=["closed loop", "closed loop, measured", "throws", "bang and ripple"],
@@ -130,7 +130,7 @@ def test_steps_far_too_long_are_seen(monkeypatch):
             (ConstantTorque(), ViscousTorque(), MagneticDipole(), GravityGradient()),
             marks=pytest.mark.long,
         ),
-        (FlexibleMode(frequency=0.05, frequency_spread=0.1),),
+        pytest.param((FlexibleMode(frequency=0.05, frequency_spread=0.1),), marks=pytest.mark.long),
         (WheelCommandLag(), WheelTorqueGain(), RateSensorDelay(), StarTrackerTimeOffset()),
         pytest.param((WheelFriction(),), marks=pytest.mark.long),
     ],

@@ -195,7 +195,9 @@ def test_star_tracker_shift_turns_the_fixes_after_the_slew_only():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tau", [0.37, -0.37, 1.9])
+@pytest.mark.parametrize(
+    "tau", [0.37, *(pytest.param(tau, marks=pytest.mark.long) for tau in (-0.37, 1.9))]
+)
 def test_star_tracker_time_offset_shows_the_attitude_of_another_moment(tau):
     time, axis = 0.5 * np.arange(20), np.array([0.6, 0.0, 0.8])
 

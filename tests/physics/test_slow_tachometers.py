@@ -46,6 +46,7 @@ def slow() -> Campaign:
     return replace(small, slews=tuple(slews))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_finest_of_all_gyros_judges_lines_between_slow_readings(slow):
     """Beside a first gyro of noise too large to see what lines miss."""
@@ -99,12 +100,13 @@ def test_the_tensor_is_right_and_good_rates_are_no_outliers(slow):
     assert with_effect.tests["rate"].reduced_chi2 == pytest.approx(rate.reduced_chi2, abs=0.02)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "noise",
     [
         ChannelNoise("student_t", degrees=30.0),
-        pytest.param(ChannelNoise(scale_sampled=True), marks=pytest.mark.long),
+        ChannelNoise(scale_sampled=True),
     ],
 )
 def test_noise_that_is_not_as_stated_is_judged_as_well(slow, noise):

@@ -303,7 +303,7 @@ def test_an_untrusted_result_carries_its_warning(result, to):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("change", ["inertia_change", "fuel"])
+@pytest.mark.parametrize("change", ["inertia_change", pytest.param("fuel", marks=pytest.mark.long)])
 def test_a_tensor_that_changed_on_the_way_is_said(change, make_case, tmp_path):
     """By an effect, or by a change that the campaign dates."""
     posterior = make_case(extra=tuple(f"{change}.change_{name}" for name in ELEMENTS))
