@@ -37,6 +37,7 @@ def test_a_case_is_drawn_from_its_number_and_judged(study):
     assert "refused" in outcomes
 
 
+@pytest.mark.slow
 def test_every_format_can_be_damaged_in_its_structure(study):
     _, fault_targets, corpus = study
     columns = fault_targets.sound_columns(corpus)

@@ -61,6 +61,7 @@ def test_commands_compute_on_the_processor_unless_a_gpu_is_asked_for(
     assert os.environ["JAX_PLATFORMS"] == computes_on
 
 
+@pytest.mark.slow
 def test_doctor_passes_its_own_test(capsys):
     assert run("doctor") == 0
     assert "passed" in capsys.readouterr().out

@@ -125,6 +125,7 @@ def test_a_wrong_number_of_parameters_is_refused_everywhere(density):
             function(np.ones(3))
 
 
+@pytest.mark.slow
 def test_it_goes_to_other_processes_after_its_first_call(density, draws):
     before = density(draws)
     again = pickle.loads(pickle.dumps(density))

@@ -66,6 +66,7 @@ def worked(name, tmp_path):
     return folder
 
 
+@pytest.mark.slow
 def test_a_spinner_is_written_and_agrees_with_physics(tmp_path):
     folder = worked("spinner", tmp_path)
     before = (folder / "slew_01_gyro.csv").read_bytes()

@@ -106,6 +106,7 @@ def test_study_of_the_example_goes_on_where_it_was(tmp_path, capsys, monkeypatch
     assert (out / "study.json").read_bytes() == first
 
 
+@pytest.mark.slow
 def test_sds_that_are_too_small_end_with_3(tmp_path, capsys, monkeypatch):
     shrunk = made(25, 3, shrink=0.5).achieved
     rows = zip(*(getattr(shrunk, f.name) for f in fields(shrunk)), strict=True)

@@ -81,6 +81,7 @@ def test_a_torque_that_a_named_effect_tells_is_no_broken_law(thrown):
     assert max(check.misfits.values()) < 0.2
 
 
+@pytest.mark.slow
 def test_a_torque_of_the_wrong_sign_is_found(thrown):
     check = check_conventions(thrown, partial(torques_of, effects=thrusters(thrown, -0.02)))
     assert check.verdict != "consistent"

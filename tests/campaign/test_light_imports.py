@@ -103,6 +103,7 @@ for what in (lambda: bi.Model(campaign), lambda: bi.estimate(model), lambda: bi.
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+@pytest.mark.slow
 def test_whatever_computes_sets_jax_up():
     for module in ("maths.quaternion", "maths.inertia_tensor", "physics.simulator"):
         code = f"import bayes_inertia.{module}" + PRECISE + NOT_ASYNCHRONOUS

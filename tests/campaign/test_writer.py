@@ -229,6 +229,7 @@ def campaigns(draw) -> Campaign:
     return Campaign(draw(st.text(max_size=20)), prior, wheels, sensor, tracker, tuple(slews))
 
 
+@pytest.mark.slow
 @given(campaign=campaigns())
 @settings(
     max_examples=60,

@@ -12,6 +12,7 @@ from bayes_inertia.inference.residual_tests import chi2_test, whiteness
 from bayes_inertia.physics.forward_model import Model
 
 
+@pytest.mark.slow
 def test_each_slew_is_tested_against_its_own_noise(flown):
     """As a fit that discounts each slew by its own dispersion leaves it."""
     fitted = estimate(Model(flown.campaign))

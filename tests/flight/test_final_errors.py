@@ -91,6 +91,7 @@ def test_predictions_are_flights(mission, craft, novice):
     assert np.all(noisy.std(axis=0) > 5 * ARCSECOND)
 
 
+@pytest.mark.slow
 def test_a_loop_that_acts_every_ten_seconds_is_stable(mission, craft):
     """A large spacecraft's commands: with J and K known, a slew missed by 20 arc minutes."""
     turn = PlannedSlew((1.0, 0.0, 0.0), math.radians(60.0), rate=math.radians(0.2))

@@ -299,6 +299,7 @@ def test_outliers_cost_student_t_noise_little(flown):
         assert np.max(np.abs(plain.theta - clean.theta)[:9] / plain.sd[:9]) > 3.0
 
 
+@pytest.mark.slow
 def test_outliers_in_student_t_noise_are_recorded_and_kept(flown):
     campaign, rows = spiked(flown.campaign, 0.01)
     estimate = fitted(campaign, HEAVY)

@@ -94,6 +94,7 @@ def test_a_process_forked_after_a_computation_says_how_to_start_it():
     )
 
 
+@pytest.mark.slow
 def test_so_does_one_forked_after_another_librarys_computation():
     said = said_by(OTHERS_JAX)
     assert len(said) == 2

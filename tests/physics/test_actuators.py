@@ -168,6 +168,7 @@ def test_a_held_dipole_is_the_residual_dipole():
         np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_torque_in_inertial_axes_keeps_its_direction():
     held = InputStream([0.0], [[2e-3, -1e-3, 3e-3]])
     campaign = campaign_with(KnownTorque("wind", frame="inertial"), held)

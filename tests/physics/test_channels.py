@@ -150,6 +150,7 @@ def test_readings_of_a_sensor_that_is_not_listed_are_refused(more):
         replace(more, more_sensors=(("tracker", TRACKER),))
 
 
+@pytest.mark.slow
 def test_an_outsider_adds_a_kind_of_sensor_and_edits_nothing(flown):
     slews, bias = [], np.array([6e-8, -4e-8, 2e-8])
     for slew in flown.campaign.slews:

@@ -330,6 +330,7 @@ def test_the_next_slew_is_flown_with_the_tensor_after_its_change(make_case, monk
     assert list(old) == posterior.tree["estimate"]["prior_mean"].values[:9].tolist()
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_file_and_overwrites_none(run, tmp_path, capsys):
     out = tmp_path / "sub" / "inertia.txt"
     assert export(run, "--to", "42", "-o", out) == 0

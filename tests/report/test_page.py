@@ -124,6 +124,7 @@ def test_the_quoted_sd_stands_in_its_column_and_a_refused_result_has_none(made, 
     assert 'class="tag determined"' not in pages["thrown"]
 
 
+@pytest.mark.slow
 def test_own_sections_can_be_added(posteriors):
     own = Section("My own <remarks>", "<p>{{ what }}</p>", {"what": "1 < 2"})
     sections = [*standard_sections(posteriors["good"]), own]

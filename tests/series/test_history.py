@@ -163,6 +163,7 @@ def test_no_jump_is_invented_in_constant_series(series):
     assert [certain(history_of(series(seed))) for seed in range(15)] == [[]] * 15
 
 
+@pytest.mark.slow
 def test_sds_that_are_four_times_too_small_invent_changes(series):
     """The negative control: the test above can fail."""
     histories = [history_of(series(seed, narrower=4.0)) for seed in range(10)]
@@ -175,6 +176,7 @@ def test_a_random_walk_is_one_and_no_row_of_jumps(series):
     assert len(certain(history)) <= 1
 
 
+@pytest.mark.slow
 def test_coverage_of_J_and_K_over_series_that_may_change(series):
     """z of the last campaign's J and K: rms of 9 x 12 correlated numbers."""
     z = []

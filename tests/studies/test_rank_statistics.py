@@ -56,6 +56,7 @@ def test_uniform_ranks_are_rejected_as_rarely_as_the_p_value_says():
     assert np.median(p) < 0.7
 
 
+@pytest.mark.slow
 def test_wrong_sds_and_shifts_are_rejected():
     for seed in range(5):
         assert Ranks(normal_ranks(1000, seed, sd=0.75), STUDIES_LIMITS.ranked_draws).p_value < 1e-6
