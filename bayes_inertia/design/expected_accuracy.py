@@ -63,14 +63,6 @@ def expected_sd(plan: Plan, mission: Mission, *, truths: int = 8, seed: int = 0)
     which tells more than the planned motion alone: a third in slews that tell little.
 
     Returns: of Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2] and K1 K2 K3, one an axis of the rate sensor.
-
-    Examples
-    --------
-    >>> from bayes_inertia.flight.mission import most_like_mission
-    >>> from bayes_inertia.flight.plan import PlannedSlew
-    >>> plan = Plan("one", (PlannedSlew((1.0, 0.0, 0.0), 0.5),))
-    >>> bool(expected_sd(plan, most_like_mission(), truths=1)[0] < 0.01)
-    True
     """
     controller = mission.controller()
     estimates = [

@@ -11,7 +11,7 @@ import pytest
 from support.other_spacecraft import by_rotors, by_thrusters, gyroless, two_axes_and_vectors
 
 from bayes_inertia.campaign.hardware import CorrelatedNoise, RateSensor
-from bayes_inertia.design.expected_accuracy import estimate_at_truth
+from bayes_inertia.design.expected_accuracy import estimate_at_truth, expected_sd
 from bayes_inertia.design.information_forecast import prepare_forecast
 from bayes_inertia.design.information_matrix import expected_covariance
 from bayes_inertia.flight.mission import Mission, following_plan
@@ -42,6 +42,14 @@ def test_forecast_agrees_with_the_full_model_flown_in_closed_loop(mission, names
     exact = estimate_at_truth(paper_like_plan(), mission, effects)
     assert exact.model.space.names == forecast.layout.names
     np.testing.assert_allclose(foreseen / exact.sd, 1.0, atol=0.03 if not names else 0.08)
+
+
+@pytest.mark.slow
+def test_a_slew_is_expected_to_tell_the_moment_about_its_axis_only(mission):
+    plan = replace(paper_like_plan(), slews=(PlannedSlew((1.0, 0.0, 0.0), 0.5),))
+    sd = expected_sd(plan, mission, truths=1)[:6] / np.asarray(mission.prior.sd)
+    assert sd[0] < 0.1
+    assert sd[1:3].min() > 2.0 * sd[0]
 
 
 @pytest.mark.long
