@@ -21,6 +21,7 @@ from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.likelihood_summary import (
     LikelihoodSummary,
     means_and_sds,
+    p_value_of_same,
     product,
     summary_from_json,
 )
@@ -324,14 +325,18 @@ def run_fleet(
             advice="a fleet needs at least two: put the campaigns of each craft in a folder",
         )
     summaries = [replace(product(told), campaign=name) for name, told in crafts.items()]
+    settings = FleetSettings(seed=seed)
+    rare = settings.disagree_p_value / len(crafts)
+    apart = tuple(name for name, told in crafts.items() if p_value_of_same(told) < rare)
     progress("sampling the spread of the fleet", 0, 0)
-    fleet = fleet_of(summaries, FleetSettings(seed=seed))
+    fleet = fleet_of(summaries, settings)
     alone, alone_sd = means_and_sds(summaries)
     left_out = tuple(one.campaign for one in told_by if one.summary is None)
-    notes = series_notes(fleet, left_out)
-    content = fleet_json(fleet, alone_sd) | {"left_out": left_out, "notes": notes}
+    notes = series_notes(fleet, left_out, apart)
+    content = fleet_json(fleet, alone_sd)
+    content |= {"left_out": left_out, "disagree": apart, "notes": notes}
     owner = _owner(folder, FLEET, FLEET_FORMAT, "fleet", summaries)
-    sections = fleet_sections(fleet, alone, alone_sd, notes)
+    sections = fleet_sections(fleet, alone, alone_sd, notes, "caution" if apart else "good")
     owner.write(json_ready(content), f"Fleet of {len(crafts)} spacecraft", sections, fits)
     return fleet, alone_sd, notes
 

@@ -214,10 +214,10 @@ def print_table(
         table = Table(box=SIMPLE, show_edge=False, pad_edge=False, collapse_padding=True)
         table.add_column(headings[0], overflow="fold")
         for k in block:
-            fold = headings[k] in wrapping
-            least = widths[k] if fold else None
-            overflow = "fold" if fold else "ellipsis"
-            table.add_column(headings[k], no_wrap=not fold, min_width=least, overflow=overflow)
+            if headings[k] in wrapping:
+                table.add_column(headings[k], overflow="fold", min_width=widths[k])
+            else:
+                table.add_column(headings[k], no_wrap=True)
         for row in cells[1:]:
             table.add_row(row[0], *(row[k] for k in block))
         console.print(table)

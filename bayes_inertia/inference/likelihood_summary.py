@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.limits import LIMITS
@@ -58,6 +59,12 @@ class LikelihoodSummary:
         powers, directions = np.linalg.eigh(0.5 * (scaled + scaled.T))
         root = np.sqrt(np.maximum(powers, 0.0))[:, None] * directions.T
         return root, root @ ((self.mean - first.prior_mean) / first.prior_sd)
+
+    @property
+    def told_directions(self) -> int:
+        """How many directions of J and K the data tell of."""
+        scaled = self.precision * np.outer(self.prior_sd, self.prior_sd)
+        return int(np.sum(np.linalg.eigvalsh(scaled) > 0.5 * LIMITS.told_share))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -167,6 +174,15 @@ def product(summaries: Sequence[LikelihoodSummary]) -> LikelihoodSummary:
     mean = first.prior_mean + first.prior_sd * shift
     untied = all(summary.is_scale_untied for summary in summaries)
     return replace(first, mean=mean, precision=precision, is_scale_untied=untied)
+
+
+def p_value_of_same(summaries: Sequence[LikelihoodSummary]) -> float:
+    """How often campaigns of one J and K differ as much: chi^2 of what they tell more than once."""
+    whole = product(summaries)
+    gaps = [summary.mean - whole.mean for summary in summaries]
+    chi2 = sum(gap @ s.precision @ gap for gap, s in zip(gaps, summaries, strict=True))
+    told = sum(summary.told_directions for summary in summaries) - whole.told_directions
+    return float(stats.chi2.sf(chi2, told)) if told else 1.0
 
 
 def with_prior(summary: LikelihoodSummary) -> tuple[np.ndarray, np.ndarray]:

@@ -52,9 +52,14 @@ def history_table(history: History) -> Table:
     return Table(_OF_HISTORY, rows, "many short")
 
 
-def series_notes(series: History | Fleet, left_out: Sequence[str]) -> tuple[str, ...]:
-    """What must be known of the numbers; `left_out`: campaigns without a usable result."""
-    return tuple(sentences("plans", "series_notes", series.is_scale_untied, left_out))
+def series_notes(
+    series: History | Fleet, left_out: Sequence[str], apart: Sequence[str] = ()
+) -> tuple[str, ...]:
+    """What must be known of the numbers.
+
+    `left_out`: campaigns without a usable result; `apart`: spacecraft whose campaigns disagree.
+    """
+    return tuple(sentences("plans", "series_notes", series.is_scale_untied, left_out, apart))
 
 
 def history_sections(history: History, notes: Sequence[str] = ()) -> list[Section]:
@@ -105,14 +110,18 @@ def fleet_table(fleet: Fleet, alone_sd: np.ndarray) -> Table:
 
 
 def fleet_sections(
-    fleet: Fleet, alone: np.ndarray, alone_sd: np.ndarray, notes: Sequence[str] = ()
+    fleet: Fleet,
+    alone: np.ndarray,
+    alone_sd: np.ndarray,
+    notes: Sequence[str] = (),
+    level: str = "good",
 ) -> list[Section]:
     """The page of `fleet`, the answer first; `notes`: see `series_notes`."""
     result = fleet_table(fleet, alone_sd).section(
         "Result",
         captioned("fleet", draw_fleet(fleet, alone, alone_sd)),
         sentence=fleet_answer(fleet, alone_sd),
-        level="good",
+        level=level,
         notes=(_SPREAD, *notes),
     )
     return [result]

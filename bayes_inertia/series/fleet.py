@@ -34,6 +34,8 @@ class FleetSettings:
     steps: int = 400
     burn: int = 150
     seed: int = 0  # what reproduces the draws
+    # Campaigns of a craft that differ more than by this p-value, shared by all crafts, disagree.
+    disagree_p_value: float = 1e-3
     # Limits of the spread. Sisters whose moments differ by more than all of them are none; below
     # the other end no telemetry sees a spread, and matrices become singular.
     least: float = 1e-8

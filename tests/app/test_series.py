@@ -100,6 +100,25 @@ def test_fleet_reads_what_fit_many_wrote(tmp_path, capsys):
         assert abs(Jxx["mean"] - x[0]) < 5.0 * Jxx["quoted_sd"]
 
 
+@pytest.mark.parametrize("moved", [0.0, 0.01])
+def test_campaigns_of_one_spacecraft_that_disagree_are_said(moved, tmp_path, capsys):
+    """Fuel used between two campaigns, or a campaign in the folder of another spacecraft."""
+    rng = np.random.default_rng(8)
+    changed = PRIOR_MEAN + moved * np.eye(9)[2] * PRIOR_MEAN
+    told = {
+        f"craft_{k}/campaign_{c}": campaign_of(changed if k + c == 2 else PRIOR_MEAN, rng).json()
+        for k in range(2)
+        for c in range(2)
+    }
+    fits = fits_in(tmp_path / "fits", told)
+    assert call("fleet", fits, "-o", tmp_path / "fleet") == 0
+    said = "campaigns of craft_1 disagree by more than their sds"
+    assert (said in " ".join(capsys.readouterr().out.split())) == (moved > 0.0)
+    assert (said in (tmp_path / "fleet" / "fleet.html").read_text()) == (moved > 0.0)
+    content = json.loads((tmp_path / "fleet" / "fleet.json").read_text())
+    assert content["disagree"] == (["craft_1"] if moved else [])
+
+
 def test_one_spacecraft_is_no_fleet(tmp_path, capsys):
     told = campaign_of(PRIOR_MEAN, np.random.default_rng(6)).json()
     fits = fits_in(tmp_path / "fits", {"craft/a": told, "craft/b": told})

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+from scipy import stats
 from support.told_campaigns import PRIOR_MEAN, PRIOR_SD, TYPICAL_SD, campaign_of
 
 from bayes_inertia.inference.likelihood_summary import (
+    p_value_of_same,
     product,
     summary_from_json,
     summary_of,
@@ -44,3 +48,22 @@ def test_campaigns_multiply_as_one_posterior_of_all_data():
 def test_a_file_holds_a_summary_to_the_bit():
     told = campaign_of(PRIOR_MEAN, np.random.default_rng(2), "third")
     assert summary_from_json(told.json()) == told
+
+
+def test_p_values_of_one_body_are_uniform_and_of_two_bodies_small():
+    """Of campaigns that tell of other directions too: those told once only are no disagreement."""
+    rng = np.random.default_rng(9)
+    p_values, of_two = [], []
+    for _ in range(400):
+        told = [campaign_of(PRIOR_MEAN, rng) for _ in range(3)]
+        # One campaign is blind to Jzz.
+        seen, blind = np.delete(np.arange(9), 2), np.zeros((9, 9))
+        covariance = np.linalg.inv(told[0].precision)
+        blind[np.ix_(seen, seen)] = np.linalg.inv(covariance[np.ix_(seen, seen)])
+        told[0] = replace(told[0], precision=blind)
+        p_values.append(p_value_of_same(told))
+        told[1] = replace(told[1], mean=told[1].mean + 8.0 * PRIOR_SD * np.eye(9)[0])
+        of_two.append(p_value_of_same(told))
+    assert stats.kstest(p_values, "uniform").pvalue > 1e-3
+    assert stats.kstest(np.sqrt(p_values), "uniform").pvalue < 1e-3
+    assert max(of_two) < 1e-6
