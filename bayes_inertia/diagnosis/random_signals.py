@@ -38,7 +38,7 @@ from bayes_inertia.physics.effects import REMAINDERS, STOCHASTIC
 from bayes_inertia.physics.effects.formula import PLACES
 from bayes_inertia.physics.effects.scales import sd_and_time
 from bayes_inertia.physics.effects.tachometer_noise_walk import TachometerNoiseWalk
-from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.forward_model import Model, lacks
 from bayes_inertia.physics.processes import Process
 from bayes_inertia.physics.stated_noise import stated_terms
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
@@ -99,7 +99,8 @@ def usable(
     return tuple(
         effect
         for effect in effects
-        if 0 < numbers * effect.coefficient_count(campaign) <= LIMITS.largest_columns
+        if not lacks(effect, campaign)
+        and 0 < numbers * effect.coefficient_count(campaign) <= LIMITS.largest_columns
         and effect.parameters(campaign)
         and effect.name not in fitted
     )

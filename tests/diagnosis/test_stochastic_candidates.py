@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from scipy.special import logsumexp
+from support.other_spacecraft import by_rotors, by_thrusters, gyroless, two_axes_and_vectors
 
 from bayes_inertia.diagnosis.hypothesis_table import log_evidence_of_random
 from bayes_inertia.diagnosis.limits import LIMITS, Rules
@@ -247,3 +248,16 @@ def test_noise_that_the_campaign_states_is_no_candidate(clean):
     kept = usable(STOCHASTIC_CANDIDATES, stated, 1000)
     assert {e.name for e in kept} == names - {"rate_random_walk"}
     assert usable(STOCHASTIC_CANDIDATES, stated, 10**9) == ()
+
+
+@pytest.mark.parametrize("kind", [by_thrusters, by_rotors, gyroless, two_axes_and_vectors])
+def test_random_candidates_are_those_that_the_spacecraft_can_have(kind):
+    """Without star tracker none of it: a diagnosis ended with the error that such a fit has."""
+    model = Model(kind())
+    found = usable(STOCHASTIC_CANDIDATES, model, 99)
+    assert Model(model.campaign, found, model.structure.drive).effects == found
+    of_gyro = {"rate_random_walk", "rate_bias_instability", "rate_bias_slew_drift"}
+    of_tracker = {"star_tracker_low_frequency"} if kind is not two_axes_and_vectors else set()
+    names = {effect.name for effect in found}
+    assert names >= of_tracker | (set() if kind is gyroless else of_gyro)
+    assert ("star_tracker_low_frequency" in names) == bool(of_tracker)
