@@ -69,9 +69,10 @@ def degrees_of_freedom(effect: Effect, campaign: Campaign) -> int:
 
 
 def direction(effect: Effect, rng: np.random.Generator, campaign: Campaign) -> dict:
-    """Values of an effect's parameters one prior sd of a campaign from null, in a random direction.
+    """Values of an effect's parameters one prior scale of a campaign from null, in any direction.
 
-    Shape parameters at their null.
+    Shape parameters at their null. The scale of a one-sided prior is that of its whole normal, as
+    a diagnosis has it: its sd is smaller.
     """
     values = {}
     for p in effect.parameters(campaign):
@@ -80,7 +81,7 @@ def direction(effect: Effect, rng: np.random.Generator, campaign: Campaign) -> d
             step = np.abs(step)
         if p.priors[0].logarithmic:
             step = np.zeros(len(p.names))
-        values[p.name] = (p.null, step * np.array([q.sd for q in p.priors]), p.components)
+        values[p.name] = (p.null, step * np.array([q.scale for q in p.priors]), p.components)
     return values
 
 
@@ -128,9 +129,9 @@ def amplitude_for(
 
 
 def unit_step(effect: Effect, values: dict, campaign: Campaign) -> np.ndarray:
-    """The step of `direction` in units of a campaign's prior sd, which may follow its rates."""
-    sd = np.concatenate([[q.sd for q in p.priors] for p in effect.parameters(campaign)])
-    return np.concatenate([step for _, step, _ in values.values()]) / sd
+    """The step of `direction` in units of a campaign's prior scale, which may follow its rates."""
+    scale = np.concatenate([[q.scale for q in p.priors] for p in effect.parameters(campaign)])
+    return np.concatenate([step for _, step, _ in values.values()]) / scale
 
 
 def mode_amplitude(
