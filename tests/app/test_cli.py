@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import subprocess
+import sys
 import webbrowser
 from pathlib import Path
 
@@ -48,6 +50,12 @@ def test_check_says_what_the_example_contains(capsys):
 def test_version_is_said(capsys):
     assert run("--version") == 0
     assert capsys.readouterr().out == f"bayes-inertia {bayes_inertia.__version__}\n"
+
+
+def test_the_module_is_the_command():
+    words = [sys.executable, "-m", "bayes_inertia", "--version"]
+    said = subprocess.run(words, check=True, capture_output=True, text=True).stdout
+    assert said == f"bayes-inertia {bayes_inertia.__version__}\n"
 
 
 @pytest.mark.parametrize(("asked", "computes_on"), [(None, "cpu"), ("cuda", "cuda")])
