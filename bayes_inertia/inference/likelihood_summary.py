@@ -182,7 +182,7 @@ def p_value_of_same(summaries: Sequence[LikelihoodSummary]) -> float:
     gaps = [summary.mean - whole.mean for summary in summaries]
     chi2 = sum(gap @ s.precision @ gap for gap, s in zip(gaps, summaries, strict=True))
     told = sum(summary.told_directions for summary in summaries) - whole.told_directions
-    return float(stats.chi2.sf(chi2, told)) if told else 1.0
+    return float(stats.chi2.sf(chi2, told)) if told > 0 else 1.0
 
 
 def with_prior(summary: LikelihoodSummary) -> tuple[np.ndarray, np.ndarray]:
