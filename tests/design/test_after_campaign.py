@@ -59,6 +59,7 @@ def captured(monkeypatch):
     return arguments
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_fit_knows_the_wheel_momentum_at_the_end(flight, estimate):
     assert not flight.campaign.has_tachometers

@@ -33,6 +33,7 @@ def test_no_slew_is_proposed_that_the_wheels_cannot_fly():
         separating_slew(one, ConstantTorque(), StarTrackerShift())
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_noise_that_was_found_louder_is_that_of_the_next_slew_too():
     at = estimate(Model(small_campaign()), starts=1, discount=False)

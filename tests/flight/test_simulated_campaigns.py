@@ -103,6 +103,7 @@ def test_the_truth_of_slews_flown_again_leaves_the_wheels_spin_out():
     np.testing.assert_allclose(spin, spin_tensor(small.wheels), atol=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_former_result_is_what_flies_and_what_is_drawn():
     """A campaign whose J and K are known by a former run: its [inertia] is not the prior."""

@@ -63,6 +63,7 @@ def test_a_signal_is_where_it_is_whatever_the_slews_own_clock_says(wandered):
         np.testing.assert_allclose(after[name], signal, atol=1e-6 * np.abs(signal).max())
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_silent_coefficients_take_no_step_and_change_nothing_else(wandered):
     model, point = wandered.model, wandered.point

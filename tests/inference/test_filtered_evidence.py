@@ -130,6 +130,7 @@ def test_the_peak_is_where_nothing_around_is_higher_and_near_the_truth(plain):
     assert point.theta[-2:] == pytest.approx([SD, TIME], rel=0.35)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_tachometers_that_walk_are_filtered_as_rates_are(plain):
     """Their size is learnt from all of the walk, and what it does between knots is filtered."""

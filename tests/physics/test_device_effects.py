@@ -222,6 +222,7 @@ def test_errors_of_sensors_and_devices_come_before_every_effect(equipped):
     assert known[9:] == ("mems.K1", "mems.K2", "mems.bias1", "mems.bias2", "torquers.gain")
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_an_effect_of_a_device_may_differ_from_slew_to_slew(equipped):
     (delay,) = by_name(["delay[mems]"])
