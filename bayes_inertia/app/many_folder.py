@@ -329,14 +329,14 @@ def run_fleet(
     rare = settings.disagree_p_value / len(crafts)
     apart = tuple(name for name, told in crafts.items() if p_value_of_same(told) < rare)
     progress("sampling the spread of the fleet", 0, 0)
-    fleet = fleet_of(summaries, settings)
+    fleet = replace(fleet_of(summaries, settings), disagree=apart)
     alone, alone_sd = means_and_sds(summaries)
     left_out = tuple(one.campaign for one in told_by if one.summary is None)
-    notes = series_notes(fleet, left_out, apart)
+    notes = series_notes(fleet, left_out)
     content = fleet_json(fleet, alone_sd)
-    content |= {"left_out": left_out, "disagree": apart, "notes": notes}
+    content |= {"left_out": left_out, "disagree": fleet.disagree, "notes": notes}
     owner = _owner(folder, FLEET, FLEET_FORMAT, "fleet", summaries)
-    sections = fleet_sections(fleet, alone, alone_sd, notes, "caution" if apart else "good")
+    sections = fleet_sections(fleet, alone, alone_sd, notes)
     owner.write(json_ready(content), f"Fleet of {len(crafts)} spacecraft", sections, fits)
     return fleet, alone_sd, notes
 

@@ -52,14 +52,9 @@ def history_table(history: History) -> Table:
     return Table(_OF_HISTORY, rows, "many short")
 
 
-def series_notes(
-    series: History | Fleet, left_out: Sequence[str], apart: Sequence[str] = ()
-) -> tuple[str, ...]:
-    """What must be known of the numbers.
-
-    `left_out`: campaigns without a usable result; `apart`: spacecraft whose campaigns disagree.
-    """
-    return tuple(sentences("plans", "series_notes", series.is_scale_untied, left_out, apart))
+def series_notes(series: History | Fleet, left_out: Sequence[str]) -> tuple[str, ...]:
+    """What must be known of the numbers; `left_out`: campaigns without a usable result."""
+    return tuple(sentences("plans", "series_notes", series.is_scale_untied, left_out))
 
 
 def history_sections(history: History, notes: Sequence[str] = ()) -> list[Section]:
@@ -82,7 +77,8 @@ def fleet_answer(fleet: Fleet, alone_sd: np.ndarray) -> str:
     gain = np.median(alone_sd / fleet.craft_sd, axis=0)
     best, share = int(np.argmax(gain)), 100.0 * float(np.median(fleet.spread[:3] / fleet.mean[:3]))
     sharpest = base_names(gain.size)[best]
-    return phrase("plans", "fleet", len(fleet.names), share, sharpest, gain[best])
+    told = len(fleet.names), share, sharpest, gain[best], fleet.disagree
+    return phrase("plans", "fleet", *told)
 
 
 def fleet_table(fleet: Fleet, alone_sd: np.ndarray) -> Table:
@@ -110,18 +106,14 @@ def fleet_table(fleet: Fleet, alone_sd: np.ndarray) -> Table:
 
 
 def fleet_sections(
-    fleet: Fleet,
-    alone: np.ndarray,
-    alone_sd: np.ndarray,
-    notes: Sequence[str] = (),
-    level: str = "good",
+    fleet: Fleet, alone: np.ndarray, alone_sd: np.ndarray, notes: Sequence[str] = ()
 ) -> list[Section]:
     """The page of `fleet`, the answer first; `notes`: see `series_notes`."""
     result = fleet_table(fleet, alone_sd).section(
         "Result",
         captioned("fleet", draw_fleet(fleet, alone, alone_sd)),
         sentence=fleet_answer(fleet, alone_sd),
-        level=level,
+        level="caution" if fleet.disagree else "good",
         notes=(_SPREAD, *notes),
     )
     return [result]

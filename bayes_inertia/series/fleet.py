@@ -56,6 +56,7 @@ class Fleet:
     craft_mean: np.ndarray
     craft_sd: np.ndarray
     is_scale_untied: bool = False  # whether nothing ties the size of any J
+    disagree: tuple[str, ...] = ()  # spacecraft whose campaigns do not tell of one J and K
 
 
 @dataclass(frozen=True, eq=False)
