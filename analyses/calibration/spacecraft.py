@@ -96,12 +96,17 @@ def row_of(simulator: Path, kind: str, seed: int) -> dict:
     return row | {"seconds": process_time() - began}
 
 
+def true_parameters(truth: dict) -> np.ndarray:
+    """J (six elements) and K of the spacecraft, as truth.json has them."""
+    J = np.array(truth["J"])[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    return np.concatenate([J, np.atleast_1d(truth["K"])])
+
+
 def _judged(estimate: Estimate, truth: dict) -> dict:
     """Gates, and how far J and K are from the truth, in the sds that are quoted."""
     quoted = quoted_parameters(estimate)
     failed = [gate["says"] for gate in check_gates(estimate, PERFECT) if not gate["passed"]]
-    J = np.array(truth["J"])[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    true = np.concatenate([J, np.atleast_1d(truth["K"])])[: len(quoted.names)]
+    true = true_parameters(truth)[: len(quoted.names)]
     mean, sd = quoted.mean, quoted.sd
     untied = any(d.name == "size of J" and d.exact for d in stated_degeneracies(estimate))
     if untied:

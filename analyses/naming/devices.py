@@ -153,20 +153,27 @@ def campaign_with(name: str, index: int) -> tuple[Campaign, float, np.ndarray]:
     if name == "clean":
         return clean, 0.0, truth
     (effect,) = (effect.in_campaign(clean) for effect in by_name([name]))
-    candidates = candidate_effects(clean, LIBRARY).linear
-    wanted = noncentrality(
-        POWER,
-        degrees_of_freedom(effect, clean),
-        RULES.false_alarm_probability / len(candidates),
-    )
-    values = direction(effect, rng, clean)
-    fit = move_to(plain_fit(clean), Model(clean, (effect,), "commanded"))
-    step = unit_step(effect, values, clean)
-    size = float(np.sqrt(wanted / (step @ score_tests(linear_model(fit)).matrix @ step)))
+    values, size, length = size_found(effect, clean, rng)
     hidden = {name: scaled(values, size)}
     model = Model(plan, (effect,), "commanded")
     theta = theta_of(model, truth, hidden, np.random.default_rng([index, 2]))
-    return flown(plan, (effect,), theta, rng), size * float(np.linalg.norm(step)), truth
+    return flown(plan, (effect,), theta, rng), size * length, truth
+
+
+def size_found(
+    effect: Effect, campaign: Campaign, rng: np.random.Generator
+) -> tuple[dict, float, float]:
+    """A random direction of an effect, and how far along it an ideal test finds the effect.
+
+    Returns: values as `direction` gives them; their multiple; the length of one [prior sd].
+    """
+    level = RULES.false_alarm_probability / len(candidate_effects(campaign, LIBRARY).linear)
+    wanted = noncentrality(POWER, degrees_of_freedom(effect, campaign), level)
+    values = direction(effect, rng, campaign)
+    fit = move_to(plain_fit(campaign), Model(campaign, (effect,)))
+    step = unit_step(effect, values, campaign)
+    size = float(np.sqrt(wanted / (step @ score_tests(linear_model(fit)).matrix @ step)))
+    return values, size, float(np.linalg.norm(step))
 
 
 def row_of(hidden: str, index: int) -> dict:

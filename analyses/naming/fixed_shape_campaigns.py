@@ -69,7 +69,7 @@ def degrees_of_freedom(effect: Effect, campaign: Campaign) -> int:
 
 
 def direction(effect: Effect, rng: np.random.Generator, campaign: Campaign) -> dict:
-    """Values of an effect's parameters one prior scale of a campaign from null, in any direction.
+    """Values of an effect's parameters one prior scale from null, in a random direction.
 
     Shape parameters at their null. The scale of a one-sided prior is that of its whole normal, as
     a diagnosis has it: its sd is smaller.

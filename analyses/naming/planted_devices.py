@@ -24,29 +24,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from analyses import made_rows, results_of, rows_of
-from analyses.calibration.spacecraft import ABOUT, asked_for, flown
-from analyses.naming.devices import POWER
-from analyses.naming.fixed_shape import RULES
-from analyses.naming.fixed_shape_campaigns import (
-    degrees_of_freedom,
-    direction,
-    noncentrality,
-    plain_fit,
-    scaled,
-    unit_step,
-)
+from analyses.calibration.spacecraft import asked_for, flown, true_parameters
+from analyses.naming.devices import POWER, size_found
+from analyses.naming.fixed_shape_campaigns import scaled
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.diagnosis.candidates import candidate_effects
-from bayes_inertia.diagnosis.linear_system import linear_model
 from bayes_inertia.diagnosis.quoted_parameters import quoted_parameters
-from bayes_inertia.diagnosis.score_test import score_tests
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.errors import BayesInertiaError
 from bayes_inertia.files import write_atomically
-from bayes_inertia.inference.optimizer import move_to
-from bayes_inertia.physics.effects import LIBRARY
-from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.effects import by_name
 
 ROWS = results_of(__file__) / "planted_devices.jsonl"
 FIRST_SEED = 401
@@ -122,20 +109,13 @@ PLANTED = (
 )
 
 
-def size_found(campaign: Campaign, name: str, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+def error_of(campaign: Campaign, name: str, rng: np.random.Generator) -> tuple[np.ndarray, float]:
     """An effect's parameters that an ideal test finds, and their size [prior sd]."""
-    candidates = candidate_effects(campaign, LIBRARY).linear
-    (effect,) = (one for one in candidates if one.name == name)
-    level = RULES.false_alarm_probability / len(candidates)
-    wanted = noncentrality(POWER, degrees_of_freedom(effect, campaign), level)
-    values = direction(effect, rng, campaign)
-    plain = plain_fit(campaign)
-    scores = score_tests(linear_model(move_to(plain, Model(campaign, (effect,)))))
-    step = unit_step(effect, values, campaign)
-    size = float(np.sqrt(wanted / (step @ scores.matrix @ step)))
-    size = min(size, LARGEST / float(np.linalg.norm(step)))
+    (effect,) = (e.in_campaign(campaign) for e in by_name([name]))
+    values, size, length = size_found(effect, campaign, rng)
+    size = min(size, LARGEST / length)
     parameters = [np.atleast_1d(value) for value in scaled(values, size).values()]
-    return np.concatenate(parameters), size * float(np.linalg.norm(step))
+    return np.concatenate(parameters), size * length
 
 
 def row_of(simulator: Path, kind: str, effect: str, seed: int) -> dict:
@@ -144,7 +124,7 @@ def row_of(simulator: Path, kind: str, effect: str, seed: int) -> dict:
     row: dict = {"kind": kind, "effect": effect, "seed": seed}
     with tempfile.TemporaryDirectory() as folder:
         clean, truth = flown(simulator, kind, seed, Path(folder))
-        value, row["prior_sds"] = size_found(clean, effect, np.random.default_rng(seed))
+        value, row["prior_sds"] = error_of(clean, effect, np.random.default_rng(seed))
         for path in Path(folder).glob(f"campaign/streams/slew_*_{planted.stream}.csv"):
             head = path.read_text().partition("\n")[0]
             table = planted.does(np.loadtxt(path, delimiter=",", skiprows=1), value)
@@ -161,25 +141,19 @@ def row_of(simulator: Path, kind: str, effect: str, seed: int) -> dict:
 def _diagnosed(campaign: Campaign, truth: dict, seed: int) -> dict:
     diagnosis = diagnose(campaign, seed=seed)
     quoted = quoted_parameters(diagnosis)
-    J = np.array(truth["J"])[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    true = np.concatenate([J, np.atleast_1d(truth["K"])])
-    n = min(len(true), len(quoted.mean))
+    true = true_parameters(truth)[: len(quoted.mean)]
     return {
         "verdict": diagnosis.verdict,
         "named": list(diagnosis.named),
         "ambiguous_with": [list(names) for names in diagnosis.ambiguous_with],
-        "quoted_z": ((quoted.mean[:n] - true[:n]) / quoted.sd[:n]).tolist(),
+        "quoted_z": ((quoted.mean - true) / quoted.sd).tolist(),
     }
 
 
 def is_found(row: dict) -> bool:
     """Whether the error is named, alone or as one of the answers."""
-    return row["effect"] in _answers(row)
-
-
-def _answers(row: dict) -> set[str]:
-    others = {name for names in row.get("ambiguous_with", ()) for name in names}
-    return set(row.get("named", ())) | others
+    answers = (row.get("named", ()), *row.get("ambiguous_with", ()))
+    return any(row["effect"] in names for names in answers)
 
 
 def page(rows: list[dict]) -> str:
@@ -189,17 +163,17 @@ def page(rows: list[dict]) -> str:
         "",
         "Made by `python -m analyses.naming.planted_devices`: right campaigns of an independent",
         "simulator, one device made wrong in its telemetry, as much as an ideal test finds in",
-        f"{100 * POWER:.0f} % (at most {LARGEST:g} sds of its prior).",
+        f"{100 * POWER:.0f} % (at most {LARGEST:g} sds of its prior). The",
+        "spacecraft are those of [spacecraft](../calibration/spacecraft.md).",
         "",
         "| spacecraft | error | campaigns | size [prior sd] | named, or an answer | only name "
         "| other name | largest z of J and K |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    every = [(p.kind, p.effect) for p in PLANTED]
-    for kind, effect in every:
+    for kind, _, _, effect in PLANTED:
         own = [row for row in rows if (row["kind"], row["effect"]) == (kind, effect)]
         if own:
-            lines.append(f"| {ABOUT[kind]} | {effect} | {_counted(own)} |")
+            lines.append(f"| {kind} | {effect} | {_counted(own)} |")
     lines.append(f"| all | | {_counted(rows)} |")
     return "\n".join(lines) + "\n"
 

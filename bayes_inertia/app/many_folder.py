@@ -21,7 +21,6 @@ from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.likelihood_summary import (
     LikelihoodSummary,
     means_and_sds,
-    p_value_of_same,
     product,
     summary_from_json,
 )
@@ -41,7 +40,7 @@ from bayes_inertia.report.series_sections import (
     series_notes,
 )
 from bayes_inertia.sealing import read_sealed_json, sha256_of
-from bayes_inertia.series.fleet import Fleet, FleetSettings, fleet_of
+from bayes_inertia.series.fleet import Fleet, FleetSettings, disagreeing, fleet_of
 from bayes_inertia.series.history import OF_PART, History, history_of
 from bayes_inertia.studies.engine import Execution, Notice
 from bayes_inertia.studies.work import Row, TaskFailure, Work, WorkResult
@@ -326,10 +325,8 @@ def run_fleet(
         )
     summaries = [replace(product(told), campaign=name) for name, told in crafts.items()]
     settings = FleetSettings(seed=seed)
-    rare = settings.disagree_p_value / len(crafts)
-    apart = tuple(name for name, told in crafts.items() if p_value_of_same(told) < rare)
     progress("sampling the spread of the fleet", 0, 0)
-    fleet = replace(fleet_of(summaries, settings), disagree=apart)
+    fleet = replace(fleet_of(summaries, settings), disagree=disagreeing(crafts, settings))
     alone, alone_sd = means_and_sds(summaries)
     left_out = tuple(one.campaign for one in told_by if one.summary is None)
     notes = series_notes(fleet, left_out)

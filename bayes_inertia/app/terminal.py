@@ -202,10 +202,8 @@ def print_table(
     headings = [first, *(_in_lines(x) if narrow and x not in wrapping else x for x in others)]
     cells = [headings, *rows]
     widths = [
-        max(len(line) for row in cells for line in row[k].splitlines() or [""])
-        if headings[k] not in wrapping
-        else max(map(len, headings[k].split()))
-        for k in range(len(headings))
+        _width(heading.split() if heading in wrapping else [row[k] for row in cells])
+        for k, heading in enumerate(headings)
     ]
     kept = min(widths[0], console.width // LAYOUT.widest_first_column)
     for block in _blocks([width + 2 for width in widths[1:]], console.width - kept):
@@ -221,6 +219,11 @@ def print_table(
         for row in cells[1:]:
             table.add_row(row[0], *(row[k] for k in block))
         console.print(table)
+
+
+def _width(texts: Iterable[str]) -> int:
+    """Letters of the longest line."""
+    return max(len(line) for text in texts for line in text.splitlines() or [""])
 
 
 def _blocks(widths: Sequence[int], room: int) -> list[list[int]]:

@@ -217,7 +217,7 @@ def _explained(estimate: Estimate, context: FitContext) -> dict[str, Any]:
         # After a diagnosis its own gate says what to do.
         advice = "" if context.verdict in OPEN_VERDICTS else advice
         if estimate.model.campaign.prior is not None:
-            advice += "; if J or K changed since the result that is their prior, fit without it"
+            advice += "; if the prior of J and K no longer holds, fit without it"
         if groups := groups_of_slews(estimate):
             advice += f"; {groups['says']}"
         says = f"the model does not explain the data: {', '.join(sizes)}{advice}"

@@ -77,8 +77,8 @@ def fleet_answer(fleet: Fleet, alone_sd: np.ndarray) -> str:
     gain = np.median(alone_sd / fleet.craft_sd, axis=0)
     best, share = int(np.argmax(gain)), 100.0 * float(np.median(fleet.spread[:3] / fleet.mean[:3]))
     sharpest = base_names(gain.size)[best]
-    told = len(fleet.names), share, sharpest, gain[best], fleet.disagree
-    return phrase("plans", "fleet", *told)
+    n, apart = len(fleet.names), fleet.disagree
+    return phrase("plans", "fleet", n, share, sharpest, gain[best], apart)
 
 
 def fleet_table(fleet: Fleet, alone_sd: np.ndarray) -> Table:

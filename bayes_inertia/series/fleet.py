@@ -7,7 +7,7 @@ the logarithms of the sds are sampled.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import emcee
@@ -15,6 +15,7 @@ import numpy as np
 
 from bayes_inertia.inference.likelihood_summary import (
     LikelihoodSummary,
+    p_value_of_same,
     require_same_parameters,
 )
 from bayes_inertia.maths.values import array_dataclass
@@ -145,6 +146,14 @@ def fleet_of(
         scale * own_sd,
         all(craft.is_scale_untied for craft in crafts),
     )
+
+
+def disagreeing(
+    crafts: Mapping[str, Sequence[LikelihoodSummary]], settings: FleetSettings
+) -> tuple[str, ...]:
+    """Spacecraft whose campaigns differ more than campaigns of one J and K do."""
+    rare = settings.disagree_p_value / len(crafts)
+    return tuple(name for name, told in crafts.items() if p_value_of_same(told) < rare)
 
 
 def _averaged(means: np.ndarray, variances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
