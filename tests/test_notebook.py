@@ -90,6 +90,7 @@ def test_tables_are_data_frames(shown, diagnosis):
     assert diagnosis.to_dataframe().loc["rate_bias", "named"]
 
 
+@pytest.mark.slow
 def test_a_campaign_its_model_and_its_estimate_are_one_first_argument(campaign, estimate):
     of_all = [bi.observe(x) for x in (campaign, bi.Model(campaign), estimate)]
     assert [seen.names for seen in of_all] == [of_all[0].names] * 3

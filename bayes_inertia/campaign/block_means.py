@@ -112,7 +112,7 @@ def longest_block(campaign: Campaign) -> int:
     momenta = [s.wheel_momentum for s in campaign.slews if s.wheel_momentum is not None]
     momentum = max((float(np.sqrt(np.nansum(h**2, axis=1)).max()) for h in momenta), default=0.0)
     bandwidth = rate + momentum / inertia
-    step = max(float(np.median(slew.rate_steps)) for slew in campaign.slews)
+    step = max(slew.rate_step for slew in campaign.slews)
     blocks = np.arange(1, LIMITS.largest_block + 1)
     error = LIMITS.block_remainder * rate * (bandwidth * step * blocks) ** 4
     allowed = error <= LIMITS.block_error_of_noise * min(campaign.gyro.sigma) / np.sqrt(blocks)

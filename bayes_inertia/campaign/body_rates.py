@@ -147,10 +147,12 @@ def _by_wheels(campaign: Campaign, slew: Slew) -> np.ndarray:
     stored_B, inertia = momentum @ campaign.wheel_axes_B.T, campaign.inertia.tensor
     # J w' = H x w - h', with the total momentum H in the middle of each step.
     rate_B = np.zeros((len(time), 3))
-    for k, step in enumerate(np.diff(time)):
-        total_B = 0.5 * (stored_B[k] + stored_B[k + 1]) + inertia @ rate_B[k]
-        half = 0.5 * step * np.cross(total_B, np.eye(3)).T
-        change = (inertia + half) @ rate_B[k] - (stored_B[k + 1] - stored_B[k])
+    middle_B, gained_B = 0.5 * (stored_B[:-1] + stored_B[1:]), np.diff(stored_B, axis=0)
+    half_steps = 0.5 * np.diff(time)
+    for k, half_step in enumerate(half_steps):
+        x, y, z = (half_step * (middle_B[k] + inertia @ rate_B[k])).tolist()
+        half = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        change = (inertia + half) @ rate_B[k] - gained_B[k]
         rate_B[k + 1] = np.linalg.solve(inertia - half, change)
     return rate_B
 

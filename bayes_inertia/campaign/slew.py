@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import UTC, datetime
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -187,6 +188,11 @@ class Slew:
         if self.rate is not None:
             rated = np.isfinite(self.rate).any(axis=1)
         return np.diff(self.time[rated] if rated.sum() > 1 else self.time)
+
+    @cached_property
+    def rate_step(self) -> float:
+        """Median of `rate_steps` [s]."""
+        return float(np.median(self.rate_steps))
 
     def complete_rates(self, valid: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Rows at which the rates about all sensor axes are known, and the rates there.

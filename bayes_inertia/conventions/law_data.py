@@ -169,7 +169,7 @@ def integrated_noise(told: Told) -> np.ndarray:
     """Angle (S,) that the noise of the rates adds up to over a slew [rad]."""
     # As stated, whatever the reading: in a larger unit of rate or time all would drown in it.
     slews, rate = told.slews, told.noise[RATE.name]
-    steps = {slew.name: float(np.median(slew.rate_steps)) for slew in told.campaign.slews}
+    steps = {slew.name: slew.rate_step for slew in told.campaign.slews}
     step = np.array([steps[name] for name in slews.names])
     duration = np.ptp(slews.time, axis=1)
     square = np.linalg.norm(rate) ** 2 * step * duration

@@ -72,6 +72,7 @@ def test_the_band_holds_uniform_ranks_as_often_as_it_says(statistics):
     assert low <= inside <= high
 
 
+@pytest.mark.slow
 def test_right_uncertainties_pass_and_wrong_ones_are_noticed(statistics):
     right, wrong = (statistics.uniformity(_table(statistics, spread)) for spread in (1.0, 0.75))
     assert not right[right.ranks == "rank"].leaves.any()

@@ -24,6 +24,7 @@ def _campaigns(module, too_sure: float):
     return campaigns
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("too_sure", [1.0, 4.0])
 def test_statements_that_are_too_sure_leave_their_band(module, too_sure):
     campaigns = _campaigns(module, too_sure)

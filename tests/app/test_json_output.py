@@ -57,6 +57,7 @@ def test_bad_input_leaves_stdout_empty(tmp_path, capsys):
     assert printed.err.startswith("error: ")
 
 
+@pytest.mark.slow
 def test_doctor_of_the_installation(document):
     assert run("doctor", "--json") == 0
     assert document()["self_test_passed"]

@@ -34,6 +34,7 @@ def draws(density):
     return rng.multivariate_normal(density.mean, density.covariance, 6, method="cholesky")
 
 
+@pytest.mark.slow
 def test_names_and_units_are_those_of_the_fit(density):
     assert density.names == ("Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz", "K1", "K2", "K3")
     assert density.units == ("kg m^2",) * 6 + ("",) * 3
@@ -81,6 +82,7 @@ def test_prior_and_likelihood_make_the_density(density, draws):
     np.testing.assert_allclose(both, density(draws), rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_unit_cube_becomes_the_prior(density):
     space = density.estimate.model.space
     middle = density.prior_transform(np.full(9, 0.5))

@@ -100,7 +100,7 @@ def test_fleet_reads_what_fit_many_wrote(tmp_path, capsys):
         assert abs(Jxx["mean"] - x[0]) < 5.0 * Jxx["quoted_sd"]
 
 
-@pytest.mark.parametrize("moved", [0.0, 0.01])
+@pytest.mark.parametrize("moved", [pytest.param(0.0, marks=pytest.mark.slow), 0.01])
 def test_campaigns_of_one_spacecraft_that_disagree_are_said(moved, tmp_path, capsys):
     """Fuel used between two campaigns, or a campaign in the folder of another spacecraft."""
     rng = np.random.default_rng(8)
@@ -156,6 +156,7 @@ def test_the_same_telemetry_counts_once(runs, tmp_path, capsys):
     assert "one/a and other/a" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_page_names_the_data_it_is_of(tmp_path):
     told = campaign_of(PRIOR_MEAN, np.random.default_rng(6)).json()
     fits = fits_in(tmp_path / "fits", {"one/a": told, "other/a": told})

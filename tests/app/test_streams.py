@@ -9,11 +9,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from support.marks import LIKE_ANOTHER
 
 import bayes_inertia
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
-LONG = (pytest.mark.slow, pytest.mark.long)
 COMMAND = "import sys; from bayes_inertia.app.cli import main; main(sys.argv[1:])"
 # With sentences, as JSON, by Typer itself, and an error.
 CALLS = (
@@ -76,8 +76,8 @@ def test_a_path_that_no_encoding_can_write_is_named_in_an_error():
         *((words, ">&-") for words in CALLS),
         (CALLS[0], "<&- >&- 2>&-"),
         (CALLS[3], "2>&-"),
-        *(pytest.param(words, "<&- >&- 2>&-", marks=LONG) for words in CALLS[1:]),
-        *(pytest.param(words, "2>&-", marks=LONG) for words in CALLS[:3]),
+        *(pytest.param(words, "<&- >&- 2>&-", marks=LIKE_ANOTHER) for words in CALLS[1:]),
+        *(pytest.param(words, "2>&-", marks=LIKE_ANOTHER) for words in CALLS[:3]),
     ],
     ids=" ".join,
 )
@@ -93,7 +93,7 @@ def test_closed_streams_change_no_exit_code(words, redirection):
     [
         *((words, "| head -1") for words in CALLS),
         (CALLS[3], "2>&1 | true"),
-        *(pytest.param(words, "2>&1 | true", marks=LONG) for words in CALLS[:3]),
+        *(pytest.param(words, "2>&1 | true", marks=LIKE_ANOTHER) for words in CALLS[:3]),
     ],
     ids=" ".join,
 )

@@ -57,6 +57,7 @@ def test_sound_uncertainties_are_rarely_called_too_small():
     assert all(made(200, seed, shrink=0.85).too_small for seed in range(100))
 
 
+@pytest.mark.slow
 def test_a_comparison_states_the_sds_that_a_study_states():
     study, plan = made(20, 3), paper_like_plan()
     flown = Contender("plan", plan, np.ones(9), study.achieved, 1.0, 1.0, 1.0, 1.0, ())

@@ -92,6 +92,7 @@ def test_effects_of_the_library_load_no_physics(thrown):
     assert torques_of(read_campaign(thrown), ["magnetic_dipole", "constant_torque"]) == {}
 
 
+@pytest.mark.slow
 def test_the_told_torque_follows_the_measured_attitude(tmp_path):
     """A torque that is fixed in inertial axes turns with the body, from the tracker's attitude."""
     write_campaign(pushed(0.02), tmp_path / "campaign")
@@ -131,6 +132,7 @@ def test_devices_of_the_campaign_count():
     assert bi.check_conventions(with_jets(-1.0)).misfits["conservation"] > 3.0
 
 
+@pytest.mark.slow
 def test_rotors_count_in_the_total_momentum():
     """A body that turns because its rotor turns back."""
     campaign = pushed(0.02)
@@ -158,6 +160,7 @@ def test_a_history_refuses_what_fit_refuses(sign, says, tmp_path, monkeypatch):
         many_folder.run_history([tmp_path / "jets"], tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_what_a_named_effect_makes_of_commands_counts(tmp_path):
     """Thrusters whose commands an effect turns round push the other way."""
     file = tmp_path / "swapped.py"

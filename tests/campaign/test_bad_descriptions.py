@@ -368,6 +368,7 @@ def test_not_a_campaign(tmp_path):
             assert_teaches(caught.value, [str(path), named])
 
 
+@pytest.mark.slow
 @given(position=st.integers(0, len(TOML) - 1), junk=st.text(max_size=3))
 @settings(
     max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]

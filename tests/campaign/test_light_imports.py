@@ -61,7 +61,13 @@ def test_the_count_of_imports_can_fail():
     assert heavy_after("import h5py") == ["h5py"]
 
 
-@pytest.mark.parametrize("order", ["import bayes_inertia, jax", "import jax, bayes_inertia"])
+@pytest.mark.parametrize(
+    "order",
+    [
+        "import bayes_inertia, jax",
+        pytest.param("import jax, bayes_inertia", marks=pytest.mark.slow),
+    ],
+)
 def test_an_import_changes_neither_jax_nor_the_environment(order):
     code = f"""
 import os

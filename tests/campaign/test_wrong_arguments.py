@@ -77,7 +77,7 @@ def test_what_is_no_number_is_said_with_its_key(make, says):
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"slews": small_campaign().slews[0]}, "slews: a Slew is no list"),
+        ({"slews": bi.Slew("a", 0.0, TIME, rate=RATE)}, "slews: a Slew is no list"),
         ({"slews": [TIME]}, "slews: a ndarray is not what belongs here; list each as a Slew"),
         ({"wheels": None}, "wheels: a NoneType is no list"),
         ({"inertia": np.eye(3)}, "inertia: a ndarray is no InertiaPrior"),

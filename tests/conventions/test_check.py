@@ -66,6 +66,7 @@ def test_a_right_campaign_is_left_alone_whatever_physics_hides(name):
     assert any("common sign" in words for words in check.cannot_show)
 
 
+@pytest.mark.slow
 def test_a_pair_is_named_where_no_single_change_mends(tmp_path):
     wrong = {"columns.attitude.maps": "body_to_inertial", "columns.wheel_torque.acts_on": "body"}
     check = check_conventions(with_keys(EXAMPLE, tmp_path / "campaign", wrong), quick=True)
@@ -172,6 +173,7 @@ def test_check_goes_on_if_told_to(tmp_path):
     assert run("check", folder, "--anyway") == 0
 
 
+@pytest.mark.slow
 def test_numbers_whose_squares_overflow_are_held_against_the_laws_without_a_warning():
     campaign = small_campaign()
     slews = tuple(replace(s, wheel_momentum=1e200 * s.wheel_momentum) for s in campaign.slews)

@@ -96,7 +96,9 @@ def test_without_fixes_in_motion_a_late_gyro_and_early_wheels_are_the_same(right
     }
 
 
-@pytest.mark.parametrize("channel", ["wheel_momentum", "rate"])
+@pytest.mark.parametrize(
+    "channel", ["wheel_momentum", pytest.param("rate", marks=pytest.mark.slow)]
+)
 def test_a_known_offset_is_named(right, channel):
     check = check_conventions(late(right, (channel,), 18), quick=True)
     first = check.changes[0]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from support.commands import run
+from support.marks import LIKE_ANOTHER
 
 import bayes_inertia
 from bayes_inertia.app.commands.check import show_check
@@ -32,20 +33,29 @@ def with_rates(matrix: np.ndarray, **channels: None):
 
 
 # Faults of which another one like it is tried in the fast tests.
-LIKE_ANOTHER = {
+HAS_ITS_LIKE = {
     "the same, scaled",
+    "the same, negated",
+    "the same without commands",
+    "one command for two",
+    "one column for two axes",
+    "one tachometer for two",
+    "all axes",
     "an axis at a value",
     "a dead command",
     "tachometers half",
     "one in thousandths",
+    "one with its sign",
+    "one tachometer",
+    "commands twice",
     "one",
+    "without commands",
 }
 
 
 def for_releases(names) -> list:
     """Names as parameters of a test; long where another name stands for them."""
-    long = (pytest.mark.slow, pytest.mark.long)
-    return [pytest.param(n, marks=long if n in LIKE_ANOTHER else ()) for n in names]
+    return [pytest.param(n, marks=LIKE_ANOTHER if n in HAS_ITS_LIKE else ()) for n in names]
 
 
 NO_WHEELS = {"wheel_torque": None, "wheel_momentum": None}
@@ -77,6 +87,7 @@ def with_gaps(folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", ["mN m", "N m"])
 def test_commands_with_gaps_are_held_against_the_tachometers(tmp_path, unit):
     wrong = with_keys(EXAMPLE, tmp_path / "campaign", {"columns.wheel_torque.unit": unit})
@@ -111,6 +122,7 @@ def test_what_cannot_be_shown_is_said_in_a_few_lines():
     assert brief[-1].startswith("as no campaign can")
 
 
+@pytest.mark.slow
 def test_a_dead_rate_sensor_is_impossible_and_no_change_is_proposed():
     check = check_conventions(with_rates(np.zeros((3, 3))))
     assert (check.verdict, check.changes) == ("wrong", ())

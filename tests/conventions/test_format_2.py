@@ -115,6 +115,7 @@ def test_names_may_have_dots(folder, tmp_path):
     assert len(check.edits) == len(wheels)
 
 
+@pytest.mark.slow
 def test_what_a_locked_wheel_reads_does_not_count(folder, tmp_path):
     campaign = read_campaign(folder)
     spare = Wheel("spare", (0.6, 0.0, 0.8), 1e-3, momentum_sigma=1e-6, state="locked")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.marks import LIKE_ANOTHER
 
 import bayes_inertia
 from bayes_inertia.campaign.hardware import RateSensor
@@ -174,6 +175,7 @@ def test_rates_that_wheels_tell_count_the_gyroscopic_torque_of_stored_momentum(e
         assert left < 0.5 * size
 
 
+@pytest.mark.slow
 def test_wrong_keys_of_two_axes_are_named_beside_much_stored_momentum(example):
     campaign = with_stored_momentum(example, 4.0)
     right = with_axes(campaign, AXES["two axes"], lambda w: w)
@@ -187,7 +189,7 @@ def test_wrong_keys_of_two_axes_are_named_beside_much_stored_momentum(example):
         assert (first.key, first.mended) == (f"sensors.rate sensor.{key}", mended)
 
 
-@pytest.mark.parametrize("late", [4.0, -4.0])
+@pytest.mark.parametrize("late", [4.0, pytest.param(-4.0, marks=LIKE_ANOTHER)])
 def test_a_wrong_clock_of_a_gyro_of_two_axes_is_named(example, late):
     campaign = with_axes(example, AXES["two axes"], lambda w: w)
     slews = []

@@ -19,6 +19,7 @@ from pathlib import Path
 import pytest
 import typer.main
 from markdown_it import MarkdownIt
+from support.marks import LIKE_ANOTHER
 
 import bayes_inertia as bi
 from bayes_inertia.app.cli import COMMANDS, command_line
@@ -86,7 +87,7 @@ def of_language(language: str):
         pytest.param(
             block,
             id=block.place,
-            marks=(pytest.mark.slow, pytest.mark.long) if block.place.startswith(SLOW) else (),
+            marks=LIKE_ANOTHER if block.place.startswith(SLOW) else (),
         )
         for block in blocks
     ]

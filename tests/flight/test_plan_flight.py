@@ -91,6 +91,7 @@ def test_noise_leaves_the_error_that_the_bias_snapshot_makes(mission, craft, exp
     assert abs(chi2 / errors.size - 1.0) < 4.0 * math.sqrt(2.0 / errors.size) + 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), tuple(DIAGONAL)])
 def test_scale_factor_error_stays_in_the_final_attitude(mission, craft, axis):
     """The controller believes w_hat = K_c K^-1 w.

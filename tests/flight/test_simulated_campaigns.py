@@ -91,6 +91,7 @@ def test_studies_vary_the_slews_and_keep_their_length(mission):
     )
 
 
+@pytest.mark.slow
 def test_the_truth_of_slews_flown_again_leaves_the_wheels_spin_out():
     small = small_campaign()
     inertia = replace(small.inertia, includes_wheel_spin=True)

@@ -132,6 +132,7 @@ def test_rounding_of_readings_is_modelled_as_such(flown):
     assert not too_large(result.estimate)
 
 
+@pytest.mark.slow
 def test_coarse_rounding_is_counted_once(flown):
     """Errors last while readings stay the same: chi^2 stays near 1, and the sds grow."""
     step = 6.0 * 2e-5
@@ -352,6 +353,7 @@ def test_correlated_noise_of_a_further_gyro_is_its_own(flown, clean_at):
     assert wider.max() > 1.3
 
 
+@pytest.mark.slow
 def test_a_treatment_survives_its_json(flown):
     campaign, _ = spiked(flown.campaign)
     rng, slews = np.random.default_rng(1), named(motion())

@@ -178,6 +178,7 @@ def test_conditional_nuisances_have_the_joint_posteriors_moments(small):
     assert np.abs(white.mean(1)).max() < 4.5 / np.sqrt(n)
 
 
+@pytest.mark.slow
 def test_outside_the_physical_tensors_and_the_support_the_density_is_zero(small):
     theta = np.stack([small.theta] * 3)
     theta[1, 0] = theta[1, 1] + theta[1, 2] + 0.1

@@ -59,7 +59,7 @@ def too_large(estimate):
     return [name for name, test in estimate.tests.items() if test.too_large]
 
 
-@pytest.mark.parametrize("degrees", [1.0, 2.5, 30.0])
+@pytest.mark.parametrize("degrees", [pytest.param(1.0, marks=pytest.mark.slow), 2.5, 30.0])
 def test_the_formulas_of_student_t_noise(degrees):
     """Against Lange, Little and Taylor (1989), appendix B, and scipy."""
     y, nu = jnp.linspace(-6.0, 6.0, 25), degrees
@@ -112,6 +112,7 @@ def test_normal_scores_are_normal():
     assert stats.kstest(STUDENT_T.normal_scores(numbers, 30.0), "norm").pvalue < 1e-6
 
 
+@pytest.mark.slow
 def test_nuisances_eliminated_slew_by_slew_are_those_of_the_whole_matrix():
     rng, shared, own, slews = np.random.default_rng(2), 2, 3, 4
     roots = rng.normal(size=(slews, 9, shared + own))

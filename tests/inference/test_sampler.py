@@ -26,6 +26,7 @@ from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.small_campaign import small_campaign
 
 
+@pytest.mark.slow
 def test_one_seed_gives_the_same_bytes_whatever_the_threads_and_another_seed_does_not(
     small_at, tmp_path
 ):
@@ -120,7 +121,7 @@ def test_a_second_campaign_of_another_length_compiles_nothing(
     assert compiled_by(lambda: jax.jit(lambda x: 3.0 * x + 1.0)(1.0)) != []
 
 
-@pytest.mark.parametrize("slews", [2, 4])
+@pytest.mark.parametrize("slews", [2, pytest.param(4, marks=pytest.mark.slow)])
 def test_programs_of_one_slew_serve_campaigns_of_any_number(flying, setup_type, small_at, slews):
     setup = setup_type()
     turns = (*setup.turns, setup.turns[0])[:slews]
@@ -184,6 +185,7 @@ def test_predicted_rates_have_the_noise_that_the_likelihood_counts(small_flown):
     np.testing.assert_allclose(spread, np.diag(covariance), rtol=0.1)
 
 
+@pytest.mark.slow
 def test_predicted_telemetry_is_held_once_and_a_part_of_it_again(small_at):
     chains = sample(small_at, SHORT)
     predicted_telemetry(small_at, chains, np.random.default_rng(1))  # Compiled.

@@ -161,6 +161,7 @@ def test_programs_are_counted_and_forgotten(folder):
     assert program.program._cache_size() == 0
 
 
+@pytest.mark.slow
 def test_a_loaded_program_finds_lapack(tmp_path):
     command = [sys.executable, "-c", FACTOR, str(tmp_path)]
     said = [subprocess.run(command, capture_output=True, text=True).stdout for _ in range(2)]

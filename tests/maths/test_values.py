@@ -131,6 +131,7 @@ def test_replacing_one_field_shares_the_other_arrays():
     assert dataclasses.replace(slew, name="b").rate is slew.rate
 
 
+@pytest.mark.slow
 @array_dataclass
 class Holder:
     """What a field may hold."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 from support.effects import REST, J, effect_of, state_of
 
@@ -56,6 +57,7 @@ def test_gravity_gradient_is_the_differential_gravity_of_point_masses():
     np.testing.assert_allclose(torque, np.cross(arms, force).sum(0), rtol=1e-5, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_viscous_torque_decays_the_rate_exponentially():
     slew = idle_slew(np.arange(41.0), 0)
     effect = effect_of("viscous_torque")

@@ -119,6 +119,7 @@ def residuals_at(model, theta):
     return dict(zip([c.name for c in model.channels], map(np.asarray, found), strict=True))
 
 
+@pytest.mark.slow
 def test_a_further_sensor_is_a_further_instance(flown, more):
     model = Model(more)
     names = [f"second.{kind}{axis}" for kind in ("K", "bias") for axis in (1, 2, 3)]
@@ -134,6 +135,7 @@ def test_a_further_sensor_is_a_further_instance(flown, more):
     assert np.abs(wrong["second"]).max() > 1.0
 
 
+@pytest.mark.slow
 def test_impossible_readings_of_a_further_sensor_are_masked(more):
     slew = more.slews[1]
     wild = slew.more["second"].copy()

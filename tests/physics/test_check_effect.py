@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from support.effects import thrown_body
+from support.marks import LIKE_ANOTHER
 
 import bayes_inertia as bi
 from bayes_inertia.errors import EffectError
@@ -224,12 +225,12 @@ class NotADataclass(Torque):
     ("effect", "words"),
     [
         pytest.param(NotANoOp(), "at its null values it changes", marks=pytest.mark.slow),
-        (Impure(), "pure"),
-        (NotFinite(), "telemetry is not finite"),
+        pytest.param(Impure(), "pure", marks=pytest.mark.slow),
+        pytest.param(NotFinite(), "telemetry is not finite", marks=pytest.mark.slow),
         pytest.param(
             DerivativeNotFinite(),
             "a derivative is not finite at its null",
-            marks=(pytest.mark.slow, pytest.mark.long),
+            marks=LIKE_ANOTHER,
         ),
         (DoubledName(), "'torque_x'.*used twice"),
         (Degrees(), "not in SI units"),
@@ -237,7 +238,7 @@ class NotADataclass(Torque):
         pytest.param(
             NoFingerprint(),
             "torque_z changes nothing",
-            marks=(pytest.mark.slow, pytest.mark.long),
+            marks=LIKE_ANOTHER,
         ),
         pytest.param(WrongDerivative(), "finite difference", marks=pytest.mark.slow),
         (BranchOnValue(), "TracerBoolConversionError"),

@@ -68,6 +68,7 @@ def test_an_external_torque_changes_momentum_by_its_integral(slew_of, test_torqu
     assert np.abs(gained).max() > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axes", WHEEL_SETS.values(), ids=WHEEL_SETS)
 def test_energy_is_conserved_without_torque_and_grows_by_the_motors_work(slew_of, axes):
     wheels, dt = axes.shape[1], 0.02
@@ -124,6 +125,7 @@ def test_locked_wheels_move_with_the_body_as_one_rigid_body_of_inertia_J_locked(
     assert np.abs(np.asarray(confused.rate_B - rigid.rate_B)).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_the_sign_of_the_quaternion_does_not_matter(slew_of, test_torque):
     time = np.arange(0.0, 20.0, 0.5)
     slew = slew_of(time, torques(len(time), 4), SKEWED, np.full(4, 0.02))
@@ -184,6 +186,7 @@ def test_another_inertial_frame_changes_no_body_quantity(slew_of):
     )
 
 
+@pytest.mark.slow
 def test_an_effect_that_does_nothing_changes_nothing(slew_of, test_torque):
     """The path that integrates all states against the one that integrates only the attitude,
     padding included.

@@ -3,6 +3,8 @@
 import ast
 from pathlib import Path
 
+import pytest
+
 import bayes_inertia
 from bayes_inertia.files import vocabulary
 
@@ -29,6 +31,7 @@ def test_each_rule_is_checked_and_each_check_has_its_words():
     assert [rule for rule in rules if f'"{rule}"' not in text] == []
 
 
+@pytest.mark.slow
 def test_words_of_a_rule_leave_nothing_open():
     for rule, told in rules_checked():
         if None not in told:  # `**told` names them elsewhere

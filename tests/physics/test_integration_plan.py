@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from support.high_rate import dense, thrown
+from support.marks import LIKE_ANOTHER
 from support.slews import SKEWED, J, start_with
 
 import bayes_inertia
@@ -88,9 +89,7 @@ def errors(monkeypatch, campaign, effects=(), drive=None, parts=1) -> tuple[int,
     ("campaign", "drive"),
     [
         pytest.param(read_campaign(EXAMPLE), "commanded", marks=pytest.mark.long),
-        pytest.param(
-            read_campaign(EXAMPLE), "measured", marks=(pytest.mark.slow, pytest.mark.long)
-        ),
+        pytest.param(read_campaign(EXAMPLE), "measured", marks=LIKE_ANOTHER),
         pytest.param(thrown(), "measured", marks=pytest.mark.long),
         (dense(), "commanded"),
     ],
@@ -143,9 +142,7 @@ def test_effects_are_integrated_as_well(monkeypatch, effects, drive):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "drive", ["commanded", pytest.param("measured", marks=(pytest.mark.slow, pytest.mark.long))]
-)
+@pytest.mark.parametrize("drive", ["commanded", pytest.param("measured", marks=LIKE_ANOTHER)])
 def test_steps_and_rows_within_them_are_of_sixth_order(slew_of, drive):
     """Smooth drive; errors at all rows, those within steps too."""
     time, wheels = np.arange(0.0, 48.0, 0.125), 4

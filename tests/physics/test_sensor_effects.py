@@ -87,6 +87,7 @@ def test_rate_sensor_delay_shifts_a_sine(tau):
     np.testing.assert_allclose(seen[inside], expected[inside], atol=0.05**2 / 8 * 1.1)
 
 
+@pytest.mark.slow
 def test_rate_sensor_delay_follows_the_bend_of_a_free_motion():
     time = 0.05 * np.arange(200)
     context, path = path_of(np.stack([np.sin(4.0 * time)] * 3, -1), step=0.05)

@@ -57,6 +57,7 @@ def test_the_finest_of_all_gyros_judges_lines_between_slow_readings(slow):
     assert free_momentum(both) is not None
 
 
+@pytest.mark.slow
 def test_momentum_is_free_between_slow_readings_only(slow):
     free = free_momentum(slow)
     assert free is not None
@@ -70,6 +71,7 @@ def test_momentum_is_free_between_slow_readings_only(slow):
     assert np.abs(shapes).max() >= 1.0 - 1e-9
 
 
+@pytest.mark.slow
 def test_fast_tachometers_are_left_as_they_are(slow):
     rng = np.random.default_rng(1)
     fast = tuple(

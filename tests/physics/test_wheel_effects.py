@@ -56,6 +56,7 @@ def test_wheel_command_lag_is_the_exponential_response(tau):
     assert np.isfinite(mean).all()
 
 
+@pytest.mark.slow
 def test_wheel_command_lag_has_its_limit_and_derivative_at_zero():
     torque = jnp.array([[0.0], [3e-3], [3e-3], [-2e-3], [0.0]])
     slew = idle_slew(0.25 * np.arange(5), wheel_axes_B=np.eye(3)[:, :1], torque=torque).context
@@ -72,6 +73,7 @@ def test_wheel_command_lag_has_its_limit_and_derivative_at_zero():
     )
 
 
+@pytest.mark.slow
 def test_wheel_misalignment_tilts_to_unit_axes_by_the_angles_given():
     axes = np.array([[1.0, 0.0, 0.6], [0.0, 1.0, 0.64], [0.0, 0.0, 0.48]])
     slew = idle_slew([0.0, 1.0], wheel_axes_B=axes, spin_inertia=np.full(3, 1e-3)).context

@@ -239,7 +239,14 @@ def posteriors() -> dict[str, Posterior]:
 @pytest.fixture(scope="session")
 def pages(posteriors) -> dict[str, str]:
     """Their reports."""
-    return {kind: render(posterior) for kind, posterior in posteriors.items()}
+
+    class Drawn(dict):
+        """Each is drawn when a test first asks for it: a page takes seconds."""
+
+        def __missing__(self, kind):
+            return self.setdefault(kind, render(posteriors[kind]))
+
+    return Drawn()
 
 
 @pytest.fixture

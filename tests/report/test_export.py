@@ -74,6 +74,7 @@ def hostile(result):
     return replace(result, campaign=name, parameters=result.parameters[:9] + rows)
 
 
+@pytest.mark.slow
 def test_both_tensors_differ_by_the_wheels_spin(result):
     wheels = read_campaign(EXAMPLE).wheels
     spin = sum(w.spin_inertia * np.outer(w.axis_B, w.axis_B) for w in wheels)

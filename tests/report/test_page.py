@@ -63,6 +63,7 @@ def test_the_verdict_in_one_sentence_stands_first(pages, posteriors):
     assert first.startswith(f"Trusted {verdict_sentence(summary)}")
 
 
+@pytest.mark.slow
 def test_rendering_again_gives_the_same_bytes(made, pages, tmp_path):
     path = write_report(made("good"), tmp_path / "report.html")
     assert path.read_text(encoding="utf-8") == pages["good"]

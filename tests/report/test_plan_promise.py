@@ -99,7 +99,9 @@ OTHER = {
 }
 
 
-@pytest.mark.parametrize("other", OTHER)
+@pytest.mark.parametrize(
+    "other", ["fewer", *(pytest.param(n, marks=pytest.mark.slow) for n in [*OTHER][1:])]
+)
 def test_a_plan_of_other_slews_is_refused(finished, capsys, other):
     plan, says = OTHER[other]
     write_plan(plan, finished / "other.toml")

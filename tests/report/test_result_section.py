@@ -101,6 +101,7 @@ def test_a_bound_stands_once_below_the_verdict_with_its_condition_and_unit(made)
     assert page.index('class="sentence') < page.index(said) < page.index('class="matrices')
 
 
+@pytest.mark.slow
 def test_the_head_says_where_a_result_comes_from_and_leaves_out_what_is_not_known(made):
     mission = {"name": "MOST", "operator": "an <operator>", "document": "AOCS-12"}
     facts = page_facts(mission, sha256="0123456789abcdef", version="0.5.0")
@@ -133,6 +134,7 @@ def test_of_a_tensor_without_a_size_only_ratios_are_said(posteriors):
     assert not set(ELEMENTS) & {name for names in groups.values() for name in names}
 
 
+@pytest.mark.slow
 def test_the_page_of_a_refused_fit_says_that_it_may_determine_nothing(made):
     said = "would hold if the fit could be trusted"
     pages = {

@@ -113,6 +113,7 @@ def test_two_runs_make_a_page(folders, capsys):
     assert content["sentence"] in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.slow
 def test_no_other_file_is_overwritten(folders, capsys):
     other = folders / "notes.html"
     other.write_text("mine")
@@ -137,6 +138,7 @@ def test_what_is_no_run_is_refused(folders, capsys, first, second, says):
     assert says in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_free_body_is_compared_by_its_ratios(made, folders):
     """Nothing ties the size of J: its elements have no sd to count in, their ratios have."""
     free = made("good")
@@ -152,6 +154,7 @@ def test_a_free_body_is_compared_by_its_ratios(made, folders):
     assert "Jxx/trace" in comparison_page(comparison)
 
 
+@pytest.mark.slow
 def test_runs_that_differ_by_a_former_result_say_so(made, tmp_path):
     known = {"names": ["Jxx"], "mean": [3.3], "covariance": [[1e-4]]}
     for name, prior in (("a", None), ("b", prior_from_json(known, "prior"))):
@@ -162,6 +165,7 @@ def test_runs_that_differ_by_a_former_result_say_so(made, tmp_path):
     assert differing[0][1] == "the campaign's"
 
 
+@pytest.mark.slow
 def test_the_page_tells_nothing_of_wheels_that_neither_spacecraft_has(made, folders):
     for name in ("before", "after"):
         free = made("good")

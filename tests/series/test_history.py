@@ -131,6 +131,7 @@ def test_best_first_search_finds_what_enumeration_finds(series):
     assert found.probability[0] == pytest.approx(probability.max(), abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_jump_of_one_per_cent_is_dated_and_sized(series):
     """Of fifteen series, with three K, none or two, none is missed; `analyses` has a hundred."""
     dated, off = 0, []

@@ -43,6 +43,7 @@ def test_the_band_holds_what_it_says():
         assert probability_inside(100, STUDIES_LIMITS.ranked_draws, width - 0.01) <= level
 
 
+@pytest.mark.slow
 def test_uniform_ranks_are_rejected_as_rarely_as_the_p_value_says():
     trials = 200
     p = np.array(

@@ -264,7 +264,7 @@ def test_a_plain_script_reads_arrays_without_a_main_guard(tmp_path):
     assert done.stdout == "10.0\n"
 
 
-@pytest.mark.parametrize("suffix", [".h5", ".nc", ".mat"])
+@pytest.mark.parametrize("suffix", [".h5", pytest.param(".nc", marks=pytest.mark.slow), ".mat"])
 def test_a_file_that_its_writer_holds_says_so(tmp_path, suffix, monkeypatch):
     file = tmp_path / f"log{suffix}"
     with h5py.File(file, "w") as store:

@@ -126,7 +126,7 @@ def _slew_row(slew: Slew, turning: Slew) -> dict[str, Any]:
     return {
         "name": slew.name,
         "rows": len(slew.time),
-        "step_s": float(np.median(slew.rate_steps)),
+        "step_s": slew.rate_step,
         "duration_s": float(slew.duration),
         "peak_rate_radps": float(np.linalg.norm(rates, axis=1).max()) if len(rates) else None,
         "fixes": int(slew.fixes.sum()),
