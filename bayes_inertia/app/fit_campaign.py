@@ -49,6 +49,7 @@ def fit(
     alternatives: Sequence[AlternativeParameters] = (),
     as_stated: bool = False,
     noise: NoiseModel | None = None,
+    predict: bool = True,
     progress: Progress | bool | None = None,
 ) -> Posterior:
     """Estimate J, K and the parameters of active effects, and sample their posterior.
@@ -75,6 +76,9 @@ def fit(
         Take telemetry and noise as they are stated: leave no outlier out, measure no noise.
     noise : NoiseModel or None
         The noise of each channel; None for Gaussian noise of the stated sigma.
+    predict : bool
+        False leaves out the groups `posterior_predictive` and `log_likelihood_reading`: an eighth
+        of the time, where J and K are wanted and no picture of telemetry.
     progress : bool or callable, optional
         True for a bar; or called with (stage, done, of), `of` 0 where a stage is not counted.
 
@@ -109,8 +113,10 @@ def fit(
     say("fitting", 0, 0)
     estimate, context = settled_estimate(model, settings.seed, as_stated, context, say)
     samples = sample(estimate, settings, folder=chains, progress=say)
-    say("predicting the telemetry", 0, 0)
-    posterior = build_posterior(estimate, samples, context or FitContext(), settings.seed)
+    if predict:
+        say("predicting the telemetry", 0, 0)
+    context = context or FitContext()
+    posterior = build_posterior(estimate, samples, context, settings.seed, predict)
     if posterior.trusted and not alternatives:
         say("bounding what could hide", 0, 0)
         # An effect too weak to be found may act: J and K, and the sd to quote, count it.

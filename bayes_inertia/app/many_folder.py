@@ -83,6 +83,7 @@ class CampaignFit:
             settings=replace(self.settings, seed=number),
             context=FitContext(digest),
             as_stated=self.as_stated,
+            predict=False,
         )
         head = {"campaign": name, "sha256": digest, "seed": number}
         return head | _row_of(posterior.summary())

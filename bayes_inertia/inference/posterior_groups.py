@@ -60,19 +60,21 @@ _log_prior = jax.jit(log_prior)
 
 
 def build_posterior(
-    estimate: Estimate, chains: Chains, context: FitContext, seed: int
+    estimate: Estimate, chains: Chains, context: FitContext, seed: int, predict: bool = True
 ) -> Posterior:
     """Assemble the result of an estimate and its samples.
 
     `context`: where the fit comes from: what a diagnosis said before changes the gates and their
-    words. `seed`: of the draws of prior, nuisances and predicted noise.
+    words. `seed`: of the draws of prior, nuisances and predicted noise. `predict`: whether to
+    predict the telemetry.
     """
+    import xarray as xr
     from arviz_base import from_dict
 
     rng = np.random.default_rng([seed, 1])
     campaign, space = estimate.model.campaign, estimate.model.space
     groups = _sampled(estimate, chains, rng, [seed, 6])
-    predicted, pointwise = predicted_telemetry(estimate, chains, rng)
+    predicted, pointwise = predicted_telemetry(estimate, chains, rng) if predict else ({}, {})
     observed, constant = _observed(estimate)
     groups |= {
         "posterior_predictive": predicted,
@@ -96,6 +98,9 @@ def build_posterior(
             coords[f"{effect.name}_component"] = list(named if len(named) == n else range(1, n + 1))
     # ArviZ takes the first axis for chains, and a group without any for none.
     tree = from_dict({k: v for k, v in groups.items() if v}, dims=dimensions, coords=coords)
+    if not predict:
+        # The report asks what is in them.
+        tree["posterior_predictive"] = tree["log_likelihood_reading"] = xr.DataTree()
     tree["estimate"] = _estimate_group(estimate)
     _write_units(tree, dict(zip(space.names, space.units, strict=True)), estimate.model.channels)
     for effect in drawable(estimate):
