@@ -365,7 +365,7 @@ def model_of(source: Campaign | Model | Estimate, **asked: Any) -> Model:
         raise CampaignError(
             f"a {type(source).__name__} was given",
             where="first argument",
-            advice="give a Campaign, or a Model or an Estimate of one",
+            advice="give a Campaign (read_campaign reads one), or a Model or an Estimate of one",
         )
     own = {"effects": source.effects, "drive": source.drive, "noise": source.noise}
     return source if own | asked == own else Model(source.campaign, **own | asked)

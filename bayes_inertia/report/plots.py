@@ -39,8 +39,14 @@ _INPUTS = {
 def _on_axes[**P](plot: Callable[P, Axes]) -> Callable[P, Axes]:
     """A plot in the package's style; without `ax` on a figure of its own, of pyplot."""
 
+    first, wanted = next(iter(plot.__annotations__.items()))
+
     @wraps(plot)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> Axes:
+        shown = args[0] if args else kwargs.get(first)
+        if wanted not in [kind.__name__ for kind in type(shown).__mro__]:
+            what = f"a {type(shown).__name__} was given"
+            raise SettingsError(what, where=first, advice=f"give a {wanted}")
         with rc_context(style.RC):
             if kwargs.get("ax") is None:
                 from matplotlib import pyplot

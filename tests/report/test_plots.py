@@ -7,7 +7,7 @@ from matplotlib import pyplot, rcParams
 from matplotlib.figure import Figure
 
 import bayes_inertia as bi
-from bayes_inertia.diagnosis.result import Candidate
+from bayes_inertia.diagnosis.result import Candidate, Diagnosis
 from bayes_inertia.observability.analysis import observe
 from bayes_inertia.physics.small_campaign import small_campaign
 from bayes_inertia.report.plots import plot_candidates
@@ -60,7 +60,10 @@ def test_telemetry_and_observability_are_drawn_before_any_fit():
 
 
 def test_candidates_are_drawn_without_a_report():
-    class Found:
+    class Found(Diagnosis):
+        def __init__(self):
+            """Of a diagnosis nothing but what is drawn."""
+
         candidates = (Candidate("rate_bias", 3, 40.0, 1e-8, 15.0),)
         threshold, named = 0.05, ("rate_bias",)
 
@@ -90,3 +93,9 @@ def test_numbers_from_0_may_stand_for_names_also_those_of_numpy(posteriors):
 def test_what_is_not_there_is_said(posteriors, name, settings, says):
     with pytest.raises(bi.SettingsError, match=says):
         getattr(bi, name)(posteriors["good"], **settings, ax=Figure().subplots())
+
+
+@pytest.mark.parametrize("name", [name for name in dir(bi) if name.startswith("plot_")])
+def test_what_a_plot_cannot_show_is_said(name):
+    with pytest.raises(bi.errors.SettingsError, match=r"a Campaign was given; give a [A-Z]"):
+        getattr(bi, name)(small_campaign(), *([0] if name == "plot_prior" else []))
