@@ -165,9 +165,11 @@ def roots_at(model: Model, shape: float) -> list[CandidateRoots]:
     slews, found = model.data.contexts, []
     blocks = iter(prior_roots(model.structure, theta, slews))
     active = model.structure.active_effects(jnp.asarray(theta))
-    # Devices of the campaign, which have no coefficients, stand before them.
-    for (effect, p), n in zip(active, model.structure.coefficients, strict=False):
-        if not (n and isinstance(effect, StochasticEffect)):
+    # Devices of the campaign, which have no coefficients, stand before them, and the noise of what
+    # they are told, such as gimbal angles, behind.
+    own = {effect.name for effect in model.effects}
+    for effect, p in active:
+        if effect.name not in own or not isinstance(effect, StochasticEffect):
             continue
         across, root = effect.covariance_across_slews(p, slews), None
         if across is not None:

@@ -11,7 +11,12 @@ from support.other_spacecraft import by_rotors, by_thrusters, gyroless, two_axes
 from bayes_inertia.diagnosis.hypothesis_table import log_evidence_of_random
 from bayes_inertia.diagnosis.limits import LIMITS, Rules
 from bayes_inertia.diagnosis.linear_system import linear_model
-from bayes_inertia.diagnosis.random_signals import STOCHASTIC_CANDIDATES, random_members, usable
+from bayes_inertia.diagnosis.random_signals import (
+    STOCHASTIC_CANDIDATES,
+    random_members,
+    roots_at,
+    usable,
+)
 from bayes_inertia.diagnosis.score_test import random_candidates, with_p_values
 from bayes_inertia.diagnosis.table_search import with_stochastic, without_effects
 from bayes_inertia.diagnosis.torque_response import coefficient_columns, torque_response
@@ -255,7 +260,10 @@ def test_random_candidates_are_those_that_the_spacecraft_can_have(kind):
     """Without star tracker none of it: a diagnosis ended with the error that such a fit has."""
     model = Model(kind())
     found = usable(STOCHASTIC_CANDIDATES, model, 99)
-    assert Model(model.campaign, found, model.structure.drive).effects == found
+    beside = Model(model.campaign, found, model.structure.drive)
+    assert beside.effects == found
+    # The noise of gimbal angles is random too, and no candidate.
+    assert len(roots_at(beside, 0.0)) == len(found)
     of_gyro = {"rate_random_walk", "rate_bias_instability", "rate_bias_slew_drift"}
     of_tracker = {"star_tracker_low_frequency"} if kind is not two_axes_and_vectors else set()
     names = {effect.name for effect in found}
