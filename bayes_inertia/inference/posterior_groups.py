@@ -82,13 +82,7 @@ def build_posterior(
         "observed_data": observed,
         "constant_data": constant,
     }
-    coords: dict[str, Any] = {
-        "slew": [s.name for s in campaign.slews],
-        "wheel": [w.name for w in campaign.wheels],
-        "axis": [1, 2, 3],
-        "left_out": [s.name for s in campaign.slews],
-    }
-    dimensions = _dimensions(estimate.model.channels)
+    coords, dimensions = _coordinates(campaign), _dimensions(estimate.model.channels)
     if signals := stochastic_signals(estimate, chains, np.random.default_rng([seed, 2])):
         groups["signal"] = signals
         constant["signal_time"] = signal_times(estimate)
@@ -111,6 +105,13 @@ def build_posterior(
         attributes["mission"] = dict(campaign.mission)
     tree.attrs = {"format": FORMAT, "bayes_inertia": json.dumps(attributes)}
     return Posterior(tree)
+
+
+def _coordinates(campaign: Campaign) -> dict[str, Any]:
+    """What stands along the axes that have names."""
+    slews = [s.name for s in campaign.slews]
+    wheels = [w.name for w in campaign.wheels]
+    return {"slew": slews, "wheel": wheels, "axis": [1, 2, 3], "left_out": slews}
 
 
 def _dimensions(channels: tuple[Channel, ...]) -> dict[str, list[str]]:
