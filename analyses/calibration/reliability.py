@@ -198,6 +198,8 @@ def of_prior_section(bins: Sequence[Bin], count: int) -> list[str]:
         "(`prior_campaigns.py`).",
         "They are fewer than planned. The study was stopped in a campaign with a strong random "
         "torque, which the other simulator flew for minutes: strong ones may be too rare here.",
+        "They were judged by the search before the table of hypotheses; more campaigns, judged by "
+        "it, are in [table](../naming/table.md).",
         "",
         *table(bins),
         "",

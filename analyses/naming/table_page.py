@@ -163,11 +163,6 @@ def _probabilities(rows: Sequence[Row]) -> list[str]:
     """Stated probabilities of hypotheses, and how many are true."""
     if not rows:
         return []
-    told = [
-        {"p": p, "true": _is_true(row, kind, effects)}
-        for row in rows
-        for kind, effects, p, _ in row["rows"]
-    ]
     lines = [
         "",
         "## Stated probabilities",
@@ -178,15 +173,24 @@ def _probabilities(rows: Sequence[Row]) -> list[str]:
         "| stated | mean | true |",
         "|---|---|---|",
     ]
-    for low, high in pairwise(_BINS):
-        some = [x for x in told if low <= x["p"] < high]
-        if some:
-            mean = np.mean([x["p"] for x in some])
-            lines.append(
-                f"| {low:.0%} to {min(high, 1.0):.0%} | {mean:.0%} |"
-                f" {share(some, lambda x: x['true'])} |"
-            )
+    for low, high, some in by_probability(rows):
+        mean = np.mean([x["p"] for x in some])
+        lines.append(
+            f"| {low:.0%} to {min(high, 1.0):.0%} | {mean:.0%} |"
+            f" {share(some, lambda x: x['true'])} |"
+        )
     return lines
+
+
+def by_probability(rows: Sequence[Row]) -> list[tuple[float, float, list[Row]]]:
+    """From, to, and hypotheses of such a probability `p`, with `true`; empty ones left out."""
+    told = [
+        {"p": p, "true": _is_true(row, kind, effects)}
+        for row in rows
+        for kind, effects, p, _ in row["rows"]
+    ]
+    bins = [(low, high, [x for x in told if low <= x["p"] < high]) for low, high in pairwise(_BINS)]
+    return [each for each in bins if each[2]]
 
 
 def _covered(z: np.ndarray) -> str:

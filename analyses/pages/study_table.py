@@ -97,6 +97,14 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
             "formulas",
         ),
         (
+            "The same, just as strong as that test finds",
+            "too weak as a rule: of {formulas_once.laws} laws the formula is named in "
+            "{formulas_once.named}, listed beside other answers in {formulas_once.listed}; nothing "
+            "is found in {formulas_once.missed}; a wrong formula is named in "
+            "{formulas_once.wrong}, effects that imitate the law in {formulas_once.imitated}",
+            "formulas",
+        ),
+        (
             "An effect 3, 10 and 30 times as strong whose shape differs a little (a delay for a "
             "lag, friction with a dip, a tilted field, a gain that drifts)",
             "the right name is named or in the set in {nearly.right} of {nearly.campaigns} "
@@ -130,12 +138,18 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
         ),
         (
             "Are stated probabilities true?",
-            "cautious: {reliability.others_1_true} % of {reliability.others_1_count} answers "
-            "stated at {reliability.others_1_stated} % are true, {reliability.others_2_true} % of "
-            "{reliability.others_2_count} stated at {reliability.others_2_stated} %. In "
-            "{reliability.prior} campaigns drawn from the prior that they assume: "
-            "{reliability.prior_1_true} % of {reliability.prior_1_count} and "
-            "{reliability.prior_2_true} % of {reliability.prior_2_count}",
+            "in {reliability.prior} campaigns drawn from the prior that they assume: "
+            "{reliability.prior_1_true} % of {reliability.prior_1_count} answers stated at "
+            "{reliability.prior_1_stated} % are true, {reliability.prior_2_true} % of "
+            "{reliability.prior_2_count} stated at {reliability.prior_2_stated} %",
+            "table",
+        ),
+        (
+            "The same where effects are larger than that prior has them",
+            "cautious, by the search before the table: {reliability.others_1_true} % of "
+            "{reliability.others_1_count} answers stated at {reliability.others_1_stated} % are "
+            "true, {reliability.others_2_true} % of {reliability.others_2_count} stated at "
+            "{reliability.others_2_stated} %",
             "reliability",
         ),
         (
