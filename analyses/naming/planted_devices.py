@@ -48,6 +48,11 @@ def late(table: Table, tau: np.ndarray) -> Table:
     return np.column_stack([table[:, 0] + tau[0], table[:, 1:]])
 
 
+def early(table: Table, tau: np.ndarray) -> Table:
+    """What is told a time `tau` before it acts."""
+    return np.column_stack([table[:, 0] - tau[0], table[:, 1:]])
+
+
 def too_weak(table: Table, gain: np.ndarray) -> Table:
     """Commands smaller than what acted by a factor."""
     return np.column_stack([table[:, 0], table[:, 1:] / (1.0 + gain[0])])
@@ -105,7 +110,7 @@ PLANTED = (
     Planted("gyro_2axis", "gyro", late, "rate_sensor_delay"),
     Planted("tracker_in_slew", "gyro", turned, "rate_sensor_misalignment"),
     Planted("pyramid", "gyro", turned, "rate_sensor_misalignment"),
-    Planted("cmg", "gimbal", late, "delay[cluster]"),
+    Planted("cmg", "gimbal", early, "delay[cluster]"),
 )
 
 
