@@ -59,6 +59,7 @@ def test_what_differs_from_slew_to_slew_is_drawn_from_its_prior_in_the_next_slew
     assert forecast.expected[1] > 2.0 * forecast.promised[1]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_wheels_about_two_axes_turn_no_body_anywhere(clean):
     found = estimate(Model(clean), starts=1)

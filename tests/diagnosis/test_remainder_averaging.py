@@ -47,6 +47,7 @@ def test_what_no_candidate_explains_is_averaged_over_free_shapes(pumped, pumped_
     assert next_fit_from(content | {"fitted": [], "alternatives": []}).effects == REMAINDERS
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_what_is_named_is_not_averaged_and_imitations_give_way_to_free_shapes(lagging):
     assert FREE_SHAPES not in {row.effect for row in alternatives_of(lagging)}

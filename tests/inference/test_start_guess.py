@@ -104,6 +104,7 @@ def _tumble(seed=3):
     return Campaign("tumble", prior, (), sensor, StarTracker((0, 0, 1), 2e-5, 1e-4), slews), J
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_every_start_finds_the_optimum_of_a_body_that_nothing_turns():
     campaign, J = _tumble()
