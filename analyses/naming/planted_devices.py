@@ -50,7 +50,7 @@ def late(table: Table, tau: np.ndarray) -> Table:
 
 def early(table: Table, tau: np.ndarray) -> Table:
     """What is told a time `tau` before it acts."""
-    return np.column_stack([table[:, 0] - tau[0], table[:, 1:]])
+    return late(table, -tau)
 
 
 def too_weak(table: Table, gain: np.ndarray) -> Table:

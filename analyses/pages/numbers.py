@@ -15,7 +15,7 @@ import pandas as pd
 
 from analyses import results_of
 from analyses.calibration.quoted_sd_page import CANDIDATES, held
-from analyses.calibration.reliability import campaign_of, reliability
+from analyses.calibration.reliability import Bin, campaign_of, reliability
 from analyses.calibration.unmodelled_disturbance_page import coverage_of
 from analyses.data_quality.page import wrong as trusted_and_wrong
 from analyses.design.cross_terms_cases import CRAFT, RATES
@@ -185,14 +185,15 @@ def probabilities() -> Iterator[tuple[str, str]]:
     others = [campaign_of(row) for row in stated if row["kind"] != "prior"]
     yield "reliability.prior", f"{len(prior)}"
     yield "reliability.others", f"{len(others):,}"
-    for k, part in enumerate(reversed(reliability(others)[-3:])):
-        yield f"reliability.others_{k}_stated", percent(part.stated)
-        yield f"reliability.others_{k}_count", f"{part.count}"
-        yield f"reliability.others_{k}_true", percent(part.share)
-    for k, (_, _, some) in enumerate(reversed(table_page.by_probability(prior)[-3:])):
-        yield f"reliability.prior_{k}_stated", percent(np.mean([x["p"] for x in some]))
-        yield f"reliability.prior_{k}_count", f"{len(some)}"
-        yield f"reliability.prior_{k}_true", percent(np.mean([x["true"] for x in some]))
+    of_table = [
+        Bin(len(some), float(np.mean([x["p"] for x in some])), sum(x["true"] for x in some))
+        for _, _, some in table_page.by_probability(prior)
+    ]
+    for name, bins in (("prior", of_table), ("others", reliability(others))):
+        for k, part in enumerate(reversed(bins[-3:])):
+            yield f"reliability.{name}_{k}_stated", percent(part.stated)
+            yield f"reliability.{name}_{k}_count", f"{part.count}"
+            yield f"reliability.{name}_{k}_true", percent(part.share)
 
 
 def unexplained() -> Iterator[tuple[str, str]]:

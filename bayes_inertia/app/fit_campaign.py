@@ -77,7 +77,7 @@ def fit(
     noise : NoiseModel or None
         The noise of each channel; None for Gaussian noise of the stated sigma.
     predict : bool
-        False leaves out the groups `posterior_predictive` and `log_likelihood_reading`: an eighth
+        False leaves out the groups `posterior_predictive` and `log_likelihood_reading`: a tenth
         of the time, where J and K are wanted and no picture of telemetry.
     progress : bool or callable, optional
         True for a bar; or called with (stage, done, of), `of` 0 where a stage is not counted.

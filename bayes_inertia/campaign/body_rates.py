@@ -148,8 +148,7 @@ def _by_wheels(campaign: Campaign, slew: Slew) -> np.ndarray:
     # J w' = H x w - h', with the total momentum H in the middle of each step.
     rate_B = np.zeros((len(time), 3))
     middle_B, gained_B = 0.5 * (stored_B[:-1] + stored_B[1:]), np.diff(stored_B, axis=0)
-    half_steps = 0.5 * np.diff(time)
-    for k, half_step in enumerate(half_steps):
+    for k, half_step in enumerate(0.5 * np.diff(time)):
         x, y, z = (half_step * (middle_B[k] + inertia @ rate_B[k])).tolist()
         half = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
         change = (inertia + half) @ rate_B[k] - gained_B[k]

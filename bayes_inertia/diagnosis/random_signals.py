@@ -163,19 +163,15 @@ def roots_at(model: Model, shape: float) -> list[CandidateRoots]:
         part = model.space.slice_of(effect.name)
         theta[part] = parameters_at(model, effect, 1.0, shape)
     slews, found = model.data.contexts, []
-    blocks = iter(prior_roots(model.structure, theta, slews))
     active = model.structure.active_effects(jnp.asarray(theta))
-    # Devices of the campaign, which have no coefficients, stand before them, and the noise of what
-    # they are told, such as gimbal angles, behind.
-    own = {effect.name for effect in model.effects}
-    for effect, p in active:
-        if effect.name not in own or not isinstance(effect, StochasticEffect):
-            continue
-        across, root = effect.covariance_across_slews(p, slews), None
+    own = (effect for effect in model.effects if isinstance(effect, StochasticEffect))
+    # Behind theirs stand the roots of the noise of what devices are told, such as gimbal angles.
+    for effect, blocks in zip(own, prior_roots(model.structure, theta, slews), strict=False):
+        across, root = effect.covariance_across_slews(active.of(effect), slews), None
         if across is not None:
             floor = LIMITS.jitter * np.trace(across) / len(across)
             root = np.linalg.cholesky(np.asarray(across) + floor * np.eye(len(across)))
-        found.append(CandidateRoots(np.asarray(next(blocks)), root))
+        found.append(CandidateRoots(np.asarray(blocks), root))
     return found
 
 

@@ -38,7 +38,7 @@ _INPUTS = {
 
 def _on_axes[**P](plot: Callable[P, Axes]) -> Callable[P, Axes]:
     """A plot in the package's style; without `ax` on a figure of its own, of pyplot."""
-
+    # What each plot shows is the annotation of its first parameter.
     first, wanted = next(iter(plot.__annotations__.items()))
 
     @wraps(plot)

@@ -140,8 +140,8 @@ def n_slews(posterior: Posterior) -> int:
 
 def n_ensembles(posterior: Posterior) -> int:
     """Number of independent ensembles (chains are ordered by ensemble)."""
-    sizes = {**posterior.tree["posterior"].sizes, **posterior.tree["posterior_predictive"].sizes}
-    return int(sizes["chain"])
+    sampled, predicted = posterior.tree["posterior"], posterior.tree["posterior_predictive"]
+    return int(predicted.sizes.get("chain", sampled.sizes["chain"]))
 
 
 def worst_slews(posterior: Posterior, max_slews: int) -> list[int]:
