@@ -45,6 +45,7 @@ from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS
+from bayes_inertia.physics.named_effects import effects_named
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 from bayes_inertia.progress import Progress, as_callback, with_bar
@@ -95,7 +96,7 @@ def investigate(
     *,
     drive: Drive | None = None,
     seed: int = 0,
-    library: Sequence[Effect] = LIBRARY,
+    library: Sequence[Effect | str] = LIBRARY,
     rules: Rules | None = None,
     as_stated: bool = False,
     progress: Progress | bool | None = None,
@@ -110,7 +111,7 @@ def investigate(
         What drives the model; None for the campaign's best.
     seed : int
         Fixes everything.
-    library : sequence of Effect
+    library : sequence of Effect or str
         Candidates.
     rules : Rules or None
         Thresholds of the search; None for the usual ones.
@@ -174,14 +175,14 @@ def _unexplained(diagnosis: Diagnosis) -> UnexplainedSignal:
 
 
 def separating_slews(
-    diagnosis: Diagnosis, *, library: Sequence[Effect] = LIBRARY, seed: int = 0
+    diagnosis: Diagnosis, *, library: Sequence[Effect | str] = LIBRARY, seed: int = 0
 ) -> tuple[Separation, ...]:
     """For every ambiguous set the slew that best tells its first two apart, where there is one.
 
     `library`: where effects are looked up that the final model does not hold. Returns: none for a
     set without a feasible slew, or of effects that have states of their own or are stochastic.
     """
-    instances = {e.name: e for e in (*library, *diagnosis.final.model.effects)}
+    instances = {e.name: e for e in (*effects_named(library), *diagnosis.final.model.effects)}
     slews = []
     for first, second, *_ in diagnosis.ambiguous_with:
         if any(
@@ -243,7 +244,7 @@ def diagnose_and_fit(
     drive: Drive | None = None,
     seed: int | None = None,
     settings: Settings | None = None,
-    library: Sequence[Effect] = LIBRARY,
+    library: Sequence[Effect | str] = LIBRARY,
     rules: Rules | None = None,
     chains: Path | None = None,
     as_stated: bool = False,
@@ -261,7 +262,7 @@ def diagnose_and_fit(
         Fixes everything; None for the seed of `settings`.
     settings : Settings or None
         Of the sampler; None for 2,000 effective samples.
-    library : sequence of Effect
+    library : sequence of Effect or str
         Candidates; instances of your own may be among them.
     rules : Rules or None
         Thresholds of the search; None for the usual ones.

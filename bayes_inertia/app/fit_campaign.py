@@ -25,7 +25,7 @@ from bayes_inertia.inference.laplace import Estimate, model_of
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.posterior_groups import build_posterior
 from bayes_inertia.inference.sampler import sample
-from bayes_inertia.inference.settings import FitContext, Settings, usual_settings
+from bayes_inertia.inference.settings import FitContext, Settings, require_settings
 from bayes_inertia.inference.treatment import DirtTreatment
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.physics.channel_noise import NoiseModel
@@ -40,7 +40,7 @@ from bayes_inertia.progress import Progress, as_callback, with_bar
 def fit(
     campaign: Campaign | Model | Estimate,
     *,
-    effects: Sequence[Effect] = (),
+    effects: Sequence[Effect | str] = (),
     drive: Drive | None = None,
     seed: int | None = None,
     settings: Settings | None = None,
@@ -58,8 +58,8 @@ def fit(
     ----------
     campaign : Campaign, Model or Estimate
         What was flown; a model, or the model of an estimate, brings effects, drive and noise along.
-    effects : sequence of Effect
-        Physical effects to fit along.
+    effects : sequence of Effect or str
+        Physical effects to fit along, or their names as at the command line.
     drive : {"commanded", "measured"} or None
         What drives the model; None for torque commands where the campaign has them.
     seed : int or None
@@ -106,7 +106,7 @@ def fit(
     # ArviZ takes long to import. Its plots are not needed.
     import_in_background(["arviz_stats"])
     model = model_of(campaign, effects=effects, drive=drive, noise=noise)
-    settings = settings or usual_settings(model.effects)
+    settings = require_settings(settings, model.effects)
     if seed is not None:
         settings = replace(settings, seed=seed)
     say = as_callback(progress)

@@ -212,7 +212,7 @@ class LogDensity:
 def log_density(
     campaign: Campaign | Model | Estimate,
     *,
-    effects: Sequence[Effect] = (),
+    effects: Sequence[Effect | str] = (),
     drive: Drive | None = None,
     seed: int = 0,
     as_stated: bool = False,
@@ -225,7 +225,7 @@ def log_density(
     ----------
     campaign : Campaign, Model or Estimate
         What was flown; a model, or the model of an estimate, brings effects, drive and noise along.
-    effects : sequence of Effect, optional
+    effects : sequence of Effect or str, optional
         Physical effects to fit along.
     drive : {"commanded", "measured"}, optional
         What drives the model; None for torque commands where the campaign has them.

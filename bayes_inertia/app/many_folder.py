@@ -24,7 +24,12 @@ from bayes_inertia.inference.likelihood_summary import (
     product,
     summary_from_json,
 )
-from bayes_inertia.inference.settings import FitContext, Settings, usual_settings
+from bayes_inertia.inference.settings import (
+    FitContext,
+    Settings,
+    require_settings,
+    usual_settings,
+)
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.parameters import base_names
@@ -167,7 +172,7 @@ def fit_many(
     # Before hours of fits.
     library_of_extra("pyarrow", "parquet", where=str(out / "fits.parquet"), error=OutputError)
     names = pinned_names(effects)
-    settings = settings or usual_settings(effects_named(names))
+    settings = require_settings(settings, effects_named(names))
     settings = replace(settings, seed=seed, threads=1)
     options = {
         "effects": list(names),

@@ -41,8 +41,9 @@ from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.objective import marginal_information, prior_equations
 from bayes_inertia.maths.linear_algebra import canonical_correlation, inverse
-from bayes_inertia.physics.effect import Effect, require_effects
+from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.named_effects import effects_named
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ def separating_slew(
         a, b = effects_named(["wheel_command_lag", "wheel_torque_gain"])
         separation = separating_slew(estimate, a, b)
     """
-    a, b = require_effects((a, b))
+    a, b = effects_named((a, b))
     campaign = estimate.model.campaign
     mission = Mission.of(campaign)
     require_three_axes(mission.spacecraft, CampaignError)

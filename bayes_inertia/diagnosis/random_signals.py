@@ -33,12 +33,13 @@ from bayes_inertia.diagnosis.torque_response import PROGRAMS, TorqueResponse, co
 from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.marginal_posterior import prior_roots
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.effect import Effect, require_effects, require_of_effect
+from bayes_inertia.physics.effect import Effect, require_of_effect
 from bayes_inertia.physics.effects import REMAINDERS, STOCHASTIC
 from bayes_inertia.physics.effects.formula import PLACES
 from bayes_inertia.physics.effects.scales import sd_and_time
 from bayes_inertia.physics.effects.tachometer_noise_walk import TachometerNoiseWalk
 from bayes_inertia.physics.forward_model import Model, lacks
+from bayes_inertia.physics.named_effects import effects_named
 from bayes_inertia.physics.processes import Process
 from bayes_inertia.physics.stated_noise import stated_terms
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
@@ -67,17 +68,16 @@ STOCHASTIC_CANDIDATES: tuple[StochasticEffect, ...] = tuple(
 
 
 def candidate_kinds(
-    library: Sequence[Effect], stochastic: Sequence[Effect]
+    library: Sequence[Effect | str], stochastic: Sequence[Effect | str]
 ) -> tuple[tuple[Effect, ...], tuple[StochasticEffect, ...]]:
     """Candidates of a fixed shape, and those without one, whichever list they are given in."""
-    library, stochastic = require_effects(library), require_effects(stochastic)
-    every = (*stochastic, *library)
-    random = {e.name: e for e in every if isinstance(e, StochasticEffect)}
+    listed, more = effects_named(library), effects_named(stochastic)
+    random = {e.name: e for e in (*more, *listed) if isinstance(e, StochasticEffect)}
     for effect in random.values():
         what = "acts where no random candidate is looked for"
         advice = f"give one that acts through {', '.join(SOURCES)}, or fit it by its name"
         require_of_effect(any(map(effect.acts, SOURCES)), effect, what, advice)
-    fixed = (e for e in (*library, *stochastic) if not isinstance(e, StochasticEffect))
+    fixed = (e for e in (*listed, *more) if not isinstance(e, StochasticEffect))
     return tuple(fixed), tuple(random.values())
 
 

@@ -218,7 +218,7 @@ def _with_random(
 def diagnose(
     campaign: Campaign | Model | Estimate,
     *,
-    library: Sequence[Effect] = LIBRARY,
+    library: Sequence[Effect | str] = LIBRARY,
     stochastic: Sequence[StochasticEffect] = STOCHASTIC_CANDIDATES,
     drive: Drive | None = None,
     rules: Rules | None = None,
@@ -233,7 +233,7 @@ def diagnose(
     campaign : Campaign, Model or Estimate
         What was flown, or what was made of it: its effects are not kept, nor the noise that it was
         asked for. Of slews with thousands of rows block means are taken.
-    library : sequence of Effect
+    library : sequence of Effect or str
         Candidate effects; instances of your own may be among them.
     stochastic : sequence of StochasticEffect
         Candidates without a fixed shape. The first parameter of each scales its signal.

@@ -39,8 +39,9 @@ from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve
 from bayes_inertia.maths.printed import Card, parameter_lines, parameter_text, shown_as
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.effect import Effect, require_effects
+from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.named_effects import effects_named
 
 
 class Starts(NamedTuple):
@@ -357,7 +358,7 @@ def model_of(source: Campaign | Model | Estimate, **asked: Any) -> Model:
     """
     if isinstance(source, Estimate):
         source = source.model
-    asked["effects"] = require_effects(asked.get("effects", ()))
+    asked["effects"] = effects_named(asked.get("effects", ()))
     asked = {key: value for key, value in asked.items() if value}
     if isinstance(source, Campaign):
         return Model(source, **asked)

@@ -28,7 +28,7 @@ import jax.numpy as jnp
 
 from bayes_inertia.files import read_bytes, text_of
 from bayes_inertia.physics.check_effect import check_declaration
-from bayes_inertia.physics.effect import Effect, broken, guarded, require_rule
+from bayes_inertia.physics.effect import Effect, broken, guarded, require_effects, require_rule
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, STOCHASTIC, by_name
 from bayes_inertia.physics.effects.of_device import with_settings
 from bayes_inertia.physics.forward_model import Model
@@ -244,8 +244,8 @@ def _first_line(error: BaseException) -> str:
     return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
-def effects_named(names: Sequence[str]) -> tuple[Effect, ...]:
-    """The effects with these names, of the library or from outside.
+def effects_named(names: Sequence[Effect | str]) -> tuple[Effect, ...]:
+    """The effects with these names, of the library or from outside; an effect is taken as it is.
 
     `names`: each a name of the library ("rate_bias"), `FILE.py:Class`, `package.module:Class`, the
     name of an entry point of an installed package, or what `pinned_names` returned; behind each,
@@ -257,9 +257,8 @@ def effects_named(names: Sequence[str]) -> tuple[Effect, ...]:
     5
     """
     listed = isinstance(names, Iterable) and not isinstance(names, str)
-    listed = listed and all(isinstance(name, str) for name in names)
     require_rule(listed, "effects", "list_of_names", given=names)
-    effects = tuple(_effect_named(name) for name in names)
+    effects = require_effects(_effect_named(n) if isinstance(n, str) else n for n in names)
     every = [effect.name for effect in effects]
     for name in every:
         require_rule(every.count(name) == 1, name, "once")

@@ -18,6 +18,7 @@ from support.marks import LIKE_ANOTHER
 
 import bayes_inertia as bi
 from bayes_inertia.errors import EffectError
+from bayes_inertia.inference.laplace import model_of
 from bayes_inertia.physics.check_effect import check_effect
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import (
@@ -265,7 +266,7 @@ def test_the_good_effect_that_the_broken_ones_derive_from_passes(commanded):
 @pytest.mark.parametrize(
     ("effects", "says"),
     [
-        (["magnetic_dipole"], "'magnetic_dipole' is no effect; give instances"),
+        (["magnetic_dipol"], "no effect of this name.*perhaps magnetic_dipole"),
         ("magnetic_dipole", "'magnetic_dipole' is no list of effects"),
         ([Torque], "is no effect; give instances"),
         (Torque(), "is no list of effects"),
@@ -276,6 +277,17 @@ def test_a_fit_says_what_is_no_list_of_effects(effects, says, campaign):
     for call in (bi.fit, bi.log_density):
         with pytest.raises(EffectError, match=says):
             call(campaign, effects=effects)
+
+
+def test_effects_are_taken_by_name_as_at_the_command_line(campaign):
+    model = model_of(campaign, effects=["inertia_change:from_slew=2", Torque()])
+    assert [effect.name for effect in model.effects] == ["inertia_change", "torque"]
+    assert model.effects[0].from_slew == 2
+
+
+def test_a_fit_says_what_is_no_settings(campaign):
+    with pytest.raises(bi.SettingsError, match=r"settings: a dict is no Settings; give Settings"):
+        bi.fit(campaign, settings={"steps": 64})
 
 
 @pytest.mark.parametrize("noise", [bi.ChannelNoise("student_t"), "student_t"])
