@@ -33,10 +33,12 @@ def reduced(campaign: Campaign, block: int | None = None) -> Campaign:
     `campaign`: telemetry whose noise is white, at equal steps but for gaps. `block`: readings a
     block; by default as many as the bandwidth of the motion allows. Returns: the means at the mean
     times of their blocks, with sigma / sqrt(block) of rate sensor and tachometers; the campaign
-    itself if blocks of two are too long, or commands were lost.
+    itself if blocks of two are too long, commands were lost, or no sensor reads rates.
     """
-    if any(slew.lost_command is not None for slew in campaign.slews):
-        return campaign  # Only rows at equal steps show which commands are unknown.
+    lost = any(slew.lost_command is not None for slew in campaign.slews)
+    # Means are of rates; only rows at equal steps show which commands are unknown.
+    if lost or campaign.rate_sensor is None:
+        return campaign
     given, campaign = campaign, _without_saturated(campaign)
     length = _whole(campaign, longest_block(campaign)) if block is None else block
     if length < 2:

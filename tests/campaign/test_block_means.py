@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from support.other_spacecraft import by_rotors, by_thrusters, gyroless, two_axes_and_vectors
 
 import bayes_inertia
 from bayes_inertia.campaign.block_means import longest_block, reduced, without_surplus_rows
@@ -130,6 +131,13 @@ def test_fixes_and_changes_of_commands_keep_their_rows():
 def test_slow_telemetry_with_ever_new_commands_stays_as_it_is():
     campaign = read_campaign(EXAMPLE)
     assert reduced(campaign) is campaign
+
+
+@pytest.mark.parametrize("kind", [gyroless, by_thrusters, by_rotors, two_axes_and_vectors])
+def test_spacecraft_of_other_kinds_stay_as_they_are(kind):
+    campaign = kind()
+    assert without_surplus_rows(campaign) is campaign
+    assert campaign.rate_sensor or reduced(campaign) is campaign
 
 
 def test_slews_with_lost_commands_stay_as_they_are():
