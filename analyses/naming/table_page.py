@@ -81,6 +81,15 @@ def read(folder: Path, kind: str, measured: str) -> list[Row]:
     return _read(folder / f"table_{kind}_{measured}.jsonl")
 
 
+def of_prior_and_others(folder: Path) -> tuple[list[Row], list[Row]]:
+    """Rows of campaigns drawn from the prior, and of all other kinds."""
+    every = [
+        (kind, read(folder, kind, measured)) for kind in _KINDS for measured in ("tacho", "notacho")
+    ]
+    of_prior = [row for kind, rows in every if kind == "prior" for row in rows]
+    return of_prior, [row for kind, rows in every if kind != "prior" for row in rows]
+
+
 def _searched(folder: Path, kind: str, measured: str) -> list[Row]:
     """Rows of the search of version 0.4."""
     name = f"diagnosis_{kind}_0.99" if kind in _FIXED_KINDS else f"naming_{kind}"

@@ -15,7 +15,7 @@ import pandas as pd
 
 from analyses import results_of
 from analyses.calibration.quoted_sd_page import CANDIDATES, held
-from analyses.calibration.reliability import Bin, campaign_of, reliability
+from analyses.calibration.reliability import reliability
 from analyses.calibration.unmodelled_disturbance_page import coverage_of
 from analyses.data_quality.page import wrong as trusted_and_wrong
 from analyses.design.cross_terms_cases import CRAFT, RATES
@@ -180,17 +180,10 @@ def naming_random() -> Iterator[tuple[str, str]]:
 
 def probabilities() -> Iterator[tuple[str, str]]:
     """Statements of about one probability, and how many are true."""
-    stated = [r for name in ("naming_*", "diagnosis_*") for r in rows(name) if r.get("hypotheses")]
-    prior = table_page.read(RESULTS / "naming", "prior", "tacho")
-    others = [campaign_of(row) for row in stated if row["kind"] != "prior"]
-    yield "reliability.prior", f"{len(prior)}"
-    yield "reliability.others", f"{len(others):,}"
-    of_table = [
-        Bin(len(some), float(np.mean([x["p"] for x in some])), sum(x["true"] for x in some))
-        for _, _, some in table_page.by_probability(prior)
-    ]
-    for name, bins in (("prior", of_table), ("others", reliability(others))):
-        for k, part in enumerate(reversed(bins[-3:])):
+    prior, others = table_page.of_prior_and_others(RESULTS / "naming")
+    for name, told in (("prior", prior), ("others", others)):
+        yield f"reliability.{name}", f"{len(told)}"
+        for k, part in enumerate(reversed(reliability(told)[-3:])):
             yield f"reliability.{name}_{k}_stated", percent(part.stated)
             yield f"reliability.{name}_{k}_count", f"{part.count}"
             yield f"reliability.{name}_{k}_true", percent(part.share)

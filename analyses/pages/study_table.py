@@ -146,7 +146,7 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
         ),
         (
             "The same where effects are larger than that prior has them",
-            "cautious, by the search before the table: {reliability.others_1_true} % of "
+            "cautious: {reliability.others_1_true} % of "
             "{reliability.others_1_count} answers stated at {reliability.others_1_stated} % are "
             "true, {reliability.others_2_true} % of {reliability.others_2_count} stated at "
             "{reliability.others_2_stated} %",
