@@ -111,6 +111,9 @@ PLANTED = (
     Planted("tracker_in_slew", "gyro", turned, "rate_sensor_misalignment"),
     Planted("pyramid", "gyro", turned, "rate_sensor_misalignment"),
     Planted("cmg", "gimbal", early, "delay[cluster]"),
+    Planted("gyroless", "tracker", late, "star_tracker_time_offset"),
+    Planted("torque_only", "gyro", late, "rate_sensor_delay"),
+    Planted("speeds_only", "gyro", turned, "rate_sensor_misalignment"),
 )
 
 

@@ -210,7 +210,7 @@ def _explained(estimate: Estimate, context: FitContext) -> dict[str, Any]:
             "the uncertainties are too cautious"
         )
     if large:
-        sizes = [f"{name} (reduced chi^2 {tests[name].reduced_chi2:.3g})" for name in large]
+        sizes = [f"{name} ({tests[name].why_too_large})" for name in large]
         advice = (
             "; look for the missing effect with `diagnose`, and do not read sd as the uncertainty"
         )

@@ -78,10 +78,27 @@ class ChannelTest:
     @property
     def too_large(self) -> bool:
         """Whether they are larger or smoother than predicted (smaller ones are no danger)."""
-        smooth = self.p_white is not None and self.p_white < LIMITS.reject_below
-        return smooth or (
-            self.rejected and self.reduced_chi2 is not None and self.reduced_chi2 > 1.0
-        )
+        return self._smooth or self._large
+
+    @property
+    def why_too_large(self) -> str:
+        """By what that shows.
+
+        >>> ChannelTest(1.02, (0.95, 1.05), 0.4, 9e-4).why_too_large
+        'residuals structured in time, p = 0.0009'
+        """
+        if self._smooth and not self._large:
+            return f"residuals structured in time, p = {self.p_white:.1g}"
+        return f"reduced chi^2 {self.reduced_chi2:.3g}"
+
+    @property
+    def _smooth(self) -> bool:
+        return self.p_white is not None and self.p_white < LIMITS.reject_below
+
+    @property
+    def _large(self) -> bool:
+        unlikely = self.p_chi2 is not None and self.p_chi2 < LIMITS.reject_below
+        return unlikely and self.reduced_chi2 is not None and self.reduced_chi2 > 1.0
 
 
 def chi2_test(chi2: float, dof: float, p_white: float | None = None) -> ChannelTest:

@@ -19,7 +19,7 @@ from bayes_inertia.report.criteria import (
     ratios_told,
     scale_factors,
 )
-from bayes_inertia.report.formatting import brief, channel_name
+from bayes_inertia.report.formatting import brief, channel_name, probability
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.words import averaged_over, dirt_sentences, phrase, sentences
 
@@ -185,13 +185,21 @@ def with_verdict_sentence(
 
 
 def _misfit(summary: Mapping[str, Any]) -> list[str]:
-    """Channels that the model does not explain, with their reduced chi^2."""
-    too_large, too_small = misfit_channels(summary["fit"], criteria_of(summary))
-    reduced = summary["fit"]["reduced_chi2"]
+    """Channels that the model does not explain, and by what that shows."""
+    fit, criteria = summary["fit"], criteria_of(summary)
+    too_large, too_small = misfit_channels(fit, criteria)
     return [
-        f"{channel_name(channel)} (reduced χ² {brief(reduced.get(channel, reduced['total']), 3)})"
+        f"{channel_name(channel)} ({_shown_by(fit, channel, criteria)})"
         for channel in too_large or too_small
     ]
+
+
+def _shown_by(fit: Mapping[str, Any], channel: str, criteria: Criteria) -> str:
+    """Reduced chi^2; where that is as predicted, the structure in time."""
+    reduced = fit["reduced_chi2"]
+    if channel in reduced and channel_verdict(fit, channel, criteria) == "structured in time":
+        return f"residuals structured in time, {probability(fit['p_white'][channel])}"
+    return f"reduced χ² {brief(reduced.get(channel, reduced['total']), 3)}"
 
 
 def _undetermined(summary: Mapping[str, Any]) -> list[str]:

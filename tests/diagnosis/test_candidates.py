@@ -34,7 +34,8 @@ def test_candidates_are_effects_in_lists_and_random_ones_act_where_they_are_look
 
     fixed, random = candidate_kinds((e for e in STOCHASTIC[:1]), [ConstantTorque()])
     assert (fixed, random) == ((ConstantTorque(),), (STOCHASTIC[0],))
-    for wrong in ({"library": ["rate_bias"]}, {"stochastic": "rate_bias"}, {"library": [Blur()]}):
+    assert candidate_kinds(["constant_torque"], [STOCHASTIC[0].name]) == (fixed, random)
+    for wrong in ({"library": [3]}, {"stochastic": "rate_bias"}, {"library": [Blur()]}):
         with pytest.raises(EffectError, match="give"):
             diagnose(small_campaign(), **wrong)
 

@@ -23,6 +23,11 @@ FIT = {
     "p_white": {"rate": 0.3, "attitude": None, "momentum": None, "total": None},
     "starts_agreeing": [3, 3],
 }
+# As large as predicted, and no white noise.
+STRUCTURED = FIT | {
+    "reduced_chi2": FIT["reduced_chi2"] | {"rate": 1.02},
+    "p_white": FIT["p_white"] | {"rate": 9e-4},
+}
 
 
 def summary(*, failed: str = "", says: str = "it says", **changes) -> dict:
@@ -85,6 +90,12 @@ TIES = [{"device": "jets", "relative_sd": 0.02}, {"device": "pulses", "relative_
             {"failed": "explained"},
             "Do not use this result as it stands: the model does not explain the data, rate sensor "
             "(reduced χ² 9). Run “bayes-inertia diagnose” to find what is missing.",
+        ),
+        (
+            {"failed": "explained", "fit": STRUCTURED},
+            "Do not use this result as it stands: the model does not explain the data, rate sensor "
+            "(residuals structured in time, p = 9 × 10⁻⁴). Run “bayes-inertia diagnose” to find "
+            "what is missing.",
         ),
         (
             {"failed": "prior", "says": "it contradicts: K1 = 0.0174. Check `units`."},
