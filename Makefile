@@ -16,7 +16,7 @@ compile_modules = @$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib bayes_inerti
 
 # The tests of one environment share compiled code: two workers, fast tests and slow ones.
 test test-all test-long docs: export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/$(VENV)/jax_cache
-test test-all test-long docs: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.3
+test test-all test-long docs: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.05
 # Workers rewrite the assertions of all test files: once, where Python may write what it compiles.
 test test-all test-long: export PYTHONDONTWRITEBYTECODE :=
 # Compiling is most of what tests do; code that runs once is not worth optimizing.
