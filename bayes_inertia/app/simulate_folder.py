@@ -18,7 +18,8 @@ from bayes_inertia.flight.plan_file import read_plan
 from bayes_inertia.flight.simulated_campaigns import draw_spacecraft, simulate, simulate_again
 
 _FOLLOWED = (
-    "no gyro of three axes and wheels close the attitude loop: the plan was followed exactly"
+    "the plan was followed exactly: only wheels with a gyro of three axes close an attitude loop "
+    "in a simulated flight"
 )
 
 

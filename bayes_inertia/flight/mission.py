@@ -46,7 +46,7 @@ from bayes_inertia.physics.parameters import ParameterSpace
 # Further sensors whose readings can be foreseen.
 _FLYING = (RateSensor, StarTracker, DirectionSensor)
 _WITHOUT_COMMANDS = (
-    "torques of the wheels count as told, which this campaign's telemetry does not tell: "
+    "the wheels' torques are taken as telemetered, though this campaign's telemetry lacks them: "
     "a fit without them may be less sharp, above all with slow tachometers"
 )
 

@@ -58,4 +58,4 @@ def test_its_tachometers_are_read_as_often_and_wheels_without_one_tell_nothing()
 def test_commands_that_telemetry_does_not_tell_are_said_to_count():
     assert devices_at_rest(small_campaign()) == ()
     (said,) = devices_at_rest(with_slews(lambda s: replace(s, wheel_torque=None)))
-    assert said.startswith("torques of the wheels count as told")
+    assert said.startswith("the wheels' torques are taken as telemetered")
