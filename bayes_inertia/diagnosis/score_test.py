@@ -21,6 +21,7 @@ the sum.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import combinations
 from typing import NamedTuple
@@ -80,8 +81,6 @@ def sampled_evidence(estimate: Estimate, rng: np.random.Generator) -> Sampled | 
 
     Returns: none where most draws are impossible.
     """
-    from arviz_stats.base import array_stats
-
     model, point, free = estimate.model, estimate.point, estimate.free
     f, b = len(free), len(point.bias)
     z = rng.standard_normal((LIMITS.importance_draws, len(estimate.hessian)))
@@ -99,7 +98,22 @@ def sampled_evidence(estimate: Estimate, rng: np.random.Generator) -> Sampled | 
     if len(possible) < LIMITS.importance_draws // 4:
         return None
     gain = logsumexp(possible) - np.log(len(z))
-    return Sampled(float(gain), float(array_stats.psislw(possible)[1]))
+    return Sampled(float(gain), pareto_k(possible))
+
+
+def pareto_k(log_weights: np.ndarray) -> float:
+    """Shape of the upper tail of importance weights, of their logarithms (n,); inf where unknown.
+
+    >>> pareto_k(np.zeros(128))
+    0.0
+    """
+    from arviz_stats.base import array_stats
+
+    # It takes the log likelihoods that leaving-one-out divides by. One weight beyond all others
+    # has no shape.
+    with np.errstate(all="ignore"), suppress(ValueError):
+        return float(np.nan_to_num(array_stats.psislw(-log_weights)[1], nan=np.inf))
+    return 0.0  # the largest are equal: no tail
 
 
 @array_dataclass
