@@ -211,11 +211,14 @@ def _explained(estimate: Estimate, context: FitContext) -> dict[str, Any]:
         )
     if large:
         sizes = [f"{name} ({tests[name].why_too_large})" for name in large]
-        advice = (
-            "; look for the missing effect with `diagnose`, and do not read sd as the uncertainty"
+        next_step = (
+            "the diagnosis found no effect that explains it"
+            if context.verdict
+            else "look for the missing effect with `diagnose`"
         )
-        # After a diagnosis its own gate says what to do.
-        advice = "" if context.verdict in OPEN_VERDICTS else advice
+        # After a diagnosis that leaves something open, its own gate says what that means.
+        opened = context.verdict in OPEN_VERDICTS
+        advice = "" if opened else f"; {next_step}, and do not read sd as the uncertainty"
         if estimate.model.campaign.prior is not None:
             advice += "; if the prior of J and K no longer holds, fit without it"
         if groups := groups_of_slews(estimate):

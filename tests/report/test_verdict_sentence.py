@@ -98,6 +98,12 @@ TIES = [{"device": "jets", "relative_sd": 0.02}, {"device": "pulses", "relative_
             "what is missing.",
         ),
         (
+            {"failed": "explained", "fit": STRUCTURED, "verdict": "consistent"},
+            "Do not use this result as it stands: the model does not explain the data, rate sensor "
+            "(residuals structured in time, p = 9 × 10⁻⁴). The diagnosis found no effect that "
+            "explains it.",
+        ),
+        (
             {"failed": "prior", "says": "it contradicts: K1 = 0.0174. Check `units`."},
             "Do not use this result as it stands: it contradicts: K1 = 0.0174.",
         ),
