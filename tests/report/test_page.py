@@ -13,7 +13,12 @@ from bayes_inertia.report.page import render, write_report
 from bayes_inertia.report.section import Section
 from bayes_inertia.report.verdict import verdict_sentence
 
-KINDS = ("good", "one_slew", "thrown", "many_effects")
+# The other kinds of pages are drawn with the slow tests.
+KINDS = (
+    "good",
+    "one_slew",
+    *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("thrown", "many_effects")),
+)
 
 
 def text_of(page: str) -> str:
