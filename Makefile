@@ -19,9 +19,11 @@ test test-all test-long docs: export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/$(VE
 test test-all test-long docs: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.05
 # Workers rewrite the assertions of all test files: once, where Python may write what it compiles.
 test test-all test-long: export PYTHONDONTWRITEBYTECODE :=
-# Compiling is most of what tests do; code that runs once is not worth optimizing.
-test test-all test-long: export XLA_FLAGS ?= --xla_backend_optimization_level=0 \
-	--xla_backend_extra_options=xla_cpu_disable_loop_unrolling
+# Compiling is most of what tests do: a tenth of it is unrolling loops. What fast tests compile is
+# not worth optimizing; slow tests sample with it.
+NOT_UNROLLED := --xla_backend_extra_options=xla_cpu_disable_loop_unrolling
+test: export XLA_FLAGS = $(NOT_UNROLLED) --xla_backend_optimization_level=0
+test-all test-long: export XLA_FLAGS = $(NOT_UNROLLED)
 
 .PHONY: demo test test-all test-long lint types docs clean
 

@@ -44,6 +44,7 @@ def test_the_seed_is_the_one_given_or_that_of_the_settings(flown, monkeypatch, g
     assert seeds == [seed, seed]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_without_predicted_telemetry_the_result_is_the_same_and_can_be_shown(flown, tmp_path):
     told = fit_campaign.fit(flown.campaign, settings=SHORT)

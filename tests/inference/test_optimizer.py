@@ -25,7 +25,7 @@ EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("drive", ["commanded", "measured"])
+@pytest.mark.parametrize("drive", ["commanded", pytest.param("measured", marks=pytest.mark.long)])
 def test_starts_thirty_percent_wrong_end_at_the_same_optimum(flown, drive):
     model = Model(flown.campaign, drive=drive)
     best = estimate(model, starts=1)

@@ -142,6 +142,7 @@ def _kill(campaign: Path, run: Path) -> None:
         process.stdout.close()
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
 def test_a_killed_fit_resumes_to_the_bits_of_one_that_was_not_killed(flown, tmp_path):

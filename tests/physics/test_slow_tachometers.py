@@ -87,6 +87,7 @@ def test_fast_tachometers_are_left_as_they_are(slow):
     assert free_momentum(replace(slow, slews=still)) is None
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_tensor_is_right_and_good_rates_are_no_outliers(slow):
     estimate = bi.estimate(Model(slow))
