@@ -127,7 +127,6 @@ def _is_unknown(found, library, content, check_contract):
     assert diagnosis_verdict(content).level == "bad"
 
 
-@pytest.mark.long
 @pytest.mark.slow
 def test_what_no_candidate_explains_is_unknown(
     pumped_for_few, content_of, check_contract, few_candidates
