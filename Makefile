@@ -20,7 +20,7 @@ test test-all test-long docs: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS 
 # Workers rewrite the assertions of all test files: once, where Python may write what it compiles.
 test test-all test-long: export PYTHONDONTWRITEBYTECODE :=
 # Compiling is most of what tests do: a tenth of it is unrolling loops. What fast tests compile is
-# not worth optimizing; slow tests sample with it.
+# not worth optimizing; slow tests sample, which optimized code does faster.
 NOT_UNROLLED := --xla_backend_extra_options=xla_cpu_disable_loop_unrolling
 test: export XLA_FLAGS = $(NOT_UNROLLED) --xla_backend_optimization_level=0
 test-all test-long: export XLA_FLAGS = $(NOT_UNROLLED)

@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -50,7 +49,7 @@ class Bin:
         return float(interval.low), float(interval.high)
 
 
-def reliability(rows: Sequence[Mapping[str, Any]]) -> list[Bin]:
+def reliability(rows: Sequence[table_page.Row]) -> list[Bin]:
     """Shares of true statements by what was stated; bins without statements are left out.
 
     >>> told = [["nothing", [], 0.95, 0.0], ["effects", ["rate_bias"], 0.05, -3.0]]
@@ -59,7 +58,7 @@ def reliability(rows: Sequence[Mapping[str, Any]]) -> list[Bin]:
     """
     return [
         Bin(len(some), float(np.mean([x["p"] for x in some])), sum(x["true"] for x in some))
-        for _, _, some in table_page.by_probability(list(map(dict, rows)))
+        for _, _, some in table_page.by_probability(rows)
     ]
 
 
@@ -92,7 +91,7 @@ def table(bins: Iterable[Bin]) -> list[str]:
     return lines
 
 
-def page(of_prior: Sequence[Mapping[str, Any]], others: Sequence[Mapping[str, Any]]) -> list[str]:
+def page(of_prior: Sequence[table_page.Row], others: Sequence[table_page.Row]) -> list[str]:
     """The lines of the page."""
     return [
         "# Are stated probabilities of answers reliable?",

@@ -40,6 +40,7 @@ from bayes_inertia.inference.settings import (
     STOCHASTIC_SETTINGS,
     FitContext,
     Settings,
+    require_settings,
 )
 from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
@@ -291,7 +292,7 @@ def diagnose_and_fit(
         result.diagnosis.verdict, result.posterior.summary()["effects"]
         # ('named', ['wheel_command_lag'])
     """
-    settings = settings or STOCHASTIC_SETTINGS
+    settings = require_settings(settings, STOCHASTIC_SETTINGS)
     if seed is not None:
         settings = replace(settings, seed=seed)
     investigation = investigate(

@@ -25,7 +25,12 @@ from bayes_inertia.inference.laplace import Estimate, model_of
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.posterior_groups import build_posterior
 from bayes_inertia.inference.sampler import sample
-from bayes_inertia.inference.settings import FitContext, Settings, require_settings
+from bayes_inertia.inference.settings import (
+    FitContext,
+    Settings,
+    require_settings,
+    usual_settings,
+)
 from bayes_inertia.inference.treatment import DirtTreatment
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.physics.channel_noise import NoiseModel
@@ -106,7 +111,7 @@ def fit(
     # ArviZ takes long to import. Its plots are not needed.
     import_in_background(["arviz_stats"])
     model = model_of(campaign, effects=effects, drive=drive, noise=noise)
-    settings = require_settings(settings, model.effects)
+    settings = require_settings(settings, usual_settings(model.effects))
     if seed is not None:
         settings = replace(settings, seed=seed)
     say = as_callback(progress)

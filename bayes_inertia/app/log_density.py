@@ -226,7 +226,7 @@ def log_density(
     campaign : Campaign, Model or Estimate
         What was flown; a model, or the model of an estimate, brings effects, drive and noise along.
     effects : sequence of Effect or str, optional
-        Physical effects to fit along.
+        Physical effects to fit along, or their names.
     drive : {"commanded", "measured"}, optional
         What drives the model; None for torque commands where the campaign has them.
     seed : int, optional

@@ -172,7 +172,7 @@ def fit_many(
     # Before hours of fits.
     library_of_extra("pyarrow", "parquet", where=str(out / "fits.parquet"), error=OutputError)
     names = pinned_names(effects)
-    settings = require_settings(settings, effects_named(names))
+    settings = require_settings(settings, usual_settings(effects_named(names)))
     settings = replace(settings, seed=seed, threads=1)
     options = {
         "effects": list(names),

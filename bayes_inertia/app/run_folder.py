@@ -31,7 +31,12 @@ from bayes_inertia.errors import CampaignError, EffectError, SettingsError
 from bayes_inertia.files import write_atomically
 from bayes_inertia.folder_lock import working_in
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.inference.settings import FitContext, Settings, require_settings
+from bayes_inertia.inference.settings import (
+    FitContext,
+    Settings,
+    require_settings,
+    usual_settings,
+)
 from bayes_inertia.physics.channel_noise import NoiseModel, noise_model_from_json
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
@@ -153,7 +158,7 @@ def start(
     `former`: digests of the campaigns that the prior holds, see `campaigns_in`.
     """
     names, noise = pinned_names(effects), noise or NoiseModel()
-    settings = require_settings(settings, effects_named(names))
+    settings = require_settings(settings, usual_settings(effects_named(names)))
     Model(_with_prior(read_campaign(campaign), prior), effects_named(names), drive, noise)
     digest = campaign_sha256(campaign)
     if digest in former:

@@ -73,7 +73,7 @@ class ChannelTest:
     @property
     def rejected(self) -> bool:
         """Whether the residuals are not what the model and the stated noise predict."""
-        return any(p is not None and p < LIMITS.reject_below for p in (self.p_chi2, self.p_white))
+        return _rejects(self.p_chi2) or self._smooth
 
     @property
     def too_large(self) -> bool:
@@ -93,12 +93,17 @@ class ChannelTest:
 
     @property
     def _smooth(self) -> bool:
-        return self.p_white is not None and self.p_white < LIMITS.reject_below
+        return _rejects(self.p_white)
 
     @property
     def _large(self) -> bool:
-        unlikely = self.p_chi2 is not None and self.p_chi2 < LIMITS.reject_below
-        return unlikely and self.reduced_chi2 is not None and self.reduced_chi2 > 1.0
+        larger = self.reduced_chi2 is not None and self.reduced_chi2 > 1.0
+        return larger and _rejects(self.p_chi2)
+
+
+def _rejects(p_value: float | None) -> bool:
+    """Whether noise is no explanation; None: not tested."""
+    return p_value is not None and p_value < LIMITS.reject_below
 
 
 def chi2_test(chi2: float, dof: float, p_white: float | None = None) -> ChannelTest:

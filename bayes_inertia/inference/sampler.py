@@ -41,7 +41,7 @@ from bayes_inertia.inference.proposal import (
     finite_starts,
     walkers_needed,
 )
-from bayes_inertia.inference.settings import Settings, require_settings
+from bayes_inertia.inference.settings import Settings, require_settings, usual_settings
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.progress import Progress
 from bayes_inertia.sealing import is_sealed, write_sealed
@@ -175,7 +175,8 @@ def sample(
     `folder`: where the chains are kept while they grow; with chains of the same run in it the run
     goes on.
     """
-    settings, began = require_settings(settings, estimate.model.effects), perf_counter()
+    began = perf_counter()
+    settings = require_settings(settings, usual_settings(estimate.model.effects))
     log_density = log_density_at(estimate, most=settings.walkers // 2)
     seeds = np.random.SeedSequence(settings.seed).spawn(settings.ensembles + 1)
     pilot_random = np.random.RandomState(np.random.MT19937(seeds[-1]))

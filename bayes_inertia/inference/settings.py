@@ -122,17 +122,17 @@ def usual_settings(effects: Iterable[Effect], *, seed: int = 0) -> Settings:
     return replace(STOCHASTIC_SETTINGS if stochastic else Settings(), seed=seed)
 
 
-def require_settings(given: Any, effects: Iterable[Effect]) -> Settings:
+def require_settings(given: Any, usual: Settings) -> Settings:
     """The settings that were given, the usual ones for None, or SettingsError for anything else.
 
-    >>> require_settings({"steps": 64}, ())
+    >>> require_settings({"steps": 64}, Settings())
     Traceback (most recent call last):
     bayes_inertia.errors.SettingsError: settings: a dict is no Settings; give Settings(steps=64, ...
     """
     what = f"a {type(given).__name__} is no Settings"
     if given is not None and not isinstance(given, Settings):
         raise SettingsError(what, where="settings", advice="give Settings(steps=64, seed=1)")
-    return given or usual_settings(effects)
+    return given or usual
 
 
 # Verdicts of a diagnosis that leave something without a name.

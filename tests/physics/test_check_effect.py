@@ -288,6 +288,8 @@ def test_effects_are_taken_by_name_as_at_the_command_line(campaign):
 def test_a_fit_says_what_is_no_settings(campaign):
     with pytest.raises(bi.SettingsError, match=r"settings: a dict is no Settings; give Settings"):
         bi.fit(campaign, settings={"steps": 64})
+    with pytest.raises(bi.SettingsError, match=r"settings: a dict is no Settings; give Settings"):
+        bi.diagnose_and_fit(campaign, settings={"steps": 64})
 
 
 @pytest.mark.parametrize("noise", [bi.ChannelNoise("student_t"), "student_t"])
