@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayes_inertia.campaign.sensors import stream_named, streams_of
-from bayes_inertia.diagnosis.limits import LIMITS
+from bayes_inertia.diagnosis.limits import LIMITS, Rules
+from bayes_inertia.diagnosis.residuals import final_tests, is_explained
 from bayes_inertia.diagnosis.score_test import log_evidence_of_fit
 from bayes_inertia.diagnosis.torque_response import tangents
 from bayes_inertia.inference import optimizer
@@ -106,7 +107,16 @@ def _noise(estimate: Estimate, treatment: DirtTreatment) -> dict[str, float]:
             measured[channel] = 1.0  # The colour holds it all.
         else:
             measured[channel] = level_of_rounded(measured[channel], steps[channel])
+    for channel in treatment.by_residuals:
+        measured[channel] = max(measured[channel], _level_of_residuals(estimate, channel))
     return measured
+
+
+def _level_of_residuals(estimate: Estimate, channel: str) -> float:
+    """What a channel's noise is multiplied by, of all its residuals."""
+    place, tested = estimate.model.structure.place(channel), estimate.tested_residuals
+    numbers = estimate.information.n_data[:, place].sum() - tested.parameters[place]
+    return max(1.0, float(np.sqrt(tested.chi2[:, place].sum() / numbers)))
 
 
 def with_correlated_noise(start: CleanStart, *fits: Estimate) -> CleanStart | None:
@@ -129,6 +139,20 @@ def with_correlated_noise(start: CleanStart, *fits: Estimate) -> CleanStart | No
     return coloured
 
 
+def with_louder_noise(start: CleanStart, final: Estimate, rules: Rules) -> CleanStart | None:
+    """The start with the noise as loud as the residuals of a fit, where nothing but that is wrong.
+
+    Heavy tails, or noise that is louder at times: fast differences, of which the level is measured
+    first, leave both out. Returns: none where residuals are no larger, or structured in time.
+    """
+    tests = final_tests(final)
+    channels = tuple(c for c, test in tests.items() if c != "total" and test.too_large)
+    structured = any(tests[c].is_structured for c in channels)
+    if start.as_stated or not channels or structured or is_explained(tests, rules):
+        return None
+    return _restarted(start, replace(start.treatment, by_residuals=channels), final)
+
+
 def _restarted(start: CleanStart, treatment: DirtTreatment, fit: Estimate) -> CleanStart:
     """The start with another treatment, its noise at the level that a fit leaves."""
     base = _treated(start, start.base, treatment)
@@ -144,14 +168,14 @@ def _treated(start: CleanStart, estimate: Estimate, treatment: DirtTreatment) ->
     return refitted(optimizer.with_noise(estimate, dict.fromkeys(start.noise, 1.0)), campaign)
 
 
-def log_evidence_of_noise(estimate: Estimate) -> float:
-    """Log evidence of a fit, less what the shape of correlated noise costs.
+def log_evidence_of_noise(estimate: Estimate, levels: int = 0) -> float:
+    """Log evidence of a fit, less what the shape of correlated noise and levels of noise cost.
 
     A reading that is left out counts as one spread over an SI unit, far beyond any noise.
     """
     campaign = estimate.model.campaign
     coloured = sum(stream.correlated(campaign) is not None for stream in streams_of(campaign))
-    numbers = LIMITS.numbers_of_colour * coloured
+    numbers = LIMITS.numbers_of_colour * coloured + levels
     return log_evidence_of_fit(estimate) - 0.5 * numbers * float(np.log(LIMITS.readings_a_number))
 
 

@@ -383,8 +383,10 @@ class Diagnosis:
     formulas : FormulaSearch or None
         All terms that were weighed, where a formula is named or may be what has no name.
     noise_probabilities : dict
-        Of "white" and "correlated" noise of the rates, where both were tried; empty where the
-        residuals show no correlated noise. Correlated noise is taken if it has a twentieth.
+        Of "white", "correlated" and "louder" noise, of those that were tried; empty where white
+        noise alone was. "correlated": of the rates, taken if it has a twentieth. "louder": heavy
+        tails, or noise that is louder at times, where residuals are too large and not structured in
+        time; taken if it is more probable than what stood before.
     """
 
     verdict: str

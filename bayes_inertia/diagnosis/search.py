@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import expit, logsumexp
+from scipy.special import logsumexp, softmax
 
 from bayes_inertia.campaign.block_means import without_surplus_rows
 from bayes_inertia.campaign.campaign import Campaign
@@ -27,6 +27,7 @@ from bayes_inertia.diagnosis.clean_start import (
     log_evidence_of_noise,
     measured_again,
     with_correlated_noise,
+    with_louder_noise,
 )
 from bayes_inertia.diagnosis.formulas import search_formulas
 from bayes_inertia.diagnosis.hypothesis_table import Names
@@ -286,19 +287,27 @@ def diagnose(
 
 
 def _diagnosed(begin: CleanStart, search: Search) -> Diagnosis:
-    """The verdict of the table whose noise, white or correlated, is more probable.
+    """The verdict of the table whose noise, white, correlated or louder, is more probable.
 
-    Noise that a twentieth of the probability leaves open is noise: nothing is named for it.
+    Correlated noise that a twentieth of the probability leaves open is noise: nothing is named for
+    it.
     """
-    weighed, odds = weigh_campaign(begin, search), dict[str, float]()
+    weighed = weigh_campaign(begin, search)
+    evidence = {"white": _log_evidence(weighed)}
     search.say("measuring correlated noise", 0, 0)
     coloured = with_correlated_noise(begin, begin.base, weighed.final)
     if coloured is not None:
         other = weigh_campaign(coloured, search)
-        lead = _log_evidence(other) - _log_evidence(weighed)
-        odds = {"white": float(expit(-lead)), "correlated": float(expit(lead))}
+        evidence["correlated"] = _log_evidence(other)
+        lead = evidence["correlated"] - evidence["white"]
         if holds_correlated_noise(weighed.final) or lead > -search.rules.log_evidence_margin:
             weighed = other
+    louder = with_louder_noise(weighed.begin, weighed.final, search.rules)
+    if louder is not None:
+        other, before = weigh_campaign(louder, search), _log_evidence(weighed)
+        evidence["louder"] = _log_evidence(other)
+        weighed = other if evidence["louder"] > before else weighed
+    odds = dict(zip(evidence, softmax([*evidence.values()]).tolist(), strict=True))
     weighed, formulas = with_formulas(weighed, search)
     table, reading, noise = weighed.table, weighed.reading, dict(weighed.begin.noise)
     added = tuple(step.added for step in weighed.steps)
@@ -319,7 +328,7 @@ def _diagnosed(begin: CleanStart, search: Search) -> Diagnosis:
         hypotheses=_checked(table, search.seed),
         other_rows=other_rows(table, reading.row),
         formulas=formulas,
-        noise_probabilities=odds,
+        noise_probabilities=odds if len(odds) > 1 else {},
     )
 
 
@@ -330,9 +339,10 @@ def _log_evidence(weighed: Weighed) -> float:
     the table.
     """
     table, base, final = weighed.table, weighed.begin.base, weighed.final
+    levels = len(weighed.begin.treatment.by_residuals)
     joint = [table.log_evidence[row] + table.log_prior[row] for row in table.rows]
-    of_rows = log_evidence_of_noise(base) + float(logsumexp(joint))
-    return max(of_rows, log_evidence_of_noise(final) + table.log_prior[weighed.reading.row])
+    of_rows = log_evidence_of_noise(base, levels) + float(logsumexp(joint))
+    return max(of_rows, log_evidence_of_noise(final, levels) + table.log_prior[weighed.reading.row])
 
 
 def _checked(table: Table, seed: int) -> tuple[Hypothesis, ...]:

@@ -148,8 +148,8 @@ class Limits:
     # Level of the noise
     # A level differs from what is stated beyond so many sds.
     significant_sigmas: float = 4.0
-    # Squared second differences that a level needs.
-    fewest_differences: int = 30
+    # Squared differences that a level needs: of fewer the median is no start.
+    fewest_differences: int = 12
     # Rounding that adds less to the noise than this factor is left alone.
     rounding_that_counts: float = 1.005
     # Steps beyond so many sigmas leave errors that are not independent.

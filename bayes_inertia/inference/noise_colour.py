@@ -21,8 +21,9 @@ from bayes_inertia.inference.limits import LIMITS
 
 # Differences of white noise, by order: variance, and the number of independent values that one is
 # worth times two (from their correlations).
-_DIFFERENCE_VARIANCE = {2: 6.0, 4: 70.0}
+_DIFFERENCE_VARIANCE = {1: 2.0, 2: 6.0, 4: 70.0}
 _DIFFERENCE_WORTH = {
+    1: 2.0 * (1.0 + 2.0 / 4.0),
     2: 2.0 * (1.0 + 2.0 * (16.0 + 1.0) / 36.0),
     4: 2.0 * (1.0 + 2.0 * (56.0**2 + 28.0**2 + 8.0**2 + 1.0) / 70.0**2),
 }
@@ -303,9 +304,10 @@ def _unlike(groups: Sequence[Sequence[np.ndarray]]) -> tuple[float, int]:
 def white_factor(pieces: list[np.ndarray]) -> float:
     """Measure by what factor the white noise of series exceeds one.
 
-    Components (sensor axes, wheels) share one factor. Where one is significantly louder than all
-    together it is the loudest one's, so that no uncertainty comes out too small. That one is
-    measured from fourth differences, in which a ringing of one axis hardly counts.
+    Components (sensor axes, wheels) and pieces share one factor. Where one is significantly louder
+    than all together it is the loudest one's, so that no uncertainty comes out too small. That of a
+    component is measured from fourth differences, in which a ringing of one axis hardly counts. Of
+    pieces too short for second differences, such as two fixes at rest, first ones are taken.
 
     `pieces` (rows, components): series of even spacing; NaN where nothing was measured.
 
@@ -317,21 +319,30 @@ def white_factor(pieces: list[np.ndarray]) -> float:
     >>> round(white_factor([rng.normal(size=(5000, 3)) * [1.0, 1.0, 3.0]]), 1)
     3.0
     """
-    together = np.concatenate([np.zeros(0), *_squares(pieces, 2)])
-    if len(together) < LIMITS.fewest_differences:
+    every = {k: np.concatenate([np.zeros(0), *_squares(pieces, k)]) for k in (2, 1)}
+    order = next((k for k, own in every.items() if len(own) >= LIMITS.fewest_differences), None)
+    if order is None:
         return 1.0
-    power = _clipped_power(together, 2)
-    scatter = LIMITS.significant_sigmas * np.sqrt(_DIFFERENCE_WORTH[2] / len(together))
-    for component in _squares(pieces, 4):
-        if len(component) < LIMITS.fewest_differences:
+    power, least = _clipped_power(every[order], order), _louder_than(every[order].size, order)
+    groups = [(4, own) for own in _squares(pieces, 4)]
+    groups += [(order, np.concatenate(of)) for x in pieces if (of := _squares([x], order))]
+    for k, own in groups:
+        if len(own) < LIMITS.fewest_differences:
             continue
-        component_power = _clipped_power(component, 4)
-        component_scatter = LIMITS.significant_sigmas * np.sqrt(
-            _DIFFERENCE_WORTH[4] / len(component)
-        )
-        if component_power > power * (1.0 + component_scatter):
-            power, scatter = component_power, component_scatter
-    return float(np.sqrt(power)) if power > 1.0 + scatter else 1.0
+        own_power, own_least = _clipped_power(own, k), _louder_than(own.size, k, len(groups))
+        if own_power > power * own_least:
+            power, least = own_power, own_least
+    return float(np.sqrt(power)) if power > least else 1.0
+
+
+def _louder_than(count: int, order: int, groups: int = 1) -> float:
+    """By what factor a mean of so many squared differences exceeds its expectation significantly.
+
+    `order`: of the differences; `groups`: that are looked at.
+    """
+    dof = 2.0 * count / _DIFFERENCE_WORTH[order]
+    beyond = stats.norm.sf(LIMITS.significant_sigmas) / groups
+    return float(stats.chi2.isf(beyond, dof) / dof)
 
 
 def _squares(pieces: list[np.ndarray], order: int) -> list[np.ndarray]:

@@ -73,12 +73,12 @@ class ChannelTest:
     @property
     def rejected(self) -> bool:
         """Whether the residuals are not what the model and the stated noise predict."""
-        return _rejects(self.p_chi2) or self._smooth
+        return _rejects(self.p_chi2) or self.is_structured
 
     @property
     def too_large(self) -> bool:
         """Whether they are larger or smoother than predicted (smaller ones are no danger)."""
-        return self._smooth or self._large
+        return self.is_structured or self._large
 
     @property
     def why_too_large(self) -> str:
@@ -87,12 +87,13 @@ class ChannelTest:
         >>> ChannelTest(1.02, (0.95, 1.05), 0.4, 9e-4).why_too_large
         'residuals structured in time, p = 0.0009'
         """
-        if self._smooth and not self._large:
+        if self.is_structured and not self._large:
             return f"residuals structured in time, p = {self.p_white:.1g}"
         return f"reduced chi^2 {self.reduced_chi2:.3g}"
 
     @property
-    def _smooth(self) -> bool:
+    def is_structured(self) -> bool:
+        """Whether they are correlated in time."""
         return _rejects(self.p_white)
 
     @property

@@ -37,12 +37,16 @@ class DirtTreatment:
     rounded : tuple of str
         Channels whose noise follows from the step to which readings are rounded: their level, or
         the colour of coarsely rounded rates.
+    by_residuals : tuple of str
+        Channels whose level is that of all residuals, not of fast differences alone: their tails
+        are heavy, or they are louder at times.
     """
 
     masked: tuple[Dirt, ...] = ()
     level: Mapping[str, float] = field(default_factory=lambda: dict.fromkeys(CHANNELS, 1.0))
     colour: Mapping[str, Colour] = field(default_factory=dict)
     rounded: tuple[str, ...] = ()
+    by_residuals: tuple[str, ...] = ()
 
     @property
     def is_nothing(self) -> bool:
@@ -65,8 +69,7 @@ class DirtTreatment:
                 (),
                 "modelled",
                 f"the noise of the {_SENSORS.get(channel, channel)} is {factor:.2f} times what is "
-                f"stated"
-                f"{', with the rounding of its readings' if channel in self.rounded else ''}",
+                f"stated{self._why_louder(channel)}",
             )
             for channel, factor in self.louder.items()
         ]
@@ -75,6 +78,13 @@ class DirtTreatment:
             for channel, colour in self.colour.items()
         ]
         return (*self.masked, *coloured, *noise)
+
+    def _why_louder(self, channel: str) -> str:
+        """What a channel's level holds beside white noise."""
+        if channel in self.rounded:
+            return ", with the rounding of its readings"
+        heavy = channel in self.by_residuals
+        return ", with its heavy tails or what is louder at times" if heavy else ""
 
     def _kind_of(self, channel: str) -> DirtKind:
         """What makes a channel's noise correlated."""
@@ -98,6 +108,7 @@ class DirtTreatment:
             "level": dict(self.level),
             "colour": colour,
             "rounded": list(self.rounded),
+            "by_residuals": list(self.by_residuals),
         }
 
 
@@ -117,8 +128,8 @@ def treatment_from(content: Mapping[str, Any]) -> DirtTreatment:
         for channel, each in written.items()
     }
     masked = tuple(Dirt(**{**row, "rows": tuple(row["rows"])}) for row in content["masked"])
-    rounded = tuple(content["rounded"])
-    return DirtTreatment(masked, dict(content["level"]), colour, rounded)
+    rounded, by_residuals = (tuple(content.get(key, ())) for key in ("rounded", "by_residuals"))
+    return DirtTreatment(masked, dict(content["level"]), colour, rounded, by_residuals)
 
 
 def records_of_dirt(campaign: Campaign, treatment: DirtTreatment) -> tuple[Dirt, ...]:

@@ -19,6 +19,7 @@ from bayes_inertia.diagnosis.clean_start import (
     holds_correlated_noise,
     measured_again,
     with_correlated_noise,
+    with_louder_noise,
 )
 from bayes_inertia.diagnosis.limits import Rules
 from bayes_inertia.diagnosis.search import diagnose
@@ -192,6 +193,40 @@ def test_a_strong_process_of_the_bias_is_named_alone(clean):
     # Its sd is known to a few percent; that the fit is not of another size.
     first = diagnosis.final.model.space.slice_of(name).start
     assert diagnosis.final.theta[first] == pytest.approx(size, rel=0.3)
+
+
+def heavy_tailed(campaign, seed=6):
+    """The campaign with Student-t noise of 2.5 degrees of freedom beside the noise of its rates."""
+    rng, sigma = np.random.default_rng(seed), np.array(campaign.rate_sensor.sigma)
+
+    def change(slew):
+        return replace(slew, rate=slew.rate + 0.7 * sigma * rng.standard_t(2.5, slew.rate.shape))
+
+    return changed(campaign, change)
+
+
+@pytest.mark.long
+def test_heavy_tails_are_louder_noise_and_nothing_is_named_for_them(clean):
+    diagnosis = diagnose(heavy_tailed(clean), library=TEMPTING, stochastic=())
+    assert (diagnosis.verdict, diagnosis.named) == ("consistent", ())
+    assert diagnosis.noise_probabilities["louder"] > 0.95
+    assert diagnosis.treatment.by_residuals == ("rate",)
+    # As large as the residuals are, tails and all.
+    assert diagnosis.tests["rate"].reduced_chi2 == pytest.approx(1.0, abs=0.02)
+    (told,) = (d.note for d in diagnosis.dirt if d.kind == "noise_level")
+    assert "heavy tails" in told
+
+
+def test_residuals_with_structure_or_as_large_as_predicted_are_no_louder_noise(flown):
+    campaigns = (flown.campaign, coloured(flown.campaign, 0.9), heavy_tailed(flown.campaign))
+    for campaign, expected in zip(campaigns, (False, False, True), strict=True):
+        fit = optimizer.estimate(Model(campaign), starts=1, discount=False)
+        begin = CleanStart(fit.model, fit, dict.fromkeys(CHANNELS, 1.0), DirtTreatment())
+        louder = with_louder_noise(begin, fit, Rules())
+        assert (louder is not None) is expected
+    assert louder.noise["rate"] > 1.2
+    assert louder.noise["attitude"] == 1.0
+    assert with_louder_noise(replace(begin, as_stated=True), fit, Rules()) is None
 
 
 @pytest.mark.parametrize(("readings", "noise"), [(10.0, True), (40.0, False)])

@@ -33,6 +33,21 @@ def test_one_loud_axis_counts_in_full():
     assert found > 1.3 * pooled  # which would leave the loud axis unexplained
 
 
+def test_one_loud_slew_counts_in_full():
+    slews = [noise(300, 1.0, 1.0, 1.0, seed=k) for k in range(5)]
+    assert white_factor(slews) == 1.0
+    slews[2] *= 2.0
+    assert abs(white_factor(slews) - 2.0) < 5.0 * 2.0 * 0.5 * np.sqrt(3.9 / 900)
+
+
+def test_the_noise_of_two_fixes_at_rest_is_measured_from_their_difference():
+    pairs = [noise(2, 1.0, 1.0, 1.0, seed=k) + 20.0 * k for k in range(10)]
+    assert white_factor(pairs) == 1.0
+    loud = white_factor([3.0 * pair for pair in pairs])
+    assert abs(loud - 3.0) < 5.0 * 3.0 * 0.5 * np.sqrt(2.0 / 30)
+    assert white_factor([20.0 * fix[:1] for fix in pairs]) == 1.0  # alone it tells nothing
+
+
 @pytest.mark.filterwarnings("error")
 def test_readings_that_mostly_repeat_are_as_loud_as_they_are():
     # Three wheels idle, one three times as loud as stated.

@@ -77,8 +77,12 @@ def test_probabilities_beside_a_misfit_are_said_to_compare_answers_only():
 
 
 def test_the_probability_of_the_noise_that_lost_is_said():
-    (said,) = sentences("diagnosis", "noises", {"noise_probabilities": {"white": 0.03}})
+    both = {"white": 0.03, "correlated": 0.97}
+    (said,) = sentences("diagnosis", "noises", {"noise_probabilities": both})
     assert "white 3 %, correlated 97 %" in said
+    louder = {"white": 0.2, "louder": 0.8}
+    (said,) = sentences("diagnosis", "noises", {"noise_probabilities": louder})
+    assert "louder at times) 80 %, something that the model lacks 20 %" in said
     assert sentences("diagnosis", "noises", {"noise_probabilities": {}}) == []
 
 
