@@ -35,7 +35,7 @@ from analyses.naming.fixed_shape import (
 from analyses.naming.fixed_shape_campaigns import draw
 from analyses.naming.physical_limits import why_not_flown
 from analyses.naming.stochastic import NamedOrNot, labels
-from analyses.naming.table_page import write_page
+from analyses.naming.table_page import LAST, write_page
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.quoted_parameters import quoted_parameters
 from bayes_inertia.diagnosis.result import Diagnosis
@@ -51,22 +51,22 @@ from bayes_inertia.studies.work import task_seed
 FIXED_KINDS = ("clean", "single", "strong", "pair", "triple")
 POWER = 0.99
 LEVEL = RULES.false_alarm_probability / len(NAMES)
-FIRST = 1000  # number of the first campaign of each label
 LISTED = 8  # rows of a table that are kept
 # Campaigns of each kind in a round, spread over its labels; rounds go on from there.
 PLAN = {
-    "clean/tacho": 10,
-    "single/tacho": 17,
+    "clean/tacho": 5,
+    "clean/notacho": 4,
+    "single/tacho": 14,
     "single/notacho": 10,
+    "pair/tacho": 5,
+    "triple/tacho": 3,
     "random/tacho": 4,
-    "pair/tacho": 3,
+    "random/notacho": 2,
     "outside/tacho": 3,
-    "clean/notacho": 5,
-    "triple/tacho": 2,
-    "strong/tacho": 6,
-    "random_x10/tacho": 3,
-    "stated/tacho": 2,
-    "prior/tacho": 6,
+    "strong/tacho": 4,
+    "strong/notacho": 3,
+    "random_x10/tacho": 1,
+    "stated/tacho": 3,
 }
 
 
@@ -170,7 +170,7 @@ def planned(rounds: int) -> Iterator[tuple[str, str, int]]:
             kind, measured = of_kind.split("/")
             names = all_labels(kind, measured == "tacho")
             for k in range(r * count, (r + 1) * count):
-                yield of_kind, names[k % len(names)], FIRST + k // len(names)
+                yield of_kind, names[k % len(names)], LAST + k // len(names)
 
 
 def all_labels(kind: str, tachometers: bool) -> list[str]:
