@@ -344,5 +344,5 @@ def _noise_in_words(estimate: Estimate, context: FitContext) -> str:
         return "the stated noise"
     return (
         f"the noise that was measured (times what is stated: {', '.join(louder)}; "
-        "of its loudest axis)"
+        "of its loudest axis or slew)"
     )
