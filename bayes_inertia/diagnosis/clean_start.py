@@ -150,7 +150,14 @@ def with_louder_noise(start: CleanStart, final: Estimate, rules: Rules) -> Clean
     structured = any(tests[c].is_structured for c in channels)
     if start.as_stated or not channels or structured or is_explained(tests, rules):
         return None
-    return _restarted(start, replace(start.treatment, by_residuals=channels), final)
+    return _at_level_of(start, final, replace(start.treatment, by_residuals=channels))
+
+
+def _at_level_of(start: CleanStart, fit: Estimate, treatment: DirtTreatment) -> CleanStart:
+    """The start with its noise at the level that a fit leaves, the telemetry as it is."""
+    noise = _noise(fit, treatment)
+    base = optimizer.with_noise(start.base, noise)
+    return replace(start, base=base, noise=noise, treatment=treatment)
 
 
 def _restarted(start: CleanStart, treatment: DirtTreatment, fit: Estimate) -> CleanStart:
@@ -203,9 +210,9 @@ def measured_again(start: CleanStart, final: Estimate) -> CleanStart | None:
             treatment = replace(treatment, masked=masked)
     if treatment != start.treatment:
         return _restarted(start, treatment, final)
-    if final is start.base or (noise := _noise(final, treatment)) == start.noise:
+    if final is start.base or _noise(final, treatment) == start.noise:
         return None
-    return replace(start, base=optimizer.with_noise(start.base, noise), noise=noise)
+    return _at_level_of(start, final, treatment)
 
 
 def _colour_at(start: CleanStart, final: Estimate, channel: str) -> Colour:
