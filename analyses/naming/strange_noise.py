@@ -1,6 +1,6 @@
 """Noise that is not as stated, and nothing else wrong: is anything named for it?
 
-    python -m analyses.naming.strange_noise [--seeds 6] [--kinds loud_fixes ...] [--page]
+    python -m analyses.naming.strange_noise [--seeds 3] [--kinds loud_fixes ...] [--page]
 
 Campaigns of the package's own simulator with nothing hidden; the noise of one sensor is louder, in
 one slew or one axis alone, has heavy tails, or grows with the rate. Appends a row a campaign to
@@ -160,7 +160,7 @@ def page(rows: list[dict]) -> str:
 def main() -> None:
     """Fly, diagnose and write."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--seeds", type=int, default=6)
+    parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=list(KINDS))
     parser.add_argument("--page", action="store_true")
     options = parser.parse_args()
