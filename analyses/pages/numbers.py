@@ -156,6 +156,14 @@ def nearly() -> Iterator[tuple[str, str]]:
     yield "nearly.campaigns", f"{len(found)}"
 
 
+def strange_noise() -> Iterator[tuple[str, str]]:
+    """Campaigns with nothing hidden whose noise is not as stated."""
+    verdicts = [row["verdict"] for row in rows("strange_noise") if row["kind"] != "as_stated"]
+    yield "strange_noise.campaigns", f"{len(verdicts)}"
+    yield "strange_noise.nothing", f"{verdicts.count('consistent')}"
+    yield "strange_noise.unknown", f"{verdicts.count('unknown')}"
+
+
 def naming_random() -> Iterator[tuple[str, str]]:
     """Stochastic effects, and disturbances outside the library."""
     found = [row for row in rows("naming_*") if row["kind"] != "prior" and "error" not in row]
@@ -421,6 +429,7 @@ GROUPS: tuple[Callable[[], Iterator[tuple[str, str]]], ...] = (
     naming,
     formulas,
     nearly,
+    strange_noise,
     naming_random,
     probabilities,
     unexplained,

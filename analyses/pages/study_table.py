@@ -112,6 +112,13 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
             "nearly",
         ),
         (
+            "Nothing hidden, the noise of a sensor not as stated: louder, in one axis or slew, "
+            "heavy tails",
+            "nothing is named in {strange_noise.nothing} of {strange_noise.campaigns}, "
+            "{strange_noise.unknown} is `unknown`",
+            "strange_noise",
+        ),
+        (
             "Two effects at once; three",
             "all found in {naming.pair_found} of {naming.pair}; {naming.triple_found} of "
             "{naming.triple}",
