@@ -60,12 +60,12 @@ def _normal(rng: np.random.Generator, slew: Slew, sigmas: float) -> np.ndarray:
     return sigmas * rng.standard_normal((len(slew.time), 3))
 
 
-def _tails(rng: np.random.Generator, slew: Slew, columns: int) -> np.ndarray:
-    return rng.standard_t(2.5, (len(slew.time), columns))
+def _tails(rng: np.random.Generator, slew: Slew) -> np.ndarray:
+    return rng.standard_t(2.5, (len(slew.time), 3))
 
 
 def _loud_wheels(campaign: Campaign, slew: Slew, rng: np.random.Generator) -> Slew:
-    noise = 2.0 * max(w.momentum_sigma for w in campaign.wheels) * _tails(rng, slew, 3)
+    noise = 2.0 * max(w.momentum_sigma for w in campaign.wheels) * _tails(rng, slew)
     return replace(slew, wheel_momentum=slew.wheel_momentum + noise)
 
 
@@ -89,9 +89,7 @@ KINDS: dict[str, tuple[str, Change]] = {
     ),
     "one_slew_rates": (
         "gyro twice as loud in one slew",
-        lambda c, s, rng: (
-            more_rate_noise(c, s, _normal(rng, s, 2.0)) if s is c.slews[LOUD_SLEW] else s
-        ),
+        _in_one_slew(lambda c, s, rng: more_rate_noise(c, s, _normal(rng, s, 2.0))),
     ),
     "one_slew_fixes": (
         "star tracker four times as loud in one slew",
@@ -99,11 +97,11 @@ KINDS: dict[str, tuple[str, Change]] = {
     ),
     "tails_of_rates": (
         "gyro with Student-t noise beside its own",
-        lambda c, s, rng: more_rate_noise(c, s, 0.7 * _tails(rng, s, 3)),
+        lambda c, s, rng: more_rate_noise(c, s, 0.7 * _tails(rng, s)),
     ),
     "tails_of_fixes": (
         "star tracker with Student-t noise beside its own",
-        lambda c, s, rng: turned(c, s, _tails(rng, s, 3)),
+        lambda c, s, rng: turned(c, s, _tails(rng, s)),
     ),
     "tails_of_wheels": ("tachometers with Student-t noise beside their own", _loud_wheels),
     "with_rate": (

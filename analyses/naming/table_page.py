@@ -119,8 +119,8 @@ def _names(what: str, rows: Sequence[Row], searched: Sequence[Row]) -> list[str]
     ]
     if what.startswith(_NOTHING):
         told = [told[0], *told[2:]]
-    last = [row for row in rows if row["index"] >= LAST]
-    parts = (last, [row for row in rows if row not in last], searched)
+    last, earlier = ([row for row in rows if (row["index"] >= LAST) is x] for x in (True, False))
+    parts = (last, earlier, searched)
     lines = [f"| | {said} | {' | '.join(share(x, f) for x in parts)} |" for said, f in told]
     lines[0] = f"| {what} {lines[0].removeprefix('| ')}"
     seconds = np.median([row["seconds"] for row in rows if "seconds" in row])

@@ -4,7 +4,8 @@ row.
 Outliers are local, and rounding is seen in the readings: both are treated at once. The level of the
 noise comes from fast differences. Correlated noise can look like a slow missing effect, and the
 other way round: where residuals show any, there is a start with it and one without, each with a
-table of its own, and the evidence of both decides (`search`).
+table of its own, and the evidence of both decides (`search`). So it is with louder noise, where
+residuals that are too large have no structure in time.
 """
 
 from __future__ import annotations
@@ -210,9 +211,10 @@ def measured_again(start: CleanStart, final: Estimate) -> CleanStart | None:
             treatment = replace(treatment, masked=masked)
     if treatment != start.treatment:
         return _restarted(start, treatment, final)
-    if final is start.base or _noise(final, treatment) == start.noise:
+    if final is start.base:
         return None
-    return _at_level_of(start, final, treatment)
+    relevelled = _at_level_of(start, final, treatment)
+    return None if relevelled.noise == start.noise else relevelled
 
 
 def _colour_at(start: CleanStart, final: Estimate, channel: str) -> Colour:

@@ -292,21 +292,21 @@ def _diagnosed(begin: CleanStart, search: Search) -> Diagnosis:
     Correlated noise that a twentieth of the probability leaves open is noise: nothing is named for
     it.
     """
-    weighed = weigh_campaign(begin, search)
-    evidence = {"white": _log_evidence(weighed)}
+    weighed, taken = weigh_campaign(begin, search), "white"
+    evidence = {taken: _log_evidence(weighed)}
     search.say("measuring correlated noise", 0, 0)
     coloured = with_correlated_noise(begin, begin.base, weighed.final)
     if coloured is not None:
         other = weigh_campaign(coloured, search)
         evidence["correlated"] = _log_evidence(other)
-        lead = evidence["correlated"] - evidence["white"]
+        lead = evidence["correlated"] - evidence[taken]
         if holds_correlated_noise(weighed.final) or lead > -search.rules.log_evidence_margin:
-            weighed = other
+            weighed, taken = other, "correlated"
     louder = with_louder_noise(weighed.begin, weighed.final, search.rules)
     if louder is not None:
-        other, before = weigh_campaign(louder, search), _log_evidence(weighed)
+        other = weigh_campaign(louder, search)
         evidence["louder"] = _log_evidence(other)
-        weighed = other if evidence["louder"] > before else weighed
+        weighed = other if evidence["louder"] > evidence[taken] else weighed
     odds = dict(zip(evidence, softmax([*evidence.values()]).tolist(), strict=True))
     weighed, formulas = with_formulas(weighed, search)
     table, reading, noise = weighed.table, weighed.reading, dict(weighed.begin.noise)
