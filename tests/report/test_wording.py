@@ -76,14 +76,20 @@ def test_probabilities_beside_a_misfit_are_said_to_compare_answers_only():
     assert ["fit none of these answers" in note for note in notes] == [False, True]
 
 
+def said_of_noise(**probabilities):
+    return sentences("diagnosis", "noises", {"noise_probabilities": probabilities})
+
+
 def test_the_probability_of_the_noise_that_lost_is_said():
-    both = {"white": 0.03, "correlated": 0.97}
-    (said,) = sentences("diagnosis", "noises", {"noise_probabilities": both})
-    assert "white 3 %, correlated 97 %" in said
-    louder = {"white": 0.2, "louder": 0.8}
-    (said,) = sentences("diagnosis", "noises", {"noise_probabilities": louder})
-    assert "louder at times) 80 %, something that the model lacks 20 %" in said
-    assert sentences("diagnosis", "noises", {"noise_probabilities": {}}) == []
+    (both,) = said_of_noise(white=0.03, correlated=0.97)
+    assert "white 3 %, correlated in time (rate sensor) 97 %." in both
+    assert both.endswith("Correlated noise counts unless it is far less probable.")
+    (louder,) = said_of_noise(white=0.2, louder=0.8)
+    assert "white 20 %, louder than measured (heavy tails, or louder at times) 80 %." in louder
+    assert louder.endswith("more probable than something that the model lacks.")
+    (three,) = said_of_noise(white=0.1, correlated=0.3, louder=0.6)
+    assert re.findall(r"(\d+) %", three) == ["10", "30", "60"]
+    assert said_of_noise() == []
 
 
 @pytest.mark.parametrize(
