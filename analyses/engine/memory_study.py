@@ -38,7 +38,6 @@ from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.files import write_atomically
-from bayes_inertia.flight.closed_loop import fly_slews
 from bayes_inertia.flight.mission import most_like_mission
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
@@ -83,10 +82,7 @@ def large_plan(slews: int) -> Plan:
 def flown(plan: Plan, seed: int) -> Campaign:
     """A campaign of another spacecraft."""
     template = planned_campaign(plan, most_like_mission())
-    campaign = draw_flight(template, plan, seed, vary=False).campaign
-    # The simulator's programs are not what is measured.
-    fly_slews.clear_cache()  # type: ignore[attr-defined]
-    return campaign
+    return draw_flight(template, plan, seed, vary=False).campaign
 
 
 def resident() -> int:

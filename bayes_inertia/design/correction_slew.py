@@ -20,13 +20,12 @@ from bayes_inertia.design.after_campaign import (
     plan_after,
 )
 from bayes_inertia.design.numerics import NUMERICS
-from bayes_inertia.flight.closed_loop_flights import PROGRAMS, predict_correction_slew
+from bayes_inertia.flight.closed_loop_flights import predict_correction_slew
 from bayes_inertia.flight.mission import Mission, following_plan, spacecraft_at
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.flight.plan import Plan, PlannedSlew
 from bayes_inertia.flight.simulated_campaigns import draw_bodies
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft, axes_of_control
-from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.maths.values import AnyArray, array_dataclass
 from bayes_inertia.physics.effect import Effect
@@ -184,7 +183,6 @@ def _mission_and_cases(
 
 def _quantiles(case: _Case, plan: Plan, mission: Mission) -> tuple[float, float, float]:
     """Quantiles 5 %, 50 % and 95 % of the correction slew [rad] in one case."""
-    forget_surplus(PROGRAMS, most=NUMERICS.flight_programs)
     controller = Controller(case.believed.inertia_B, case.believed.scale_factor)
     angles = predict_correction_slew(
         case.thetas[:, :9], plan, mission, controller, values=case.values

@@ -30,8 +30,6 @@ class Numerics:
     # `correction_slew.py`
     # Longest control period [s] of a forecast: on-board loops are faster than slow telemetry.
     control_period: float = 1.0
-    # Programs of flights that are kept: before and after, for two sets of effects.
-    flight_programs: int = 4
 
     # `feasibility.py`
     # A slew that hardly turns [rad]: it shows what the start alone demands.

@@ -252,24 +252,35 @@ def nothing(system: System) -> Given:
     return Given(np.zeros(1), system.matrix[None], system.gradient[None])
 
 
-def given_fixed(before: Given, member: FixedMember) -> Given:
-    """The linear model given one effect more, at each of its sizes."""
+def given_fixed(before: Given, member: FixedMember, *, likely: bool = False) -> Given:
+    """The linear model given one effect more, at each of its sizes.
+
+    `likely`: only combinations of sizes that count.
+    """
     g, index = len(member.sizes), np.concatenate([member.index, member.shape])
     sd = np.ones((g, len(index)))
     sd[:, : len(member.index)] = member.sizes[:, None]
     block = before.matrix[:, index][:, :, index]
     inner = sd[:, :, None] * block[:, None] * sd[:, None, :] + np.eye(len(index))
     root = np.linalg.cholesky(inner)
-    rows = np.linalg.solve(root, sd[:, :, None] * before.matrix[:, None, index])
     along = np.linalg.solve(root, (sd * before.gradient[:, None, index])[..., None])[..., 0]
     gain = 0.5 * np.sum(along**2, -1) - np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(-1)
     if member.one_sided:
         gain = gain + _log_share_above(sd[:, 0], before, index[0])
     weight = before.log_weight[:, None] + gain + np.log(member.weights) - member.log_cost
-    matrix = before.matrix[:, None] - np.swapaxes(rows, -1, -2) @ rows
-    gradient = before.gradient[:, None] - (along[..., None, :] @ rows)[..., 0, :]
-    c = matrix.shape[-1]
-    return Given(weight.ravel(), matrix.reshape(-1, c, c), gradient.reshape(-1, c))
+    # Matrices of what counts alone: of all combinations they would take gigabytes.
+    b, size = np.nonzero(_counts(weight) if likely else np.ones_like(weight))
+    rows = np.linalg.solve(root[b, size], sd[size][:, :, None] * before.matrix[b][:, index])
+    matrix = before.matrix[b]
+    matrix -= np.swapaxes(rows, -1, -2) @ rows
+    gradient = before.gradient[b] - (along[b, size][:, None, :] @ rows)[:, 0]
+    return Given(weight[b, size], matrix, gradient)
+
+
+def _counts(weight: np.ndarray) -> np.ndarray:
+    """Whether combinations of sizes with these log weights count; all of few do."""
+    few = weight.size <= LIMITS.many_sizes
+    return np.full(weight.shape, few) | (weight > logsumexp(weight) - LIMITS.negligible_sizes)
 
 
 def _log_share_above(size: np.ndarray, before: Given, i: int) -> np.ndarray:
@@ -333,15 +344,6 @@ def draw_coefficients(member: RandomMember, rng: np.random.Generator, k: int) ->
         drawn[:, own] = signal.basis @ (size * normal)
         first += len(signal.sizes)
     return drawn
-
-
-def without_negligible(given: Given, gain: np.ndarray | None = None) -> Given:
-    """The same without combinations of sizes that hardly count, with what else they gain (b,)."""
-    if len(given.log_weight) <= LIMITS.many_sizes:
-        return given
-    weight = given.log_weight if gain is None else given.log_weight + gain
-    kept = weight > weight.max() - LIMITS.negligible_sizes
-    return Given(*(x[kept] for x in given))
 
 
 def _gain_at_size(given: Given) -> np.ndarray:
@@ -454,7 +456,8 @@ def evidence_of_sets(
 def log_evidence_of(given: Given, members: Sequence[FixedMember]) -> float:
     """Log evidence of the members given and a set of effects, averaged over all sizes."""
     given, members = of_columns(given, members)
-    given = without_negligible(given, _gain_at_size(given))
+    likely = _counts(given.log_weight + _gain_at_size(given))
+    given = Given(*(x[likely] for x in given))
     values = []
     for last in members:
         others = [m for m in members if m is not last]
@@ -482,7 +485,7 @@ def of_columns(
 def given_all(begin: Given, members: Iterable[FixedMember]) -> Given:
     """The linear model given several effects more."""
     for member in members:
-        begin = without_negligible(given_fixed(begin, member))
+        begin = given_fixed(begin, member, likely=True)
     return begin
 
 

@@ -122,7 +122,7 @@ class Limits:
     fixed_sizes: int = 12
     # The same of a random signal, whose evidence is a steeper function of the size.
     random_sizes: int = 16
-    # Combinations of sizes less probable by this log factor (a millionth) are left out ...
+    # Combinations of sizes less probable than this log factor (a millionth) are left out ...
     negligible_sizes: float = 14.0
     # ... if there are more than so many, to save time.
     many_sizes: int = 100

@@ -29,8 +29,7 @@ from bayes_inertia.diagnosis.formulas import DRIVEN_BY_LIBRARY, told_blocks
 from bayes_inertia.diagnosis.hypothesis_table import RandomMember, Signal, signal_of
 from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.linear_system import LinearModel, ProjectedSignal
-from bayes_inertia.diagnosis.torque_response import PROGRAMS, TorqueResponse, coefficient_columns
-from bayes_inertia.inference.compiled_programs import forget_surplus
+from bayes_inertia.diagnosis.torque_response import TorqueResponse, coefficient_columns
 from bayes_inertia.inference.marginal_posterior import prior_roots
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect, require_of_effect
@@ -222,7 +221,6 @@ def random_members(
 
     `driven`: whether a shape may follow something known; not where formulas say what it follows.
     """
-    forget_surplus(PROGRAMS)
     fit, shapes = linear.fit, (TachometerShape(),) if nameless else ()
     both = usable((*effects, *shapes), fit.model, fit.residual.size)
     model = Model(fit.model.campaign, both, fit.model.structure.drive)

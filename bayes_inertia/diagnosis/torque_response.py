@@ -18,7 +18,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.likelihood import of_all_slews, of_slew
 from bayes_inertia.inference.noise_filter import innovations
@@ -155,7 +154,6 @@ def tangents(
     [rad/s]; `wheel_momentum` (slews, n, wheels) [N m s]; `turn, change` (slews, n, 3, 6): change of
     attitude [rad, body axes] and rate [rad/s] per change of the start state.
     """
-    forget_surplus((_tangents,))
     grid = data.arrays.slews.context.time.shape[1]
     parts = [
         _tangents(structure, theta, of_slew(k, local), alone) for k, alone in enumerate(data.pieces)
@@ -242,7 +240,7 @@ def _integral(pieces: np.ndarray, time: np.ndarray) -> np.ndarray:
     return np.concatenate([np.zeros_like(sums[:, :1]), sums], axis=1)
 
 
-@partial(jax.jit, static_argnums=(0, 1, 2, 3))
+@partial(KeptProgram, static=4)
 def _unit_signals(
     effect: StochasticEffect,
     channels: tuple[Channel, ...],
@@ -278,7 +276,3 @@ def _unit_signals(
         return along(jnp.eye(count))
 
     return jax.vmap(one)(contexts, path)
-
-
-# What is compiled for each effect and size of slew.
-PROGRAMS = (_unit_signals,)

@@ -27,7 +27,8 @@ from jax import Array
 from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import angle_and_rate
 from bayes_inertia.maths import quaternion
-from bayes_inertia.physics.effect import ActiveEffects
+from bayes_inertia.maths.kept_programs import KeptProgram
+from bayes_inertia.physics.effect import ActiveEffects, Effect
 from bayes_inertia.physics.equations_of_motion import (
     Body,
     SlewState,
@@ -345,9 +346,14 @@ class ClosedLoop:
     substeps: int = field(default=1, metadata={"static": True})
 
 
-@jax.jit
 def fly_slews(loop: ClosedLoop) -> FlownSlew:
     """`fly_slew` for all slews of a campaign; compiled once for each shape and set of effects."""
+    return _flown(loop.active.effects, loop)
+
+
+@KeptProgram
+def _flown(effects: tuple[Effect, ...], loop: ClosedLoop) -> FlownSlew:
+    """All slews at once; the effects are those of the loop."""
 
     def one(slew, schedule, start, noise):
         plant = loop.plant._replace(start=start)

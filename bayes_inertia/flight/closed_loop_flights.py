@@ -424,7 +424,3 @@ def _final_errors(flights: _Flights, slew, schedule, plants, law, noise, values)
             plants, values, jax.tree.map(lambda x: x[0], noise)
         )
     return jax.vmap(of_draw)(plants, values, noise)
-
-
-# What is compiled for each set of effects.
-PROGRAMS = (_final_errors,)

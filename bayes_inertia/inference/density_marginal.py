@@ -41,6 +41,7 @@ from bayes_inertia.inference.noise_model import (
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import in_batches
+from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.physics.parameters import log_prior
 from bayes_inertia.physics.prediction import Structure, predict_all
 
@@ -188,7 +189,7 @@ def log_posterior_with_densities(
     return jnp.where(allowed & jnp.isfinite(value), value, -jnp.inf)
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(KeptProgram, static=2)
 def _conditional(
     structure: Structure, densities: Densities, frozen: DensityMarginal, theta: Array, noise: Array
 ) -> Point:
@@ -218,7 +219,7 @@ def log_density_with_densities(estimate: Estimate, *, batch: int) -> LogDensity:
     return partial(in_batches, partial(_log_density, *given), size=batch)
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(KeptProgram, static=2)
 def _log_density(
     structure: Structure, densities: Densities, frozen: DensityMarginal, thetas: Array
 ) -> Array:

@@ -61,6 +61,7 @@ from bayes_inertia.maths.device_arrays import (
     padded_size,
     repeated,
 )
+from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.forward_model import Model
@@ -406,7 +407,7 @@ def _all_but_learnt_eliminated(
     return eliminated(change, equations), norm
 
 
-@partial(jax.jit, static_argnums=0)
+@KeptProgram
 @partial(jax.value_and_grad, argnums=2)
 def _negative_log(structure: Structure, frozen: FrozenEvidence, standardised: Array) -> Array:
     parts, norm = _all_but_learnt_eliminated(structure, frozen, standardised)
@@ -432,7 +433,7 @@ class GivenSizes(NamedTuple):
     root: AnyArray
 
 
-@partial(jax.jit, static_argnums=0)
+@KeptProgram
 def given_sizes(structure: Structure, frozen: FrozenEvidence, standardised: Array) -> GivenSizes:
     """What the data say of J, K and the like for given parameters of stochastic effects.
 
@@ -449,10 +450,6 @@ def given_sizes(structure: Structure, frozen: FrozenEvidence, standardised: Arra
         return GivenSizes(value, frozen.theta[frozen.free] + frozen.scale * move, root)
 
     return jax.vmap(at)(standardised)
-
-
-# What is compiled for each set of effects and size of slew.
-PROGRAMS = (_negative_log, given_sizes)
 
 
 def level_used(model: Model, channel: Channel, theta: np.ndarray, white: Whitening) -> float:

@@ -342,7 +342,3 @@ def information_blocks(
     p = every - silent * sum(model.structure.coefficients)
     matrix = filled(filled(matrix[..., :p, :p], every, 2), every, 3)
     return Information(matrix, filled(gradient[..., :p], every, 2), chi2, numbers, free, weight)
-
-
-# What is compiled for each size of slew, largest first.
-PROGRAMS = (_plain_sensitivities, _plain_residuals, compiled_innovations, _sensor_columns)

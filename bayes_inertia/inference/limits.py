@@ -241,12 +241,6 @@ class Limits:
     # Sensitivities are taken so many columns at a time: as many as a plain fit has, or more where a
     # model has more. Of one slew at a time, twice as many hardly take longer.
     columns_at_once: tuple[int, int] = (24, 48)
-    # [bytes] of all large programs together, as the compiler describes them; in memory they take 27
-    # times as much, 0.3 GB. A diagnosis needs 7 MB. Compiling takes 0.6 GB for a while, and a
-    # process shall stay below 1.5 GB.
-    most_bytes: int = 10 * 2**20
-    # Of each small function, for whose programs nobody knows the size.
-    most_programs: int = 24
 
     @property
     def gentle_stop(self) -> dict[str, Any]:

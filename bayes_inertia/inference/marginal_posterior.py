@@ -144,7 +144,7 @@ def prior_roots(structure: Structure, theta: Any, contexts: SlewContext) -> Root
     return jax.tree.map(lambda *roots: np.concatenate(roots), *parts)
 
 
-@partial(jax.jit, static_argnums=0)
+@KeptProgram
 def _prior_roots(structure: Structure, theta: Array, contexts: SlewContext) -> Roots:
     active = structure.active_effects(theta)
     return jax.vmap(lambda slew: prior_blocks(active, structure.coefficients, slew))(contexts)
@@ -474,7 +474,7 @@ def _padded_nuisances(marginal: Marginal) -> _Nuisances:
     return jax.tree.map(on_device, padded)
 
 
-@partial(jax.jit, static_argnums=0)
+@KeptProgram
 def _drawn(
     structure: Structure,
     nuisances: _Nuisances,
@@ -487,10 +487,6 @@ def _drawn(
     parts, bias = _elimination(structure, nuisances, theta, chi2, gradient)
     step, local = steps_given(parts, noise)
     return bias + step, local
-
-
-# What is compiled for each size of slew, largest first.
-PROGRAMS = (_pulls, _densities, _drawn, _prior_roots)
 
 
 def conditional_point(

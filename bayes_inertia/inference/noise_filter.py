@@ -10,6 +10,7 @@ any gap. What the processes are: `physics.stochastic_effect`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -19,6 +20,7 @@ from jax import Array
 
 from bayes_inertia.inference.channel_rows import row_times
 from bayes_inertia.maths.device_arrays import filled, padded, padded_size
+from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.forward_model import Model
@@ -71,7 +73,7 @@ def innovations(rate: Any, memory: Memory) -> Any:
     return np.asarray(new)[:slews, :n, :, :k].reshape(rate.shape)
 
 
-@jax.jit
+@partial(KeptProgram, static=0)
 def compiled_innovations(rate: Array, memory: Memory) -> Array:
     """As `innovations`, of JAX; numbers may also stand flat, (slews, n c, ...)."""
     rows = memory.scale.ndim - 2
@@ -268,7 +270,7 @@ def in_states(processes: Sequence[StateSpace], xp: Any = np) -> StateSpace:
     return StateSpace(*(xp.stack(parts, -1) for parts in zip(*processes, strict=True)))
 
 
-@jax.jit
+@partial(KeptProgram, static=0)
 def filter_of(states: StateSpace, white: Array, valid: Array) -> Memory:
     """The filter for processes (last axis) beside white noise (c,) or (n, c).
 

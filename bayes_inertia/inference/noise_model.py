@@ -10,7 +10,6 @@ its residuals count as they are.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -21,6 +20,7 @@ from jax import Array
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.noise_filter import Memory, noise_memory
 from bayes_inertia.maths.device_arrays import on_device
+from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.physics.channel_noise import NOISE_OWNER
 from bayes_inertia.physics.densities import Density
 from bayes_inertia.physics.forward_model import Model
@@ -147,12 +147,12 @@ def densities_of(model: Model) -> Densities:
     return tuple(densities)
 
 
-@partial(jax.jit, static_argnums=0)
+@KeptProgram
 def _summed(family: Density, r: Array, valid: Array, scale: Array, shape: Array) -> Array:
     return jnp.sum(jnp.where(valid, family.loss(r / scale, shape), 0.0))
 
 
-@partial(jax.jit, static_argnums=0)
+@KeptProgram
 def _pull(family: Density, r: Array, valid: Array, scale: Array, shape: Array) -> tuple[Array, ...]:
     """Slope by each residual, mean curvature, sums of y psi(y) and slope towards the shape."""
     y = r / scale

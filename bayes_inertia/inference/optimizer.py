@@ -18,7 +18,6 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.descent import descend, gentle_descents, guess_nuisances, roughly
 from bayes_inertia.inference.hyperparameters import information_with_learnt, without_hyperparameters
 from bayes_inertia.inference.laplace import Estimate, Starts, model_of
@@ -100,7 +99,6 @@ def estimate(
     """
     model, say, seed = model_of(model), as_callback(progress), whole_number(seed, "seed")
     start = None if start is None else parameter_vectors(start, model.space.size, "start")
-    forget_surplus()
     say("descending from several starts", 0, 0)
     free = np.arange(model.space.size) if free is None else np.asarray(free)
     descents = gentle_descents(model, seed, starts, start, free)

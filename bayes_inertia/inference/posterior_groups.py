@@ -29,6 +29,7 @@ from bayes_inertia.inference.predicted_telemetry import (
 from bayes_inertia.inference.sampler import Chains
 from bayes_inertia.inference.settings import FitContext
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.physics.actuators import ties_of_scale
 from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.forward_model import base_space
@@ -344,7 +345,7 @@ def stochastic_signals(
     }
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(KeptProgram, static=2)
 def _signals(
     structure: Structure,
     names: tuple[str, ...],

@@ -15,12 +15,12 @@ import pickle
 import sys
 import warnings
 import zlib
-from collections.abc import Callable, Hashable
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import suppress
 from functools import cache, update_wrapper
 from pathlib import Path
 from threading import Lock
-from time import perf_counter
 from typing import Any
 
 import jax
@@ -36,17 +36,72 @@ _PACKAGE = bayes_inertia.__name__
 _NOT_KEPT = b""
 
 
-class KeptProgram:
-    """A compiled function of a model's structure and of arrays.
+class ProgramsInMemory:
+    """All programs of a process: beyond a size, those that were not called for longest go.
 
-    Called by functions that JAX transforms it is one of them. `compiled_programs` asks for the size
-    of its programs and forgets them.
+    What is needed again is compiled again, or comes from the cache on disk.
+
+    Parameters
+    ----------
+    most_bytes : int
+        [bytes] of all programs together, as the compiler describes them; in memory they take 30
+        times as much, 0.4 GB. A diagnosis needs 7 to 10 MB, and would compile again and again if
+        there were less. A process shall stay below 1.5 GB, while it compiles too.
+    """
+
+    def __init__(self, most_bytes: int = 14 * 2**20) -> None:
+        self.most_bytes = most_bytes
+        self._programs: OrderedDict[tuple[KeptProgram, Hashable], tuple[Any, int]] = OrderedDict()
+        self._lock = Lock()
+
+    def get(self, of: KeptProgram, form: Hashable) -> Callable[..., Any] | None:
+        """The program of a function for a form; None where there is none."""
+        with self._lock:
+            found = self._programs.get((of, form))
+            if found is None:
+                return None
+            self._programs.move_to_end((of, form))
+            return found[0]
+
+    def put(self, of: KeptProgram, form: Hashable, program: Any) -> None:
+        """Hold one more program, at the expense of the oldest."""
+        modules = program.runtime_executable().hlo_modules()
+        size = sum(len(module.as_serialized_hlo_module_proto()) for module in modules)
+        with self._lock:
+            self._programs[of, form] = program, size
+            while self.size() > self.most_bytes and len(self._programs) > 1:
+                self._programs.popitem(last=False)
+        return_freed_memory()
+
+    def size(self) -> int:
+        """[bytes] of all programs, as the compiler describes them."""
+        return sum(size for _, size in self._programs.values())
+
+    def held(self) -> tuple[tuple[KeptProgram, Hashable], ...]:
+        """Functions and forms of all programs, the oldest first."""
+        with self._lock:
+            return tuple(self._programs)
+
+
+# Compiled code is the process', as in JAX: who compiles cannot know what else was compiled.
+IN_MEMORY = ProgramsInMemory()
+
+
+class KeptProgram:
+    """A compiled function of what decides its code and of arrays.
+
+    Called by functions that JAX transforms it is one of them. A process holds no more of all such
+    programs together than `ProgramsInMemory` says.
 
     Parameters
     ----------
     function : callable
-        From (structure, *arrays) to arrays. The structure is hashable and decides, with the shapes
-        of the arrays, what is compiled.
+        From (*static, *arrays) to arrays. What is static is hashable and decides, with the shapes
+        of the arrays, what is compiled: a model's structure.
+    static : int
+        How many arguments are static.
+    memory : ProgramsInMemory
+        Holds the programs; all functions share one.
     **options
         Of `jax.jit`.
 
@@ -56,46 +111,35 @@ class KeptProgram:
     [8.0]
     """
 
-    def __init__(self, function: Callable[..., Any], **options: Any) -> None:
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        static: int = 1,
+        memory: ProgramsInMemory = IN_MEMORY,
+        **options: Any,
+    ) -> None:
         update_wrapper(self, function)
-        self._function = function
-        self._traced: Any = jax.jit(function, static_argnums=0, **options)
-        self._ready: dict[Hashable, _Ready] = {}
+        self._function, self._static, self._memory = function, static, memory
+        self._traced: Any = jax.jit(function, static_argnums=tuple(range(static)), **options)
         self._preparing: dict[Hashable, Lock] = {}
 
-    def __call__(self, structure: Any, *arrays: Any) -> Any:
+    def __call__(self, *arguments: Any) -> Any:
         require_usable_jax()
+        static, arrays = arguments[: self._static], arguments[self._static :]
         leaves, tree = jax.tree.flatten(arrays)
         if any(isinstance(x, jax.core.Tracer) for x in leaves):
-            return self._traced(structure, *arrays)
-        form = (structure, tree, tuple(_form(x) for x in leaves))
-        ready = self._ready.get(form)
-        if ready is None:
+            return self._traced(*arguments)
+        form = (static, tree, tuple(_form(x) for x in leaves))
+        program = self._memory.get(self, form)
+        if program is None:
             # A program that two threads want is compiled by one.
             with self._preparing.setdefault(form, Lock()):
-                ready = self._ready.get(form) or _Ready(self._prepared(form, arrays))
-                self._ready[form] = ready
-        ready.used = perf_counter()
-        return ready.program(*arrays)
-
-    def clear_cache(self) -> None:
-        """Forget all programs of this process."""
-        self._ready.clear()
-        self._preparing.clear()
-        self._traced.clear_cache()
-
-    def sizes(self) -> list[tuple[float, int, Hashable]]:
-        """Of each program when it was last called, its size [bytes], and what it is called for."""
-        return [(ready.used, ready.size, form) for form, ready in list(self._ready.items())]
-
-    def forget(self, form: Hashable) -> None:
-        """Forget one program of this process."""
-        self._ready.pop(form, None)
-        self._preparing.pop(form, None)
-        self._traced.clear_cache()
-
-    def _cache_size(self) -> int:
-        return len(self._ready) + self._traced._cache_size()
+                program = self._memory.get(self, form)
+                if program is None:
+                    program = self._prepared(form, arrays)
+                    self._memory.put(self, form, program)
+            self._preparing.pop(form, None)
+        return program(*arrays)
 
     def _prepared(self, form: tuple, arrays: tuple) -> Callable[..., Any]:
         """The program of a form: kept, or compiled now."""
@@ -123,24 +167,16 @@ class KeptProgram:
         return compiled
 
     def _compiled(self, form: tuple, arrays: tuple) -> Any:
-        # Not by a call: two threads would compile the same program twice.
-        compiled = self._traced.trace(form[0], *arrays).lower().compile()
-        self._traced.clear_cache()
+        # The compiler needs memory of its own: not beside what arrays have left.
         return_freed_memory()
+        # Not by a call: two threads would compile the same program twice.
+        compiled = self._traced.trace(*form[0], *arrays).lower().compile()
+        self._traced.clear_cache()
         return compiled
 
 
-class _Ready:
-    """A program of this process, its size [bytes], and when it was last called."""
-
-    def __init__(self, program: Any) -> None:
-        modules = program.runtime_executable().hlo_modules()
-        self.size = sum(len(module.as_serialized_hlo_module_proto()) for module in modules)
-        self.program, self.used = program, perf_counter()
-
-
 def return_freed_memory() -> None:
-    """Give back to the system what the compiler has freed: 100 MB and more for each program."""
+    """Give back to the system what compiler and arrays have freed: 100 MB and more."""
     if sys.platform == "linux":
         with suppress(OSError, AttributeError):  # Of other C libraries than glibc.
             ctypes.CDLL(None).malloc_trim(0)
@@ -175,13 +211,12 @@ def _form(x: Any) -> tuple:
 
 def _key(function: Callable[..., Any], form: tuple) -> str | None:
     """By what a program is found; None for effects and sensors whose code is not the package's."""
-    structure, tree, shapes = form
-    parts = (*getattr(structure, "effects", ()), *getattr(structure, "channels", ()))
-    if any(type(part).__module__.split(".")[0] != _PACKAGE for part in parts):
+    static, tree, shapes = form
+    if any(type(part).__module__.split(".")[0] != _PACKAGE for part in _with_code(static)):
         return None
     device = jax.devices()[0]
     what = (
-        pickle.dumps(structure),
+        pickle.dumps(static),
         str(tree),
         repr(shapes),
         jax.__version__,
@@ -193,6 +228,17 @@ def _key(function: Callable[..., Any], form: tuple) -> str | None:
     )
     name = f"{_PACKAGE}_{function.__name__.strip('_')}"
     return f"{name}-{sha256_of(pickle.dumps(what))}"
+
+
+def _with_code(static: Any) -> Iterator[Any]:
+    """Effects and sensors: what is static and brings code of its own."""
+    if hasattr(static, "effects"):
+        yield from _with_code((*static.effects, *getattr(static, "channels", ())))
+    elif isinstance(static, tuple):
+        for part in static:
+            yield from _with_code(part)
+    elif type(static).__module__ != "builtins":
+        yield static
 
 
 @cache

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import field, replace
 from functools import partial
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -23,6 +22,7 @@ from bayes_inertia.campaign.prior import GaussianPrior
 from bayes_inertia.errors import EffectError
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
+from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.maths.values import array_dataclass, whole_number
 from bayes_inertia.physics.actuators import effects_of, noise_of_inputs
 from bayes_inertia.physics.channel_noise import NOISE_OWNER, NoiseModel
@@ -224,7 +224,7 @@ class Model:
         }
 
 
-@partial(jax.jit, static_argnums=0)
+@KeptProgram
 def _predicted(structure: Structure, theta: Array, local: Array, data: Data) -> tuple[Array, ...]:
     """Predicted telemetry without a rate bias, at one theta (d,)."""
     return predict_all(structure, theta, local, jnp.zeros_like(data.scale.bias), data)

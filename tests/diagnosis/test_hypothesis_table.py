@@ -20,6 +20,7 @@ from bayes_inertia.diagnosis.hypothesis_table import (
     log_evidence_with,
     nothing,
 )
+from bayes_inertia.diagnosis.limits import LIMITS
 
 NUMBERS, SIZES = 30, np.array([0.2, 0.6, 1.5])
 WEIGHTS = np.array([0.3, 0.5, 0.2])
@@ -97,6 +98,21 @@ def test_pair_beside_random_signal(columns, data, system, members, signal):
     given = given_fixed(given_random(system, signal), members[0])
     found = log_evidence_with(given, members[1])
     assert found == pytest.approx(averaged(data, columns, [[0, 1], [2], [3, 4]]), abs=1e-9)
+
+
+def test_combinations_of_sizes_that_hardly_count_are_left_out(system, members):
+    system = System(40.0 * system.matrix, 40.0 * system.gradient)
+    many = np.geomspace(1e-3, 1e3, 200)
+    member = replace(members[0], sizes=many, weights=np.full(len(many), 1.0 / len(many)))
+    every = given_fixed(nothing(system), member)
+    likely = given_fixed(nothing(system), member, likely=True)
+    probability = np.exp(every.log_weight - logsumexp(every.log_weight))
+    counts = probability > np.exp(-LIMITS.negligible_sizes)
+    assert 0 < counts.sum() < len(many)
+    for a, b in zip(likely, every, strict=True):
+        np.testing.assert_array_equal(a, b[counts])
+    few = given_fixed(nothing(system), members[0], likely=True)
+    assert len(few.log_weight) == len(SIZES)
 
 
 def test_gradient_must_be_that_of_the_data(columns, data, system, members):

@@ -21,11 +21,11 @@ from bayes_inertia.diagnosis.score_test import random_candidates, with_p_values
 from bayes_inertia.diagnosis.table_search import with_stochastic, without_effects
 from bayes_inertia.diagnosis.torque_response import coefficient_columns, torque_response
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.hyperparameters import PROGRAMS
 from bayes_inertia.inference.likelihood import padded_sensitivities
 from bayes_inertia.inference.marginal_posterior import prior_roots
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.point import Point
+from bayes_inertia.maths.kept_programs import IN_MEMORY
 from bayes_inertia.physics.effects import STOCHASTIC, ConstantTorque
 from bayes_inertia.physics.effects.rate_bias_instability import RateBiasInstability
 from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
@@ -234,9 +234,9 @@ def test_a_fit_without_an_effect_is_that_of_a_model_without_it(plain):
     theta[begin.model.space.slice_of(walk.name)] = start
     both = optimizer.re_estimate(begin, theta, np.arange(len(theta)))
     expected = with_stochastic(plain, walk, start)
-    compiled = [program._cache_size() for program in PROGRAMS]
+    compiled = set(IN_MEMORY.held())
     fitted = without_effects(both, {"constant_torque"}, plain, {walk.name: start})
-    assert [program._cache_size() for program in PROGRAMS] == compiled
+    assert set(IN_MEMORY.held()) == compiled
     assert fitted.model is both.model
     assert [e.name for e in fitted.effects_fitted] == [walk.name]
     assert fitted.objective == pytest.approx(expected.objective, abs=1e-3)

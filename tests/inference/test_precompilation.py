@@ -10,11 +10,10 @@ import pytest
 from bayes_inertia.inference import descent, hyperparameters, likelihood
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.point import Point
+from bayes_inertia.maths.kept_programs import IN_MEMORY
 from bayes_inertia.physics.effects import RateRandomWalk
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.small_campaign import small_campaign
-
-PROGRAMS = (*likelihood.PROGRAMS, *hyperparameters.PROGRAMS)
 
 
 def begin(effects):
@@ -24,18 +23,18 @@ def begin(effects):
     return model, Point(model.space.mean, np.zeros(3), local)
 
 
-def sizes():
-    return [program._cache_size() for program in PROGRAMS]
+def programs():
+    return set(IN_MEMORY.held())
 
 
 @pytest.mark.long
 @pytest.mark.slow
 def test_what_a_fit_evaluates_is_compiled_beside_the_body():
     model, point = begin((RateRandomWalk(),))
-    before = sizes()
+    before = programs()
     with descent.compiled_meanwhile(model, point):
         pass
-    compiled = sizes()
+    compiled = programs()
     assert compiled != before
     white, everything = whitening(model, point.theta), np.arange(model.space.size)
     likelihood.residuals(model.structure, point, model.data, white)
@@ -44,7 +43,7 @@ def test_what_a_fit_evaluates_is_compiled_beside_the_body():
     for free, whole in itertools.product(subsets, (True, False)):
         evidence = hyperparameters.Evidence(model, point, white, free, whole)
         evidence.negative_log(evidence.standardised(point.theta))
-    assert sizes() == compiled
+    assert programs() == compiled
 
 
 def test_a_plain_model_is_not_evaluated_and_failures_wait_for_the_fit(monkeypatch):

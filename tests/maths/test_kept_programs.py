@@ -13,7 +13,7 @@ import pytest
 from jax.experimental.compilation_cache import compilation_cache
 
 from bayes_inertia.maths import kept_programs
-from bayes_inertia.maths.kept_programs import KeptProgram
+from bayes_inertia.maths.kept_programs import KeptProgram, ProgramsInMemory
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import by_name
 
@@ -152,13 +152,41 @@ def test_without_a_folder_nothing_is_kept(folder):
     assert entries(folder) == []
 
 
-def test_programs_are_counted_and_forgotten(folder):
-    program = Counted()
-    for n in (1, 2, 3):
-        program(Structure(), np.ones(n))
-    assert program.program._cache_size() == 3
-    program.program.clear_cache()
-    assert program.program._cache_size() == 0
+def powers_held(memory):
+    return [form[0][0] for _, form in memory.held()]
+
+
+def test_beyond_a_size_the_programs_called_longest_ago_are_forgotten(folder):
+    memory = ProgramsInMemory()
+    raised = KeptProgram(lambda power, x: x**power, memory=memory)
+    scaled = KeptProgram(lambda factor, x: factor * x, memory=memory)
+    for power in (2, 3):
+        raised(power, np.ones(4))
+    scaled(7, np.ones(4))
+    raised(2, np.ones(4))
+    assert powers_held(memory) == [3, 7, 2]
+    memory.most_bytes = memory.size()
+    raised(3, np.ones(4))
+    assert powers_held(memory) == [7, 2, 3]
+    raised(4, np.ones(4))
+    assert powers_held(memory) == [2, 3, 4]
+    assert memory.size() <= memory.most_bytes
+    assert scaled(7, np.full(4, 2.0)).tolist() == [14.0] * 4
+
+
+def test_a_program_larger_than_the_memory_is_held_alone(folder):
+    memory = ProgramsInMemory(most_bytes=1)
+    raised = KeptProgram(lambda power, x: x**power, memory=memory)
+    for power in (2, 3):
+        assert raised(power, 2.0) == 2.0**power
+        assert powers_held(memory) == [power]
+
+
+def test_what_needs_no_structure_is_compiled_by_shapes_alone(folder):
+    memory = ProgramsInMemory()
+    doubled = KeptProgram(lambda x: 2.0 * x, static=0, memory=memory)
+    assert [doubled(np.ones(n)).sum() for n in (1, 2, 2)] == [2.0, 4.0, 4.0]
+    assert len(memory.held()) == 2
 
 
 @pytest.mark.slow
