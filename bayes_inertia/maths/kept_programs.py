@@ -39,7 +39,8 @@ _NOT_KEPT = b""
 class ProgramsInMemory:
     """All programs of a process: beyond a size, those that were not called for longest go.
 
-    What is needed again is compiled again, or comes from the cache on disk.
+    What is needed again is compiled again, or comes from the cache on disk. Once as much was
+    forgotten as may be held, what JAX itself keeps of former campaigns is forgotten too.
 
     Parameters
     ----------
@@ -52,6 +53,7 @@ class ProgramsInMemory:
     def __init__(self, most_bytes: int = 14 * 2**20) -> None:
         self.most_bytes = most_bytes
         self._programs: OrderedDict[tuple[KeptProgram, Hashable], tuple[Any, int]] = OrderedDict()
+        self._forgotten = 0  # [bytes] since JAX's own programs were.
         self._lock = Lock()
 
     def get(self, of: KeptProgram, form: Hashable) -> Callable[..., Any] | None:
@@ -70,7 +72,13 @@ class ProgramsInMemory:
         with self._lock:
             self._programs[of, form] = program, size
             while self.size() > self.most_bytes and len(self._programs) > 1:
-                self._programs.popitem(last=False)
+                self._forgotten += self._programs.popitem(last=False)[1][1]
+            turned_over = self._forgotten > self.most_bytes
+            if turned_over:
+                self._forgotten = 0
+        if turned_over:
+            # Single operations, of which JAX keeps one program for each shape: 5 MB a campaign.
+            jax.clear_caches()
         return_freed_memory()
 
     def size(self) -> int:
