@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.residual_tests import whiteness
@@ -105,3 +106,34 @@ def test_without_free_shapes_residuals_are_tested_as_they_are(flown):
     np.testing.assert_array_equal(
         estimate.tested_residuals.parameters, estimate.effective_parameters
     )
+
+
+def at_least_as_surprising(series, level, n=400):
+    """How many of n draws of residuals are rejected at a level."""
+    rng = np.random.default_rng(0)
+    return sum(whiteness([series(rng) for _ in range(5)]) < level for _ in range(n))
+
+
+LOUDER = 1.0 + 4.0 * np.sin(np.linspace(0.0, np.pi, 300))[:, None] ** 4
+
+
+@pytest.mark.parametrize(
+    "series",
+    [
+        lambda rng: rng.normal(size=(300, 3)),
+        lambda rng: LOUDER * rng.normal(size=(300, 3)),
+        lambda rng: rng.standard_t(3, size=(300, 3)),
+    ],
+    ids=["white", "louder while the body turns", "heavy tails"],
+)
+def test_noise_without_memory_is_white_however_loud(series):
+    # A right level, or a cautious one: above 99.9 % of binomial draws would be neither.
+    assert at_least_as_surprising(series, 0.05) <= stats.binom.ppf(0.999, 400, 0.05)
+
+
+def test_a_little_memory_in_noise_that_is_louder_at_times_is_seen():
+    def remembers(rng):
+        noise = rng.normal(size=(301, 3))
+        return LOUDER * (noise[1:] + 0.2 * noise[:-1])
+
+    assert at_least_as_surprising(remembers, 0.05, 50) > 45
