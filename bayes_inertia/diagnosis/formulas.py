@@ -10,32 +10,34 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
-import jax.numpy as jnp
+import jax
 import numpy as np
+from jax import Array
+from scipy.spatial.transform import Rotation
 
 from bayes_inertia.diagnosis.hypothesis_table import log_evidence_of_columns
 from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.linear_system import LinearModel
 from bayes_inertia.diagnosis.result import FormulaSearch, FormulaTerm
 from bayes_inertia.diagnosis.torque_response import TorqueResponse
-from bayes_inertia.maths import quaternion
+from bayes_inertia.inference.likelihood import of_all_slews, of_slew
 from bayes_inertia.maths.device_arrays import repeated
+from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effects.formula import (
     PLACES,
-    Driver,
     Formula,
     Place,
     driver_of,
-    driver_values,
     drivers_known,
     knows,
 )
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import N_BASE
-from bayes_inertia.physics.slew_context import State
+from bayes_inertia.physics.slew_context import SlewContext, State
 
 
 def response_hook(place: Place) -> str:
@@ -123,14 +125,18 @@ class Followed(NamedTuple):
 def drivers(response: TorqueResponse) -> Iterator[Followed]:
     """Everything in proportion to which a disturbance may be: one list for all that ask."""
     campaign = response.estimate.model.campaign
-    for key in drivers_known(campaign):
-        driver = driver_of(key)
-        for wheel in range(len(campaign.wheels) if driver.of_one_wheel else 1):
-            values, middle = _along(response, driver, wheel), 0.0
-            if driver.inputs and driver.columns == "one":
-                # Counted from zero a temperature would not differ from a constant.
-                middle = float(f"{np.mean(values):.6g}")
-            yield Followed(key, wheel, values - middle, middle)
+    wheels = {key: len(campaign.wheels) for key in drivers_known(campaign)}
+    asked = tuple(
+        (key, wheel)
+        for key, count in wheels.items()
+        for wheel in range(count if driver_of(key).of_one_wheel else 1)
+    )
+    for (key, wheel), values in zip(asked, _along(response, asked), strict=True):
+        driver, middle = driver_of(key), 0.0
+        if driver.inputs and driver.columns == "one":
+            # Counted from zero a temperature would not differ from a constant.
+            middle = float(f"{np.mean(values):.6g}")
+        yield Followed(key, wheel, values - middle, middle)
 
 
 def _allowed(place: str, key: str, model: Model) -> bool:
@@ -145,21 +151,38 @@ def _allowed(place: str, key: str, model: Model) -> bool:
     return knows(place, key) and not (place == "rate_error" and campaign.rate_sensor is None)
 
 
-def _along(response: TorqueResponse, driver: Driver, wheel: int) -> np.ndarray:
-    """A driver along all slews (slews, n, k) of the integration grid."""
+def _along(response: TorqueResponse, asked: tuple[tuple[str, int], ...]) -> tuple[np.ndarray, ...]:
+    """Drivers, of wheels, along all slews (slews, n, k) of the integration grid."""
     data = response.estimate.model.data
-    n = response.time.shape[1]
-    contexts, slews = data.contexts, data.arrays.slews
+    slews, n = response.time.shape
+    contexts, environment = data.contexts, data.arrays.slews.environment
     path = response.attitude, response.rate_B, response.wheel_momentum
-    field, position = (np.asarray(x) for x in slews.environment)
-    inputs = [_input_along(response, name) for name in driver.inputs]
+    told = dict.fromkeys(name for key, _ in asked for name in driver_of(key).inputs)
+    inputs = [_input_along(response, name) for name in told]
     shape = contexts.time.shape
-    padded = [repeated(x, shape[1]) for x in (*path, field, position, *inputs)]
-    attitude, rate_B, momentum, field, position, *told = padded
+    padded = [repeated(np.asarray(x), shape[1]) for x in (*path, *environment, *inputs)]
+    attitude, rate_B, momentum, field, position, *own = padded
     eye = np.broadcast_to(np.eye(3), (*shape, 3, 3))
-    own = eye, field, position, dict(zip(driver.inputs, told, strict=True))
-    states = State(attitude, rate_B, momentum, np.zeros((*shape, 0)), *own)  # type: ignore[arg-type]
-    return driver_values(driver, wheel, contexts, states, np.asarray(contexts.time))[:, :n]
+    devices = dict(zip(told, own, strict=True))
+    states = State(attitude, rate_B, momentum, np.zeros((*shape, 0)), eye, field, position, devices)  # type: ignore[arg-type]
+    parts = [_values(asked, *of_slew(k, (contexts, states))) for k in range(slews)]
+    return of_all_slews(parts, (n,) * len(asked))
+
+
+# Compiled without optimization: called once for each slew.
+@partial(KeptProgram, compiler_options={"xla_backend_optimization_level": 0})
+def _values(
+    asked: tuple[tuple[str, int], ...], contexts: SlewContext, states: State
+) -> tuple[Array, ...]:
+    """Drivers (slews, n, k), by key and wheel."""
+
+    def of_slew(slew: SlewContext, states: State) -> tuple[Array, ...]:
+        def at(t: Array, state: State) -> tuple[Array, ...]:
+            return tuple(driver_of(key).value(slew, t, state, wheel) for key, wheel in asked)
+
+        return jax.vmap(at)(slew.time, states)
+
+    return jax.vmap(of_slew)(contexts, states)
 
 
 def _input_along(response: TorqueResponse, name: str) -> np.ndarray:
@@ -181,9 +204,8 @@ def _columns(response: TorqueResponse, place: str, values: np.ndarray, rows: int
     unit = np.einsum("snk,ij->snijk", values, np.eye(rows))
     unit = unit.reshape(*values.shape[:2], rows, -1)
     if PLACES[place].rows == "inertial":
-        turn = np.asarray(
-            quaternion.to_body(jnp.asarray(response.attitude)[:, :, None], jnp.eye(3)[None, None])
-        )
+        turn = Rotation.from_quat(response.attitude.reshape(-1, 4)).as_matrix()
+        turn = turn.reshape(*response.attitude.shape[:2], 3, 3)
         unit = np.einsum("snji,snjk->snik", turn, unit)
     hook = response_hook(PLACES[place])
     if hook == "rate_output" and response.estimate.model.n_base != N_BASE:

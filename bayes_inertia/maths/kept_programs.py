@@ -39,8 +39,8 @@ _NOT_KEPT = b""
 class ProgramsInMemory:
     """All programs of a process: beyond a size, those that were not called for longest go.
 
-    What is needed again is compiled again, or comes from the cache on disk. Once as much was
-    forgotten as may be held, what JAX itself keeps of former campaigns is forgotten too.
+    What is needed again is compiled again, or comes from the cache on disk. Each time that as much
+    was added as may be held, what JAX itself keeps is forgotten too.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class ProgramsInMemory:
     def __init__(self, most_bytes: int = 14 * 2**20) -> None:
         self.most_bytes = most_bytes
         self._programs: OrderedDict[tuple[KeptProgram, Hashable], tuple[Any, int]] = OrderedDict()
-        self._forgotten = 0  # [bytes] since JAX's own programs were.
+        self._since_cleared = 0  # [bytes] of programs since JAX's own were forgotten.
         self._lock = Lock()
 
     def get(self, of: KeptProgram, form: Hashable) -> Callable[..., Any] | None:
@@ -72,12 +72,13 @@ class ProgramsInMemory:
         with self._lock:
             self._programs[of, form] = program, size
             while self.size() > self.most_bytes and len(self._programs) > 1:
-                self._forgotten += self._programs.popitem(last=False)[1][1]
-            turned_over = self._forgotten > self.most_bytes
-            if turned_over:
-                self._forgotten = 0
-        if turned_over:
-            # Single operations, of which JAX keeps one program for each shape: 5 MB a campaign.
+                self._programs.popitem(last=False)
+            self._since_cleared += size
+            cleared = self._since_cleared > self.most_bytes
+            if cleared:
+                self._since_cleared = 0
+        if cleared:
+            # Traces, and single operations with a program for each shape: 25 MB a campaign.
             jax.clear_caches()
         return_freed_memory()
 

@@ -183,11 +183,12 @@ def test_a_program_larger_than_the_memory_is_held_alone(folder):
 
 
 def test_with_the_programs_of_former_campaigns_what_jax_keeps_of_them_is_forgotten(folder):
-    single = jax.jit(lambda x: 2.0 * x)
-    single(1.0)
-    raised = KeptProgram(lambda power, x: x**power, memory=ProgramsInMemory(most_bytes=1))
+    single, memory = jax.jit(lambda x: 2.0 * x), ProgramsInMemory()
+    raised = KeptProgram(lambda power, x: x**power, memory=memory)
     raised(2, 2.0)
+    single(1.0)
     assert single._cache_size() == 1
+    memory.most_bytes = memory.size()
     raised(3, 2.0)
     assert single._cache_size() == 0
     assert (single(1.5), raised(3, 2.0)) == (3.0, 8.0)

@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
 from bayes_inertia.files import vocabulary
@@ -528,14 +527,3 @@ def _unit(place: Mapping[str, int], driver: Mapping[str, int]) -> str:
     if not below:
         return above
     return f"{above or '1'}/{f'({below})' if ' ' in below else below}"
-
-
-def driver_values(
-    driver: Driver, wheel: int, contexts: SlewContext, states: State, time: np.ndarray
-) -> np.ndarray:
-    """A driver along all slews (slews, n, k) on the grid; `states` holds arrays (slews, n, ...)."""
-
-    def of_slew(slew: SlewContext, t: Array, state: State) -> Array:
-        return jax.vmap(lambda at, x: driver.value(slew, at, x, wheel))(t, state)
-
-    return np.asarray(jax.vmap(of_slew)(contexts, jnp.asarray(time), states))
