@@ -330,15 +330,20 @@ def noise_factors(estimate: Estimate) -> dict[str, float]:
     sigma).
     """
     series, campaign = dict(estimate.tested_residuals.series), estimate.model.campaign
+    large = {}
     for channel in estimate.model.channels:
-        if not channel.stream.is_series:
+        if channel.stream.is_series:
+            sizes = [np.abs(channel.readings(campaign, slew).values) for slew in campaign.slews]
+            largest = np.fmax.reduce(np.concatenate(sizes))
+            large[channel.name] = [size > LIMITS.large_readings * largest for size in sizes]
+        else:
             times = (slew.time[channel.readings(campaign, slew).row] for slew in campaign.slews)
             series[channel.name] = [
                 slew[burst]
                 for time, slew in zip(times, series[channel.name], strict=True)
                 for burst in bursts_of(time)
             ]
-    return {channel: white_factor(pieces) for channel, pieces in series.items()}
+    return {name: white_factor(pieces, large.get(name)) for name, pieces in series.items()}
 
 
 def rounded_channels(estimate: Estimate) -> dict[str, float]:

@@ -150,6 +150,8 @@ class Limits:
     significant_sigmas: float = 4.0
     # Squared differences that a level needs: of fewer the median is no start.
     fewest_differences: int = 12
+    # Share of a component's largest reading above which readings are large: the upper half.
+    large_readings: float = 0.5
     # Rounding that adds less to the noise than this factor is left alone.
     rounding_that_counts: float = 1.005
     # Steps beyond so many sigmas leave errors that are not independent.

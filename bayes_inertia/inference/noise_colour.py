@@ -301,15 +301,17 @@ def _unlike(groups: Sequence[Sequence[np.ndarray]]) -> tuple[float, int]:
     return float(len(every) * np.log(every.mean()) - apart), len(parts) - 1
 
 
-def white_factor(pieces: list[np.ndarray]) -> float:
+def white_factor(pieces: list[np.ndarray], large: list[np.ndarray] | None = None) -> float:
     """Measure by what factor the white noise of series exceeds one.
 
     Components (sensor axes, wheels) and pieces share one factor. Where one is significantly louder
-    than all together it is the loudest one's, so that no uncertainty comes out too small. That of a
+    than all together it is the loudest one's, so that no uncertainty comes out too small; so is a
+    component where its readings are large, because noise may grow with what is measured. That of a
     component is measured from fourth differences, in which a ringing of one axis hardly counts. Of
     pieces too short for second differences, such as two fixes at rest, first ones are taken.
 
-    `pieces` (rows, components): series of even spacing; NaN where nothing was measured.
+    `pieces` (rows, components): series of even spacing; NaN where nothing was measured. `large`
+    (rows, components): where readings are large; None if they have no size.
 
     Examples
     --------
@@ -326,6 +328,10 @@ def white_factor(pieces: list[np.ndarray]) -> float:
     power, least = _clipped_power(every[order], order), _louder_than(every[order].size, order)
     groups = [(4, own) for own in _squares(pieces, 4)]
     groups += [(order, np.concatenate(of)) for x in pieces if (of := _squares([x], order))]
+    # Series of slews are as long as the longest.
+    own_rows = zip(large or (), pieces, strict=False)
+    where_large = [np.where(mask, piece[: len(mask)], np.nan) for mask, piece in own_rows]
+    groups += [(order, own) for own in _squares(where_large, order)]
     for k, own in groups:
         if len(own) < LIMITS.fewest_differences:
             continue

@@ -39,19 +39,21 @@ _NOT_KEPT = b""
 class ProgramsInMemory:
     """All programs of a process: beyond a size, those that were not called for longest go.
 
-    What is needed again is compiled again, or comes from the cache on disk. Each time that as much
-    was added as may be held, what JAX itself keeps is forgotten too.
+    What is needed again is compiled again, or comes from the cache on disk.
 
     Parameters
     ----------
     most_bytes : int
         [bytes] of all programs together, as the compiler describes them; in memory they take 30
-        times as much, 0.4 GB. A diagnosis needs 7 to 10 MB, and would compile again and again if
-        there were less. A process shall stay below 1.5 GB, while it compiles too.
+        times as much, 0.4 GB. A flight and its diagnosis need 7 to 12 MB, and would compile again
+        and again if there were less. A process shall stay below 1.5 GB, while it compiles too.
+    clear_after : int
+        [bytes] of programs after which what JAX itself keeps is forgotten: as much as a campaign of
+        a new shape adds. Traces, and a program for each single operation, are 25 MB for each shape.
     """
 
-    def __init__(self, most_bytes: int = 14 * 2**20) -> None:
-        self.most_bytes = most_bytes
+    def __init__(self, most_bytes: int = 12 * 2**20, clear_after: int = 4 * 2**20) -> None:
+        self.most_bytes, self.clear_after = most_bytes, clear_after
         self._programs: OrderedDict[tuple[KeptProgram, Hashable], tuple[Any, int]] = OrderedDict()
         self._since_cleared = 0  # [bytes] of programs since JAX's own were forgotten.
         self._lock = Lock()
@@ -74,11 +76,10 @@ class ProgramsInMemory:
             while self.size() > self.most_bytes and len(self._programs) > 1:
                 self._programs.popitem(last=False)
             self._since_cleared += size
-            cleared = self._since_cleared > self.most_bytes
+            cleared = self._since_cleared > self.clear_after
             if cleared:
                 self._since_cleared = 0
         if cleared:
-            # Traces, and single operations with a program for each shape: 25 MB a campaign.
             jax.clear_caches()
         return_freed_memory()
 

@@ -40,6 +40,19 @@ def test_one_loud_slew_counts_in_full():
     assert abs(white_factor(slews) - 2.0) < 5.0 * 2.0 * 0.5 * np.sqrt(3.9 / 900)
 
 
+def test_noise_that_grows_with_the_reading_counts_as_where_readings_are_large():
+    reading = np.sin(np.linspace(0.0, np.pi, 300))[:, None] * [1.0, 0.1, 0.1]
+    large = [np.abs(reading) > 0.5 * np.abs(reading).max(0)] * 5
+    slews = [noise(300, 1.0, 1.0, 1.0, seed=k) for k in range(5)]
+    assert white_factor(slews, large) == 1.0
+    louder = [slew * (1.0 + 2.0 * reading) for slew in slews]
+    # Power 1 + 2 sin from 30 to 150 degrees, squared and averaged.
+    expected = np.sqrt(np.mean((1.0 + 2.0 * reading[large[0][:, 0], 0]) ** 2))
+    error = expected * 0.5 * np.sqrt(3.9 / (5 * 198))
+    assert abs(white_factor(louder, large) - expected) < 5.0 * error
+    assert white_factor(louder) < expected - 5.0 * error  # who does not look there
+
+
 def test_the_noise_of_two_fixes_at_rest_is_measured_from_their_difference():
     pairs = [noise(2, 1.0, 1.0, 1.0, seed=k) + 20.0 * k for k in range(10)]
     assert white_factor(pairs) == 1.0

@@ -188,7 +188,7 @@ def test_with_the_programs_of_former_campaigns_what_jax_keeps_of_them_is_forgott
     raised(2, 2.0)
     single(1.0)
     assert single._cache_size() == 1
-    memory.most_bytes = memory.size()
+    memory.clear_after = memory.size()
     raised(3, 2.0)
     assert single._cache_size() == 0
     assert (single(1.5), raised(3, 2.0)) == (3.0, 8.0)
