@@ -10,6 +10,7 @@ and where no such cache is set nothing is kept.
 from __future__ import annotations
 
 import ctypes
+import gc
 import os
 import pickle
 import sys
@@ -81,6 +82,7 @@ class ProgramsInMemory:
                 self._since_cleared = 0
         if cleared:
             jax.clear_caches()
+            gc.collect()  # Traces hold each other.
         return_freed_memory()
 
     def size(self) -> int:

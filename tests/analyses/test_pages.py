@@ -36,7 +36,7 @@ DEFINITIONS = {
         "Prior: 4 % of the moments, 0.03 kg m² of the products",
         "20 s before, 30 s and more",
     ),
-    "how_to/compiled_code.md": ("134 MB for each version", "a process keeps 10 MB of large"),
+    "how_to/compiled_code.md": ("134 MB for each version", "a process keeps 12 MB of programs"),
     "how_to/series.md": ("a jump where that probability is above 95 %",),
     "how_to/dirty_telemetry.md": (
         "above 100 times the wheel's limit",
