@@ -114,8 +114,8 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
         (
             "Nothing hidden, the noise of a sensor not as stated: louder, in one axis or slew, "
             "heavy tails",
-            "nothing is named in {strange_noise.nothing} of {strange_noise.campaigns}, "
-            "{strange_noise.unknown} is `unknown`",
+            "nothing is named in {strange_noise.nothing} of {strange_noise.campaigns}; "
+            "`unknown` in {strange_noise.unknown}",
             "strange_noise",
         ),
         (

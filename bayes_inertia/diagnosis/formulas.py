@@ -125,11 +125,10 @@ class Followed(NamedTuple):
 def drivers(response: TorqueResponse) -> Iterator[Followed]:
     """Everything in proportion to which a disturbance may be: one list for all that ask."""
     campaign = response.estimate.model.campaign
-    wheels = {key: len(campaign.wheels) for key in drivers_known(campaign)}
     asked = tuple(
         (key, wheel)
-        for key, count in wheels.items()
-        for wheel in range(count if driver_of(key).of_one_wheel else 1)
+        for key in drivers_known(campaign)
+        for wheel in range(len(campaign.wheels) if driver_of(key).of_one_wheel else 1)
     )
     for (key, wheel), values in zip(asked, _along(response, asked), strict=True):
         driver, middle = driver_of(key), 0.0

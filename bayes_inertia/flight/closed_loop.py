@@ -353,7 +353,7 @@ def fly_slews(loop: ClosedLoop) -> FlownSlew:
 
 @KeptProgram
 def _flown(effects: tuple[Effect, ...], loop: ClosedLoop) -> FlownSlew:
-    """All slews at once; the effects are those of the loop."""
+    """All slews at once; effects, those of the loop, say whose code is compiled."""
 
     def one(slew, schedule, start, noise):
         plant = loop.plant._replace(start=start)

@@ -333,9 +333,12 @@ def noise_factors(estimate: Estimate) -> dict[str, float]:
     large = {}
     for channel in estimate.model.channels:
         if channel.stream.is_series:
-            sizes = [np.abs(channel.readings(campaign, slew).values) for slew in campaign.slews]
-            largest = np.fmax.reduce(np.concatenate(sizes))
-            large[channel.name] = [size > LIMITS.large_readings * largest for size in sizes]
+            readings = [channel.readings(campaign, slew) for slew in campaign.slews]
+            # The two angles of a direction have no size.
+            if readings[0].values.shape == readings[0].valid.shape:
+                sizes = [np.abs(each.values) for each in readings]
+                least = LIMITS.large_readings * np.max(np.concatenate(sizes), axis=0)
+                large[channel.name] = [size > least for size in sizes]
         else:
             times = (slew.time[channel.readings(campaign, slew).row] for slew in campaign.slews)
             series[channel.name] = [

@@ -108,7 +108,7 @@ def test_without_free_shapes_residuals_are_tested_as_they_are(flown):
     )
 
 
-def at_least_as_surprising(series, level, n=400):
+def rejected_draws(series, level, n=400):
     """How many of n draws of residuals are rejected at a level."""
     rng = np.random.default_rng(0)
     return sum(whiteness([series(rng) for _ in range(5)]) < level for _ in range(n))
@@ -128,7 +128,7 @@ LOUDER = 1.0 + 4.0 * np.sin(np.linspace(0.0, np.pi, 300))[:, None] ** 4
 )
 def test_noise_without_memory_is_white_however_loud(series):
     # A right level, or a cautious one: above 99.9 % of binomial draws would be neither.
-    assert at_least_as_surprising(series, 0.05) <= stats.binom.ppf(0.999, 400, 0.05)
+    assert rejected_draws(series, 0.05) <= stats.binom.ppf(0.999, 400, 0.05)
 
 
 def test_a_little_memory_in_noise_that_is_louder_at_times_is_seen():
@@ -136,4 +136,4 @@ def test_a_little_memory_in_noise_that_is_louder_at_times_is_seen():
         noise = rng.normal(size=(301, 3))
         return LOUDER * (noise[1:] + 0.2 * noise[:-1])
 
-    assert at_least_as_surprising(remembers, 0.05, 50) > 45
+    assert rejected_draws(remembers, 0.05, 50) > 45
