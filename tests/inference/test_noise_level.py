@@ -6,10 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from bayes_inertia.campaign.hardware import DirectionSensor
+from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import noise_factors
 from bayes_inertia.inference.noise_colour import white_factor
 from bayes_inertia.inference.treatment import with_measured_noise
 from bayes_inertia.physics.effects import RateSensorNonlinearity
+from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.small_campaign import small_campaign
 
 
@@ -130,3 +133,19 @@ def test_a_reading_outside_the_range_sets_no_priors():
     assert spoilt.scale_of_motion() == pytest.approx(ranged.scale_of_motion(), rel=0.02)
     sd = [RateSensorNonlinearity().parameters(c)[0].priors[0].sd for c in (spoilt, ranged)]
     assert sd[0] == pytest.approx(sd[1], rel=1e-9)
+
+
+def test_the_level_of_a_sun_sensor_is_measured_too(flown):
+    """Two angles make one direction: its readings have three numbers and no size."""
+    towards, rng = np.array([0.0, 0.6, 0.8]), np.random.default_rng(4)
+
+    def watched(slew):
+        n = len(slew.time)
+        seen_B = towards + 0.01 * rng.normal(size=(n, 3))
+        return replace(slew, more={"sun": seen_B})
+
+    slews = tuple(map(watched, flown.campaign.slews))
+    sun = ("sun", DirectionSensor(0.01, tuple(towards)))
+    campaign = replace(flown.campaign, slews=slews, more_sensors=(sun,))
+    levels = noise_factors(optimizer.estimate(Model(campaign), starts=1, discount=False))
+    assert set(levels) == {"rate", "attitude", "momentum", "sun"}
