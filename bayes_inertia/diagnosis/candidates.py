@@ -19,8 +19,10 @@ from functools import lru_cache
 
 import numpy as np
 from scipy import optimize, stats
+from scipy.special import logsumexp
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.diagnosis.hypothesis_table import few_sizes
 from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.errors import EffectError
@@ -110,6 +112,8 @@ class FlexibleModeCandidate:
         Degrees of freedom of the score if the effect is absent, but for being the best of many.
     trials : int
         How many independent ones it is the best of.
+    elsewhere : float
+        Mean evidence, against nothing, of modes at the frequencies at which none is seen.
     frequency : float
         [Hz].
     coupling : (3,) array
@@ -124,6 +128,7 @@ class FlexibleModeCandidate:
     score: float
     dof: int
     trials: int
+    elsewhere: float
     frequency: float
     coupling: np.ndarray
     products: np.ndarray
@@ -187,12 +192,12 @@ def best_flexible_mode(
     coupling's components [kg m^2].
     """
     tried = frequencies(response)
-    gains = _gains(response, fit, scale, tried)
+    gains, evidence = _gains(response, fit, scale, tried)
     closer = tried[np.argsort(-gains)[: LIMITS.refined_frequencies], None] + (
         tried[1] - tried[0]
     ) * np.array(LIMITS.refinement_offsets)
     closer = np.unique(np.clip(closer, tried[0], tried[-1]))
-    gains = np.append(gains, _gains(response, fit, scale, closer))
+    gains = np.append(gains, _gains(response, fit, scale, closer)[0])
     best = np.append(tried, closer)[np.argmax(gains)]
     columns = oscillator_columns(response, np.array([best]), scale)
     matrix, gradient = fit.projected(columns)
@@ -204,6 +209,8 @@ def best_flexible_mode(
         score=gain,
         dof=len(coupling),
         trials=int(np.ceil(LIMITS.trials_a_frequency * len(tried))),
+        # Where more than nothing speaks for it, it is the best mode that is seen.
+        elsewhere=float(np.minimum(evidence, 1.0).mean()),
         frequency=float(best),
         coupling=coupling,
         products=columns,
@@ -212,16 +219,27 @@ def best_flexible_mode(
 
 def _gains(
     response: TorqueResponse, fit: LinearisedFit, scale: float, tried: np.ndarray
-) -> np.ndarray:
-    """Gain of the best coupling at each frequency, over an even set of directions."""
-    gains, step, k = [], LIMITS.frequencies_at_a_time, len(_ROW)
+) -> tuple[np.ndarray, np.ndarray]:
+    """Gain (f,) of the best coupling at each frequency, and the evidence (f,) of any, on average.
+
+    Over an even set of directions.
+    """
+    gains, evidence, step, k = [], [], LIMITS.frequencies_at_a_time, len(_ROW)
     for part in np.split(tried, np.arange(step, len(tried), step)):
         matrix, gradient = fit.projected(oscillator_columns(response, part, scale))
         each = np.arange(len(part))
         blocks = matrix.reshape(len(part), k, len(part), k)[each, :, each]
-        along, power = _along_directions(gradient.reshape(-1, k), blocks)
-        gains.append(np.max(along**2 / power, axis=1))
-    return np.concatenate(gains)
+        slope, power = _along_directions(gradient.reshape(-1, k), blocks)
+        gains.append(np.max(_beyond_prior(slope) ** 2 / power, axis=1))
+        evidence += [_mean_evidence(*of_mode) for of_mode in zip(slope, power, strict=True)]
+    return np.concatenate(gains), np.array(evidence)
+
+
+def _mean_evidence(slope: np.ndarray, power: np.ndarray) -> float:
+    """Evidence of a mode at one frequency, averaged over its directions (d,) and sizes."""
+    squares, weights = few_sizes(power, 1.0, LIMITS.fixed_sizes)
+    gain = squares[:, None] * slope - 0.5 * squares[:, None] ** 2 * power
+    return float(np.exp(logsumexp(gain, b=weights[:, None] / len(slope))))
 
 
 def _along_directions(gradient: np.ndarray, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -231,7 +249,12 @@ def _along_directions(gradient: np.ndarray, matrix: np.ndarray) -> tuple[np.ndar
     """
     products = _products(_directions())
     power = np.einsum("da,fab,db->fd", products, matrix, products, optimize=True)
-    return np.maximum(gradient @ products.T - 0.5, 0.0), np.maximum(power, 1e-300)
+    return gradient @ products.T, np.maximum(power, 1e-300)
+
+
+def _beyond_prior(slope: np.ndarray) -> np.ndarray:
+    """Slopes less that of the coupling's prior."""
+    return np.maximum(slope - 0.5, 0.0)
 
 
 def _best_coupling(projected_gradient: np.ndarray, matrix: np.ndarray) -> tuple[np.ndarray, float]:
@@ -239,7 +262,8 @@ def _best_coupling(projected_gradient: np.ndarray, matrix: np.ndarray) -> tuple[
 
     p are the products of the coupling delta.
     """
-    (along,), (power,) = _along_directions(projected_gradient[None], matrix[None])
+    (slope,), (power,) = _along_directions(projected_gradient[None], matrix[None])
+    along = _beyond_prior(slope)
     k = int(np.argmax(along**2 / power))
     start = _directions()[k] * np.sqrt(along[k] / power[k])
 

@@ -125,6 +125,9 @@ class FixedMember:
         Whether it is one amplitude that cannot be negative.
     log_cost : float
         What its search cost, as that over a mode's frequencies.
+    log_elsewhere : float
+        Log evidence, with its probability, of what the search found no trace of: the same effect
+        may act there.
     """
 
     name: str
@@ -134,6 +137,15 @@ class FixedMember:
     weights: np.ndarray
     one_sided: bool = False
     log_cost: float = 0.0
+    log_elsewhere: float = -np.inf
+
+    @property
+    def all_sizes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Sizes (g,) of its columns and their log weights; zero where it acts without a trace."""
+        found = np.log(self.weights) - self.log_cost
+        if np.isneginf(self.log_elsewhere):
+            return self.sizes, found
+        return np.append(self.sizes, 0.0), np.append(found, self.log_elsewhere)
 
     @property
     def columns(self) -> np.ndarray:
@@ -257,9 +269,9 @@ def given_fixed(before: Given, member: FixedMember, *, likely: bool = False) -> 
 
     `likely`: only combinations of sizes that count.
     """
-    g, index = len(member.sizes), np.concatenate([member.index, member.shape])
-    sd = np.ones((g, len(index)))
-    sd[:, : len(member.index)] = member.sizes[:, None]
+    (sizes, log_weights), index = member.all_sizes, np.concatenate([member.index, member.shape])
+    sd = np.ones((len(sizes), len(index)))
+    sd[:, : len(member.index)] = sizes[:, None]
     block = before.matrix[:, index][:, :, index]
     inner = sd[:, :, None] * block[:, None] * sd[:, None, :] + np.eye(len(index))
     root = np.linalg.cholesky(inner)
@@ -267,7 +279,7 @@ def given_fixed(before: Given, member: FixedMember, *, likely: bool = False) -> 
     gain = 0.5 * np.sum(along**2, -1) - np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(-1)
     if member.one_sided:
         gain = gain + _log_share_above(sd[:, 0], before, index[0])
-    weight = before.log_weight[:, None] + gain + np.log(member.weights) - member.log_cost
+    weight = before.log_weight[:, None] + gain + log_weights
     # Matrices of what counts alone: of all combinations they would take gigabytes.
     b, size = np.nonzero(_counts(weight) if likely else np.ones_like(weight))
     rows = np.linalg.solve(root[b, size], sd[size][:, :, None] * before.matrix[b][:, index])
@@ -371,7 +383,8 @@ def log_evidence_with(given: Given, member: FixedMember) -> float:
         values = values + _log_share_above(member.sizes, given, member.index[0])[..., None]
     together = logsumexp(values.sum(-1), b=member.weights, axis=1)
     each = logsumexp(values, b=member.weights[:, None], axis=1).sum(-1)
-    of_member = np.logaddexp(together, each) - np.log(2.0) - member.log_cost
+    found = np.logaddexp(together, each) - np.log(2.0) - member.log_cost
+    of_member = np.logaddexp(found, member.log_elsewhere)
     return float(logsumexp(given.log_weight + of_member))
 
 
@@ -383,11 +396,12 @@ def fixed_member(
     *,
     one_sided: bool = False,
     log_cost: float = 0.0,
+    log_elsewhere: float = -np.inf,
 ) -> FixedMember:
     """A member whose columns `index` have the Gram matrix `matrix`."""
     powers = np.linalg.eigvalsh(matrix[np.ix_(index, index)])
     sizes = few_sizes(powers, 1.0, LIMITS.fixed_sizes)
-    return FixedMember(name, index, shape, *sizes, one_sided, log_cost)
+    return FixedMember(name, index, shape, *sizes, one_sided, log_cost, log_elsewhere)
 
 
 def log_evidence_of_columns(gradient: np.ndarray, matrix: np.ndarray) -> float:

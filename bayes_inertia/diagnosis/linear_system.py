@@ -207,7 +207,10 @@ def _members(
         first += len(part)
     if mode is not None:
         here, cost = np.arange(first, first + mode.columns.shape[-1]), np.log(mode.trials)
-        yield fixed_member(mode.name, here, here[:0], matrix, log_cost=cost)
+        elsewhere = float(np.log(mode.elsewhere))
+        yield fixed_member(
+            mode.name, here, here[:0], matrix, log_cost=cost, log_elsewhere=elsewhere
+        )
 
 
 def _root_of_parameters(fit: LinearisedFit) -> np.ndarray:

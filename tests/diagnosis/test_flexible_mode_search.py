@@ -81,6 +81,8 @@ def test_noise_gains_what_the_p_value_says(searched):
         # seeing nothing.
         assert sum(p_value(f, trials=1) < level for f in found) > stats.binom.ppf(0.999, n, level)
     assert sum(p_value(f) < 0.5 for f in found) >= stats.binom.ppf(0.001, n, 0.25)
+    # Where nothing is seen a mode is less probable than beforehand, by sizes that would be seen.
+    assert all(0.1 < f.elsewhere < 1.0 for f in found)
 
 
 @pytest.mark.long

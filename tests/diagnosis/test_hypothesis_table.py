@@ -130,6 +130,20 @@ def test_one_sided_effect_is_half_of_a_two_sided_one_on_either_side(columns, dat
     assert logsumexp(both) - np.log(2.0) == pytest.approx(whole, abs=1e-9)
 
 
+def test_an_effect_that_may_act_where_nothing_is_seen(columns, data, system, members):
+    """It is as probable there as beforehand, alone and beside what is seen."""
+    cost, elsewhere = np.log(1000.0), np.log(0.7)
+    hidden = replace(members[1], log_cost=cost, log_elsewhere=elsewhere)
+    alone = averaged(data, columns, [[2]]) - cost
+    found = log_evidence_with(nothing(system), hidden)
+    assert found == pytest.approx(np.logaddexp(alone, elsewhere), abs=1e-9)
+    assert log_evidence_with(nothing(system), replace(hidden, log_elsewhere=-np.inf)) < -5.0
+    seen = members[0]
+    beside = log_evidence_with(given_fixed(nothing(system), seen), hidden)
+    assert log_evidence_with(given_fixed(nothing(system), hidden), seen) > beside - 0.5
+    assert beside > elsewhere + averaged(data, columns, [[0, 1]]) - 1e-9
+
+
 def test_true_set_is_the_most_probable_row(system, members, signal):
     found = evidence_of_sets(system, members, [signal])
     assert max(found, key=found.__getitem__) == {"two"}
