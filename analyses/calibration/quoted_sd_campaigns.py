@@ -14,7 +14,7 @@ from analyses.data_quality.campaigns import acts_on, truth_in, written
 from analyses.data_quality.cases import cases, dirty
 from analyses.data_quality.faults import read_raw, write_raw
 from analyses.design.cases import GOALS, LIMITS, MISSION, plan_for
-from analyses.naming.fixed_shape import OUTSIDE, truth_of
+from analyses.naming.fixed_shape import truth_of
 from analyses.naming.fixed_shape_campaigns import (
     degrees_of_freedom,
     direction,
@@ -26,6 +26,7 @@ from analyses.naming.fixed_shape_campaigns import (
     without_tachometers,
 )
 from analyses.naming.second_simulator import replayed
+from analyses.naming.unlisted_disturbances import OUTSIDE
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.design.designer import design_plan

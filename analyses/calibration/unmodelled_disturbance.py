@@ -25,10 +25,11 @@ import numpy as np
 
 from analyses import aloud, results_of
 from analyses.calibration.unmodelled_disturbance_page import write_page
-from analyses.naming.fixed_shape import OUTSIDE, truth_of
+from analyses.naming.fixed_shape import truth_of
 from analyses.naming.fixed_shape_campaigns import draw, without_tachometers
 from analyses.naming.sample_paths import at_times
 from analyses.naming.second_simulator import Disturbance, replayed
+from analyses.naming.unlisted_disturbances import OUTSIDE
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.files import write_atomically

@@ -31,7 +31,7 @@ from bayes_inertia.physics.slew_input import SlewInput, Start, idle_slew
 
 ARCSEC = math.pi / (180.0 * 3600.0)  # [rad]
 # Multiple of the prior sd at which an ideal test finds the effect in 99 % of the campaigns of the
-# MOST-like spacecraft (medians of `results/naming/diagnosis_single_0.99_tacho.jsonl`).
+# MOST-like spacecraft (medians of 400 campaigns, `naming/fixed_shape.py`).
 EASILY_FOUND: Mapping[str, float] = {
     "rate_bias": 0.63,
     "rate_bias_drift": 0.14,

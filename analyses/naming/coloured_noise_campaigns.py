@@ -1,4 +1,4 @@
-"""Effects of a fixed shape beside noise that wanders as stated and outliers, for `stochastic.py`.
+"""Effects of a fixed shape beside noise that wanders as stated and outliers, for `kinds.py`.
 
 The effect is as large as an ideal test finds in 99 % of the campaigns that have this noise, if
 their outliers are left out. Flown by the package's own simulator, which knows all effects.

@@ -1,4 +1,4 @@
-"""How large a random effect must be for an ideal test to find it: truths for `stochastic.py`.
+"""How large a random effect must be for an ideal test to find it: for `kinds.py`.
 
 The ideal test knows the effect, its correlation time and its size, and compares likelihoods with
 and without it (Neyman and Pearson). Everything else that a fit finds is projected off. With

@@ -1,4 +1,4 @@
-"""Campaigns drawn from the prior that a diagnosis assumes: truths for `stochastic.py`.
+"""Campaigns drawn from the prior that a diagnosis assumes: truths for `kinds.py`.
 
 Nothing is hidden in half of them, one thing in 45 %, two in 4.5 %, more in the rest. One thing is
 any effect of the library, fixed shape or random, or a disturbance from outside the library: all

@@ -1,4 +1,4 @@
-"""Campaigns of another simulator with one random effect: truths for `stochastic.py`."""
+"""Campaigns of another simulator with one random effect: for `kinds.py`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from scipy.signal import lfilter
 
-from analyses.naming.fixed_shape import NAMES, RULES
+from analyses.naming.fixed_shape import LEVEL
 from analyses.naming.fixed_shape_campaigns import (
     draw,
     plain_fit,
@@ -30,8 +30,6 @@ _GRID = np.arange(0.0, 20_000.0, _SPACING)
 _TIME = 20.0  # correlation time of what has one [s]
 _MIDDLE = 1000.0  # where walks are zero: about the middle of a campaign [s]
 POWER = 0.99  # of the ideal test
-# Of the ideal test: one candidate's share of the false alarms, as for effects of fixed shape.
-LEVEL = RULES.false_alarm_probability / len(NAMES)
 # Sizes in medians of the effects' priors at which noise wanders as stated: easily found.
 STATED: Mapping[str, float] = {
     "rate_random_walk": 0.6,

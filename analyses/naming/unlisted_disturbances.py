@@ -10,8 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analyses.naming.fixed_shape import OUTSIDE
-from analyses.naming.second_simulator import Disturbance
+from analyses.naming.second_simulator import (
+    Deadband,
+    Disturbance,
+    Leak,
+    RateSquared,
+    Ripple,
+    Swirl,
+    Wander,
+)
 
 _GRID = np.arange(0.0, 20_000.0, 0.5)  # on which random signals are drawn [s]
 _SLOSH_TIME = 8.0  # correlation time [s]
@@ -98,6 +105,14 @@ def _flutter(rng: np.random.Generator) -> np.ndarray:
     return np.sin(2.0 * np.pi * 0.06 * _GRID + walk)[:, None] * np.array([1.0, 0.6, -0.5])
 
 
+OUTSIDE: Mapping[str, Disturbance] = {
+    "outside_swirl": Swirl(2e-6),
+    "outside_leak": Leak(4e-6),
+    "outside_rate_squared": RateSquared(3e-7),
+    "outside_ripple": Ripple(1e-5),
+    "outside_deadband": Deadband(1e-5),
+    "outside_wander": Wander(4e-4),
+}
 # What has no shape is drawn anew for each campaign.
 _DRAWN: Mapping[str, Callable[[np.random.Generator], Disturbance]] = {
     "outside_pump": lambda rng: Pump(1.2e-5),

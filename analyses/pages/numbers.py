@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 
 import numpy as np
-import pandas as pd
 
 from analyses import results_of
 from analyses.calibration.quoted_sd_page import CANDIDATES, held
@@ -21,9 +20,8 @@ from analyses.data_quality.page import wrong as trusted_and_wrong
 from analyses.design.cross_terms_cases import CRAFT, RATES
 from analyses.imports.conventions_kinds import is_accused, is_shown
 from analyses.imports.conventions_page import DIRTY
-from analyses.naming import fixed_shape_page, table_page
 from analyses.naming import formulas as law_study
-from analyses.naming.stochastic_page import in_a_set, nameless
+from analyses.naming import table_page
 from analyses.naming.throws_halves import agreement
 
 RESULTS = results_of(__file__).parent
@@ -45,12 +43,6 @@ def rows(pattern: str) -> list[dict]:
     """Rows of all committed files that match."""
     paths = sorted(RESULTS.rglob(f"{pattern}.jsonl"))
     return [json.loads(line) for path in paths for line in path.read_text().splitlines()]
-
-
-@cache
-def diagnoses() -> pd.DataFrame:
-    """Campaigns of the naming study."""
-    return fixed_shape_page.read()
 
 
 def percent(share: float, digits: int = 0) -> str:
@@ -164,26 +156,17 @@ def strange_noise() -> Iterator[tuple[str, str]]:
     yield "strange_noise.unknown", f"{verdicts.count('unknown')}"
 
 
-def naming_random() -> Iterator[tuple[str, str]]:
-    """Stochastic effects, and disturbances outside the library."""
-    found = [row for row in rows("naming_*") if row["kind"] != "prior" and "error" not in row]
-    for half, name in ((True, "tacho"), (False, "no_tacho")):
-        some = [row for row in found if row["tachometers"] is half]
-        random = [
-            row
-            for row in some
-            if row["kind"] == "random" and row["times"] == 1.0 and row.get("power", 0.99) == 0.99
-        ]
-        yield f"random.{name}", f"{len(random)}"
-        yield f"random.{name}_found", f"{sum(in_a_set(row) for row in random)}"
-        outside = [row for row in some if row["kind"] == "outside"]
-        unknown = sum(row["verdict"] == "unknown" for row in outside)
-        yield f"outside.{name}", f"{len(outside)}"
-        yield f"outside.{name}_unknown", f"{unknown}"
-        yield f"outside.{name}_open", f"{sum(nameless(row) for row in outside)}"
-    stated = [row for row in found if row["kind"] == "stated"]
+def outside() -> Iterator[tuple[str, str]]:
+    """Disturbances outside the library, and noise that wanders as stated."""
+    stated: list[dict] = []
+    for half, name in (("tacho", "tacho"), ("notacho", "no_tacho")):
+        found = table_page.read(RESULTS / "naming", "outside", half)
+        yield f"outside.{name}", f"{len(found)}"
+        yield f"outside.{name}_open", f"{sum(map(table_page.is_open, found))}"
+        yield f"outside.{name}_akin", f"{sum(map(table_page.is_open_or_akin, found))}"
+        stated += table_page.read(RESULTS / "naming", "stated", half)
     yield "stated.campaigns", f"{len(stated)}"
-    yield "stated.named", f"{sum(row['verdict'] != 'consistent' for row in stated)}"
+    yield "stated.named", f"{sum(not table_page.in_the_set(row) for row in stated)}"
 
 
 def probabilities() -> Iterator[tuple[str, str]]:
@@ -430,7 +413,7 @@ GROUPS: tuple[Callable[[], Iterator[tuple[str, str]]], ...] = (
     formulas,
     nearly,
     strange_noise,
-    naming_random,
+    outside,
     probabilities,
     unexplained,
     conventions,

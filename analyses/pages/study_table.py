@@ -131,17 +131,16 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
         ),
         (
             "Twelve disturbances that the library does not hold",
-            "by the search before the table: no false certainty in {outside.tacho_open} of "
-            "{outside.tacho} with and "
-            "{outside.no_tacho_open} of {outside.no_tacho} without tachometers: `unknown`, or an "
-            "unmodelled disturbance among the answers",
-            "naming",
+            "no false certainty in {outside.tacho_akin} of {outside.tacho} with and "
+            "{outside.no_tacho_akin} of {outside.no_tacho} without tachometers: `unknown`, an "
+            "unmodelled disturbance or a formula among the answers, or, of those without a fixed "
+            "shape, the random effect that enters at the same place",
+            "table",
         ),
         (
             "Noise that wanders as the campaign states",
-            "by the search before the table: an effect is named in {stated.named} of "
-            "{stated.campaigns} campaigns",
-            "naming",
+            "an effect is named in {stated.named} of {stated.campaigns} campaigns",
+            "table",
         ),
         (
             "Are stated probabilities true?",

@@ -1,53 +1,33 @@
-"""The study of diagnoses adds the campaigns that it lacks, in their order, and keeps the others."""
+"""Campaigns of the naming study: what is hidden in those of each kind, and their seeds."""
 
 from __future__ import annotations
-
-import json
-import sys
 
 import numpy as np
 import pytest
 
 
 @pytest.fixture
-def study(analysis, monkeypatch, tmp_path):
-    """The study with diagnoses that take no time, and results in a folder of its own."""
-    diagnosis_study = analysis("naming.fixed_shape")
-
-    def run_one(case, power, level):
-        return {"label": case.label, "index": case.index, "hidden": case.hidden, "power": power}
-
-    monkeypatch.setattr(diagnosis_study, "run_one", run_one)
-    monkeypatch.setattr(diagnosis_study, "FOLDER", tmp_path)
-    return diagnosis_study
+def study(analysis):
+    """`fixed_shape.py`."""
+    return analysis("naming.fixed_shape")
 
 
-def test_rows_stand_in_order_and_a_larger_study_keeps_them(study, monkeypatch, tmp_path):
-    def run(kind: str, count: int) -> list[dict]:
-        words = ["--kind", kind, "--count", str(count), "--work", str(tmp_path / "work")]
-        monkeypatch.setattr(sys, "argv", ["fixed_shape.py", *words])
-        study.main()
-        path = tmp_path / f"diagnosis_{kind}_0.99_tacho.jsonl"
-        return [json.loads(line) for line in path.read_text().splitlines()]
+def test_a_longer_study_flies_the_campaigns_of_a_shorter_one_first(study):
+    for kind, hidden in {"clean": 0, "single": 1, "strong": 1, "pair": 2, "triple": 3}.items():
+        few, many = study.tasks(kind, 2), study.tasks(kind, 3)
+        assert many[: len(few)] == few
+        assert {len(effects) for _, _, effects in many} == {hidden}
+    assert [label for label, *_ in study.tasks("single", 1)] == list(study.NAMES)
 
-    few = run("pair", 3)
-    assert [(row["label"], row["index"]) for row in few] == [("pair", i) for i in range(3)]
-    assert [row["hidden"] for row in few] == [
-        [effect.name for effect in effects] for _, _, effects in study.tasks("pair", 3)
-    ]
-    assert run("pair", 5)[:3] == few
-    assert len(run("pair", 5)) == 5
-    single = run("single", 2)
-    assert [row["label"] for row in single] == [*study.NAMES, *study.NAMES]
-    assert all(row["hidden"] == [row["label"]] for row in single)
-    strong = run("strong", 1)
-    assert len(strong) == len(study.FACTORS) * len(study.NAMES)
-    assert {row["label"] for row in strong if row["hidden"] == ["rate_bias"]} == {
-        "rate_bias*3",
-        "rate_bias*10",
-        "rate_bias*30",
-    }
-    assert [len(row["hidden"]) for row in run("triple", 2)] == [3, 3]
+
+def test_a_text_says_what_is_hidden_and_how_large(analysis):
+    kind = analysis("naming.kinds").Kind
+    assert kind.of("random_x10/tacho") == kind("random", True, times=10.0)
+    assert kind.of("single_0.9/notacho") == kind("single", False, power=0.9)
+    assert kind.of("stated/tacho").labels == ["stated"]
+    tachometers = {"wheel_torque_noise", "tachometer_noise_walk"}
+    measured, unmeasured = (set(kind.of(f"random/{x}").labels) for x in ("tacho", "notacho"))
+    assert measured - unmeasured == tachometers
 
 
 def test_strong_effects_have_factors_and_seeds_of_their_own(study):

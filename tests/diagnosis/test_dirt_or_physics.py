@@ -182,7 +182,7 @@ def wandering(campaign, sd, seed):
 def test_a_strong_process_of_the_bias_is_named_alone(clean):
     """Names and noise are of one search: nothing of an earlier one stands beside it.
 
-    Walks as strong are diagnosed by `analyses/naming/stochastic.py`.
+    Walks as strong are diagnosed by `analyses/naming/table_study.py`.
     """
     size = 10.0 * clean.rate_sensor.sigma[0]
     diagnosis = diagnose(wandering(clean, size, 1), library=TEMPTING, rules=Rules(max_effects=1))
