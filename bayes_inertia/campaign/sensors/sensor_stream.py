@@ -80,11 +80,6 @@ class SensorStream(ABC):
         sensors = dict(campaign.more_sensors) | {self.name: hardware}
         return replace(campaign, more_sensors=tuple(sensors.items()))
 
-    @property
-    def per_wheel(self) -> bool:
-        """Whether each wheel has a column."""
-        return isinstance(self.written[2], str)
-
     def read(self, table: Table, entry: Any, spin_inertias: np.ndarray) -> np.ndarray | None:
         """Readings (n, columns) from a table, None where its columns are empty for good.
 
