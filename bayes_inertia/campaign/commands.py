@@ -174,12 +174,11 @@ Interval = tuple[float, float]
 
 
 def with_known_torques(
-    channels: Channels, every_wheel_is_read: bool, negligible: float, largest: float = np.inf
+    channels: Channels, every_wheel_is_read: bool, negligible: float
 ) -> tuple[list[Channels], list[tuple[Dirt, np.ndarray]]]:
     """Parts of a slew's channels in which every torque is known or none is given, and records.
 
-    `negligible`: error of the wheels' momentum that does not matter [N m s]. `largest`: torque of a
-    wheel [N m]; by default the largest command.
+    `negligible`: error of the wheels' momentum that does not matter [N m s].
 
     >>> torque = np.array([[np.nan], [0.1], [np.nan], [0.2]])
     >>> given = {"time": np.arange(4.0), "wheel_torque": torque}
@@ -204,7 +203,7 @@ def with_known_torques(
             channels = {name: values for name, values in given.items() if name != "wheel_torque"}
             unknown = []
         else:
-            channels, unknown, records = _with_unknown_torques(channels, unknown, step, largest)
+            channels, unknown, records = _with_unknown_torques(channels, unknown, step)
             dirt = dirt + records
         # What a row commands is known until the next row is due.
         unknown = [(a + 1.01 * step, b) for a, b in unknown]
@@ -212,11 +211,11 @@ def with_known_torques(
 
 
 def _with_unknown_torques(
-    channels: Channels, unknown: list[Interval], step: float, largest: float
+    channels: Channels, unknown: list[Interval], step: float
 ) -> tuple[Channels, list[Interval], list[tuple[Dirt, np.ndarray]]]:
     """Channels in which every row has a command, where still to cut, and records of both."""
     inside = [interval for interval in unknown if np.isfinite(interval).all()]
-    largest = min(largest, float(np.nanmax(np.abs(channels["wheel_torque"]))))
+    largest = float(np.nanmax(np.abs(channels["wheel_torque"])))
     marked = with_lost_commands(channels, inside, step, largest) if inside else None
     dirt = []
     if marked is not None:
