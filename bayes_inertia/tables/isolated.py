@@ -58,9 +58,9 @@ _NOT_CLOSED = (
 )
 
 
-def read_arrays(path: Path, kind: ArrayKind, *, seconds: float | None = None) -> FileArrays:
+def read_arrays(path: Path, kind: ArrayKind) -> FileArrays:
     """All arrays of a file; processor time is limited to 3 s and one for every 5 MB."""
-    return _run(kind, str(path.resolve()), seconds, *_size_and_change(path), str(path), _EXPORT)
+    return _run(kind, str(path.resolve()), *_size_and_change(path), str(path), _EXPORT)
 
 
 def check_readable(path: Path, kind: CheckKind, advice: str) -> None:
@@ -68,7 +68,7 @@ def check_readable(path: Path, kind: CheckKind, advice: str) -> None:
 
     To be called before a library of this process opens a file that may be damaged.
     """
-    _run(kind, str(path.resolve()), None, *_size_and_change(path), str(path), advice)
+    _run(kind, str(path.resolve()), *_size_and_change(path), str(path), advice)
 
 
 def _size_and_change(path: Path) -> tuple[int, int]:
@@ -82,13 +82,9 @@ def _size_and_change(path: Path) -> tuple[int, int]:
 
 
 @lru_cache(maxsize=LIMITS.files_kept)
-def _run(
-    kind: str, path: str, seconds: float | None, size: int, _: int, label: str, advice: str
-) -> FileArrays:
+def _run(kind: str, path: str, size: int, _: int, label: str, advice: str) -> FileArrays:
     """Arrays that the process reads from a file of a size and time of change, or its error."""
-    limit = (
-        LIMITS.processor_seconds + size / LIMITS.bytes_per_second if seconds is None else seconds
-    )
+    limit = LIMITS.processor_seconds + size / LIMITS.bytes_per_second
     content = min(LIMITS.least_content + LIMITS.largest_compression * size, LIMITS.most_content)
     limits = [
         str(content),

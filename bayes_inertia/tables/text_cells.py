@@ -67,9 +67,9 @@ class CellRow(NamedTuple):  # A log has a million of them: a dataclass takes twi
     cells: tuple[str, ...]
 
 
-def decoded(data: bytes, label: str, encoding: str = "") -> str:
-    """The text of a file without byte-order mark; an encoding "" is told from its bytes."""
-    text = _text_of(data, label, encoding)
+def decoded(data: bytes, label: str) -> str:
+    """The text of a file without byte-order mark; its encoding is told from its bytes."""
+    text = _text_of(data, label, "")
     if "\0" in text:
         raise _zero_bytes(lines_in(text), label)
     return text
@@ -120,7 +120,7 @@ def _zero_bytes(lines: Sequence[str], label: str) -> CampaignError:
 
 
 def _text_of(data: bytes, label: str, encoding: str) -> str:
-    """The text of a file, with its NUL bytes, without a byte-order mark."""
+    """The text of a file, NUL bytes too, without byte-order mark; an encoding "" is told."""
     chosen = encoding or _encoding(data)
     try:
         # Files that were put together have several marks.
