@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.description import Entry
 from bayes_inertia.campaign.sensors.attitude import ATTITUDE
 from bayes_inertia.campaign.sensors.momentum import MOMENTUM
 from bayes_inertia.campaign.sensors.rate import RATE
@@ -128,9 +129,7 @@ def streams_apart(campaign: Campaign, stated: Stated) -> tuple[str, ...]:
         pairs = [(_times(slew, entry.field), _times(slew, RATE.field)) for slew in campaign.slews]
         pairs = [(own, rates) for own, rates in pairs if len(own) and len(rates)]
         if pairs and not any(_beside(own, rates).any() for own, rates in pairs):
-            count, path = sum(len(own) for own, _ in pairs), path_of(entry)
-            offset = entry.columns.offset_s
-            said.append(apart_in_words(entry.key, count, pairs, offset, path))
+            said.append(_apart_in_words(entry, pairs))
     return tuple(said)
 
 
@@ -144,31 +143,22 @@ def _beside(own: np.ndarray, rates: np.ndarray) -> np.ndarray:
     return (own >= rates[0]) & (own <= rates[-1])
 
 
-def apart_in_words(
-    entry: str,
-    count: int,
-    pairs: Sequence[tuple[np.ndarray, np.ndarray]],
-    stated: float = 0.0,
-    path: str = "",
-) -> str:
+def _apart_in_words(entry: Entry, pairs: Sequence[tuple[np.ndarray, np.ndarray]]) -> str:
     """That a stream lies outside every slew, and with which known offset it would not.
 
-    `pairs`: times of its readings and of the rates [s], slew by slew. `path`: its key; by default
-    that of format 1.
-
-    >>> apart_in_words("attitude", 9, [(np.array([3605.0, 3690.0]), np.array([0.0, 99.0]))])[-58:]
-    'columns.attitude.offset_s = -3600 (1 h, as of a time zone)'
+    `pairs`: times of its readings and of the rates [s], slew by slew.
     """
     own, rates = pairs[0]
     away = own[0] - rates[-1] if own[0] > rates[-1] else own[-1] - rates[0]
     where = f"{abs(away):.4g} s {'after' if away > 0.0 else 'before'} the rates"
-    said = f"all {count} {said_of(entry)[1]} lie outside every slew ({where} at the nearest)"
-    path = path or f"columns.{entry}"
+    readings = f"{sum(len(times) for times, _ in pairs)} {said_of(entry.key)[1]}"
+    said = f"all {readings} lie outside every slew ({where} at the nearest)"
+    key = f"{path_of(entry)}.offset_s"
     known = known_offset([(times, [(rates[0], rates[-1])]) for times, rates in pairs])
-    if known is not None:
-        key = f"{path}.offset_s = {stated + known[0]:.9g}"
-        return f"{said}; they lie beside the rates with {key} ({known[1]})"
-    return f"{said}; state their clock's offset as {path}.offset_s"
+    if known is None:
+        return f"{said}; state their clock's offset as {key}"
+    offset = entry.columns.offset_s + known[0]
+    return f"{said}; they lie beside the rates with {key} = {offset:.9g} ({known[1]})"
 
 
 def _is_gross(misfits: Misfits, late: Lateness) -> bool:

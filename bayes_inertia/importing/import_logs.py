@@ -206,9 +206,9 @@ def _refuse_outside(stream: LoggedStream, cut: SlewCut, mapping: MappingPart, la
     away = [
         np.maximum(np.maximum(start - stream.time, stream.time - end), 0.0) for start, end in spans
     ]
-    nearest = float(np.min(away))
-    # One command may be in force all the time.
-    if nearest == 0.0 or len(stream.time) < 2:
+    nearest, count = float(np.min(away)), len(stream.time)
+    in_force = stream.holds == "wheel_torque" and count == 1 and stream.time[0] < spans[-1][1]
+    if nearest == 0.0 or in_force:
         return
     known = known_offset([(stream.time, spans)])
     stated = streams_that_hold(mapping, stream.holds)[0].offset_s
@@ -223,10 +223,11 @@ def _refuse_outside(stream: LoggedStream, cut: SlewCut, mapping: MappingPart, la
     else:
         seconds, why, inside = known
         advice = (
-            f"write offset_s = {stated + seconds:.9g} ({why}): {inside} then lie in a slew; or "
+            f"write offset_s = {stated + seconds:.9g} ({why}), which puts {inside} in a slew; or "
             "leave the stream out"
         )
-    what = f"all {len(stream.time)} readings of {files} lie outside every slew, by {size:.6g} s"
+    readings, lie = (f"all {count} readings", "lie") if count > 1 else ("the only reading", "lies")
+    what = f"{readings} of {files} {lie} outside every slew, by {size:.6g} s"
     raise CampaignError(what, where=f"{label}, key streams.{stream.holds}.offset_s", advice=advice)
 
 

@@ -36,21 +36,6 @@ def other_mapping(folder: Path, data: bytes) -> bool:
     return _of_record(folder, lambda r: bool(r["mapping"]["sha256"] != sha256_of(data)), False)
 
 
-def streams_outside(folder: Path) -> dict[str, tuple[int, list[float], list[float]]]:
-    """Imported streams without a reading in a slew: how many readings, their span, the slews'."""
-
-    def outside(record: Any) -> dict[str, tuple[int, list[float], list[float]]]:
-        slews = record["cut"]["slews"]
-        span = [min(slew["start"] for slew in slews), max(slew["end"] for slew in slews)]
-        return {
-            key: (stream["readings"], stream["span_s"], span)
-            for key, stream in record["streams"].items()
-            if stream["span_s"][0] > span[1] or stream["span_s"][1] < span[0]
-        }
-
-    return _of_record(folder, outside, {})
-
-
 def streams_beside(folder: Path) -> list[str]:
     """Notes on streams that a known offset would put into the slews; none without an import."""
     return _of_record(

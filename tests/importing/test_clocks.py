@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from support.campaign_files import assert_teaches
-from support.raw_logs import imported, log_columns, write_csv
+from support.raw_logs import NOISE, STEP, imported, log_columns, write_csv
 
+from bayes_inertia.app.commands.check import refuse_or_warn
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.faults.known_offsets import known_offset
 from bayes_inertia.faults.row_order import set_back_row
@@ -162,6 +165,42 @@ def test_a_stream_outside_every_slew_is_reported_with_the_offset_that_explains_i
     error = refusal(tmp_path, {}, of_tracker, files=files)
     said = f"all 220 readings of st.csv lie outside every slew, by {abs(offset):g} s"
     assert_teaches(error, ["streams.attitude.offset_s", said, f"offset_s = {-offset:g} ("])
+
+
+def spin_with_one_reading(
+    folder: Path, holds: str, seconds: float
+) -> tuple[list[Path], tuple[str, str]]:
+    """Logs of a body that spins at one rate, one stream with one reading, and their mapping."""
+    time = np.arange(0.0, 110.0, STEP)
+    rate = np.degrees([0.02, 0.0, 0.0] + NOISE * noise(len(time)))
+    log = {"t_ms": 1e3 * time} | dict(zip(("wx", "wy", "wz"), rate.T, strict=True))
+    log |= {"torque": 0.0 * time, "q1": np.sin(0.01 * time), "q2": 0.0 * time, "q3": 0.0 * time}
+    log |= {"q4": np.cos(0.01 * time)}
+    one = {name: cells[:1] for name, cells in log.items()} | {"t_ms": [1e3 * seconds]}
+    files = [write_csv(folder / "log.csv", log), write_csv(folder / "one.csv", one)]
+    return files, (f'"{holds}"\nfiles = ["log*.csv"]', f'"{holds}"\nfiles = ["one.csv"]')
+
+
+FROM_20_S_TO_90_S = '\n[[slews]]\nname = "spin"\nstart = 20.0\nend = 90.0\n'
+
+
+def test_one_command_before_the_first_slew_is_in_force_and_no_doubt(tmp_path, capsys):
+    """It was said to lie outside every slew."""
+    files, change = spin_with_one_reading(tmp_path, "wheel_torque", 5.0)
+    folder = imported(tmp_path, {}, change, more=FROM_20_S_TO_90_S, files=files).folder
+    refuse_or_warn(folder)
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("holds", "seconds"), [("attitude", 5.0), ("attitude", 105.0), ("wheel_torque", 105.0)]
+)
+def test_a_single_reading_outside_every_slew_is_refused_too(tmp_path, holds, seconds):
+    files, change = spin_with_one_reading(tmp_path, holds, seconds)
+    with pytest.raises(CampaignError) as caught:
+        imported(tmp_path, {}, change, more=FROM_20_S_TO_90_S, files=files)
+    said = "the only reading of one.csv lies outside every slew, by 18 s"
+    assert_teaches(caught.value, [f"streams.{holds}.offset_s", said, "GPS time"])
 
 
 @pytest.mark.parametrize("kind", ["us", "s", "min"])

@@ -230,15 +230,10 @@ def refuse_or_warn(
 
 
 def _left_out(campaign: Path) -> list[str]:
-    """Streams that an import left out of slews, in whole or in part, and the offset if known."""
-    from bayes_inertia.conventions.clocks import apart_in_words
-    from bayes_inertia.importing.mapped_lines import streams_beside, streams_outside
+    """Streams that an import left out of slews in part, and the offset that is known."""
+    from bayes_inertia.importing.mapped_lines import streams_beside
 
     said = streams_beside(campaign)
-    said += [
-        apart_in_words(key, count, [(np.array(own), np.array(slews))])
-        for key, (count, own, slews) in streams_outside(campaign).items()
-    ]
     if len(said) > 1:
         said.append("or it is the clock of the rates: columns.rate.offset_s, with the other sign")
     return said
