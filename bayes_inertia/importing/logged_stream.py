@@ -100,15 +100,16 @@ def in_order(stream: LoggedStream, place: Callable[[int], str] | None = None) ->
     """A stream whose times increase strictly, with notes of what was sorted or dropped.
 
     Of rows with one time the first stays, filled up with the readings that only the others have, as
-    of wheels that come in files of their own.
+    of wheels that come in files of their own. `place`: of a row of a file, in words; None for
+    several streams, each of which is in order.
     """
-    kept = np.arange(len(stream.time))
+    kept, late = np.arange(len(stream.time)), 0
     if place is not None:
         _refuse_set_back(stream, place)
         stream, kept = _with_mended_stamps(stream)
-    swapped = sum(len(late_rows(stream.time[stream.file == k])) for k in np.unique(stream.file))
+        late = len(late_rows(stream.time))
     order = np.argsort(stream.time, kind="stable")
-    stream = stream.rows(order, *([_rows(swapped, "out of order", "sorted")] if swapped else []))
+    stream = stream.rows(order, *([_rows(late, "out of order", "sorted")] if late else []))
     repeated = np.concatenate([[False], np.diff(stream.time) == 0.0])
     # The last row of a slew's file may be the first of the next.
     again = int((repeated[1:] & (np.diff(stream.file) != 0)).sum())

@@ -100,6 +100,22 @@ relative_to = "body"
         np.testing.assert_allclose(slew.wheel_momentum[read, k], inertia * speed, rtol=1e-12)
 
 
+def test_wheels_of_one_file_in_streams_of_their_own_are_in_order(tmp_path, columns):
+    """Nearly all their rows were said to be out of order."""
+    columns["other"] = -columns["torque"]
+    second = '[[wheels]]\nname = "y"\naxis = [0.0, 1.0, 0.0]\nspin_inertia = 0.002\n\n'
+    first, last = (MAPPING.index(f'[[streams]]\nholds = "{h}') for h in ("wheel", "attitude"))
+    of_x = MAPPING[first:last] + 'wheels = ["x"]\n'
+    of_y = of_x.replace('"torque"', '"other"').replace('"x"', '"y"')
+    text = MAPPING[:first] + of_x + of_y + MAPPING[last:]
+    mapping = tmp_path / "mapping.toml"
+    mapping.write_text(text.replace("[rate_sensor]", second + "[rate_sensor]"))
+    log = write_csv(tmp_path / "log.csv", columns)
+    commands = import_logs([log], mapping, tmp_path / FOLDER).logs.streams["wheel_torque"]
+    assert commands.notes == ()
+    np.testing.assert_array_equal(commands.values[:, 1], -commands.values[:, 0])
+
+
 @pytest.mark.parametrize(
     ("holds", "unit", "size"), [("wheel_momentum", "N m s", 0.001), ("wheel_speed", "rad/s", 1.0)]
 )
