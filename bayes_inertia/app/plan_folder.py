@@ -10,6 +10,7 @@ from typing import Any
 
 from pydantic import Field
 
+from bayes_inertia.app.commands.options import DesignRequest, names_in
 from bayes_inertia.app.fit_campaign import settled_estimate
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.result_folder import ResultFolder
@@ -130,36 +131,18 @@ def design_json(
     }
 
 
-@dataclass(frozen=True)
-class DesignRequest:
-    """Request of `design`; None where nothing was asked."""
-
-    goal: str = "cross_terms"  # name of the goal
-    slews: int = 5  # how many
-    total_time: float | None = None  # from first to last telemetry [s]
-    max_rate: float | None = None  # largest true rate [deg/s]
-    max_angle: float | None = None  # largest angle of a slew [deg]
-    max_acceleration: float | None = None  # largest angular acceleration [deg/s^2]
-    end_attitude: str | None = None  # "q1,q2,q3,q4", scalar last
-    keep_out: tuple[str, ...] = ()  # cones or files of cones, see `keep_outs`
-    after: bool = False  # whether the campaign's telemetry counts
-    seed: int = 0  # of the search
-    effects: tuple[str, ...] = ()  # names of effects that are fitted along
-
-    def limits(self, campaign: Campaign) -> Limits:
-        """The limits that are asked for; the largest rate is the campaign's own where none is
-        given.
-        """
-        usual = Limits()
-        own_rate = campaign.largest_rate() / (1.0 - usual.rate_reserve)
-        return Limits(
-            rate=_radians(self.max_rate, own_rate),
-            angle=_radians(self.max_angle, usual.angle),
-            acceleration=_radians(self.max_acceleration, usual.acceleration),
-            total_time=self.total_time,
-            end_attitude=_quaternion(self.end_attitude),
-            keep_out=keep_outs(self.keep_out),
-        )
+def limits_asked(request: DesignRequest, campaign: Campaign) -> Limits:
+    """The limits that are asked for; the largest rate is the campaign's own where none is given."""
+    usual = Limits()
+    own_rate = campaign.largest_rate() / (1.0 - usual.rate_reserve)
+    return Limits(
+        rate=_radians(request.max_rate, own_rate),
+        angle=_radians(request.max_angle, usual.angle),
+        acceleration=_radians(request.max_acceleration, usual.acceleration),
+        total_time=request.total_time,
+        end_attitude=_quaternion(request.end_attitude),
+        keep_out=keep_outs(request.keep_out or ()),
+    )
 
 
 def _radians(degrees: float | None, otherwise: float | None) -> Any:
@@ -228,6 +211,7 @@ def _cones_in(path: Path) -> list[KeepOut]:
     ]
 
 
+_RESULTS = ("plan.toml", "design.png", "design.html")
 FORMAT, COMPARISON_FORMAT = "bayes-inertia-design/1", "bayes-inertia-compare/1"
 WHEELS_AT_REST = (
     "the wheels are taken to be at rest at the start: no tachometer of the last slew tells more; "
@@ -259,12 +243,12 @@ def run_design(
     """
     flown, digest = read_campaign(campaign), campaign_sha256(campaign)
     parse_goal(request.goal)
-    request = replace(request, effects=pinned_names(request.effects))
-    results = ("plan.toml", "design.png", "design.html")
-    owner = ResultFolder(folder, "design", "design.json", FORMAT, digest, asdict(request), results)
+    effects = pinned_names(names_in(request.effects))
+    options = asdict(request) | {"effects": effects, "keep_out": request.keep_out or []}
+    owner = ResultFolder(folder, "design", "design.json", FORMAT, digest, options, _RESULTS)
     owner.holds_this_work()
-    limits = request.limits(flown)
-    after = _fitted(flown, request, progress) if request.after else None
+    limits = limits_asked(request, flown)
+    after = _fitted(flown, effects, request.seed, progress) if request.after else None
     mission = Mission.of(flown)
     design = design_plan(
         mission,
@@ -274,7 +258,7 @@ def run_design(
         n_slews=request.slews,
         seed=request.seed,
         after=after,
-        effects=request.effects,
+        effects=effects,
         progress=progress,
     )
     known = mission if after is None else mission_after(mission, after)
@@ -296,11 +280,11 @@ def run_design(
     return DesignedPlan(design, notes)
 
 
-def _fitted(flown: Campaign, request: DesignRequest, progress: Progress) -> Estimate:
+def _fitted(flown: Campaign, effects: Sequence[str], seed: int, progress: Progress) -> Estimate:
     """The estimate that `fit` samples; effects take from what the campaign tells of J and K."""
     progress("fitting the campaign", 0, 0)
-    model = Model(flown, effects_named(request.effects))
-    return settled_estimate(model, request.seed, False, None, progress)[0]
+    model = Model(flown, effects_named(effects))
+    return settled_estimate(model, seed, False, None, progress)[0]
 
 
 def _start(plan: Plan, flown: Campaign, request: DesignRequest) -> dict[str, Any]:

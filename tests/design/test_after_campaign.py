@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from bayes_inertia.app import plan_folder
+from bayes_inertia.app.commands.options import DesignRequest
 from bayes_inertia.app.commands.plans import show_design
-from bayes_inertia.app.plan_folder import DesignRequest, run_design
+from bayes_inertia.app.plan_folder import run_design
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.design import correction_slew, designer
 from bayes_inertia.design.after_campaign import final_wheel_momentum, plan_after
@@ -142,7 +143,7 @@ def test_design_after_a_campaign_begins_with_the_wheels_turning(flight, captured
 def test_what_a_design_fits_along_takes_from_what_the_campaign_tells(flight, captured, tmp_path):
     """Without it the campaign would seem to tell more of J and K than it does."""
     write_campaign(flight.campaign, tmp_path / "campaign")
-    request = DesignRequest(after=True, effects=("constant_torque",))
+    request = DesignRequest(after=True, effects="constant_torque")
     with pytest.raises(Captured):
         run_design(tmp_path / "campaign", tmp_path / "run", request)
     assert [effect.name for effect in captured.after.model.effects] == ["constant_torque"]

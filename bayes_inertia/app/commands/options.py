@@ -49,6 +49,23 @@ class FitOptions:
     as_json: bool = False
 
 
+@dataclass(frozen=True)
+class DesignRequest:
+    """Options of `design`; None where nothing was asked."""
+
+    goal: str = "cross_terms"
+    slews: int = 5
+    total_time: float | None = None
+    max_rate: float | None = None  # [deg/s]
+    max_angle: float | None = None  # [deg]
+    max_acceleration: float | None = None  # [deg/s^2]
+    keep_out: list[str] | None = None
+    end_attitude: str | None = None
+    after: bool = False
+    effects: str = ""
+    seed: int = 0
+
+
 def described(name: str, command: Callable[..., None]) -> Callable[..., None]:
     """A command as Typer takes it: each parameter with what `vocabulary.toml` says of it.
 

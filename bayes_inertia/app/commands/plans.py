@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from bayes_inertia.app.commands.options import EngineName, names_in
+from bayes_inertia.app.commands.options import DesignRequest, EngineName
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
     headed,
@@ -30,17 +30,7 @@ if TYPE_CHECKING:
 def design_command(
     campaign: Path,
     out: Path,
-    goal: str = "cross_terms",
-    slews: int = 5,
-    total_time: float | None = None,
-    max_rate: float | None = None,
-    max_angle: float | None = None,
-    max_acceleration: float | None = None,
-    keep_out: list[str] | None = None,
-    end_attitude: str | None = None,
-    after: bool = False,
-    effects: str = "",
-    seed: int = 0,
+    asked: DesignRequest,
     open_page: bool = False,
     as_json: bool = False,
 ) -> None:
@@ -49,24 +39,22 @@ def design_command(
     Writes design.json, design.png, design.html, and plan.toml, which `simulate` flies. Where
     nothing on board turns the spacecraft, it does what `observe` does, and exits with 2.
     """
-    asked = (total_time, max_rate, max_angle, max_acceleration, end_attitude)
-    names = tuple(names_in(effects))
     with progress_bar() as progress:
-        from bayes_inertia.app.plan_folder import DesignRequest, run_design
+        from bayes_inertia.app.plan_folder import run_design
         from bayes_inertia.campaign.reader import read_campaign
         from bayes_inertia.flight.mission import why_no_plans
 
-        request = DesignRequest(goal, slews, *asked, tuple(keep_out or ()), after, seed, names)
         nothing_to_fly = why_no_plans(read_campaign(campaign))
     if nothing_to_fly:
         from bayes_inertia.app.commands.observe import observe_command
 
         say(f"{nothing_to_fly}; what its motion tells as it is, as `observe` says it:")
+        effects, seed = asked.effects, asked.seed
         observe_command(campaign, out, effects, None, seed, True, open_page, as_json)
         raise typer.Exit(2)
     with progress_bar() as progress:
-        designed = run_design(campaign, out, request, progress)
-    show_result(out / "design.json", as_json, open_page, show_design, designed, out, after)
+        designed = run_design(campaign, out, asked, progress)
+    show_result(out / "design.json", as_json, open_page, show_design, designed, out, asked.after)
     raise typer.Exit(0 if designed.kept else 3)
 
 
