@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from bayes_inertia.app.commands.options import DriveName, EngineName, names_in
+from bayes_inertia.app.commands.options import DriveName, EngineOptions, names_in
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
     headed,
@@ -20,7 +20,6 @@ from bayes_inertia.app.terminal import (
     print_json,
     print_table,
     progress_bar,
-    say,
     show_result,
 )
 from bayes_inertia.errors import SettingsError
@@ -35,9 +34,7 @@ if TYPE_CHECKING:
 def fit_many_command(
     folder: Path,
     out: Path,
-    engine: EngineName | None = None,
-    scheduler: str | None = None,
-    jobs: int = 1,
+    engine: EngineOptions,
     effects: str = "",
     drive: DriveName | None = None,
     seed: int = 0,
@@ -63,11 +60,7 @@ def fit_many_command(
             seed=seed,
             as_stated=as_stated,
             anyway=anyway,
-            engine=engine,
-            jobs=jobs,
-            scheduler=scheduler,
-            progress=progress,
-            notice=say,
+            **vars(engine.execution(progress)),
         )
     if as_json:
         print_json(fits_json(result))
@@ -133,9 +126,8 @@ def study_command(
     campaigns: int | None = None,
     fits: int | None = None,
     cases: str = "",
-    engine: EngineName | None = None,
-    scheduler: str | None = None,
-    jobs: int = 1,
+    *,
+    engine: EngineOptions,
     seed: int = 0,
     as_json: bool = False,
 ) -> None:
@@ -152,7 +144,6 @@ def study_command(
     """
     from bayes_inertia.app.plan_folder import PAPER
     from bayes_inertia.app.study_folder import run_calibration, run_study
-    from bayes_inertia.studies.engine import Execution
 
     run: Callable[..., Any]
     show: Callable[[Any, Path], None]
@@ -169,7 +160,7 @@ def study_command(
     _refuse_given(foreign)
     with progress_bar() as progress:
         progress("flying and fitting the first campaigns", 0, 0)
-        found: Any = run(execution=Execution(engine, jobs, scheduler, progress, say))
+        found: Any = run(execution=engine.execution(progress))
     show_result(out / f"{name}.json", as_json, False, show, found, out)
     if wrong(found) or found.failures:
         raise typer.Exit(3)

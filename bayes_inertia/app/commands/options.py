@@ -9,13 +9,18 @@ from functools import wraps
 from importlib.resources import files
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from bayes_inertia.app.layout import LAYOUT
+from bayes_inertia.app.terminal import say
 from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.files import vocabulary
+from bayes_inertia.progress import Progress
+
+if TYPE_CHECKING:
+    from bayes_inertia.studies.engine import Execution
 
 DriveName = Literal["commanded", "measured"]
 EngineName = Literal["process", "joblib", "dask"]
@@ -47,6 +52,21 @@ class FitOptions:
     anyway: bool = False
     as_stated: bool = False
     as_json: bool = False
+
+
+@dataclass(frozen=True)
+class EngineOptions:
+    """Options that say where the tasks of a study run."""
+
+    engine: EngineName | None = None
+    scheduler: str | None = None
+    jobs: int = 1
+
+    def execution(self, progress: Progress) -> Execution:
+        """Where these tasks run, with progress and notices on the terminal."""
+        from bayes_inertia.studies.engine import Execution
+
+        return Execution(self.engine, self.jobs, self.scheduler, progress, say)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from bayes_inertia.app.commands.options import DesignRequest, EngineName
+from bayes_inertia.app.commands.options import DesignRequest, EngineOptions
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
     headed,
@@ -103,9 +103,8 @@ def compare_command(
     plans: list[str],
     out: Path,
     simulated: int = 0,
-    engine: EngineName | None = None,
-    scheduler: str | None = None,
-    jobs: int = 1,
+    *,
+    engine: EngineOptions,
     seed: int = 0,
     open_page: bool = False,
     as_json: bool = False,
@@ -117,7 +116,6 @@ def compare_command(
     """
     with progress_bar() as progress:
         from bayes_inertia.app.plan_folder import run_compare
-        from bayes_inertia.studies.engine import Execution
 
         contenders = run_compare(
             campaign,
@@ -125,7 +123,7 @@ def compare_command(
             out,
             simulated=simulated,
             seed=seed,
-            execution=Execution(engine, jobs, scheduler, progress, say),
+            execution=engine.execution(progress),
         )
     show_result(out / "compare.json", as_json, open_page, show_comparison, contenders, out)
 
