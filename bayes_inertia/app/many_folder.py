@@ -174,14 +174,8 @@ def fit_many(
     names = pinned_names(effects)
     settings = require_settings(settings, usual_settings(effects_named(names)))
     settings = replace(settings, seed=seed, threads=1)
-    options = {
-        "effects": list(names),
-        "drive": drive,
-        "settings": asdict(settings),
-        "as_stated": as_stated,
-        "anyway": anyway,
-    }
     task = CampaignFit(folder, names, drive, settings, as_stated, anyway)
+    options = {key: value for key, value in asdict(task).items() if key != "folder"}
     work = Work("campaigns", task, _ids(folder, out), seed, options)
     # Rows belong to the campaigns' contents: the folder may get more of them.
     owner = ResultFolder(out, "fit of many", "fits_of.json", FORMAT, "", options)
