@@ -151,7 +151,7 @@ _PUBLIC = {
     "AchievedErrors": "design.simulated_fits",
     "Contender": "design.comparison",
     "CorrectionForecast": "design.correction_slew",
-    "Design": "design.designer",
+    "Design": "design.result",
     "Goal": "design.goals",
     "KeepOut": "design.limits",
     "Limits": "design.limits",

@@ -20,9 +20,10 @@ from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.campaign.schema import Part, Vector3
 from bayes_inertia.design.after_campaign import mission_after, plan_after
 from bayes_inertia.design.comparison import Contender
-from bayes_inertia.design.designer import Design, design_plan
+from bayes_inertia.design.designer import design_plan
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.limits import KeepOut, Limits
+from bayes_inertia.design.result import Design
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes, text_of, write_atomically
 from bayes_inertia.flight.mission import Mission, devices_at_rest, following_plan
@@ -270,7 +271,7 @@ def run_design(
     content |= {"left_out": left_out} if left_out else {}
     unknown = content["start_wheel_momentum_Nms"] and not design.plan.wheel_momentum
     notes = (*left_out, *((WHEELS_AT_REST,) if unknown else ()))
-    sections = design_sections(content, contenders, design.units, notes)
+    sections = design_sections(design, contenders, request.after, notes)
     owner.write(
         content, f"Next slews after {flown.name}", sections, campaign, mission=flown.mission
     )

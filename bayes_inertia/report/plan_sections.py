@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.design.comparison import Contender
+from bayes_inertia.design.result import Design
 from bayes_inertia.physics.parameters import BASE_UNITS, base_names, base_units
 from bayes_inertia.report.formatting import (
     NOT_GIVEN,
@@ -32,62 +33,38 @@ _OF_SLEW = {"slew": "", "about body axis": ""} | dict.fromkeys(
 
 
 def design_sections(
-    content: Mapping[str, Any],
-    contenders: Sequence[Contender],
-    units: Mapping[str, str],
-    notes: Sequence[str] = (),
+    design: Design, contenders: Sequence[Contender], after: bool, notes: Sequence[str] = ()
 ) -> list[Section]:
     """A designed plan: each parameter's sd now and afterwards, its slews, its limits.
 
-    `notes`: what must be known before it is flown.
+    `after`: whether the campaign's telemetry counts. `notes`: what must be known before it is
+    flown.
     """
-    return [
-        _gain_section(content, contenders, units, notes),
-        slews_table({"": contenders[0].plan}).section("Slews"),
-        _margins_section(content),
-    ]
-
-
-def _gain_section(
-    content: Mapping[str, Any],
-    contenders: Sequence[Contender],
-    units: Mapping[str, str],
-    notes: Sequence[str],
-) -> Section:
-    goal, sd, paper = content["goal"], content["expected_sd"], content["reference_sd"]
-    return gain_table(content["sd_before"], sd, paper, units).section(
+    result = gain_table(design).section(
         "Result",
         captioned("plan", draw_comparison(contenders)),
-        sentence=gain_answer(
-            goal["says"],
-            goal["unit"],
-            content["value"],
-            content["reference_value"],
-            content["kept"],
-        ),
-        level="good" if content["kept"] else "bad",
-        more=worse_than_paper(sd, paper),
-        notes=sentences("plans", "gain_notes", content["after"], notes),
+        sentence=gain_answer(design),
+        level="good" if design.kept else "bad",
+        more=worse_than_paper(design),
+        notes=sentences("plans", "gain_notes", after, notes),
     )
+    return [result, slews_table({"": design.plan}).section("Slews"), _margins_section(design)]
 
 
-def gain_answer(goal: str, unit: str, value: float, reference: float, kept: bool) -> str:
+def gain_answer(design: Design) -> str:
     """What the plan reaches of its goal, and slews like the paper's; whether it can be flown."""
-    return phrase("plans", "gain", goal, unit, value, reference, kept)
+    goal, reached = design.goal, (design.value, design.reference_value)
+    return phrase("plans", "gain", goal.says, goal.unit, *reached, design.kept)
 
 
-def gain_table(
-    before: Mapping[str, float],
-    after: Mapping[str, float],
-    paper: Mapping[str, float],
-    units: Mapping[str, str],
-) -> Table:
+def gain_table(design: Design) -> Table:
     """Each parameter's sd now, after the plan, after slews like the paper's."""
+    before, after, paper = design.sd_before, design.sd, design.reference_sd
     columns = {"sd now": before, "after the plan": after, "after the paper's slews": paper}
     printed = [sd_column([column[name] for name in after]) for column in columns.values()]
     heads = [sd_head(head, power) for head, (power, _) in zip(columns, printed, strict=True)]
     rows = [
-        (plain(name), unit_text(units[name]), *cells, _times(before[name] / after[name]))
+        (plain(name), unit_text(design.units[name]), *cells, _times(before[name] / after[name]))
         for name, *cells in zip(after, *(cells for _, cells in printed), strict=True)
     ]
     classes = ("", "", "n", "n", "n extra", "n extra")
@@ -99,9 +76,10 @@ def _times(ratio: float) -> str:
     return f"{ratio:.2f}" if ratio < 10.0 else f"{ratio:,.0f}"
 
 
-def worse_than_paper(sd: Mapping[str, float], paper: Mapping[str, float]) -> str:
+def worse_than_paper(design: Design) -> str:
     """Parameters that a plan leaves worse than slews like the paper's."""
-    return phrase("plans", "worse", {name: sd[name] / paper[name] for name in sd})
+    paper = design.reference_sd
+    return phrase("plans", "worse", {name: sd / paper[name] for name, sd in design.sd.items()})
 
 
 def slews_table(plans: Mapping[str, Any]) -> Table:
@@ -124,11 +102,11 @@ def slews_table(plans: Mapping[str, Any]) -> Table:
     return Table(_OF_SLEW, rows)
 
 
-def _margins_section(content: Mapping[str, Any]) -> Section:
+def _margins_section(design: Design) -> Section:
     """Margins of the flown plan, tightest first."""
-    margins = sorted(content["flown_margins"], key=lambda m: m["left"])
-    rows = [(m["says"], "kept" if m["kept"] else "BROKEN") for m in margins]
-    notes = sentences("plans", "margin_notes", content["active_limits"])
+    margins = sorted(design.flown, key=lambda m: m.left)
+    rows = [(m.says, "kept" if m.kept else "BROKEN") for m in margins]
+    notes = sentences("plans", "margin_notes", design.active)
     return Table({"limit, the tightest first": "", "": ""}, rows).section("Limits", notes=notes)
 
 

@@ -20,9 +20,9 @@ from bayes_inertia.app import (
 from bayes_inertia.app.commands.options import DesignRequest
 from bayes_inertia.app.result_folder import ResultFolder
 from bayes_inertia.design.comparison import Contender
-from bayes_inertia.design.designer import Design
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.limits import Limits
+from bayes_inertia.design.result import Design
 from bayes_inertia.errors import CampaignError, EffectError, OutputError
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.inference.settings import Settings

@@ -9,7 +9,10 @@ import pytest
 from matplotlib.colors import to_hex
 
 from bayes_inertia.design.comparison import Contender
+from bayes_inertia.design.goals import parse_goal
+from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.margins import Margin
+from bayes_inertia.design.result import Design
 from bayes_inertia.design.simulated_fits import AchievedErrors
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.physics.parameters import BASE_NAMES
@@ -24,7 +27,6 @@ from bayes_inertia.report.plan_sections import (
 
 SDS = np.array([2.7e-4, 7e-5, 1.8e-4, 5.7e-5, 5.6e-5, 6.2e-5, 9.2e-5, 9.1e-5, 2.2e-4])
 WORSE = np.array([1.0, 1.0, 1.0, 2.0, 1.0, 1.0, 1.0, 1.0, 0.5])
-UNITS = dict(zip(BASE_NAMES, ["kg m^2"] * 6 + [""] * 3, strict=True))
 
 
 def contender(name: str, expected: np.ndarray, achieved: AchievedErrors | None = None) -> Contender:
@@ -38,23 +40,27 @@ PLAN = contender("4 slews for cross_terms", SDS)
 PAPER = contender("five slews like the paper's", SDS * WORSE)
 
 
-def content_of(**changes) -> dict:
-    """A design.json, as far as its page needs it."""
-    named = dict(zip(BASE_NAMES, SDS.tolist(), strict=True))
-    paper = dict(zip(BASE_NAMES, (SDS * WORSE).tolist(), strict=True))
-    margin = {"left": 0.5, "kept": True, "says": "torque of wheel_x: 0.01 N m, 0.02 N m allowed"}
-    return {
-        "goal": {"says": "largest sd of a product of inertia", "unit": "kg m^2"},
-        "value": 6.2e-5,
-        "reference_value": 1.2e-4,
-        "kept": True,
-        "after": False,
-        "sd_before": dict.fromkeys(BASE_NAMES, 0.03),
-        "expected_sd": named,
-        "reference_sd": paper,
-        "flown_margins": [margin],
-        "active_limits": ["rate"],
-    } | changes
+DESIGN = Design(
+    PLAN.plan,
+    parse_goal("cross_terms"),
+    Limits(),
+    seed=0,
+    reference=PAPER.plan,
+    value=6.2e-5,
+    reference_value=1.2e-4,
+    best_random=1e-4,
+    random_plans=100,
+    sd=dict(zip(BASE_NAMES, SDS.tolist(), strict=True)),
+    reference_sd=dict(zip(BASE_NAMES, (SDS * WORSE).tolist(), strict=True)),
+    sd_before=dict.fromkeys(BASE_NAMES, 0.03),
+    units=dict(zip(BASE_NAMES, ["kg m^2"] * 6 + [""] * 3, strict=True)),
+    margins=PLAN.margins,
+    flown=PLAN.margins,
+    active=("rate",),
+    history=(),
+    seconds=1.0,
+)
+BROKEN = replace(DESIGN, flown=(replace(PLAN.margins[0], left=-0.1),))
 
 
 def text_of(sections) -> str:
@@ -63,7 +69,7 @@ def text_of(sections) -> str:
 
 
 def test_a_design_says_each_sd_now_and_after_the_plan_and_what_gets_worse():
-    text = text_of(design_sections(content_of(), (PLAN, PAPER), UNITS))
+    text = text_of(design_sections(DESIGN, (PLAN, PAPER), after=False))
     gain = "1.94 times smaller than with slews like the paper's (1.2 × 10⁻⁴ kg m²)."
     assert f"inertia: 6.2 × 10⁻⁵ kg m², {gain}" in text
     assert "Known worse than with slews like the paper's: K3 (2.0 times)." in text
@@ -72,11 +78,11 @@ def test_a_design_says_each_sd_now_and_after_the_plan_and_what_gets_worse():
     assert "Now: the prior." in text
 
 
-@pytest.mark.parametrize(("kept", "level"), [(True, "good"), (False, "bad")])
-def test_a_broken_limit_is_no_green_plan(kept, level):
-    result = design_sections(content_of(kept=kept), (PLAN, PAPER), UNITS)[0]
+@pytest.mark.parametrize(("design", "level"), [(DESIGN, "good"), (BROKEN, "bad")])
+def test_a_broken_limit_is_no_green_plan(design, level):
+    result = design_sections(design, (PLAN, PAPER), after=False)[0]
     assert result.context["level"] == level
-    assert ("do not fly it" in result.context["sentence"]) != kept
+    assert ("do not fly it" in result.context["sentence"]) != design.kept
 
 
 def test_a_comparison_names_the_best_plan_and_what_it_loses():

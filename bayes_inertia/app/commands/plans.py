@@ -24,7 +24,7 @@ from bayes_inertia.app.terminal import (
 if TYPE_CHECKING:
     from bayes_inertia.app.plan_folder import DesignedPlan
     from bayes_inertia.design.comparison import Contender
-    from bayes_inertia.design.designer import Design
+    from bayes_inertia.design.result import Design
 
 
 def design_command(
@@ -68,11 +68,9 @@ def show_design(designed: DesignedPlan, folder: Path, after: bool = False) -> No
     )
 
     console, design = plain_console(), designed.design
-    goal, sd, paper = design.goal, design.sd, design.reference_sd
-    reached = design.value, design.reference_value
-    console.print(headed(gain_answer(goal.says, goal.unit, *reached, design.kept)))
-    console.print(worse_than_paper(sd, paper))
-    gained = gain_table(design.sd_before, sd, paper, design.units)
+    console.print(headed(gain_answer(design)))
+    console.print(worse_than_paper(design))
+    gained = gain_table(design)
     print_table(gained.columns, gained.rows)
     if not after:
         console.print("now: the prior; with --after this campaign's telemetry counts too")
