@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.app.layout import LAYOUT
-from bayes_inertia.app.plan_folder import slew_rows
 from bayes_inertia.app.result_folder import finished_posterior
 from bayes_inertia.app.run_folder import campaign_of_run, read_run, run_summary
 from bayes_inertia.campaign.campaign import Campaign
@@ -109,14 +108,14 @@ def _designed_sd(plan: Plan, path: Path) -> dict[str, float] | None:
     try:
         designed = content["plan"]
         sd = {name: float(x) for name, x in designed["expected_sd"].items()}
-        same = _same_slews(designed["slews"], slew_rows(plan))
+        same = _same_slews(designed["slews"], plan.slew_rows())
     except (KeyError, TypeError, ValueError):
         return None
     return sd if same else None
 
 
 def _same_slews(designed: list[dict[str, Any]], planned: list[dict[str, Any]]) -> bool:
-    """Whether two lists of slews, as `slew_rows` gives them, are equal to rounding."""
+    """Whether two lists of slews, as `Plan.slew_rows` gives them, are equal to rounding."""
     if len(designed) != len(planned):
         return False
     told, flown = (

@@ -72,21 +72,6 @@ _ACHIEVED_KEYS = ("achieved_sd", "achieved_sd_standard_error", "stated_sd")
 _MARGIN_KEYS = ("limit", "where", "used", "allowed", "unit", "left", "kept", "says")
 
 
-def slew_rows(plan: Plan) -> list[dict[str, Any]]:
-    """The slews of a plan in degrees and seconds."""
-    return [
-        {
-            "axis_B": list(slew.axis_B),
-            "angle_deg": math.degrees(slew.angle),
-            "rate_deg_s": math.degrees(slew.rate),
-            "acceleration_deg_s2": math.degrees(slew.acceleration),
-            "start_s": start,
-            "duration_s": duration,
-        }
-        for slew, start, duration in zip(plan.slews, plan.starts, plan.durations, strict=True)
-    ]
-
-
 def contender_json(contender: Contender) -> dict[str, Any]:
     """A plan in a comparison: expected and achieved sds, costs, margins, slews."""
     names = base_names(len(contender.expected))
@@ -97,7 +82,7 @@ def contender_json(contender: Contender) -> dict[str, Any]:
         "peak_momentum_Nms": contender.peak_momentum,
         "peak_torque_Nm": contender.peak_torque,
         "margins": [picked(margin, *_MARGIN_KEYS) for margin in contender.margins],
-        "slews": slew_rows(contender.plan),
+        "slews": contender.plan.slew_rows(),
     }
     if (achieved := contender.achieved) is not None:
         sds = (achieved.sd, achieved.sd_error, achieved.stated_sd)
@@ -315,7 +300,7 @@ def _comments(design: Design, notes: Sequence[str]) -> str:
         "#",
         "# slew   starts [s]   lasts [s]   angle [deg]   rate [deg/s]   about body axes x, y, z",
     ]
-    for i, row in enumerate(slew_rows(design.plan)):
+    for i, row in enumerate(design.plan.slew_rows()):
         axis = ", ".join(f"{x:+.3f}" for x in row["axis_B"])
         times = f"{row['start_s']:12.2f} {row['duration_s']:11.2f}"
         motion = f"{row['angle_deg']:13.1f} {row['rate_deg_s']:14.3f}"

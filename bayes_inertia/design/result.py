@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from bayes_inertia.design.goals import GOALS, Goal
@@ -24,13 +23,13 @@ def _card(design: Design) -> Card:
     )
     rows = tuple(
         (
-            str(k + 1),
-            ", ".join(f"{x:.3f}" for x in slew.axis_B),
-            f"{math.degrees(slew.angle):.1f}",
-            f"{math.degrees(slew.rate):.3g}",
-            f"{seconds:.4g}",
+            str(k),
+            ", ".join(f"{x:.3f}" for x in row["axis_B"]),
+            f"{row['angle_deg']:.1f}",
+            f"{row['rate_deg_s']:.3g}",
+            f"{row['duration_s']:.4g}",
         )
-        for k, (slew, seconds) in enumerate(zip(plan.slews, plan.durations, strict=True))
+        for k, row in enumerate(plan.slew_rows(), 1)
     )
     return Card(lines, ("slew", "axis", "angle [deg]", "rate [deg/s]", "duration [s]"), rows)
 

@@ -280,6 +280,33 @@ class Plan:
             )
         )
 
+    def slew_rows(self) -> list[dict[str, Any]]:
+        """The slews in degrees and seconds.
+
+        Returns
+        -------
+        list of dict
+            One a slew, with the keys `axis_B`, `angle_deg`, `rate_deg_s`, `acceleration_deg_s2`,
+            `start_s` and `duration_s`.
+
+        Examples
+        --------
+        >>> row = paper_like_plan().slew_rows()[1]
+        >>> round(row["angle_deg"], 9), row["start_s"]
+        (45.0, 415.0)
+        """
+        return [
+            {
+                "axis_B": list(slew.axis_B),
+                "angle_deg": math.degrees(slew.angle),
+                "rate_deg_s": math.degrees(slew.rate),
+                "acceleration_deg_s2": math.degrees(slew.acceleration),
+                "start_s": start,
+                "duration_s": duration,
+            }
+            for slew, start, duration in zip(self.slews, self.starts, self.durations, strict=True)
+        ]
+
     @property
     def attitudes(self) -> np.ndarray:
         """Attitude before each slew and after the last (slews + 1, 4)."""

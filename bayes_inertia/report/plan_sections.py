@@ -87,17 +87,15 @@ def slews_table(plans: Mapping[str, Any]) -> Table:
     rows = [
         (
             f"{name}{', ' if name else ''}slew {i}",
-            f"({vector_text(slew.axis_B, 3)})",
-            f"{math.degrees(slew.angle):.1f}",
-            f"{math.degrees(slew.rate):.3f}",
-            f"{math.degrees(slew.acceleration):.3f}",
-            f"{start:.0f}",
-            f"{duration:.0f}",
+            f"({vector_text(row['axis_B'], 3)})",
+            f"{row['angle_deg']:.1f}",
+            f"{row['rate_deg_s']:.3f}",
+            f"{row['acceleration_deg_s2']:.3f}",
+            f"{row['start_s']:.0f}",
+            f"{row['duration_s']:.0f}",
         )
         for name, plan in plans.items()
-        for i, (slew, start, duration) in enumerate(
-            zip(plan.slews, plan.starts, plan.durations, strict=True), 1
-        )
+        for i, row in enumerate(plan.slew_rows(), 1)
     ]
     return Table(_OF_SLEW, rows)
 

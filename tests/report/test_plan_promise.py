@@ -12,7 +12,6 @@ import pytest
 from support.commands import run
 
 from bayes_inertia.app import finished_runs, run_folder
-from bayes_inertia.app.plan_folder import slew_rows
 from bayes_inertia.app.result_folder import write_json
 from bayes_inertia.flight.mission import most_like_mission, other_slews
 from bayes_inertia.flight.plan import Plan, PlannedSlew
@@ -45,7 +44,7 @@ def stated_sds(folder) -> dict[str, float]:
 
 
 def write_design(folder, promised, plan=PLAN):
-    content = {"plan": {"expected_sd": promised, "slews": slew_rows(plan)}}
+    content = {"plan": {"expected_sd": promised, "slews": plan.slew_rows()}}
     write_json(folder / "design.json", sealed(content))
 
 
