@@ -11,7 +11,9 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from pydantic import PlainValidator, TypeAdapter, ValidationError
 
 from bayes_inertia.app.diagnosed_fit import fit_after_diagnosis, investigate
 from bayes_inertia.app.diagnosis_json import (
@@ -57,6 +59,11 @@ _WANTED_LATER = ("arviz_stats", "h5netcdf", "distributed")
 _WANTED_BY_REPORT = ("bayes_inertia.report.fit_sections",)
 
 
+# How they are read: a key that they do not know is an error.
+_SettingsRead = Annotated[Settings, PlainValidator(lambda told: Settings(**told))]
+_NoiseRead = Annotated[NoiseModel, PlainValidator(noise_model_from_json)]
+
+
 @dataclass(frozen=True)
 class Run:
     """Inputs of the fit of a run folder."""
@@ -67,13 +74,13 @@ class Run:
     effects: tuple[str, ...]
     # What drives the model; None for the campaign's best.
     drive: Drive | None
-    settings: Settings  # of the sampler, seed included
+    settings: _SettingsRead  # of the sampler, seed included
     # A run of the kind "diagnose" fits what its diagnosis names.
     kind: Literal["fit", "diagnose"] = "fit"
     # Take telemetry and noise as they are stated: no dirt is looked for in residuals.
     as_stated: bool = False
     # The noise of each channel, of a run of the kind "fit".
-    noise: NoiseModel = field(default_factory=NoiseModel)
+    noise: _NoiseRead = field(default_factory=NoiseModel)
     # J and K known before, as `GaussianPrior.json`; None for the campaign's own.
     prior: dict[str, Any] | None = None
     # Digests of the campaigns that this prior holds.
@@ -111,29 +118,15 @@ def read_run(folder: Path) -> Run:
         )
     content = read_sealed_json(path, _NEW_RUN)
     try:
-        if content["format"] != FORMAT:
-            raise ValueError(f"format {content['format']!r}")
-        run = Run(
-            content["campaign_sha256"],
-            tuple(content["effects"]),
-            content["drive"],
-            Settings(**content["settings"]),
-            content.get("kind", "fit"),
-            content.get("as_stated", False),
-            noise_model_from_json(content.get("noise", {})),
-            content.get("prior"),
-            tuple(content.get("former", ())),
-        )
-        if run.drive not in (None, "commanded", "measured") or run.kind not in ("fit", "diagnose"):
-            raise ValueError(f"drive {run.drive!r}, kind {run.kind!r}")
-        if not all(isinstance(name, str) for name in run.effects):
-            raise ValueError(f"effects {run.effects!r}")
-        return run
+        if content.get("format") != FORMAT:
+            raise ValueError(f"format {content.get('format')!r}")
+        return TypeAdapter(Run).validate_json(json.dumps(content), strict=True)
     except SettingsError as error:
         raise CampaignError(str(error), where=str(path), advice=_NEW_RUN) from error
-    except KeyError as error:
-        missing = f"the key {error.args[0]} is missing"
-        raise CampaignError(missing, where=str(path), advice=_NEW_RUN) from error
+    except ValidationError as error:
+        problem = error.errors()[0]
+        what = f"not a run description ({problem['loc'][0]}: {problem['msg']})"
+        raise CampaignError(what, where=str(path), advice=_NEW_RUN) from error
     except (ValueError, TypeError) as error:
         raise CampaignError(
             f"not a run description ({error})", where=str(path), advice=_NEW_RUN

@@ -126,14 +126,25 @@ def test_a_run_folder_of_version_0_1_is_read_and_goes_on(tmp_path):
         run_folder.start(EXAMPLE, tmp_path / "run", settings=Settings(seed=3), kind="diagnose")
 
 
-@pytest.mark.parametrize("noise", ["white", ["white"], 1.0])
-def test_a_run_whose_noise_is_none_is_refused_by_its_file(tmp_path, noise):
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("noise", "white"),
+        ("noise", ["white"]),
+        ("noise", 1.0),
+        ("drive", "both"),
+        ("effects", [1]),
+        ("as_stated", "yes"),
+        ("former", "aa"),
+    ],
+)
+def test_a_run_with_a_value_of_another_kind_is_refused_by_its_file(tmp_path, key, value):
     run_folder.start(EXAMPLE, tmp_path / "run", settings=Settings(seed=3))
     path = tmp_path / "run" / "run.json"
-    content = json.loads(path.read_text()) | {"noise": noise}
+    content = json.loads(path.read_text()) | {key: value}
     del content[SEAL_KEY]
     path.write_text(json.dumps(content))
-    with pytest.raises(CampaignError, match=r"run\.json: not a run description \(noise"):
+    with pytest.raises(CampaignError, match=rf"run\.json: not a run description \({key}"):
         run_folder.read_run(tmp_path / "run")
 
 
