@@ -14,21 +14,64 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from time import monotonic
-from typing import Any, get_args
+from typing import Any
+
+import numpy as np
 
 from analyses import results_of
 from bayes_inertia.app.study_folder import calibration_json, run_calibration
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.files import write_atomically
 from bayes_inertia.maths.values import json_ready
-from bayes_inertia.studies.calibration import Pipeline
+from bayes_inertia.studies.calibration import (
+    CalibrationFit,
+    calibration_of,
+    calibration_work,
+    cases_named,
+)
 from bayes_inertia.studies.engine import Execution
 from bayes_inertia.studies.limits import LIMITS as STUDIES_LIMITS
 
 RESULTS = results_of(__file__) / "calibration_study.json"
 # Wrong pipelines see the case in which the prior counts most.
 _WRONG_CASE = "two-slews"
+_SMALL_SD = 0.75
+_HELD_SCALE_FACTOR_SIGMA = 1e-7
+
+
+class SmallSd(CalibrationFit):
+    """Posterior sds that are too small."""
+
+    def as_reported(self, draws: np.ndarray) -> np.ndarray:
+        """The draws (n, d), drawn together about their mean."""
+        mean = draws.mean(0)
+        return mean + _SMALL_SD * (draws - mean)
+
+
+class HeldScaleFactors(CalibrationFit):
+    """K held at one."""
+
+    def as_fitted(self, campaign: Campaign) -> Campaign:
+        """The campaign, its gyro without errors of scale."""
+        held = (_HELD_SCALE_FACTOR_SIGMA,) * 3
+        sensor = replace(campaign.three_axis_gyro, scale_factor_sigma=held)
+        return replace(campaign, rate_sensor=sensor)
+
+
+class FlippedSign(CalibrationFit):
+    """Products of inertia with the wrong sign."""
+
+    def as_reported(self, draws: np.ndarray) -> np.ndarray:
+        """The draws (n, d), with the signs of Jxy, Jxz and Jyz turned."""
+        changed = draws.copy()
+        changed[:, 3:6] *= -1.0
+        return changed
+
+
+WRONG = {"small_sd": SmallSd, "no_scale_factors": HeldScaleFactors, "flipped_sign": FlippedSign}
 _SAYS = {
     "small_sd": "posterior sds times 0.75",
     "no_scale_factors": "K held at one",
@@ -45,13 +88,13 @@ def right_pipeline(work: Path, fits: int, jobs: int) -> dict[str, Any]:
 
 def wrong_pipelines(work: Path, fits: int) -> dict[str, Any]:
     """The three wrong pipelines on weak data."""
-    wrong = [name for name in get_args(Pipeline) if name != "right"]
-    return {
-        name: calibration_json(
-            run_calibration(work / name, fits=fits, cases=[_WRONG_CASE], pipeline=name)
-        )
-        for name in wrong
-    }
+    cases = cases_named([_WRONG_CASE])
+    right, found = calibration_work(cases, fits), {}
+    for name, fit in WRONG.items():
+        task = fit({case.name: case for case in cases})
+        wrong = replace(right, task=task, options={**right.options, "pipeline": name})
+        found[name] = calibration_json(calibration_of(cases, Execution().run(wrong, work / name)))
+    return found
 
 
 def page(right: Mapping[str, Any], wrong: Mapping[str, Mapping[str, Any]]) -> str:

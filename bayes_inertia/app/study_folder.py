@@ -33,7 +33,6 @@ from bayes_inertia.studies.calibration import (
     QUANTITIES,
     Calibration,
     CaseCalibration,
-    Pipeline,
     calibration_of,
     calibration_work,
     cases_named,
@@ -147,7 +146,6 @@ def run_calibration(
     fits: int = 1000,
     cases: Sequence[str] = (),
     seed: int = 0,
-    pipeline: Pipeline = "right",
     execution: Execution | None = None,
 ) -> Calibration:
     """Fly, fit and rank campaigns from the prior; write calibration.json and calibration.png."""
@@ -158,8 +156,8 @@ def run_calibration(
             where="fits",
             advice=f"ask for {len(chosen)} or more",
         )
-    work = calibration_work(chosen, fits, seed, pipeline)
-    options = {"seed": seed, "pipeline": pipeline}
+    work = calibration_work(chosen, fits, seed)
+    options = {"seed": seed, "pipeline": "right"}
     owner = ResultFolder(
         folder, "calibration", "calibration_of.json", CALIBRATION_FORMAT, "", options
     )

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -40,8 +40,6 @@ from bayes_inertia.physics.parameters import BASE_NAMES, N_BASE
 from bayes_inertia.studies.limits import LIMITS
 from bayes_inertia.studies.rank_statistics import Coverage, Ranks
 from bayes_inertia.studies.work import Row, TaskFailure, Work, WorkResult
-
-Pipeline = Literal["right", "small_sd", "no_scale_factors", "flipped_sign"]
 
 QUANTITIES = (*BASE_NAMES, "I1", "I2", "I3", "correction slew", "log posterior")
 
@@ -112,9 +110,6 @@ class CalibrationFit:
     """The task: one campaign of a case flown, fitted and ranked."""
 
     cases: Mapping[str, CalibrationCase]  # by name; a task's id is "name/number"
-    # The package's fit, or one that is
-    # wrong on purpose: sds times 0.75, K forgotten, products of inertia with the wrong sign.
-    pipeline: Pipeline = "right"
     # Of the sampler; its seed is the task's.
     settings: Settings = field(
         default_factory=lambda: Settings(ensembles=2, walkers=50, steps=12, max_steps=12, threads=1)
@@ -126,9 +121,7 @@ class CalibrationFit:
         flying, fitting = seed.spawn(2)
         template = planned_campaign(case.plan, case.mission)
         flight = draw_flight(template, case.plan, flying, effects=case.effects)
-        campaign = case.as_measured(flight.campaign)
-        if self.pipeline == "no_scale_factors":
-            campaign = _with_held_scale_factors(campaign)
+        campaign = self.as_fitted(case.as_measured(flight.campaign))
         number = int(fitting.generate_state(1)[0])
         model = Model(campaign, case.effects)
         estimate = optimizer.estimate(model, seed=number, starts=1)
@@ -140,7 +133,7 @@ class CalibrationFit:
             : LIMITS.ranked_draws
         ]
         density = log_density_at(estimate)
-        values = _quantities(case, density, _changed(draws, self.pipeline))
+        values = _quantities(case, density, self.as_reported(draws))
         truth = _quantities(case, density, _truth(flight, model)[None])[0]
         return {
             "rank": (values < truth).sum(0),
@@ -152,19 +145,25 @@ class CalibrationFit:
             "nested_rhat": chains.diagnostics.nested_rhat_max,
         }
 
+    def as_fitted(self, campaign: Campaign) -> Campaign:
+        """The campaign that is fitted; another one in fits that are wrong on purpose."""
+        return campaign
 
-def calibration_work(
-    cases: Sequence[CalibrationCase], fits: int, seed: int = 0, pipeline: Pipeline = "right"
-) -> Work:
+    def as_reported(self, draws: np.ndarray) -> np.ndarray:
+        """The draws (n, d) that are ranked; others in fits that are wrong on purpose."""
+        return draws
+
+
+def calibration_work(cases: Sequence[CalibrationCase], fits: int, seed: int = 0) -> Work:
     """A calibration as tasks "name/0", "name/1", ..., of which the cases have equally many."""
     each = -(-fits // len(cases))
     ids = tuple(f"{case.name}/{i}" for case in cases for i in range(each))
-    task = CalibrationFit({case.name: case for case in cases}, pipeline)
+    task = CalibrationFit({case.name: case for case in cases})
     options: dict[str, Any] = {
         "cases": {case.name: repr((case.plan, case.effects)) for case in cases},
         "settings": repr(task.settings),
         "ranked": LIMITS.ranked_draws,
-        "pipeline": pipeline,
+        "pipeline": "right",
     }
     return Work("fits", task, ids, seed, options)
 
@@ -202,24 +201,6 @@ def _correction_slews(case: CalibrationCase, thetas: np.ndarray) -> np.ndarray:
     )
     controller = Controller(craft.inertia_B, craft.scale_factor)
     return predict_correction_slew(thetas, plan, replace(mission, spacecraft=craft), controller)
-
-
-def _with_held_scale_factors(campaign: Campaign) -> Campaign:
-    held = (LIMITS.held_scale_factor_sigma,) * 3
-    sensor = replace(campaign.three_axis_gyro, scale_factor_sigma=held)
-    return replace(campaign, rate_sensor=sensor)
-
-
-def _changed(draws: np.ndarray, pipeline: Pipeline) -> np.ndarray:
-    """The draws as a pipeline reports them."""
-    if pipeline == "small_sd":
-        mean = draws.mean(0)
-        return mean + LIMITS.small_sd * (draws - mean)
-    if pipeline == "flipped_sign":
-        changed = draws.copy()
-        changed[:, 3:6] *= -1.0
-        return changed
-    return draws
 
 
 @array_dataclass

@@ -15,9 +15,6 @@ class Limits:
     ranked_draws: int = 199
     # Axis of the slew whose correction is predicted: all of J and K bear on it.
     corrected_axis: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    # The wrong pipelines: sds too small by this factor; K held this firmly.
-    small_sd: float = 0.75
-    held_scale_factor_sigma: float = 1e-7
     # Between rows of telemetry [s]: slow telemetry, so that a fit takes a second.
     period_s: float = 1.0
     # The spacecraft of the paper; its constant torque [N m].
