@@ -23,6 +23,7 @@ from time import time
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import say
 from bayes_inertia.errors import OutputError
+from bayes_inertia.files import refused_by_system
 from bayes_inertia.sealing import sha256_of
 from bayes_inertia.version import __version__
 
@@ -172,7 +173,9 @@ def _settings(folder: Path) -> dict[str, str | int | float]:
 
 def _prepare(folder: Path) -> None:
     """Make the folder, for its owner alone: who can write there can have his code run."""
-    try:
+    what = "cannot be used for compiled code"
+    advice = f"set {VARIABLE} to a folder of your own, or to off"
+    with refused_by_system(OutputError, what, folder, advice):
         new = not folder.exists()
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         if not os.access(folder, os.W_OK | os.X_OK):
@@ -181,12 +184,6 @@ def _prepare(folder: Path) -> None:
             status = folder.stat()
             if status.st_uid != os.getuid() or status.st_mode & 0o022:
                 raise PermissionError("others may write there")
-    except OSError as error:
-        raise OutputError(
-            f"cannot be used for compiled code ({error.strerror or error})",
-            where=str(folder),
-            advice=f"set {VARIABLE} to a folder of your own, or to off",
-        ) from error
     if new:
         _remove_unused(folder)
 

@@ -206,7 +206,7 @@ def _finish(folder: Path, run: Run, report: bool, progress: Progress | None) -> 
     write_json(folder / "summary.json", run_summary(posterior, folder))
     if report:
         (progress or silent)("writing the report", 0, 0)
-        write_run_report(posterior, folder, intact=True)
+        write_atomically(folder / "report.html", run_page(posterior, folder, intact=True))
     return posterior
 
 
@@ -322,11 +322,3 @@ def _forecast(posterior: Posterior, folder: Path) -> dict[str, Any] | None:
         if forecast is None
         else asdict(forecast) | {"angle_deg": DESIGN_NUMERICS.corrected_turn_deg}
     )
-
-
-def write_run_report(
-    posterior: Posterior, folder: Path, *, intact: bool, promise: PlanPromise | None = None
-) -> Path:
-    """Write report.html in a run folder."""
-    page = run_page(posterior, folder, intact=intact, promise=promise)
-    return write_atomically(folder / "report.html", page)

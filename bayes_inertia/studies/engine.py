@@ -25,7 +25,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from bayes_inertia.errors import BayesInertiaError, OutputError, StudyError, library_of_extra
-from bayes_inertia.files import read_bytes, write_atomically
+from bayes_inertia.files import read_bytes, refused_by_system, write_atomically
 from bayes_inertia.folder_lock import working_in
 from bayes_inertia.progress import Progress
 from bayes_inertia.sealing import SEAL_KEY, sealed, sha256_of
@@ -62,15 +62,12 @@ class RowFile:
         line = self._take(outcome)
         if self._path is None:
             return
-        try:
-            with self._path.open("ab") as file:
-                file.write(line)
-        except OSError as error:
-            raise OutputError(
-                f"cannot be written ({error.strerror or error})",
-                where=str(self._path),
-                advice="check that the folder is writable and has space",
-            ) from error
+        advice = "check that the folder is writable and has space"
+        with (
+            refused_by_system(OutputError, "cannot be written", self._path, advice),
+            self._path.open("ab") as file,
+        ):
+            file.write(line)
 
     def settle(self, ids: Sequence[str]) -> WorkResult:
         """Write all, these tasks first and in their order; give what became of these."""
