@@ -21,7 +21,7 @@ from bayes_inertia.report.formatting import channel_name
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.attitude import draw_attitude
 from bayes_inertia.report.pictures.posterior_data import (
-    attitude_misfit,
+    ChannelSeries,
     channel_series,
     n_slews,
     values_of,
@@ -102,29 +102,19 @@ class ResidualChannel:
 
 def residual_channels(posterior: Posterior) -> list[ResidualChannel]:
     """The residuals of a fit, channel by channel."""
-    channels = []
-    for name in map(str, values_of(posterior, "estimate", "channel")):
-        label = channel_name(name)
-        if label == _FEW_ROWS:
-            if (misfit := attitude_misfit(posterior)) is not None:
-                axes = [f"about body {axis}" for axis in "xyz"]
-                parts = (axes, misfit.slews, misfit.time, misfit.whitened)
-                channels.append(_measured_rows(label, *parts))
-        elif (series := channel_series(posterior, name)) is not None:
-            parts = (series.components, series.slews, series.time, series.residual)
-            channels.append(_measured_rows(label, *parts))
-    return channels
+    names = map(str, values_of(posterior, "estimate", "channel"))
+    found = ((channel_name(name), channel_series(posterior, name)) for name in names)
+    return [_measured_rows(label, series) for label, series in found if series is not None]
 
 
-def _measured_rows(
-    name: str, components: list[str], slews: list[str], time: np.ndarray, residual: np.ndarray
-) -> ResidualChannel:
+def _measured_rows(name: str, series: ChannelSeries) -> ResidualChannel:
     """A channel without its padding."""
+    time, residual = series.time, series.residual
     kept = [np.isfinite(t) & np.isfinite(r).any(-1) for t, r in zip(time, residual, strict=True)]
     return ResidualChannel(
         name,
-        components,
-        slews,
+        series.components,
+        series.slews,
         [t[k] for t, k in zip(time, kept, strict=True)],
         [r[k] for r, k in zip(residual, kept, strict=True)],
     )

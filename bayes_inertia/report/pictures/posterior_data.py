@@ -61,11 +61,12 @@ def channel_series(posterior: Posterior, name: str) -> ChannelSeries | None:
     valid = np.isfinite(values)
     valid = valid if residual.shape == values.shape else valid.all(-1, keepdims=True)
     rows, last = measured.dims[1:]
-    components = (
-        [str(wheel) for wheel in measured[last].values]
-        if last == "wheel"
-        else [f"axis {i + 1}" for i in range(residual.shape[-1])]
-    )
+    if last == "wheel":
+        components = [str(wheel) for wheel in measured[last].values]
+    elif name == "attitude":
+        components = [f"about body {axis}" for axis in "xyz"]
+    else:
+        components = [f"axis {i + 1}" for i in range(residual.shape[-1])]
     return ChannelSeries(
         slews=[str(slew) for slew in measured["slew"].values],
         components=components,
