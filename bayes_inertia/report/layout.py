@@ -132,6 +132,8 @@ class Layout:
         (0, (8, 3)),
         (0, (3, 1, 1, 1, 1, 1)),
     )
+
+    # `pictures/chains.py`, `pictures/telemetry.py`
     most_line_points: int = 900  # points of a line: two a pixel of a panel
 
     # `pictures/telemetry.py`

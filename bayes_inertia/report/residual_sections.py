@@ -27,7 +27,8 @@ from bayes_inertia.report.pictures.posterior_data import (
     values_of,
     worst_slews,
 )
-from bayes_inertia.report.pictures.telemetry import draw_rates, draw_residuals, thinned_rows
+from bayes_inertia.report.pictures.style import thinned_rows
+from bayes_inertia.report.pictures.telemetry import draw_rates, draw_residuals
 from bayes_inertia.report.section import Picture, Section, captioned, packaged
 from bayes_inertia.report.words import phrase
 

@@ -9,7 +9,7 @@ import xarray
 
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.pictures.posterior_data import channel_series
-from bayes_inertia.report.pictures.telemetry import thinned_rows
+from bayes_inertia.report.pictures.style import thinned_rows
 from bayes_inertia.report.residual_sections import (
     explorer_data,
     residual_channels,

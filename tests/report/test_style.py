@@ -8,22 +8,6 @@ from matplotlib.figure import Figure
 from bayes_inertia.report.pictures import style
 
 
-def test_envelope_keeps_spikes_and_order():
-    x, y = np.arange(50_000.0), np.zeros(50_000)
-    y[31_234], y[777] = 9.0, -7.0
-    u, v = style.envelope(x, y, 500)
-    assert len(u) == 500
-    assert (v.max(), v.min()) == (9.0, -7.0)
-    assert np.all(np.diff(u) >= 0)
-
-
-def test_envelope_drops_padding():
-    x = np.array([0.0, 1.0, 2.0, np.nan])
-    u, v = style.envelope(x, np.array([1.0, np.nan, 3.0, 0.0]))
-    np.testing.assert_array_equal(u, [0.0, 2.0])
-    np.testing.assert_array_equal(v, [1.0, 3.0])
-
-
 @pytest.mark.parametrize(
     ("name", "unit", "center", "half"),
     [

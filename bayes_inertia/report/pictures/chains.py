@@ -59,8 +59,9 @@ def trace_panel(axes: Axes, values: np.ndarray, label: str, discarded: int) -> N
     """Mean and 90 % of the walkers of each ensemble, step by step."""
     step = discarded + np.arange(values.shape[-1])
     for i, walkers in enumerate(values):
-        x, y = style.envelope(step, walkers.mean(0), 800)
-        axes.plot(x, y, **style.line(i), lw=1.2)
+        mean = walkers.mean(0)
+        rows = style.thinned_rows(mean[:, None], LAYOUT.most_line_points)
+        axes.plot(step[rows], mean[rows], **style.line(i), lw=1.2)
     for i, walkers in enumerate(values):
         keep = slice(None, None, max(1, len(step) // 400))
         low, high = np.quantile(walkers[:, keep], [0.05, 0.95], axis=0)

@@ -187,29 +187,34 @@ def note(axes: Axes, x: float, y: float, text: str, **how: Any) -> Text:
     return axes.text(x, y, text, **{"color": MUTED, "fontsize": 7.5, "va": "center", **how})
 
 
-def envelope(
-    x: np.ndarray, y: np.ndarray, limit: int = LAYOUT.most_line_points
-) -> tuple[np.ndarray, np.ndarray]:
-    """A line of few points that looks like one of many: lowest and highest of each stretch.
+def thinned_rows(values: np.ndarray, most: int) -> np.ndarray:
+    """Rows to show: evenly spaced ones, and in each stretch the lowest and the highest.
 
-    `x` and `y` (n,). Returns `x, y` (m,).
+    Extremes alone would leave the middle of noise empty; evenly spaced rows alone would lose
+    outliers.
 
-    >>> x, y = envelope(np.arange(10_000.0), np.zeros(10_000), 100)
-    >>> len(x)
-    100
-    >>> len(envelope(np.arange(5.0), np.array([0.0, 1.0, np.nan, 2.0, 3.0]))[0])
-    4
+    `values` (rows, components): in any unit; NaN where a component was not measured. Returns
+    (kept,): indices in their order, of rows in which something was measured; all of them where
+    there are not more.
+
+    >>> values = np.zeros((1000, 1))
+    >>> values[[7, 901], 0] = 5.0, -4.0
+    >>> rows = thinned_rows(values, 100)
+    >>> 7 in rows, 901 in rows, len(rows) <= 100
+    (True, True, True)
     """
-    keep = np.isfinite(x) & np.isfinite(y)
-    x, y = np.asarray(x)[keep], np.asarray(y)[keep]
-    if len(x) <= limit:
-        return x, y
-    edges = np.linspace(0, len(x), limit // 2 + 1).astype(int)
-    index = []
+    measured = np.flatnonzero(np.isfinite(values).any(1))
+    if len(measured) <= most:
+        return measured
+    kept = set(np.linspace(0, len(measured) - 1, max(2, most // 2)).astype(int).tolist())
+    stretches = max(1, most // (4 * values.shape[1]))
+    edges = np.linspace(0, len(measured), stretches + 1).astype(int)
     for a, b in pairwise(edges):
-        low, high = a + int(np.argmin(y[a:b])), a + int(np.argmax(y[a:b]))
-        index += sorted((low, high))
-    return x[index], y[index]
+        stretch = values[measured[a:b]]
+        low = np.where(np.isfinite(stretch), stretch, np.inf).argmin(0)
+        high = np.where(np.isfinite(stretch), stretch, -np.inf).argmax(0)
+        kept.update((a + low).tolist(), (a + high).tolist())
+    return measured[sorted(kept)]
 
 
 def density(

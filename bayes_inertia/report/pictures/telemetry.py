@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,36 +13,6 @@ from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.formatting import channel_name
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import posterior_data, style
-
-
-def thinned_rows(values: np.ndarray, most: int) -> np.ndarray:
-    """Rows to show: evenly spaced ones, and in each stretch the lowest and the highest.
-
-    Extremes alone would leave the middle of noise empty; evenly spaced rows alone would lose
-    outliers.
-
-    `values` (rows, components): in any unit; NaN where a component was not measured. Returns
-    (kept,): indices in their order, of rows in which something was measured; all of them where
-    there are not more.
-
-    >>> values = np.zeros((1000, 1))
-    >>> values[[7, 901], 0] = 5.0, -4.0
-    >>> rows = thinned_rows(values, 100)
-    >>> 7 in rows, 901 in rows, len(rows) <= 100
-    (True, True, True)
-    """
-    measured = np.flatnonzero(np.isfinite(values).any(1))
-    if len(measured) <= most:
-        return measured
-    kept = set(np.linspace(0, len(measured) - 1, max(2, most // 2)).astype(int).tolist())
-    stretches = max(1, most // (4 * values.shape[1]))
-    edges = np.linspace(0, len(measured), stretches + 1).astype(int)
-    for a, b in pairwise(edges):
-        stretch = values[measured[a:b]]
-        low = np.where(np.isfinite(stretch), stretch, np.inf).argmin(0)
-        high = np.where(np.isfinite(stretch), stretch, -np.inf).argmax(0)
-        kept.update((a + low).tolist(), (a + high).tolist())
-    return measured[sorted(kept)]
 
 
 @style.styled
@@ -84,20 +53,19 @@ def rate_panel(
     axes: Axes, channel: posterior_data.ChannelSeries, s: int, scale: style.Scale
 ) -> None:
     """Draw measured and predicted rates of one slew."""
-    time = channel.time[s]
+    time, measured = channel.time[s], channel.measured[s]
+    # Padding is predicted too.
+    predicted = np.where(np.isfinite(time)[:, None], channel.predicted[s], np.nan)
+    reach = LAYOUT.sds_of_90_percent * channel.spread[s]
+    dots = style.thinned_rows(measured, LAYOUT.most_dots)
+    rows = style.thinned_rows(predicted, LAYOUT.most_line_points)
     for i in range(len(channel.components)):
-        x, y = style.envelope(time, channel.measured[s, :, i], LAYOUT.most_dots)
-        axes.plot(x, scale(y), **(style.dots(i) | {"marker": "."}), ms=1.8, alpha=0.45)
-        predicted = channel.predicted[s, :, i]
-        reach = LAYOUT.sds_of_90_percent * channel.spread[s, :, i]
-        _, high = style.envelope(time, predicted + reach)
-        x, low = style.envelope(time, predicted - reach)
-        if len(low) == len(high):
-            axes.fill_between(
-                x, scale(low), scale(high), color=style.color(i), alpha=0.2, lw=0, rasterized=True
-            )
-        x, y = style.envelope(time, predicted, 600)
-        axes.plot(x, scale(y), **style.line(i), lw=1.4, zorder=4, rasterized=True)
+        how = style.dots(i) | {"marker": "."}
+        axes.plot(time[dots], scale(measured[dots, i]), **how, ms=1.8, alpha=0.45)
+        middle, half = predicted[rows, i], reach[rows, i]
+        band = scale(middle - half), scale(middle + half)
+        axes.fill_between(time[rows], *band, color=style.color(i), alpha=0.2, lw=0, rasterized=True)
+        axes.plot(time[rows], scale(middle), **style.line(i), lw=1.4, zorder=4, rasterized=True)
     axes.axhline(0.0, color=style.PALE, lw=0.6, zorder=0)
     axes.set_title(channel.slews[s])
 
@@ -105,7 +73,7 @@ def rate_panel(
 def residual_panel(axes: Axes, channel: posterior_data.ChannelSeries, s: int) -> None:
     """Draw the whitened residuals of one slew with guides at +-1, 2, 3 sigma."""
     style.sigma_guides(axes)
-    rows = thinned_rows(channel.residual[s], LAYOUT.most_dots)
+    rows = style.thinned_rows(channel.residual[s], LAYOUT.most_dots)
     for i in range(channel.residual.shape[-1]):
         shown = channel.residual[s, rows, i]
         axes.plot(channel.time[s, rows], shown, **style.dots(i), ms=1.9, alpha=0.65)
