@@ -253,7 +253,7 @@ def sigma_mark() -> Line2D:
     return mark("±1, 2, 3 σ", "#555555", lw=0.7, ls=(0, (4, 3)))
 
 
-def symmetric_limit(values: np.ndarray, smallest: float = 4.2) -> float:
+def symmetric_limit(values: np.ndarray) -> float:
     """Half height of a residual panel in which every value can be seen.
 
     `values`: of any shape, in sigmas; NaN are left out.
@@ -262,7 +262,7 @@ def symmetric_limit(values: np.ndarray, smallest: float = 4.2) -> float:
     10.8
     """
     finite = np.abs(values[np.isfinite(values)])
-    return max(smallest, round(1.08 * float(finite.max()), 6)) if finite.size else smallest
+    return max(4.2, round(1.08 * float(finite.max(initial=0.0)), 6))
 
 
 def grid(
