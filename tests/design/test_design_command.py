@@ -55,7 +55,7 @@ def test_design_command_writes_a_plan_that_simulate_flies(tmp_path, capsys, monk
     assert (tmp_path / "compared" / "compare.png").stat().st_size > 10_000
     for page in (out / "design.html", tmp_path / "compared" / "compare.html"):
         assert page.read_text().count("<figure") == 1
-    assert "worst cross term" in capsys.readouterr().out
+    assert "Largest sd of a product of inertia" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
