@@ -192,7 +192,7 @@ def best_flexible_mode(
     coupling's components [kg m^2].
     """
     tried = frequencies(response)
-    gains, evidence = _gains(response, fit, scale, tried)
+    gains, unseen = _gains(response, fit, scale, tried)
     closer = tried[np.argsort(-gains)[: LIMITS.refined_frequencies], None] + (
         tried[1] - tried[0]
     ) * np.array(LIMITS.refinement_offsets)
@@ -209,8 +209,7 @@ def best_flexible_mode(
         score=gain,
         dof=len(coupling),
         trials=int(np.ceil(LIMITS.trials_a_frequency * len(tried))),
-        # Where more than nothing speaks for it, it is the best mode that is seen.
-        elsewhere=float(np.minimum(evidence, 1.0).mean()),
+        elsewhere=float(unseen.mean()),
         frequency=float(best),
         coupling=coupling,
         products=columns,
@@ -220,26 +219,29 @@ def best_flexible_mode(
 def _gains(
     response: TorqueResponse, fit: LinearisedFit, scale: float, tried: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gain (f,) of the best coupling at each frequency, and the evidence (f,) of any, on average.
+    """Gain (f,) of the best coupling at each frequency, and evidence (f,) of one not seen there.
 
     Over an even set of directions.
     """
-    gains, evidence, step, k = [], [], LIMITS.frequencies_at_a_time, len(_ROW)
+    gains, unseen, step, k = [], [], LIMITS.frequencies_at_a_time, len(_ROW)
     for part in np.split(tried, np.arange(step, len(tried), step)):
         matrix, gradient = fit.projected(oscillator_columns(response, part, scale))
         each = np.arange(len(part))
         blocks = matrix.reshape(len(part), k, len(part), k)[each, :, each]
         slope, power = _along_directions(gradient.reshape(-1, k), blocks)
         gains.append(np.max(_beyond_prior(slope) ** 2 / power, axis=1))
-        evidence += [_mean_evidence(*of_mode) for of_mode in zip(slope, power, strict=True)]
-    return np.concatenate(gains), np.array(evidence)
+        unseen += [_evidence_unseen(*of_mode) for of_mode in zip(slope, power, strict=True)]
+    return np.concatenate(gains), np.array(unseen)
 
 
-def _mean_evidence(slope: np.ndarray, power: np.ndarray) -> float:
-    """Evidence of a mode at one frequency, averaged over its directions (d,) and sizes."""
+def _evidence_unseen(slope: np.ndarray, power: np.ndarray) -> float:
+    """Evidence of a mode at one frequency, averaged over its directions (d,) and sizes.
+
+    At most one: where more speaks for a mode, it is seen, and another row of the table.
+    """
     squares, weights = few_sizes(power, 1.0, LIMITS.fixed_sizes)
     gain = squares[:, None] * slope - 0.5 * squares[:, None] ** 2 * power
-    return float(np.exp(logsumexp(gain, b=weights[:, None] / len(slope))))
+    return float(np.exp(min(logsumexp(gain, b=weights[:, None] / len(slope)), 0.0)))
 
 
 def _along_directions(gradient: np.ndarray, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
