@@ -6,7 +6,7 @@
 Each round flies campaigns of all kinds (`kinds.py`), so that a study that is interrupted counts as
 far as it came; campaigns whose rows are there are left out. `--part`: of so many processes. Appends
 to `results/naming/table_KIND_TACHO.jsonl`, one row a campaign; with --page, writes `table.md`
-beside the numbers of the search of version 0.4. Three quarters of an hour of processor time a round.
+beside the numbers of the search of version 0.4. Three quarters of an hour a round.
 """
 
 from __future__ import annotations

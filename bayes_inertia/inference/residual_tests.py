@@ -210,8 +210,12 @@ def _correlation_over_lags(columns: list[np.ndarray]) -> float:
 
 
 def _highest_line(columns: list[np.ndarray]) -> float:
-    """Sidak's p-value of the highest line of the summed periodogram."""
-    n = max(len(x) for x in columns)
+    """Sidak's p-value of the highest line of the summed periodogram.
+
+    Noise that repeats in every slew, as that of an actuator's readings may, spreads the sums of all
+    lines: the degrees of freedom are those of the spread of the others.
+    """
+    n, dof = max(len(x) for x in columns), 2 * len(columns)
     lines: Any = sum(
         2.0
         * np.abs(np.fft.rfft(x - x.mean(), n)) ** 2
@@ -220,7 +224,11 @@ def _highest_line(columns: list[np.ndarray]) -> float:
     )
     # Without the mean, and the line at half the sampling rate, which has one degree of freedom.
     inside = lines[1 : (n - 1) // 2 + 1]
-    single = float(stats.chi2.sf(inside.max(), 2 * len(columns)))
+    highest = int(np.argmax(inside))
+    # What lies between two lines leaks into both.
+    others = np.delete(inside, slice(max(highest - 1, 0), highest + 2))
+    seen = dof * min(1.0, 2.0 * dof / max(float(np.var(others)), 1e-300))
+    single = float(stats.chi2.sf(inside[highest] * seen / dof, seen))
     return float(-np.expm1(len(inside) * np.log1p(-min(single, 1.0 - 1e-16))))
 
 

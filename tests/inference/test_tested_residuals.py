@@ -137,3 +137,23 @@ def test_a_little_memory_in_noise_that_is_louder_at_times_is_seen():
         return LOUDER * (noise[1:] + 0.2 * noise[:-1])
 
     assert rejected_draws(remembers, 0.05, 50) > 45
+
+
+def repeated_in_every_slew(rng, ripple=0.0):
+    """Residuals of five slews; half of their variance is the same in all of them."""
+    common, time = rng.normal(size=(300, 3)), np.arange(300.0)[:, None]
+    waves = (ripple * np.sin(0.9 * time + rng.uniform(0.0, 6.0)) for _ in range(5))
+    return [0.71 * (common + rng.normal(size=(300, 3))) + wave for wave in waves]
+
+
+def test_noise_that_repeats_in_every_slew_is_no_line():
+    rng = np.random.default_rng(2)
+    level, n = 1e-3, 200
+    p = np.array([whiteness(repeated_in_every_slew(rng)) for _ in range(n)])
+    # Sums of such noise have heavier tails than chi^2: ten times the level, and a hundred before.
+    assert np.sum(p < level) <= stats.binom.ppf(0.999, n, 10.0 * level)
+
+
+def test_a_ripple_beside_noise_that_repeats_is_seen():
+    rng = np.random.default_rng(3)
+    assert all(whiteness(repeated_in_every_slew(rng, 0.5)) < 1e-4 for _ in range(30))
