@@ -190,6 +190,10 @@ def unexplained() -> Iterator[tuple[str, str]]:
     for half, name in ((True, "tacho"), (False, "no_tacho")):
         for method, share in shares[half].items():
             yield f"remainder.{name}.{method}", percent(share)
+    _, told = table_page.of_prior_and_others(RESULTS / "naming")
+    z = np.abs([row["quoted_z"] for row in told if table_page.has_no_name(row)])
+    yield "remainder.diagnosed", f"{len(z)}"
+    yield "remainder.diagnosed_hold", percent(np.mean(z < _HALF))
 
 
 def spacecraft() -> Iterator[tuple[str, str]]:

@@ -34,7 +34,8 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
             "after `unknown` 90 % intervals hold in {remainder.tacho.averaged} % with and "
             "{remainder.no_tacho.averaged} % without tachometers; those of a fit that believes its "
             "model in {remainder.tacho.stated} and {remainder.no_tacho.stated} % "
-            "({remainder.campaigns} campaigns)",
+            "({remainder.campaigns} campaigns); of {remainder.diagnosed} that a diagnosis calls so"
+            ", most of them with the hardest shapes, in {remainder.diagnosed_hold} %",
             "unmodelled_disturbance",
         ),
         (
