@@ -14,18 +14,18 @@ them, the others by another one (`second_simulator.py`).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from analyses.naming.coloured_noise_campaigns import beside_campaign
-from analyses.naming.fixed_shape import LEVEL, NAMES, Case, hidden_in, tasks, truth_of, why_skipped
+from analyses.naming.fixed_shape import LEVEL, NAMES, Case, hidden_in, tasks, why_skipped
 from analyses.naming.fixed_shape_campaigns import draw, without_tachometers
 from analyses.naming.physical_limits import why_not_flown
-from analyses.naming.prior_campaigns import prior_campaign
+from analyses.naming.prior_campaigns import DrawnCampaign, prior_campaign
 from analyses.naming.second_simulator import replayed
 from analyses.naming.stochastic_campaigns import (
     OF_TACHOMETERS,
+    POWER,
     RANDOM,
     SizeOfTest,
     random_campaign,
@@ -38,15 +38,6 @@ from bayes_inertia.studies.work import task_seed
 
 FIXED_KINDS = ("clean", "single", "strong", "pair", "triple")
 NOTHING = ("clean", "stated")  # kinds in which nothing is hidden
-POWER = 0.99  # of the ideal test
-
-
-class Told(NamedTuple):
-    """A campaign, what is hidden in it, and its J and K."""
-
-    campaign: Campaign
-    hidden: list[str]
-    truth: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -98,16 +89,15 @@ class Kind:
             return [name for name in RANDOM if self.tachometers or name not in OF_TACHOMETERS]
         return [self.name]
 
-    def campaign(self, label: str, index: int) -> Told | str:
+    def campaign(self, label: str, index: int) -> DrawnCampaign | str:
         """The campaign of a label and a number, or why it is not flown."""
         if self.name in FIXED_KINDS:
             return self._of_fixed_shape(label, index)
         seed = task_seed(0, f"{label}/{index}")
         if self.name == "prior":
-            drawn = prior_campaign(seed, self.tachometers)
-            return Told(drawn.campaign, list(drawn.hidden), truth_of(drawn.flight))
+            return prior_campaign(seed, self.tachometers)
         flight, campaign = self._flown(label, seed)
-        return Told(campaign, [] if self.name in NOTHING else [label], truth_of(flight))
+        return DrawnCampaign(flight, campaign, () if self.name in NOTHING else (label,))
 
     def _flown(self, label: str, seed: np.random.SeedSequence) -> tuple[Flight, Campaign]:
         """A flight without effects of a fixed shape alone, and its telemetry."""
@@ -124,14 +114,15 @@ class Kind:
         campaign = replayed(flight, missing, np.random.default_rng(noise))
         return flight, campaign if self.tachometers else without_tachometers(campaign)
 
-    def _of_fixed_shape(self, label: str, index: int) -> Told | str:
+    def _of_fixed_shape(self, label: str, index: int) -> DrawnCampaign | str:
         (effects,) = (
             e for name, i, e in tasks(self.name, index + 1) if (name, i) == (label, index)
         )
         case = Case(self.name, label, index, effects, self.tachometers)
         hidden = hidden_in(case, self.power, LEVEL)
-        reason = why_skipped(case, hidden) if self.name == "strong" else ""
+        strong = self.name == "strong"
+        if strong and (reason := why_skipped(case, hidden)):
+            return reason
         flight = draw(case.seed, case.effects, hidden.values, self.tachometers)
-        if self.name == "strong":
-            reason = reason or why_not_flown(flight) or ""
-        return reason or Told(flight.campaign, case.hidden, truth_of(flight))
+        reason = why_not_flown(flight) if strong else None
+        return reason or DrawnCampaign(flight, flight.campaign, tuple(case.hidden))

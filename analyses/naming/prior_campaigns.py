@@ -49,13 +49,13 @@ class DrawnCampaign(NamedTuple):
     """A flight, its telemetry, what is hidden in it, and how large each is.
 
     Sizes are prior sds of a direction (fixed shape), in the effect's unit (random), or shares of
-    those of other studies (outside the library).
+    those of other studies (outside the library); none where only a test tells them.
     """
 
     flight: Flight
     campaign: Campaign
     hidden: tuple[str, ...]
-    sizes: tuple[float, ...]
+    sizes: tuple[float, ...] = ()
 
 
 def prior_campaign(seed: np.random.SeedSequence, tachometers: bool) -> DrawnCampaign:

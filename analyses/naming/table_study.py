@@ -19,6 +19,7 @@ from time import process_time
 import numpy as np
 
 from analyses import made_rows, results_of
+from analyses.naming.fixed_shape import truth_of
 from analyses.naming.kinds import Kind
 from analyses.naming.table_page import LAST, write_page
 from bayes_inertia.diagnosis.quoted_parameters import quoted_parameters
@@ -61,14 +62,14 @@ PLAN = {
 def row_of(kind: str, label: str, index: int) -> dict:
     """One campaign simulated and diagnosed."""
     row: dict = {"kind": kind.partition("/")[0], "label": label, "index": index}
-    told = Kind.of(kind).campaign(label, index)
-    if isinstance(told, str):
-        return row | {"skipped": told, "seconds": 0.0}
-    row["hidden"], began = told.hidden, process_time()
+    drawn = Kind.of(kind).campaign(label, index)
+    if isinstance(drawn, str):
+        return row | {"skipped": drawn, "seconds": 0.0}
+    row["hidden"], began = list(drawn.hidden), process_time()
     try:
-        diagnosis = diagnose(told.campaign, seed=index)
+        diagnosis = diagnose(drawn.campaign, seed=index)
         seconds = process_time() - began
-        row |= _summary(diagnosis, told.hidden, told.truth)
+        row |= _summary(diagnosis, row["hidden"], truth_of(drawn.flight))
     except BayesInertiaError as error:
         return row | {"error": str(error), "seconds": process_time() - began}
     return row | {"seconds": seconds}

@@ -162,7 +162,6 @@ def outside() -> Iterator[tuple[str, str]]:
     for half, name in (("tacho", "tacho"), ("notacho", "no_tacho")):
         found = table_page.read(RESULTS / "naming", "outside", half)
         yield f"outside.{name}", f"{len(found)}"
-        yield f"outside.{name}_open", f"{sum(map(table_page.is_open, found))}"
         yield f"outside.{name}_akin", f"{sum(map(table_page.is_open_or_akin, found))}"
         stated += table_page.read(RESULTS / "naming", "stated", half)
     yield "stated.campaigns", f"{len(stated)}"

@@ -192,12 +192,13 @@ def best_flexible_mode(
     coupling's components [kg m^2].
     """
     tried = frequencies(response)
-    gains, unseen = _gains(response, fit, scale, tried)
+    slope, power = _at_frequencies(response, fit, scale, tried)
+    gains = _gains(slope, power)
     closer = tried[np.argsort(-gains)[: LIMITS.refined_frequencies], None] + (
         tried[1] - tried[0]
     ) * np.array(LIMITS.refinement_offsets)
     closer = np.unique(np.clip(closer, tried[0], tried[-1]))
-    gains = np.append(gains, _gains(response, fit, scale, closer)[0])
+    gains = np.append(gains, _gains(*_at_frequencies(response, fit, scale, closer)))
     best = np.append(tried, closer)[np.argmax(gains)]
     columns = oscillator_columns(response, np.array([best]), scale)
     matrix, gradient = fit.projected(columns)
@@ -209,29 +210,30 @@ def best_flexible_mode(
         score=gain,
         dof=len(coupling),
         trials=int(np.ceil(LIMITS.trials_a_frequency * len(tried))),
-        elsewhere=float(unseen.mean()),
+        elsewhere=float(np.mean([_evidence_unseen(*x) for x in zip(slope, power, strict=True)])),
         frequency=float(best),
         coupling=coupling,
         products=columns,
     )
 
 
-def _gains(
+def _at_frequencies(
     response: TorqueResponse, fit: LinearisedFit, scale: float, tried: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gain (f,) of the best coupling at each frequency, and evidence (f,) of one not seen there.
-
-    Over an even set of directions.
-    """
-    gains, unseen, step, k = [], [], LIMITS.frequencies_at_a_time, len(_ROW)
+    """Slope and curvature (f, directions) of a mode at each frequency, over even directions."""
+    found, step, k = [], LIMITS.frequencies_at_a_time, len(_ROW)
     for part in np.split(tried, np.arange(step, len(tried), step)):
         matrix, gradient = fit.projected(oscillator_columns(response, part, scale))
         each = np.arange(len(part))
         blocks = matrix.reshape(len(part), k, len(part), k)[each, :, each]
-        slope, power = _along_directions(gradient.reshape(-1, k), blocks)
-        gains.append(np.max(_beyond_prior(slope) ** 2 / power, axis=1))
-        unseen += [_evidence_unseen(*of_mode) for of_mode in zip(slope, power, strict=True)]
-    return np.concatenate(gains), np.array(unseen)
+        found.append(_along_directions(gradient.reshape(-1, k), blocks))
+    slope, power = (np.concatenate(x) for x in zip(*found, strict=True))
+    return slope, power
+
+
+def _gains(slope: np.ndarray, power: np.ndarray) -> np.ndarray:
+    """Gain (f,) of the best coupling at each frequency."""
+    return np.max(_beyond_prior(slope) ** 2 / power, axis=1)
 
 
 def _evidence_unseen(slope: np.ndarray, power: np.ndarray) -> float:
