@@ -201,6 +201,12 @@ def test_the_check_of_deciding_modules_can_fail():
     assert results_of_the_fit(tree) == {"OBSERVABLE_ABOVE"}
 
 
+def test_the_command_line_alone_imports_the_commands():
+    importers = in_modules(lambda path: "app.commands" in imported_modules(parse(path)))
+    within = {name for name in importers if name.startswith("app/commands/")}
+    assert set(importers) - within == {"app/cli.py"}
+
+
 def test_the_arrows_make_no_circle():
     below: dict[str, set[str]] = {}
     for wing, targets in ARROWS.items():

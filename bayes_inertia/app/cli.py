@@ -37,10 +37,10 @@ from bayes_inertia.app.commands.many import (
     study_command,
 )
 from bayes_inertia.app.commands.observe import observe_command
-from bayes_inertia.app.commands.options import described, example_of
 from bayes_inertia.app.commands.plans import compare_command, design_command
 from bayes_inertia.app.compiled_code import compiled_code_kept
 from bayes_inertia.app.interruption import ending_soon_on_signals, how_to_go_on
+from bayes_inertia.app.options import described, example_of
 from bayes_inertia.app.terminal import quietly, safe_message, usable_streams
 from bayes_inertia.errors import BayesInertiaError
 from bayes_inertia.version import __version__

@@ -18,8 +18,8 @@ from pathlib import Path
 from threading import Event, Thread, current_thread, main_thread
 from types import FrameType
 
-from bayes_inertia.app.commands.options import DEMO_FOLDER
 from bayes_inertia.app.layout import LAYOUT
+from bayes_inertia.app.options import DEMO_FOLDER
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _RUNS = ("fit", "update", "diagnose", "resume", "demo")

@@ -10,9 +10,9 @@ from typing import Any
 
 from pydantic import Field
 
-from bayes_inertia.app.commands.options import DesignRequest, names_in
 from bayes_inertia.app.fit_campaign import settled_estimate
 from bayes_inertia.app.layout import LAYOUT
+from bayes_inertia.app.options import DesignRequest, names_in
 from bayes_inertia.app.result_folder import ResultFolder
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.checked_toml import parse_toml

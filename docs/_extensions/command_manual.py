@@ -9,7 +9,7 @@ from sphinx.util.docutils import SphinxDirective
 from typer.cli import get_docs_for_click
 
 from bayes_inertia.app.cli import command_line
-from bayes_inertia.app.commands.options import EXAMPLES
+from bayes_inertia.app.options import EXAMPLES
 
 
 def manual_text(name: str) -> str:

@@ -17,7 +17,7 @@ from bayes_inertia.app import (
     plan_folder,
     run_folder,
 )
-from bayes_inertia.app.commands.options import DesignRequest
+from bayes_inertia.app.options import DesignRequest
 from bayes_inertia.app.result_folder import ResultFolder
 from bayes_inertia.design.comparison import Contender
 from bayes_inertia.design.goals import parse_goal

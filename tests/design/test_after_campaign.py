@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from bayes_inertia.app import plan_folder
-from bayes_inertia.app.commands.options import DesignRequest
 from bayes_inertia.app.commands.plans import show_design
+from bayes_inertia.app.options import DesignRequest
 from bayes_inertia.app.plan_folder import run_design
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.design import correction_slew, designer

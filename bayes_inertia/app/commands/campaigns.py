@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bayes_inertia.app.commands.options import LIKE
+from bayes_inertia.app.options import LIKE
 from bayes_inertia.app.terminal import plain_console, print_json, progress_bar, say
 from bayes_inertia.errors import SettingsError
 from bayes_inertia.files import text_of, write_new_files

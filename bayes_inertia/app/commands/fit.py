@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 from rich.text import Text
 
-from bayes_inertia.app.commands.options import DEMO_FOLDER, FitOptions, names_in
+from bayes_inertia.app.options import DEMO_FOLDER, FitOptions, names_in
 from bayes_inertia.app.terminal import (
     headed,
     indented,

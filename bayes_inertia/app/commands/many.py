@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from bayes_inertia.app.commands.options import DriveName, EngineOptions, names_in
 from bayes_inertia.app.layout import LAYOUT
+from bayes_inertia.app.options import DriveName, EngineOptions, names_in
 from bayes_inertia.app.terminal import (
     headed,
     plain_console,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bayes_inertia.app.commands.options import DriveName, names_in
 from bayes_inertia.app.layout import LAYOUT
+from bayes_inertia.app.options import DriveName, names_in
 from bayes_inertia.app.terminal import (
     headed,
     indented,

@@ -10,8 +10,8 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from bayes_inertia.app.commands.options import DesignRequest, EngineOptions
 from bayes_inertia.app.layout import LAYOUT
+from bayes_inertia.app.options import DesignRequest, EngineOptions
 from bayes_inertia.app.terminal import (
     headed,
     plain_console,
