@@ -18,20 +18,19 @@ _METHODS = (
     ("stated", "stated", "`sd`, noise as stated"),
     ("usual", "usual", "`sd` of a refused fit (discounted)"),
     ("robust", "usual", "`robust_sd`"),
-    ("remainder", "remainder", "`fit --remainder both`"),
-    ("averaged", "averaged", "averaged: discounted and remainder, half each"),
+    ("remainder", "remainder", "`fit --remainder both`, and `diagnose` after `unknown`"),
 )
 
 
 def write_page(rows: Path) -> None:
     """Write `unmodelled_disturbance.md` beside the rows."""
-    content = [_with_average(json.loads(line)) for line in rows.read_text().splitlines()]
+    content = [json.loads(line) for line in rows.read_text().splitlines()]
     write_atomically(rows.with_suffix(".md"), "\n".join(_lines(content)) + "\n")
 
 
 def coverage_of(rows: Sequence[dict]) -> dict[bool, dict[str, float]]:
     """Share of the 90 % intervals that hold where something is missing, {tachometers: {method}}."""
-    hidden = [_with_average(row) for row in rows if row["kind"] != "clean"]
+    hidden = [row for row in rows if row["kind"] != "clean"]
     return {
         half: {
             method: float(
@@ -40,21 +39,6 @@ def coverage_of(rows: Sequence[dict]) -> dict[bool, dict[str, float]]:
             for method, e, _ in _METHODS
         }
         for half in (True, False)
-    }
-
-
-def _with_average(row: dict) -> dict:
-    """The row with what `diagnose` quotes after `unknown`: a mixture of two fits."""
-    errors = np.array([row["errors"][name] for name in ("usual", "remainder")])
-    sds = np.array([row["sds"][name] for name in ("usual", "remainder")])
-    mean = errors.mean(0)
-    sd = np.sqrt(np.mean(sds**2 + (errors - mean) ** 2, axis=0))
-    # Where in the mixture the truth lies.
-    below = stats.norm.cdf(-errors / sds).mean(0)
-    return row | {
-        "errors": row["errors"] | {"averaged": mean.tolist()},
-        "sds": row["sds"] | {"averaged": sd.tolist()},
-        "averaged_holds": (np.abs(below - 0.5) < 0.5 * _LEVEL).tolist(),
     }
 
 
@@ -89,8 +73,6 @@ def _z(row: dict, method: str, estimate: str) -> np.ndarray:
 
 def _inside(rows: Iterable[dict], method: str, estimate: str) -> np.ndarray:
     """Share of the nine whose interval holds the truth, by campaign."""
-    if method == "averaged":
-        return np.array([np.mean(row["averaged_holds"]) for row in rows])
     limit = stats.norm.isf(0.5 * (1.0 - _LEVEL))
     return np.array([np.mean(np.abs(_z(row, method, estimate)) < limit) for row in rows])
 
@@ -146,7 +128,6 @@ def _by_kind(rows: list[dict]) -> list[str]:
         "discounted",
         "robust",
         "remainder",
-        "averaged",
         "residuals explained with it",
     )
     return ["## By disturbance, 90 % intervals that hold", "", *table_lines(columns, table), ""]

@@ -56,7 +56,7 @@ _AFTER_UNKNOWN = {
     "stated": "believing the model",
     "usual": "misfit discounted",
     "robust": "scatter of slews",
-    "averaged": "as quoted",
+    "remainder": "as quoted",
 }
 
 

@@ -31,11 +31,12 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
         ),
         (
             "J and K when the cause has no name",
-            "after `unknown` 90 % intervals hold in {remainder.tacho.averaged} % with and "
-            "{remainder.no_tacho.averaged} % without tachometers; those of a fit that believes its "
-            "model in {remainder.tacho.stated} and {remainder.no_tacho.stated} % "
+            "after `unknown` 90 % intervals hold in {remainder.tacho.remainder} % with and "
+            "{remainder.no_tacho.remainder} % without tachometers; those of a fit that believes "
+            "its model in {remainder.tacho.stated} and {remainder.no_tacho.stated} % "
             "({remainder.campaigns} campaigns); of {remainder.diagnosed} that a diagnosis calls so"
-            ", most of them with the hardest shapes, in {remainder.diagnosed_hold} %",
+            ", most of them with the hardest shapes, in {remainder.diagnosed_hold} %, J and K "
+            "averaged with a fit without free shapes, as it was quoted then",
             "unmodelled_disturbance",
         ),
         (
@@ -166,7 +167,8 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
         ),
         (
             "Real bodies with one wheel, thrown by hand: the cause is `unknown`",
-            "mean error of the principal moments before and after `diagnose`: "
+            "mean error of the principal moments before and after `diagnose` (J averaged over "
+            "fits with and without a free shape, as it was quoted then): "
             "{throws.config_empty.plain} and {throws.config_empty.diagnosed} %, "
             "{throws.config_a.plain} and {throws.config_a.diagnosed} % for two bodies. For two "
             "others, which are not in this study, it did not become smaller; the truth stayed "

@@ -11,7 +11,6 @@ is all that the second half needs of the first.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -25,7 +24,6 @@ from bayes_inertia.diagnosis.limits import Rules
 from bayes_inertia.diagnosis.quoted_parameters import (
     AlternativeParameters,
     Undetected,
-    alternatives_of,
     fitted_effects,
     undetected_effects,
 )
@@ -45,7 +43,7 @@ from bayes_inertia.inference.settings import (
 from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.effects import LIBRARY, REMAINDERS
+from bayes_inertia.physics.effects import LIBRARY
 from bayes_inertia.physics.named_effects import effects_named
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
@@ -70,9 +68,6 @@ class Investigation:
         The next correction slew, before and after; None unless effects were named.
     separating_slews : tuple of Separation
         For each ambiguous set the slew that best tells its first two apart, where there is one.
-    alternatives : tuple of AlternativeParameters
-        J and K with another effect of an ambiguous set, or with shapes that are free, where no
-        candidate explains the data.
     blind_spots : tuple of Undetected
         How far what is too weak to be found could have moved J and K.
     readings_a_mean : int
@@ -85,7 +80,6 @@ class Investigation:
     unexplained: UnexplainedSignal | None = None
     correction: CorrectionForecast | None = None
     separating_slews: tuple[Separation, ...] = ()
-    alternatives: tuple[AlternativeParameters, ...] = ()
     blind_spots: tuple[Undetected, ...] = ()
     readings_a_mean: int = 1
 
@@ -153,20 +147,16 @@ def investigate(
     # A stochastic signal cannot be foretold for another slew.
     corrected = diagnosis.steps and not unknown and not diagnosis.steps[-1].stochastic
     as_callback(progress)("bounding what could hide, forecasting the next slews", 0, 0)
-    with ThreadPoolExecutor(1) as pool:
-        # Mostly compiling, which leaves the interpreter to what follows.
-        alternatives = pool.submit(alternatives_of, diagnosis)
-        return Investigation(
-            diagnosis=diagnosis,
-            disagreement_before=scan_residuals(base, seed=seed),
-            disagreement_after=scan_residuals(final, seed=seed, stated=False) if changed else None,
-            unexplained=_unexplained(diagnosis) if unknown else None,
-            correction=correction_forecast(base, final, seed=seed) if corrected else None,
-            separating_slews=separating_slews(diagnosis, library=library, seed=seed),
-            blind_spots=undetected_effects(diagnosis),
-            readings_a_mean=1 if as_stated else readings_a_mean(campaign),
-            alternatives=alternatives.result(),
-        )
+    return Investigation(
+        diagnosis=diagnosis,
+        disagreement_before=scan_residuals(base, seed=seed),
+        disagreement_after=scan_residuals(final, seed=seed, stated=False) if changed else None,
+        unexplained=_unexplained(diagnosis) if unknown else None,
+        correction=correction_forecast(base, final, seed=seed) if corrected else None,
+        separating_slews=separating_slews(diagnosis, library=library, seed=seed),
+        blind_spots=undetected_effects(diagnosis),
+        readings_a_mean=1 if as_stated else readings_a_mean(campaign),
+    )
 
 
 def _unexplained(diagnosis: Diagnosis) -> UnexplainedSignal:
@@ -207,8 +197,7 @@ class NextFit:
     # What was done about dirt in the telemetry, and the noise that was measured.
     treatment: DirtTreatment = field(default_factory=DirtTreatment)
     drive: Drive = "commanded"  # what drove the model in the diagnosis
-    # J and K with another effect of an ambiguous set, or with shapes that are free, to be
-    # averaged over.
+    # J and K with other effects in their place, to be averaged over.
     alternatives: tuple[AlternativeParameters, ...] = ()
 
 
@@ -324,7 +313,7 @@ def next_fit(investigation: Investigation) -> NextFit:
         fitted_effects(diagnosis),
         diagnosis.treatment,
         diagnosis.base.model.structure.drive,
-        investigation.alternatives,
+        diagnosis.other_rows,
     )
 
 
@@ -342,7 +331,7 @@ def fit_after_diagnosis(
     """The posterior with what a diagnosis named, averaged over what it could not tell apart.
 
     Where something is missing that has no name, a torque and an error of the rates of free shape
-    are fitted along or averaged over: the uncertainties of J and K then hold what they may have
+    are fitted along: the uncertainties of J and K then hold what they may have
     done.
     """
     context, treatment = FitContext(campaign_sha256, verdict=choice.verdict), choice.treatment
@@ -365,8 +354,6 @@ def fit_after_diagnosis(
         settings=settings,
         chains=chains,
         context=context,
-        # Without a free shape that takes it up, what is missing would pass for louder noise.
-        as_stated=as_stated
-        or (choice.verdict == "unknown" and set(REMAINDERS).isdisjoint(choice.effects)),
+        as_stated=as_stated,
         progress=progress,
     )

@@ -53,7 +53,7 @@ def to_json(investigation: Investigation) -> dict[str, Any]:
         "unknown": None if unknown is None else _unknown(unknown),
         "correction_slew": _correction(investigation.correction),
         "separating": [_separating(s) for s in investigation.separating_slews],
-        "alternatives": investigation.alternatives,
+        "alternatives": diagnosis.other_rows,
         "could_hide": investigation.blind_spots,
         **picked(diagnosis, "why_unknown", "nameless_lead", "nameless_source"),
         "formulas": _formulas(diagnosis),
@@ -127,7 +127,7 @@ def next_fit_from(content: Mapping[str, Any], library: Sequence[Effect] = LIBRAR
         or replace(known.get(row["effect"]) or Formula.of_name(row["effect"]), **row["settings"])
         for row in content["fitted"]
     )
-    if content["verdict"] == "unknown" and not content.get("alternatives"):
+    if content["verdict"] == "unknown":
         fitted = fitted or REMAINDERS  # Files of earlier versions leave them out.
     return NextFit(
         content["verdict"],

@@ -151,8 +151,6 @@ class Limits:
     importance_draws: int = 128
     # Sets of effects that are listed: more tell a reader nothing.
     listed: int = 8
-    # Probability of free shapes where no candidate explains the data: neither fit is nearer.
-    remainder_probability: float = 0.5
     # Largest effect that is thought to hide [prior sd]: 95 % of the prior.
     hidden_amplitude: float = 2.0
     # Share of a formula's power from which an effect that can make it is that formula: the same

@@ -6,10 +6,9 @@ After a plain fit the rows are nothing and every single effect of the library: a
 other uncertainty holds as often as it says at so little width
 (`analyses/results/calibration/quoted_sd.md`).
 
-Where no candidate explains the data, two fits are averaged, and each is wrong at times. One holds
-the effects that were tried, and counts each slew as its residuals scatter: the misfit moves it. The
-other holds a torque and a rate error of free shape as well: where their priors are not those of
-what is missing, they take motion for it. No measure of the fit tells which is nearer.
+Where no candidate explains the data, or names explain a part of it, a torque and a rate error of
+free shape are fitted along: of all that was tried against truth, J and K then hold it as often as
+they say (`analyses/results/calibration/unmodelled_disturbance.md`).
 
 What could still hide: to first order an effect of amplitude a [prior sd] that is left out moves
 what is fitted by -N^-1 F^T C a, with N the normal matrix of everything fitted, F its columns and C
@@ -282,10 +281,6 @@ def other_rows(table: Table, named: Names) -> tuple[AlternativeParameters, ...]:
     return tuple(listed)
 
 
-# The case with a torque and a rate error of free shape, among those averaged over.
-FREE_SHAPES = "nameless_torque_and_rate_error"
-
-
 # Hooks in which a torque and a rate error of free shape act.
 _FREE = ("body_torque", "rate_output")
 
@@ -293,24 +288,24 @@ _FREE = ("body_torque", "rate_output")
 def fitted_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
     """The effects that a full fit after a diagnosis holds, with the settings they were found with.
 
-    Returns: those added, in their order. Where no candidate explains the data, those that no free
-    shape stands for, without a flexible mode: its states cost most of a fit, and what it stands for
-    is not known; beside what is named in part, a torque and a rate error of free shape (without a
-    rate sensor the torque alone); where names only imitate what is there, these alone.
+    Returns: those added, in their order. Where no candidate explains the data, a torque and a rate
+    error of free shape (without a rate sensor the torque alone) in their place; where names explain
+    a part of it, beside those that no free shape stands for, without a flexible mode: its states
+    cost most of a fit, and what it stands for is not known.
     """
     if diagnosis.verdict not in OPEN_VERDICTS:
         return diagnosis.effects_added
     campaign = diagnosis.base.model.campaign
     free = tuple(effect for effect in REMAINDERS if effect.coefficient_count(campaign))
-    tried = tuple(
+    if diagnosis.verdict == "unknown":
+        return free
+    kept = (
         e
         for e in diagnosis.effects_added
         if not isinstance(e, FlexibleMode)
         and not (isinstance(e, StochasticEffect) and any(map(e.acts, _FREE)))
     )
-    if diagnosis.verdict == "partial":
-        return (*tried, *free)
-    return free if diagnosis.why_unknown == "imitation" else tried
+    return (*kept, *free)
 
 
 def averaged_posterior(
@@ -439,27 +434,12 @@ def quoted_parameters(found: Estimate | Diagnosis) -> QuotedParameters:
     if isinstance(found, Estimate):
         fit, others, factor = found, undetected_alternatives(found), found.dispersion_factor
     elif found.verdict in OPEN_VERDICTS:
-        fit, others, factor = _refitted(found), alternatives_of(found), 1.0
+        fit, others, factor = _refitted(found), (), 1.0
     else:
-        fit, others, factor = found.final, alternatives_of(found), found.final.dispersion_factor
+        fit, others, factor = found.final, found.other_rows, found.final.dispersion_factor
     quoted = averaged_parameters(_quoted_row(fit), others, factor)
     beyond = np.square(fit.prior_beyond_shifts).sum(axis=0)[: len(quoted.sd)]
     return replace(quoted, sd=np.sqrt(quoted.sd**2 + beyond))
-
-
-def alternatives_of(diagnosis: Diagnosis) -> tuple[AlternativeParameters, ...]:
-    """J and K given what a diagnosis could not rule out.
-
-    Returns: one for each other row of the table. Where the verdict is "unknown" because no
-    candidate explains the data, one of probability 0.5: with a torque and a rate error of free
-    shape beside the effects that were tried. Empty where there is nothing to average over.
-    """
-    if diagnosis.verdict not in OPEN_VERDICTS:
-        return diagnosis.other_rows
-    if diagnosis.why_unknown != "misfit":
-        return ()
-    free = _quoted_row(_refitted(replace(diagnosis, verdict="partial")))
-    return (replace(free, effect=FREE_SHAPES, probability=LIMITS.remainder_probability),)
 
 
 def averaged_parameters(

@@ -379,7 +379,8 @@ class Diagnosis:
         Possible answers, most probable first; their probabilities add up to one: they compare the
         answers with each other, even where the residuals fit none ("misfit").
     other_rows : tuple of AlternativeParameters
-        J and K of all rows of the table but that of the effects named.
+        J and K of all rows of the table but that of the effects named; empty where the verdict is
+        "partial" or "unknown".
     formulas : FormulaSearch or None
         All terms that were weighed, where a formula is named or may be what has no name.
     noise_probabilities : dict

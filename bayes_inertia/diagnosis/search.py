@@ -326,7 +326,7 @@ def _diagnosed(begin: CleanStart, search: Search) -> Diagnosis:
         correlations=score_tests(table.first.linear).correlations,
         treatment=replace(weighed.begin.treatment, level=noise),
         hypotheses=_checked(table, search.seed),
-        other_rows=other_rows(table, reading.row),
+        other_rows=() if reading.verdict in OPEN_VERDICTS else other_rows(table, reading.row),
         formulas=formulas,
         noise_probabilities=odds if len(odds) > 1 else {},
     )

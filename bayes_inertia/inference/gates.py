@@ -128,11 +128,6 @@ def diagnose_chains(
     )
 
 
-_MISFIT_NOTE = (
-    "the diagnosis found that something is missing which no candidate explains; J and K are "
-    "averaged over a fit that counts each slew as its residuals scatter and one with a torque and "
-    "a rate error of free shape. What is missing may still shift them by more"
-)
 _REMAINDER_NOTE = (
     "the diagnosis found that something is missing which no candidate explains; "
     "fitted along: {}, of free shape in each slew. The sd of J and K holds what that may have "
@@ -179,7 +174,7 @@ def _what_is_missing(estimate: Estimate) -> str:
     """What an unknown verdict means for J and K."""
     names = [effect.name for effect in estimate.model.effects]
     free = [effect.signal_title for effect in REMAINDERS if effect.name in names]
-    return _REMAINDER_NOTE.format(" and ".join(free)) if free else _MISFIT_NOTE
+    return _REMAINDER_NOTE.format(" and ".join(free))
 
 
 def _converged(diagnostics: Diagnostics) -> dict[str, Any]:

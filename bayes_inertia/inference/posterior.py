@@ -258,9 +258,7 @@ class Posterior:
         failed = {gate["name"] for gate in content["gates"] if not gate["passed"]}
         if not failed:
             return float((content["fit"].get("dispersion") or {}).get("factor", 1.0))
-        allowed_for = "averaged" in self.tree or any(
-            name.endswith("_remainder") for name in content["effects"]
-        )
+        allowed_for = any(name.endswith("_remainder") for name in content["effects"])
         unnamed = "diagnosed" in failed and failed <= {"diagnosed", "explained"}
         return 1.0 if unnamed and allowed_for else None
 

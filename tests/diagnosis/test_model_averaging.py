@@ -45,7 +45,7 @@ def test_each_row_of_the_table_has_its_own_J_and_K(
         assert np.linalg.norm(moved - whole * (moved @ whole) / (whole @ whole)) < 0.3
         assert np.all(np.abs(listed[name].sd / direct.sd[:9] - 1.0) < 0.3)
     assert listed.keys() & library
-    content = content_of(torqued, alternatives=torqued.other_rows)
+    content = content_of(torqued)
     check_contract(content, rigid_library)
     assert "J and K, whichever it is" in {s.title for s in diagnosis_sections(content)}
     assert any("averaged over what may be true" in s for s in diagnosis_verdict(content).sentences)

@@ -1,0 +1,74 @@
+"""J and K where something is missing that no candidate explains."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bayes_inertia.app.diagnosed_fit import Investigation, next_fit
+from bayes_inertia.app.diagnosis_json import next_fit_from
+from bayes_inertia.campaign.sensors import CHANNELS
+from bayes_inertia.diagnosis.quoted_parameters import (
+    fitted_effects,
+    quoted_parameters,
+)
+from bayes_inertia.diagnosis.residuals import scan_residuals
+from bayes_inertia.diagnosis.unexplained import unexplained_signal
+from bayes_inertia.inference.optimizer import with_noise
+from bayes_inertia.physics.effects import REMAINDERS, by_name
+from bayes_inertia.physics.small_campaign import small_campaign
+from bayes_inertia.report.diagnosis_sections import diagnosis_sections
+
+
+@pytest.mark.long
+@pytest.mark.slow
+def test_where_nothing_explains_the_data_J_and_K_are_of_free_shapes(
+    pumped, pumped_truth, content_of
+):
+    assert (pumped.verdict, pumped.why_unknown, pumped.other_rows) == ("unknown", "misfit", ())
+    assert fitted_effects(pumped) == REMAINDERS
+    quoted = quoted_parameters(pumped)
+    # What the free shapes may have done is taken from what is known of J and K.
+    plain = with_noise(pumped.base, dict.fromkeys(CHANNELS, 1.0))
+    assert np.all(quoted.sd > plain.sd[:9])
+    assert np.max(np.abs(quoted.mean - pumped_truth) / quoted.sd) < 4.0
+    # The file gives the second half of a run what the first half had.
+    content = content_of(pumped, unexplained=unexplained_signal(pumped.base))
+    there = next_fit(Investigation(pumped, scan_residuals(pumped.base)))
+    assert next_fit_from(content).effects == there.effects == REMAINDERS
+    assert "J and K, whichever it is" not in {s.title for s in diagnosis_sections(content)}
+    # An earlier version left the free shapes to the fit.
+    assert next_fit_from(content | {"fitted": []}).effects == REMAINDERS
+
+
+@pytest.mark.long
+@pytest.mark.slow
+def test_what_is_named_is_fitted_and_imitations_give_way_to_free_shapes(lagging):
+    named = quoted_parameters(lagging)
+    # What was not detected moves and widens them by a part of their sd.
+    assert np.all(np.abs(named.mean - lagging.final.theta[:9]) < lagging.final.sd[:9])
+    assert np.all(named.sd > 0.95 * lagging.final.sd[:9])
+    for why in ("misfit", "imitation"):
+        assert fitted_effects(replace(lagging, verdict="unknown", why_unknown=why)) == REMAINDERS
+    # No free shape stands for what acts between wheels and body.
+    between, shape = by_name(["wheel_torque_noise"]), REMAINDERS[0]
+    model = replace(lagging.final.model, effects=(*lagging.effects_added, *between, shape))
+    final = replace(lagging.final, model=model)
+    (lag,) = lagging.steps
+    steps = tuple(replace(lag, added=effect.name) for effect in model.effects)
+    partly = replace(lagging, verdict="partial", steps=steps, final=final)
+    assert fitted_effects(partly) == (*lagging.effects_added, *between, *REMAINDERS)
+
+
+def test_without_a_rate_sensor_the_free_shape_is_a_torque():
+    campaign = small_campaign()
+    gyroless = replace(
+        campaign,
+        rate_sensor=None,
+        slews=tuple(replace(slew, rate=None) for slew in campaign.slews),
+    )
+    for flown, shapes in ((campaign, REMAINDERS), (gyroless, REMAINDERS[:1])):
+        base = SimpleNamespace(model=SimpleNamespace(campaign=flown))
+        imitated = {"verdict": "unknown", "why_unknown": "imitation", "effects_added": ()}
+        assert fitted_effects(SimpleNamespace(base=base, **imitated)) == shapes
