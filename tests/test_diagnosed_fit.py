@@ -45,9 +45,8 @@ def test_the_pipeline_gives_the_same_bits_with_and_without_a_folder(flown, tmp_p
     assert said(again) == said(stored)
 
 
-@pytest.mark.parametrize(
-    ("verdict", "effects"), [("named", (ConstantTorque(),)), ("unknown", REMAINDERS)]
-)
+@pytest.mark.parametrize("effects", [(ConstantTorque(),), REMAINDERS])
+@pytest.mark.parametrize("verdict", ["named", "unknown"])
 def test_noise_is_taken_as_measured_unless_something_has_no_name(
     flown, monkeypatch, verdict, effects
 ):
@@ -65,3 +64,4 @@ def test_noise_is_taken_as_measured_unless_something_has_no_name(
     assert calls["effects"] == effects
     factor = calls["campaign"].rate_sensor.sigma[0] / flown.campaign.rate_sensor.sigma[0]
     assert factor == (2.0 if verdict == "named" else 1.0)
+    assert calls["as_stated"] is False

@@ -331,8 +331,7 @@ def fit_after_diagnosis(
     """The posterior with what a diagnosis named, averaged over what it could not tell apart.
 
     Where something is missing that has no name, a torque and an error of the rates of free shape
-    are fitted along: the uncertainties of J and K then hold what they may have
-    done.
+    are fitted along: the uncertainties of J and K then hold what they may have done.
     """
     context, treatment = FitContext(campaign_sha256, verdict=choice.verdict), choice.treatment
     if choice.verdict in OPEN_VERDICTS:

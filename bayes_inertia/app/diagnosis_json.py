@@ -127,14 +127,16 @@ def next_fit_from(content: Mapping[str, Any], library: Sequence[Effect] = LIBRAR
         or replace(known.get(row["effect"]) or Formula.of_name(row["effect"]), **row["settings"])
         for row in content["fitted"]
     )
+    others = content.get("alternatives", [])
     if content["verdict"] == "unknown":
-        fitted = fitted or REMAINDERS  # Files of earlier versions leave them out.
+        # Files of earlier versions leave free shapes out, or average over them.
+        fitted, others = tuple(e for e in fitted if e in REMAINDERS) or REMAINDERS, []
     return NextFit(
         content["verdict"],
         fitted,
         treatment_from(content["treatment"]) if "treatment" in content else before,
         content["drive"],
-        tuple(_alternative_from(row) for row in content.get("alternatives", [])),
+        tuple(_alternative_from(row) for row in others),
     )
 
 

@@ -289,9 +289,9 @@ def fitted_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
     """The effects that a full fit after a diagnosis holds, with the settings they were found with.
 
     Returns: those added, in their order. Where no candidate explains the data, a torque and a rate
-    error of free shape (without a rate sensor the torque alone) in their place; where names explain
-    a part of it, beside those that no free shape stands for, without a flexible mode: its states
-    cost most of a fit, and what it stands for is not known.
+    error of free shape (without a rate sensor the torque alone) in their place. Where names explain
+    a part of it, both, but no random effect for which a free shape stands, and no flexible mode:
+    its states cost most of a fit, and what it stands for is not known.
     """
     if diagnosis.verdict not in OPEN_VERDICTS:
         return diagnosis.effects_added

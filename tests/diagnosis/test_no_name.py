@@ -9,10 +9,7 @@ import pytest
 from bayes_inertia.app.diagnosed_fit import Investigation, next_fit
 from bayes_inertia.app.diagnosis_json import next_fit_from
 from bayes_inertia.campaign.sensors import CHANNELS
-from bayes_inertia.diagnosis.quoted_parameters import (
-    fitted_effects,
-    quoted_parameters,
-)
+from bayes_inertia.diagnosis.quoted_parameters import fitted_effects, quoted_parameters
 from bayes_inertia.diagnosis.residuals import scan_residuals
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
 from bayes_inertia.inference.optimizer import with_noise
@@ -38,8 +35,12 @@ def test_where_nothing_explains_the_data_J_and_K_are_of_free_shapes(
     there = next_fit(Investigation(pumped, scan_residuals(pumped.base)))
     assert next_fit_from(content).effects == there.effects == REMAINDERS
     assert "J and K, whichever it is" not in {s.title for s in diagnosis_sections(content)}
-    # An earlier version left the free shapes to the fit.
-    assert next_fit_from(content | {"fitted": []}).effects == REMAINDERS
+    # An earlier version left the free shapes to the fit, another averaged over them.
+    row = {"effect": "", "instead_of": "", "probability": 0.5, "names": quoted.names}
+    averaged = row | {"mean": quoted.mean, "covariance": np.diag(quoted.sd**2)}
+    for fitted in ([], [{"effect": "wheel_command_lag", "settings": {}}]):
+        earlier = next_fit_from(content | {"fitted": fitted, "alternatives": [averaged]})
+        assert (earlier.effects, earlier.alternatives) == (REMAINDERS, ())
 
 
 @pytest.mark.long
