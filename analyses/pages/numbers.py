@@ -314,6 +314,13 @@ def throws() -> Iterator[tuple[str, str]]:
         for key, fit in (("plain", row["fits"][0]), ("diagnosed", row["command"])):
             error = np.abs(np.array(fit["principal_moments"]) / truth - 1.0).mean()
             yield f"throws.{row['configuration']}.{key}", percent(error, 2)
+        error = np.abs(np.array(row["command"]["principal_moments"]) / truth - 1.0)
+        worst = int(np.argmax(error / row["command"]["sd"] * truth))
+        yield f"throws.{row['configuration']}.worst", percent(error[worst], 1)
+        yield (
+            f"throws.{row['configuration']}.worst_sd",
+            percent(row["command"]["sd"][worst] / truth[worst], 1),
+        )
     for row in content("throws_diagnosis"):
         for key in ("plain", "quoted") if "halves" in row else ():
             differ = agreement(row["halves"], key)["rms"]

