@@ -22,6 +22,7 @@ from jax.scipy.linalg import solve_triangular
 from scipy import optimize
 from scipy.linalg import block_diag
 
+from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.likelihood import (
     Information,
     information_blocks,
@@ -526,6 +527,14 @@ def _curvature(evidence: Evidence) -> np.ndarray:
     steps = np.multiply.outer(sides, LIMITS.size_step * np.eye(len(at))[moves])
     pairs = at + steps[:, None, :, None] + steps[None, :, None, :]
     logs = evidence.given(pairs.reshape(-1, len(at))).log_evidence.reshape(pairs.shape[:-1])
+    if not np.all(np.isfinite(logs)):
+        names = ", ".join(evidence.model.space.names[i] for i in evidence.hyperparameters)
+        raise EstimateError(
+            f"the evidence is not finite around its best {names}: the model misses the data by far "
+            "more than a disturbance",
+            advice="check units and signs of the telemetry columns (`bayes-inertia doctor "
+            "CAMPAIGN`), or fit with the effect that is missing",
+        )
     hessian = -np.einsum("s,t,stij->ij", sides, sides, logs) / (2.0 * LIMITS.size_step) ** 2
     powers, directions = np.linalg.eigh(0.5 * (hessian + hessian.T))
     powers = np.clip(powers, LIMITS.least_evidence_curvature, LIMITS.least_sd_of_size**-2)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.hyperparameters import Evidence, most_probable
+from bayes_inertia.inference.hyperparameters import Evidence, _curvature, most_probable
 from bayes_inertia.inference.noise_filter import estimated_noise
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.objective import prior_rows
@@ -154,3 +156,21 @@ def test_a_fit_learns_the_size_from_the_whole_process(plain):
     np.testing.assert_allclose(few.theta[-2:], many.theta[-2:], rtol=0.02)
     # J and K, too, do not depend on how many knots there are.
     assert np.abs((few.theta[:9] - many.theta[:9]) / many.sd[:9]).max() < 0.3
+
+
+@pytest.mark.parametrize("wrong", [np.nan, -np.inf])
+def test_sizes_whose_evidence_is_not_finite_are_refused_in_words(wrong):
+    def given(sizes):
+        return SimpleNamespace(log_evidence=np.where(sizes[:, 0] > 0.0, wrong, 0.0))
+
+    space = SimpleNamespace(names=("torque_remainder.sd", "torque_remainder.time"))
+    evidence = SimpleNamespace(
+        model=SimpleNamespace(space=space),
+        point=SimpleNamespace(theta=np.zeros(2)),
+        hyperparameters=np.arange(2),
+        free=np.arange(2),
+        standardised=lambda theta: theta,
+        given=given,
+    )
+    with pytest.raises(EstimateError, match=r"torque_remainder\.sd.*more than a disturbance"):
+        _curvature(evidence)
