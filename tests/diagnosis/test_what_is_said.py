@@ -91,9 +91,10 @@ def test_the_report_says_and_draws_it(lagging, pumped_for_few, content_of):
         "Candidates",
         "How probable each answer is",
         "What adding effects changes",
+        "J and K, whichever it is",
     ]
     assert diagnosis_verdict(content).title == "Found what is missing: wheel command lag."
-    assert [len(s.pictures) for s in sections] == [2, 1, 0, 2]
+    assert [len(s.pictures) for s in sections] == [2, 1, 0, 2, 0]
     unknown = unexplained_signal(pumped_for_few.base)
     last = diagnosis_sections(content_of(pumped_for_few, unexplained=unknown))[-1]
     assert last.title == "What nothing explains"
