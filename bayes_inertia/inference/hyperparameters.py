@@ -504,7 +504,7 @@ def information_with_learnt(
         return information_blocks(model, point, white, free)
     evidence = Evidence(model, point, white, free)
     plain = evidence.information
-    curvature = _curvature(evidence)
+    curvature = curvature_of(evidence)
     slope, distance = prior_rows(model, point.theta)
     to_standardised = slope[evidence.learnt]
     own = np.outer(to_standardised, to_standardised) * (curvature - np.eye(len(to_standardised)))
@@ -517,7 +517,7 @@ def information_with_learnt(
     return plain._replace(matrix=matrix, gradient=gradient, free=free)
 
 
-def _curvature(evidence: Evidence) -> np.ndarray:
+def curvature_of(evidence: Evidence) -> np.ndarray:
     """Second derivatives (h, h) by differences of values, lifted to be positive definite.
 
     Of the values that the sampler's proposal needs as well: slopes would be a program of their own.

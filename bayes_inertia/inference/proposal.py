@@ -19,11 +19,11 @@ from emcee.moves import MHMove
 from scipy import linalg, stats
 
 from bayes_inertia.errors import EstimateError
-from bayes_inertia.inference.hyperparameters import Evidence, GivenSizes
+from bayes_inertia.inference.hyperparameters import Evidence, GivenSizes, curvature_of
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.limits import LIMITS
 from bayes_inertia.inference.marginal_posterior import LogDensity
-from bayes_inertia.maths.linear_algebra import cholesky_factor
+from bayes_inertia.maths.linear_algebra import cholesky_factor, inverse
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,10 +187,14 @@ def _short_sample(
 
 
 def explored_sizes(evidence: Evidence, random: np.random.RandomState) -> SizeProposal:
-    """The distribution of sizes by their evidence, explored by a short ensemble."""
+    """The distribution of sizes by their evidence, explored by a short ensemble.
+
+    It begins as wide as the evidence is curved: from wider starts a short ensemble does not come
+    home, and sizes proposed as wide are hardly ever taken.
+    """
     begin = evidence.standardised(evidence.point.theta)
     walkers = max(LIMITS.size_walkers, 2 * len(begin))
-    starts = begin + 0.3 * random.standard_normal((walkers, len(begin)))
+    starts = random.multivariate_normal(begin, inverse(curvature_of(evidence)), walkers)
     explored = _short_sample(
         lambda standardised: evidence.given(standardised).log_evidence,
         starts,

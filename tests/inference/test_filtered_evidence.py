@@ -10,10 +10,11 @@ import pytest
 
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.hyperparameters import Evidence, _curvature, most_probable
+from bayes_inertia.inference.hyperparameters import Evidence, curvature_of, most_probable
 from bayes_inertia.inference.noise_filter import estimated_noise
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.objective import prior_rows
+from bayes_inertia.inference.proposal import explored_sizes
 from bayes_inertia.physics.effects import (
     RateBiasInstability,
     RateRandomWalk,
@@ -173,4 +174,22 @@ def test_sizes_whose_evidence_is_not_finite_are_refused_in_words(wrong):
         given=given,
     )
     with pytest.raises(EstimateError, match=r"torque_remainder\.sd.*more than a disturbance"):
-        _curvature(evidence)
+        curvature_of(evidence)
+
+
+def test_sizes_are_explored_as_wide_as_their_evidence_is():
+    """However narrow it is beside the prior: 64 walkers tell each spread to 9 %."""
+    sds = np.array([0.02, 0.02, 0.1, 0.1])
+
+    def given(sizes):
+        return SimpleNamespace(log_evidence=-0.5 * np.sum((np.asarray(sizes) / sds) ** 2, 1))
+
+    evidence = SimpleNamespace(
+        point=SimpleNamespace(theta=np.zeros(4)),
+        hyperparameters=np.arange(4),
+        free=np.arange(4),
+        standardised=lambda theta: theta,
+        given=given,
+    )
+    explored = explored_sizes(evidence, np.random.RandomState(4)).explored.dataset
+    assert explored.std(1) / sds == pytest.approx(1.0, abs=4.0 * 0.09)
