@@ -29,6 +29,7 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, STOCHASTIC
 from bayes_inertia.physics.effects.formula import Formula
 from bayes_inertia.physics.effects.of_device import OfDevice
+from bayes_inertia.physics.named_effects import remainders
 from bayes_inertia.report.words import phrase
 from bayes_inertia.sealing import SEAL_KEY, blaming, read_sealed_json
 
@@ -130,7 +131,7 @@ def next_fit_from(content: Mapping[str, Any], library: Sequence[Effect] = LIBRAR
     others = content.get("alternatives", [])
     if content["verdict"] == "unknown":
         # Files of earlier versions leave free shapes out, or average over them.
-        fitted, others = tuple(e for e in fitted if e in REMAINDERS) or REMAINDERS, []
+        fitted, others = tuple(e for e in fitted if e in REMAINDERS) or remainders("both"), []
     return NextFit(
         content["verdict"],
         fitted,

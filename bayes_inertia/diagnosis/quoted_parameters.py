@@ -42,6 +42,7 @@ from bayes_inertia.diagnosis.hypothesis_table import (
 )
 from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.linear_system import LinearModel, linear_model, mixed, parameters_of
+from bayes_inertia.diagnosis.random_signals import SOURCES
 from bayes_inertia.diagnosis.result import AlternativeParameters, Diagnosis
 from bayes_inertia.diagnosis.table_search import Table, given_row
 from bayes_inertia.errors import CampaignError
@@ -281,7 +282,7 @@ def other_rows(table: Table, named: Names) -> tuple[AlternativeParameters, ...]:
     return tuple(listed)
 
 
-# Hooks in which a torque and a rate error of free shape act.
+# Hooks in which an error of free shape acts after every verdict that leaves something open.
 _FREE = ("body_torque", "rate_output")
 
 
@@ -289,21 +290,27 @@ def fitted_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
     """The effects that a full fit after a diagnosis holds, with the settings they were found with.
 
     Returns: those added, in their order. Where no candidate explains the data, a torque and a rate
-    error of free shape (without a rate sensor the torque alone) in their place. Where names explain
-    a part of it, both, but no random effect for which a free shape stands, and no flexible mode:
-    its states cost most of a fit, and what it stands for is not known.
+    error of free shape (without a rate sensor the torque alone) in their place, and a torque of the
+    wheels where a shape without a name is seen there. Where names explain a part of it, both, but
+    no random effect for which a free shape stands, and no flexible mode: its states cost most of a
+    fit, and what it stands for is not known.
     """
     if diagnosis.verdict not in OPEN_VERDICTS:
         return diagnosis.effects_added
-    campaign = diagnosis.base.model.campaign
-    free = tuple(effect for effect in REMAINDERS if effect.coefficient_count(campaign))
+    seen = (hook for hook, source in SOURCES.items() if source == diagnosis.nameless_source)
+    campaign, hooks = diagnosis.base.model.campaign, (*_FREE, *seen)
+    free = tuple(
+        effect
+        for effect in REMAINDERS
+        if any(map(effect.acts, hooks)) and effect.coefficient_count(campaign)
+    )
     if diagnosis.verdict == "unknown":
         return free
     kept = (
         e
         for e in diagnosis.effects_added
         if not isinstance(e, FlexibleMode)
-        and not (isinstance(e, StochasticEffect) and any(map(e.acts, _FREE)))
+        and not (isinstance(e, StochasticEffect) and any(map(e.acts, hooks)))
     )
     return (*kept, *free)
 

@@ -273,7 +273,7 @@ def remainders(kind: str | None) -> tuple[Effect, ...]:
     >>> [effect.name for effect in remainders("both")]
     ['torque_remainder', 'rate_remainder']
     """
-    wanted = {f"{kind}_remainder"} if kind != "both" else {effect.name for effect in REMAINDERS}
+    wanted = [f"{each}_remainder" for each in (("torque", "rate") if kind == "both" else (kind,))]
     return tuple(effect for effect in REMAINDERS if effect.name in wanted)
 
 

@@ -13,9 +13,13 @@ from bayes_inertia.diagnosis.quoted_parameters import fitted_effects, quoted_par
 from bayes_inertia.diagnosis.residuals import scan_residuals
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
 from bayes_inertia.inference.optimizer import with_noise
-from bayes_inertia.physics.effects import REMAINDERS, by_name
+from bayes_inertia.physics.effects import by_name
+from bayes_inertia.physics.effects.wheel_torque_noise import WheelTorqueRemainder
+from bayes_inertia.physics.named_effects import remainders
 from bayes_inertia.physics.small_campaign import small_campaign
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
+
+FREE = remainders("both")
 
 
 @pytest.mark.long
@@ -24,7 +28,7 @@ def test_where_nothing_explains_the_data_J_and_K_are_of_free_shapes(
     pumped, pumped_truth, content_of
 ):
     assert (pumped.verdict, pumped.why_unknown, pumped.other_rows) == ("unknown", "misfit", ())
-    assert fitted_effects(pumped) == REMAINDERS
+    assert fitted_effects(pumped) == FREE
     quoted = quoted_parameters(pumped)
     # What the free shapes may have done is taken from what is known of J and K.
     plain = with_noise(pumped.base, dict.fromkeys(CHANNELS, 1.0))
@@ -33,14 +37,14 @@ def test_where_nothing_explains_the_data_J_and_K_are_of_free_shapes(
     # The file gives the second half of a run what the first half had.
     content = content_of(pumped, unexplained=unexplained_signal(pumped.base))
     there = next_fit(Investigation(pumped, scan_residuals(pumped.base)))
-    assert next_fit_from(content).effects == there.effects == REMAINDERS
+    assert next_fit_from(content).effects == there.effects == FREE
     assert "J and K, whichever it is" not in {s.title for s in diagnosis_sections(content)}
     # An earlier version left the free shapes to the fit, another averaged over them.
     row = {"effect": "", "instead_of": "", "probability": 0.5, "names": quoted.names}
     averaged = row | {"mean": quoted.mean, "covariance": np.diag(quoted.sd**2)}
     for fitted in ([], [{"effect": "wheel_command_lag", "settings": {}}]):
         earlier = next_fit_from(content | {"fitted": fitted, "alternatives": [averaged]})
-        assert (earlier.effects, earlier.alternatives) == (REMAINDERS, ())
+        assert (earlier.effects, earlier.alternatives) == (FREE, ())
 
 
 @pytest.mark.long
@@ -50,26 +54,33 @@ def test_what_is_named_is_fitted_and_imitations_give_way_to_free_shapes(lagging)
     # What was not detected moves and widens them by a part of their sd.
     assert np.all(np.abs(named.mean - lagging.final.theta[:9]) < lagging.final.sd[:9])
     assert np.all(named.sd > 0.95 * lagging.final.sd[:9])
+    seen = replace(lagging, verdict="unknown", nameless_source="body torque")
     for why in ("misfit", "imitation"):
-        assert fitted_effects(replace(lagging, verdict="unknown", why_unknown=why)) == REMAINDERS
-    # No free shape stands for what acts between wheels and body.
-    between, shape = by_name(["wheel_torque_noise"]), REMAINDERS[0]
+        assert fitted_effects(replace(seen, why_unknown=why)) == FREE
+    # No free shape stands for what acts between wheels and body, unless it is seen there.
+    between, shape = by_name(["wheel_torque_noise"]), FREE[0]
     model = replace(lagging.final.model, effects=(*lagging.effects_added, *between, shape))
     final = replace(lagging.final, model=model)
     (lag,) = lagging.steps
     steps = tuple(replace(lag, added=effect.name) for effect in model.effects)
-    partly = replace(lagging, verdict="partial", steps=steps, final=final)
-    assert fitted_effects(partly) == (*lagging.effects_added, *between, *REMAINDERS)
+    partly = replace(seen, verdict="partial", steps=steps, final=final)
+    assert fitted_effects(partly) == (*lagging.effects_added, *between, *FREE)
+    at_wheels = replace(partly, nameless_source="wheel torque")
+    everywhere = (*FREE, WheelTorqueRemainder())
+    assert fitted_effects(at_wheels) == (*lagging.effects_added, *everywhere)
 
 
-def test_without_a_rate_sensor_the_free_shape_is_a_torque():
+def test_free_shapes_are_those_that_a_campaign_can_have():
+    """Without a rate sensor a torque alone; a torque of the wheels where one is seen."""
     campaign = small_campaign()
     gyroless = replace(
         campaign,
         rate_sensor=None,
         slews=tuple(replace(slew, rate=None) for slew in campaign.slews),
     )
-    for flown, shapes in ((campaign, REMAINDERS), (gyroless, REMAINDERS[:1])):
+    at_wheels = "wheel torque", (WheelTorqueRemainder(),)
+    for flown, shapes in ((campaign, FREE), (gyroless, FREE[:1])):
         base = SimpleNamespace(model=SimpleNamespace(campaign=flown))
-        imitated = {"verdict": "unknown", "why_unknown": "imitation", "effects_added": ()}
-        assert fitted_effects(SimpleNamespace(base=base, **imitated)) == shapes
+        for source, more in (("", ()), ("body torque", ()), at_wheels):
+            imitated = {"verdict": "unknown", "effects_added": (), "nameless_source": source}
+            assert fitted_effects(SimpleNamespace(base=base, **imitated)) == (*shapes, *more)

@@ -14,7 +14,7 @@ from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
 from bayes_inertia.inference.treatment import with_measured_noise
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.effects import REMAINDERS
+from bayes_inertia.physics.named_effects import remainders
 from bayes_inertia.report.verdict import diagnosis_verdict, headline
 
 
@@ -122,8 +122,8 @@ def _is_unknown(found, library, content, check_contract):
     assert (found.verdict, found.named) == ("unknown", ())
     check_contract(content, library)
     # The fit after it holds shapes that are free, in the place of everything that was tried.
-    assert fitted_effects(found) == REMAINDERS
-    assert next_fit_from(content).effects == REMAINDERS
+    assert fitted_effects(found) == remainders("both")
+    assert next_fit_from(content).effects == remainders("both")
     assert diagnosis_verdict(content).level == "bad"
 
 

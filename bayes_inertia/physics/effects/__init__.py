@@ -42,7 +42,7 @@ from bayes_inertia.physics.effects.wheel_command_lag import WheelCommandLag
 from bayes_inertia.physics.effects.wheel_friction import WheelFriction
 from bayes_inertia.physics.effects.wheel_misalignment import WheelMisalignment
 from bayes_inertia.physics.effects.wheel_torque_gain import WheelTorqueGain
-from bayes_inertia.physics.effects.wheel_torque_noise import WheelTorqueNoise
+from bayes_inertia.physics.effects.wheel_torque_noise import WheelTorqueNoise, WheelTorqueRemainder
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 LIBRARY: tuple[Effect, ...] = (
@@ -77,10 +77,15 @@ STOCHASTIC: tuple[Effect, ...] = (
     WheelTorqueNoise(),
     RateRemainder(),
     TorqueRemainder(),
+    WheelTorqueRemainder(),
 )
 
 # What stands for everything without a name, where a model is known to be incomplete.
-REMAINDERS: tuple[StochasticEffect, ...] = (TorqueRemainder(), RateRemainder())
+REMAINDERS: tuple[StochasticEffect, ...] = (
+    TorqueRemainder(),
+    RateRemainder(),
+    WheelTorqueRemainder(),
+)
 
 
 def by_name(names: Sequence[str]) -> tuple[Effect, ...]:

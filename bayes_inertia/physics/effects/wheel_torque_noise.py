@@ -39,3 +39,26 @@ class WheelTorqueNoise(PiecewiseTorque):
     def delivered_torque(self, p, slew, torque):
         # The mean over each interval of the grid, as the commands are.
         return torque + self.signal(p, slew, slew.time + 0.5 * slew.step)
+
+
+@dataclass(frozen=True)
+class WheelTorqueRemainder(WheelTorqueNoise):
+    """A torque of the wheels without a name: `wheel_torque_noise`, known to a factor of 90.
+
+    A diagnosis fits it along where a shape without a name explains the data best as a torque of the
+    wheels: a torque on the body alone would contradict their tachometers.
+
+    Parameters
+    ----------
+    median_sd, median_time, factor_sd, pieces
+        As `WheelTorqueNoise`.
+
+    Examples
+    --------
+    >>> WheelTorqueRemainder().factor_sd
+    2.3
+    """
+
+    name: ClassVar[str] = "wheel_torque_remainder"
+    signal_title: ClassVar[str] = "torque of the wheels without a name"
+    factor_sd: float = 2.3
