@@ -282,8 +282,10 @@ def other_rows(table: Table, named: Names) -> tuple[AlternativeParameters, ...]:
     return tuple(listed)
 
 
-# Hooks in which an error of free shape acts after every verdict that leaves something open.
+# Hooks in which an error of free shape acts after every verdict that leaves something open, and
+# where else, if it is seen there: a torque on the body alone would contradict the tachometers.
 _FREE = ("body_torque", "rate_output")
+_WHEELS = "delivered_torque"
 
 
 def fitted_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
@@ -297,8 +299,8 @@ def fitted_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
     """
     if diagnosis.verdict not in OPEN_VERDICTS:
         return diagnosis.effects_added
-    seen = (hook for hook, source in SOURCES.items() if source == diagnosis.nameless_source)
-    campaign, hooks = diagnosis.base.model.campaign, (*_FREE, *seen)
+    campaign, at_wheels = diagnosis.base.model.campaign, SOURCES[_WHEELS]
+    hooks = (*_FREE, _WHEELS) if diagnosis.nameless_source == at_wheels else _FREE
     free = tuple(
         effect
         for effect in REMAINDERS

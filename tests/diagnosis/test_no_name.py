@@ -84,3 +84,8 @@ def test_free_shapes_are_those_that_a_campaign_can_have():
         for source, more in (("", ()), ("body torque", ()), at_wheels):
             imitated = {"verdict": "unknown", "effects_added": (), "nameless_source": source}
             assert fitted_effects(SimpleNamespace(base=base, **imitated)) == (*shapes, *more)
+    # What acts where no shape is free keeps its name.
+    walk = by_name(["tachometer_noise_walk"])
+    base = SimpleNamespace(model=SimpleNamespace(campaign=campaign))
+    partly = {"verdict": "partial", "effects_added": walk, "nameless_source": "tachometers"}
+    assert fitted_effects(SimpleNamespace(base=base, **partly)) == (*walk, *FREE)
