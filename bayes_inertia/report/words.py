@@ -115,7 +115,7 @@ def dirt_rows(dirt: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             "channel": _CHANNELS.get(channel, channel),
             "treated": _TREATED[treated],
             "rows": sum(len(record["rows"]) for record in records),
-            "slews": [record["slew"] for record in records if record["slew"]],
+            "slews": list(dict.fromkeys(r["slew"] for r in records if r["slew"])),
             "notes": [record["note"] for record in records if record.get("note")],
         }
         for (kind, channel, treated), records in groups.items()

@@ -308,3 +308,9 @@ def test_noise_below_what_is_stated_is_not_called_larger():
     record = {"kind": "noise_level", "channel": "rate", "treated": "ignored", "note": note}
     (said,) = dirt_sentences([record | {"slew": "", "rows": []}])
     assert said == f"Noise of another size than stated of the rate sensor ({note}), left as it is."
+
+
+def test_a_slew_with_two_records_of_one_kind_is_counted_once():
+    record = {"kind": "outliers", "channel": "rate", "treated": "masked", "slew": "a"}
+    (said,) = dirt_sentences([record | {"rows": [3, 9]}, record | {"rows": [4]}])
+    assert said == "Outliers of the rate sensor: 3 rows (a), left out."
