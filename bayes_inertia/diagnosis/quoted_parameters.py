@@ -57,6 +57,7 @@ from bayes_inertia.maths.device_arrays import filled
 from bayes_inertia.maths.values import AnyArray, array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, FlexibleMode
+from bayes_inertia.physics.named_effects import remainders
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
@@ -282,12 +283,6 @@ def other_rows(table: Table, named: Names) -> tuple[AlternativeParameters, ...]:
     return tuple(listed)
 
 
-# Hooks in which an error of free shape acts after every verdict that leaves something open, and
-# where else, if it is seen there: a torque on the body alone would contradict the tachometers.
-_FREE = ("body_torque", "rate_output")
-_WHEELS = "delivered_torque"
-
-
 def fitted_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
     """The effects that a full fit after a diagnosis holds, with the settings they were found with.
 
@@ -299,15 +294,14 @@ def fitted_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
     """
     if diagnosis.verdict not in OPEN_VERDICTS:
         return diagnosis.effects_added
-    campaign, at_wheels = diagnosis.base.model.campaign, SOURCES[_WHEELS]
-    hooks = (*_FREE, _WHEELS) if diagnosis.nameless_source == at_wheels else _FREE
-    free = tuple(
-        effect
-        for effect in REMAINDERS
-        if any(map(effect.acts, hooks)) and effect.coefficient_count(campaign)
-    )
+    campaign = diagnosis.base.model.campaign
+    # A torque on the body alone would contradict the tachometers.
+    at_wheels = diagnosis.nameless_source == SOURCES["delivered_torque"]
+    shapes = REMAINDERS if at_wheels else remainders("both")
+    free = tuple(shape for shape in shapes if shape.coefficient_count(campaign))
     if diagnosis.verdict == "unknown":
         return free
+    hooks = [hook for hook in SOURCES if any(shape.acts(hook) for shape in shapes)]
     kept = (
         e
         for e in diagnosis.effects_added

@@ -131,7 +131,7 @@ def diagnose_chains(
 _REMAINDER_NOTE = (
     "the diagnosis found that something is missing which no candidate explains; "
     "fitted along: {}, of free shape in each slew. The sd of J and K holds what that may have "
-    "done, not what errors elsewhere may have done, as of the star tracker"
+    "done, not what errors of other parts, such as the star tracker, may have done"
 )
 
 

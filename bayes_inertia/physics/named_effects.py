@@ -35,6 +35,7 @@ from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.prediction import predict_all
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.small_campaign import small_campaign
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 from bayes_inertia.sealing import sha256_of
 
 ENTRY_POINTS = "bayes_inertia.effects"
@@ -265,7 +266,7 @@ def effects_named(names: Sequence[Effect | str]) -> tuple[Effect, ...]:
     return effects
 
 
-def remainders(kind: str | None) -> tuple[Effect, ...]:
+def remainders(kind: str | None) -> tuple[StochasticEffect, ...]:
     """What stands for disturbances without a name in a fit.
 
     Examples

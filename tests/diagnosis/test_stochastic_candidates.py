@@ -26,7 +26,7 @@ from bayes_inertia.inference.marginal_posterior import prior_roots
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.kept_programs import IN_MEMORY
-from bayes_inertia.physics.effects import REMAINDERS, STOCHASTIC, ConstantTorque
+from bayes_inertia.physics.effects import STOCHASTIC, ConstantTorque
 from bayes_inertia.physics.effects.rate_bias_instability import RateBiasInstability
 from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
 from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
@@ -79,7 +79,8 @@ def test_columns_are_those_of_the_effects_own_model(plain):
 
 def test_the_usual_candidates_are_the_named_ones():
     names = {e.name for e in STOCHASTIC_CANDIDATES}
-    assert names == {e.name for e in STOCHASTIC} - {e.name for e in REMAINDERS}
+    free = {"torque_remainder", "rate_remainder", "wheel_torque_remainder"}
+    assert names == {e.name for e in STOCHASTIC} - free
 
 
 @pytest.mark.long
