@@ -50,9 +50,9 @@ def wiener(rng: np.random.Generator) -> np.ndarray:
     return path - path[np.searchsorted(_GRID, _MIDDLE)]
 
 
-def gauss_markov(rng: np.random.Generator) -> np.ndarray:
-    """An Ornstein-Uhlenbeck process (n, 3) of sd 1 on the grid."""
-    kept = np.exp(-(_GRID[1] - _GRID[0]) / _TIME)
+def gauss_markov(rng: np.random.Generator, time: float = _TIME) -> np.ndarray:
+    """An Ornstein-Uhlenbeck process (n, 3) of sd 1 on the grid; `time`: of its correlation [s]."""
+    kept = np.exp(-(_GRID[1] - _GRID[0]) / time)
     fresh = rng.normal(size=(len(_GRID), 3)) * np.sqrt(1.0 - kept**2)
     fresh[0] = rng.normal(size=3)
     return lfilter([1.0], [1.0, -kept], fresh, axis=0)
@@ -60,19 +60,30 @@ def gauss_markov(rng: np.random.Generator) -> np.ndarray:
 
 @dataclass(frozen=True)
 class RandomSignal(Disturbance):
-    """A random signal of one kind; `path` is its process over the campaign's clock."""
+    """A random signal of one kind; `path` is its process over the campaign's clock.
+
+    `alike`: what goes on between slews begins at zero in each of them; a drift is that of each.
+    """
 
     kind: str = ""
     path: np.ndarray | None = None
+    alike: bool = False
+
+    def along(self, t: np.ndarray) -> np.ndarray:
+        """The process (n, 3) in a slew."""
+        path = at(self.path, t)
+        return self.size * (path - path[0] if self.alike else path)
 
     def body_torque(self, t, since, rate_B):
         return self.size * at(self.path, t) if self.kind == "torque_noise" else np.zeros(3)
 
     def rate_error(self, t, rng):
         if self.kind in ("rate_random_walk", "rate_bias_instability"):
-            return self.size * at(self.path, t)
-        drift = rng.normal(size=3) if self.kind == "rate_bias_slew_drift" else np.zeros(3)
-        return self.size * (t - t[0])[:, None] * drift
+            return self.along(t)
+        if self.kind != "rate_bias_slew_drift":
+            return np.zeros((len(t), 3))
+        drift = rng.normal(size=3)
+        return self.size * (t - t[0])[:, None] * (self.path[0] if self.alike else drift)
 
     def tracker_error(self, late, rng):
         if self.kind != "star_tracker_low_frequency":
@@ -106,11 +117,11 @@ def powers_of(kind: str, campaign: Campaign) -> np.ndarray:
     return eigenvalues(plain_fit(campaign), effect, _TIME, _MIDDLE)
 
 
-class RandomSize(Protocol):
-    """How large a random effect is."""
+class RandomDraw(Protocol):
+    """What a random effect is in a campaign."""
 
-    def of(self, kind: str, campaign: Campaign) -> float:
-        """The size of an effect in such campaigns [its unit]."""
+    def signal(self, kind: str, campaign: Campaign, rng: np.random.Generator) -> RandomSignal:
+        """The effect's signal in such a campaign, of a size in its unit."""
 
 
 @dataclass(frozen=True)
@@ -120,31 +131,42 @@ class SizeOfTest:
     power: float = POWER
     times: float = 1.0
 
-    def of(self, kind: str, campaign: Campaign) -> float:
-        """The size of an effect in such campaigns [its unit]."""
-        powers = powers_of(kind, campaign)
-        return self.times * ideal_size(powers, self.power, LEVEL) * median_size(kind)
+    def signal(self, kind: str, campaign: Campaign, rng: np.random.Generator) -> RandomSignal:
+        """Of a correlation time of 20 s, if it has one; the kind "clean" has no size."""
+        process, size = process_of(kind, rng), 0.0
+        if kind in RANDOM:
+            size = ideal_size(powers_of(kind, campaign), self.power, LEVEL) * median_size(kind)
+        return RandomSignal(self.times * size, kind, process)
+
+
+def process_of(kind: str, rng: np.random.Generator, time: float = _TIME) -> np.ndarray:
+    """The process (n, 3) of a random effect on the grid; `time`: of its correlation [s]."""
+    return wiener(rng) if kind.endswith("walk") else gauss_markov(rng, time)
+
+
+def straight_between(campaign: Campaign, values: np.ndarray) -> np.ndarray:
+    """A process (n, 3) on the grid: in each slew straight between values (slews, knots, 3)."""
+    path = np.zeros((len(_GRID), 3))
+    for slew, own in zip(campaign.slews, values, strict=True):
+        begin, end = slew.start + slew.time[[0, -1]]
+        first, last = np.searchsorted(_GRID, [begin, end])
+        inside, knots = slice(max(first - 1, 0), last + 1), np.linspace(begin, end, len(own))
+        path[inside] = np.stack([np.interp(_GRID[inside], knots, x) for x in own.T], -1)
+    return path
 
 
 def random_campaign(
-    kind: str, random_size: RandomSize, seed: np.random.SeedSequence, tachometers: bool
+    kind: str, drawn: RandomDraw, seed: np.random.SeedSequence, tachometers: bool
 ) -> tuple[Flight, Campaign, float]:
-    """A flight, its telemetry with one random effect, and the effect's size [its unit].
-
-    The kind "clean" has none.
-    """
+    """A flight, its telemetry with one random effect, and the effect's size [its unit]."""
     flown, noise, path = seed.spawn(3)
     flight, rng = draw(flown, (), {}, True), np.random.default_rng(path)
-    process = wiener(rng) if kind.endswith("walk") else gauss_markov(rng)
     of_test = flight.campaign if tachometers else without_tachometers(flight.campaign)
-    size = random_size.of(kind, of_test) if kind in RANDOM else 0.0
-    signal = RandomSignal(size, kind, process)
-    known = flight.campaign.slews
-    pushed = flight
+    signal = drawn.signal(kind, of_test, rng)
+    known, pushed = flight.campaign.slews, flight
     if kind == "wheel_torque_noise":
         slews = [
-            replace(s, wheel_torque=s.wheel_torque + size * at(process, s.start + s.time))
-            for s in known
+            replace(s, wheel_torque=s.wheel_torque + signal.along(s.start + s.time)) for s in known
         ]
         pushed = replace(flight, campaign=replace(flight.campaign, slews=tuple(slews)))
     campaign = replayed(pushed, signal, np.random.default_rng(noise))
@@ -154,11 +176,11 @@ def random_campaign(
     ]
     if kind == "tachometer_noise_walk":
         slews = [
-            replace(s, wheel_momentum=s.wheel_momentum + size * at(process, s.start + s.time))
+            replace(s, wheel_momentum=s.wheel_momentum + signal.along(s.start + s.time))
             for s in slews
         ]
     campaign = replace(campaign, slews=tuple(slews))
-    return flight, campaign if tachometers else without_tachometers(campaign), size
+    return flight, campaign if tachometers else without_tachometers(campaign), signal.size
 
 
 def wandering_noise(rng: np.random.Generator) -> WanderingNoise:

@@ -7,6 +7,8 @@ import pytest
 from scipy import stats
 
 from bayes_inertia.diagnosis.hypothesis_table import log_prior_of_set
+from bayes_inertia.diagnosis.limits import LIMITS
+from bayes_inertia.diagnosis.random_signals import NAMELESS
 
 MEMBERS, DRAWS = 25, 4000
 
@@ -52,3 +54,41 @@ def test_campaigns_are_drawn_anew_and_equal_for_equal_seeds(module):
     assert first.hidden == second.hidden == ()
     np.testing.assert_array_equal(first.campaign.slews[0].rate, again.campaign.slews[0].rate)
     assert not np.array_equal(first.campaign.slews[0].rate, second.campaign.slews[0].rate)
+
+
+@pytest.fixture(scope="module")
+def weighed(analysis):
+    """What a table weighs at a flight with tachometers."""
+    module = analysis("naming.prior_campaigns")
+    flight = module.draw(np.random.SeedSequence(4), (), {}, True)
+    return module._Weighed(flight.campaign, np.random.default_rng(4))
+
+
+@pytest.mark.slow
+def test_sizes_are_those_that_the_table_weighs(weighed):
+    """A lag has one direction: |z| times a size that is even in its logarithm."""
+    (lag,) = (m for m in weighed.linear.members if m.name == "wheel_command_lag")
+    drawn = np.log([weighed._amplitudes(lag)[0] for _ in range(DRAWS)])
+    stated = lag.sizes[: LIMITS.fixed_sizes]
+    rng = np.random.default_rng(5)
+    normal = np.log(np.abs(rng.normal(size=DRAWS)))
+    wanted = normal + rng.uniform(*np.log(stated[[0, -1]]), DRAWS)
+    assert stats.ks_2samp(drawn, wanted).pvalue > 1e-4
+    # The control: the smallest size a tenth of a decade larger.
+    wrong = normal + rng.uniform(np.log(stated[0]) + 0.5, np.log(stated[-1]), DRAWS)
+    assert stats.ks_2samp(drawn, wrong).pvalue < 1e-4
+
+
+@pytest.mark.slow
+def test_a_shape_without_a_name_that_repeats_is_that_of_every_slew(weighed):
+    shapes = [weighed.without_name() for _ in range(200)]
+    assert {shape.source for shape in shapes} == set(NAMELESS) - {"star tracker"}
+    first = weighed.campaign.slews[0]
+    for alike in (True, False):
+        shape = next(s for s in shapes if s.alike is alike and s.formula is None)
+        signal = shape.signal(shape.kind, weighed.campaign, np.random.default_rng(6))
+        since = np.linspace(0.0, first.time[-1], 50)
+        values = [signal.along(slew.start + since) for slew in weighed.campaign.slews]
+        apart = np.max(np.abs(values[0] - values[1])) / np.max(np.abs(values))
+        # Slews differ in length by some percent.
+        assert (apart < 0.3) == alike
