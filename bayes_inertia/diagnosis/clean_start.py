@@ -211,10 +211,15 @@ def measured_again(start: CleanStart, final: Estimate) -> CleanStart | None:
             treatment = replace(treatment, masked=masked)
     if treatment != start.treatment:
         return _restarted(start, treatment, final)
-    if final is start.base:
+    if final is start.base or _is_settled(start.noise, _noise(final, treatment)):
         return None
-    relevelled = _at_level_of(start, final, treatment)
-    return None if relevelled.noise == start.noise else relevelled
+    return _at_level_of(start, final, treatment)
+
+
+def _is_settled(before: Mapping[str, float], after: Mapping[str, float]) -> bool:
+    """Whether the level of the noise is as it was, in all channels."""
+    changes = (np.log(level / before[channel]) for channel, level in after.items())
+    return all(abs(change) < LIMITS.settled_level for change in changes)
 
 
 def _colour_at(start: CleanStart, final: Estimate, channel: str) -> Colour:
@@ -248,7 +253,7 @@ def at_measured_level(start: CleanStart, final: Estimate) -> tuple[CleanStart, E
     at_level, noise = final, start.noise
     for _ in range(LIMITS.rounds_of_level):
         again = _noise(at_level, start.treatment)
-        if again == noise:
+        if _is_settled(noise, again):
             break
         at_level, noise = optimizer.with_noise(at_level, again), again
     # At another level a fit goes to its end by itself.

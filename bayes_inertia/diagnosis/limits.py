@@ -139,8 +139,10 @@ class Limits:
     comparison_tolerance: float = 1e-5
     # So often a prior is widened: one that pulled hides part of the size.
     rounds_of_prior: int = 4
-    # So often noise and table are brought to agree.
+    # So often noise and table are brought to agree ...
     rounds_of_noise: int = 3
+    # ... and they do once the level changes by less, as a share: so much an sd is wrong then.
+    settled_level: float = 0.02
     # As how many tests all effects without a fixed shape count: their p-values are joint.
     random_tests: int = 1
     # Rows of less probability are one row where J and K are averaged ...

@@ -226,9 +226,10 @@ def _repeated(stated: Model, fit: CleanFit, treatment: DirtTreatment, *, seed: i
     drive = stated.structure.drive
     campaign = treated(stated.campaign, treatment, drive)
     model = Model(campaign, stated.effects, drive, stated.noise)
-    # Sizes of what has no fixed shape are learnt at length: go on where they are known.
-    start = fit.estimate.theta if model.structure.hyperparameters else None
-    return CleanFit(optimizer.estimate(model, seed=seed, start=start), treatment)
+    if model.structure.hyperparameters:
+        # Sizes of what has no fixed shape are learnt at length: go on where they are known.
+        return CleanFit(optimizer.resumed(fit.estimate, model), treatment)
+    return CleanFit(optimizer.estimate(model, seed=seed), treatment)
 
 
 def refitted(previous: Estimate, campaign: Campaign, *, weak_data_first: bool = False) -> Estimate:

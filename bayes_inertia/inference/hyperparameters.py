@@ -366,7 +366,9 @@ class Evidence:
     def given(self, standardised: np.ndarray) -> GivenSizes:
         """The other parameters given those of stochastic effects (n, h) [prior sd]; of numpy."""
         program = partial(given_sizes, self.model.structure, self.frozen)
-        return in_batches(program, standardised, LIMITS.sizes_at_once)
+        cached = LIMITS.cached_numbers / self.frozen.equations.matrix.size
+        at_once = 2 ** int(np.log2(np.clip(cached, 1.0, LIMITS.sizes_at_once)))
+        return in_batches(program, standardised, at_once)
 
 
 def _theta(

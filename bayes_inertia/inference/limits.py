@@ -60,6 +60,9 @@ class Limits:
     # most.
     settled: float = 0.02
     most_rounds_of_discount: int = 10
+    # Noise that follows J or sizes has settled once it changes by less, as a share: that moves
+    # nothing by a hundredth of its sd.
+    settled_noise: float = 1e-4
     most_rounds_of_sizes: int = 8
     # Descents with processes that are filtered between their knots: each with the sizes before it.
     rounds_between_knots: int = 2
@@ -211,11 +214,13 @@ class Limits:
     # have a finite density.
     over_dispersion: float = 2.0
     most_draws: int = 200
-    # The ensemble that explores the evidence of sizes, and the sizes evaluated at once.
+    # The ensemble that explores the evidence of sizes.
     size_walkers: int = 64
     size_steps: int = 60
     size_warm_up: int = 20
+    # Sizes evaluated at once, and numbers of their equations that fit the processor's cache.
     sizes_at_once: int = 16
+    cached_numbers: float = 5e5
     # Sizes are proposed from what was explored, and at times more widely: no walker stays where the
     # exploration was thin.
     wide_share: float = 0.2

@@ -211,6 +211,12 @@ def whitening(model: Model, theta: np.ndarray) -> Whitenings:
     return tuple(white)
 
 
+def is_alike(one: Whitenings, other: Whitenings) -> bool:
+    """Whether two noises of one model differ by no more than rounds of them settle to."""
+    pairs = zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
+    return all(np.allclose(a, b, rtol=LIMITS.settled_noise, atol=0.0) for a, b in pairs)
+
+
 def with_memory(model: Model, white: Whitenings, theta: np.ndarray, **counted: bool) -> Whitenings:
     """The same noise with another memory; `counted`: as `noise_memory` takes it."""
     pairs = zip(model.channels, white, strict=True)

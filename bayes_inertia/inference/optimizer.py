@@ -29,6 +29,7 @@ from bayes_inertia.inference.noise_model import (
     Whitenings,
     densities_of,
     discounted,
+    is_alike,
     n_data,
     of_densities,
     whitening,
@@ -112,13 +113,41 @@ def estimate(
     agreeing = sum(count for settled, _, count in optima if settled[1] < best[1] + 1.0)
     counts = Starts(agreeing, len(descents))
     fitted = _estimate_of(model, *best, full, free, counts)
-    if not model.noise.is_stated:
+    return _as_misfit_asks(fitted, gentle_end) if discount else _with_densities(fitted)
+
+
+def resumed(previous: Estimate, model: Model) -> Estimate:
+    """The estimate with other readings or another noise of the same slews, from where one stands.
+
+    `model`: of the same effects. Slews that were discounted stay so while residuals ask for it.
+    """
+    point, free, starts = previous.point, previous.free, previous.starts
+    channels = np.any(previous.discount != 1.0, axis=0)
+    if channels.any() and model.noise.is_stated:
+        fitted = _discounted_fit(model, point, previous.discount, channels, free, starts)
+        if any(test.too_large for test in fitted.tests.values()):
+            return fitted
+    full = np.ones_like(previous.discount)
+    optimum = _optimum_with_noise(model, point, full, free)
+    return _as_misfit_asks(_estimate_of(model, *optimum, full, free, starts), point)
+
+
+def _as_misfit_asks(fitted: Estimate, gentle_end: Point) -> Estimate:
+    """The estimate under the densities asked for, or with its slews discounted for their misfit."""
+    if not fitted.model.noise.is_stated:
         return _with_densities(fitted)
     too_large = [test.too_large for test in fitted.tests.values()]
-    if not discount or not any(too_large):
+    if not any(too_large):
         return fitted
-    channels = np.array(too_large[:-1]) | too_large[-1]
-    return _discounted_fit(model, best[0], gentle_end, channels, free, counts)
+    model, channels = fitted.model, np.array(too_large[:-1]) | too_large[-1]
+    # The gentle descent's end is nearer than the point that the model's errors have overruled.
+    point, factors = gentle_end, np.full(fitted.discount.shape, LIMITS.gentle_weight)
+    if model.structure.hyperparameters:
+        # What has no fixed shape takes up most of the misfit: the optimum is near, and the sizes
+        # learnt there save most of the rounds.
+        point = fitted.point
+        factors = _dispersions(model, point, whitening(model, point.theta))
+    return _discounted_fit(model, point, factors, channels, fitted.free, fitted.starts)
 
 
 def re_estimate(
@@ -207,21 +236,17 @@ def with_noise(previous: Estimate, factors: dict[str, float]) -> Estimate:
 
 def _discounted_fit(
     model: Model,
-    optimum: Point,
-    gentle_end: Point,
+    point: Point,
+    factors: np.ndarray,
     channels: np.ndarray,
     free: np.ndarray,
     starts: Starts,
 ) -> Estimate:
-    """Repeat the estimate, each slew counted as its own residuals scatter, until both agree."""
-    # The gentle descent's end is nearer than the point that the model's errors have overruled.
-    point, dispersions = gentle_end, np.full((model.n_slews, len(channels)), LIMITS.gentle_weight)
-    if model.structure.hyperparameters:
-        # What has no fixed shape takes up most of the misfit: the optimum is near, and the sizes
-        # learnt there save most of the rounds.
-        point = optimum
-        dispersions = _dispersions(model, optimum, whitening(model, optimum.theta))
-    factors = np.where(channels, dispersions, 1.0)
+    """Repeat the estimate, each slew counted as its own residuals scatter, until both agree.
+
+    `factors` (slews, channels): to begin with; `channels`: those that are discounted.
+    """
+    factors = np.where(channels, factors, 1.0)
     for _ in range(LIMITS.most_rounds_of_discount):
         point, _, stated = _optimum_with_noise(
             model, point, factors, free, rounds=1, tolerance=LIMITS.tolerance_of_discount
@@ -249,16 +274,19 @@ def _optimum_with_noise(
 
     In the measured drive noise depends on J; what a process does between knots, on its size.
     """
-    stated, objective = whitening(model, point.theta), np.inf
+    stated = whitening(model, point.theta)
     rounds = rounds if model.structure.drive == "measured" else 1
     if estimated_noise(model, point.theta):
         rounds = max(rounds, LIMITS.rounds_between_knots)
-    for round_ in range(1, rounds + 1):
-        # Before the last round the noise is known roughly, too.
-        to = stop if round_ == rounds else roughly(stop)
-        point, objective = descend(model, point, discounted(stated, factors), free, **to)
+    for _ in range(rounds - 1):
+        # The noise is known roughly, too.
+        used, to = stated, roughly(stop)
+        point, _ = descend(model, point, discounted(used, factors), free, **to)
         stated = whitening(model, point.theta)
-    return point, objective, stated
+        if is_alike(used, stated):
+            break
+    point, objective = descend(model, point, discounted(stated, factors), free, **stop)
+    return point, objective, whitening(model, point.theta)
 
 
 def _best_optimum_with_noise(

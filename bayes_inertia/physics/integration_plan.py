@@ -152,8 +152,8 @@ def _largest(rows: np.ndarray) -> float:
 def longest_smooth_step(campaign: Campaign, motion: MotionScales) -> float:
     """The longest step for a motion without kinks.
 
-    `campaign`: says how large the noise of each sensor is. Returns: A power of the fourth root of
-    two [s], so that the grid does not change with every reading.
+    `campaign`: says how large the noise of each sensor is. Returns: one of a few steps an octave
+    [s], so that the grid does not change with every reading.
 
     Examples
     --------
@@ -166,7 +166,8 @@ def longest_smooth_step(campaign: Campaign, motion: MotionScales) -> float:
     allowed = NUMERICS.error_of_noise * _angle_noise(campaign, frequency)
     angle = (allowed / (NUMERICS.error_of_step * max(motion.turn, 1e-6))) ** (1.0 / 6.0)
     step = min(angle, NUMERICS.longest_turn) / frequency
-    return float(2.0 ** (0.25 * np.floor(4.0 * np.log2(step))))
+    few = NUMERICS.steps_an_octave
+    return float(2.0 ** (np.floor(few * np.log2(step)) / few))
 
 
 def _angle_noise(campaign: Campaign, frequency: float) -> float:

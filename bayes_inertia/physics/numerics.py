@@ -45,6 +45,8 @@ class Numerics:
     # without wheels was 2.8e-4, half of them stayed below 2e-6.
     error_of_step: float = 3e-4
     longest_turn: float = 1.0  # f h at most [rad]
+    # Steps allowed, an octave: 4 % apart. With four, rows a little too far apart cost twice.
+    steps_an_octave: int = 16
     # The largest rate and momentum of a slew are so many times this quantile: outliers do not
     # count.
     largest_quantile: float = 0.95

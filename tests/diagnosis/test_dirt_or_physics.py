@@ -11,6 +11,7 @@ import pytest
 from scipy.signal import lfilter
 
 from bayes_inertia.campaign.sensors import CHANNELS
+from bayes_inertia.diagnosis import clean_start as dirt
 from bayes_inertia.diagnosis.candidates import candidate_effects
 from bayes_inertia.diagnosis.clean_start import (
     CleanStart,
@@ -98,6 +99,16 @@ def test_a_fit_that_stopped_early_is_brought_to_its_end(flown):
     _, final = at_measured_level(start, early)
     assert early.objective - settled.objective > 1e-4
     assert final.objective - settled.objective < 1e-6
+
+
+@pytest.mark.parametrize(("change", "again"), [(1.01, False), (0.99, False), (1.05, True)])
+def test_a_level_that_hardly_changes_asks_for_no_further_round(flown, monkeypatch, change, again):
+    settled = optimizer.estimate(Model(flown.campaign), discount=False)
+    stated = dict.fromkeys(CHANNELS, 1.5)
+    start = CleanStart(settled.model, settled, stated, DirtTreatment())
+    named = replace(settled)
+    monkeypatch.setattr(dirt, "_noise", lambda *_: {**stated, "rate": 1.5 * change})
+    assert (measured_again(start, named) is not None) == again
 
 
 @pytest.mark.long

@@ -14,10 +14,10 @@ from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.inference.laplace import Estimate, Starts
 from bayes_inertia.inference.likelihood import Information, information_blocks
 from bayes_inertia.inference.noise_model import discounted, whitening
-from bayes_inertia.inference.optimizer import distinct_optima, estimate, move_to
+from bayes_inertia.inference.optimizer import distinct_optima, estimate, move_to, resumed
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.physics.effects import by_name
+from bayes_inertia.physics.effects import TorqueNoise, by_name
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.small_campaign import small_campaign
 
@@ -171,3 +171,31 @@ def test_without_a_single_reading_the_estimate_is_the_prior():
     of_prior = [inertia[i][k] for i, k in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
     np.testing.assert_allclose(silent.theta[:6], of_prior, atol=1e-9)
     assert silent.objective == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.slow
+def test_a_fit_goes_on_from_where_it_stood_to_where_a_new_one_ends(small_flown):
+    """Outliers were left out; slews that misfit discounts stay discounted, others are not."""
+
+    def rippled(size, left_out=0):
+        slews = []
+        for slew in small_flown.campaign.slews:
+            ripple = np.sin(2.0 * np.pi * slew.time / 7.0)[:, None] * np.array([1.0, -0.5, 0.3])
+            rate = slew.rate + size * ripple
+            rate[5 : 5 + left_out] = np.nan
+            slews.append(replace(slew, rate=rate))
+        campaign = replace(small_flown.campaign, slews=tuple(slews))
+        return Model(campaign, (TorqueNoise(pieces=4),))
+
+    sigma = float(np.max(small_flown.campaign.rate_sensor.sigma))
+    before = estimate(rippled(3.0 * sigma), starts=1)
+    assert before.discounted
+    for model in (rippled(3.0 * sigma, left_out=3), rippled(0.0)):
+        best, again = estimate(model, starts=1), resumed(before, model)
+        assert again.discounted == best.discounted
+        np.testing.assert_allclose(again.discount, best.discount, rtol=0.1)
+        apart = (again.theta - best.theta) / best.sd
+        assert np.max(np.abs(apart)) < 0.1
+    assert not best.discounted
+    # The control: without a descent it is not there.
+    assert np.max(np.abs((before.theta - best.theta) / best.sd)) > 0.1

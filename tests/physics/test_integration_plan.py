@@ -38,8 +38,10 @@ from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.integration_plan import (
     IntegrationPlan,
     integration_plan,
+    longest_smooth_step,
     motion_scales,
 )
+from bayes_inertia.physics.numerics import NUMERICS
 from bayes_inertia.physics.packing import refined_grid
 from bayes_inertia.physics.prediction import predict_all
 from bayes_inertia.physics.simulator import simulate_slew
@@ -280,3 +282,19 @@ def test_a_momentum_wheel_that_nothing_measures_may_hold_what_a_rotor_can():
     assert motion_scales(campaign).frequency > held / small.inertia.tensor.max()
     limited = replace(campaign, wheels=(replace(wheel, max_momentum=0.3),))
     assert Model(limited).data.scale.local[6] == 0.3
+
+
+def test_steps_are_as_long_as_the_motion_allows_to_a_twentieth(monkeypatch):
+    """Rows that are just near enough need no step between them."""
+    campaign = small_campaign()
+    motion = motion_scales(campaign)
+    steps = [longest_smooth_step(campaign, motion._replace(turn=k)) for k in np.geomspace(1, 9, 40)]
+    # The step allowed, not rounded down.
+    monkeypatch.setattr(
+        "bayes_inertia.physics.integration_plan.NUMERICS",
+        replace(NUMERICS, steps_an_octave=10**6),
+    )
+    exact = [longest_smooth_step(campaign, motion._replace(turn=k)) for k in np.geomspace(1, 9, 40)]
+    shares = np.array(steps) / exact
+    assert shares.min() > 0.95
+    assert shares.max() <= 1.0 + 1e-9
