@@ -98,18 +98,20 @@ def page(of_prior: Sequence[table_page.Row], others: Sequence[table_page.Row]) -
         "",
         "A statement is one answer of one campaign, a row of its table of hypotheses, with its "
         "probability. Made by `analyses/calibration/reliability.py` of the campaigns of "
-        "[table](../naming/table.md).",
+        "[table](../naming/table.md). Where the residuals fit no answer, a report says that the "
+        "probabilities only compare answers with each other: such campaigns make no statement.",
         "",
         "## Campaigns drawn from the prior",
         "",
         f"{len(of_prior)} campaigns hide what the statements assume beforehand, of any size from "
-        "what cannot be seen up to the prior's.",
+        f"what cannot be seen up to the prior's. {table_page.misfits(of_prior)} make no statement.",
         "",
         *table(reliability(of_prior)),
         "",
         "## Campaigns of all other kinds",
         "",
-        f"{len(others)} campaigns. Hidden effects of most of them are as large as an ideal test "
+        f"{len(others)} campaigns, of which {table_page.misfits(others)} make no statement. "
+        "Hidden effects of most of them are as large as an ideal test "
         "finds in 99 %, or larger, and one effect is hidden far more often than several. The "
         "diagnosis cannot know that: it must be cautious here.",
         "",

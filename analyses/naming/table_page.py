@@ -213,8 +213,8 @@ def _probabilities(rows: Sequence[Row]) -> list[str]:
         "",
         "## Stated probabilities",
         "",
-        f"{len(rows)} campaigns drawn from the prior that a diagnosis assumes; every hypothesis"
-        " of their tables.",
+        f"{len(rows)} campaigns drawn from the prior that a diagnosis assumes; every hypothesis of"
+        f" their tables, but of {misfits(rows)} campaigns whose residuals fit no row.",
         "",
         "| stated | mean | true |",
         "|---|---|---|",
@@ -229,14 +229,23 @@ def _probabilities(rows: Sequence[Row]) -> list[str]:
 
 
 def by_probability(rows: Sequence[Row]) -> list[tuple[float, float, list[Row]]]:
-    """From, to, and hypotheses of such a probability `p`, with `true`; empty ones left out."""
+    """From, to, and hypotheses of such a probability `p`, with `true`; empty ones left out.
+
+    Where the residuals fit no row, probabilities only compare rows, and a report says so.
+    """
     told = [
         {"p": _stated(row, kind, p), "true": _is_true(row, kind, effects)}
         for row in rows
+        if row.get("why_unknown") != "misfit"
         for kind, effects, p, _ in row["rows"]
     ]
     bins = [(low, high, [x for x in told if low <= x["p"] < high]) for low, high in pairwise(_BINS)]
     return [each for each in bins if each[2]]
+
+
+def misfits(rows: Sequence[Row]) -> int:
+    """How many campaigns have residuals that fit no row of their tables."""
+    return sum(row.get("why_unknown") == "misfit" for row in rows)
 
 
 def _stated(row: Row, kind: str, probability: float) -> float:

@@ -288,16 +288,17 @@ def fitted_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
 
     Returns: those added, in their order. Where no candidate explains the data, a torque and a rate
     error of free shape (without a rate sensor the torque alone) in their place, and a torque of the
-    wheels where a shape without a name is seen there. Where names explain a part of it, both, but
-    no random effect for which a free shape stands, and no flexible mode: its states cost most of a
-    fit, and what it stands for is not known.
+    wheels, or an error of their tachometers, where a shape without a name is seen there. Where
+    names explain a part of it, both, but no random effect for which a free shape stands, and no
+    flexible mode: its states cost most of a fit, and what it stands for is not known.
     """
     if diagnosis.verdict not in OPEN_VERDICTS:
         return diagnosis.effects_added
     campaign = diagnosis.base.model.campaign
-    # A torque on the body alone would contradict the tachometers.
-    at_wheels = diagnosis.nameless_source == SOURCES["delivered_torque"]
-    shapes = REMAINDERS if at_wheels else remainders("both")
+    seen = [hook for hook, source in SOURCES.items() if source == diagnosis.nameless_source]
+    usual = remainders("both")
+    # Others alone would contradict the sensors that see it.
+    shapes = tuple(e for e in REMAINDERS if e in usual or any(map(e.acts, seen)))
     free = tuple(shape for shape in shapes if shape.coefficient_count(campaign))
     if diagnosis.verdict == "unknown":
         return free

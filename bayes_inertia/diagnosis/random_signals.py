@@ -16,9 +16,9 @@ squared-exponential kernel, of any length), and one that is the same in every sl
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -35,11 +35,9 @@ from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect, require_of_effect
 from bayes_inertia.physics.effects import REMAINDERS, STOCHASTIC
 from bayes_inertia.physics.effects.formula import PLACES
-from bayes_inertia.physics.effects.scales import sd_and_time
-from bayes_inertia.physics.effects.tachometer_noise_walk import TachometerNoiseWalk
+from bayes_inertia.physics.effects.tachometer_noise_walk import TachometerRemainder
 from bayes_inertia.physics.forward_model import Model, lacks
 from bayes_inertia.physics.named_effects import effects_named
-from bayes_inertia.physics.processes import Process
 from bayes_inertia.physics.stated_noise import stated_terms
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
@@ -221,7 +219,8 @@ def random_members(
 
     `driven`: whether a shape may follow something known; not where formulas say what it follows.
     """
-    fit, shapes = linear.fit, (TachometerShape(),) if nameless else ()
+    # Where no effect has knots. Its prior is no wider than that of effects with a name.
+    fit, shapes = linear.fit, (TachometerRemainder(factor_sd=1.5),) if nameless else ()
     both = usable((*effects, *shapes), fit.model, fit.residual.size)
     model = Model(fit.model.campaign, both, fit.model.structure.drive)
     roots = zip(*(roots_at(model, x) for x in LIMITS.shapes), strict=True)
@@ -230,7 +229,7 @@ def random_members(
     unnamed: dict[str, list[list[Signal]]] = {}
     for effect, own in zip(both, roots, strict=True):
         source = next(name for hook, name in SOURCES.items() if effect.acts(hook))
-        has_name = not isinstance(effect, TachometerShape)
+        has_name = not isinstance(effect, TachometerRemainder)
         if not has_name and source in unnamed:
             continue
         columns = coefficient_columns(response, effect)
@@ -317,17 +316,3 @@ def _signal(
     matrix, gradient = projected.matrix.reshape(n, n), projected.gradient.ravel()
     found = signal_of(matrix, gradient, cross.reshape(n, -1), root, largest)
     return found if kept else replace(found, basis=np.zeros((0, len(found.powers))))
-
-
-@dataclass(frozen=True)
-class TachometerShape(TachometerNoiseWalk):
-    """An error of the tachometers on knots: the shape without a name where no effect has knots."""
-
-    name: ClassVar[str] = "tachometer_shape"
-
-    def parameters(self, campaign):
-        sigma = [wheel.momentum_sigma for wheel in campaign.wheels if wheel.momentum_sigma]
-        return sd_and_time(campaign, "N m s", max(sigma), None, 1.5) if sigma else ()
-
-    def reading_noise(self, p):
-        return Process("momentum", p["sd"], p["time"], self.knots)

@@ -11,9 +11,11 @@ from bayes_inertia.app.diagnosis_json import next_fit_from
 from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.diagnosis.quoted_parameters import fitted_effects, quoted_parameters
 from bayes_inertia.diagnosis.residuals import scan_residuals
+from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
 from bayes_inertia.inference.optimizer import with_noise
 from bayes_inertia.physics.effects import by_name
+from bayes_inertia.physics.effects.tachometer_noise_walk import TachometerRemainder
 from bayes_inertia.physics.effects.wheel_torque_noise import WheelTorqueRemainder
 from bayes_inertia.physics.named_effects import remainders
 from bayes_inertia.physics.small_campaign import small_campaign
@@ -71,7 +73,7 @@ def test_what_is_named_is_fitted_and_imitations_give_way_to_free_shapes(lagging)
 
 
 def test_free_shapes_are_those_that_a_campaign_can_have():
-    """Without a rate sensor a torque alone; a torque of the wheels where one is seen."""
+    """Without a rate sensor a torque alone; of wheels, or tachometers, where it is seen."""
     campaign = small_campaign()
     gyroless = replace(
         campaign,
@@ -79,13 +81,36 @@ def test_free_shapes_are_those_that_a_campaign_can_have():
         slews=tuple(replace(slew, rate=None) for slew in campaign.slews),
     )
     at_wheels = "wheel torque", (WheelTorqueRemainder(),)
+    in_readings = "tachometers", (TachometerRemainder(),)
     for flown, shapes in ((campaign, FREE), (gyroless, FREE[:1])):
         base = SimpleNamespace(model=SimpleNamespace(campaign=flown))
-        for source, more in (("", ()), ("body torque", ()), at_wheels):
+        for source, more in (("", ()), ("body torque", ()), at_wheels, in_readings):
             imitated = {"verdict": "unknown", "effects_added": (), "nameless_source": source}
             assert fitted_effects(SimpleNamespace(base=base, **imitated)) == (*shapes, *more)
     # What acts where no shape is free keeps its name.
     walk = by_name(["tachometer_noise_walk"])
     base = SimpleNamespace(model=SimpleNamespace(campaign=campaign))
-    partly = {"verdict": "partial", "effects_added": walk, "nameless_source": "tachometers"}
-    assert fitted_effects(SimpleNamespace(base=base, **partly)) == (*walk, *FREE)
+    for source, expected in (
+        ("rate sensor", (*walk, *FREE)),
+        ("tachometers", (*FREE, TachometerRemainder())),
+    ):
+        partly = {"verdict": "partial", "effects_added": walk, "nameless_source": source}
+        assert fitted_effects(SimpleNamespace(base=base, **partly)) == expected
+
+
+@pytest.mark.long
+@pytest.mark.slow
+def test_a_strong_error_of_tachometers_without_a_name_leaves_a_fit_that_holds(flown):
+    """Smooth, of a hundred sds of a reading: no torque can explain it."""
+    rng, slews = np.random.default_rng(3), []
+    sigma = np.array([wheel.momentum_sigma for wheel in flown.campaign.wheels])
+    for slew in flown.campaign.slews:
+        knots = np.linspace(0.0, slew.time[-1], 6)
+        error = np.stack([np.interp(slew.time, knots, rng.normal(size=6)) for _ in sigma], -1)
+        slews.append(replace(slew, wheel_momentum=slew.wheel_momentum + 100.0 * sigma * error))
+    found = diagnose(replace(flown.campaign, slews=tuple(slews)))
+    assert found.nameless_source == "tachometers"
+    assert found.verdict == "unknown"
+    quoted = quoted_parameters(found)
+    truth = np.concatenate([flown.truth.J, flown.truth.K])
+    assert np.max(np.abs(quoted.mean - truth) / quoted.sd) < 3.5

@@ -79,7 +79,7 @@ def test_columns_are_those_of_the_effects_own_model(plain):
 
 def test_the_usual_candidates_are_the_named_ones():
     names = {e.name for e in STOCHASTIC_CANDIDATES}
-    free = {"torque_remainder", "rate_remainder", "wheel_torque_remainder"}
+    free = {f"{place}_remainder" for place in ("torque", "rate", "wheel_torque", "tachometer")}
     assert names == {e.name for e in STOCHASTIC} - free
 
 

@@ -35,7 +35,10 @@ from bayes_inertia.physics.effects.sensor_misalignment import (
 from bayes_inertia.physics.effects.star_tracker_low_frequency import StarTrackerLowFrequency
 from bayes_inertia.physics.effects.star_tracker_shift import StarTrackerShift
 from bayes_inertia.physics.effects.star_tracker_time_offset import StarTrackerTimeOffset
-from bayes_inertia.physics.effects.tachometer_noise_walk import TachometerNoiseWalk
+from bayes_inertia.physics.effects.tachometer_noise_walk import (
+    TachometerNoiseWalk,
+    TachometerRemainder,
+)
 from bayes_inertia.physics.effects.torque_noise import TorqueNoise, TorqueRemainder
 from bayes_inertia.physics.effects.viscous_torque import ViscousTorque
 from bayes_inertia.physics.effects.wheel_command_lag import WheelCommandLag
@@ -78,6 +81,7 @@ STOCHASTIC: tuple[Effect, ...] = (
     RateRemainder(),
     TorqueRemainder(),
     WheelTorqueRemainder(),
+    TachometerRemainder(),
 )
 
 # What stands for everything without a name, where a model is known to be incomplete.
@@ -85,6 +89,7 @@ REMAINDERS: tuple[StochasticEffect, ...] = (
     TorqueRemainder(),
     RateRemainder(),
     WheelTorqueRemainder(),
+    TachometerRemainder(),
 )
 
 

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from bayes_inertia.physics.effects.scales import sd_and_time
 from bayes_inertia.physics.parameters import LogNormal, scalar
 from bayes_inertia.physics.processes import Process
 from bayes_inertia.physics.stochastic_effect import ReadingNoise
@@ -57,3 +58,38 @@ class TachometerNoiseWalk(ReadingNoise):
 
     def momentum_output(self, p, slew, trajectory, momentum):
         return momentum + self.signal(p, slew, slew.time) if p["coefficients"].size else momentum
+
+
+@dataclass(frozen=True)
+class TachometerRemainder(TachometerNoiseWalk):
+    """An error of the tachometers without a name, with covariance sd^2 exp(-|t - t'| / time).
+
+    A diagnosis fits it along where a shape without a name explains the data best there: no torque
+    and no error of the rates can make the readings of the wheels wrong. Its size is known to a
+    factor of 90, its time to a factor of 2 about a fifth of a slew.
+
+    Parameters
+    ----------
+    median : float or None, optional
+        Median of the sd's prior [N m s]; None takes the noise of one reading.
+    factor_sd, knots
+        As `TachometerNoiseWalk`.
+
+    Examples
+    --------
+    >>> TachometerRemainder().factor_sd
+    2.3
+    """
+
+    name: ClassVar[str] = "tachometer_remainder"
+    signal_title: ClassVar[str] = "tachometer error without a name"
+    factor_sd: float = 2.3
+
+    def parameters(self, campaign):
+        sigma = [wheel.momentum_sigma for wheel in campaign.wheels if wheel.momentum_sigma]
+        if not sigma:
+            return ()
+        return sd_and_time(campaign, "N m s", self.median or max(sigma), None, self.factor_sd)
+
+    def reading_noise(self, p):
+        return Process("momentum", p["sd"], p["time"], self.knots)
