@@ -112,5 +112,5 @@ def test_a_strong_error_of_tachometers_without_a_name_leaves_a_fit_that_holds(fl
     assert found.nameless_source == "tachometers"
     assert found.verdict == "unknown"
     quoted = quoted_parameters(found)
-    truth = np.concatenate([flown.truth.J, flown.truth.K])
+    truth = flown.truth.theta[:9]
     assert np.max(np.abs(quoted.mean - truth) / quoted.sd) < 3.5
