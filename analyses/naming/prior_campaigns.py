@@ -17,10 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from analyses.naming.fixed_shape_campaigns import (
-    draw,
-    plain_fit,
-)
+from analyses.naming.fixed_shape_campaigns import draw, plain_fit
 from analyses.naming.stochastic_campaigns import (
     OF_TACHOMETERS,
     RANDOM,
@@ -36,7 +33,6 @@ from bayes_inertia.diagnosis.candidates import (
     frequencies,
     oscillator_columns,
 )
-from bayes_inertia.diagnosis.formulas import DRIVEN_BY_LIBRARY, told_blocks
 from bayes_inertia.diagnosis.hypothesis_table import (
     FixedMember,
     RandomMember,
@@ -49,8 +45,10 @@ from bayes_inertia.diagnosis.random_signals import (
     NAMELESS,
     SOURCES,
     STOCHASTIC_CANDIDATES,
+    driven_blocks,
     random_members,
     roots_at,
+    smooth_roots,
 )
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.flight.plan_flight import Flight
@@ -58,7 +56,7 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import move_to
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, by_name
-from bayes_inertia.physics.effects.formula import PLACES, Formula
+from bayes_inertia.physics.effects.formula import Formula
 from bayes_inertia.physics.forward_model import Model
 
 _AT_MOST = 3  # hidden at once
@@ -207,12 +205,7 @@ class _Weighed:
         source = str(self.rng.choice(present))
         member = self.random[NAMELESS[source]]
         form, size = self._form(member)
-        followed = [
-            block.formula
-            for block in told_blocks(self.response)
-            if (block.formula.place, block.formula.driver) not in DRIVEN_BY_LIBRARY
-            and SOURCES[PLACES[block.formula.place].hook] == source
-        ]
+        followed = [b.formula for place, b in driven_blocks(self.response) if place == source]
         # Smooth ones of several lengths, as many that repeat, then those that follow something.
         lengths = (len(member.signals) - len(followed)) // 2
         size = float(member.signals[form].sizes[size])
@@ -246,11 +239,8 @@ class _Shape:
         """A smooth signal, straight between the knots of that effect."""
         (of_effect,) = roots_at(Model(campaign, by_name([kind])), 0.0)
         slews, axes, knots, _ = of_effect.blocks.shape
-        sd = np.sqrt(np.mean(np.sum(of_effect.blocks**2, -1)))
-        length = np.geomspace(LIMITS.shortest, knots, LIMITS.lengths)[self.length]
-        apart = np.subtract.outer(np.arange(knots), np.arange(knots))
-        kernel = np.exp(-0.5 * (apart / length) ** 2) + LIMITS.jitter * np.eye(knots)
-        drawn = sd * np.linalg.cholesky(kernel) @ rng.normal(size=(slews, knots, axes))
+        root = smooth_roots(of_effect.blocks)[self.length]
+        drawn = root @ rng.normal(size=(slews, knots, axes))
         drawn = drawn[[0] * slews] if self.alike else drawn
         return RandomSignal(self.size, kind, straight_between(campaign, drawn))
 

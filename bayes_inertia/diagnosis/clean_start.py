@@ -151,12 +151,12 @@ def with_louder_noise(start: CleanStart, final: Estimate, rules: Rules) -> Clean
     structured = any(tests[c].is_structured for c in channels)
     if start.as_stated or not channels or structured or is_explained(tests, rules):
         return None
-    return _at_level_of(start, final, replace(start.treatment, by_residuals=channels))
+    treatment = replace(start.treatment, by_residuals=channels)
+    return _at_level(start, _noise(final, treatment), treatment)
 
 
-def _at_level_of(start: CleanStart, fit: Estimate, treatment: DirtTreatment) -> CleanStart:
-    """The start with its noise at the level that a fit leaves, the telemetry as it is."""
-    noise = _noise(fit, treatment)
+def _at_level(start: CleanStart, noise: dict[str, float], treatment: DirtTreatment) -> CleanStart:
+    """The start with its noise at another level, the telemetry as it is."""
     base = optimizer.with_noise(start.base, noise)
     return replace(start, base=base, noise=noise, treatment=treatment)
 
@@ -165,9 +165,7 @@ def _restarted(start: CleanStart, treatment: DirtTreatment, fit: Estimate) -> Cl
     """The start with another treatment, its noise at the level that a fit leaves."""
     base = _treated(start, start.base, treatment)
     fit = base if fit is start.base else _treated(start, fit, treatment)
-    noise = _noise(fit, treatment)
-    base = optimizer.with_noise(base, noise)
-    return replace(start, base=base, noise=noise, treatment=treatment)
+    return _at_level(replace(start, base=base), _noise(fit, treatment), treatment)
 
 
 def _treated(start: CleanStart, estimate: Estimate, treatment: DirtTreatment) -> Estimate:
@@ -211,9 +209,10 @@ def measured_again(start: CleanStart, final: Estimate) -> CleanStart | None:
             treatment = replace(treatment, masked=masked)
     if treatment != start.treatment:
         return _restarted(start, treatment, final)
-    if final is start.base or _is_settled(start.noise, _noise(final, treatment)):
+    if final is start.base:
         return None
-    return _at_level_of(start, final, treatment)
+    noise = _noise(final, treatment)
+    return None if _is_settled(start.noise, noise) else _at_level(start, noise, treatment)
 
 
 def _is_settled(before: Mapping[str, float], after: Mapping[str, float]) -> bool:

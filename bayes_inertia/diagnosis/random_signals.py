@@ -15,7 +15,7 @@ squared-exponential kernel, of any length), and one that is the same in every sl
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 from typing import NamedTuple
@@ -25,7 +25,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import logsumexp
 
-from bayes_inertia.diagnosis.formulas import DRIVEN_BY_LIBRARY, told_blocks
+from bayes_inertia.diagnosis.formulas import DRIVEN_BY_LIBRARY, Block, told_blocks
 from bayes_inertia.diagnosis.hypothesis_table import RandomMember, Signal, signal_of
 from bayes_inertia.diagnosis.limits import LIMITS
 from bayes_inertia.diagnosis.linear_system import LinearModel, ProjectedSignal
@@ -286,25 +286,39 @@ def _free(
     """
     blocks, same = roots[LIMITS.shapes.index(0.0)].blocks, signal.repeated()
     kinds: list[list[Signal]] = [[], []]
-    m, sd = blocks.shape[-1], np.sqrt(np.mean(np.sum(blocks**2, -1)))
-    apart = np.subtract.outer(np.arange(m), np.arange(m))
-    for length in np.geomspace(LIMITS.shortest, m, LIMITS.lengths):
-        kernel = np.exp(-0.5 * (apart / length) ** 2) + LIMITS.jitter * np.eye(m)
-        root = np.broadcast_to(sd * np.linalg.cholesky(kernel), blocks.shape)
+    for smooth in smooth_roots(blocks):
+        root = np.broadcast_to(smooth, blocks.shape)
         kinds[0].append(_signal(signal, dense(root), largest))
         kinds[1].append(_signal(same, dense(root[:1]), largest))
     return kinds
 
 
-def _driven(linear: LinearModel, response: TorqueResponse) -> dict[str, list[Signal]]:
-    """Disturbances in proportion to something known, along any axes: by where they enter."""
-    found: dict[str, list[Signal]] = {}
+def smooth_roots(blocks: np.ndarray) -> list[np.ndarray]:
+    """Roots (m, m) of smooth signals of each length, as large as those of an effect on m knots.
+
+    `blocks` (slews, b, m, m): roots of the effect's coefficients.
+    """
+    m, sd = blocks.shape[-1], np.sqrt(np.mean(np.sum(blocks**2, -1)))
+    apart, jitter = np.subtract.outer(np.arange(m), np.arange(m)), LIMITS.jitter * np.eye(m)
+    lengths = np.geomspace(LIMITS.shortest, m, LIMITS.lengths)
+    kernels = (np.exp(-0.5 * (apart / length) ** 2) + jitter for length in lengths)
+    return [sd * np.linalg.cholesky(kernel) for kernel in kernels]
+
+
+def driven_blocks(response: TorqueResponse) -> Iterator[tuple[str, Block]]:
+    """What follows something known and is no effect of the library, and where it enters."""
     for block in told_blocks(response):
         formula = block.formula
         if (formula.place, formula.driver) not in DRIVEN_BY_LIBRARY:
-            signal = linear.projected(block.columns).repeated()
-            source = SOURCES[PLACES[formula.place].hook]
-            found.setdefault(source, []).append(_signal(signal, np.eye(signal.gradient.size), 1.0))
+            yield SOURCES[PLACES[formula.place].hook], block
+
+
+def _driven(linear: LinearModel, response: TorqueResponse) -> dict[str, list[Signal]]:
+    """Disturbances in proportion to something known, along any axes: by where they enter."""
+    found: dict[str, list[Signal]] = {}
+    for source, block in driven_blocks(response):
+        signal = linear.projected(block.columns).repeated()
+        found.setdefault(source, []).append(_signal(signal, np.eye(signal.gradient.size), 1.0))
     return found
 
 

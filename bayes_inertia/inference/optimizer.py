@@ -113,7 +113,7 @@ def estimate(
     agreeing = sum(count for settled, _, count in optima if settled[1] < best[1] + 1.0)
     counts = Starts(agreeing, len(descents))
     fitted = _estimate_of(model, *best, full, free, counts)
-    return _as_misfit_asks(fitted, gentle_end) if discount else _with_densities(fitted)
+    return _discounted_for_misfit(fitted, gentle_end) if discount else _with_densities(fitted)
 
 
 def resumed(previous: Estimate, model: Model) -> Estimate:
@@ -129,10 +129,10 @@ def resumed(previous: Estimate, model: Model) -> Estimate:
             return fitted
     full = np.ones_like(previous.discount)
     optimum = _optimum_with_noise(model, point, full, free)
-    return _as_misfit_asks(_estimate_of(model, *optimum, full, free, starts), point)
+    return _discounted_for_misfit(_estimate_of(model, *optimum, full, free, starts), point)
 
 
-def _as_misfit_asks(fitted: Estimate, gentle_end: Point) -> Estimate:
+def _discounted_for_misfit(fitted: Estimate, gentle_end: Point) -> Estimate:
     """The estimate under the densities asked for, or with its slews discounted for their misfit."""
     if not fitted.model.noise.is_stated:
         return _with_densities(fitted)

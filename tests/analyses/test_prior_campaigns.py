@@ -74,7 +74,7 @@ def test_sizes_are_those_that_the_table_weighs(weighed):
     normal = np.log(np.abs(rng.normal(size=DRAWS)))
     wanted = normal + rng.uniform(*np.log(stated[[0, -1]]), DRAWS)
     assert stats.ks_2samp(drawn, wanted).pvalue > 1e-4
-    # The control: the smallest size a tenth of a decade larger.
+    # The control: the smallest size a fifth of a decade larger.
     wrong = normal + rng.uniform(np.log(stated[0]) + 0.5, np.log(stated[-1]), DRAWS)
     assert stats.ks_2samp(drawn, wrong).pvalue < 1e-4
 
