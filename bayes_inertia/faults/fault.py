@@ -11,6 +11,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from bayes_inertia.maths.values import json_ready
+
 DirtKind = Literal[
     "outliers",
     "gap",
@@ -66,14 +68,7 @@ class Dirt:
         dict
             With the keys kind, channel, slew, rows, treated and note.
         """
-        return {
-            "kind": self.kind,
-            "channel": self.channel,
-            "slew": self.slew,
-            "rows": list(self.rows),
-            "treated": self.treated,
-            "note": self.note,
-        }
+        return json_ready(self)
 
 
 @dataclass(frozen=True, eq=False)

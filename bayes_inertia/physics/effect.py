@@ -12,21 +12,18 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import BayesInertiaError, EffectError
 from bayes_inertia.files import vocabulary
 from bayes_inertia.physics.parameters import Parameter
 from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory
 from bayes_inertia.physics.slew_input import InputRows
-
-if TYPE_CHECKING:
-    from bayes_inertia.campaign.campaign import Campaign
-
 
 # The parameters of one effect by name, each () or (components,).
 Values = Mapping[str, Array]

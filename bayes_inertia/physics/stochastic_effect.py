@@ -11,18 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jax import Array
 
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.physics.effect import Effect, RowByRow, require_of_effect
 from bayes_inertia.physics.processes import Process
 from bayes_inertia.physics.random_basis import hat_functions, on_axes, on_each_axis, slew_fraction
 from bayes_inertia.physics.slew_context import SlewContext
-
-if TYPE_CHECKING:
-    from bayes_inertia.campaign.campaign import Campaign
 
 
 @dataclass(frozen=True)

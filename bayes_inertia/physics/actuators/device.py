@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 from jax import Array
 
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.parameters import Normal, Parameter, scalar, vector
-
-if TYPE_CHECKING:
-    from bayes_inertia.campaign.campaign import Campaign
 
 
 def error_of(record: Any, kind: str, sd: float) -> Parameter:
@@ -80,8 +78,8 @@ class ToldTorque(DeviceEffect):
 class TorquerTorque(DeviceEffect):
     """The dipole's cross product with the field in body axes."""
 
-    needs: ClassVar[tuple[str, ...]] = ("magnetic_field_N",)
-    by: ClassVar[str] = "dipole times field"
+    needs = ("magnetic_field_N",)
+    by = "dipole times field"
 
     def stated(self, given, gains=1.0):
         return (given * gains) @ self.record.axes_B
@@ -95,7 +93,7 @@ class TorquerTorque(DeviceEffect):
 class ThrusterTorque(DeviceEffect):
     """The sum of the thrusters' torques by their levels, 0 to 1 of full thrust."""
 
-    by: ClassVar[str] = "thrust times arm"
+    by = "thrust times arm"
 
     def stated(self, given, gains=1.0):
         return (given * gains) @ self.record.torque_B

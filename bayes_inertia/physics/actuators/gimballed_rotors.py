@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -21,7 +21,7 @@ from bayes_inertia.physics.stochastic_effect import StochasticEffect
 class RotorMomentum(DeviceEffect):
     """Each rotor's momentum turns about its gimbal axis; total momentum stays what it was."""
 
-    by: ClassVar[str] = "momentum"
+    by = "momentum"
 
     def stated(self, given, gains=1.0):
         return (self.record.momentum * gains) @ _directions(self.record, given, jnp)[0]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import jax.numpy as jnp
 from jax import Array
@@ -80,8 +79,8 @@ class ActuatorGain(ActuatorError):
     'gain[torquers]'
     """
 
-    name: ClassVar[str] = "actuator_gain"
-    kind: ClassVar[str] = "gain"
+    name = "actuator_gain"
+    kind = "gain"
     sigma: float = 0.05
 
 
@@ -101,8 +100,8 @@ class ActuatorDirection(ActuatorError):
     'direction[jets]'
     """
 
-    name: ClassVar[str] = "actuator_direction"
-    kind: ClassVar[str] = "direction"
+    name = "actuator_direction"
+    kind = "direction"
     sigma: float = 0.02
 
 
@@ -121,8 +120,8 @@ class ActuatorEachGain(ActuatorError):
     'each_gain[jets]'
     """
 
-    name: ClassVar[str] = "actuator_each_gain"
-    kind: ClassVar[str] = "each_gain"
+    name = "actuator_each_gain"
+    kind = "each_gain"
     sigma: float = 0.05
 
 
@@ -144,8 +143,8 @@ class ActuatorDelay(ActuatorError):
     'delay[torquers]'
     """
 
-    name: ClassVar[str] = "actuator_delay"
-    kind: ClassVar[str] = "delay"
+    name = "actuator_delay"
+    kind = "delay"
     sigma: float | None = None
 
     def acts(self, hook):

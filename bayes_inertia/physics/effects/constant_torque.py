@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from bayes_inertia.physics.effect import SmoothTorque
 from bayes_inertia.physics.effects.scales import torque_scale
@@ -28,7 +27,7 @@ class ConstantTorque(SmoothTorque):
     ('torque_x', 'torque_y', 'torque_z')
     """
 
-    name: ClassVar[str] = "constant_torque"
+    name = "constant_torque"
     sigma: float | None = None
 
     def parameters(self, campaign):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
 import jax.numpy as jnp
@@ -16,8 +17,8 @@ from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
-def _forwarding_hooks(cls: Any) -> Any:
-    """Let every hook of a class be that of its inner effect, with the parameters of this slew."""
+def _as_its_inner(cls: Any) -> Any:
+    """Let a class be as its inner effect is; hooks have the parameters of this slew."""
 
     def forwarded(hook: str) -> Any:
         def call(self: EachSlew, p: Mapping[str, Array], slew: SlewContext, *rest: Any) -> Any:
@@ -28,10 +29,14 @@ def _forwarding_hooks(cls: Any) -> Any:
 
     for hook in (*BODY_HOOKS, *LOOKING_BACK):
         setattr(cls, hook, forwarded(hook))
+    for key in ("name", "needs", "inputs"):
+        setattr(cls, key, property(attrgetter(f"inner.{key}")))
+    for key in ("afterwards", "acts", "max_step", "looks_between_rows"):
+        setattr(cls, key, lambda self, *given, key=key: getattr(self.inner, key)(*given))
     return cls
 
 
-@_forwarding_hooks
+@_as_its_inner
 @dataclass(frozen=True)
 class EachSlew(Effect):
     """An effect that differs from slew to slew.
@@ -85,34 +90,6 @@ class EachSlew(Effect):
         nulls = tuple((p.name, p.null) for p in parameters)
         count, scale = len(campaign.slews), inner.prior_scale
         return cls(inner, count, scalars, nulls, device=inner.device, prior_scale=scale)
-
-    @property
-    def name(self) -> str:  # type: ignore[override]
-        """The inner effect's name."""
-        return self.inner.name
-
-    @property
-    def needs(self) -> tuple[str, ...]:  # type: ignore[override]
-        """The inner effect's environment columns."""
-        return self.inner.needs
-
-    @property
-    def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
-        """The inner effect's inputs."""
-        return self.inner.inputs
-
-    def afterwards(self) -> Effect:
-        """The inner effect after the campaign; only its prior says how strong it is then."""
-        return self.inner.afterwards()
-
-    def acts(self, hook: str) -> bool:
-        return self.inner.acts(hook)
-
-    def max_step(self, campaign):
-        return self.inner.max_step(campaign)
-
-    def looks_between_rows(self, campaign):
-        return self.inner.looks_between_rows(campaign)
 
     def parameters(self, campaign):
         return tuple(self._repeated(p) for p in self.inner.parameters(campaign))

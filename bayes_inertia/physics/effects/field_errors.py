@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -28,8 +27,8 @@ class FieldOffset(RowByRow):
     'offset[magnetometer]'
     """
 
-    name: ClassVar[str] = "field_offset"
-    kind: ClassVar[str] = "offset"
+    name = "field_offset"
+    kind = "offset"
     share: float = 0.05
 
     def parameters(self, campaign):
@@ -59,8 +58,8 @@ class FieldScale(RowByRow):
     'scale[magnetometer]'
     """
 
-    name: ClassVar[str] = "field_scale"
-    kind: ClassVar[str] = "scale"
+    name = "field_scale"
+    kind = "scale"
     sigma: float = 0.03
 
     def parameters(self, campaign):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -48,7 +47,7 @@ class FlexibleMode(Effect):
     ['coupling', 'frequency', 'damping']
     """
 
-    name: ClassVar[str] = "flexible_mode"
+    name = "flexible_mode"
     sigma: float | None = None
     frequency: float | None = None
     frequency_spread: float = 0.6
@@ -56,7 +55,7 @@ class FlexibleMode(Effect):
     damping_spread: float = 0.7
     # Steps per period at the prior's upper end (two sd): Runge-Kutta is then wrong by 4e-3 rad of
     # phase a period there, by 1e-4 at the median.
-    steps_a_period: ClassVar[float] = 12.0
+    steps_a_period = 12.0
 
     def parameters(self, campaign):
         sigma = (

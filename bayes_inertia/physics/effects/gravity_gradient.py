@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import jax.numpy as jnp
 
@@ -36,8 +35,8 @@ class GravityGradient(SmoothTorque):
     ('factor',)
     """
 
-    name: ClassVar[str] = "gravity_gradient"
-    needs: ClassVar[tuple[str, ...]] = ("position_N",)
+    name = "gravity_gradient"
+    needs = ("position_N",)
     sigma: float = 1.0
     mu: float = 3.986004418e14
 

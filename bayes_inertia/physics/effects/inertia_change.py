@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import jax.numpy as jnp
 
@@ -39,7 +38,7 @@ class InertiaChange(Effect):
     ('change_Jxx', 'change_Jyy')
     """
 
-    name: ClassVar[str] = "inertia_change"
+    name = "inertia_change"
     sigma: float | None = None
     from_slew: int | None = None
 

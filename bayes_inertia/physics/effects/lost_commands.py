@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -26,7 +25,7 @@ class LostCommands(StochasticEffect):
     0
     """
 
-    name: ClassVar[str] = "lost_commands"
+    name = "lost_commands"
 
     def coefficient_count(self, campaign):
         pieces = [

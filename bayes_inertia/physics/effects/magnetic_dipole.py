@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -32,8 +31,8 @@ class MagneticDipole(SmoothTorque):
     'A m^2'
     """
 
-    name: ClassVar[str] = "magnetic_dipole"
-    needs: ClassVar[tuple[str, ...]] = ("magnetic_field_N",)
+    name = "magnetic_dipole"
+    needs = ("magnetic_field_N",)
     sigma: float | None = None
 
     def parameters(self, campaign):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -33,8 +32,8 @@ class RateBias(RowByRow):
     ('bias_x', 'bias_y', 'bias_z')
     """
 
-    name: ClassVar[str] = "rate_bias"
-    kind: ClassVar[str] = "bias"
+    name = "rate_bias"
+    kind = "bias"
     sigma: float | None = None
 
     def parameters(self, campaign):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -33,8 +32,8 @@ class RateBiasDrift(RowByRow):
     'rad/s^2'
     """
 
-    name: ClassVar[str] = "rate_bias_drift"
-    kind: ClassVar[str] = "bias_drift"
+    name = "rate_bias_drift"
+    kind = "bias_drift"
     sigma: float | None = None
 
     def parameters(self, campaign):

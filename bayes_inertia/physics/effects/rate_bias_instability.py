@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -41,8 +40,8 @@ class RateBiasInstability(RateNoise):
     27
     """
 
-    name: ClassVar[str] = "rate_bias_instability"
-    signal_title: ClassVar[str] = "wandering rate bias"
+    name = "rate_bias_instability"
+    signal_title = "wandering rate bias"
     median_sd: float | None = None
     median_time: float | None = None
     factor_sd: float = 1.5
@@ -75,6 +74,6 @@ class RateRemainder(RateBiasInstability):
     2.3
     """
 
-    name: ClassVar[str] = "rate_remainder"
-    signal_title: ClassVar[str] = "rate error without a name"
+    name = "rate_remainder"
+    signal_title = "rate error without a name"
     factor_sd: float = 2.3

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -35,7 +34,7 @@ class RateBiasSlewDrift(RowByRow, StochasticEffect):
     3
     """
 
-    name: ClassVar[str] = "rate_bias_slew_drift"
+    name = "rate_bias_slew_drift"
     median: float | None = None
     factor_sd: float = 1.5
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -17,9 +16,9 @@ from bayes_inertia.physics.stochastic_effect import ReadingNoise
 class RateNoise(ReadingNoise):
     """Base of processes that each axis of the first rate sensor has."""
 
-    signal_quantity: ClassVar[str] = "rate error"
-    signal_unit: ClassVar[str] = "rad/s"
-    signal_components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
+    signal_quantity = "rate error"
+    signal_unit = "rad/s"
+    signal_components = ("x", "y", "z")
 
     def components(self, campaign):
         return len(rate_axes(campaign))
@@ -64,8 +63,8 @@ class RateRandomWalk(RateNoise):
     51
     """
 
-    name: ClassVar[str] = "rate_random_walk"
-    signal_title: ClassVar[str] = "random walk of the rate bias"
+    name = "rate_random_walk"
+    signal_title = "random walk of the rate bias"
     median: float | None = None
     factor_sd: float = 1.5
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import jax.numpy as jnp
 from jax import Array
@@ -40,8 +39,8 @@ class RateSensorDelay(Effect):
     ('tau',)
     """
 
-    name: ClassVar[str] = "rate_sensor_delay"
-    kind: ClassVar[str] = "delay"
+    name = "rate_sensor_delay"
+    kind = "delay"
     sigma: float | None = None
     told: bool = False
 
@@ -75,7 +74,7 @@ class DirectionDelay(RateSensorDelay):
     'delay[sun]'
     """
 
-    name: ClassVar[str] = "direction_delay"
+    name = "direction_delay"
 
     def rate_output(self, p, slew, trajectory, rate_S):
         return rate_S

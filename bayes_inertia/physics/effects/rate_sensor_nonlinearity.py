@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -32,8 +31,8 @@ class RateSensorNonlinearity(RowByRow):
     0.003
     """
 
-    name: ClassVar[str] = "rate_sensor_nonlinearity"
-    kind: ClassVar[str] = "nonlinearity"
+    name = "rate_sensor_nonlinearity"
+    kind = "nonlinearity"
     sigma: float = 0.003
 
     def parameters(self, campaign):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.effect import RowByRow
@@ -26,7 +25,7 @@ class Misalignment(RowByRow):
     ('angle_x', 'angle_y', 'angle_z')
     """
 
-    kind: ClassVar[str] = "misalignment"
+    kind = "misalignment"
     sigma: float = 3e-3
 
     def parameters(self, campaign):
@@ -47,7 +46,7 @@ class RateSensorMisalignment(Misalignment):
         As of `Misalignment`.
     """
 
-    name: ClassVar[str] = "rate_sensor_misalignment"
+    name = "rate_sensor_misalignment"
 
     def rate_output(self, p, slew, trajectory, rate_S):
         seen_B = quaternion.to_body(quaternion.exp(p["angle"]), trajectory.rate_B)
@@ -71,7 +70,7 @@ class StarTrackerMisalignment(Misalignment):
         As of `Misalignment`.
     """
 
-    name: ClassVar[str] = "star_tracker_misalignment"
+    name = "star_tracker_misalignment"
 
     def attitude_output(self, p, slew, trajectory, attitude):
         return quaternion.turned(attitude, p["angle"])
@@ -87,7 +86,7 @@ class DirectionMisalignment(Misalignment):
         As of `Misalignment`.
     """
 
-    name: ClassVar[str] = "direction_misalignment"
+    name = "direction_misalignment"
 
     def direction_output(self, p, slew, trajectory, seen_B):
         return quaternion.to_body(quaternion.exp(p["angle"]), seen_B)

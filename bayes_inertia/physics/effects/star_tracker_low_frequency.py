@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -47,8 +46,8 @@ class StarTrackerLowFrequency(RowByRow, StochasticEffect):
     3
     """
 
-    name: ClassVar[str] = "star_tracker_low_frequency"
-    kind: ClassVar[str] = "low_frequency"
+    name = "star_tracker_low_frequency"
+    kind = "low_frequency"
     median: float | None = None
     factor_sd: float = 1.5
     known: bool = False

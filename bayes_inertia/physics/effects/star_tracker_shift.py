@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import jax.numpy as jnp
 
@@ -34,8 +33,8 @@ class StarTrackerShift(RowByRow):
     ('shift_x', 'shift_y', 'shift_z')
     """
 
-    name: ClassVar[str] = "star_tracker_shift"
-    kind: ClassVar[str] = "shift"
+    name = "star_tracker_shift"
+    kind = "shift"
     sigma: float | None = None
 
     def parameters(self, campaign):

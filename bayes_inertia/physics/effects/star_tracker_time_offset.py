@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -36,8 +35,8 @@ class StarTrackerTimeOffset(Effect):
     ('tau',)
     """
 
-    name: ClassVar[str] = "star_tracker_time_offset"
-    kind: ClassVar[str] = "delay"
+    name = "star_tracker_time_offset"
+    kind = "delay"
     sigma: float | None = None
 
     def parameters(self, campaign):

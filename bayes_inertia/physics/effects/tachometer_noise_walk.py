@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.physics.effects.scales import sd_and_time
-from bayes_inertia.physics.parameters import LogNormal, scalar
+from bayes_inertia.physics.parameters import LogNormal, Parameter, scalar
 from bayes_inertia.physics.processes import Process
 from bayes_inertia.physics.stochastic_effect import ReadingNoise
 
@@ -39,15 +39,17 @@ class TachometerNoiseWalk(ReadingNoise):
     51
     """
 
-    name: ClassVar[str] = "tachometer_noise_walk"
+    name = "tachometer_noise_walk"
     median: float | None = None
     factor_sd: float = 1.5
 
     def parameters(self, campaign):
         sigma = [wheel.momentum_sigma for wheel in campaign.wheels if wheel.momentum_sigma]
-        if not sigma:
-            return ()
-        median = self.median or float(np.max(sigma)) / np.sqrt(campaign.scale_of_motion()[1])
+        return self._beside(float(np.max(sigma)), campaign) if sigma else ()
+
+    def _beside(self, sigma: float, campaign: Campaign) -> tuple[Parameter, ...]:
+        """The parameters beside the largest noise of one reading [N m s]."""
+        median = self.median or sigma / np.sqrt(campaign.scale_of_motion()[1])
         return (scalar("density", unit="N m s^0.5", prior=LogNormal(median, self.factor_sd)),)
 
     def components(self, campaign):
@@ -81,15 +83,12 @@ class TachometerRemainder(TachometerNoiseWalk):
     2.3
     """
 
-    name: ClassVar[str] = "tachometer_remainder"
-    signal_title: ClassVar[str] = "tachometer error without a name"
+    name = "tachometer_remainder"
+    signal_title = "tachometer error without a name"
     factor_sd: float = 2.3
 
-    def parameters(self, campaign):
-        sigma = [wheel.momentum_sigma for wheel in campaign.wheels if wheel.momentum_sigma]
-        if not sigma:
-            return ()
-        return sd_and_time(campaign, "N m s", self.median or max(sigma), None, self.factor_sd)
+    def _beside(self, sigma: float, campaign: Campaign) -> tuple[Parameter, ...]:
+        return sd_and_time(campaign, "N m s", self.median or sigma, None, self.factor_sd)
 
     def reading_noise(self, p):
         return Process("momentum", p["sd"], p["time"], self.knots)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.physics.effects.scales import sd_and_time, torque_scale
@@ -82,12 +81,12 @@ class TorqueNoise(PiecewiseTorque):
     27
     """
 
-    name: ClassVar[str] = "torque_noise"
-    signal_title: ClassVar[str] = "random torque on the body"
-    signal_quantity: ClassVar[str] = "torque"
-    signal_unit: ClassVar[str] = "N m"
-    signal_components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
-    steps_a_piece: ClassVar[int] = 4  # integration steps in each piece, at least
+    name = "torque_noise"
+    signal_title = "random torque on the body"
+    signal_quantity = "torque"
+    signal_unit = "N m"
+    signal_components = ("x", "y", "z")
+    steps_a_piece = 4  # integration steps in each piece, at least
 
     def max_step(self, campaign):
         # An edge between pieces is displaced by less than a step.
@@ -116,6 +115,6 @@ class TorqueRemainder(TorqueNoise):
     2.3
     """
 
-    name: ClassVar[str] = "torque_remainder"
-    signal_title: ClassVar[str] = "torque without a name"
+    name = "torque_remainder"
+    signal_title = "torque without a name"
     factor_sd: float = 2.3

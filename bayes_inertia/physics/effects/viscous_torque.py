@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from bayes_inertia.physics.effect import SmoothTorque
 from bayes_inertia.physics.parameters import Normal, vector
@@ -29,7 +28,7 @@ class ViscousTorque(SmoothTorque):
     ('drag_x', 'drag_y', 'drag_z')
     """
 
-    name: ClassVar[str] = "viscous_torque"
+    name = "viscous_torque"
     sigma: float | None = None
 
     def parameters(self, campaign):

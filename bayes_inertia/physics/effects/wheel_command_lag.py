@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -34,7 +33,7 @@ class WheelCommandLag(Effect):
     0.0
     """
 
-    name: ClassVar[str] = "wheel_command_lag"
+    name = "wheel_command_lag"
     sigma: float | None = None
 
     def parameters(self, campaign):

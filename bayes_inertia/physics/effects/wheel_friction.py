@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -40,7 +39,7 @@ class WheelFriction(Effect):
     1.0
     """
 
-    name: ClassVar[str] = "wheel_friction"
+    name = "wheel_friction"
     sigma_coulomb: float | None = None
     sigma_viscous: float | None = None
     smooth_speed: float = 1.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import jax.numpy as jnp
 
@@ -35,7 +34,7 @@ class WheelMisalignment(Effect):
     0.003
     """
 
-    name: ClassVar[str] = "wheel_misalignment"
+    name = "wheel_misalignment"
     sigma: float = 3e-3
 
     def parameters(self, campaign):

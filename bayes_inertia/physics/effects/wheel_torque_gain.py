@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects.scales import per_wheel
@@ -30,7 +29,7 @@ class WheelTorqueGain(Effect):
     0.03
     """
 
-    name: ClassVar[str] = "wheel_torque_gain"
+    name = "wheel_torque_gain"
     sigma: float = 0.03
 
     def parameters(self, campaign):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from bayes_inertia.physics.effects.torque_noise import PiecewiseTorque
 
@@ -31,7 +30,7 @@ class WheelTorqueNoise(PiecewiseTorque):
     27
     """
 
-    name: ClassVar[str] = "wheel_torque_noise"
+    name = "wheel_torque_noise"
 
     def components(self, campaign):
         return len(campaign.wheels)
@@ -59,6 +58,6 @@ class WheelTorqueRemainder(WheelTorqueNoise):
     2.3
     """
 
-    name: ClassVar[str] = "wheel_torque_remainder"
-    signal_title: ClassVar[str] = "torque of the wheels without a name"
+    name = "wheel_torque_remainder"
+    signal_title = "torque of the wheels without a name"
     factor_sd: float = 2.3
