@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -51,17 +51,13 @@ class KnownTorque:
     name: str
     gain_sigma: float = 0.0
     frame: Literal["body", "inertial"] = "body"
+    columns: ClassVar[int] = 3  # numbers of a reading of its input
 
     def __post_init__(self) -> None:
         _check(self)
         known = self.frame in ("body", "inertial")
         what = f"{self.frame!r} is unknown"
         require(known, f"actuators.{self.name}.frame", what, "choose body or inertial")
-
-    @property
-    def columns(self) -> int:
-        """How many numbers a reading of its input has."""
-        return 3
 
 
 @array_dataclass

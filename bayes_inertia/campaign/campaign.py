@@ -180,12 +180,10 @@ class Campaign:
                 what = f"{values.shape[1]} columns for {len(self.wheels)} wheels"
                 one_a_wheel = values.shape[1] == len(self.wheels)
                 require(one_a_wheel, f"{where}.{key}", what, "give one a wheel")
-        require(
-            slew.wheel_torque is None or bool(np.isfinite(slew.wheel_torque).all()),
-            f"{where}.wheel_torque",
-            "a torque is not a number",
-            "the simulator needs every wheel at every row: repair the row or leave the columns out",
-        )
+        finite = slew.wheel_torque is None or bool(np.isfinite(slew.wheel_torque).all())
+        advice = "the simulator needs every wheel at every row: "
+        advice += "repair the row or leave the columns out"
+        require(finite, f"{where}.wheel_torque", "a torque is not a number", advice)
         self._check_rates(slew)
         sensors = dict(self.more_sensors)
         unknown = sorted(set(slew.more or ()) - set(sensors))

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any, Literal, get_args
+from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 
@@ -182,20 +182,14 @@ def _require_physical(tensor: np.ndarray) -> None:
     require(tensor.shape == (3, 3), key, shape, "give three rows of three numbers")
     finite = bool(np.all(np.isfinite(tensor)))
     require(finite, key, "an element is not finite", "give finite numbers")
-    require(
-        np.allclose(tensor, tensor.T, rtol=1e-9, atol=1e-9 * np.abs(tensor).max()),
-        key,
-        "the tensor is not symmetric",
-        "give J[i][j] = J[j][i], products as tensor elements",
-    )
+    symmetric = np.allclose(tensor, tensor.T, rtol=1e-9, atol=1e-9 * np.abs(tensor).max())
+    advice = "give J[i][j] = J[j][i], products as tensor elements"
+    require(symmetric, key, "the tensor is not symmetric", advice)
     moments = np.linalg.eigvalsh(tensor)
-    require(
-        bool(np.all(0.5 * moments.sum() > moments)),  # second moments of mass are positive
-        key,
-        f"no body has principal moments {', '.join(f'{m:.6g}' for m in moments)} kg m^2",
-        "each must be positive and at most the sum of the other two: "
-        "check the sign of the products and the units",
-    )
+    body = bool(np.all(0.5 * moments.sum() > moments))  # second moments of mass are positive
+    what = f"no body has principal moments {', '.join(f'{m:.6g}' for m in moments)} kg m^2"
+    advice = "each must be positive and at most the sum of the other two: "
+    require(body, key, what, f"{advice}check the sign of the products and the units")
 
 
 WheelState = Literal["running", "free", "locked"]
@@ -296,23 +290,17 @@ class CorrelatedNoise:
             place = f"rate_sensor.correlated_noise.{key}"
             stated = one_an_axis(getattr(self, key), axes, place, positive=key == "time")
             object.__setattr__(self, key, stated)
-        require(
-            all(0.0 <= share <= 1.0 for share in self.share),
-            "rate_sensor.correlated_noise.share",
-            f"{self.share} is no share",
-            "give numbers between 0 and 1",
-        )
+        good, what = all(0.0 <= x <= 1.0 for x in self.share), f"{self.share} is no share"
+        place = "rate_sensor.correlated_noise.share"
+        require(good, place, what, "give numbers between 0 and 1")
 
 
 def _of_axes(noise: CorrelatedNoise, axes: int) -> CorrelatedNoise:
     """The noise of a sensor with so many axes, or `CampaignError`; one number fits any."""
     place = "rate_sensor.correlated_noise"
-    require(
-        isinstance(noise, CorrelatedNoise),
-        place,
-        f"a {type(noise).__name__} is no CorrelatedNoise",
-        "give CorrelatedNoise(share, time)",
-    )
+    known = isinstance(noise, CorrelatedNoise)
+    what = f"a {type(noise).__name__} is no CorrelatedNoise"
+    require(known, place, what, "give CorrelatedNoise(share, time)")
     share, time = (x if len(set(x)) > 1 else x[0] for x in (noise.share, noise.time))
     return CorrelatedNoise(
         one_an_axis(share, axes, f"{place}.share"), one_an_axis(time, axes, f"{place}.time")
@@ -390,12 +378,10 @@ class RateSensor:
         wandering = ("rate_random_walk", "bias_instability", "bias_instability_time")
         for key in ("range", *wandering, "mounting_sigma"):
             require_positive(getattr(self, key), f"rate_sensor.{key}", optional=True)
-        require(
-            (self.bias_instability is None) == (self.bias_instability_time is None),
-            "rate_sensor.bias_instability",
-            "the sd and its correlation time belong together",
-            "give bias_instability [rad/s] and bias_instability_time [s], or neither",
-        )
+        both = (self.bias_instability is None) == (self.bias_instability_time is None)
+        what = "the sd and its correlation time belong together"
+        advice = "give bias_instability [rad/s] and bias_instability_time [s], or neither"
+        require(both, "rate_sensor.bias_instability", what, advice)
 
     @property
     def columns(self) -> int:
@@ -475,6 +461,7 @@ class StarTracker:
     sigma_roll: float
     low_frequency_sigma: float | None = None
     mounting_sigma: float | None = None
+    columns: ClassVar[int] = 4  # numbers of a reading: a quaternion's
 
     def __post_init__(self) -> None:
         boresight_B = unit_vector(self.boresight_B, "star_tracker.boresight")
@@ -482,11 +469,6 @@ class StarTracker:
         for key in ("sigma_cross", "sigma_roll", "low_frequency_sigma", "mounting_sigma"):
             optional = not key.startswith("sigma")
             require_positive(getattr(self, key), f"star_tracker.{key}", optional=optional)
-
-    @property
-    def columns(self) -> int:
-        """How many numbers a reading has: a quaternion's."""
-        return 4
 
 
 @array_dataclass
@@ -530,6 +512,7 @@ class DirectionSensor:
     scale_sigma: float = 0.0
     soft_iron_sigma: float = 0.0
     mounting_sigma: float | None = None
+    columns: ClassVar[int] = 3  # numbers of a reading
 
     def __post_init__(self) -> None:
         key = "sensors.direction"
@@ -552,11 +535,6 @@ class DirectionSensor:
             require_positive(float(np.linalg.norm(vector)), f"{key}.reference_N")
             x, y, z = (vector if self.is_field else unit_length(vector)).tolist()
             object.__setattr__(self, "reference_N", (x, y, z))
-
-    @property
-    def columns(self) -> int:
-        """How many numbers a reading has."""
-        return 3
 
     @property
     def is_field(self) -> bool:

@@ -153,9 +153,6 @@ def _require_pulses(time: np.ndarray, values: np.ndarray, key: str) -> None:
     step = np.diff(time)
     row, late = divmod(int(np.argmax(values[:-1] - step[:, None])), values.shape[1])
     longest = float(values[row, late])
-    require(
-        longest <= step[row] * (1.0 + 1e-6) + LIMITS.same_time * max(1.0, abs(float(time[-1]))),
-        key,
-        f"the on-time {longest:.6g} s at {time[row]:.6g} s lasts beyond the next reading",
-        "give on-times in seconds, one a command period",
-    )
+    most = step[row] * (1.0 + 1e-6) + LIMITS.same_time * max(1.0, abs(float(time[-1])))
+    what = f"the on-time {longest:.6g} s at {time[row]:.6g} s lasts beyond the next reading"
+    require(longest <= most, key, what, "give on-times in seconds, one a command period")

@@ -155,18 +155,13 @@ class Slew:
         given = numbers(self.lost_command, f"{where}.lost_command")
         pieces = np.nan_to_num(given, nan=-1.0, posinf=-1.0).astype(int)
         whole = given.shape == self.time.shape and bool(((pieces >= 0) & (pieces == given)).all())
-        require(
-            whole,
-            f"{where}.lost_command",
-            f"shape {given.shape}, or no whole number from 0",
-            "give a whole number for each row, 0 where the command is known",
-        )
-        require(
-            self.wheel_torque is not None and self.lost_command_sd is not None,
-            f"{where}.lost_command",
-            "nothing says what the wheels may have done",
-            "give wheel_torque and lost_command_sd too",
-        )
+        what = f"shape {given.shape}, or no whole number from 0"
+        advice = "give a whole number for each row, 0 where the command is known"
+        require(whole, f"{where}.lost_command", what, advice)
+        known = self.wheel_torque is not None and self.lost_command_sd is not None
+        what = "nothing says what the wheels may have done"
+        advice = "give wheel_torque and lost_command_sd too"
+        require(known, f"{where}.lost_command", what, advice)
         return pieces if pieces.any() else None
 
     @property
@@ -303,12 +298,9 @@ def _require_increasing(time: np.ndarray, key: str) -> None:
 def _channel(value: Any, rows: int, width: int | None, key: str) -> np.ndarray:
     """A channel as floats (rows, width), or `CampaignError`."""
     array = numbers(value, key)
-    require(
-        array.ndim == 2 and len(array) == rows and width in (None, array.shape[1]),
-        key,
-        f"shape {array.shape} does not fit {rows} rows",
-        f"give (rows, {width or 'columns'})",
-    )
+    fits = array.ndim == 2 and len(array) == rows and width in (None, array.shape[1])
+    what = f"shape {array.shape} does not fit {rows} rows"
+    require(fits, key, what, f"give (rows, {width or 'columns'})")
     finite = not bool(np.isinf(array).any())
     require(finite, key, "a value is infinite", "use NaN where there is no value")
     return array

@@ -36,13 +36,12 @@ from bayes_inertia.flight.planned_motion import plan_start
 from bayes_inertia.flight.planned_telemetry import planned_campaign, wandering_noise, white_share
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft, allocation, without_spin
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.maths.device_arrays import filled, on_device, repeated
+from bayes_inertia.maths.device_arrays import on_device, repeated
 from bayes_inertia.maths.kept_programs import KeptProgram
 from bayes_inertia.physics.channels import channels_of
 from bayes_inertia.physics.effect import ActiveEffects, Effect, require_of_effect
 from bayes_inertia.physics.integration_plan import integration_plan
-from bayes_inertia.physics.packing import pack
-from bayes_inertia.physics.slew_context import Environment
+from bayes_inertia.physics.packing import pack, with_longer_grids
 from bayes_inertia.physics.slew_input import SlewInput, Start
 
 
@@ -124,26 +123,11 @@ def integration_grid(campaign: Campaign, effects: Sequence[Effect]) -> Integrati
     arrays = pack(campaign, channels_of(campaign, "commanded"), max_step=step)
     n_rows = arrays.telemetry.sample.shape[1]
     substeps = int(arrays.telemetry.sample[0, 1])
-    missing = n_rows * substeps - arrays.slews.context.time.shape[1]
-    return IntegrationGrid(_padded(arrays.slews, missing), n_rows, substeps)
 
+    def longer(rows: Array) -> Array:
+        return on_device(repeated(np.asarray(rows), n_rows * substeps))
 
-def _padded(slews: SlewInput, missing: int) -> SlewInput:
-    """Grids with `missing` more points at their end, where time stands still."""
-    n = slews.context.time.shape[1] + missing
-
-    def longer(x: Array) -> Array:
-        return on_device(repeated(np.asarray(x), n))
-
-    context = slews.context._replace(
-        step=on_device(filled(np.asarray(slews.context.step), n)),
-        time=longer(slews.context.time),
-        torque=longer(slews.context.torque),
-    )
-    surroundings = Environment(*map(longer, slews.environment))
-    return slews._replace(
-        context=context, momentum=longer(slews.momentum), environment=surroundings
-    )
+    return IntegrationGrid(with_longer_grids(arrays.slews, longer), n_rows, substeps)
 
 
 def stacked_pytrees(parts: Sequence[Any]) -> Any:
@@ -373,16 +357,9 @@ def _plants(
     craft, n = mission.spacecraft, len(thetas)
     J = inertia_tensor.tensor(thetas[:, :6])
     J = without_spin(J, mission.prior.includes_wheel_spin, craft.wheels)
-    if craft.bias is None:
-        bias = np.stack([rate_bias(craft, rng) for _ in range(n)])
-    else:
-        bias = np.tile(craft.bias, (n, 1))
-    starts = stacked_pytrees(
-        [
-            jax.tree.map(lambda x: x[index], start_states(plan, craft, controller, rng))
-            for _ in range(n if rng else 1)
-        ]
-    )
+    bias = np.stack([rate_bias(craft, rng) for _ in range(n)])
+    each = [start_states(plan, craft, controller, rng) for _ in range(n if rng else 1)]
+    starts = stacked_pytrees([jax.tree.map(lambda x: x[index], start) for start in each])
     return Plant(
         jnp.asarray(J),
         jnp.asarray(thetas[:, 6:9]),

@@ -73,8 +73,7 @@ def example_flight(description: str, label: str, seed: int) -> ExampleFlight:
         told = _told_beside(planned.slews[k]) | {name: given[k] for name, given in readings.items()}
         for entry in parsed.entries:
             _add_columns(tables, parsed, part, entry, *told[entry.field])
-    scale = np.asarray(model.data.scale.bias)
-    return ExampleFlight(tables, _truth(model, theta, bias * scale, seed))
+    return ExampleFlight(tables, _truth(model, theta, bias, seed))
 
 
 def flown_again(
@@ -103,8 +102,7 @@ def flown_again(
         with_noisy_inputs(with_readings(slew, k, readings), campaign, rng)
         for k, slew in enumerate(campaign.slews)
     ]
-    scale = np.asarray(model.data.scale.bias)
-    return replace(campaign, slews=tuple(slews)), _truth(model, theta, bias * scale, seed)
+    return replace(campaign, slews=tuple(slews)), _truth(model, theta, bias, seed)
 
 
 def _truth(model: Model, theta: np.ndarray, bias: np.ndarray, seed: int) -> dict[str, Any]:
@@ -114,7 +112,7 @@ def _truth(model: Model, theta: np.ndarray, bias: np.ndarray, seed: int) -> dict
         "J_kgm2": J.tolist(),
         "J_locked_kgm2": (J + spin_tensor(campaign.wheels)).tolist(),
         "K": theta[6 : model.n_base].tolist(),
-        "b_radps": bias.tolist(),
+        "b_radps": (bias * np.asarray(model.data.scale.bias)).tolist(),
         "parameters": dict(zip(model.space.names, theta.tolist(), strict=True)),
         "seed": seed,
     }

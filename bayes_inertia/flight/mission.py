@@ -41,6 +41,7 @@ from bayes_inertia.flight.steering import FlyingDevice, flying_device
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.actuators import effects_of
 from bayes_inertia.physics.forward_model import base_space
+from bayes_inertia.physics.packing import bridged
 from bayes_inertia.physics.parameters import ParameterSpace
 
 # Further sensors whose readings can be foreseen.
@@ -291,9 +292,7 @@ def _rate_B(slew: Slew, sensor: RateSensor) -> np.ndarray | None:
     """Rates in body axes (n, 3) [rad/s] with the prior's K and bias, gaps filled."""
     if slew.rate is None or not np.isfinite(slew.rate).any(axis=0).all():
         return None
-    filled = np.column_stack(
-        [np.interp(slew.time, slew.time[np.isfinite(x)], x[np.isfinite(x)]) for x in slew.rate.T]
-    )
+    filled = np.stack([bridged(slew.time, slew.time, x) for x in slew.rate.T], axis=-1)
     return body_rates(sensor, filled, sensor.scale_factor)
 
 
@@ -395,14 +394,9 @@ class Mission:
         """
         craft, theta = self.spacecraft, np.array(self.base.mean)
         J = np.asarray(inertia_tensor.tensor(theta[:6]))
-        mean = replace(
-            craft,
-            inertia_B=without_spin(J, self.prior.includes_wheel_spin, craft.wheels),
-            scale_factor=tuple(theta[6:]),
-            effects=(),
-            values={},
-        )
-        return replace(self, spacecraft=mean)
+        J = without_spin(J, self.prior.includes_wheel_spin, craft.wheels)
+        mean = replace(craft, inertia_B=J, scale_factor=tuple(theta[6:]))
+        return replace(self, spacecraft=mean).without_effects()
 
     def without_effects(self) -> Mission:
         """The mission if nothing acted beside the wheels.

@@ -254,12 +254,10 @@ class Plan:
         """Duration of a slew's telemetry [s], whole telemetry periods."""
         least = self.rest_before + slew.motion_time + self.settle + self.rest_after
         longest = max(least, slew.duration or 0.0) / self.telemetry_period
-        require(
-            longest <= NUMERICS.most_rows_of_slew,
-            "slews",
-            f"a slew has {longest:.3g} rows of telemetry, more than {NUMERICS.most_rows_of_slew:,}",
-            "look at the units of rate_deg_per_s, acceleration_deg_per_s2 and telemetry_period_s",
-        )
+        most = NUMERICS.most_rows_of_slew
+        what = f"a slew has {longest:.3g} rows of telemetry, more than {most:,}"
+        keys = "rate_deg_per_s, acceleration_deg_per_s2 and telemetry_period_s"
+        require(longest <= most, "slews", what, f"look at the units of {keys}")
         needed = math.ceil(least / self.telemetry_period - 1e-6) * self.telemetry_period
         if slew.duration is None:
             return needed
@@ -312,14 +310,8 @@ class Plan:
         """Attitude before each slew and after the last (slews + 1, 4)."""
         # scipy's product of rotations is the Hamilton product of their quaternions.
         turns = [Rotation.from_rotvec(slew.angle * np.array(slew.axis_B)) for slew in self.slews]
-        return np.array(
-            [
-                q.as_quat()
-                for q in accumulate(
-                    turns, operator.mul, initial=Rotation.from_quat(self.start_attitude)
-                )
-            ]
-        )
+        first = Rotation.from_quat(self.start_attitude)
+        return np.array([q.as_quat() for q in accumulate(turns, operator.mul, initial=first)])
 
     def times(self, i: int) -> np.ndarray:
         """Telemetry times of one slew.
@@ -339,9 +331,8 @@ class Plan:
         >>> paper_like_plan().times(0)[:3].tolist()
         [0.0, 0.25, 0.5]
         """
-        return self.telemetry_period * np.arange(
-            round(self.durations[i] / self.telemetry_period) + 1
-        )
+        steps = round(self.durations[i] / self.telemetry_period)
+        return self.telemetry_period * np.arange(steps + 1)
 
     def fixes(self, i: int) -> tuple[np.ndarray, np.ndarray]:
         """Rows of one slew that have a star-tracker fix.

@@ -211,7 +211,5 @@ def _file_value(value: Any, factor: float | None) -> Any:
         return list(value) if isinstance(value, tuple) else value
     in_unit = math.degrees(value) if factor == DEGREE else value / factor
     candidates = [float(f"{in_unit:.{digits}g}") for digits in range(6, 18)]
-    exact = [
-        x for x in candidates if (math.radians(x) if factor == DEGREE else x * factor) == value
-    ]
+    exact = [x for x in candidates if _si(x, factor) == value]
     return (exact or candidates[-1:])[0]

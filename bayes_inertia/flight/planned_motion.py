@@ -227,8 +227,9 @@ def driven_path(
     wanted_B, inputs = jnp.zeros_like(rate_B), {}
     momentum_B = rate_B @ body.inertia_B + total_wheel @ body.wheel_axes_B.T
     for name, device in (body.devices or {}).items():
-        if device.carries_momentum:
-            at_start = body.wheel_axes_B @ origin.wheel_momentum + device.at_start_B
+        if isinstance(device, Gimbals):
+            carried_B, _ = device.carried_B(device.start)  # before the first slew
+            at_start = body.wheel_axes_B @ origin.wheel_momentum + carried_B
             total_N = quaternion.to_inertial(origin.attitude, at_start)
             wanted_B = quaternion.to_body(attitude, jnp.broadcast_to(total_N, rate_B.shape))
             wanted_B = wanted_B - momentum_B

@@ -112,7 +112,21 @@ def _planned_slew(
         angle=slew.angle,
         **optional,
     )
-    seen = partial(_readings, plan, craft, i, planned, attitude, rate_B)
+
+    def seen(name: str, sensor: Any) -> np.ndarray:
+        """About what a sensor will read (n, columns), NaN in rows without a reading."""
+        if isinstance(sensor, StarTracker):
+            return plan.at_fixes(i, attitude)
+        if isinstance(sensor, RateSensor):
+            readings = rate_B @ sensor.axes.T / np.array(sensor.scale_factor)
+        else:
+            given = (planned.inputs or {}).get(name)
+            seen_N: Any = sensor.reference_N
+            if seen_N is None:
+                seen_N = planned.magnetic_field_N if given is None else given.values[0]
+            readings = Rotation.from_quat(attitude).inv().apply(seen_N)
+        return _in_read_rows(plan, craft, name, readings)
+
     more = {name: seen(name, sensor) for name, sensor in craft.more_sensors}
     rate = seen(craft.names[0], craft.rate_sensor) if craft.rate_sensor else None
     return replace(planned, rate=rate, more=more or None)
@@ -130,30 +144,6 @@ def _surroundings(plan: Plan, craft: Spacecraft, i: int, time: np.ndarray) -> di
     if plan.orbit is not None:
         found |= plan.orbit.environment(plan.starts[i] + time)._asdict()
     return found
-
-
-def _readings(
-    plan: Plan,
-    craft: Spacecraft,
-    i: int,
-    slew: Slew,
-    attitude: np.ndarray,
-    rate_B: np.ndarray,
-    name: str,
-    sensor: Any,
-) -> np.ndarray:
-    """About what a sensor will read (n, columns), NaN in rows without a reading."""
-    if isinstance(sensor, StarTracker):
-        return plan.at_fixes(i, attitude)
-    if isinstance(sensor, RateSensor):
-        readings = rate_B @ sensor.axes.T / np.array(sensor.scale_factor)
-    else:
-        given = (slew.inputs or {}).get(name)
-        seen_N: Any = sensor.reference_N
-        if seen_N is None:
-            seen_N = slew.magnetic_field_N if given is None else given.values[0]
-        readings = Rotation.from_quat(attitude).inv().apply(seen_N)
-    return _in_read_rows(plan, craft, name, readings)
 
 
 def _in_read_rows(plan: Plan, craft: Spacecraft, name: str, values: np.ndarray) -> np.ndarray:

@@ -31,16 +31,7 @@ class Jets(NamedTuple):
     lowest: AnyArray  # (k,) least input: 0 for a thruster
     highest: AnyArray  # (k,) largest input: 1 for a thruster
     shares: AnyArray  # (3, k) least inputs of either sign for a torque along each axis [1/(N m)]
-
-    @property
-    def carries_momentum(self) -> bool:
-        """Whether it gives momentum, not torque."""
-        return False
-
-    @property
-    def at_start_B(self) -> Array:
-        """Momentum (3,) that it carries before the first slew [N m s]."""
-        return jnp.zeros(3)
+    carries_momentum = False  # whether it gives momentum, not torque
 
     def given_B(self, inputs: AnyArray) -> Array:
         """Torques (n, 3) of inputs (n, k) [N m]."""
@@ -64,16 +55,7 @@ class Gimbals(NamedTuple):
     along_B: AnyArray  # (k, 3) spin axes at angle zero
     across_B: AnyArray  # (k, 3) spin axes at a right angle
     start: AnyArray  # (k,) angles before the first slew [rad]
-
-    @property
-    def carries_momentum(self) -> bool:
-        """Whether it gives momentum, not torque."""
-        return True
-
-    @property
-    def at_start_B(self) -> Array:
-        """Momentum (3,) that it carries before the first slew [N m s]."""
-        return self.carried_B(self.start)[0]
+    carries_momentum = True
 
     def carried_B(self, angle: AnyArray) -> tuple[Array, Array]:
         """Momentum (3,) at gimbal angles (k,), and its derivative (3, k) by them [N m s]."""

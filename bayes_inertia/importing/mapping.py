@@ -79,13 +79,10 @@ def _refuse_few_axes(document: dict[str, Any], label: str) -> None:
     for stream in streams if isinstance(streams, list) else []:
         names = stream.get("names") if isinstance(stream, dict) else None
         few = isinstance(names, list) and 0 < len(names) < 3 and stream.get("holds") == "rate"
-        require(
-            not few,
-            f"{label}, key streams.rate.names",
-            "fewer than three columns for the rates about three axes",
-            "name one a sensor axis; a rig that is held to turn about fewer axes cannot be fitted, "
-            "as the model turns freely about all three",
-        )
+        what = "fewer than three columns for the rates about three axes"
+        advice = "name one a sensor axis; a rig that is held to turn about fewer axes cannot be "
+        advice += "fitted, as the model turns freely about all three"
+        require(not few, f"{label}, key streams.rate.names", what, advice)
 
 
 def _check_streams(mapping: MappingPart, label: str) -> None:
@@ -97,12 +94,9 @@ def _check_streams(mapping: MappingPart, label: str) -> None:
     both = {"wheel_momentum", "wheel_speed"} <= set(held)
     advice = "keep one of the two, they are the same measurement"
     require(not both, where, "wheel_momentum and wheel_speed are both given", advice)
-    require(
-        "attitude" not in held or mapping.star_tracker is not None,
-        f"{label}, key streams.attitude",
-        "attitudes without a star tracker",
-        "add [star_tracker] with its boresight",
-    )
+    tracked = "attitude" not in held or mapping.star_tracker is not None
+    what, advice = "attitudes without a star tracker", "add [star_tracker] with its boresight"
+    require(tracked, f"{label}, key streams.attitude", what, advice)
     names = mapping.wheels_of()
     advice = "give each its own name"
     doubled = len(set(names)) < len(names)
@@ -146,13 +140,10 @@ def _check_wheels(stream: WheelStream, mapping: MappingPart, where: str) -> None
         advice = f"name one of {', '.join(names) or 'no wheel: add [[wheels]]'}"
         require(name in names, f"{where}.wheels", f"there is no wheel {name!r}", advice)
     wanted = mapping.wheels_of(stream)
-    require(
-        len(stream.names) == len(wanted),
-        f"{where}.names",
-        f"{len(stream.names)} column(s) for {len(wanted)} wheel(s)",
-        "name one column a wheel, in the order of [[wheels]], or add wheels = [...] with the "
-        "names of the wheels that these columns are of",
-    )
+    what = f"{len(stream.names)} column(s) for {len(wanted)} wheel(s)"
+    advice = "name one column a wheel, in the order of [[wheels]], or add wheels = [...] with the "
+    advice += "names of the wheels that these columns are of"
+    require(len(stream.names) == len(wanted), f"{where}.names", what, advice)
 
 
 def _check_columns(stream: MappedStream, text: str, label: str) -> None:
@@ -190,26 +181,19 @@ def _check_mounting(stream: RateStream, mapping: MappingPart, where: str) -> Non
     given = [key for key in ("mounting", "body_from_sensor") if getattr(stream, key) is not None]
     axes = mapping.rate_sensor.axes
     stated = [*(f"streams.rate.{key}" for key in given), *(["rate_sensor.axes"] if axes else [])]
-    if stream.frame == "sensor":
-        require(
-            len(stated) > 0,
-            f"{where}.mounting",
-            "missing key",
-            'add mounting = [[...], [...], [...]], v_sensor = mounting v_body (frame = "sensor")',
-        )
+    known = stream.frame != "sensor" or len(stated) > 0
+    advice = 'add mounting = [[...], [...], [...]], v_sensor = mounting v_body (frame = "sensor")'
+    require(known, f"{where}.mounting", "missing key", advice)
     for key in given:
         independent = abs(np.linalg.det(np.array(getattr(stream, key)))) > LIMITS.independent_axes
         what = "the axes lie in one plane"
         require(independent, f"{where}.{key}", what, "give three independent axes")
     advice = "keep one of them"
     require(len(stated) < 2, where, f"the mounting is stated by {' and '.join(stated)}", advice)
-    require(
-        stream.frame == "sensor" or not stated,
-        f"{where}.frame",
-        f'"body" and {" and ".join(stated)} contradict each other',
-        'write frame = "sensor" if the readings are along the axes of the sensor, or leave the '
-        "matrix out",
-    )
+    what = f'"body" and {" and ".join(stated)} contradict each other'
+    advice = 'write frame = "sensor" if the readings are along the axes of the sensor, '
+    advice += "or leave the matrix out"
+    require(stream.frame == "sensor" or not stated, f"{where}.frame", what, advice)
 
 
 def _check_attitude(stream: AttitudeStream, where: str) -> None:
@@ -231,24 +215,18 @@ def _check_attitude(stream: AttitudeStream, where: str) -> None:
     )
     what = f"{stream.sequence!r} is no sequence of three axes"
     require(good, f"{where}.sequence", what, 'write such as "zyx" or "zxz"')
-    require(
-        stream.frame != "body" or stream.body_from_tracker is None,
-        f"{where}.frame",
-        '"body" and body_from_tracker contradict each other',
-        'write frame = "tracker" if the attitudes are those of the tracker, or leave the matrix '
-        "out",
-    )
-    require(
-        stream.frame != "tracker" or stream.body_from_tracker is not None,
-        f"{where}.body_from_tracker",
-        "missing key",
-        'add body_from_tracker = [[...], [...], [...]], v_body = R v_tracker (frame = "tracker")',
-    )
-    if stream.body_from_tracker is not None:
-        problem = bad_attitude(
-            np.array(stream.body_from_tracker).reshape(1, 9),
-            AttitudeConvention("dcm", "inertial_to_body"),
-        )
+    matrix = stream.body_from_tracker
+    what = '"body" and body_from_tracker contradict each other'
+    advice = 'write frame = "tracker" if the attitudes are those of the tracker, '
+    advice += "or leave the matrix out"
+    require(stream.frame != "body" or matrix is None, f"{where}.frame", what, advice)
+    known = stream.frame != "tracker" or matrix is not None
+    advice = "add body_from_tracker = [[...], [...], [...]], v_body = R v_tracker "
+    advice += '(frame = "tracker")'
+    require(known, f"{where}.body_from_tracker", "missing key", advice)
+    if matrix is not None:
+        convention = AttitudeConvention("dcm", "inertial_to_body")
+        problem = bad_attitude(np.array(matrix).reshape(1, 9), convention)
         what = "" if problem is None else problem[1]
         advice = "give the nine cosines with enough digits; column i is the tracker's axis i"
         require(problem is None, f"{where}.body_from_tracker", what, advice)

@@ -12,9 +12,9 @@ programs of the last one.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import jax
@@ -393,10 +393,12 @@ class Data:
     def pieces(self) -> tuple[Data, ...]:
         """Each slew alone (the leading axis stays), its last row and fix repeated up to a size."""
         arrays = jax.tree.map(np.asarray, self.arrays)
-        padded = Arrays(
-            _padded_inputs(arrays.slews), jax.tree.map(_padded, arrays.telemetry), arrays.reference
+        slews = with_longer_grids(arrays.slews, _padded)
+        padded = Arrays(slews, jax.tree.map(_padded, arrays.telemetry), arrays.reference)
+        alone = (
+            jax.tree.map(lambda rows, k=k: on_device(rows[k : k + 1]), padded)
+            for k in range(len(slews.momentum))
         )
-        alone = (jax.tree.map(partial(_slew, k), padded) for k in range(len(arrays.slews.momentum)))
         return tuple(Data(of_slew, self.sensors, self.scale) for of_slew in alone)
 
     @cached_property
@@ -406,21 +408,17 @@ class Data:
         return jax.tree.map(lambda *rows: np.concatenate(rows), *alone)
 
 
-def _slew(k: int, rows: np.ndarray) -> Array:
-    return on_device(rows[k : k + 1])
-
-
 def _padded(rows: Any) -> Any:
     return repeated(rows, padded_size(rows.shape[1])) if rows.shape[1] else rows
 
 
-def _padded_inputs(slews: SlewInput) -> SlewInput:
-    context = slews.context
-    given = {key: getattr(context, key) for key in _ON_GRID}
-    on_grid = {key: _padded(rows) for key, rows in given.items() if rows is not None}
+def with_longer_grids(slews: SlewInput, longer: Callable[[Any], Any]) -> SlewInput:
+    """Slews whose grids go on at their end, where time stands still: `longer` of each array."""
+    given = {key: getattr(slews.context, key) for key in _ON_GRID}
+    on_grid = {key: longer(rows) for key, rows in given.items() if rows is not None}
     return slews._replace(
-        context=context._replace(**on_grid),
-        momentum=_padded(slews.momentum),
-        environment=jax.tree.map(_padded, slews.environment),
-        inputs=jax.tree.map(_padded, slews.inputs),
+        context=slews.context._replace(**on_grid),
+        momentum=longer(slews.momentum),
+        environment=jax.tree.map(longer, slews.environment),
+        inputs=jax.tree.map(longer, slews.inputs),
     )
