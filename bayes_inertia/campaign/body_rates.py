@@ -55,13 +55,20 @@ def turning(campaign: Campaign, slew: Slew) -> tuple[np.ndarray, np.ndarray]:
     return rows, readings @ axes_to_body(campaign.gyro.axes).T
 
 
+def _readings(campaign: Campaign, slew: Slew, kinds: Any) -> Iterator[tuple[str, Any, np.ndarray]]:
+    """Names, records and readings of a slew's sensors of some kinds, the first of a kind first."""
+    first = zip(campaign.names, (slew.rate, slew.attitude), strict=True)
+    read = dict(first) | {name: (slew.more or {}).get(name) for name, _ in campaign.more_sensors}
+    for name, sensor in campaign.sensors.items():
+        if isinstance(sensor, kinds) and read[name] is not None:
+            yield name, sensor, read[name]
+
+
 def rows_read(campaign: Campaign, slew: Slew, kinds: Any) -> np.ndarray:
     """Rows (n,) in which a sensor of some kinds reads: the first of its kind or a further one."""
-    first = zip(campaign.names, (slew.rate, slew.attitude), strict=True)
     rows = np.zeros(len(slew.time), dtype=bool)
-    for name, values in (*first, *(slew.more or {}).items()):
-        if values is not None and isinstance(campaign.sensors.get(name), kinds):
-            rows |= np.isfinite(values).any(axis=1)
+    for _, _, values in _readings(campaign, slew, kinds):
+        rows |= np.isfinite(values).any(axis=1)
     return rows
 
 
@@ -222,11 +229,7 @@ def _spline(slew: Slew, seen: list[_Seen], pieces: int, sd: float) -> tuple[_Smo
 
 def _of_gyros(campaign: Campaign, slew: Slew) -> Iterator[_Seen]:
     """Each axis of each rate sensor."""
-    sensors = [(campaign.rate_sensor, slew.rate)]
-    sensors += [(sensor, (slew.more or {}).get(name)) for name, sensor in campaign.more_sensors]
-    for sensor, readings in sensors:
-        if not isinstance(sensor, RateSensor) or readings is None:
-            continue
+    for _, sensor, readings in _readings(campaign, slew, RateSensor):
         valid = in_range(readings, sensor.range)
         for i, axis_B in enumerate(sensor.axes):
             rows, sigma = np.flatnonzero(valid[:, i]), sensor.scale_factor[i] * sensor.sigma[i]
@@ -260,13 +263,10 @@ def attitudes_seen(campaign: Campaign, slew: Slew) -> tuple[np.ndarray, np.ndarr
 
     Of the first star tracker that has any; else from two directions and more seen in one row.
     """
-    trackers = [(campaign.star_tracker, slew.attitude)]
-    trackers += [(sensor, (slew.more or {}).get(name)) for name, sensor in campaign.more_sensors]
-    for tracker, readings in trackers:
-        if isinstance(tracker, StarTracker) and readings is not None:
-            rows = np.flatnonzero(np.isfinite(readings).all(axis=1))
-            if len(rows):
-                return rows, readings[rows], max(tracker.sigma_cross, tracker.sigma_roll)
+    for _, tracker, readings in _readings(campaign, slew, StarTracker):
+        rows = np.flatnonzero(np.isfinite(readings).all(axis=1))
+        if len(rows):
+            return rows, readings[rows], max(tracker.sigma_cross, tracker.sigma_roll)
     return _from_directions(campaign, slew)
 
 
@@ -281,14 +281,12 @@ class _Direction(NamedTuple):
 def _directions(campaign: Campaign, slew: Slew) -> list[_Direction]:
     """What each direction sensor saw, on the rows of a slew."""
     seen = []
-    for name, sensor in campaign.more_sensors:
-        readings = (slew.more or {}).get(name)
-        if isinstance(sensor, DirectionSensor) and readings is not None:
-            time, reference_N = reference_of(name, sensor, slew)
-            at = slew.time - slew.time[0]
-            there = np.stack([np.interp(at, time, column) for column in reference_N.T], axis=-1)
-            size = float(np.median(np.linalg.norm(there, axis=1))) if sensor.is_field else 1.0
-            seen.append(_Direction(readings, there, max(sensor.sigma) / size))
+    for name, sensor, readings in _readings(campaign, slew, DirectionSensor):
+        time, reference_N = reference_of(name, sensor, slew)
+        at = slew.time - slew.time[0]
+        there = np.stack([np.interp(at, time, column) for column in reference_N.T], axis=-1)
+        size = float(np.median(np.linalg.norm(there, axis=1))) if sensor.is_field else 1.0
+        seen.append(_Direction(readings, there, max(sensor.sigma) / size))
     return seen
 
 

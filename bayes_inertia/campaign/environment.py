@@ -18,7 +18,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.errors import CampaignError, library_of_extra
+from bayes_inertia.errors import CampaignError, library_of_extra, require
 from bayes_inertia.files import path_of, read_bytes, text_of
 
 _DAY = 86_400.0  # [s]
@@ -94,10 +94,8 @@ def _satellites(text: str, label: str) -> Sequence[Any]:
     pairs = [
         (one, two) for one, two in pairwise(lines) if one.startswith("1 ") and two.startswith("2 ")
     ]
-    if not pairs:
-        what = "holds no two-line elements"
-        advice = "each set is a line that begins with 1 and a line that begins with 2"
-        raise CampaignError(what, where=label, advice=advice)
+    advice = "each set is a line that begins with 1 and a line that begins with 2"
+    require(bool(pairs), label, "holds no two-line elements", advice)
     api = library_of_extra("sgp4.api", "orbit", where=label)
     return [api.Satrec.twoline2rv(one, two) for one, two in pairs]
 
@@ -110,10 +108,9 @@ def _nearest(satellites: Sequence[Any], utc: float, label: str) -> Any:
 
     nearest = min(satellites, key=lambda satellite: abs(age(satellite)))
     days = abs(age(nearest)) / _DAY
-    if days > LIMITS.oldest_elements:
-        what = f"the nearest elements are {days:.0f} days away from the slews"
-        advice = "add elements of these days, or mend the epoch"
-        raise CampaignError(what, where=label, advice=advice)
+    what = f"the nearest elements are {days:.0f} days away from the slews"
+    advice = "add elements of these days, or mend the epoch"
+    require(days <= LIMITS.oldest_elements, label, what, advice)
     return nearest
 
 
@@ -121,10 +118,8 @@ def _position_N(satellite: Any, utc: np.ndarray, label: str) -> np.ndarray:
     """Position (n, 3) [m] at times (n,) [s since 1970]."""
     day = np.floor(utc / _DAY)
     error, position_km, _ = satellite.sgp4_array(day + _UNIX_DAY, utc / _DAY - day)
-    if np.any(error):
-        what = "these elements give no orbit at the time of the slews"
-        advice = "add elements of these days"
-        raise CampaignError(what, where=label, advice=advice)
+    what = "these elements give no orbit at the time of the slews"
+    require(not np.any(error), label, what, "add elements of these days")
     return 1e3 * np.asarray(position_km)
 
 

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field
 
+from bayes_inertia.campaign.hardware import require
 from bayes_inertia.campaign.schema import FORMAT_2, Names, Part
 from bayes_inertia.errors import CampaignError
 
@@ -83,13 +84,12 @@ def upgrade(content: Mapping[str, Any]) -> dict[str, Any]:
         actuators.append(_with(wheel, f"wheels.{wheel.get('name')}", type="wheel", **own))
     for key in (key for key in _OF_WHEEL if key in columns):
         count = len(columns[key]["names"])
-        if count != len(actuators):
-            what = f"{count} column(s) for {len(actuators)} [[wheels]]"
-            advice = "name one column a wheel, in the same order"
-            raise CampaignError(what, where=f"key columns.{key}.names", advice=advice)
-    if "attitude" in columns and "star_tracker" not in content:
-        advice = "add [star_tracker] with boresight and sigmas, or leave the columns out"
-        raise CampaignError("no [star_tracker]", where="key columns.attitude", advice=advice)
+        what = f"{count} column(s) for {len(actuators)} [[wheels]]"
+        advice = "name one column a wheel, in the same order"
+        require(count == len(actuators), f"columns.{key}.names", what, advice)
+    tracked = "attitude" not in columns or "star_tracker" in content
+    advice = "add [star_tracker] with boresight and sigmas, or leave the columns out"
+    require(tracked, "columns.attitude", "no [star_tracker]", advice)
     sensors = []
     for kind, table in _SENSORS.items():
         if table in content or kind in columns:

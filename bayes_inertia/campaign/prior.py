@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bayes_inertia import errors
 from bayes_inertia.campaign.hardware import numbers, one_an_axis, require, require_sd
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.errors import CampaignError
@@ -363,11 +364,9 @@ def prior_in(source: str | Path) -> GaussianPrior:
 
 def _of_summary(content: Mapping[str, Any], where: str) -> Mapping[str, Any]:
     """The part of a summary that is a prior."""
-    if SUMMARY_KEY not in content:
-        what, advice = f"it holds no {SUMMARY_KEY!r}", "fit that campaign again with this version"
-        raise CampaignError(what, where=where, advice=advice)
-    if content[SUMMARY_KEY] is None:
-        what = "the result is not trusted: it is no prior"
-        advice = "read its report, and use a result that is trusted"
-        raise CampaignError(what, where=where, advice=advice)
+    what, advice = f"it holds no {SUMMARY_KEY!r}", "fit that campaign again with this version"
+    errors.require(SUMMARY_KEY in content, where, what, advice)
+    what = "the result is not trusted: it is no prior"
+    advice = "read its report, and use a result that is trusted"
+    errors.require(content[SUMMARY_KEY] is not None, where, what, advice)
     return {"includes_wheel_spin": content.get("includes_wheel_spin")} | content[SUMMARY_KEY]

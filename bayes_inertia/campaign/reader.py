@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_inertia import errors
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.commands import with_known_torques, without_impossible_torques
 from bayes_inertia.campaign.description import AS_CAMPAIGN, Description
@@ -106,9 +107,9 @@ def _prior(parsed: Description, description: Path) -> GaussianPrior | None:
     if part is None:
         return None
     stated, label = part.stated(), f"{description}, key prior"
-    if (part.from_ is None) == (not stated):
-        advice = "give from, or principal_moments, or names with mean and covariance"
-        raise CampaignError("it says nothing, or two things", where=label, advice=advice)
+    once = (part.from_ is None) == bool(stated)
+    advice = "give from, or principal_moments, or names with mean and covariance"
+    errors.require(once, label, "it says nothing, or two things", advice)
     copied = description.parent / COPY_FILE
     if part.from_ is not None and copied.is_file():
         return prior_in(copied)
@@ -218,10 +219,9 @@ def _table_paths(parsed: Description, description: Path) -> dict[str, Path]:
             paths[file] = path = table_path(description.parent, file, where)
             # Only formats with groups can hold several slews in one file.
             single = path.suffix.lower() in (".csv", ".parquet")
-            if single and owners.setdefault(path, part.name) != part.name:
-                what = f"{reprlib.repr(file)} is the table of two slews"
-                advice = "give each slew its own table"
-                raise CampaignError(what, where=where, advice=advice)
+            alone = not single or owners.setdefault(path, part.name) == part.name
+            what = f"{reprlib.repr(file)} is the table of two slews"
+            errors.require(alone, where, what, "give each slew its own table")
     return paths
 
 
@@ -235,10 +235,8 @@ def _streams(slew: int, table: _TableReader, parsed: Description) -> list[Stream
     tables = {file: table(file, list(columns), part.name) for file, columns in names.items()}
     first = min(given, key=lambda stream: all(entry.field != "rate" for entry in stream.entries))
     rated = tables[first.file]
-    if rated.rows < 2:
-        what = f"{rated.rows} row(s) of telemetry"
-        advice = "a slew needs at least two"
-        raise CampaignError(what, where=rated.label, advice=advice)
+    what, advice = f"{rated.rows} row(s) of telemetry", "a slew needs at least two"
+    errors.require(rated.rows >= 2, rated.label, what, advice)
     streams = []
     for stream in given:
         time, *columns = stream.columns

@@ -7,7 +7,7 @@ could tell the difference: then the slew is cut, each part with a start of its o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,17 +18,16 @@ from bayes_inertia.campaign.hardware import DirectionSensor, RateSensor, StarTra
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import require
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.gaps import gap_note, missing_rows
 
 
 def parts_of(slew: Slew, pieces: Sequence[dict[str, np.ndarray]]) -> list[Slew]:
     """A slew for each piece of its channels, with the inputs of its time; a single one is whole."""
-    if not pieces:
-        what = "hardly any row has a known torque"
-        advice = "record commands or wheel momentum without gaps, or leave the slew out"
-        raise CampaignError(what, where=f"slews.{slew.name}", advice=advice)
+    what = "hardly any row has a known torque"
+    advice = "record commands or wheel momentum without gaps, or leave the slew out"
+    require(bool(pieces), f"slews.{slew.name}", what, advice)
     slews = []
     for i, piece in enumerate(pieces):
         later = float(piece["time"][0] - slew.time[0])
@@ -112,14 +111,6 @@ def without_intervals(
 _CHANNELS = (*(stream.field for stream in STREAMS), "magnetic_field_N", "position_N")
 
 
-@dataclass(frozen=True)
-class _Limits:
-    """Errors that do not matter, of momentum [N m s] and of its integral over time [N m s^2]."""
-
-    momentum: float
-    angular_impulse: float
-
-
 def with_known_momentum(campaign: Campaign) -> Campaign:
     """The campaign with slews cut where no straight line bridges a gap of what drives the model."""
     running = campaign.without_locked_wheels()
@@ -127,10 +118,8 @@ def with_known_momentum(campaign: Campaign) -> Campaign:
         return campaign
     inertia = float(np.linalg.eigvalsh(campaign.inertia.tensor)[0])
     noise = min(*campaign.with_body_rates.gyro.sigma, campaign.rate_noise)
-    limits = _Limits(
-        momentum=LIMITS.momentum_line_of_rate_noise * inertia * noise,
-        angular_impulse=LIMITS.momentum_line_of_attitude_noise * inertia * campaign.attitude_noise,
-    )
+    sag = LIMITS.momentum_line_of_rate_noise * inertia * noise
+    bend = LIMITS.momentum_line_of_attitude_noise * inertia * campaign.attitude_noise
     slews: list[Slew] = []
     dirt: list[Dirt] = []
     for slew, seen in zip(campaign.slews, running.slews, strict=True):
@@ -140,7 +129,7 @@ def with_known_momentum(campaign: Campaign) -> Campaign:
         channels |= {MORE + name: values for name, values in (slew.more or {}).items()}
         fixes = slew.time[rows_read(campaign, slew, StarTracker | DirectionSensor)]
         rates = slew.time[rows_read(campaign, slew, RateSensor)]
-        cuts = _unknown_momentum(slew.time, np.asarray(seen.wheel_momentum), fixes, rates, limits)
+        cuts = _unknown_momentum(seen, fixes, rates, bend, sag)
         parts = parts_of(slew, without_intervals(channels, cuts)) if cuts else [slew]
         if cuts:
             note = gap_note(len(cuts), max(b - a for a, b in cuts))
@@ -153,23 +142,23 @@ def with_known_momentum(campaign: Campaign) -> Campaign:
 
 
 def _unknown_momentum(
-    time: np.ndarray, momentum: np.ndarray, fixes: np.ndarray, rates: np.ndarray, limits: _Limits
+    slew: Slew, fixes: np.ndarray, rates: np.ndarray, most_bend: float, most_sag: float
 ) -> list[tuple[float, float]]:
     """Gaps of tachometers (n, wheels) in which a straight line may be visibly wrong.
 
     `fixes`, `rates` (m,): times at which fixes and rates are read [s]. Wheels may be read at
-    times of their own.
+    times of their own. `most_bend`, `most_sag`: what `_bend` may be where it does not matter.
     """
     found = set()
-    for column in momentum.T:
+    for column in np.asarray(slew.wheel_momentum).T:
         rows = np.flatnonzero(np.isfinite(column))
-        at = time[rows]
+        at = slew.time[rows]
         for k in missing_rows(at)[0] if len(at) > 1 else ():
             begin, end = float(at[k]), float(at[k + 1])
             bend, sag = _bend(at, column[rows], int(k))
             spanned = bool(len(fixes)) and fixes[0] < end and fixes[-1] > begin
             inside = bool(np.any((rates > begin) & (rates < end)))
-            if (spanned and bend > limits.angular_impulse) or (inside and sag > limits.momentum):
+            if (spanned and bend > most_bend) or (inside and sag > most_sag):
                 found.add((begin, end))
     return sorted(found)
 

@@ -24,7 +24,7 @@ from bayes_inertia.campaign.sensors.sensor_stream import (
     refuse_half_empty_rows,
 )
 from bayes_inertia.campaign.slew_parts import INPUTS, MORE
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, require
 from bayes_inertia.faults.fault import Dirt
 from bayes_inertia.faults.gaps import is_regular
 from bayes_inertia.faults.held import HeldReadings, held_readings
@@ -79,9 +79,8 @@ def union(streams: Sequence[dict[str, np.ndarray]], label: str) -> dict[str, np.
         return dict(streams[0])
     streams = [_without_empty_rows(stream) for stream in streams]
     times = np.concatenate([stream["time"] for stream in streams])
-    if not len(times):
-        advice = "export it again, or leave the slew out"
-        raise CampaignError("no sensor has a reading", where=label, advice=advice)
+    advice = "export it again, or leave the slew out"
+    require(len(times) > 0, label, "no sensor has a reading", advice)
     order = np.argsort(times, kind="stable")
     resolution = max(LIMITS.same_time, 4.0 * float(np.spacing(np.abs(times).max())))
     is_new = np.concatenate([[True], np.diff(times[order]) > resolution])

@@ -11,7 +11,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.sensors.sensor_stream import SensorStream, all_empty
 from bayes_inertia.campaign.slew import bad_quaternion
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import require
 from bayes_inertia.tables.table import Table
 
 
@@ -37,13 +37,10 @@ class AttitudeStream(SensorStream):
             return None
         quaternion = table.stack(entry.names)
         problem = bad_quaternion(quaternion)
-        if problem is not None:
-            row, what = problem
-            raise CampaignError(
-                f"{what}: {quaternion[row].tolist()}",
-                where=f"{table.place(row)}, columns {', '.join(entry.names)}",
-                advice="repair the row, or leave all four cells empty (no fix)",
-            )
+        row, what = problem or (0, "")
+        where = f"{table.place(row)}, columns {', '.join(entry.names)}"
+        advice = "repair the row, or leave all four cells empty (no fix)"
+        require(problem is None, where, f"{what}: {quaternion[row].tolist()}", advice)
         if entry.scalar == "first":
             quaternion = quaternion[:, [1, 2, 3, 0]]
         # The inverse rotation is the conjugate; the scalar's sign is kept.

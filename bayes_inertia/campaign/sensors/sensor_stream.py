@@ -15,7 +15,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import CorrelatedNoise
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import require
 from bayes_inertia.faults.fault import Series
 from bayes_inertia.tables.table import Table
 
@@ -145,10 +145,9 @@ def all_empty(table: Table, names: Sequence[str]) -> bool:
 def refuse_empty_columns(table: Table, names: Sequence[str]) -> None:
     """Refuse a column that holds no number."""
     for name in names:
-        if np.isnan(table.numbers(name)).all():
-            what = "every cell is empty"
-            advice = "export it again, or leave the slew out"
-            raise CampaignError(what, where=f"{table.label}, column {name}", advice=advice)
+        filled = not np.isnan(table.numbers(name)).all()
+        advice = "export it again, or leave the slew out"
+        require(filled, f"{table.label}, column {name}", "every cell is empty", advice)
 
 
 def refuse_half_empty_rows(table: Table, names: Sequence[str], advice: str) -> None:
@@ -156,7 +155,6 @@ def refuse_half_empty_rows(table: Table, names: Sequence[str], advice: str) -> N
     refuse_empty_columns(table, names)
     empty = np.isnan(table.stack(names))
     empty &= ~empty.all(axis=1, keepdims=True)
-    if empty.any():
-        row = int(np.argmax(empty.any(axis=1)))
-        where = table.place(row, names[int(np.argmax(empty[row]))])
-        raise CampaignError("the cell is empty", where=where, advice=advice)
+    row = int(np.argmax(empty.any(axis=1)))
+    where = table.place(row, names[int(np.argmax(empty[row]))])
+    require(not empty.any(), where, "the cell is empty", advice)
