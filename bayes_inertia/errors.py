@@ -78,10 +78,16 @@ class StudyError(BayesInertiaError):
     """A study cannot go on as it is: its workers or its scheduler are lost, or all tasks failed."""
 
 
-def require(condition: bool, where: str, what: str, advice: str) -> None:
-    """Raise `CampaignError` unless a condition holds."""
+def require(
+    condition: bool,
+    where: str,
+    what: str,
+    advice: str,
+    kind: type[BayesInertiaError] = CampaignError,
+) -> None:
+    """Raise an error of a kind unless a condition holds."""
     if not condition:
-        raise CampaignError(what, where=where, advice=advice)
+        raise kind(what, where=where, advice=advice)
 
 
 def library_of_extra(

@@ -174,13 +174,10 @@ def _far_off_rows(table: Table, time: str) -> np.ndarray:
         distance = np.abs(stamps - np.median(stamps))
     far = np.flatnonzero(distance > limit)
     if len(far) > LIMITS.most_glitches * len(stamps):
-        row = int(far[0])
-        raise CampaignError(
-            f"the time {float(stamps[row])!r} is far from most others, which lie around "
-            f"{float(np.median(stamps)):.6g}",
-            where=table.place(row, time),
-            advice="remove the rows with wrong times, or give each slew a file of its own",
-        )
+        first, usual = float(stamps[far[0]]), float(np.median(stamps))
+        what = f"the time {first!r} is far from most others, which lie around {usual:.6g}"
+        advice = "remove the rows with wrong times, or give each slew a file of its own"
+        raise CampaignError(what, where=table.place(int(far[0]), time), advice=advice)
     return far
 
 
@@ -274,14 +271,11 @@ def _joined(table: Table, time: str, names: Sequence[str]) -> tuple[Table, np.nd
     if is_new.all():
         return table, np.zeros(0, dtype=int)
     values, _, lost = joined_rows(table.stack(names), ~is_new)
-    if lost.any():
-        row = int(np.argmax(lost))
-        raise CampaignError(
-            f"the time {float(stamps[row])!r} is repeated with another content "
-            f"(after {table.row(row - 1)})",
-            where=table.place(row, time),
-            advice="remove the row that is wrong, or mend its time",
-        )
+    row = int(np.argmax(lost))
+    what = f"the time {float(stamps[row])!r} is repeated with another content "
+    what += f"(after {table.row(row - 1)})"
+    advice = "remove the row that is wrong, or mend its time"
+    require(not lost.any(), table.place(row, time), what, advice)
     columns = dict(zip(names, values[is_new].T, strict=True))
     return table.taking(is_new).changed(columns), np.cumsum(is_new)[~is_new] - 1
 

@@ -14,7 +14,7 @@ from pydantic import Field, create_model
 from bayes_inertia.campaign.checked_toml import parse_toml
 from bayes_inertia.campaign.description import stated_keys
 from bayes_inertia.campaign.schema import DEGREE, Part, Vector3
-from bayes_inertia.errors import CampaignError, OutputError
+from bayes_inertia.errors import CampaignError, OutputError, require
 from bayes_inertia.files import read_bytes, text_of, write_atomically
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.flight.plan import Plan, PlannedSlew
@@ -139,10 +139,9 @@ def write_plan(plan: Plan, path: str | Path, *, overwrite: bool = False) -> Path
         slews.append(tomlkit.item(_table(slew, _SLEW)))
     document["slews"] = slews
     text = tomlkit.dumps(document)
-    if path.exists() and not overwrite and text_of(read_bytes(path), str(path)) != text:
-        raise OutputError(
-            "would overwrite another file", where=str(path), advice="choose another name"
-        )
+    other = path.exists() and not overwrite and text_of(read_bytes(path), str(path)) != text
+    what, advice = "would overwrite another file", "choose another name"
+    require(not other, str(path), what, advice, OutputError)
     return write_atomically(path, text)
 
 

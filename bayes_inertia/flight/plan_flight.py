@@ -16,7 +16,6 @@ from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import MORE
-from bayes_inertia.errors import EffectError
 from bayes_inertia.flight.closed_loop import fly_slews
 from bayes_inertia.flight.closed_loop_flights import closed_loop_inputs, rate_bias
 from bayes_inertia.flight.mission import Mission
@@ -34,7 +33,7 @@ from bayes_inertia.flight.planned_telemetry import (
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.values import array_dataclass, whole_number
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import Effect, require_of_effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_context import Trajectory
 from bayes_inertia.physics.slew_input import Start
@@ -227,12 +226,9 @@ def _check_converged(flown: Any, planned: Campaign, effects: Sequence[Effect]) -
     bad = ~np.isfinite(flown.attitude).all(axis=(1, 2))
     if effects:
         bad |= ~(flown.relaxation_change <= NUMERICS.relaxation_tolerance)
-    if bad.any():
-        raise EffectError(
-            "the closed loop is not stable with these effects",
-            where=planned.slews[int(np.argmax(bad))].name,
-            advice="use smaller values, or a lower controller bandwidth",
-        )
+    what, first = "the closed loop is not stable with these effects", int(np.argmax(bad))
+    advice = "use smaller values, or a lower controller bandwidth"
+    require_of_effect(not bad.any(), planned.slews[first].name, what, advice)
 
 
 def _flight(plan: Plan, mission: Mission, planned: Campaign, flown: Any) -> Flight:

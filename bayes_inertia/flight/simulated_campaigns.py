@@ -17,7 +17,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.writer import write_campaign
-from bayes_inertia.errors import EffectError, OutputError
+from bayes_inertia.errors import EffectError, OutputError, require
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.example_flight import flown_again
 from bayes_inertia.flight.mission import Mission, prior_mean, spacecraft_at
@@ -27,7 +27,7 @@ from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft, spin_tensor, without_spin
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import json_ready, whole_number
-from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect import Effect, require_of_effect
 from bayes_inertia.physics.forward_model import base_space
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.parameters import ParameterSpace
@@ -106,23 +106,19 @@ def _hidden_effects(
 
 def _requested_value(request: _Request, by_parameter: Mapping[str, np.ndarray]) -> np.ndarray:
     """The value that a request asks for, in the shape of its parameter."""
-    if request.parameter not in by_parameter:
-        raise EffectError(
-            f"no parameter {request.parameter!r}",
-            where=request.effect,
-            advice=f"its parameters are {', '.join(by_parameter)}",
-        )
+    what, advice = (
+        f"no parameter {request.parameter!r}",
+        f"its parameters are {', '.join(by_parameter)}",
+    )
+    require_of_effect(request.parameter in by_parameter, request.effect, what, advice)
     null = by_parameter[request.parameter]
     try:
         given = np.array([float(x) for x in request.value.split(",")])
         return np.broadcast_to(given, null.shape) if null.shape else given.reshape(())
     except ValueError:
-        count = f"{null.size} number{'s' if null.size > 1 else ''}"
-        raise EffectError(
-            f"{request.value!r} is not {count}",
-            where=f"{request.effect}.{request.parameter}",
-            advice="give numbers separated by commas",
-        ) from None
+        what = f"{request.value!r} is not {null.size} number{'s' if null.size > 1 else ''}"
+        where, advice = f"{request.effect}.{request.parameter}", "give numbers separated by commas"
+        raise EffectError(what, where=where, advice=advice) from None
 
 
 def simulate(
@@ -206,12 +202,9 @@ def simulate_again(
 def _write_with_truth(campaign: Campaign, truth: Mapping[str, Any], folder: Path) -> None:
     text = json.dumps(truth, indent=1) + "\n"
     path = folder / "truth.json"
-    if path.exists() and path.read_text(encoding="utf-8") != text:
-        raise OutputError(
-            "would overwrite the truth of another campaign",
-            where=str(path),
-            advice="write to a new folder",
-        )
+    free = not path.exists() or path.read_text(encoding="utf-8") == text
+    what, advice = "would overwrite the truth of another campaign", "write to a new folder"
+    require(free, str(path), what, advice, OutputError)
     write_campaign(campaign, folder)
     write_atomically(path, text)
 

@@ -223,14 +223,14 @@ def _refuse_second_session(files: Sequence[LoggedStream]) -> None:
             np.concatenate([before.time, after.time[late]]),
             np.concatenate([before.values, after.values[late]]),
         )
-        if row is not None:
-            raise CampaignError(
-                f"the times overlap with those of {before.files[0]}, which ends "
-                f"{before.time[-1] - after.time[0]:.6g} s after this file begins",
-                where=after.files[0],
-                advice='write epoch = "file" for every stream if each file starts its own clock; '
-                "else name the files of one gyro only, or correct the kind of their clocks",
-            )
+        late_s = before.time[-1] - after.time[0]
+        what = (
+            f"the times overlap with those of {before.files[0]}, which ends {late_s:.6g} s after "
+        )
+        what += "this file begins"
+        advice = 'write epoch = "file" for every stream if each file starts its own clock; '
+        advice += "else name the files of one gyro only, or correct the kind of their clocks"
+        require(row is None, after.files[0], what, advice)
 
 
 def _different_clocks(shares: Sequence[FileShare], label: str) -> CampaignError:

@@ -16,7 +16,7 @@ from bayes_inertia.campaign.hardware import members
 from bayes_inertia.campaign.reader import campaign_of
 from bayes_inertia.campaign.sensors import BY_KEY
 from bayes_inertia.campaign.writer import content_of, files_of
-from bayes_inertia.errors import CampaignError, OutputError
+from bayes_inertia.errors import CampaignError, OutputError, require
 from bayes_inertia.faults.held import held_readings
 from bayes_inertia.faults.known_offsets import known_offset
 from bayes_inertia.files import path_of, read_bytes, text_of, write_new_files
@@ -161,10 +161,9 @@ def _read_back(
 
 def _refuse_occupied(folder: Path, mapping: bytes) -> None:
     """Refuse a folder that holds an import by another mapping before the logs are read."""
-    if mapped_lines.other_mapping(folder, mapping):
-        what = "would overwrite another campaign"
-        advice = "write to a new folder, or remove this one first"
-        raise OutputError(what, where=str(folder / mapped_lines.RECORD_FILE), advice=advice)
+    free, where = not mapped_lines.other_mapping(folder, mapping), folder / mapped_lines.RECORD_FILE
+    advice = "write to a new folder, or remove this one first"
+    require(free, str(where), "would overwrite another campaign", advice, OutputError)
 
 
 def _once(stream: LoggedStream) -> LoggedStream:
@@ -190,14 +189,18 @@ def _refuse_other_unit_of_time(logs: Logs, label: str) -> None:
         step = float(np.median([several[other].step for other in others]))
         size, steps = (max(x, 1.0 / x) for x in (span / spans[key], step / stream.step))
         ratio = min(LIMITS.unit_factors_of_time, key=lambda unit: abs(size / unit - 1.0))
-        if abs(size / ratio - 1.0) < LIMITS.alike_spans and steps > LIMITS.different_steps:
-            files = ", ".join(PurePath(file).name for file in stream.files)
-            raise CampaignError(
-                f"the stamps of {files} span {spans[key]:.6g} s, those of the other streams "
-                f"{span:.6g} s: {ratio:g} times as much or as little",
-                where=f"{label}, key streams.{key}.time.kind",
-                advice="a unit of time is wrong, such as s for ms",
-            )
+        other = abs(size / ratio - 1.0) < LIMITS.alike_spans and steps > LIMITS.different_steps
+        what = (
+            f"the stamps of {_names(stream)} span {spans[key]:.6g} s, those of the other streams "
+        )
+        what += f"{span:.6g} s: {ratio:g} times as much or as little"
+        advice = "a unit of time is wrong, such as s for ms"
+        require(not other, f"{label}, key streams.{key}.time.kind", what, advice)
+
+
+def _names(stream: LoggedStream) -> str:
+    """The files of a stream, for a message."""
+    return ", ".join(PurePath(file).name for file in stream.files)
 
 
 def _refuse_outside(stream: LoggedStream, cut: SlewCut, mapping: MappingPart, label: str) -> None:
@@ -212,7 +215,6 @@ def _refuse_outside(stream: LoggedStream, cut: SlewCut, mapping: MappingPart, la
         return
     known = known_offset([(stream.time, spans)])
     stated = streams_that_hold(mapping, stream.holds)[0].offset_s
-    files = ", ".join(PurePath(file).name for file in stream.files)
     size = nearest if known is None else abs(known[0])
     if known is None:
         first = spans[0][0] - float(stream.time[0])
@@ -227,7 +229,7 @@ def _refuse_outside(stream: LoggedStream, cut: SlewCut, mapping: MappingPart, la
             "leave the stream out"
         )
     readings, lie = (f"all {count} readings", "lie") if count > 1 else ("the only reading", "lies")
-    what = f"{readings} of {files} {lie} outside every slew, by {size:.6g} s"
+    what = f"{readings} of {_names(stream)} {lie} outside every slew, by {size:.6g} s"
     raise CampaignError(what, where=f"{label}, key streams.{stream.holds}.offset_s", advice=advice)
 
 

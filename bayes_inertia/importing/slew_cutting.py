@@ -112,14 +112,11 @@ def cut_into_slews(logs: Logs, mapping: MappingPart, label: str) -> SlewCut:
         return SlewCut(tuple(windows), tuple(dropped), scan, "slews" if mapping.slews else by)
     scan = _scan(logs, cut, pause)
     windows, dropped = _at_rests(scan, logs, cut)
-    if not windows:
-        reasons = "; ".join(f"{d.start:.0f} to {d.end:.0f} s, {d.reason}" for d in dropped[:4])
-        raise CampaignError(
-            f"no slew from rest to rest is in the log ({reasons or 'no motion'})",
-            where=f"{label}, key cut",
-            advice='lower min_rest_s, raise rest_rate, write by = "gaps" for a spacecraft that '
-            "never rests, or state [[slews]] with start and end",
-        )
+    reasons = "; ".join(f"{d.start:.0f} to {d.end:.0f} s, {d.reason}" for d in dropped[:4])
+    what = f"no slew from rest to rest is in the log ({reasons or 'no motion'})"
+    advice = 'lower min_rest_s, raise rest_rate, write by = "gaps" for a spacecraft that never '
+    advice += "rests, or state [[slews]] with start and end"
+    require(bool(windows), f"{label}, key cut", what, advice)
     return SlewCut(tuple(windows), tuple(dropped), scan, "rest")
 
 

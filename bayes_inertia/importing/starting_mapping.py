@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from bayes_inertia.errors import OutputError
+from bayes_inertia.errors import OutputError, require
 from bayes_inertia.files import vocabulary, write_atomically
 from bayes_inertia.importing.column_families import (
     ClockGuess,
@@ -215,9 +215,8 @@ class StartingMapping:
 def write_starting_mapping(files: Sequence[str | Path], path: str | Path) -> StartingMapping:
     """Write a mapping with a question at everything that the files do not say."""
     path = Path(path)
-    if path.exists():
-        advice = "fill it in, or name another file"
-        raise OutputError("is there already", where=str(path), advice=advice)
+    advice = "fill it in, or name another file"
+    require(not path.exists(), str(path), "is there already", advice, OutputError)
     started = starting_mapping([Path(file) for file in files])
     write_atomically(path, started.text)
     return started

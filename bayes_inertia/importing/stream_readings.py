@@ -365,11 +365,9 @@ def _attitudes(
     problem = bad_attitude(values, convention)
     if problem is not None:
         row, what = problem
-        raise CampaignError(
-            f"{what}: {read[row].tolist()}",
-            where=f"{table.place(row, names[0])} to {names[-1]}",
-            advice=_advice_on(row, read, convention, part.scale != 1.0),
-        )
+        place = f"{table.place(row, names[0])} to {names[-1]}"
+        advice = _advice_on(row, read, convention, part.scale != 1.0)
+        raise CampaignError(f"{what}: {read[row].tolist()}", where=place, advice=advice)
     if not np.isfinite(values).any():
         said.append("no row holds a fix")
     quaternions = to_quaternions(values, convention)
@@ -411,8 +409,7 @@ def _valid_rows(valid: ValidRows, table: Table, where: str) -> np.ndarray:
     else:
         numbers = [number_of(v) if isinstance(v, str) else float(v) for v in accepted]
         rows = np.isin(column.values.astype(float), numbers)
-    if not rows.any():
-        present = ", ".join(repr(v) for v in np.unique(column.values)[:8].tolist())
-        what, advice = f"no row has {valid.name} = {valid.equals!r}", f"the column has {present}"
-        raise CampaignError(what, where=f"{where}.valid.equals", advice=advice)
+    present = ", ".join(repr(v) for v in np.unique(column.values)[:8].tolist())
+    what, advice = f"no row has {valid.name} = {valid.equals!r}", f"the column has {present}"
+    require(bool(rows.any()), f"{where}.valid.equals", what, advice)
     return rows

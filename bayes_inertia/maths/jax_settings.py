@@ -17,7 +17,7 @@ from threading import Event
 
 import jax
 
-from bayes_inertia.errors import SettingsError
+from bayes_inertia.errors import SettingsError, require
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_cpu_enable_async_dispatch", False)
@@ -59,15 +59,9 @@ def require_usable_jax() -> None:
     --------
     >>> require_usable_jax()
     """
-    if _forked_late.is_set():
-        raise SettingsError(
-            "was forked after JAX had computed and would hang",
-            where="this process",
-            advice='start processes with spawn: multiprocessing.get_context("spawn")',
-        )
-    if not jax.config.jax_enable_x64:
-        raise SettingsError(
-            "double precision was switched off",
-            where="JAX",
-            advice='switch it on again: jax.config.update("jax_enable_x64", True)',
-        )
+    alone, what = not _forked_late.is_set(), "was forked after JAX had computed and would hang"
+    advice = 'start processes with spawn: multiprocessing.get_context("spawn")'
+    require(alone, "this process", what, advice, SettingsError)
+    double, what = jax.config.jax_enable_x64, "double precision was switched off"
+    advice = 'switch it on again: jax.config.update("jax_enable_x64", True)'
+    require(double, "JAX", what, advice, SettingsError)

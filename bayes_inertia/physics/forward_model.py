@@ -19,7 +19,6 @@ from bayes_inertia.campaign.hardware import (
     require,
 )
 from bayes_inertia.campaign.prior import GaussianPrior
-from bayes_inertia.errors import EffectError
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.kept_programs import KeptProgram
@@ -34,6 +33,7 @@ from bayes_inertia.physics.effect import (
     Effect,
     guarded,
     require_effects,
+    require_of_effect,
     require_rule,
 )
 from bayes_inertia.physics.effects.lost_commands import LostCommands
@@ -285,12 +285,10 @@ def _check_noise(campaign: Campaign, drive: Drive, noise: NoiseModel) -> None:
 
 
 def _check_combination(structure: Structure, noise: NoiseModel) -> None:
-    if structure.hyperparameters and not noise.is_stated:
-        raise EffectError(
-            "cannot be fitted together with Student-t noise or a sampled noise scale",
-            where=next(e.name for e in structure.effects if isinstance(e, StochasticEffect)),
-            advice="leave out one of the two",
-        )
+    alone = noise.is_stated or not structure.hyperparameters
+    first = next((e for e in structure.effects if isinstance(e, StochasticEffect)), "")
+    what = "cannot be fitted together with Student-t noise or a sampled noise scale"
+    require_of_effect(alone, first, what, "leave out one of the two")
 
 
 def base_space(

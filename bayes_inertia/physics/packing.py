@@ -86,11 +86,8 @@ def refined_grid(time: np.ndarray, max_step: float | None) -> tuple[np.ndarray, 
     wanted = np.maximum(1.0, np.ceil(np.diff(time) / max_step - 1e-9))
     if not wanted.sum() < NUMERICS.most_grid_points:
         what = f"integrating {time[-1] - time[0]:.6g} s in steps of {max_step:.3g} s is too much"
-        raise CampaignError(
-            what,
-            where="rate columns",
-            advice="check the unit of the rates and of time: such fast rotation is not plausible",
-        )
+        advice = "check the unit of the rates and of time: such fast rotation is not plausible"
+        raise CampaignError(what, where="rate columns", advice=advice)
     parts = wanted.astype(int)
     sample = np.concatenate([[0], np.cumsum(parts)])
     steps = np.repeat(np.diff(time) / parts, parts)
@@ -202,11 +199,9 @@ def _stream(slew: Slew, name: str) -> InputStream:
     """An input of a slew, or `CampaignError`."""
     stream = (slew.inputs or {}).get(name)
     if stream is None:
-        raise CampaignError(
-            f"an effect asks for the input {name!r}, which the slew does not have",
-            where=f"slews.{slew.name}.inputs",
-            advice="give it as Slew(inputs={name: InputStream(...)}), or leave the effect out",
-        )
+        what = f"an effect asks for the input {name!r}, which the slew does not have"
+        advice = "give it as Slew(inputs={name: InputStream(...)}), or leave the effect out"
+        raise CampaignError(what, where=f"slews.{slew.name}.inputs", advice=advice)
     return stream
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from jax import Array
 from scipy import special, stats
 
-from bayes_inertia.errors import SettingsError
+from bayes_inertia.errors import SettingsError, require
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
 from bayes_inertia.maths.values import array_dataclass
@@ -146,24 +146,19 @@ def _require_distribution(prior: Prior) -> None:
     """Raise unless the numbers make a distribution."""
     centre = "median" if prior.logarithmic else "mean"
     given = getattr(prior, centre)
-    numbers = (given, prior.scale, prior.lower, prior.upper)
-    if not all(isinstance(x, Real) for x in numbers):
-        advice = "give one number each; components that differ have priors of their own"
-        where = f"{type(prior).__name__} prior"
-        raise SettingsError("not all are numbers", where=where, advice=advice)
+    numbers, where = (given, prior.scale, prior.lower, prior.upper), f"{type(prior).__name__} prior"
+    known = all(isinstance(x, Real) for x in numbers)
+    advice = "give one number each; components that differ have priors of their own"
+    require(known, where, "not all are numbers", advice, SettingsError)
+    least = max(prior.lower, 0.0 if prior.logarithmic else -np.inf)
+    no_value = f"no value lies between {prior.lower} and {prior.upper}"
     for good, what, advice in (
         (np.isfinite(given), f"the {centre} is {given}", "give a number"),
         (given > 0.0 or not prior.logarithmic, f"the {centre} is {given}", "give one above zero"),
         (0.0 < prior.scale < np.inf, f"the scale is {prior.scale}", "give one above zero"),
-        (
-            max(prior.lower, 0.0 if prior.logarithmic else -np.inf) < prior.upper,
-            f"no value lies between {prior.lower} and {prior.upper}",
-            "give lower < upper",
-        ),
+        (least < prior.upper, no_value, "give lower < upper"),
     ):
-        if not good:
-            kind = type(prior).__name__
-            raise SettingsError(what, where=f"{kind} prior", advice=advice)
+        require(good, where, what, advice, SettingsError)
 
 
 # J and K, first in every model, before the parameters of effects: of a rate sensor of three axes,
@@ -334,12 +329,9 @@ def with_prior_scale(parameter: Parameter, factor: float) -> Parameter:
     """
     if factor == 1.0:
         return parameter
-    if not 0.0 < factor < np.inf:
-        raise SettingsError(
-            f"{factor} is not above zero",
-            where="prior_scale",
-            advice="give how many times as wide as stated the priors are to be",
-        )
+    advice = "give how many times as wide as stated the priors are to be"
+    what = f"{factor} is not above zero"
+    require(0.0 < factor < np.inf, "prior_scale", what, advice, SettingsError)
     priors = (p if p.logarithmic else replace(p, scale=factor * p.scale) for p in parameter.priors)
     return replace(parameter, priors=tuple(priors))
 
@@ -376,9 +368,8 @@ class ParameterSpace:
         names = [f"{owner}.{n}" if owner else n for owner, p in self.entries for n in p.names]
         object.__setattr__(self, "names", tuple(names))
         object.__setattr__(self, "units", tuple(p.unit for _, p in self.entries for _ in p.names))
-        object.__setattr__(
-            self, "priors", tuple(prior for _, p in self.entries for prior in p.priors)
-        )
+        priors = tuple(prior for _, p in self.entries for prior in p.priors)
+        object.__setattr__(self, "priors", priors)
 
     @property
     def n_base(self) -> int:
@@ -463,9 +454,13 @@ class ParameterSpace:
         dict of str to (size,) array
             `logarithmic`, `mean`, `scale`, `lower` and `upper`.
         """
+        return {kind: on_device(column) for kind, column in self._columns.items()}
+
+    @cached_property
+    def _columns(self) -> dict[str, np.ndarray]:
+        """What `marginals` holds, on the host."""
         kinds = ("logarithmic", "mean", "scale", "lower", "upper")
-        columns = {k: [getattr(prior, k) for prior in self.priors] for k in kinds}
-        return {kind: on_device(np.array(column)) for kind, column in columns.items()}
+        return {k: np.array([getattr(prior, k) for prior in self.priors]) for k in kinds}
 
     def constants(self) -> dict[str, Array]:
         """The joint prior as arrays, for compiled code.
@@ -521,8 +516,9 @@ class ParameterSpace:
 
     def _of_standard(self, standardised: np.ndarray) -> np.ndarray:
         """Distances from the priors' centres in their scales (..., size) as parameters."""
-        values = self._centres + self._scales * standardised
-        return np.where(self._logarithmic, np.exp(np.where(self._logarithmic, values, 0.0)), values)
+        log, values = self._columns["logarithmic"], self._columns["scale"] * standardised
+        values = self._columns["mean"] + values
+        return np.where(log, np.exp(np.where(log, values, 0.0)), values)
 
     def from_unit(self, unit: np.ndarray) -> np.ndarray:
         """Points of the unit cube as parameters that follow the priors.
@@ -548,25 +544,13 @@ class ParameterSpace:
         return np.where(together, self._correlated(special.ndtri(unit)), values)
 
     @cached_property
-    def _centres(self) -> np.ndarray:
-        return np.array([p.mean for p in self.priors])
-
-    @cached_property
-    def _scales(self) -> np.ndarray:
-        return np.array([p.scale for p in self.priors])
-
-    @cached_property
-    def _logarithmic(self) -> np.ndarray:
-        return np.array([p.logarithmic for p in self.priors], bool)
-
-    @cached_property
     def _ends_in_unit(self) -> np.ndarray:
         """Shares (2, size) of the untruncated priors below each end."""
-        ends = np.array([self.lower, self.upper], float)
+        log, centres, scales, *ends = self._columns.values()
+        ends = np.array(ends, float)
         with np.errstate(divide="ignore"):
-            logs = np.log(np.where(self._logarithmic, np.maximum(ends, 0.0), 1.0))
-        ends = np.where(self._logarithmic, logs, ends)
-        return special.ndtr((ends - self._centres) / self._scales)
+            logs = np.log(np.where(log, np.maximum(ends, 0.0), 1.0))
+        return special.ndtr((np.where(log, logs, ends) - centres) / scales)
 
 
 def parameter_vectors(theta: Any, size: int, where: str = "theta") -> Any:

@@ -40,10 +40,9 @@ def _columns(records: Sequence[Any], lines: Sequence[int], label: str) -> dict[s
             column = cells.setdefault(name, [])
             column.extend([None] * (index - len(column)))
             column.append(value)
-        if len(cells) > LIMITS.most_columns_of_json:
-            what = f"more than {LIMITS.most_columns_of_json} different keys"
-            advice = "give every line the same keys"
-            raise CampaignError(what, where=f"{label}, line {line}", advice=advice)
+        few = len(cells) <= LIMITS.most_columns_of_json
+        what = f"more than {LIMITS.most_columns_of_json} different keys"
+        require(few, f"{label}, line {line}", what, "give every line the same keys")
     require(bool(cells), label, "the file is empty", "give rows of telemetry")
     return {
         name: _column(values + [None] * (len(records) - len(values)))

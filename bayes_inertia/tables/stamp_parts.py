@@ -147,12 +147,10 @@ def sizes_of(
         unit = unit or ("s" if first == "week" else "")
         size = unit_size(unit)
         if size is None:
-            raise CampaignError(
-                f"{unit!r} is no unit of time" if unit else "which unit it counts is not known",
-                where=f"{table.label}, column {name}",
-                advice='add units = [...] to `time`, one a column, such as units = ["s", "ns"], '
-                '["s", "s/65536"] (CUC) or ["day", "ms", "us"] (CDS)',
-            )
+            what = f"{unit!r} is no unit of time" if unit else "which unit it counts is not known"
+            advice = 'add units = [...] to `time`, one a column, such as units = ["s", "ns"], '
+            advice += '["s", "s/65536"] (CUC) or ["day", "ms", "us"] (CDS)'
+            raise CampaignError(what, where=f"{table.label}, column {name}", advice=advice)
         sizes.append(size)
     return sizes
 

@@ -137,10 +137,10 @@ def _check_no_row_is_lost(
     last = max((row.line for row in (name_row, unit_row) if row), default=0)
     for row in above:
         readings = any(is_reading(cell, form.decimal) for cell in row.cells)
-        if row.line > last and (readings if last else _holds_readings(row.cells, form.decimal)):
-            what = f"{len(row.cells)} cells that do not fit the columns"
-            advice = "mend or remove the line; a line of metadata can begin with #"
-            raise CampaignError(what, where=f"{label}, line {row.line}", advice=advice)
+        lost = readings if last else _holds_readings(row.cells, form.decimal)
+        what = f"{len(row.cells)} cells that do not fit the columns"
+        advice = "mend or remove the line; a line of metadata can begin with #"
+        require(row.line <= last or not lost, f"{label}, line {row.line}", what, advice)
 
 
 def _judged(rows: Sequence[CellRow]) -> int:

@@ -417,12 +417,9 @@ def _check_steps(table: Table, names: Sequence[str], stamps: TimeStamps) -> None
         return
     step = float(present[-1] - present[0]) / SECOND / (present.size - 1)
     single = table.column(names[-1]).single
-    if stamps.resolution_s > LIMITS.coarsest_stamp * step and (step > 0.0 or single):
-        bits = "32-bit floats" if single else "this kind of number"
-        raise CampaignError(
-            f"{bits} can write these stamps only every {stamps.resolution_s:.2g} s, "
-            f"but rows follow each other every {step:.2g} s",
-            where=f"{table.label}, column {names[-1]}",
-            advice="export the times as 64-bit floats, integers or text, or as seconds from the "
-            "first row",
-        )
+    coarse = stamps.resolution_s > LIMITS.coarsest_stamp * step and (step > 0.0 or single)
+    bits = "32-bit floats" if single else "this kind of number"
+    what = f"{bits} can write these stamps only every {stamps.resolution_s:.2g} s, "
+    what += f"but rows follow each other every {step:.2g} s"
+    advice = "export the times as 64-bit floats, integers or text, or as seconds from the first row"
+    require(not coarse, f"{table.label}, column {names[-1]}", what, advice)

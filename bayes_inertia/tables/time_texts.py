@@ -104,9 +104,8 @@ def text_to_ns(
     try:
         day = _day_number(given)
     except ValueError as error:
-        raise CampaignError(
-            f"{text!r} is no day of the calendar", where=place(), advice=_ADVICE
-        ) from error
+        what = f"{text!r} is no day of the calendar"
+        raise CampaignError(what, where=place(), advice=_ADVICE) from error
     hour, minute, second = (int(given.get(key, 0)) for key in ("hour", "minute", "second"))
     if "half" in given:
         hour = hour % 12 + 12 * (given["half"] in "Pp") if 1 <= hour <= 12 else 24
@@ -117,12 +116,9 @@ def text_to_ns(
     # The second before a leap second is the last of a UTC day that has one.
     last = seconds % 86400 == 86399 and has_leap_second((seconds + 1) * SECOND)
     if not within or (leap and not (utc and last)):
-        raise CampaignError(
-            f"{text!r} is no time of the day"
-            + (": that day has no leap second" if leap and utc and within else ""),
-            where=place(),
-            advice=_ADVICE,
-        )
+        why = ": that day has no leap second" if leap and utc and within else ""
+        what = f"{text!r} is no time of the day{why}"
+        raise CampaignError(what, where=place(), advice=_ADVICE)
     return seconds * SECOND + int(given.get("part", "")[:9].ljust(9, "0")), leap
 
 
