@@ -106,11 +106,9 @@ def _hidden_effects(
 
 def _requested_value(request: _Request, by_parameter: Mapping[str, np.ndarray]) -> np.ndarray:
     """The value that a request asks for, in the shape of its parameter."""
-    what, advice = (
-        f"no parameter {request.parameter!r}",
-        f"its parameters are {', '.join(by_parameter)}",
-    )
-    require_of_effect(request.parameter in by_parameter, request.effect, what, advice)
+    known, what = request.parameter in by_parameter, f"no parameter {request.parameter!r}"
+    advice = f"its parameters are {', '.join(by_parameter)}"
+    require_of_effect(known, request.effect, what, advice)
     null = by_parameter[request.parameter]
     try:
         given = np.array([float(x) for x in request.value.split(",")])

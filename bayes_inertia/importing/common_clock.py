@@ -224,10 +224,8 @@ def _refuse_second_session(files: Sequence[LoggedStream]) -> None:
             np.concatenate([before.values, after.values[late]]),
         )
         late_s = before.time[-1] - after.time[0]
-        what = (
-            f"the times overlap with those of {before.files[0]}, which ends {late_s:.6g} s after "
-        )
-        what += "this file begins"
+        what = f"the times overlap with those of {before.files[0]}, which ends {late_s:.6g} s "
+        what += "after this file begins"
         advice = 'write epoch = "file" for every stream if each file starts its own clock; '
         advice += "else name the files of one gyro only, or correct the kind of their clocks"
         require(row is None, after.files[0], what, advice)

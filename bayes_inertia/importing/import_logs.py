@@ -189,13 +189,11 @@ def _refuse_other_unit_of_time(logs: Logs, label: str) -> None:
         step = float(np.median([several[other].step for other in others]))
         size, steps = (max(x, 1.0 / x) for x in (span / spans[key], step / stream.step))
         ratio = min(LIMITS.unit_factors_of_time, key=lambda unit: abs(size / unit - 1.0))
-        other = abs(size / ratio - 1.0) < LIMITS.alike_spans and steps > LIMITS.different_steps
-        what = (
-            f"the stamps of {_names(stream)} span {spans[key]:.6g} s, those of the other streams "
-        )
-        what += f"{span:.6g} s: {ratio:g} times as much or as little"
+        wrong = abs(size / ratio - 1.0) < LIMITS.alike_spans and steps > LIMITS.different_steps
+        what = f"the stamps of {_names(stream)} span {spans[key]:.6g} s, those of the other "
+        what += f"streams {span:.6g} s: {ratio:g} times as much or as little"
         advice = "a unit of time is wrong, such as s for ms"
-        require(not other, f"{label}, key streams.{key}.time.kind", what, advice)
+        require(not wrong, f"{label}, key streams.{key}.time.kind", what, advice)
 
 
 def _names(stream: LoggedStream) -> str:

@@ -409,7 +409,8 @@ def _valid_rows(valid: ValidRows, table: Table, where: str) -> np.ndarray:
     else:
         numbers = [number_of(v) if isinstance(v, str) else float(v) for v in accepted]
         rows = np.isin(column.values.astype(float), numbers)
-    present = ", ".join(repr(v) for v in np.unique(column.values)[:8].tolist())
-    what, advice = f"no row has {valid.name} = {valid.equals!r}", f"the column has {present}"
-    require(bool(rows.any()), f"{where}.valid.equals", what, advice)
+    if not rows.any():
+        present = ", ".join(repr(v) for v in np.unique(column.values)[:8].tolist())
+        what, advice = f"no row has {valid.name} = {valid.equals!r}", f"the column has {present}"
+        raise CampaignError(what, where=f"{where}.valid.equals", advice=advice)
     return rows
