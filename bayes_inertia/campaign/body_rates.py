@@ -129,11 +129,9 @@ def _smoothed(campaign: Campaign, slew: Slew) -> _Smoothed:
     left = LIMITS.error_of_wheels * largest if largest > 0.0 else LIMITS.unseen_rate
     seen = _beyond(known_B, slew, [*_of_gyros(campaign, slew), *_of_fixes(campaign, slew)])
     numbers = sum(len(part.values) for part in seen)
-    fits = [
-        _spline(slew, seen, pieces, left)
-        for pieces in LIMITS.spline_pieces
-        if pieces == 1 or 3 * pieces <= LIMITS.splines_of_numbers * numbers
-    ]
+    most = LIMITS.splines_of_numbers * numbers
+    counts = [n for n in LIMITS.spline_pieces if n == 1 or 3 * n <= most]
+    fits = [_spline(slew, seen, pieces, left) for pieces in counts]
     best = max(fits, key=lambda fit: fit[1])[0]
     return best._replace(rate_B=known_B + best.rate_B)
 

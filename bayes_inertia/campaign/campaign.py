@@ -278,10 +278,8 @@ class Campaign:
     @property
     def has_tachometers(self) -> bool:
         """Whether every wheel has a tachometer of known noise, as the `measured` drive needs."""
-        read = all(
-            s.wheel_momentum is not None and bool(np.isfinite(s.wheel_momentum).any(axis=0).all())
-            for s in self.slews
-        )
+        given = [s.wheel_momentum for s in self.slews]
+        read = all(x is not None and bool(np.isfinite(x).any(axis=0).all()) for x in given)
         return read and all(w.momentum_sigma is not None for w in self.wheels)
 
     @property
@@ -405,10 +403,8 @@ class Campaign:
         """
         seen = self.with_body_rates
         rates = [turning(seen, s)[1] for s in seen.slews]
-        return max(
-            (float(np.quantile(np.linalg.norm(r, axis=1), quantile)) for r in rates if len(r)),
-            default=0.0,
-        )
+        norms = (np.linalg.norm(r, axis=1) for r in rates if len(r))
+        return max((float(np.quantile(norm, quantile)) for norm in norms), default=0.0)
 
     @property
     def three_axis_gyro(self) -> RateSensor:
@@ -447,11 +443,8 @@ class Campaign:
         readings = np.concatenate([turning(seen, s)[1] for s in seen.slews])
         rate = float(np.sqrt(np.mean(np.sum(readings**2, axis=1)))) if len(readings) else 0.0
         duration = float(np.median([s.duration for s in self.slews]))
-        return (
-            max(rate, self.body_rates.noise),
-            duration,
-            float(np.trace(self.inertia.tensor) / 3.0),
-        )
+        inertia = float(np.trace(self.inertia.tensor) / 3.0)
+        return max(rate, self.body_rates.noise), duration, inertia
 
 
 def _require_readings(readings: np.ndarray, sensor: Any, key: str) -> None:

@@ -73,9 +73,8 @@ def with_short_gaps_filled(
             gaps.append((k, nodes))
             if tuple(nodes) not in usual:
                 usual[tuple(nodes)] = _usual(at, commands, nodes)
-            errors.append(
-                _error_of_curve(commands[k - 1 : k + 3], nodes, step, *usual[tuple(nodes)])
-            )
+            around = commands[k - 1 : k + 3]
+            errors.append(_error_of_curve(around, nodes, step, *usual[tuple(nodes)]))
     order = np.argsort(errors)
     total = LIMITS.curve_error_safety * np.sqrt(np.cumsum(np.array(errors)[order] ** 2))
     accepted = order[total <= LIMITS.times_negligible * negligible]
@@ -99,10 +98,8 @@ def _nodes(around: np.ndarray, step: float) -> np.ndarray | None:
     steps = (around - around[0]) / step
     nodes = np.round(steps).astype(int)
     whole = np.all(np.abs(np.diff(steps) - np.diff(nodes)) <= LIMITS.whole_step)
-    near = (
-        len(_lost(nodes)) <= LIMITS.most_rows_on_a_curve
-        and nodes[3] <= 2 * LIMITS.most_rows_on_a_curve + 2
-    )
+    most = LIMITS.most_rows_on_a_curve
+    near = len(_lost(nodes)) <= most and nodes[3] <= 2 * most + 2
     return nodes if whole and near and np.all(np.diff(nodes) > 0) else None
 
 
@@ -140,10 +137,8 @@ def _usual(
         return none
     bends = _bends(commands[trials[:, None] + nodes], nodes)
     # The rounding of equal numbers is no bend.
-    limit = (
-        LIMITS.smooth_factor * np.quantile(bends, LIMITS.smooth_quantile, axis=0)
-        + 1e-12 * np.abs(commands).max()
-    )
+    limit = LIMITS.smooth_factor * np.quantile(bends, LIMITS.smooth_quantile, axis=0)
+    limit = limit + 1e-12 * np.abs(commands).max()
     smooth = trials[(bends <= limit).all(axis=1), None]
     if len(smooth) < LIMITS.fewest_trials:
         return none
@@ -195,9 +190,8 @@ def with_known_torques(
         known = np.isfinite(torque).all(axis=1)
         unknown = _unknown_intervals(time, torque, known, negligible)
         step = float(np.median(np.diff(time[known]))) if known.sum() > 1 else 0.0
-        is_short = all(
-            a == -np.inf and b - time[0] <= FAULTS.longest_step * step for a, b in unknown
-        )
+        short = FAULTS.longest_step * step
+        is_short = all(a == -np.inf and b - time[0] <= short for a, b in unknown)
         if unknown and not is_short and every_wheel_is_read:
             dirt = [_record(unknown, "measured wheel momentum drives the model", "masked")]
             channels = {name: values for name, values in given.items() if name != "wheel_torque"}

@@ -75,12 +75,9 @@ def upgrade(content: Mapping[str, Any]) -> dict[str, Any]:
     columns = {k: _with(v, f"columns.{k}", stream=k) for k, v in content["columns"].items()}
     del columns["time"]["stream"]
     actuators = []
+    read = [(columns[old], new) for old, new in _OF_WHEEL.items() if old in columns]
     for k, wheel in enumerate(content.get("wheels", [])):
-        own = {
-            new: columns[old] | {"names": columns[old]["names"][k : k + 1]}
-            for old, new in _OF_WHEEL.items()
-            if old in columns
-        }
+        own = {new: stated | {"names": stated["names"][k : k + 1]} for stated, new in read}
         actuators.append(_with(wheel, f"wheels.{wheel.get('name')}", type="wheel", **own))
     for key in (key for key in _OF_WHEEL if key in columns):
         count = len(columns[key]["names"])

@@ -49,10 +49,8 @@ def _with_resting_wheels_locked(campaign: Campaign) -> tuple[Campaign, list[Dirt
         if wheel.state != "running" or not stuck.always_zero(*columns):
             continue
         wheels[k] = replace(wheel, state="locked")
-        note = (
-            f"{wheel.name} reads exactly 0 in every row and is never commanded: taken as locked; "
-            f'state = "locked" says so'
-        )
+        note = f"{wheel.name} reads exactly 0 in every row and is never commanded: taken as "
+        note += 'locked; state = "locked" says so'
         dirt.append(Dirt("stuck", "momentum", "", (), "modelled", note))
     return (replace(campaign, wheels=tuple(wheels)) if dirt else campaign), dirt
 
@@ -64,8 +62,6 @@ def _quantised(campaign: Campaign) -> list[Dirt]:
         every = [stream.series(campaign, s) for s in campaign.slews if stream.of(s) is not None]
         if every:
             values = np.concatenate([series.values for series in every])
-            dirt += [
-                f.record(stream.name, "")
-                for f in quantisation.detect(replace(every[0], values=values))
-            ]
+            found = quantisation.detect(replace(every[0], values=values))
+            dirt += [fault.record(stream.name, "") for fault in found]
     return dirt

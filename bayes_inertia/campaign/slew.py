@@ -133,10 +133,8 @@ class Slew:
             named = given is None or isinstance(given, Mapping)
             require(named, f"{where}.{key}", what, "give a dictionary, with names as keys")
         if self.more is not None:
-            more = {
-                key: _channel(values, len(time), None, f"{where}.more.{key}")
-                for key, values in self.more.items()
-            }
+            n, given = len(time), self.more.items()
+            more = {key: _channel(x, n, None, f"{where}.more.{key}") for key, x in given}
             object.__setattr__(self, "more", more)
         for key, stream in (self.inputs or {}).items():
             what = f"a {type(stream).__name__} is no input"
@@ -227,10 +225,8 @@ class Slew:
             return rows, self.rate[rows]
         given = [np.flatnonzero(axis) for axis in valid.T]
         rows = np.arange(max(k[0] for k in given), min(k[-1] for k in given) + 1)
-        bridged = [
-            np.interp(self.time[rows], self.time[k], readings[k])
-            for k, readings in zip(given, self.rate.T, strict=True)
-        ]
+        time, both = self.time, zip(given, self.rate.T, strict=True)
+        bridged = [np.interp(time[rows], time[k], readings[k]) for k, readings in both]
         return rows, np.stack(bridged, axis=1)
 
 

@@ -74,11 +74,7 @@ def with_rows_at(channels: Channels, times: np.ndarray, step: float) -> Channels
     near = time[np.minimum(first, len(time) - 1)] <= times + LIMITS.same_row * step
     new = times[~((first < len(time)) & near)]
     at = np.searchsorted(time, new)
-    grown = {
-        name: np.insert(values, at, np.nan, axis=0)
-        for name, values in channels.items()
-        if name != "time"
-    }
+    grown = {name: np.insert(values, at, np.nan, axis=0) for name, values in channels.items()}
     return {**grown, "time": np.insert(time, at, new)}
 
 

@@ -64,10 +64,7 @@ def streams_of(slew: SlewPart, description: Description) -> list[Stream]:
         offset = time.offset_s + entry.columns.offset_s
         clock = (file, time.names[0], time.unit, time.regular, offset)
         found.setdefault(clock, (time, []))[1].append(entry)
-    return [
-        Stream(file, time, offset, tuple(entries))
-        for (file, *_, offset), (time, entries) in found.items()
-    ]
+    return [Stream(file, t, offset, tuple(e)) for (file, *_, offset), (t, e) in found.items()]
 
 
 def union(streams: Sequence[dict[str, np.ndarray]], label: str) -> dict[str, np.ndarray]:
@@ -201,12 +198,8 @@ def _slope(streams: Sequence[StreamRows]) -> StampSlope:
     """Whether the readings of a stream move with the jitter of its stamps, over all slews."""
     evidence = []
     for rows in streams:
-        names = [
-            name
-            for entry in rows.stream.entries
-            if entry.key in _READINGS
-            for name in entry.columns.names
-        ]
+        read = [entry for entry in rows.stream.entries if entry.key in _READINGS]
+        names = [name for entry in read for name in entry.columns.names]
         clock, _ = regular_clock(rows.stamps)
         if names and clock is not None:
             evidence.append((rows.stamps, clock, rows.table.stack(names)))
@@ -224,10 +217,8 @@ def _of_jitter(rows: StreamRows, record: Dirt, slope: StampSlope) -> StreamRows:
         strays = _strays(rows.stamps, clock, rows.stream.time.unit)
         note = f"{strays}, sampling does not ({evidence}); the clock's times are taken"
         return rows.at(clock, replace(record, treated="modelled", note=note))
-    advice = (
-        "; if the sensor samples at regular times, write regular = true beside the unit of this "
-        "time in [columns]"
-    )
+    advice = "; if the sensor samples at regular times, write regular = true beside the unit of "
+    advice += "this time in [columns]"
     return rows.at(rows.stamps, replace(record, note=record.note + advice))
 
 
@@ -263,10 +254,8 @@ def _without_repeats(
     repeated = np.flatnonzero(held.repeats.any(axis=1))
     values = np.where(held.repeats, np.nan, rows.table.stack(names))
     poll = float(schema.to_si(np.median(np.diff(rows.stamps)), "time", rows.stream.time.unit))
-    note = (
-        f"{held}: {len(repeated)} of {len(values)} rows repeat the one before and do not count; "
-        f"a reading may be up to {poll:.3g} s older than its stamp"
-    )
+    note = f"{held}: {len(repeated)} of {len(values)} rows repeat the one before and do not count; "
+    note += f"a reading may be up to {poll:.3g} s older than its stamp"
     record = Dirt("duplicate", channel, "", tuple(repeated.tolist()), "masked", note)
     table = rows.table.changed(dict(zip(names, values.T, strict=True)))
     return replace(rows, table=table, dirt=(*rows.dirt, record))
@@ -307,12 +296,9 @@ def stream_from_table(
 
 def inputs_of(streams: Sequence[StreamRows]) -> dict[str, InputStream]:
     """What devices were told to do in a slew, under their names, in SI units."""
-    given = ((rows, entry) for rows in streams for entry in rows.stream.entries)
-    return {
-        entry.field.removeprefix(INPUTS): _input(rows.table, rows.stream, entry)
-        for rows, entry in given
-        if entry.field.startswith(INPUTS)
-    }
+    every = ((rows, entry) for rows in streams for entry in rows.stream.entries)
+    given = ((rows, entry) for rows, entry in every if entry.field.startswith(INPUTS))
+    return {e.field.removeprefix(INPUTS): _input(rows.table, rows.stream, e) for rows, e in given}
 
 
 def _input(table: Table, stream: Stream, entry: Entry) -> InputStream:

@@ -136,12 +136,8 @@ def _content_2(campaign: Campaign, channels: Sequence[Written]) -> tuple[str, di
         slews.append({**_slew_part(slew), **streams.files(number, own)})
         tables[streams.telemetry_file(number)] = _table_of(slew, channels)
         tables |= input_tables(slew, streams, number)
-    parts = {
-        **_head(campaign, FORMAT_2),
-        "time": _TIME,
-        **devices(campaign, channels, streams),
-        "slews": slews,
-    }
+    told = devices(campaign, channels, streams)
+    parts = {**_head(campaign, FORMAT_2), "time": _TIME, **told, "slews": slews}
     return toml_text(parts), tables
 
 
@@ -173,11 +169,8 @@ def _table_of(slew: Slew, channels: Sequence[Written]) -> Table:
     made = {"t_s": slew.time}
     for channel in (channel for channel in channels if channel.in_table(slew)):
         values = channel.values(slew)
-        if (
-            channel.channel == "wheel_torque"
-            and values is not None
-            and slew.lost_command is not None
-        ):
+        commands = channel.channel == "wheel_torque" and values is not None
+        if commands and slew.lost_command is not None:
             values = np.where((slew.lost_command > 0)[:, None], np.nan, values)
         if values is None:
             values = np.full((len(slew.time), len(channel.names)), np.nan)

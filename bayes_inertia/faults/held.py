@@ -84,10 +84,8 @@ def _held_rows(
 ) -> list[HeldReadings | None]:
     """Held rows of each series, by the evidence of all; None where no row repeats another."""
     given = [np.flatnonzero(np.isfinite(values).any(axis=1)) for _, values in series]
-    runs = [
-        _run_starts(time[rows], values[rows])
-        for (time, values), rows in zip(series, given, strict=True)
-    ]
+    both = zip(series, given, strict=True)
+    runs = [_run_starts(time[rows], values[rows]) for (time, values), rows in both]
     counts = [np.diff(np.append(f, len(r))) for (f, _), r in zip(runs, given, strict=True)]
     lengths = np.concatenate([np.zeros(0, dtype=int), *counts])
     held = lengths > 1

@@ -36,11 +36,8 @@ def known_offset(
         if best is not None and size not in KNOWN_OFFSETS:
             break
         for seconds in (-size, size):
-            inside = sum(
-                int(((times + seconds >= a) & (times + seconds <= b)).sum())
-                for times, spans in readings
-                for a, b in spans
-            )
+            moved = [(times + seconds, spans) for times, spans in readings]
+            inside = sum(int(((t >= a) & (t <= b)).sum()) for t, spans in moved for a, b in spans)
             if inside > most:
                 best, most = (seconds, why, inside), inside
     return best
@@ -49,12 +46,8 @@ def known_offset(
 def likely_offsets() -> Iterator[tuple[float, str]]:
     """Known offsets of clocks [s], the most common first: scales, time zones, and both."""
     yield from KNOWN_OFFSETS.items()
-    zones = [
-        part + k
-        for part in LIMITS.parts_of_hour
-        for k in range(LIMITS.largest_time_zone_h + 1)
-        if part + k
-    ]
+    hours = range(LIMITS.largest_time_zone_h + 1)
+    zones = [part + k for part in LIMITS.parts_of_hour for k in hours if part + k]
     yield from ((LIMITS.hour * zone, f"{zone:g} h, as of a time zone") for zone in zones)
     for zone in zones:
         for small, of in KNOWN_OFFSETS.items():

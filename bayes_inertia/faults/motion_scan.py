@@ -56,14 +56,8 @@ def scan_motion(
         _require_rest(float(np.linalg.norm(rest_rate)), float(norm.max()), where)
     level = float(np.median(at_rest)) if len(at_rest) else 0.0
     # Near the noise, so that a slew is over only when it has settled.
-    low = min(
-        high,
-        max(
-            min(LIMITS.low_over_high * high, LIMITS.low_above_rest * level),
-            2.0 * level,
-            1e-3 * high,
-        ),
-    )
+    usual = min(LIMITS.low_over_high * high, LIMITS.low_above_rest * level)
+    low = min(high, max(usual, 2.0 * level, 1e-3 * high))
     motions = _hysteresis(time, speed, segment, low, high)
     return MotionScan(time, speed, segment, low, high, motions, rest_rate)
 
@@ -103,15 +97,13 @@ def _bridged(time: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 def _threshold(floor: float, largest: float, where: str) -> float:
     rates = f"the largest rate, {largest:.2g} rad/s, is hardly above the noise, {floor:.2g} rad/s"
-    advice = (
-        "give files that hold slews, check unit and scale, or state [[slews]] with start and end"
-    )
+    advice = "give files that hold slews, check unit and scale, or state [[slews]] with start "
+    advice += "and end"
     moves = largest > LIMITS.visible_motion * floor and largest != 0.0
     require(moves, f"rates in {where}", f"no slew is to be seen: {rates}", advice)
     # Half way between noise and slew, on a logarithmic scale.
-    return float(
-        min(np.sqrt(max(floor, 1e-4 * largest) * largest), LIMITS.largest_threshold * largest)
-    )
+    between = np.sqrt(max(floor, 1e-4 * largest) * largest)
+    return float(min(between, LIMITS.largest_threshold * largest))
 
 
 def _hysteresis(
@@ -122,11 +114,8 @@ def _hysteresis(
     new = np.concatenate([[True], (np.diff(above) != 0) | (np.diff(segment) != 0)])
     starts = np.flatnonzero(new)
     ends = np.append(starts[1:], len(time)) - 1
-    runs = [
-        (time[i], time[j])
-        for i, j in zip(starts, ends, strict=True)
-        if above[i] and speed[i : j + 1].max() > high
-    ]
+    spans = [(i, j) for i, j in zip(starts, ends, strict=True) if above[i]]
+    runs = [(time[i], time[j]) for i, j in spans if speed[i : j + 1].max() > high]
     return np.array(runs).reshape(-1, 2)
 
 

@@ -87,26 +87,19 @@ def rounding_sigmas(values: np.ndarray) -> np.ndarray:
     values = values[:: max(1, len(values) // LIMITS.rows_of_rounding)]
     columns = [np.unique(column[np.isfinite(column)]) for column in values.T]
     # Two values alone show a step only where they are multiples of it themselves.
-    steps = [
-        quantisation_step(np.append(column, 0.0) if len(column) == 2 else column) or 0.0
-        for column in columns
-    ]
+    three = (np.append(column, 0.0) if len(column) == 2 else column for column in columns)
+    steps = [quantisation_step(column) or 0.0 for column in three]
     decimal = _decimal_step(columns)
-    steps = [
-        max(steps) if len(column) == 1 else max(step, decimal)
-        for column, step in zip(columns, steps, strict=True)
-    ]
+    both, largest = zip(columns, steps, strict=True), max(steps, default=0.0)
+    steps = [largest if len(column) == 1 else max(step, decimal) for column, step in both]
     return np.array([quantisation_sigma(step) for step in steps])
 
 
 def _decimal_step(columns: Sequence[np.ndarray]) -> float:
     """The unit of the last decimal in which all numbers are written; 0 for too few numbers."""
-    numbers = {
-        number
-        for column in columns
-        for number in column[:: max(1, len(column) // LIMITS.numbers_of_decimals)].tolist()
-        if number != 0.0
-    }
+    most = LIMITS.numbers_of_decimals
+    some = (column[:: max(1, len(column) // most)].tolist() for column in columns)
+    numbers = {number for column in some for number in column if number != 0.0}
     if len(numbers) < LIMITS.fewest_numbers:
         return 0.0
     # Twelve digits: products with a step have rounding of their own in the last ones.
@@ -130,10 +123,8 @@ def fit_noise(series: Sequence[np.ndarray], rounding: float = 0.0) -> NoiseFit |
         rounding = max(rounding, quantisation_sigma(step_seen))
     if not len(lengths):
         # Rounding may leave one value only.
-        still = samples > LIMITS.fewest_differences and all(
-            np.ptp(values) == 0.0 for values in series
-        )
-        if not still or rounding <= 0.0:
+        still = all(np.ptp(values) == 0.0 for values in series)
+        if samples <= LIMITS.fewest_differences or not still or rounding <= 0.0:
             return None
         error = float(1.0 / np.sqrt(2.0 * samples))
         return NoiseFit(rounding, error, 0.0, _steps_of(rounding), 0.0, samples)
@@ -143,14 +134,8 @@ def fit_noise(series: Sequence[np.ndarray], rounding: float = 0.0) -> NoiseFit |
     # A walk alone does not show how much less the white noise is; rounding that hides all does.
     if white == 0.0 and np.sqrt(variances[0]) > LIMITS.only_rounding * rounding:
         return None
-    return NoiseFit(
-        float(max(white, rounding)),
-        float(1.0 / np.sqrt(2.0 * freedom[0])),
-        float(walk),
-        _steps_of(rounding),
-        float(flicker),
-        samples,
-    )
+    level, error = float(max(white, rounding)), float(1.0 / np.sqrt(2.0 * freedom[0]))
+    return NoiseFit(level, error, float(walk), _steps_of(rounding), float(flicker), samples)
 
 
 def _steps_of(rounding: float) -> float:

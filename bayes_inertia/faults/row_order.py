@@ -44,10 +44,8 @@ def set_back_row(stamps: np.ndarray, contents: np.ndarray) -> int | None:
         # The clock went back at the run's start, or where the rows after it go on.
         first, last = max(int(late[run[0]]), 1), min(int(late[run[-1]]) + 2, len(stamps))
         row = first + int(np.argmin(np.diff(stamps[first - 1 : last])))
-        beside = (
-            stamps[max(row - LIMITS.rows_in_order, 0) : row],
-            stamps[row : row + LIMITS.rows_in_order],
-        )
+        near = LIMITS.rows_in_order
+        beside = stamps[max(row - near, 0) : row], stamps[row : row + near]
         astray = sum(int((np.diff(rows) < 0.0).sum()) for rows in beside)
         if astray <= 1 and stamps[row - 1] - stamps[row] > LIMITS.late_row_farthest * step:
             return row
@@ -73,14 +71,11 @@ def _explained(
     hole, starts, counts = np.unique(at[new], return_index=True, return_counts=True)
     times = stamps[late[new]]
     fits = np.ones(len(hole), dtype=bool)
-    for edge in (
-        times[starts] - bounds[hole],
-        bounds[hole + 1] - times[starts + counts - 1],
-    ):
+    low, high = LIMITS.late_row_nearest * step, LIMITS.late_row_farthest * step
+    before, after = times[starts] - bounds[hole], bounds[hole + 1] - times[starts + counts - 1]
+    for edge in (before, after):
         # At an end of the log one side is open.
-        fits &= np.isinf(edge) | (
-            (edge >= LIMITS.late_row_nearest * step) & (edge <= LIMITS.late_row_farthest * step)
-        )
+        fits &= np.isinf(edge) | ((edge >= low) & (edge <= high))
     fills = np.zeros(len(late), dtype=bool)
     fills[new] = np.repeat(fits, counts)
     return again | fills
@@ -238,17 +233,12 @@ def mended_stamps(stamps: np.ndarray) -> MendedStamps:
 def _fits(stamps: np.ndarray, late: np.ndarray, step: float) -> np.ndarray:
     """Which late rows fill a hole among the others, or repeat the time of one of them."""
     others = np.delete(stamps, late)
-    inside = (stamps[late] >= others.min() - LIMITS.late_row_farthest * step) & (
-        stamps[late] <= others.max() + LIMITS.late_row_farthest * step
-    )
+    low, high = LIMITS.late_row_nearest * step, LIMITS.late_row_farthest * step
+    inside = (stamps[late] >= others.min() - high) & (stamps[late] <= others.max() + high)
     bounds = np.concatenate([[-np.inf], np.unique(stamps), [np.inf]])
     at = np.searchsorted(bounds, stamps[late])
     nearest = np.minimum(stamps[late] - bounds[at - 1], bounds[at + 1] - stamps[late])
-    fills = (
-        inside
-        & (nearest >= LIMITS.late_row_nearest * step)
-        & (nearest <= LIMITS.late_row_farthest * step)
-    )
+    fills = inside & (nearest >= low) & (nearest <= high)
     return fills | np.isin(stamps[late], others)
 
 

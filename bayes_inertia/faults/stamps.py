@@ -62,15 +62,10 @@ def regular_clock(time: np.ndarray) -> tuple[np.ndarray | None, str]:
     away = time - time[0] - fitted
     if np.any(np.diff(rows) < 1.0) or np.abs(away).max() > LIMITS.largest_jitter * slope:
         return None, f"a stamp is {np.abs(away).max():.3g} off a clock with steps of {slope:.4g}"
-    means = (
-        away[: len(away) // LIMITS.jitter_block * LIMITS.jitter_block]
-        .reshape(-1, LIMITS.jitter_block)
-        .mean(axis=1)
-    )
-    wander, white = (
-        float(np.sqrt(np.mean(means**2))),
-        float(np.sqrt(np.mean(away**2) / LIMITS.jitter_block)),
-    )
+    block = LIMITS.jitter_block
+    means = away[: len(away) // block * block].reshape(-1, block).mean(axis=1)
+    wander = float(np.sqrt(np.mean(means**2)))
+    white = float(np.sqrt(np.mean(away**2) / block))
     if wander > max(LIMITS.jitter_wander * white, LIMITS.exact_stamp * slope):
         return None, f"the stamps wander by {wander:.3g} about a clock with steps of {slope:.4g}"
     return fitted + time[0], ""
@@ -95,11 +90,8 @@ def slope_of_readings(
     value = sum(float(x @ y) for x, y in products) / total
     scores = [x * (y - value * x) for x, y in products]
     # Neighbours share readings: sums of blocks are nearly independent.
-    blocks = [
-        score[k : k + LIMITS.jitter_block].sum()
-        for score in scores
-        for k in range(0, len(score), LIMITS.jitter_block)
-    ]
+    size = LIMITS.jitter_block
+    blocks = [x[k : k + size].sum() for x in scores for k in range(0, len(x), size)]
     return StampSlope(value, float(np.sqrt(np.sum(np.square(blocks))) / total))
 
 
@@ -123,9 +115,8 @@ def _short_term(
     whole = np.convolve(even, np.ones(width), "valid") > width - 0.5
     x, y = x[whole], y[whole]
     spread = SD_OVER_MAD * float(np.median(np.abs(y))) if len(y) else 0.0
-    return x, np.clip(
-        y, -LIMITS.most_counted_sds * spread, LIMITS.most_counted_sds * spread
-    ) if spread > 0.0 else y
+    most = LIMITS.most_counted_sds * spread
+    return x, np.clip(y, -most, most) if spread > 0.0 else y
 
 
 def _weights(width: int, order: int) -> np.ndarray:

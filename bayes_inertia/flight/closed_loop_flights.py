@@ -70,10 +70,8 @@ def closed_loop_inputs(
     grid = integration_grid(planned, craft.effects)
     bias = rate_bias(craft, rng)
     starts = start_states(plan, craft, controller, rng)
-    schedules = [
-        slew_schedule(plan, i, grid.n_rows, tracked=craft.star_tracker is not None)
-        for i in range(len(plan.slews))
-    ]
+    n, tracked = grid.n_rows, craft.star_tracker is not None
+    schedules = [slew_schedule(plan, i, n, tracked=tracked) for i in range(len(plan.slews))]
     return planned, ClosedLoop(
         slew=grid.slews,
         schedule=stacked_pytrees(schedules),
@@ -340,9 +338,8 @@ def predict_correction_slew(
     `thetas` (n, 9): Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2] and K of each draw. `mission`: sensors, wheels
     and effects; its own J and K are not used. Returns (n,) [rad].
     """
-    return np.linalg.norm(
-        predict_final_errors(thetas, plan, mission, controller, **options), axis=-1
-    )
+    errors = predict_final_errors(thetas, plan, mission, controller, **options)
+    return np.linalg.norm(errors, axis=-1)
 
 
 def _plants(
@@ -360,13 +357,9 @@ def _plants(
     bias = np.stack([rate_bias(craft, rng) for _ in range(n)])
     each = [start_states(plan, craft, controller, rng) for _ in range(n if rng else 1)]
     starts = stacked_pytrees([jax.tree.map(lambda x: x[index], start) for start in each])
-    return Plant(
-        jnp.asarray(J),
-        jnp.asarray(thetas[:, 6:9]),
-        jnp.asarray(bias),
-        jnp.broadcast_to(craft.gyro.axes, (n, 3, 3)),
-        jax.tree.map(lambda x: jnp.broadcast_to(x, (n, *x.shape[1:])), starts),
-    )
+    starts = jax.tree.map(lambda x: jnp.broadcast_to(x, (n, *x.shape[1:])), starts)
+    axes = jnp.broadcast_to(craft.gyro.axes, (n, 3, 3))
+    return Plant(*map(jnp.asarray, (J, thetas[:, 6:9], bias)), axes, starts)
 
 
 def _active_in_draws(
@@ -397,7 +390,6 @@ def _final_errors(flights: _Flights, slew, schedule, plants, law, noise, values)
         return fly_slew(loop).final_error_B
 
     if len(noise.rate) == 1:
-        return jax.vmap(of_draw, in_axes=(0, 0, None))(
-            plants, values, jax.tree.map(lambda x: x[0], noise)
-        )
+        shared = jax.tree.map(lambda x: x[0], noise)
+        return jax.vmap(of_draw, in_axes=(0, 0, None))(plants, values, shared)
     return jax.vmap(of_draw)(plants, values, noise)

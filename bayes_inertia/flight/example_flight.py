@@ -161,16 +161,10 @@ def _planned_slew(
         acceleration, rate = 0.0, np.full(rows + 1, angle / duration)
     turned = np.append(0.0, np.cumsum(0.5 * step * (rate[1:] + rate[:-1])))
     attitude = first * Rotation.from_rotvec(turned[:, None] * axis)
-    orbit = Orbit().environment(part.start + row * step)
+    time = row * step
+    field_N = Orbit().environment(part.start + time).magnetic_field_N
     torque_B = acceleration * sense[:, None] * (parsed.inertia.tensor @ axis)
-    slew = Slew(
-        part.name,
-        part.start,
-        row * step,
-        magnetic_field_N=orbit.magnetic_field_N,
-        axis_B=axis,
-        angle=angle,
-    )
+    slew = Slew(part.name, part.start, time, magnetic_field_N=field_N, axis_B=axis, angle=angle)
     slew = replace(slew, inputs=_inputs(parsed, slew, attitude, torque_B) or None)
     slew = _with_readings(parsed, slew, attitude, rate[:, None] * axis, torque_B)
     return slew, rate[0] * axis

@@ -382,11 +382,9 @@ class Plan:
         """
         before, after = self.fixes(i)
         spacing = round(self.fix_spacing / self.telemetry_period)
-        return (
-            np.arange(before[0], after[-1] + 1, spacing)
-            if self.fixes_in_motion
-            else np.concatenate([before, after])
-        )
+        if self.fixes_in_motion:
+            return np.arange(before[0], after[-1] + 1, spacing)
+        return np.concatenate([before, after])
 
     def at_fixes(self, i: int, values: np.ndarray) -> np.ndarray:
         """Values along one slew, as far as it has star-tracker fixes.
@@ -430,11 +428,8 @@ def paper_like_plan() -> Plan:
     (0.0, 415.0, 845.0, 1290.0, 1715.0)
     """
     axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (-1.0, -1.0, -1.0), (5.0, -5.0, 3.0))
-    slews = tuple(
-        PlannedSlew(axis, math.radians(angle))
-        for axis, angle in zip(axes, (30.0, 45.0, 60.0, 40.0, 55.0), strict=True)
-    )
+    turns = zip(axes, (30.0, 45.0, 60.0, 40.0, 55.0), strict=True)
+    slews = tuple(PlannedSlew(axis, math.radians(angle)) for axis, angle in turns)
     attitude = (0.18808936328340506, -0.42308078708425323, 0.32910669079881893, 0.8229907806822447)
-    return Plan(
-        "five slews of a MOST-like spacecraft", slews, attitude, (0.05, -0.03, 0.07), orbit=Orbit()
-    )
+    name, momentum = "five slews of a MOST-like spacecraft", (0.05, -0.03, 0.07)
+    return Plan(name, slews, attitude, momentum, orbit=Orbit())

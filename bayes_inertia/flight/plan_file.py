@@ -183,11 +183,8 @@ def read_plan(path: str | Path) -> Plan:
 
 def _fields(form: Any, keys: _Keys) -> dict[str, Any]:
     """Fields and their values in SI, of a table of the file."""
-    return {
-        keys[key][0]: _si(value, keys[key][1])
-        for key, value in stated_keys(form).items()
-        if key in keys
-    }
+    said = {key: value for key, value in stated_keys(form).items() if key in keys}
+    return {keys[key][0]: _si(value, keys[key][1]) for key, value in said.items()}
 
 
 def _si(value: Any, factor: float | None) -> Any:

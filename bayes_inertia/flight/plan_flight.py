@@ -210,9 +210,8 @@ def _readings(
     theta = np.array(model.space.mean if rng is None else model.draw_prior(rng, 1)[0])
     theta[: model.n_base] = mission.theta
     theta = with_effect_values(model, theta, craft.effects, craft.values)
-    first = [
-        np.stack([np.asarray(getattr(path, key))[0] for path in truth]) for key in Start._fields
-    ]
+    keys = Start._fields
+    first = [np.stack([np.asarray(getattr(path, key))[0] for path in truth]) for key in keys]
     bias = np.zeros(model.n_bias)
     if craft.rate_sensor is not None and craft.bias is not None:
         sensor = craft.gyro
@@ -276,13 +275,8 @@ def _true_path(i: int, slew: Slew, flown: Any) -> Trajectory:
     n = len(slew.time)
     no_own_states: Any = np.zeros((n, 0))
     time: Any = slew.time
-    return Trajectory(
-        time,
-        flown.attitude[i, :n],
-        flown.rate_B[i, :n],
-        flown.wheel_momentum[i, :n],
-        no_own_states,
-    )
+    motion = (x[i, :n] for x in (flown.attitude, flown.rate_B, flown.wheel_momentum))
+    return Trajectory(time, *motion, no_own_states)
 
 
 def _peaks(histories: Sequence[Any], craft: Spacecraft, limit: str) -> np.ndarray:

@@ -70,12 +70,9 @@ def plan_times(plan: Plan) -> PlanTimes:
 def slew_arrays(plan: Plan) -> SlewArrays:
     """A plan's slews as arrays."""
     rotation = np.array([slew.angle * np.array(slew.axis_B) for slew in plan.slews])
-    needed = np.array(
-        [plan.rest_before + slew.motion_time + plan.settle + plan.rest_after for slew in plan.slews]
-    )
-    rate, acceleration = (
-        np.array([getattr(slew, key) for slew in plan.slews]) for key in ("rate", "acceleration")
-    )
+    motion = np.array([slew.motion_time for slew in plan.slews])
+    needed = plan.rest_before + motion + plan.settle + plan.rest_after
+    rate, acceleration = np.array([(slew.rate, slew.acceleration) for slew in plan.slews]).T
     smooth = np.array([slew.profile == "smooth" for slew in plan.slews])
     extra_rest = np.maximum(np.array(plan.durations) - needed, 0.0)
     return SlewArrays(rotation, rate, acceleration, smooth, extra_rest)
@@ -144,13 +141,8 @@ def rigid_body(spacecraft: Spacecraft) -> RigidBody:
     if device is None:
         return RigidBody(spacecraft.inertia_B, spacecraft.wheel_axes_B, shares, spin)
     still = np.zeros_like(shares)
-    return RigidBody(
-        spacecraft.inertia_B,
-        spacecraft.wheel_axes_B,
-        still,
-        spin,
-        {device.record.name: device.array},
-    )
+    devices = {device.record.name: device.array}
+    return RigidBody(spacecraft.inertia_B, spacecraft.wheel_axes_B, still, spin, devices)
 
 
 def motion_of_plan(plan: Plan, body: RigidBody) -> PlannedMotion:
@@ -192,13 +184,8 @@ def motion_of_slews(
     axis = slews.rotation_B / angle[:, None]
     rests = _rest_attitudes(slews.rotation_B, origin.attitude)
     time, begin = _time_grid(slews, angle, times)
-    turned, rate = angle_and_rate(
-        angle[:, None],
-        slews.rate[:, None],
-        slews.acceleration[:, None],
-        slews.smooth[:, None],
-        time - begin,
-    )
+    columns = [x[:, None] for x in (angle, slews.rate, slews.acceleration, slews.smooth)]
+    turned, rate = angle_and_rate(*columns, time - begin)
     attitude = quaternion.turned(rests[:-1, None], turned[..., None] * axis[:, None])
     rate_B = rate[..., None] * axis[:, None]
     lasting = time[:, -1] + times.pause
@@ -268,10 +255,8 @@ def _time_grid(slews: SlewArrays, angle: Array, times: PlanTimes) -> tuple[Array
         times.settle * same,
         times.rest_after + slews.extra_rest,
     )
-    steps = [
-        jnp.broadcast_to(length[:, None] / rows, (len(ramp), rows))
-        for length, rows in zip(lengths, NUMERICS.rows_of_phases, strict=True)
-    ]
+    phases, n = zip(lengths, NUMERICS.rows_of_phases, strict=True), len(ramp)
+    steps = [jnp.broadcast_to(length[:, None] / rows, (n, rows)) for length, rows in phases]
     # Sums as matrix products: they compile much faster than cumulative sums.
     rows = NUMERICS.rows_of_slew
     return jnp.concatenate(steps, 1) @ np.tri(rows, rows - 1, -1).T, times.rest_before

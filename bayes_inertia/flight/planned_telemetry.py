@@ -182,10 +182,8 @@ def planned_paths(plan: Plan, craft: Spacecraft) -> tuple[PlannedPath, ...]:
     if craft.device is not None:
         _require_reached(craft.device, motion, wanted_B)
     path = PlannedPath(motion, torque)
-    return tuple(
-        jax.tree.map(lambda x, k=k, n=count: np.asarray(x[k, :n]), path)
-        for k, count in enumerate(counts)
-    )
+    each = enumerate(counts)
+    return tuple(jax.tree.map(lambda x, k=k, n=n: np.asarray(x[k, :n]), path) for k, n in each)
 
 
 def _require_reached(device: FlyingDevice, motion: Trajectory, wanted_B: Any) -> None:
@@ -224,10 +222,8 @@ def _planned_motion(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
     longest = max(len(plan.times(i)) for i in range(len(plan.slews)))
     n_rows = -(-longest // NUMERICS.row_multiple) * NUMERICS.row_multiple
     time = plan.telemetry_period * np.arange(n_rows) - plan.rest_before
-    settings = [
-        np.array([[getattr(slew, key)] for slew in plan.slews])
-        for key in ("angle", "rate", "acceleration")
-    ]
+    keys = ("angle", "rate", "acceleration")
+    settings = [np.array([[getattr(slew, key)] for slew in plan.slews]) for key in keys]
     smooth = np.array([[slew.profile == "smooth"] for slew in plan.slews])
     angle, rate = jax.jit(angle_and_rate)(*settings, smooth, time)
     axes_B = np.array([slew.axis_B for slew in plan.slews])[:, None]

@@ -148,13 +148,11 @@ def _unwrapped(share: FileShare, period: _Period, centre: int) -> np.ndarray:
     steps = np.diff(ahead)
     if len(steps) and np.abs(steps).max() > LIMITS.wrap_pause * period.ns:
         row = int(np.flatnonzero(present)[int(np.argmax(np.abs(steps))) + 1])
-        raise CampaignError(
-            f"the counter wraps every {period.name} ({period.ns / SECOND:.6g} s): how often it "
-            "did in the pause before this row cannot be told",
-            where=share.place(row),
-            advice="export a counter with more bits, or a date, or the parts between the pauses "
-            'as files of their own with epoch = "file"',
-        )
+        what = f"the counter wraps every {period.name} ({period.ns / SECOND:.6g} s): how often it "
+        what += "did in the pause before this row cannot be told"
+        advice = "export a counter with more bits, or a date, or the parts between the pauses "
+        advice += 'as files of their own with epoch = "file"'
+        raise CampaignError(what, where=share.place(row), advice=advice)
     middle = (int(ahead[0]) + int(ahead[-1])) // 2
     counts[present] = ahead + round((centre - middle) / period.ns) * period.ns
     return counts
@@ -192,21 +190,18 @@ def on_one_clock(
 ) -> Logs:
     """Streams on a clock that starts with the first reading."""
     shares = counted_on(shares)
-    own = [share.stream.time.epoch == ZERO_OF_FILE for share in shares]
+    of_files = [share.stream.time.epoch == ZERO_OF_FILE for share in shares]
     absolute = [share.stamps.absolute for share in shares]
-    if len(set(absolute)) > 1 or len(set(own)) > 1:
+    if len(set(absolute)) > 1 or len(set(of_files)) > 1:
         raise _different_clocks(shares, label)
-    starts = _starts_of_files(shares, mapping, label) if own[0] else {}
+    starts = _starts_of_files(shares, mapping, label) if of_files[0] else {}
     # The true time of the first reading of each.
     firsts = [s.stamps.first_ns + round(s.stream.offset_s * SECOND) for s in shares]
-    epoch_ns = 0 if own[0] else min(firsts)
+    epoch_ns = 0 if of_files[0] else min(firsts)
     streams: dict[str, LoggedStream] = {}
     for holds in dict.fromkeys(share.stream.holds for share in shares):
-        logged = [
-            _logged(share, starts.get(id(share), epoch_ns))
-            for share in shares
-            if share.stream.holds == holds
-        ]
+        own = [share for share in shares if share.stream.holds == holds]
+        logged = [_logged(share, starts.get(id(share), epoch_ns)) for share in own]
         if holds == "rate":
             _refuse_second_session(logged)
         stream = in_order(joined(logged))
@@ -219,10 +214,8 @@ def _refuse_second_session(files: Sequence[LoggedStream]) -> None:
     ordered = sorted((file for file in files if len(file.time)), key=lambda file: file.time[0])
     for before, after in pairwise(ordered):
         late = after.time <= before.time[-1]
-        row = set_back_row(
-            np.concatenate([before.time, after.time[late]]),
-            np.concatenate([before.values, after.values[late]]),
-        )
+        time = np.concatenate([before.time, after.time[late]])
+        row = set_back_row(time, np.concatenate([before.values, after.values[late]]))
         late_s = before.time[-1] - after.time[0]
         what = f"the times overlap with those of {before.files[0]}, which ends {late_s:.6g} s "
         what += "after this file begins"
@@ -240,11 +233,10 @@ def _different_clocks(shares: Sequence[FileShare], label: str) -> CampaignError:
     }
     odd = next(share for share in shares if not share.stamps.absolute)
     listed = "; ".join(f"{holds}: {kind}" for holds, kind in kinds.items())
-    return CampaignError(
-        f"the clocks cannot be brought together ({listed})",
-        where=f"{label}, key streams.{odd.stream.holds}.time.epoch",
-        advice="write the UTC date at which this clock was zero",
-    )
+    what = f"the clocks cannot be brought together ({listed})"
+    where = f"{label}, key streams.{odd.stream.holds}.time.epoch"
+    advice = "write the UTC date at which this clock was zero"
+    return CampaignError(what, where=where, advice=advice)
 
 
 def _starts_of_files(
@@ -253,12 +245,10 @@ def _starts_of_files(
     """For each share the stamp [ns] that becomes zero: k-th files of all streams go together."""
     pause = mapping.cut.between_files_s
     if pause is None:
-        raise CampaignError(
-            "missing key",
-            where=f"{label}, key cut.between_files_s",
-            advice="add the seconds that passed between the end of one file and the start of the "
-            f'next, as each file has a clock of its own (epoch = "{ZERO_OF_FILE}")',
-        )
+        where = f"{label}, key cut.between_files_s"
+        advice = "add the seconds that passed between the end of one file and the start of the "
+        advice += f'next, as each file has a clock of its own (epoch = "{ZERO_OF_FILE}")'
+        raise CampaignError("missing key", where=where, advice=advice)
     by_stream = _streams(shares)
     alike = len({len(of_stream) for of_stream in by_stream}) == 1
     counts = ", ".join(f"{v[0].stream.holds}: {len(v)}" for v in by_stream)
@@ -283,24 +273,12 @@ def _logged(share: FileShare, epoch_ns: int) -> LoggedStream:
     notes = list(share.notes)
     lost = np.flatnonzero(share.stamps.missing & full)
     if len(lost):
-        notes.append(
-            left_out(
-                len(lost),
-                int(full.sum()),
-                "hold readings without a time",
-                where=share.place(int(lost[0])),
-                advice="name the column that has a time in every row, or remove the rows",
-            )
-        )
-    stream = LoggedStream(
-        share.stream.holds,
-        time[keep],
-        share.values[keep],
-        np.zeros(len(keep), dtype=int),
-        (share.file,),
-        tuple(notes),
-        share.rounding,
-    )
+        where, why = share.place(int(lost[0])), "hold readings without a time"
+        advice = "name the column that has a time in every row, or remove the rows"
+        notes.append(left_out(len(lost), int(full.sum()), why, where=where, advice=advice))
+    holds, file = share.stream.holds, np.zeros(len(keep), dtype=int)
+    readings = time[keep], share.values[keep], file
+    stream = LoggedStream(holds, *readings, (share.file,), tuple(notes), share.rounding)
     return in_order(stream, lambda row: share.place(int(keep[row])))
 
 

@@ -87,11 +87,8 @@ def _natural(path: Path) -> list:
 
 def files_of(stream: MappedStream, paths: Sequence[Path], label: str) -> list[Path]:
     """The files that a stream names."""
-    matched = [
-        path
-        for path in paths
-        if any(fnmatch.fnmatchcase(path.name, Path(pattern).name) for pattern in stream.files)
-    ]
+    wanted = [Path(pattern).name for pattern in stream.files]
+    matched = [p for p in paths if any(fnmatch.fnmatchcase(p.name, name) for name in wanted)]
     advice = f"given: {', '.join(path.name for path in paths[:20])}"
     what = f"no file is called {' or '.join(stream.files)}"
     require(bool(matched), f"{label}, key streams.{stream.holds}.files", what, advice)
@@ -121,10 +118,8 @@ def _read_part(part: MappedStream, table: Table, where: str) -> FileShare:
         marks = standing_mark(values, stamps.seconds_since(stamps.first_ns))
         values = np.where(marks[:, None], np.nan, values)
         if marks.any():
-            notes.append(
-                f"{table.label}: {marks.sum()} rows, as row {np.argmax(marks) + 1}, hold one "
-                "attitude to which others jump and back: no fix"
-            )
+            note = f"{marks.sum()} rows, as row {np.argmax(marks) + 1}, hold one attitude to which "
+            notes.append(f"{table.label}: {note}others jump and back: no fix")
     place = f"{table.label}, column {', '.join(part.time.names or table.time_names)}"
     advice = "export the times with the readings, or name the column that holds them"
     given = not stamps.missing.all() or not len(stamps.missing)

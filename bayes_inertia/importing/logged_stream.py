@@ -74,13 +74,8 @@ class LoggedStream:
 
     def rows(self, keep: np.ndarray, *notes: str) -> LoggedStream:
         """The same stream with some of its rows (n,) only."""
-        return replace(
-            self,
-            time=self.time[keep],
-            values=self.values[keep],
-            file=self.file[keep],
-            notes=(*self.notes, *notes),
-        )
+        kept = {key: getattr(self, key)[keep] for key in ("time", "values", "file")}
+        return replace(self, notes=(*self.notes, *notes), **kept)
 
     def between(self, start: float, end: float) -> LoggedStream:
         """The readings from one time to another [s], both included."""
@@ -120,16 +115,11 @@ def in_order(stream: LoggedStream, place: Callable[[int], str] | None = None) ->
     note = [_rows(again, "repeated a time and", "left out")] if again else []
     if lost.any():
         row = int(kept[order[np.argmax(lost)]])
-        note.append(
-            left_out(
-                int(lost.sum()),
-                len(order),
-                "repeat the time of another with other readings",
-                where=", ".join(stream.files) if place is None else place(row),
-                advice="stamps may be coarser than the rows: name the column of the fraction too "
-                'in names = ["sec", "nanosec"]; or mend or remove the rows',
-            )
-        )
+        why, count = "repeat the time of another with other readings", int(lost.sum())
+        where = ", ".join(stream.files) if place is None else place(row)
+        advice = "stamps may be coarser than the rows: name the column of the fraction too in "
+        advice += 'names = ["sec", "nanosec"]; or mend or remove the rows'
+        note.append(left_out(count, len(order), why, where=where, advice=advice))
     return replace(stream, values=values).rows(~repeated, *note)
 
 
@@ -139,13 +129,11 @@ def _refuse_set_back(stream: LoggedStream, place: Callable[[int], str]) -> None:
     if row is None:
         return
     size = float(stream.time[row - 1] - stream.time[row])
-    raise CampaignError(
-        f"the clock goes back by {size:.6g} s and runs on from there",
-        where=place(row),
-        advice="if another session begins here, give it a file of its own and write "
-        f'epoch = "file"; if the clock was set back, add {size:.6g} s from this row on; if only '
-        "the rows are in another order, sort the file by time",
-    )
+    what = f"the clock goes back by {size:.6g} s and runs on from there"
+    advice = 'if another session begins here, give it a file of its own and write epoch = "file"; '
+    advice += f"if the clock was set back, add {size:.6g} s from this row on; if only the rows are "
+    advice += "in another order, sort the file by time"
+    raise CampaignError(what, where=place(row), advice=advice)
 
 
 def _with_mended_stamps(stream: LoggedStream) -> tuple[LoggedStream, np.ndarray]:
@@ -173,13 +161,12 @@ def joined(streams: Sequence[LoggedStream]) -> LoggedStream:
     if len(streams) == 1:
         return streams[0]
     files = tuple(dict.fromkeys(file for stream in streams for file in stream.files))
+    numbered = [(np.array([files.index(f) for f in s.files], dtype=int), s) for s in streams]
     return LoggedStream(
         streams[0].holds,
         np.concatenate([stream.time for stream in streams]),
         np.concatenate([stream.values for stream in streams]),
-        np.concatenate(
-            [np.array([files.index(f) for f in s.files], dtype=int)[s.file] for s in streams]
-        ),
+        np.concatenate([of_files[stream.file] for of_files, stream in numbered]),
         files,
         tuple(note for stream in streams for note in stream.notes),
         tuple(np.max([stream.rounding for stream in streams], axis=0).tolist()),

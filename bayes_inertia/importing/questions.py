@@ -64,11 +64,8 @@ def open_questions(value: Any, path: tuple[str, ...] = ()) -> list[tuple[str, ..
     if isinstance(value, list):
         if any(isinstance(inner, dict) for inner in value):
             labels = [table_label(inner) or str(k + 1) for k, inner in enumerate(value)]
-            return [
-                p
-                for label, inner in zip(labels, value, strict=True)
-                for p in open_questions(inner, (*path, label))
-            ]
+            parts = zip(labels, value, strict=True)
+            return [p for label, x in parts for p in open_questions(x, (*path, label))]
         return [path] if any(open_questions(inner) for inner in value) else []
     return [path] if value == UNKNOWN else []
 

@@ -87,17 +87,14 @@ def rest_noise(logs: Logs, scan: MotionScan | None, mapping: MappingPart) -> lis
     """The noise of rates, star tracker and tachometers at rest; none without known motions."""
     if scan is None:
         return []
-    return [
-        noise for noises in (_rates, _momenta, _attitudes) for noise in noises(logs, scan, mapping)
-    ]
+    each = (noises(logs, scan, mapping) for noises in (_rates, _momenta, _attitudes))
+    return [noise for noises in each for noise in noises]
 
 
 def _rates(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[RestNoise]:
     rate = logs.streams["rate"]
-    fits = [
-        _fit(rate.time, axis, scan, rounding)
-        for axis, rounding in zip(rate.values.T, np.broadcast_to(rate.rounding, 3), strict=True)
-    ]
+    both = zip(rate.values.T, np.broadcast_to(rate.rounding, 3), strict=True)
+    fits = [_fit(rate.time, axis, scan, rounding) for axis, rounding in both]
     yield from _noise("rate_sensor.sigma", "rad/s", fits, mapping.rate_sensor.sigma)
 
 

@@ -164,11 +164,8 @@ def _of_files(logs: Logs) -> list[SlewWindow]:
         if len(time):
             windows.append(SlewWindow(PurePath(file).stem, float(time[0]), float(time[-1])))
     windows.sort(key=lambda window: window.start)
-    _refuse_overlap(
-        windows,
-        'write by = "rest" in [cut] if the files are no slews, or epoch = "file" if each file has '
-        "a clock of its own",
-    )
+    advice = 'write by = "rest" in [cut] if the files are no slews, or epoch = "file" if each file '
+    _refuse_overlap(windows, f"{advice}has a clock of its own")
     return windows
 
 
@@ -240,11 +237,8 @@ def _at_rests(
     """Windows around the motions that have a rest on either side."""
     fixes = _fixes(logs)
     step = float(np.median(np.diff(fixes))) if len(fixes) > 1 else 0.0
-    shortest = cut.min_rest_s or max(
-        LIMITS.shortest_rest_s,
-        LIMITS.fewest_rates * logs.streams["rate"].step,
-        LIMITS.fixes_in_rest * step,
-    )
+    wanted = LIMITS.fewest_rates * logs.streams["rate"].step, LIMITS.fixes_in_rest * step
+    shortest = cut.min_rest_s or max(LIMITS.shortest_rest_s, *wanted)
     motions = _merged(scan, shortest)
     turned = [_turned(scan, *motion) for motion in motions]
     before, after = _wanted_rests(motions, fixes, cut, shortest)
@@ -313,9 +307,8 @@ def _share(edge: float, end: float, other: float, wanted: float, wanted_by_other
     if other <= end:  # A pause or the end of the log comes first.
         return min(wanted, edge - end)
     rest = edge - other
-    return (
-        wanted if wanted + wanted_by_other <= rest else rest * wanted / (wanted + wanted_by_other)
-    )
+    both = wanted + wanted_by_other
+    return wanted if both <= rest else rest * wanted / both
 
 
 def _merged(scan: MotionScan, shortest: float) -> list[tuple[float, float]]:

@@ -140,10 +140,8 @@ def rounding_of_attitudes(
     if not len(given):
         return 0.0
     exact = Rotation.from_quat(to_quaternions(given, convention))
-    turned = [
-        Rotation.from_quat(to_quaternions(given + sigma * column, convention)) * exact.inv()
-        for sigma, column in zip(sigmas, np.eye(values.shape[1]), strict=True)
-    ]
+    moved = (given + column for column in np.diag(sigmas))
+    turned = (Rotation.from_quat(to_quaternions(x, convention)) * exact.inv() for x in moved)
     angles = np.array([turn.magnitude() for turn in turned])
     return float(np.sqrt((angles**2).sum(axis=0).mean() / 3.0))
 

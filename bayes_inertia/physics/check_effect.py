@@ -272,11 +272,8 @@ def _check_style(trial: _Trial, size: float) -> None:
     )
     gap = float(np.abs(batch - trial.telemetry).max()) / size
     require_rule(gap <= 1e-9, effect, "batches", gap=gap)
-    plain = guarded(
-        effect,
-        "predicting without compilation",
-        lambda: np.array(bench(jnp.asarray(trial.points[1]))),
-    )
+    x = jnp.asarray(trial.points[1])
+    plain = guarded(effect, "predicting without compilation", lambda: np.array(bench(x)))
     gap = float(np.abs(plain - trial.telemetry[1]).max()) / size
     require_rule(gap <= 1e-9, effect, "pure", gap=gap)
 
@@ -372,11 +369,8 @@ def _check_across_slews(effect: StochasticEffect, model: Model, theta: np.ndarra
     structure, slews = model.structure, model.data.arrays.slews.context
     active, counts = _alone(effect, structure, jnp.asarray(theta))
     p = active.of(effect)
-    given = guarded(
-        effect,
-        "covariance_across_slews(p, slews)",
-        lambda: effect.covariance_across_slews(p, slews),
-    )
+    call = partial(effect.covariance_across_slews, p, slews)
+    given = guarded(effect, "covariance_across_slews(p, slews)", call)
     if given is None:
         return
     covariance = np.asarray(given)

@@ -122,9 +122,8 @@ class Model:
             rows_per_step=plan.rows_per_step,
             inputs=sorted({name for effect in structure.effects for name in effect.inputs}),
         )
-        structure = replace(
-            structure, refined=_is_refined(arrays), rows_per_step=plan.rows_per_step
-        )
+        refined, rows_per_step = _is_refined(arrays), plan.rows_per_step
+        structure = replace(structure, refined=refined, rows_per_step=rows_per_step)
         sensors = tuple(channel.constants(campaign) for channel in structure.channels)
         data = Data(arrays, sensors, _nuisance_scale(campaign, structure, free))
         made = {"campaign": campaign, "effects": effects, "drive": drive}
@@ -319,16 +318,17 @@ def _space(
 ) -> ParameterSpace:
     entries = [*base_space(campaign.inertia, campaign.rate_sensor).entries]
     entries += [(c.name, parameter) for c in channels for parameter in c.every_parameter(campaign)]
-    entries += [
-        (effect.name, parameter)
-        for effect in effects
-        for parameter in guarded(
-            effect, "parameters(campaign)", partial(_parameters_of, effect, campaign)
-        )
-    ]
+    for effect in effects:
+        call = partial(_parameters_of, effect, campaign)
+        own = guarded(effect, "parameters(campaign)", call)
+        entries += [(effect.name, parameter) for parameter in own]
     entries += [(NOISE_OWNER, p) for p in noise.parameters()]
     space = ParameterSpace(tuple(entries))
     return space if campaign.prior is None else _with_joint_prior(space, campaign.prior)
+
+
+def _parameters_of(effect: Effect, campaign: Campaign) -> tuple[Parameter, ...]:
+    return tuple(with_prior_scale(p, effect.prior_scale) for p in effect.parameters(campaign))
 
 
 def _with_joint_prior(space: ParameterSpace, prior: GaussianPrior) -> ParameterSpace:
@@ -360,10 +360,6 @@ def _with_joint_prior(space: ParameterSpace, prior: GaussianPrior) -> ParameterS
     correlation = np.eye(space.size)
     correlation[np.ix_(place, place)] = scaled
     return ParameterSpace(tuple(entries), correlation)
-
-
-def _parameters_of(effect: Effect, campaign: Campaign) -> tuple[Parameter, ...]:
-    return tuple(with_prior_scale(p, effect.prior_scale) for p in effect.parameters(campaign))
 
 
 def _structure(

@@ -151,13 +151,9 @@ def pack(
     multiple = rows_per_step * -(-NUMERICS.row_multiple // rows_per_step)
     n_grid = _next_multiple(max(len(g) for g, _ in grids), multiple)
     n_rows = _next_multiple(max(len(s.time) for s in campaign.slews), multiple)
-    slews = [
-        _slew_input(campaign, i, *grids[i], n_grid, inputs) for i in range(len(campaign.slews))
-    ]
-    shapes = [
-        _tachometer_modes(s, len(grid), modes)
-        for s, (grid, _) in zip(campaign.slews, grids, strict=True)
-    ]
+    slews = [_slew_input(campaign, i, *grid, n_grid, inputs) for i, grid in enumerate(grids)]
+    pairs = zip(campaign.slews, grids, strict=True)
+    shapes = [_tachometer_modes(s, len(grid), modes) for s, (grid, _) in pairs]
     if free is not None:
         for i, slew in enumerate(campaign.slews):
             momentum, of_knots = free.on_grid(slew, grids[i][0])
@@ -315,11 +311,8 @@ def _tachometer_modes(slew: Slew, n: int, modes: int) -> np.ndarray:
     given = slew.wheel_momentum is not None and np.isfinite(slew.wheel_momentum).sum(axis=0)
     read = max(1, int(np.min(given, initial=len(slew.time))))
     fraction = (np.arange(n) + 0.5) / n
-    return (
-        np.cos(np.pi * np.arange(modes) * fraction[:, None])
-        * np.where(np.arange(modes) == 0, 1.0, np.sqrt(2.0))
-        / np.sqrt(read)
-    )
+    shapes = np.cos(np.pi * np.arange(modes) * fraction[:, None])
+    return shapes * np.where(np.arange(modes) == 0, 1.0, np.sqrt(2.0)) / np.sqrt(read)
 
 
 def _reference(campaign: Campaign, channels: Sequence[Channel], slew: Slew) -> Start:
@@ -390,10 +383,8 @@ class Data:
         arrays = jax.tree.map(np.asarray, self.arrays)
         slews = with_longer_grids(arrays.slews, _padded)
         padded = Arrays(slews, jax.tree.map(_padded, arrays.telemetry), arrays.reference)
-        alone = (
-            jax.tree.map(lambda rows, k=k: on_device(rows[k : k + 1]), padded)
-            for k in range(len(slews.momentum))
-        )
+        each = range(len(slews.momentum))
+        alone = (jax.tree.map(lambda x, k=k: on_device(x[k : k + 1]), padded) for k in each)
         return tuple(Data(of_slew, self.sensors, self.scale) for of_slew in alone)
 
     @cached_property

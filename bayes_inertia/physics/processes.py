@@ -101,9 +101,8 @@ class Process(NamedTuple):
         """Root (knots, knots) of its covariance at evenly spaced knots of a slew."""
         if self.walks:
             return random_walk_root(self.size, slew, knots)
-        return ornstein_uhlenbeck_root(
-            self.size, self.time, slew_duration(slew) / (knots - 1), knots
-        )
+        spacing = slew_duration(slew) / (knots - 1)
+        return ornstein_uhlenbeck_root(self.size, self.time, spacing, knots)
 
     def across_slews(self, slews: SlewContext, knots: int) -> Array:
         """Its covariance (slews knots, slews knots) at evenly spaced knots of all slews."""
@@ -150,8 +149,5 @@ def _between_knots(rows: RowTimes, knots: int, time: float, power: np.ndarray) -
     fresh = np.maximum(next_variance - decay**2 * variance, 0.0)
     fresh[:, -1] = 0.0
     shape = (*times.shape, len(power))
-    return StateSpace(
-        variance[:, :1] * power,
-        np.broadcast_to(decay[..., None], shape),
-        fresh[..., None] * power,
-    )
+    kept = np.broadcast_to(decay[..., None], shape)
+    return StateSpace(variance[:, :1] * power, kept, fresh[..., None] * power)

@@ -37,14 +37,8 @@ def small_campaign() -> Campaign:
     pushes = np.array([[3e-3, -1e-3, 0.5e-3], [-1e-3, 3e-3, 1e-3], [1e-3, 0.5e-3, -3e-3]])
     slews = tuple(_small_slew(i, push, tensor, axes) for i, push in enumerate(pushes))
     sensor = RateSensor(sigma=(2e-5,) * 3, bias_sigma=(2e-6,) * 3)
-    return Campaign(
-        "small",
-        InertiaPrior(tensor, 0.04, 0.03),
-        wheels,
-        sensor,
-        StarTracker((0.0, 0.0, 1.0), 2.4e-5, 1.4e-4),
-        slews,
-    )
+    prior, tracker = InertiaPrior(tensor, 0.04, 0.03), StarTracker((0.0, 0.0, 1.0), 2.4e-5, 1.4e-4)
+    return Campaign("small", prior, wheels, sensor, tracker, slews)
 
 
 def _small_slew(index: int, push: np.ndarray, tensor: np.ndarray, axes: np.ndarray) -> Slew:

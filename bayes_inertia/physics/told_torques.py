@@ -125,19 +125,13 @@ def _motion_of(
             state = State(turned, rate, momentum, s, jnp.asarray(J), *environment)
             return e.body_torque(p, context, t, state._replace(inputs=devices))
 
-        torque += jax.vmap(torque_at)(
-            context.time,
-            attitude,
-            rate_B,
-            inputs.momentum,
-            inputs.environment,
-            {name: 0.5 * (x.first + x.last) for name, x in delivered.items()},
-        )
+        motion = context.time, attitude, rate_B, inputs.momentum, inputs.environment
+        held = {name: 0.5 * (x.first + x.last) for name, x in delivered.items()}
+        torque += jax.vmap(torque_at)(*motion, held)
         if effect.acts("carried_momentum"):
             at_start = {name: x.first for name, x in delivered.items()}
-            carried += jax.vmap(partial(effect.carried_momentum, p, context))(
-                context.time, at_start
-            )
+            carries = partial(effect.carried_momentum, p, context)
+            carried += jax.vmap(carries)(context.time, at_start)
     return torque, carried
 
 

@@ -80,15 +80,9 @@ def segment_table(segment: AemSegment) -> Table:
     if _type(segment) == "SPIN":
         columns = _spin_angles(segment, columns)
     attitude, notes = _attitude(segment, tuple(columns))
-    return Table(
-        segment.label,
-        columns,
-        np.array(segment.lines, dtype=int) if segment.lines else None,
-        (EPOCH,),
-        _time_kind(segment),
-        attitude,
-        notes,
-    )
+    lines, kind = np.array(segment.lines, dtype=int), _time_kind(segment)
+    held = columns, lines if segment.lines else None
+    return Table(segment.label, *held, (EPOCH,), kind, attitude, notes)
 
 
 def joined_segments(tables: Sequence[Table]) -> Table:
@@ -99,13 +93,10 @@ def joined_segments(tables: Sequence[Table]) -> Table:
         what = f"segments 1 and {number} have different frames, time systems or types"
         advice = 'name one segment as the table, such as "segment 1"'
         require(kinds[0] == kinds[1], first.label, what, advice)
-    columns = {
-        name: Column(
-            joined_values([table.columns[name].values for table in tables]),
-            first.columns[name].unit,
-        )
-        for name in first.columns
-    }
+    columns = {}
+    for name, column in first.columns.items():
+        values = joined_values([table.columns[name].values for table in tables])
+        columns[name] = Column(values, column.unit)
     known = [table.lines for table in tables if table.lines is not None]
     lines = np.concatenate(known) if len(known) == len(tables) else None
     notes = tuple(dict.fromkeys(note for table in tables for note in table.notes))
@@ -177,29 +168,26 @@ def _attitude(
 ) -> tuple[StatedAttitude | None, tuple[str, ...]]:
     """Attitude convention of the segment, and notes on it for the user."""
     meta = segment.metadata
-    notes = [
-        f"angular velocities are in the frame {meta[key]}"
-        for key in ("ANGVEL_FRAME", "RATE_FRAME")
-        if meta.get(key)
-    ]
+    frames = (meta.get(key) for key in ("ANGVEL_FRAME", "RATE_FRAME"))
+    notes = [f"angular velocities are in the frame {frame}" for frame in frames if frame]
     if segment.version == "2.0":
         notes += [
             f"a file of version 2.0 that says {key} = {meta[key]}, as version 1.0 does: believed"
             for key in ("ATTITUDE_DIR", "QUATERNION_TYPE")
             if meta.get(key)
         ]
-    frames = _frames(segment)
+    start, end = _frames(segment)
     if _type(segment) == "SPIN":
         notes.append(
             "SPIN was read as the turns Z (SPIN_ALPHA + 90 deg), X (90 deg - SPIN_DELTA), Z "
             "(SPIN_ANGLE): the spin axis is the axis Z of the body frame"
         )
-        return StatedAttitude(_ANGLES, "", *frames, "ZXZ", "deg"), tuple(notes)
+        return StatedAttitude(_ANGLES, "", start, end, "ZXZ", "deg"), tuple(notes)
     if _type(segment).startswith("EULER"):
         angles, sequence = _angles(segment, names)
-        return StatedAttitude(angles, "", *frames, sequence, "deg"), tuple(notes)
+        return StatedAttitude(angles, "", start, end, sequence, "deg"), tuple(notes)
     _check_quaternions(segment, names)
-    return StatedAttitude(_QUATERNION, "last", *frames), tuple(notes)
+    return StatedAttitude(_QUATERNION, "last", start, end), tuple(notes)
 
 
 def _check_quaternions(segment: AemSegment, names: Sequence[str]) -> None:
@@ -221,10 +209,8 @@ def _check_quaternions(segment: AemSegment, names: Sequence[str]) -> None:
 
 def _spin_angles(segment: AemSegment, columns: Mapping[str, Column]) -> dict[str, Column]:
     """Columns with the angles of the turns Z, X, Z that spin axis and phase are (504.0-B)."""
-    what = (
-        "ATTITUDE_TYPE = SPIN with ATTITUDE_DIR = B2A does not say in which frame the spin axis "
-        "stands"
-    )
+    what = "ATTITUDE_TYPE = SPIN with ATTITUDE_DIR = B2A does not say in which frame the spin "
+    what += "axis stands"
     forward = segment.metadata.get("ATTITUDE_DIR", "A2B").upper() != "B2A"
     segment.require(forward, what, "export ATTITUDE_DIR = A2B, or QUATERNION")
     what = f"ATTITUDE_TYPE = SPIN without {', '.join(_SPIN[:3])}"

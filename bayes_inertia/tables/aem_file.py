@@ -90,10 +90,8 @@ def _segments(path: Path) -> dict[str, AemSegment]:
     if len(segments) == 1:
         return {"segment 1": replace(segments[0], label=label)}
     names = [f"segment {k}" for k in range(1, len(segments) + 1)]
-    return {
-        name: replace(segment, label=f"{label}, {name}")
-        for name, segment in zip(names, segments, strict=True)
-    }
+    both = zip(names, segments, strict=True)
+    return {name: replace(segment, label=f"{label}, {name}") for name, segment in both}
 
 
 @dataclass(frozen=True)
@@ -138,10 +136,8 @@ def _from_kvn(text: str, label: str) -> list[AemSegment]:
         require(block.name == ("META", "DATA")[k % 2], block.where, what, _ADVICE)
     require(len(blocks) % 2 == 0, label, "ends within a segment", _ADVICE)
     version = header.pairs.get("CCSDS_AEM_VERS", "")
-    return [
-        AemSegment(version, meta.pairs, tuple(data.rows), tuple(data.lines))
-        for meta, data in zip(blocks[::2], blocks[1::2], strict=True)
-    ]
+    both = zip(blocks[::2], blocks[1::2], strict=True)
+    return [AemSegment(version, a.pairs, tuple(b.rows), tuple(b.lines)) for a, b in both]
 
 
 def _from_acm(text: str, label: str) -> list[AemSegment]:
@@ -165,9 +161,8 @@ def _as_aem(
     stated = {key: value for key, value in block.items() if key not in _OF_BLOCK}
     kind = block.get("ATT_TYPE", "").upper()
     rate = block.get("RATE_TYPE", "NONE").upper()
-    stated["ATTITUDE_TYPE"] = kind.replace("EULER_ANGLES", "EULER_ANGLE") + _RATES.get(
-        rate, f"/{rate}"
-    )
+    kind = kind.replace("EULER_ANGLES", "EULER_ANGLE")
+    stated["ATTITUDE_TYPE"] = kind + _RATES.get(rate, f"/{rate}")
     stated["TIME_SYSTEM"] = system
     utc = system.upper() == "UTC"
     zero = text_to_ns(meta.get("EPOCH_TZERO", ""), utc=utc, place=lambda: f"{label}, EPOCH_TZERO")

@@ -183,10 +183,8 @@ class FileArrays:
 
 def _texts(array: np.ndarray) -> np.ndarray | None:
     """An array of objects as texts, or None where they are something else."""
-    items = [
-        item.decode("utf-8", "replace") if isinstance(item, bytes) else item
-        for item in array.ravel().tolist()
-    ]
+    raw = array.ravel().tolist()
+    items = [x.decode("utf-8", "replace") if isinstance(x, bytes) else x for x in raw]
     if not items or not all(isinstance(item, str) for item in items):
         return None
     return np.array(items, dtype=str).reshape(array.shape)

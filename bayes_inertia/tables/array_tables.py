@@ -260,14 +260,11 @@ def table_of(
     match = _WITH_ROWS.fullmatch(table)
     group, rows = (match[1], int(match[2])) if match else (table, 0)
     prefix = group.replace("/", ".").strip(".")
-    below = {
-        path: array
-        for path, array in held.arrays.items()
-        if not prefix or path.replace("/", ".").startswith(prefix + ".")
-    }
+    prefix = f"{prefix}." if prefix else ""
+    below = {p: x for p, x in held.arrays.items() if p.replace("/", ".").startswith(prefix)}
     counts = _row_counts(below)
     _check_any(counts, held, table, label)
-    named = {path: path.replace("/", ".")[len(prefix) + 1 if prefix else 0 :] for path in counts}
+    named = {path: path.replace("/", ".").removeprefix(prefix) for path in counts}
     wanted = {
         path
         for path, name in named.items()

@@ -86,17 +86,11 @@ def _run(kind: str, path: str, size: int, _: int, label: str, advice: str) -> Fi
     """Arrays that the process reads from a file of a size and time of change, or its error."""
     limit = LIMITS.processor_seconds + size / LIMITS.bytes_per_second
     content = min(LIMITS.least_content + LIMITS.largest_compression * size, LIMITS.most_content)
-    limits = [
-        str(content),
-        str(math.ceil(limit)),
-        str(LIMITS.room_beside_arrays + LIMITS.copies_of_arrays * content),
-    ]
+    memory = LIMITS.room_beside_arrays + LIMITS.copies_of_arrays * content
+    limits = [str(content), str(math.ceil(limit)), str(memory)]
     paths = dict.fromkeys(p for p in (str(Path(__file__).parents[2]), *sys.path) if p)
-    hangs = CampaignError(
-        f"cannot be read within {limit:.0f} s as {_KINDS[kind][2]}",
-        where=label,
-        advice=f"the file is damaged: {_EXPORT}",
-    )
+    what = f"cannot be read within {limit:.0f} s as {_KINDS[kind][2]}"
+    hangs = CampaignError(what, where=label, advice=f"the file is damaged: {_EXPORT}")
     try:
         done = subprocess.run(
             [sys.executable, "-P", "-m", __name__, kind, path, *limits],

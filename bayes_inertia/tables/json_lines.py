@@ -44,10 +44,8 @@ def _columns(records: Sequence[Any], lines: Sequence[int], label: str) -> dict[s
         what = f"more than {LIMITS.most_columns_of_json} different keys"
         require(few, f"{label}, line {line}", what, "give every line the same keys")
     require(bool(cells), label, "the file is empty", "give rows of telemetry")
-    return {
-        name: _column(values + [None] * (len(records) - len(values)))
-        for name, values in cells.items()
-    }
+    n = len(records)
+    return {name: _column(given + [None] * (n - len(given))) for name, given in cells.items()}
 
 
 def json_arrays(path: Path) -> dict[str, np.ndarray] | None:

@@ -245,17 +245,14 @@ def weeks_ns(table: Table, name: str, rollovers: int | None) -> tuple[np.ndarray
     missing = np.isnan(numbers)
     numbers = np.where(missing, 0.0, numbers)
     wrong = (numbers != np.floor(numbers)) | (numbers < 0) | (numbers > 99999)
-    advice = (
-        "name the column of whole weeks first, then that of the seconds of the week (0 to 604800)"
-    )
+    advice = "name the column of whole weeks first, then that of the seconds of the week "
+    advice += "(0 to 604800)"
     table.refuse(wrong, name, "week {:g} is no GPS time", advice)
     week = numbers.astype(np.int64)
     cut = (week > 0) & (rollovers is None and week.max(initial=0) < 1024)
     year = int(1980 + week[np.argmax(week > 0)] * 7 / 365.25)
     what = f"week {{:.0f}} lies in {year}, or is cut to ten bits, which begin anew every 1024 weeks"
-    advice = (
-        "add gps_rollovers to `time`: 2 for a log from 2019-04-07 to 2038, 1 from 1999-08-22, "
-        "0 before"
-    )
+    advice = "add gps_rollovers to `time`: 2 for a log from 2019-04-07 to 2038, "
+    advice += "1 from 1999-08-22, 0 before"
     table.refuse(cut, name, what, advice)
     return (week + 1024 * (rollovers or 0)) * _SIZES["week"], missing

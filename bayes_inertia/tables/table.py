@@ -249,14 +249,9 @@ def negated_name(name: str) -> str:
 
 def _listed(names: Sequence[str]) -> str:
     """Names of columns on one line, whatever a damaged header holds."""
-    plain = [
-        name if name.isprintable() else ascii(name)[1:-1]
-        for name in names[: LIMITS.most_names_told]
-    ]
-    short = [
-        name if len(name) <= LIMITS.longest_name_told else f"{name[: LIMITS.longest_name_told]}..."
-        for name in plain
-    ]
+    most, told = LIMITS.longest_name_told, names[: LIMITS.most_names_told]
+    plain = [name if name.isprintable() else ascii(name)[1:-1] for name in told]
+    short = [name if len(name) <= most else f"{name[:most]}..." for name in plain]
     return ", ".join([*short, *["..."] * (len(names) > LIMITS.most_names_told)]) or "no column"
 
 

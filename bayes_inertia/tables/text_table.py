@@ -70,13 +70,24 @@ def parse_text(text: str, label: str, options: TextOptions) -> Table:
     name_row, unit_row = _head(rows[:first], comments, rows[first].line, count, form, options)
     _check_no_row_is_lost(rows[:first], name_row, unit_row, form, label)
     names = _padded(name_row, count)
-    units = [
-        _unit(cell) or _unit_in_name(name)
-        for cell, name in zip(_padded(unit_row, count), names, strict=True)
-    ]
+    both = zip(_padded(unit_row, count), names, strict=True)
+    units = [_unit(cell) or _unit_in_name(name) for cell, name in both]
     below, repeated = _without_heads(rows[first:], (name_row, unit_row))
     names = _without_last_blank(_own_names(names), below, count)
-    return _table(below, names, units, form.decimal, label, (*notes, *repeated))
+    for row in below:
+        if len(row.cells) < len(names) or any(row.cells[len(names) :]):
+            what = f"{len(row.cells)} cells, but the table has {len(names)} columns"
+            advice = "give every line as many cells as the others, or remove the line"
+            raise CampaignError(what, where=f"{label}, line {row.line}", advice=advice)
+    # Only the wanted cells: a last delimiter makes one more.
+    cells = list(zip(*(row.cells[: len(names)] for row in below), strict=True))
+    columns = {
+        part: logged_column(of_part, form.decimal, unit)
+        for name, values, unit in zip(names, cells, units, strict=False)
+        for part, of_part in _parts(name, values).items()
+    }
+    numbers = np.array([row.line for row in below], dtype=int)
+    return Table(label, columns, numbers, notes=(*notes, *repeated))
 
 
 def _trimmed(row: CellRow, count: int) -> CellRow:
@@ -164,12 +175,9 @@ def _first_data_row(
         # Where the mapping says that there are no names, a row of empty cells is one of telemetry.
         if _holds_readings(cells, decimal) or (below < 0 and all(map(is_empty, cells))):
             return index
-    raise CampaignError(
-        "no row of numbers",
-        where=label,
-        advice="give rows of telemetry below the names; state delimiter and decimal sign in the "
-        "mapping if they were misread",
-    )
+    advice = "give rows of telemetry below the names; state delimiter and decimal sign in the "
+    advice += "mapping if they were misread"
+    raise CampaignError("no row of numbers", where=label, advice=advice)
 
 
 def _holds_readings(cells: Sequence[str], decimal: str) -> bool:
@@ -284,31 +292,6 @@ def _without_last_blank(names: list[str], rows: Sequence[CellRow], count: int) -
     return names
 
 
-def _table(
-    rows: Sequence[CellRow],
-    names: list[str],
-    units: list[str],
-    decimal: str,
-    label: str,
-    notes: tuple[str, ...],
-) -> Table:
-    count = len(names)
-    for row in rows:
-        extra = row.cells[count:]
-        if len(row.cells) < count or any(extra):
-            what = f"{len(row.cells)} cells, but the table has {count} columns"
-            advice = "give every line as many cells as the others, or remove the line"
-            raise CampaignError(what, where=f"{label}, line {row.line}", advice=advice)
-    # Only the wanted cells: a last delimiter makes one more.
-    cells = list(zip(*(row.cells[:count] for row in rows), strict=True))
-    columns = {
-        part: logged_column(of_part, decimal, unit)
-        for name, values, unit in zip(names, cells, units, strict=False)
-        for part, of_part in _parts(name, values).items()
-    }
-    return Table(label, columns, np.array([row.line for row in rows], dtype=int), notes=notes)
-
-
 def _parts(name: str, cells: Sequence[str]) -> dict[str, Sequence[str]]:
     """A column, or one a number where its cells hold vectors such as "[0.1, 0.2, 0.3]"."""
     if not next(filter(None, cells), "").startswith(("[", "(")):
@@ -375,25 +358,15 @@ def read_42(path: Path) -> Table:
     names = [f"{stem}[{k}]" for k in range(found)] if found > 1 else [stem]
     if stem not in _UNITS_OF_42:
         names = [f"c{k + 1}" for k in range(found)]
-    columns = {
-        name: replace(column, unit=unit)
-        for name, column in zip(names, table.columns.values(), strict=True)
-    }
+    both = zip(names, table.columns.values(), strict=True)
+    columns = {name: replace(column, unit=unit) for name, column in both}
     notes = _notes(path, stem, columns)
     columns = {**_stamps(path, table.rows), **columns}
     attitude = None
     if stem == "qbn":
         attitude = StatedAttitude(tuple(f"qbn[{i}]" for i in range(4)), "last", "N", "BODY")
-    timed = "time" in columns
-    return Table(
-        str(path),
-        columns,
-        table.lines,
-        ("time",) if timed else (),
-        "s" if timed else "",
-        attitude,
-        notes,
-    )
+    stamps = (("time",), "s") if "time" in columns else ((), "")
+    return Table(str(path), columns, table.lines, *stamps, attitude, notes)
 
 
 def _stamps(path: Path, rows: int) -> dict[str, Column]:
@@ -411,9 +384,8 @@ def _notes(path: Path, stem: str, columns: Mapping[str, Column]) -> tuple[str, .
     """Say where the six decimals that 42 writes leave few digits."""
     if stem not in ("Hwhl", "MTB", "Thr"):
         return ()
-    size = max(
-        (float(np.abs(c.values).max()) for c in columns.values() if not c.is_text), default=0.0
-    )
+    numbers = (c.values for c in columns.values() if not c.is_text)
+    size = max((float(np.abs(x).max()) for x in numbers), default=0.0)
     if size >= 10.0 ** (LIMITS.least_digits - 6):
         return ()
     return (

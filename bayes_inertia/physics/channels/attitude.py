@@ -87,12 +87,9 @@ class AttitudeChannel(Channel):
             return np.zeros((2, 3, 3))
         along = np.outer(tracker.boresight_B, tracker.boresight_B)
         across = np.eye(3) - along
-        return np.stack(
-            [
-                tracker.sigma_cross * across + tracker.sigma_roll * along,
-                across / tracker.sigma_cross + along / tracker.sigma_roll,
-            ]
-        )
+        root = tracker.sigma_cross * across + tracker.sigma_roll * along
+        inverse = across / tracker.sigma_cross + along / tracker.sigma_roll
+        return np.stack([root, inverse])
 
     def factors(self, noise: np.ndarray, valid: np.ndarray) -> np.ndarray:
         """The inverse root where there is a fix (..., 3, 3)."""

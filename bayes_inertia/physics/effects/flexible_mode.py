@@ -58,26 +58,15 @@ class FlexibleMode(Effect):
     steps_a_period = 12.0
 
     def parameters(self, campaign):
-        sigma = (
-            self.sigma
-            if self.sigma is not None
-            else 0.1 * float(np.sqrt(campaign.scale_of_motion()[2]))
-        )
+        usual = 0.1 * float(np.sqrt(campaign.scale_of_motion()[2]))
+        sigma = self.sigma if self.sigma is not None else usual
         frequency = self._median_frequency(campaign)
+        of_frequency = LogNormal(frequency, self.frequency_spread)
+        of_damping = LogNormal(self.damping, self.damping_spread)
         return (
             vector("coupling", "xyz", unit="kg^0.5 m", prior=Normal(0.0, sigma)),
-            scalar(
-                "frequency",
-                unit="Hz",
-                prior=LogNormal(frequency, self.frequency_spread),
-                null=frequency,
-            ),
-            scalar(
-                "damping",
-                unit="",
-                prior=LogNormal(self.damping, self.damping_spread),
-                null=self.damping,
-            ),
+            scalar("frequency", unit="Hz", prior=of_frequency, null=frequency),
+            scalar("damping", unit="", prior=of_damping, null=self.damping),
         )
 
     def _median_frequency(self, campaign) -> float:

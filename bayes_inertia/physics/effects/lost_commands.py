@@ -28,10 +28,8 @@ class LostCommands(StochasticEffect):
     name = "lost_commands"
 
     def coefficient_count(self, campaign):
-        pieces = [
-            0 if slew.lost_command is None else int(np.max(slew.lost_command))
-            for slew in campaign.slews
-        ]
+        lost = (slew.lost_command for slew in campaign.slews)
+        pieces = [0 if rows is None else int(np.max(rows)) for rows in lost]
         return max(pieces) * len(campaign.wheels)
 
     def coefficient_root(self, p, slew, count):

@@ -38,11 +38,8 @@ class MagneticDipole(SmoothTorque):
     def parameters(self, campaign):
         sigma = self.sigma
         if sigma is None:
-            fields = [
-                np.linalg.norm(s.magnetic_field_N, axis=1)
-                for s in campaign.slews
-                if s.magnetic_field_N is not None
-            ]
+            given = (slew.magnetic_field_N for slew in campaign.slews)
+            fields = [np.linalg.norm(field, axis=1) for field in given if field is not None]
             mean = float(np.nanmean(np.concatenate(fields))) if fields else 3e-5
             sigma = 0.03 * torque_scale(campaign) / max(mean, 1e-9)
         return (vector("dipole", "xyz", unit="A m^2", prior=Normal(0.0, sigma)),)

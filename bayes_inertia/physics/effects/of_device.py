@@ -138,11 +138,8 @@ def errors_of(device: str, campaign: Campaign) -> tuple[Effect, ...]:
         )
     own = KINDS.get(type(record), ())
     is_field = getattr(record, "is_field", False)
-    return tuple(
-        replace(e, device=device)
-        for e in own
-        if is_field or not isinstance(e, FieldOffset | FieldScale)
-    )
+    own = tuple(e for e in own if is_field or not isinstance(e, FieldOffset | FieldScale))
+    return tuple(replace(e, device=device) for e in own)
 
 
 def candidates_in(campaign: Campaign, library: Sequence[Effect]) -> tuple[Effect, ...]:
@@ -160,11 +157,8 @@ def candidates_in(campaign: Campaign, library: Sequence[Effect]) -> tuple[Effect
     kinds = [type(record) for record in campaign.sensors.values()]
     several = {type(e) for kind in _FIRST if kinds.count(kind) > 1 for e in KINDS[kind]}
     own = [e for e in given if e.device]
-    found = [
-        replace(e, device=first[type(e)]) if type(e) in several else e
-        for e in given
-        if not e.device
-    ]
+    free = [e for e in given if not e.device]
+    found = [replace(e, device=first[type(e)]) if type(e) in several else e for e in free]
     if first.keys() <= {type(e) for e in given}:
         further = [*dict(campaign.more_sensors), *(device.name for device in campaign.actuators)]
         found += [error for name in further for error in errors_of(name, campaign)]
@@ -192,9 +186,7 @@ def with_settings(effect: Effect, settings: Mapping[str, Any]) -> Effect:
         try:
             values[key] = pydantic.TypeAdapter(known[key]).validate_python(text)
         except pydantic.ValidationError as error:
-            raise EffectError(
-                f"{text!r} is no value of {key} ({error.errors()[0]['msg']})",
-                where=effect.name,
-                advice=f"give it as {known[key]}, such as {effect.name}:{key}=...",
-            ) from None
+            what = f"{text!r} is no value of {key} ({error.errors()[0]['msg']})"
+            advice = f"give it as {known[key]}, such as {effect.name}:{key}=..."
+            raise EffectError(what, where=effect.name, advice=advice) from None
     return replace(effect, **values)

@@ -62,12 +62,9 @@ class StarTrackerLowFrequency(RowByRow, StochasticEffect):
 
     def coefficient_count(self, campaign):
         stream = stream_of_device(self.device or campaign.names[1], campaign)
-        known = ((slew, stream.of(slew)) for slew in campaign.slews)
-        gaps = (
-            between_fix_groups(slew, np.isfinite(fixes).all(axis=1))
-            for slew, fixes in known
-            if fixes is not None
-        )
+        known = ((s, stream.of(s)) for s in campaign.slews)
+        fixed = ((s, np.isfinite(fixes).all(axis=1)) for s, fixes in known if fixes is not None)
+        gaps = (between_fix_groups(slew, rows) for slew, rows in fixed)
         return 3 * (1 + max(map(len, gaps), default=0))
 
     def coefficient_root(self, p, slew, count):
