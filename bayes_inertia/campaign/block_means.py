@@ -44,18 +44,15 @@ def reduced(campaign: Campaign, block: int | None = None) -> Campaign:
     if length < 2:
         return given
     noise, sensor = 1.0 / np.sqrt(length), campaign.gyro
+    read = zip(campaign.wheels, _tachometer_readings(campaign, length), strict=True)
     wheels = tuple(
-        w
-        if w.momentum_sigma is None
-        else replace(w, momentum_sigma=float(w.momentum_sigma * (1.0 / np.sqrt(readings))))
-        for w, readings in zip(campaign.wheels, _tachometer_readings(campaign, length), strict=True)
+        w if s is None else replace(w, momentum_sigma=float(s * (1.0 / np.sqrt(readings))))
+        for w, readings in read
+        for s in [w.momentum_sigma]
     )
-    return replace(
-        campaign,
-        slews=tuple(_reduced_slew(slew, length) for slew in campaign.slews),
-        rate_sensor=replace(sensor, sigma=tuple(float(s * noise) for s in sensor.sigma)),
-        wheels=wheels,
-    )
+    sensor = replace(sensor, sigma=tuple(float(s * noise) for s in sensor.sigma))
+    slews = tuple(_reduced_slew(slew, length) for slew in campaign.slews)
+    return replace(campaign, slews=slews, rate_sensor=sensor, wheels=wheels)
 
 
 def without_surplus_rows(campaign: Campaign) -> Campaign:
@@ -181,11 +178,9 @@ def _reduced_slew(slew: Slew, length: int) -> Slew:
 
 def _tachometer_readings(campaign: Campaign, length: int) -> np.ndarray:
     """Readings (wheels,) of each tachometer in a block of rates, at least one."""
-    given = [
-        np.isfinite(s.wheel_momentum[np.isfinite(np.asarray(s.rate)).any(axis=1)])
-        for s in campaign.slews
-        if s.wheel_momentum is not None
-    ]
+    told = (s for s in campaign.slews if s.wheel_momentum is not None)
+    rated = ((s, np.isfinite(np.asarray(s.rate)).any(axis=1)) for s in told)
+    given = [np.isfinite(np.asarray(s.wheel_momentum)[rows]) for s, rows in rated]
     if not given:
         return np.full(len(campaign.wheels), float(length))
     return np.maximum(1.0, length * np.concatenate(given).mean(axis=0))

@@ -214,12 +214,9 @@ class GaussianPrior:
         means = {n: np.exp(m) if n in self.logarithmic else m for n, m in known}
         moments = [m for n, m in means.items() if n in _MOMENTS and m > 0.0]
         size = float(np.mean(moments)) if moments else 1.0
-        of_each = np.array(
-            [
-                1.0 if name in self.logarithmic else size if name.startswith("J") else abs(mean)
-                for name, mean in zip(self.names, self.mean, strict=True)
-            ]
-        )
+        of_each = np.abs(self.mean)
+        of_each[[name.startswith("J") for name in self.names]] = size
+        of_each[[name in self.logarithmic for name in self.names]] = 1.0
         wider = self.covariance + np.diag((relative * of_each) ** 2)
         return replace(self, covariance=wider)
 
@@ -326,12 +323,10 @@ def prior_from_json(content: Mapping[str, Any], where: str) -> GaussianPrior:
     except CampaignError as error:
         raise error.inside(where) from None
     except (KeyError, TypeError, ValueError) as error:
-        raise CampaignError(
-            f"no prior of J and K ({error})",
-            where=where,
-            advice="give names, mean and covariance; or principal_moments, relative_sd and "
-            "axes_sd_deg; or the folder of a run",
-        ) from error
+        advice = "give names, mean and covariance; or principal_moments, relative_sd and "
+        advice += "axes_sd_deg; or the folder of a run"
+        what = f"no prior of J and K ({error})"
+        raise CampaignError(what, where=where, advice=advice) from error
 
 
 def prior_in(source: str | Path) -> GaussianPrior:

@@ -169,9 +169,9 @@ def _table_of(slew: Slew, channels: Sequence[Written]) -> Table:
     made = {"t_s": slew.time}
     for channel in (channel for channel in channels if channel.in_table(slew)):
         values = channel.values(slew)
-        commands = channel.channel == "wheel_torque" and values is not None
-        if commands and slew.lost_command is not None:
-            values = np.where((slew.lost_command > 0)[:, None], np.nan, values)
+        lost = slew.lost_command if channel.channel == "wheel_torque" else None
+        if lost is not None and values is not None:
+            values = np.where((lost > 0)[:, None], np.nan, values)
         if values is None:
             values = np.full((len(slew.time), len(channel.names)), np.nan)
         columns = zip(channel.names, values.T, strict=True)

@@ -359,7 +359,8 @@ def _plants(
     starts = stacked_pytrees([jax.tree.map(lambda x: x[index], start) for start in each])
     starts = jax.tree.map(lambda x: jnp.broadcast_to(x, (n, *x.shape[1:])), starts)
     axes = jnp.broadcast_to(craft.gyro.axes, (n, 3, 3))
-    return Plant(*map(jnp.asarray, (J, thetas[:, 6:9], bias)), axes, starts)
+    inertia_B, scale_factor, true_bias = map(jnp.asarray, (J, thetas[:, 6:9], bias))
+    return Plant(inertia_B, scale_factor, true_bias, axes, starts)
 
 
 def _active_in_draws(

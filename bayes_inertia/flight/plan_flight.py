@@ -275,8 +275,8 @@ def _true_path(i: int, slew: Slew, flown: Any) -> Trajectory:
     n = len(slew.time)
     no_own_states: Any = np.zeros((n, 0))
     time: Any = slew.time
-    motion = (x[i, :n] for x in (flown.attitude, flown.rate_B, flown.wheel_momentum))
-    return Trajectory(time, *motion, no_own_states)
+    attitude, rate_B = flown.attitude[i, :n], flown.rate_B[i, :n]
+    return Trajectory(time, attitude, rate_B, flown.wheel_momentum[i, :n], no_own_states)
 
 
 def _peaks(histories: Sequence[Any], craft: Spacecraft, limit: str) -> np.ndarray:

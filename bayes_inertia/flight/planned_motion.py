@@ -184,8 +184,8 @@ def motion_of_slews(
     axis = slews.rotation_B / angle[:, None]
     rests = _rest_attitudes(slews.rotation_B, origin.attitude)
     time, begin = _time_grid(slews, angle, times)
-    columns = [x[:, None] for x in (angle, slews.rate, slews.acceleration, slews.smooth)]
-    turned, rate = angle_and_rate(*columns, time - begin)
+    turn, fastest, quickest = (x[:, None] for x in (angle, slews.rate, slews.acceleration))
+    turned, rate = angle_and_rate(turn, fastest, quickest, slews.smooth[:, None], time - begin)
     attitude = quaternion.turned(rests[:-1, None], turned[..., None] * axis[:, None])
     rate_B = rate[..., None] * axis[:, None]
     lasting = time[:, -1] + times.pause

@@ -31,7 +31,11 @@ class Jets(NamedTuple):
     lowest: AnyArray  # (k,) least input: 0 for a thruster
     highest: AnyArray  # (k,) largest input: 1 for a thruster
     shares: AnyArray  # (3, k) least inputs of either sign for a torque along each axis [1/(N m)]
-    carries_momentum = False  # whether it gives momentum, not torque
+
+    @property
+    def carries_momentum(self) -> bool:
+        """Whether it gives momentum, not torque."""
+        return False
 
     def given_B(self, inputs: AnyArray) -> Array:
         """Torques (n, 3) of inputs (n, k) [N m]."""
@@ -55,7 +59,11 @@ class Gimbals(NamedTuple):
     along_B: AnyArray  # (k, 3) spin axes at angle zero
     across_B: AnyArray  # (k, 3) spin axes at a right angle
     start: AnyArray  # (k,) angles before the first slew [rad]
-    carries_momentum = True
+
+    @property
+    def carries_momentum(self) -> bool:
+        """Whether it gives momentum, not torque."""
+        return True
 
     def carried_B(self, angle: AnyArray) -> tuple[Array, Array]:
         """Momentum (3,) at gimbal angles (k,), and its derivative (3, k) by them [N m s]."""

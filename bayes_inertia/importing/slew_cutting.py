@@ -237,15 +237,15 @@ def _at_rests(
     """Windows around the motions that have a rest on either side."""
     fixes = _fixes(logs)
     step = float(np.median(np.diff(fixes))) if len(fixes) > 1 else 0.0
-    wanted = LIMITS.fewest_rates * logs.streams["rate"].step, LIMITS.fixes_in_rest * step
-    shortest = cut.min_rest_s or max(LIMITS.shortest_rest_s, *wanted)
+    told = LIMITS.fewest_rates * logs.streams["rate"].step, LIMITS.fixes_in_rest * step
+    shortest = cut.min_rest_s or max(LIMITS.shortest_rest_s, *told)
     motions = _merged(scan, shortest)
     turned = [_turned(scan, *motion) for motion in motions]
-    before, after = _wanted_rests(motions, fixes, cut, shortest)
+    wanted = _wanted_rests(motions, fixes, cut, shortest)
     windows: list[SlewWindow] = []
     dropped: list[DroppedPart] = []
     for k, (start, end) in enumerate(motions):
-        rest_before, rest_after = _rests_of(k, motions, scan, before, after)
+        rest_before, rest_after = _rests_of(k, motions, scan, wanted)
         reason = _why_not(turned[k], max(turned), rest_before, rest_after, shortest)
         if reason:
             dropped.append(DroppedPart(start, end, reason))
@@ -286,13 +286,10 @@ def _wanted_rests(
 
 
 def _rests_of(
-    k: int,
-    motions: list[tuple[float, float]],
-    scan: MotionScan,
-    before: list[float],
-    after: list[float],
+    k: int, motions: list[tuple[float, float]], scan: MotionScan, wanted: tuple[list[float], ...]
 ) -> tuple[float, float]:
     """Seconds of rest that a slew gets before and after; slews share the rest between them."""
+    before, after = wanted
     (start, end), span = motions[k], scan.segment_span(motions[k][0])
     earlier = (motions[k - 1][1], after[k - 1]) if k else (-np.inf, 0.0)
     later = (motions[k + 1][0], before[k + 1]) if k + 1 < len(motions) else (np.inf, 0.0)

@@ -666,8 +666,6 @@ def guarded(effect: Effect, step_name: str, call: Callable[[], Any]) -> Any:
         raise EffectError(reason.what, where=where, advice=reason.advice) from reason
     except Exception as reason:
         first = (str(reason).strip() or type(reason).__name__).splitlines()[0]
-        raise EffectError(
-            f"{step_name} fails: {type(reason).__name__}: {first}",
-            where=effect.name,
-            advice="hooks must be plain jax.numpy with fixed shapes and no branches on values",
-        ) from reason
+        what = f"{step_name} fails: {type(reason).__name__}: {first}"
+        advice = "hooks must be plain jax.numpy with fixed shapes and no branches on values"
+        raise EffectError(what, where=effect.name, advice=advice) from reason

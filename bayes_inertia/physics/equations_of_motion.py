@@ -129,14 +129,9 @@ class Body:
         )
         return rate, self.relative(wheel, rate)
 
-    def internal(
-        self,
-        effect_states: Components,
-        t: Array | None = None,
-        inputs: Mapping[str, Array] | None = None,
-    ) -> Array:
+    def internal(self, effect_states: Components, *moment: Any) -> Array:
         """Momentum that the effects' own states carry, and devices by what they do, [N m s]."""
-        return internal_momentum(self.active, self.context, effect_states, t, inputs)
+        return internal_momentum(self.active, self.context, effect_states, *moment)
 
 
 class StepInputs(NamedTuple):

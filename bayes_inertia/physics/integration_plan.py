@@ -21,7 +21,7 @@ from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.physics.actuators.gimballed_rotors import carried_momentum
 from bayes_inertia.physics.effect import LOOKING_BACK, MOVING_HOOKS, Effect
 from bayes_inertia.physics.numerics import NUMERICS
-from bayes_inertia.physics.packing import bridged, longest_step, refined_grid
+from bayes_inertia.physics.packing import bridged, longest_step, on_grid, refined_grid
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.step_drive import left_out, polynomials, step_ends, step_grid
 
@@ -232,8 +232,7 @@ def _wheels_on_grid(
     """Momentum (n, wheels) known beforehand [N m s], and the grid's steps (n,) [s]."""
     step = np.append(np.diff(grid), 0.0)
     if drive == "measured" and slew.wheel_momentum is not None:
-        time = slew.time - slew.time[0]
-        return np.stack([bridged(grid, time, h) for h in slew.wheel_momentum.T], -1), step
+        return on_grid(slew, "wheel_momentum", grid, wheels), step
     if slew.wheel_torque is None:
         return np.zeros((len(grid), wheels)), step
     held = np.searchsorted(sample, np.arange(len(grid)), side="right") - 1

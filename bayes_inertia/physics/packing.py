@@ -162,12 +162,9 @@ def pack(
             told = np.arange(modes) < len(slew.time[np.isfinite(slew.wheel_momentum).all(axis=1)])
             shapes[i] = np.concatenate([shapes[i] * told, of_knots], axis=1)
     readings = [_stacked_readings(campaign, channel, n_rows) for channel in channels]
+    shapes = [repeated(shape, n_grid, 0) for shape in shapes]
     telemetry = [
-        Telemetry(
-            np.concatenate([sample, np.full(n_rows - len(sample), len(grids[i][0]) - 1)]),
-            tuple(of_channel[i] for of_channel in readings),
-            repeated(shapes[i], n_grid, 0),
-        )
+        Telemetry(repeated(sample, n_rows, 0), tuple(x[i] for x in readings), shapes[i])
         for i, (_, sample) in enumerate(grids)
     ]
     starts = [_reference(campaign, channels, slew) for slew in campaign.slews]
@@ -221,7 +218,8 @@ def _next_multiple(n: int, multiple: int) -> int:
     return -(-n // multiple) * multiple
 
 
-def _on_grid(slew: Slew, key: str, grid: np.ndarray, width: int) -> np.ndarray:
+def on_grid(slew: Slew, key: str, grid: np.ndarray, width: int) -> np.ndarray:
+    """What a slew has of this name on a grid (m,) from its first row [s], (m, width)."""
     values = getattr(slew, key)
     if values is None:
         return np.zeros((len(grid), width))
@@ -268,8 +266,8 @@ def _slew_input(
         **_lost_commands(campaign, slew, held, n_grid),
         fix_group=repeated(np.searchsorted(between_fix_groups(slew, slew.fixes), grid), n_grid, 0),
     )
-    environment = (repeated(_on_grid(slew, key, grid, 3), n_grid, 0) for key in Environment._fields)
-    momentum = repeated(_on_grid(slew, "wheel_momentum", grid, wheels), n_grid, 0)
+    environment = (repeated(on_grid(slew, key, grid, 3), n_grid, 0) for key in Environment._fields)
+    momentum = repeated(on_grid(slew, "wheel_momentum", grid, wheels), n_grid, 0)
     given = {name: _on_steps(slew, name, grid, n_grid) for name in inputs} if inputs else None
     return SlewInput(context, momentum, Environment(*environment), inputs=given)
 

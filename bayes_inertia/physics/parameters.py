@@ -547,10 +547,10 @@ class ParameterSpace:
     def _ends_in_unit(self) -> np.ndarray:
         """Shares (2, size) of the untruncated priors below each end."""
         log, centres, scales, *ends = self._columns.values()
-        ends = np.array(ends, float)
+        limits = np.array(ends, float)
         with np.errstate(divide="ignore"):
-            logs = np.log(np.where(log, np.maximum(ends, 0.0), 1.0))
-        return special.ndtr((np.where(log, logs, ends) - centres) / scales)
+            logs = np.log(np.where(log, np.maximum(limits, 0.0), 1.0))
+        return special.ndtr((np.where(log, logs, limits) - centres) / scales)
 
 
 def parameter_vectors(theta: Any, size: int, where: str = "theta") -> Any:

@@ -138,11 +138,9 @@ class State(NamedTuple):
             If the effect does not list the input.
         """
         if self.inputs is None or name not in self.inputs:
-            raise EffectError(
-                f"the input {name!r} is not listed",
-                where="state.input",
-                advice=f'write `inputs = ("{name}",)` beside the `name` of the effect',
-            )
+            what = f"the input {name!r} is not listed"
+            advice = f'write `inputs = ("{name}",)` beside the `name` of the effect'
+            raise EffectError(what, where="state.input", advice=advice)
         return self.inputs[name]
 
 

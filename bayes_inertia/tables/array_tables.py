@@ -309,12 +309,9 @@ def _check_one_length(
         f"{named[next(p for p in chosen if counts[p] == rows)]} has {rows}" for rows in lengths[:4]
     )
     prefix = f"{table} " if table else ""
-    raise CampaignError(
-        f"columns differ in length: {examples} rows",
-        where=label,
-        advice=f'name the table of one stream, such as "{prefix}[{lengths[0]} rows]"'
-        + "".join(f' or "{group}"' for group in groups if group and group != table),
-    )
+    advice = f'name the table of one stream, such as "{prefix}[{lengths[0]} rows]"'
+    advice += "".join(f' or "{group}"' for group in groups if group and group != table)
+    raise CampaignError(f"columns differ in length: {examples} rows", where=label, advice=advice)
 
 
 def _row_counts(arrays: Mapping[str, np.ndarray]) -> dict[str, int]:

@@ -7,6 +7,7 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
@@ -252,5 +253,5 @@ def _arrays(file: Path, form: str) -> FileArrays | None:
     }
     if form in readers:
         return readers[form](file)
-    kinds: dict[str, ArrayKind] = {"hdf5": "hdf5", "netcdf": "netcdf", "mat": "mat"}
-    return read_arrays(file, kinds[form]) if form in kinds else None
+    kind = next((kind for kind in get_args(ArrayKind) if kind == form), None)
+    return None if kind is None else read_arrays(file, kind)

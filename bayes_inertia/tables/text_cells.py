@@ -111,12 +111,10 @@ def _zero_bytes(lines: Sequence[str], label: str) -> CampaignError:
         what = "holds nothing but NUL bytes"
         advice = "the logger lost power before it wrote: take another copy, or leave it out"
         return CampaignError(what, where=label, advice=advice)
-    return CampaignError(
-        "NUL bytes: no text, or a logger that lost power",
-        where=f"{label}, line {first}",
-        advice="a text: take the NUL bytes and the lines that they cut out; another format: give "
-        "the file its suffix, or export it as CSV",
-    )
+    what = "NUL bytes: no text, or a logger that lost power"
+    advice = "a text: take the NUL bytes and the lines that they cut out; another format: give the "
+    advice += "file its suffix, or export it as CSV"
+    return CampaignError(what, where=f"{label}, line {first}", advice=advice)
 
 
 def _text_of(data: bytes, label: str, encoding: str) -> str:
@@ -198,11 +196,10 @@ def split_rows(
             yield CellRow(taken[0], tuple([cell.strip() for cell in cells]))
             taken.clear()
     except csv.Error as error:
-        raise CampaignError(
-            f"the cells cannot be told apart ({error})",
-            where=f"{label}, line {taken[0] if taken else 1}",
-            advice="close every quote, or remove the quotes",
-        ) from error
+        what = f"the cells cannot be told apart ({error})"
+        where = f"{label}, line {taken[0] if taken else 1}"
+        advice = "close every quote, or remove the quotes"
+        raise CampaignError(what, where=where, advice=advice) from error
 
 
 _DELIMITERS = ("\t", ";", ",", "|", WHITESPACE)
@@ -257,10 +254,8 @@ def told_form(lines: Sequence[tuple[int, str]], options: TextOptions, label: str
         except CampaignError:  # A quote that is not closed: the reading itself will say where.
             rows = [tuple(line.split(delimiter)) for _, line in sample]
         for decimal in [options.decimal] if options.decimal else (".", ","):
-            trust = _TRUST.get(delimiter, 1.0) * (
-                1.0 if usual_width(rows) > 1 else LIMITS.trust_in_one_column
-            )
-            score = trust * _score(rows, decimal)
+            of_width = 1.0 if usual_width(rows) > 1 else LIMITS.trust_in_one_column
+            score = _TRUST.get(delimiter, 1.0) * of_width * _score(rows, decimal)
             if score > best_score + 1e-9:
                 best, best_score = TextForm(delimiter, decimal), score
     return best

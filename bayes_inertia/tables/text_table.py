@@ -365,8 +365,9 @@ def read_42(path: Path) -> Table:
     attitude = None
     if stem == "qbn":
         attitude = StatedAttitude(tuple(f"qbn[{i}]" for i in range(4)), "last", "N", "BODY")
-    stamps = (("time",), "s") if "time" in columns else ((), "")
-    return Table(str(path), columns, table.lines, *stamps, attitude, notes)
+    has_time = "time" in columns
+    time, kind = ("time",) * has_time, "s" * has_time
+    return Table(str(path), columns, table.lines, time, kind, attitude, notes)
 
 
 def _stamps(path: Path, rows: int) -> dict[str, Column]:

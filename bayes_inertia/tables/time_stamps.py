@@ -311,12 +311,10 @@ def _from_texts(
     elif column.values.dtype.kind == "f" and np.isnan(column.values).all():
         return np.zeros(table.rows, dtype=np.int64), np.ones(table.rows, dtype=bool)
     else:
-        raise CampaignError(
-            f"holds numbers, not the dates that {kind!r} means",
-            where=f"{table.label}, column {name}",
-            advice=f"state another kind of stamp: one of {', '.join(TIME_KINDS)}; or add how they "
-            'are written, such as format = "%Y%m%d%H%M%S"',
-        )
+        what = f"holds numbers, not the dates that {kind!r} means"
+        advice = f"state another kind of stamp: one of {', '.join(TIME_KINDS)}; "
+        advice += 'or add how they are written, such as format = "%Y%m%d%H%M%S"'
+        raise CampaignError(what, where=f"{table.label}, column {name}", advice=advice)
     ns, missing = _dates_in_tai(table, name, kind, cells, form)
     if counted:
         # Of hours, minutes and seconds none divides a day.

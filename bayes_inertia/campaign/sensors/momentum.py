@@ -51,10 +51,8 @@ class MomentumStream(SensorStream):
 
     def louder(self, campaign: Campaign, factor: float) -> Campaign:
         """The campaign with another noise of its tachometers."""
-        wheels = tuple(
-            replace(w, momentum_sigma=w.momentum_sigma and factor * w.momentum_sigma)
-            for w in campaign.wheels
-        )
+        stated = [(wheel, wheel.momentum_sigma) for wheel in campaign.wheels]
+        wheels = tuple(replace(w, momentum_sigma=s and factor * s) for w, s in stated)
         return replace(campaign, wheels=wheels)
 
 
