@@ -58,8 +58,9 @@ class FlexibleMode(Effect):
     steps_a_period = 12.0
 
     def parameters(self, campaign):
-        usual = 0.1 * float(np.sqrt(campaign.scale_of_motion()[2]))
-        sigma = self.sigma if self.sigma is not None else usual
+        sigma = self.sigma
+        if sigma is None:
+            sigma = 0.1 * float(np.sqrt(campaign.scale_of_motion()[2]))
         frequency = self._median_frequency(campaign)
         of_frequency = LogNormal(frequency, self.frequency_spread)
         of_damping = LogNormal(self.damping, self.damping_spread)
