@@ -428,8 +428,8 @@ def paper_like_plan() -> Plan:
     (0.0, 415.0, 845.0, 1290.0, 1715.0)
     """
     axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (-1.0, -1.0, -1.0), (5.0, -5.0, 3.0))
-    turns = zip(axes, (30.0, 45.0, 60.0, 40.0, 55.0), strict=True)
-    slews = tuple(PlannedSlew(axis, math.radians(angle)) for axis, angle in turns)
+    pairs = zip(axes, (30.0, 45.0, 60.0, 40.0, 55.0), strict=True)
+    slews = tuple(PlannedSlew(axis, math.radians(angle)) for axis, angle in pairs)
     attitude = (0.18808936328340506, -0.42308078708425323, 0.32910669079881893, 0.8229907806822447)
     name, momentum = "five slews of a MOST-like spacecraft", (0.05, -0.03, 0.07)
     return Plan(name, slews, attitude, momentum, orbit=Orbit())
