@@ -83,11 +83,12 @@ def require(
     where: str,
     what: str,
     advice: str,
-    kind: type[BayesInertiaError] = CampaignError,
+    *,
+    error: type[BayesInertiaError] = CampaignError,
 ) -> None:
-    """Raise an error of a kind unless a condition holds."""
+    """Raise `CampaignError`, or another `error`, unless a condition holds."""
     if not condition:
-        raise kind(what, where=where, advice=advice)
+        raise error(what, where=where, advice=advice)
 
 
 def library_of_extra(

@@ -141,7 +141,7 @@ def write_plan(plan: Plan, path: str | Path, *, overwrite: bool = False) -> Path
     text = tomlkit.dumps(document)
     other = path.exists() and not overwrite and text_of(read_bytes(path), str(path)) != text
     what, advice = "would overwrite another file", "choose another name"
-    require(not other, str(path), what, advice, OutputError)
+    require(not other, str(path), what, advice, error=OutputError)
     return write_atomically(path, text)
 
 

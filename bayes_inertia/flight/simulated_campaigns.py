@@ -202,7 +202,7 @@ def _write_with_truth(campaign: Campaign, truth: Mapping[str, Any], folder: Path
     path = folder / "truth.json"
     free = not path.exists() or path.read_text(encoding="utf-8") == text
     what, advice = "would overwrite the truth of another campaign", "write to a new folder"
-    require(free, str(path), what, advice, OutputError)
+    require(free, str(path), what, advice, error=OutputError)
     write_campaign(campaign, folder)
     write_atomically(path, text)
 

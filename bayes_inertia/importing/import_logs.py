@@ -163,7 +163,7 @@ def _refuse_occupied(folder: Path, mapping: bytes) -> None:
     """Refuse a folder that holds an import by another mapping before the logs are read."""
     free, where = not mapped_lines.other_mapping(folder, mapping), folder / mapped_lines.RECORD_FILE
     advice = "write to a new folder, or remove this one first"
-    require(free, str(where), "would overwrite another campaign", advice, OutputError)
+    require(free, str(where), "would overwrite another campaign", advice, error=OutputError)
 
 
 def _once(stream: LoggedStream) -> LoggedStream:

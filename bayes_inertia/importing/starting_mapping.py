@@ -216,7 +216,7 @@ def write_starting_mapping(files: Sequence[str | Path], path: str | Path) -> Sta
     """Write a mapping with a question at everything that the files do not say."""
     path = Path(path)
     advice = "fill it in, or name another file"
-    require(not path.exists(), str(path), "is there already", advice, OutputError)
+    require(not path.exists(), str(path), "is there already", advice, error=OutputError)
     started = starting_mapping([Path(file) for file in files])
     write_atomically(path, started.text)
     return started

@@ -61,7 +61,7 @@ def require_usable_jax() -> None:
     """
     alone, what = not _forked_late.is_set(), "was forked after JAX had computed and would hang"
     advice = 'start processes with spawn: multiprocessing.get_context("spawn")'
-    require(alone, "this process", what, advice, SettingsError)
+    require(alone, "this process", what, advice, error=SettingsError)
     double, what = jax.config.jax_enable_x64, "double precision was switched off"
     advice = 'switch it on again: jax.config.update("jax_enable_x64", True)'
-    require(double, "JAX", what, advice, SettingsError)
+    require(double, "JAX", what, advice, error=SettingsError)

@@ -149,7 +149,7 @@ def _require_distribution(prior: Prior) -> None:
     numbers, where = (given, prior.scale, prior.lower, prior.upper), f"{type(prior).__name__} prior"
     known = all(isinstance(x, Real) for x in numbers)
     advice = "give one number each; components that differ have priors of their own"
-    require(known, where, "not all are numbers", advice, SettingsError)
+    require(known, where, "not all are numbers", advice, error=SettingsError)
     least = max(prior.lower, 0.0 if prior.logarithmic else -np.inf)
     no_value = f"no value lies between {prior.lower} and {prior.upper}"
     for good, what, advice in (
@@ -158,7 +158,7 @@ def _require_distribution(prior: Prior) -> None:
         (0.0 < prior.scale < np.inf, f"the scale is {prior.scale}", "give one above zero"),
         (least < prior.upper, no_value, "give lower < upper"),
     ):
-        require(good, where, what, advice, SettingsError)
+        require(good, where, what, advice, error=SettingsError)
 
 
 # J and K, first in every model, before the parameters of effects: of a rate sensor of three axes,
@@ -331,7 +331,7 @@ def with_prior_scale(parameter: Parameter, factor: float) -> Parameter:
         return parameter
     advice = "give how many times as wide as stated the priors are to be"
     what = f"{factor} is not above zero"
-    require(0.0 < factor < np.inf, "prior_scale", what, advice, SettingsError)
+    require(0.0 < factor < np.inf, "prior_scale", what, advice, error=SettingsError)
     priors = (p if p.logarithmic else replace(p, scale=factor * p.scale) for p in parameter.priors)
     return replace(parameter, priors=tuple(priors))
 
