@@ -283,9 +283,20 @@ def _directions(campaign: Campaign, slew: Slew) -> list[_Direction]:
         time, reference_N = reference_of(name, sensor, slew)
         at = slew.time - slew.time[0]
         there = np.stack([np.interp(at, time, column) for column in reference_N.T], axis=-1)
-        size = float(np.median(np.linalg.norm(there, axis=1))) if sensor.is_field else 1.0
-        seen.append(_Direction(readings, there, max(sensor.sigma) / size))
+        noise, size = max(sensor.sigma), 1.0
+        if sensor.is_field:
+            size, read = (_usual_size(field) for field in (there, readings))
+            # A field that its noise drowns is in another unit: what is read tells the size.
+            size = size if size > noise else max(read, noise)
+        seen.append(_Direction(readings, there, noise / size))
     return seen
+
+
+def _usual_size(field: np.ndarray) -> float:
+    """Median length of vectors (n, 3), zero where nothing was read."""
+    lengths = np.linalg.norm(field, axis=1)
+    lengths = lengths[np.isfinite(lengths)]
+    return float(np.median(lengths)) if len(lengths) else 0.0
 
 
 def _from_directions(campaign: Campaign, slew: Slew) -> tuple[np.ndarray, np.ndarray, float]:

@@ -45,27 +45,19 @@ def direction(told: Told) -> LawData | None:
     seen = np.einsum("snij,sndj->sndi", to_start, seen_B)
     there = np.einsum("sij,sndj->sndi", _first_rotation(told, seen, there_N), there_N)
     expected_B = np.einsum("snji,sndj->sndi", to_start, there)
-    # Each sensor counts by the moments at which it sees, however few they are.
-    counts = np.maximum(known.sum(axis=1), 1)
-    share = np.sqrt(known.any(axis=2).sum(axis=1)[:, None] / counts)
-    share = known * (share / _sd(told, known, seen_B, expected_B, sizes))[:, None]
-
-    def flat(values: np.ndarray) -> np.ndarray:
-        """(S, N, sensors, 3, P) in sds, as (S, N, 3 sensors, P)."""
-        values = values * share[..., None, None]
-        return values.reshape(*known.shape[:2], -1, values.shape[-1])
-
+    share = _share(told, known, (seen_B, expected_B), sizes, integrated_noise(told))
     path = uncertain_path(told)
     if fixes.any():
         # The rotations of the fixes tell R0, errors of the path up to them included.
         weight = fixes / np.maximum(fixes.sum(axis=1, keepdims=True), 1)
         path = path - np.einsum("sn,snip->sip", weight, path)[:, None]
     turns = np.concatenate([path, np.broadcast_to(np.eye(3), (*path.shape[:3], 3))], axis=-1)
-    turned = flat(np.cross(turns[:, :, None], there[..., None], axis=3))
-    data = flat((seen - there)[..., None])[..., 0]
+    turned = _flat(np.cross(turns[:, :, None], there[..., None], axis=3), share)
+    data = _flat((seen - there)[..., None], share)[..., 0]
+    own = _flat(_own_errors(told, to_start, seen_B, sizes), share)
     return LawData(
         data,
-        np.concatenate([turned[..., :-3], flat(_own_errors(told, to_start, seen_B, sizes))], -1),
+        np.concatenate([turned[..., :-3], own], -1),
         turned[..., -3:] * ~fixes.any(axis=1)[:, None, None, None],
         np.ones(len(data)),
         known.any(axis=2),
@@ -73,6 +65,49 @@ def direction(told: Told) -> LawData | None:
         noise=1.0,
         bias_from=9,
     )
+
+
+def angles(told: Told) -> LawData | None:
+    """The same in whatever attitude fits best at each moment: angles and sizes, without rates."""
+    known = (np.linalg.norm(told.slews.vectors_B, axis=-1) > 0.0) & told.slews.valid[..., None]
+    if not known.any():
+        return None
+    seen_B, there_N, sizes = _in_one_size(told, known)
+    to_N = nearest_rotation(np.einsum("sndi,sndj->snij", there_N, seen_B))
+    expected_B = np.einsum("snji,sndj->sndi", to_N, there_N)
+    share = _share(told, known, (seen_B, expected_B), sizes, np.zeros(len(known)))
+    left = np.einsum("snij,sndj->sndi", to_N, seen_B)[..., None] - there_N[..., None]
+    errors = np.concatenate([left, _own_errors(told, to_N, seen_B, sizes)], axis=-1)
+    errors = _flat(errors, share)
+    turned = _flat(np.cross(np.eye(3)[None, None, None], there_N[..., None], axis=3), share)
+    basis, lengths, _ = np.linalg.svd(turned, full_matrices=False)
+    # One vector leaves the turn about itself untold.
+    basis = basis * (lengths > 1e-9 * lengths.max())[..., None, :]
+    errors = errors - basis @ (np.swapaxes(basis, 2, 3) @ errors)
+    data, one = errors[..., 0], np.ones(len(errors))
+    free = np.zeros((*data.shape, 0))
+    early = np.zeros(data.shape)
+    return LawData(data, errors[..., 1:], free, one, known.any(axis=2), early, noise=1.0)
+
+
+def _share(
+    told: Told,
+    known: np.ndarray,
+    both_B: tuple[np.ndarray, np.ndarray],
+    sizes: np.ndarray,
+    turned: np.ndarray,
+) -> np.ndarray:
+    """Weight (S, N, sensors) of vectors, so that errors are in sds; `turned` as of `_sd`."""
+    # Each sensor counts by the moments at which it sees, however few they are.
+    counts = np.maximum(known.sum(axis=1), 1)
+    share = np.sqrt(known.any(axis=2).sum(axis=1)[:, None] / counts)
+    return known * (share / _sd(told, known, both_B, sizes, turned))[:, None]
+
+
+def _flat(values: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """(S, N, sensors, 3, P) in sds, as (S, N, 3 sensors, P)."""
+    values = values * share[..., None, None]
+    return values.reshape(*share.shape[:2], -1, values.shape[-1])
 
 
 def parts_of_directions(campaign: Campaign) -> list[str]:
@@ -135,12 +170,19 @@ def _first_rotation(told: Told, seen: np.ndarray, there_N: np.ndarray) -> np.nda
 
 
 def _sd(
-    told: Told, known: np.ndarray, seen_B: np.ndarray, expected_B: np.ndarray, sizes: np.ndarray
+    told: Told,
+    known: np.ndarray,
+    both_B: tuple[np.ndarray, np.ndarray],
+    sizes: np.ndarray,
+    turned: np.ndarray,
 ) -> np.ndarray:
-    """What noise and undisclosed physics leave of each sensor's vectors (S, sensors)."""
-    square = integrated_noise(told)[:, None] ** 2 + np.full(sizes.shape, LIMITS.vector_share**2)
+    """What noise and undisclosed physics leave of each sensor's vectors (S, sensors).
+
+    `both_B`: as seen and as expected; `turned`: angle (S,) that noise of the rates adds up to.
+    """
+    square = turned[:, None] ** 2 + np.full(sizes.shape, LIMITS.vector_share**2)
     for d, (name, _) in enumerate(direction_sensors(told.campaign)):
-        both = (deviation(vectors[:, :, d], known[..., d]) for vectors in (seen_B, expected_B))
+        both = (deviation(vectors[:, :, d], known[..., d]) for vectors in both_B)
         noise = told.reading.of(f"{MORE}{name}", np.diag(told.noise[name])) / sizes[d]
         square[:, d] += (LIMITS.physical_share * np.maximum(*both)) ** 2 + np.sum(noise**2)
     return np.sqrt(square)

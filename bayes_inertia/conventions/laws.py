@@ -28,7 +28,7 @@ from bayes_inertia.campaign.sensors import SensorStream, series_of
 from bayes_inertia.campaign.sensors.attitude import ATTITUDE
 from bayes_inertia.campaign.sensors.momentum import MOMENTUM
 from bayes_inertia.campaign.sensors.rate import RATE
-from bayes_inertia.conventions.direction import direction, parts_of_directions
+from bayes_inertia.conventions.direction import angles, direction, parts_of_directions
 from bayes_inertia.conventions.law_data import (
     LawData,
     LinearFit,
@@ -53,7 +53,13 @@ from bayes_inertia.conventions.motion import (
     told_impulse,
     turned_back,
 )
-from bayes_inertia.conventions.reading import TORQUE, Reading, ToldTorques, stated_reading
+from bayes_inertia.conventions.reading import (
+    TORQUE,
+    Reading,
+    ToldTorques,
+    as_read,
+    stated_reading,
+)
 from bayes_inertia.faults.noise import smooth_noise
 
 
@@ -318,6 +324,8 @@ class Misfits:
     # does not show
     smoothed: int = 0
     told_torques: ToldTorques | None = None  # Those of the campaign; None for none
+    written: Campaign | None = None  # The campaign without smoothed rates
+    shifts: Mapping[str, float] = field(default_factory=dict)  # As of `sampled`
     kept: dict = field(default_factory=dict)
 
     def with_slews(self, slews: SampledSlews) -> Misfits:
@@ -327,7 +335,7 @@ class Misfits:
     def shifted(self, shifts: Mapping[str, float]) -> Misfits | None:
         """The same laws with other clocks: what is added to stamps of channels of `Slew` [s]."""
         slews = sampled(self.campaign, shifts, self.smoothed)
-        return None if slews is None else self.with_slews(slews)
+        return None if slews is None else replace(self.with_slews(slews), shifts=shifts)
 
     def of(self, reading: Reading) -> dict[str, LinearFit]:
         """The fit of every law that the telemetry can be held against, by its name."""
@@ -336,10 +344,21 @@ class Misfits:
 
     def mends(self, reading: Reading, limit: float) -> bool:
         """Whether a reading brings every law below a limit [sd]; the cheap laws are asked first."""
-        return all(
+        return self.may_mend(reading, limit) and all(
             fit is None or fit.worst < limit
             for fit in (self.fit(law, reading) for law in (DRIVE, CLOSURE, DIRECTION, CONSERVATION))
         )
+
+    def may_mend(self, reading: Reading, limit: float) -> bool:
+        """Whether the angles between vectors leave it open, where rates would be smoothed again."""
+        parts = parts_of_directions(self.campaign)
+        if not {*parts} & {*self.followed} & {*reading.matrices}:
+            return True
+        told = Told(
+            self.campaign, self.slews, reading, self.motion(self.stated()), self.noise, self.torques
+        )
+        data = self.kept_for("angles", parts, reading, partial(angles, told))
+        return data is None or data.fit().worst < limit
 
     def kept_for(
         self, what: str, fields: Sequence[str], reading: Reading, make: Callable, *more: bytes
@@ -352,7 +371,30 @@ class Misfits:
 
     def motion(self, reading: Reading) -> Motion:
         """The motion that the rates tell."""
-        return self.kept_for("motion", RATES, reading, partial(motion_of, self.slews, reading))
+        slews, parts = self.under(reading).slews, (*RATES, *self.followed)
+        return self.kept_for("motion", parts, reading, partial(motion_of, slews, reading))
+
+    @cached_property
+    def followed(self) -> tuple[str, ...]:
+        """Parts of a reading that smoothed rates follow: of fixes, or of vectors without them."""
+        if not self.smoothed:
+            return ()
+        fixed = all(slew.fixes.any() for slew in self.campaign.slews)
+        return (ATTITUDE.field, *(() if fixed else parts_of_directions(self.campaign)))
+
+    def under(self, reading: Reading) -> Misfits:
+        """The same with rates smoothed from fixes and vectors as a reading has them."""
+        if not {*self.followed} & {*reading.matrices}:
+            return self
+
+        def smoothed() -> Misfits:
+            assert self.written is not None
+            campaign = _smoothed(as_read(self.written, reading, self.noise), self.own_axes)
+            slews = sampled(campaign, self.shifts, self.smoothed)
+            assert slews is not None
+            return self.with_slews(replace(self.slews, rate=slews.rate, turn=slews.turn))
+
+        return self.kept_for("smoothed", self.followed, reading, smoothed)
 
     def law(self, law: str, reading: Reading, bias_sd: np.ndarray | None = None) -> LawData | None:
         """One law as a linear problem; `bias_sd` (3,) [rad/s] where the rate bias may be stale."""
@@ -383,8 +425,8 @@ class Misfits:
 
     def told(self, reading: Reading) -> Told:
         """Telemetry in physical units, under a reading."""
-        motion = self.motion(reading)
-        return Told(self.campaign, self.slews, reading, motion, self.noise, self.torques)
+        seen, motion = self.under(reading), self.motion(reading)
+        return Told(self.campaign, seen.slews, reading, motion, self.noise, self.torques)
 
     def fit(self, law: str, reading: Reading) -> LinearFit | None:
         """The fit of one law; the same reading of the same channels is fitted once."""
@@ -397,10 +439,11 @@ class Misfits:
 
     def parts_of(self, law: str) -> tuple[str, ...]:
         """Which parts of a reading, besides time, a law depends on."""
+        rates = (*RATES, *self.followed)
         parts: dict[str, tuple[str, ...]] = {
-            CLOSURE: (*RATES, ATTITUDE.field),
-            DIRECTION: (*RATES, ATTITUDE.field, *parts_of_directions(self.campaign)),
-            CONSERVATION: (*RATES, "axes_B", "inertia", *self.torques.parts, self.wheel_channel),
+            CLOSURE: (*rates, ATTITUDE.field),
+            DIRECTION: (*rates, ATTITUDE.field, *parts_of_directions(self.campaign)),
+            CONSERVATION: (*rates, "axes_B", "inertia", *self.torques.parts, self.wheel_channel),
             DRIVE: (TORQUE, MOMENTUM.field),
         }
         return parts[law]
@@ -417,22 +460,24 @@ def misfits_of(campaign: Campaign, torques: ToldTorques | None = None) -> Misfit
     The rate sensor's own axes count unless noise that shows drowns them; where they do not span
     space, smoothed rates of the body stand beside them.
     """
-    own, smoothed = campaign.rate_sensor, 0
+    written, own, smoothed = campaign, campaign.rate_sensor, 0
     if own is not None:
         # In a larger unit than stated a good sensor has less noise than is stated, and less motion.
         believed = zip(believed_noise(campaign, RATE).tolist(), own.sigma, strict=True)
         quiet = replace(own, sigma=tuple(seen or stated for seen, stated in believed))
     if own is None or not reads_motion(replace(campaign, rate_sensor=quiet)):
-        campaign, smoothed = campaign.with_body_rates, 3
+        campaign, smoothed = _smoothed(campaign, 0), 3
     elif len(own.axes) < 3:
-        campaign, smoothed = _beside_smoothed(campaign), 3
+        campaign, smoothed = _smoothed(campaign, len(own.axes)), 3
     slews = sampled(campaign)
-    return None if slews is None else Misfits(campaign, slews, smoothed, torques)
+    return None if slews is None else Misfits(campaign, slews, smoothed, torques, written)
 
 
-def _beside_smoothed(campaign: Campaign) -> Campaign:
-    """A campaign whose rate sensor has three axes more: body rates that all sensors tell."""
+def _smoothed(campaign: Campaign, own_axes: int) -> Campaign:
+    """A campaign with body rates that all sensors tell, beside so many axes of the rate sensor."""
     smoothed = campaign.with_body_rates
+    if not own_axes:
+        return smoothed
     own, more = campaign.gyro, smoothed.gyro
     numbers = ("sigma", "scale_factor", "scale_factor_sigma", "bias", "bias_sigma")
     joined: dict[str, Any] = {key: getattr(own, key) + getattr(more, key) for key in numbers}

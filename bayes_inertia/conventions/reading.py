@@ -16,9 +16,10 @@ from bayes_inertia.campaign.actuators import Actuator, Magnetorquer
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import FIELDS
 from bayes_inertia.campaign.hardware import DirectionSensor, axes_to_body
+from bayes_inertia.campaign.sensors.attitude import ATTITUDE
 from bayes_inertia.campaign.sensors.rate import RATE
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.campaign.slew_parts import INPUTS
+from bayes_inertia.campaign.slew_parts import INPUTS, MORE
 from bayes_inertia.errors import CampaignError
 
 # Fields of `Slew` that are no sensor's: commands of the wheels, and the magnetic field.
@@ -190,6 +191,26 @@ class ToldTorques:
             return self.teller(replace(self.campaign, slews=slews, actuators=reading.actuators))
         except CampaignError:  # Such as a pulse that is on when the next begins: no such mistake.
             return self.teller(self.campaign)
+
+
+def as_read(campaign: Campaign, reading: Reading, noise: Mapping[str, np.ndarray]) -> Campaign:
+    """A campaign whose fixes and vectors, and what these look at, are those of a reading.
+
+    `noise`: believed sd of the readings of each stream, in the units stated.
+    """
+    sensors, slews = dict(campaign.more_sensors), []
+    for name, sensor in direction_sensors(campaign):
+        changed: dict[str, Any] = {}
+        if (constant := f"{MORE}{name}.reference_N") in reading.matrices:
+            changed["reference_N"] = reading.of(constant, np.array(sensor.reference_N))
+        if sensor.is_field and noise[name].all():
+            changed["sigma"] = np.abs(reading.matrix(f"{MORE}{name}", 3)) @ noise[name]
+        sensors[name] = replace(sensor, **changed)
+    for slew in campaign.slews:
+        seen = {name: reading.of(f"{MORE}{name}", x) for name, x in (slew.more or {}).items()}
+        fixes = None if slew.attitude is None else reading.of(ATTITUDE.field, slew.attitude)
+        slews.append(replace(_told_otherwise(slew, reading), attitude=fixes, more=seen or None))
+    return replace(campaign, more_sensors=tuple(sensors.items()), slews=tuple(slews))
 
 
 def _told_otherwise(slew: Slew, reading: Reading) -> Slew:

@@ -158,7 +158,12 @@ def _alike(misfit: float) -> float:
 def _pairs(misfits: laws.Misfits, stated: Reading, singles: Sequence[Mistake]) -> list[Mistake]:
     """Pairs of mistakes in different keys: of each that mends a law alone, and of common ones."""
     broken = _broken(misfits.of(stated))
-    helpful = [m for m in singles if _broken(misfits.of(m.mend(stated))) < broken]
+    helpful = [
+        m
+        for m in singles
+        if misfits.may_mend(mended := m.mend(stated), LIMITS.ordinary)
+        and _broken(misfits.of(mended)) < broken
+    ]
     pairs = {
         frozenset((id(a), id(b))): both(a, b) for a in helpful for b in singles if _differ(a, b)
     }
@@ -284,6 +289,8 @@ _Told = tuple[np.ndarray, np.ndarray]
 
 def with_own_bias(misfits: laws.Misfits, reading: Reading) -> Reading:
     """A reading with the constant rate bias that the telemetry tells under it, if one agrees."""
+    if not misfits.own_axes or not misfits.may_mend(reading, LIMITS.ordinary):
+        return reading
     drive = misfits.fit(laws.DRIVE, reading)
     if drive is not None and drive.worst > LIMITS.ordinary:
         return reading

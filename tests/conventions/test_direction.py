@@ -138,6 +138,52 @@ def test_a_field_that_no_planet_has_is_the_one_in_another_unit():
     assert first_of(check) == [("sensors.magnetometer.reference.unit", "nT")]
 
 
+def without_gyro(campaign):
+    """The same, whose rates are smoothed from wheels and vectors, or fixes."""
+    slews = [replace(s, rate=None) for s in campaign.slews]
+    return replace(campaign, rate_sensor=None, slews=slews)
+
+
+@pytest.mark.parametrize("tracker", [False, True])
+def test_right_vectors_without_a_gyro_are_left_alone(tracker):
+    check = check_conventions(without_gyro(campaign_of(tracker=tracker)), quick=True)
+    assert check.verdict == "consistent"
+    assert check.misfits["direction"] < 0.5
+
+
+@pytest.mark.parametrize(
+    ("sensor", "matrix", "key", "mended"),
+    [
+        ("magnetometer", AXES[[1, 0, 2]], NAMES, ["y", "x", "z"]),
+        ("sun", np.diag([1.0, -1.0, 1.0]), NAMES, ["x", "-y", "z"]),
+        pytest.param(
+            "magnetometer",
+            np.diag([1.0, 1.0, -1.0]) @ AXES[[1, 2, 0]],
+            NAMES,
+            ["-z", "x", "y"],
+            marks=LIKE_ANOTHER,
+        ),
+        pytest.param("magnetometer", 1e9 * AXES, UNIT, "nT", marks=LIKE_ANOTHER),
+    ],
+)
+def test_rates_without_a_gyro_follow_the_vectors_as_each_change_reads_them(
+    sensor, matrix, key, mended
+):
+    campaign = read_by(without_gyro(campaign_of()), sensor, matrix)
+    check = check_conventions(campaign, quick=True)
+    assert check.verdict == "wrong"
+    mended = mended if isinstance(mended, str) else named(sensor, mended)
+    assert first_of(check) == [(key.format(sensor), mended)]
+
+
+def test_rates_without_a_gyro_follow_the_fixes_as_each_change_reads_them():
+    campaign = without_gyro(campaign_of(tracker=True))
+    turned = [-1.0, -1.0, -1.0, 1.0]
+    slews = [replace(s, attitude=s.attitude * turned) for s in campaign.slews]
+    check = check_conventions(replace(campaign, slews=slews), quick=True)
+    assert first_of(check) == [("sensors.star tracker.attitude.maps", "body_to_inertial")]
+
+
 @pytest.mark.slow
 def test_a_reference_that_points_the_other_way_is_among_the_proposals():
     campaign = campaign_of()
@@ -234,15 +280,19 @@ def test_a_body_that_tumbles_tells_nothing_by_its_directions():
     assert [line.partition(" is held")[0] for line in said] == ["sun: no law"]
 
 
-def test_a_wrong_unit_is_named_by_the_key_of_the_file(tmp_path):
-    folder = write_campaign(campaign_of(), tmp_path / "campaign")
+@pytest.mark.parametrize(
+    ("of", "wrong", "gyro"), [("direction", "uT", True), ("reference", "nT", False)]
+)
+def test_a_wrong_unit_is_named_by_the_key_of_the_file(tmp_path, of, wrong, gyro):
+    campaign = campaign_of() if gyro else without_gyro(campaign_of())
+    folder = write_campaign(campaign, tmp_path / "campaign")
     text = (folder / "campaign.toml").read_text()
-    at = text.index("direction = ", text.index('name = "magnetometer"'))
-    wrong = text[:at] + text[at:].replace('unit = "T"', 'unit = "uT"', 1)
-    assert wrong != text
-    (folder / "campaign.toml").write_text(wrong)
+    at = text.index(f"{of} = ", text.index('name = "magnetometer"'))
+    other = text[:at] + text[at:].replace('unit = "T"', f'unit = "{wrong}"', 1)
+    assert other != text
+    (folder / "campaign.toml").write_text(other)
     check = check_conventions(folder, quick=True)
-    assert first_of(check) == [("sensors.magnetometer.direction.unit", "T")]
+    assert first_of(check) == [(f"sensors.magnetometer.{of}.unit", "T")]
     assert check.edits
 
 
